@@ -1,0 +1,156 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <kdl/chain.hpp>
+#include <kdl/frames.hpp>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/robot.hpp"
+
+namespace kdl_calibration {
+
+Eigen::Vector3d to_eigen(const KDL::Vector& v);
+Eigen::Isometry3d to_eigen(const KDL::Frame& X_AB);
+KDL::Frame to_kdl(const Eigen::Isometry3d& X_AB);
+
+enum class ParameterKind { joint_offset, translation, rotation };
+
+const char* to_string(ParameterKind kind);
+
+/// One geometric error parameter: an offset dq_i of joint i, or a translation or rotation of link i along an axis of
+/// the frame at the link's far end. Its value is zero for the nominal robot [m] or [rad].
+struct ErrorParameter {
+  std::string name;   ///< "dq2", "Tx1", "Rz4": letter of the axis, number of the link (0 is the base link)
+  std::string joint;  ///< the URDF joint whose origin carries it; empty where none does
+  ParameterKind kind = ParameterKind::joint_offset;
+  char axis = ' ';  ///< 'x', 'y', 'z' in the frame it acts in; for a joint offset the joint's own axis, 'q' if skew
+  int frame = 0;    ///< index of the joint in whose frame it acts; the number of joints means the tip's frame
+  double nominal = 0.0;  ///< [m] for translations: the nominal offset along this axis; else 0
+};
+
+/// A mass that hangs on the chain.
+struct PointMass {
+  int frame = 0;  ///< of the moving joint whose link carries it (number of joints: the tip's frame)
+  double mass = 1.0;
+  KDL::Vector centre;  ///< in that frame, behind the joint's motion [m]
+};
+
+/// A deflection of one joint that depends on the configuration and that no URDF can carry:
+///   q_effective = q + value · basis(q).
+/// Under gravity the basis is the torque of the masses about the joint's axis over its largest value, so that `value`
+/// is the deflection [rad or m] where the load is largest; with a gain it is q itself.
+struct Deflection {
+  std::string name;   ///< "gravity2_4": of joint 2 under a mass at joint frame 4; "gravity2"; "gain3"
+  std::string joint;  ///< URDF joint
+  int index = 0;      ///< of the joint
+  bool gain = false;
+  std::vector<PointMass> masses;
+  double largest = 1.0;  ///< what the torque is divided by
+};
+
+/// The complete model: every joint its offset, every link the translations and rotations along the axes of the next
+/// joint's frame, less those along the link's own joint axis where the two are parallel (they equal the joint offset
+/// or a parameter of the link before). Order: joint offsets from base to tip, then links from base to tip, within a
+/// link Tz Tx Ty Rz Rx Ry, which is also the order in which they act:
+///   X_BF = F(1) E(0) Rot(q1) Rot(dq1) · F(2) E(1) Rot(q2) Rot(dq2) · … · F(tip) E(n).
+struct ErrorModel {
+  std::vector<MovingJoint> joints;
+  KDL::Frame tip_origin;
+  std::string tip_joint;  ///< the fixed joint that carries the errors of the last link; empty where there is none
+  std::vector<ErrorParameter> parameters;
+  std::vector<Deflection> deflections;                ///< none unless asked for, see deflection.hpp
+  std::vector<PointMass> link_masses;                 ///< as far as the URDF states them
+  KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);  ///< unit vector of its direction in the base frame
+};
+
+ErrorModel complete_model(const Robot& robot);
+
+/// Whether the parameter is a length [m] rather than an angle [rad].
+bool is_length(const ErrorModel& model, const ErrorParameter& parameter);
+
+/// Index of the parameter with this name. Throws InputError where there is none.
+std::size_t parameter_index(const ErrorModel& model, const std::string& name);
+
+/// E · Rot(dq) in the frame of joint `frame` (of the tip for frame = number of joints): what right-multiplies the
+/// nominal origin. `errors` has one value per parameter of the model.
+KDL::Frame frame_correction(const ErrorModel& model, const Eigen::VectorXd& errors, int frame);
+
+/// One factor of the product that complete_model describes: a fixed frame, or a motion along an axis of its own frame
+/// by the value of a joint or of a parameter.
+struct ChainFactor {
+  enum class Source : std::uint8_t { fixed, joint, parameter };
+  Source source = Source::fixed;
+  std::size_t index = 0;  ///< of the joint or the parameter
+  std::string name;
+  KDL::Frame frame;                      ///< where fixed
+  KDL::Joint motion{KDL::Joint::Fixed};  ///< where it moves
+};
+
+/// All factors from base to tip.
+std::vector<ChainFactor> chain_factors(const ErrorModel& model);
+
+/// The chain with every error parameter as an extra fixed segment named after it; the joints are the robot's.
+KDL::Chain error_chain(const ErrorModel& model, const Eigen::VectorXd& errors);
+
+/// The chain with as few segments as moving joints (and one for the tip): nominal offsets and errors multiplied out.
+KDL::Chain folded_chain(const ErrorModel& model, const Eigen::VectorXd& errors);
+
+/// The chain in which every error parameter is a joint, for KDL's own Jacobian solver.
+struct ParameterChain {
+  KDL::Chain chain;
+  std::vector<unsigned> joint_index;      ///< position of the robot's joint i among the chain's joints
+  std::vector<unsigned> parameter_index;  ///< position of parameter p among the chain's joints
+};
+ParameterChain parameter_chain(const ErrorModel& model);
+
+/// A point on the tool, or a full frame where orientation is measured as well; in the flange frame.
+struct TargetFrame {
+  std::string name;
+  Eigen::Isometry3d X_FT = Eigen::Isometry3d::Identity();
+  bool with_orientation = false;
+};
+
+struct DroppedParameter {
+  std::string name;
+  std::map<std::string, double> replaced_by;  ///< coefficients, m/m, rad/rad, or mixed; to first order at nominal
+};
+
+struct GaugeParameter {
+  std::string name;
+  std::vector<std::string> tied_to;  ///< base or target parameters that do the same
+};
+
+/// What of the complete model can be told apart.
+struct Reduction {
+  std::vector<std::string> kept;      ///< all names in declared order: base, targets, joint offsets, links
+  std::vector<GaugeParameter> gauge;  ///< joint offsets that only move base or targets: zero, exact for finite values
+  std::vector<DroppedParameter> dropped;
+  int candidates = 0;
+  int rank = 0;
+};
+
+struct ReductionOptions {
+  std::vector<std::string> fixed;  ///< names of base and target parameters that are known and so no candidates
+  int configurations = 60;         ///< generic ones, uniform in ±π (±1 m for prismatic joints)
+  std::uint64_t seed = 1;
+  double tolerance = 1e-8;  ///< a column whose part outside the span of those before it is below this is redundant
+};
+
+/// Names "base.Tx" … "base.Rz".
+const std::vector<std::string>& base_parameter_names();
+/// Names "A.x", "A.y", "A.z", and "A.Rx" … where the orientation is measured.
+std::vector<std::string> target_parameter_names(const TargetFrame& target);
+
+/// The irreducible model: keeps, in declared order, each candidate whose column raises the rank of the stacked
+/// Jacobian (from KDL's solver) of the measured positions and orientations over seeded generic configurations.
+Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                        const ReductionOptions& options = {});
+
+/// `count` generic targets for use before anything is measured: seeded points some 0.2 m around the flange.
+std::vector<TargetFrame> generic_targets(int count, std::uint64_t seed = 1);
+
+}  // namespace kdl_calibration

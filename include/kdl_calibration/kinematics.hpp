@@ -1,0 +1,101 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <kdl/frames.hpp>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+
+namespace kdl_calibration {
+
+using Matrix3Xd = Eigen::Matrix<double, 3, Eigen::Dynamic>;
+using Matrix6Xd = Eigen::Matrix<double, 6, Eigen::Dynamic>;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+/// [v]x, so that skew(v) * u = v x u.
+Eigen::Matrix3d skew(const Eigen::Vector3d& v);
+/// Rotation by |v| about v (Rodrigues).
+Eigen::Matrix3d rotation_exp(const Eigen::Vector3d& v);
+
+/// The chain with its errors multiplied out into constant frames and every joint's axis turned onto z:
+///   X_BF(q) = links[0] Z(q1) links[1] Z(q2) … links[n],  Z a rotation about or a translation along z.
+/// Joint frame i is the frame in front of Z(q_i); frame n is the flange.
+struct FoldedChain {
+  std::vector<Eigen::Isometry3d> links;
+  std::vector<bool> prismatic;
+};
+FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors);
+
+/// A column of the identification Jacobian before it is carried to the flange: the motion of all that follows per
+/// unit of the parameter, as a twist in joint frame `frame` (-1: the base frame) about that frame's origin.
+struct ParameterTwist {
+  int frame = 0;
+  Eigen::Vector3d linear = Eigen::Vector3d::Zero();
+  Eigen::Vector3d angular = Eigen::Vector3d::Zero();
+};
+
+/// Twists of the model's parameters `which` at the given errors.
+std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eigen::VectorXd& errors,
+                                             const std::vector<std::size_t>& which);
+/// folded() and parameter_twists() for many errors of one model: what does not depend on the errors is prepared once,
+/// and nothing is allocated.
+class ChainFolder {
+public:
+  ChainFolder(const ErrorModel& model, const std::vector<std::size_t>& which);
+
+  /// A chain with the right number of links, for `fold` to fill.
+  const FoldedChain& shape() const { return shape_; }
+  /// Writes the links of `chain` and the twists of the parameters `which` to twists[first], twists[first + 1], …
+  void fold(const Eigen::VectorXd& errors, FoldedChain& chain, std::vector<ParameterTwist>& twists,
+            std::size_t first) const;
+
+private:
+  struct Factor {
+    Eigen::Index parameter = 0;
+    Eigen::Vector3d axis = Eigen::Vector3d::Zero();
+    bool translation = false;
+    int column = -1;  // in `which`
+  };
+  struct Frame {
+    Eigen::Isometry3d origin = Eigen::Isometry3d::Identity();  // behind the turn of the joint before
+    Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+    std::vector<Factor> factors;  // in the order of the product
+  };
+  FoldedChain shape_;
+  std::vector<Frame> frames_;
+};
+
+/// Twists of base.Tx … base.Rz: X_WB is right-multiplied by a small motion in the base frame.
+std::vector<ParameterTwist> base_twists();
+
+/// X_BF at joint values `q` (one per joint, rad or m).
+Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q);
+
+/// X_BF for every column of `joint_values` (joints x N).
+std::vector<Eigen::Isometry3d> flange_poses(const FoldedChain& chain, const Eigen::MatrixXd& joint_values);
+
+/// X_BF, and in `jacobian` (6 x twists, resized) the flange's body twist per unit of each parameter: linear velocity
+/// of the flange's origin, then angular velocity, both in the flange frame. One backward pass over the chain.
+Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<ParameterTwist>& twists,
+                                  const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian);
+
+/// The identification Jacobian by the published route: for every parameter the product of 4x4 matrices in which that
+/// parameter's own factor is replaced by its derivative. 3 x which, [m] per unit, of the point X_WB X_BF(q) t in W.
+Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const Eigen::VectorXd& errors,
+                                                  const std::vector<std::size_t>& which, const Eigen::Isometry3d& X_WB,
+                                                  const Eigen::VectorXd& q, const Eigen::Vector3d& target);
+
+/// The manipulator Jacobian (6 x joints, twist of the tip in the base frame, linear first) by three routes.
+struct ManipulatorJacobians {
+  Matrix6Xd kdl;                ///< KDL::ChainJntToJacSolver
+  Matrix6Xd matrix_derivative;  ///< products of 4x4 matrices with one factor's derivative
+  Matrix6Xd cross_product;      ///< axis x lever arm
+  double largest_difference = 0.0;
+};
+ManipulatorJacobians manipulator_jacobians(const ErrorModel& model, const Eigen::VectorXd& errors,
+                                           const Eigen::VectorXd& q);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <filesystem>
+#include <kdl/chain.hpp>
+#include <kdl/frames.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace kdl_calibration {
+
+enum class JointType { revolute, continuous, prismatic };
+
+/// A moving joint of the chain. Units: metres and radians (per second).
+struct MovingJoint {
+  std::string name;
+  JointType type = JointType::revolute;
+  /// Frame of this joint at q = 0 in the frame of the previous moving joint (of the base link for the
+  /// first): the joint's own URDF origin behind the origins of the fixed joints in between.
+  KDL::Frame origin;
+  /// Unit axis in the joint's own frame.
+  KDL::Vector axis;
+  std::optional<double> lower;  ///< none where the URDF states no limit (or zero for both) or the joint is continuous
+  std::optional<double> upper;
+  std::optional<double> velocity;
+};
+
+/// The nominal robot: one serial chain of a URDF, from `base` to `tip`.
+struct Robot {
+  std::string name;
+  std::string source;               ///< file name, for messages
+  std::string urdf;                 ///< the original text, byte for byte
+  std::string base;                 ///< link
+  std::string tip;                  ///< link
+  std::vector<MovingJoint> joints;  ///< from base to tip
+  KDL::Frame tip_origin;  ///< frame of the tip in the frame of the last moving joint: the fixed joints behind it
+  std::string tip_joint;  ///< the last fixed joint before the tip; empty where the tip is the last joint's own link
+  KDL::Chain chain;       ///< one segment per URDF joint, fixed joints included, named after their child links
+};
+
+struct RobotOptions {
+  std::string base;  ///< link; empty: the root link
+  std::string tip;   ///< link; empty: the only leaf, else `tool0`, else `flange`
+};
+
+/// Names of the moving joints, base to tip.
+std::vector<std::string> joint_names(const Robot& robot);
+
+/// Builds the nominal chain from URDF text. `source` names the text in messages.
+/// Throws InputError: malformed XML (with its line), unknown base or tip (the message lists the links), base and tip
+/// not connected, no moving joint, a mimic, floating or planar joint in the chain, a zero axis, an ambiguous tip, a
+/// lower limit above the upper, links that form no tree, and whatever urdfdom rejects (such as a revolute joint with no
+/// <limit>), with urdfdom's words.
+Robot parse_robot(std::string_view urdf, const RobotOptions& options = {}, const std::string& source = "URDF");
+
+/// Reads the file and builds the nominal chain. Throws InputError as parse_robot does, and for an unreadable file.
+Robot load_robot(const std::filesystem::path& file, const RobotOptions& options = {});
+
+}  // namespace kdl_calibration

@@ -1,0 +1,342 @@
+#include "kdl_calibration/kinematics.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <kdl/chainjnttojacsolver.hpp>
+
+namespace kdl_calibration {
+namespace {
+
+// A rotation that turns z onto `axis`: the one of smallest angle, exact for the coordinate axes.
+Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis) {
+  const Eigen::Vector3d z = Eigen::Vector3d::UnitZ();
+  if (axis.z() < -0.5) {  // half a turn about x first, so that the remaining angle stays away from pi
+    const Eigen::Matrix3d flip = Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal();
+    return flip * z_onto(flip * axis);
+  }
+  const Eigen::Vector3d v = z.cross(axis);
+  const Eigen::Matrix3d k = skew(v);
+  return Eigen::Matrix3d::Identity() + k + k * k / (1.0 + axis.z());
+}
+
+// ---- 4x4 matrices and their derivatives, for the published route --------------------------------------------------
+
+struct MatrixFactor {
+  Eigen::Matrix4d value;
+  Eigen::Matrix4d derivative;  // zero where the factor is fixed
+};
+
+MatrixFactor matrix_factor(const ChainFactor& factor, const Eigen::VectorXd& errors, const Eigen::VectorXd& q) {
+  MatrixFactor result{.value = Eigen::Matrix4d::Identity(), .derivative = Eigen::Matrix4d::Zero()};
+  if (factor.source == ChainFactor::Source::fixed) {
+    result.value = to_eigen(factor.frame).matrix();
+    return result;
+  }
+  const auto index = static_cast<Eigen::Index>(factor.index);
+  const double x = factor.source == ChainFactor::Source::joint ? q[index] : errors[index];
+  const Eigen::Vector3d axis = to_eigen(factor.motion.JointAxis());
+  if (factor.motion.getType() == KDL::Joint::TransAxis) {
+    result.value.topRightCorner<3, 1>() = axis * x;
+    result.derivative.topRightCorner<3, 1>() = axis;
+    return result;
+  }
+  const Eigen::Matrix3d k = skew(axis);
+  result.value.topLeftCorner<3, 3>() += std::sin(x) * k + (1.0 - std::cos(x)) * k * k;
+  result.derivative.topLeftCorner<3, 3>() = std::cos(x) * k + std::sin(x) * k * k;
+  return result;
+}
+
+// For each factor the product of all factors with that one replaced by its derivative; zero for fixed factors.
+std::vector<Eigen::Matrix4d> product_derivatives(const std::vector<MatrixFactor>& factors) {
+  std::vector<Eigen::Matrix4d> behind(factors.size() + 1, Eigen::Matrix4d::Identity());
+  for (std::size_t i = factors.size(); i-- > 0;) {
+    behind[i] = factors[i].value * behind[i + 1];
+  }
+  std::vector<Eigen::Matrix4d> derivatives;
+  derivatives.reserve(factors.size());
+  Eigen::Matrix4d before = Eigen::Matrix4d::Identity();
+  for (std::size_t i = 0; i < factors.size(); ++i) {
+    derivatives.emplace_back(before * factors[i].derivative * behind[i + 1]);
+    before = before * factors[i].value;
+  }
+  return derivatives;
+}
+
+std::vector<MatrixFactor> matrix_factors(const std::vector<ChainFactor>& factors, const Eigen::VectorXd& errors,
+                                         const Eigen::VectorXd& q) {
+  std::vector<MatrixFactor> matrices;
+  matrices.reserve(factors.size());
+  for (const ChainFactor& factor : factors) {
+    matrices.push_back(matrix_factor(factor, errors, q));
+  }
+  return matrices;
+}
+
+Matrix6Xd kdl_jacobian(const KDL::Chain& chain, const Eigen::VectorXd& q) {
+  KDL::JntArray joints(chain.getNrOfJoints());
+  joints.data = q;
+  KDL::Jacobian jacobian(chain.getNrOfJoints());
+  KDL::ChainJntToJacSolver(chain).JntToJac(joints, jacobian);
+  return jacobian.data;
+}
+
+Matrix6Xd matrix_derivative_jacobian(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::VectorXd& q) {
+  const std::vector<ChainFactor> factors = chain_factors(model);
+  const std::vector<MatrixFactor> matrices = matrix_factors(factors, errors, q);
+  const std::vector<Eigen::Matrix4d> derivatives = product_derivatives(matrices);
+  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
+  for (const MatrixFactor& factor : matrices) {
+    pose = pose * factor.value;
+  }
+  const Eigen::Matrix3d orientation_transposed = pose.topLeftCorner<3, 3>().transpose();
+  Matrix6Xd jacobian(6, q.size());
+  for (std::size_t i = 0; i < factors.size(); ++i) {
+    if (factors[i].source != ChainFactor::Source::joint) {
+      continue;
+    }
+    // dR R^T = [omega]x
+    const Eigen::Matrix3d spin = derivatives[i].topLeftCorner<3, 3>() * orientation_transposed;
+    auto column = jacobian.col(static_cast<Eigen::Index>(factors[i].index));
+    column << derivatives[i].topRightCorner<3, 1>(), spin(2, 1), spin(0, 2), spin(1, 0);
+  }
+  return jacobian;
+}
+
+Matrix6Xd cross_product_jacobian(const FoldedChain& chain, const Eigen::VectorXd& q) {
+  const Eigen::Vector3d tip = flange_pose(chain, q).translation();
+  Matrix6Xd jacobian(6, q.size());
+  Eigen::Isometry3d pose = chain.links[0];
+  for (Eigen::Index i = 0; i < q.size(); ++i) {
+    const auto joint = static_cast<std::size_t>(i);
+    const Eigen::Vector3d axis = pose.linear().col(2);
+    if (chain.prismatic[joint]) {
+      jacobian.col(i) << axis, Eigen::Vector3d::Zero();
+      pose.translation() += axis * q[i];
+    } else {
+      jacobian.col(i) << axis.cross(tip - pose.translation()), axis;
+      pose.linear() = pose.linear() * Eigen::AngleAxisd(q[i], Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    }
+    pose = pose * chain.links[joint + 1];
+  }
+  return jacobian;
+}
+
+}  // namespace
+
+Eigen::Matrix3d skew(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d result;
+  result << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
+  return result;
+}
+
+Eigen::Matrix3d rotation_exp(const Eigen::Vector3d& v) {
+  const double angle = v.norm();
+  if (angle == 0.0) {
+    return Eigen::Matrix3d::Identity();
+  }
+  return Eigen::AngleAxisd(angle, v / angle).toRotationMatrix();
+}
+
+FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors) {
+  FoldedChain chain;
+  Eigen::Matrix3d turn_back = Eigen::Matrix3d::Identity();  // undoes the alignment of the joint before
+  for (std::size_t i = 0; i <= model.joints.size(); ++i) {
+    const bool tip = i == model.joints.size();
+    const KDL::Frame& origin = tip ? model.tip_origin : model.joints[i].origin;
+    Eigen::Isometry3d link = to_eigen(origin * frame_correction(model, errors, static_cast<int>(i)));
+    link = turn_back * link;
+    if (!tip) {
+      const Eigen::Matrix3d turn = z_onto(to_eigen(model.joints[i].axis));
+      link.linear() = link.linear() * turn;
+      turn_back = turn.transpose();
+      chain.prismatic.push_back(model.joints[i].type == JointType::prismatic);
+    }
+    chain.links.push_back(link);
+  }
+  return chain;
+}
+
+std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eigen::VectorXd& errors,
+                                             const std::vector<std::size_t>& which) {
+  const std::vector<ChainFactor> factors = chain_factors(model);
+  const auto joints = static_cast<int>(model.joints.size());
+  std::vector<ParameterTwist> all(model.parameters.size());
+  int frame = -1;
+  Eigen::Isometry3d behind;  // the joint frame in the frame just behind the factor
+  for (std::size_t i = factors.size(); i-- > 0;) {
+    const ChainFactor& factor = factors[i];
+    if (factor.source != ChainFactor::Source::parameter) {
+      continue;
+    }
+    const ErrorParameter& parameter = model.parameters[factor.index];
+    if (parameter.frame != frame) {
+      frame = parameter.frame;
+      behind = Eigen::Isometry3d::Identity();
+      if (frame < joints) {
+        behind.linear() = z_onto(to_eigen(model.joints[static_cast<std::size_t>(frame)].axis));
+      }
+    }
+    const Eigen::Vector3d axis = to_eigen(factor.motion.JointAxis());
+    const Eigen::Matrix3d turned = behind.linear().transpose();
+    ParameterTwist& twist = all[factor.index];
+    twist.frame = frame;
+    if (factor.motion.getType() == KDL::Joint::TransAxis) {
+      twist.linear = turned * axis;
+    } else {
+      twist.linear = turned * axis.cross(behind.translation());
+      twist.angular = turned * axis;
+    }
+    behind = to_eigen(factor.motion.pose(errors[static_cast<Eigen::Index>(factor.index)])) * behind;
+  }
+  std::vector<ParameterTwist> twists;
+  twists.reserve(which.size());
+  for (const std::size_t p : which) {
+    twists.push_back(all[p]);
+  }
+  return twists;
+}
+
+ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>& which) {
+  shape_ = folded(model, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())));
+  frames_.resize(model.joints.size() + 1);
+  Eigen::Matrix3d turn_back = Eigen::Matrix3d::Identity();
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    const bool tip = i == model.joints.size();
+    frames_[i].origin = turn_back * to_eigen(tip ? model.tip_origin : model.joints[i].origin);
+    if (!tip) {
+      frames_[i].turn = z_onto(to_eigen(model.joints[i].axis));
+      turn_back = frames_[i].turn.transpose();
+    }
+  }
+  for (const ChainFactor& factor : chain_factors(model)) {
+    if (factor.source != ChainFactor::Source::parameter) {
+      continue;
+    }
+    const auto found = std::find(which.begin(), which.end(), factor.index);
+    frames_[static_cast<std::size_t>(model.parameters[factor.index].frame)].factors.push_back(
+        {.parameter = static_cast<Eigen::Index>(factor.index),
+         .axis = to_eigen(factor.motion.JointAxis()),
+         .translation = factor.motion.getType() == KDL::Joint::TransAxis,
+         .column = found == which.end() ? -1 : static_cast<int>(found - which.begin())});
+  }
+}
+
+void ChainFolder::fold(const Eigen::VectorXd& errors, FoldedChain& chain, std::vector<ParameterTwist>& twists,
+                       std::size_t first) const {
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    Eigen::Matrix3d R = frames_[i].turn;  // with p: the joint frame in the frame just behind the factor
+    Eigen::Vector3d p = Eigen::Vector3d::Zero();
+    for (auto factor = frames_[i].factors.rbegin(); factor != frames_[i].factors.rend(); ++factor) {
+      const Eigen::Vector3d& axis = factor->axis;
+      if (factor->column >= 0) {
+        ParameterTwist& twist = twists[first + static_cast<std::size_t>(factor->column)];
+        const Eigen::Vector3d turned = R.transpose() * axis;
+        twist.frame = static_cast<int>(i);
+        twist.linear = factor->translation ? turned : Eigen::Vector3d(R.transpose() * axis.cross(p));
+        twist.angular = factor->translation ? Eigen::Vector3d(Eigen::Vector3d::Zero()) : turned;
+      }
+      const double value = errors[factor->parameter];
+      if (value == 0.0) {
+        continue;
+      }
+      if (factor->translation) {
+        p += value * axis;
+      } else {
+        const Eigen::Matrix3d motion = Eigen::AngleAxisd(value, axis).toRotationMatrix();
+        R = motion * R;
+        p = motion * p;
+      }
+    }
+    chain.links[i].linear().noalias() = frames_[i].origin.linear() * R;
+    chain.links[i].translation() = frames_[i].origin.linear() * p + frames_[i].origin.translation();
+  }
+}
+
+std::vector<ParameterTwist> base_twists() {
+  std::vector<ParameterTwist> twists(6);
+  for (int axis = 0; axis < 3; ++axis) {
+    twists[static_cast<std::size_t>(axis)] = {.frame = -1, .linear = Eigen::Vector3d::Unit(axis)};
+    twists[static_cast<std::size_t>(axis + 3)] = {.frame = -1, .angular = Eigen::Vector3d::Unit(axis)};
+  }
+  return twists;
+}
+
+Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q) {
+  Eigen::Isometry3d pose = chain.links.back();
+  for (std::size_t i = chain.prismatic.size(); i-- > 0;) {
+    const double value = q[static_cast<Eigen::Index>(i)];
+    if (chain.prismatic[i]) {
+      pose.translation().z() += value;
+    } else {
+      pose = Eigen::AngleAxisd(value, Eigen::Vector3d::UnitZ()) * pose;
+    }
+    pose = chain.links[i] * pose;
+  }
+  return pose;
+}
+
+std::vector<Eigen::Isometry3d> flange_poses(const FoldedChain& chain, const Eigen::MatrixXd& joint_values) {
+  std::vector<Eigen::Isometry3d> poses(static_cast<std::size_t>(joint_values.cols()));
+  for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
+    poses[static_cast<std::size_t>(c)] = flange_pose(chain, joint_values.col(c));
+  }
+  return poses;
+}
+
+Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<ParameterTwist>& twists,
+                                  const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) {
+  jacobian.resize(6, static_cast<Eigen::Index>(twists.size()));
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // of the flange in the frame reached so far
+  const auto write_columns = [&](int frame) {
+    for (std::size_t t = 0; t < twists.size(); ++t) {
+      const ParameterTwist& twist = twists[t];
+      if (twist.frame == frame) {
+        auto column = jacobian.col(static_cast<Eigen::Index>(t));
+        column.head<3>() = pose.linear().transpose() * (twist.linear + twist.angular.cross(pose.translation()));
+        column.tail<3>() = pose.linear().transpose() * twist.angular;
+      }
+    }
+  };
+  const auto joints = static_cast<int>(chain.prismatic.size());
+  write_columns(joints);
+  pose = chain.links.back();
+  for (int i = joints - 1; i >= 0; --i) {
+    const auto joint = static_cast<std::size_t>(i);
+    if (chain.prismatic[joint]) {
+      pose.translation().z() += q[i];
+    } else {
+      pose = Eigen::AngleAxisd(q[i], Eigen::Vector3d::UnitZ()) * pose;
+    }
+    write_columns(i);
+    pose = chain.links[joint] * pose;
+  }
+  write_columns(-1);
+  return pose;
+}
+
+Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const Eigen::VectorXd& errors,
+                                                  const std::vector<std::size_t>& which, const Eigen::Isometry3d& X_WB,
+                                                  const Eigen::VectorXd& q, const Eigen::Vector3d& target) {
+  const std::vector<ChainFactor> factors = chain_factors(model);
+  const std::vector<Eigen::Matrix4d> derivatives = product_derivatives(matrix_factors(factors, errors, q));
+  const Eigen::Vector4d point = target.homogeneous();
+  Matrix3Xd all(3, static_cast<Eigen::Index>(model.parameters.size()));
+  for (std::size_t i = 0; i < factors.size(); ++i) {
+    if (factors[i].source == ChainFactor::Source::parameter) {
+      all.col(static_cast<Eigen::Index>(factors[i].index)) = X_WB.linear() * (derivatives[i] * point).head<3>();
+    }
+  }
+  return all(Eigen::all, which);
+}
+
+ManipulatorJacobians manipulator_jacobians(const ErrorModel& model, const Eigen::VectorXd& errors,
+                                           const Eigen::VectorXd& q) {
+  ManipulatorJacobians result{.kdl = kdl_jacobian(error_chain(model, errors), q),
+                              .matrix_derivative = matrix_derivative_jacobian(model, errors, q),
+                              .cross_product = cross_product_jacobian(folded(model, errors), q)};
+  result.largest_difference = std::max((result.kdl - result.matrix_derivative).cwiseAbs().maxCoeff(),
+                                       (result.kdl - result.cross_product).cwiseAbs().maxCoeff());
+  return result;
+}
+
+}  // namespace kdl_calibration

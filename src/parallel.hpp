@@ -1,0 +1,62 @@
+#pragma once
+
+// Work spread over threads with results that do not depend on their number. Not installed.
+
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <exception>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+namespace kdl_calibration {
+
+/// The number of threads to use: `wanted`, or one per core where that is 0.
+inline int thread_count(int wanted) {
+  return wanted > 0 ? wanted : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+/// Calls work(0) … work(count - 1), in any order and each once, on `threads` threads (0: one per core). Each call may
+/// write to what belongs to its index alone. The exception of the lowest index that threw is passed on.
+template <class Work>
+void parallel_for(std::size_t count, int threads, const Work& work) {
+  const std::size_t workers = std::min(static_cast<std::size_t>(thread_count(threads)), count);
+  std::atomic<std::size_t> next{0};
+  std::mutex mutex;
+  std::exception_ptr failure;
+  std::size_t failed = count;
+  const auto serve = [&] {
+    for (std::size_t i = next++; i < count; i = next++) {
+      try {
+        work(i);
+      } catch (...) {
+        const std::lock_guard lock(mutex);
+        if (i < failed) {
+          failed = i;
+          failure = std::current_exception();
+        }
+      }
+    }
+  };
+  std::vector<std::thread> pool;
+  for (std::size_t i = 1; i < workers; ++i) {
+    pool.emplace_back(serve);
+  }
+  serve();
+  for (std::thread& thread : pool) {
+    thread.join();
+  }
+  if (failure) {
+    std::rethrow_exception(failure);
+  }
+}
+
+/// The same for ranges of at most `block` indices: work(first, end). The ranges do not depend on the threads.
+template <class Work>
+void parallel_blocks(std::size_t count, std::size_t block, int threads, const Work& work) {
+  parallel_for((count + block - 1) / block, threads,
+               [&](std::size_t b) { work(b * block, std::min(count, (b + 1) * block)); });
+}
+
+}  // namespace kdl_calibration

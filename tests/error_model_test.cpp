@@ -1,0 +1,214 @@
+#include "kdl_calibration/error_model.hpp"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using testing::difference;
+using ::testing::ElementsAre;
+using ::testing::ElementsAreArray;
+using testing::fanuc;
+using testing::kDegree;
+using testing::kdl_pose;
+using ::testing::UnorderedElementsAre;
+
+std::vector<std::string> geometric(const Reduction& reduction) {
+  std::vector<std::string> names;
+  for (const std::string& name : reduction.kept) {
+    if (name.find('.') == std::string::npos) {
+      names.push_back(name);
+    }
+  }
+  return names;
+}
+
+std::vector<std::string> gauge_names(const Reduction& reduction) {
+  std::vector<std::string> names;
+  for (const GaugeParameter& parameter : reduction.gauge) {
+    names.push_back(parameter.name);
+  }
+  return names;
+}
+
+const std::vector<std::string> kPublished = {"dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Ry1", "Tz2", "Rz2",
+                                             "Ry2", "Tz3", "Ty3", "Rz3", "Tz4", "Tx4", "Rz4", "Tz5", "Rz5"};
+
+TEST(ErrorModel, CompleteModelIsThePublishedOne) {
+  const ErrorModel model = complete_model(fanuc());
+  std::vector<std::string> names;
+  for (const ErrorParameter& parameter : model.parameters) {
+    if (parameter.name.back() != '0') {  // link 0 is the base's own
+      names.push_back(parameter.name);
+    }
+  }
+  EXPECT_THAT(names, ElementsAre("dq1", "dq2", "dq3", "dq4", "dq5", "dq6",  //
+                                 "Tx1", "Ty1", "Rx1", "Ry1", "Tz2", "Ty2", "Rz2", "Ry2", "Tz3", "Ty3", "Rz3", "Ry3",
+                                 "Tz4", "Tx4", "Rz4", "Rx4", "Tz5", "Ty5", "Rz5", "Ry5", "Tz6", "Tx6", "Rz6", "Rx6"));
+}
+
+TEST(ErrorModel, LengthsOfThePublicationAreTheNominalValues) {
+  const ErrorModel model = complete_model(fanuc());
+  const auto nominal = [&](const char* name) { return model.parameters[parameter_index(model, name)].nominal; };
+  EXPECT_DOUBLE_EQ(nominal("Tz0"), 0.670);
+  EXPECT_DOUBLE_EQ(nominal("Ty1"), 0.312);
+  EXPECT_DOUBLE_EQ(nominal("Tz2"), 1.075);
+  EXPECT_DOUBLE_EQ(nominal("Tz3"), 0.225);
+  EXPECT_DOUBLE_EQ(nominal("Ty3"), 1.280);
+  EXPECT_EQ(nominal("Tx1"), 0.0);
+}
+
+TEST(ErrorModel, ReducesToThePublishedIrreducibleModelWithThreeTargets) {
+  const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(3));
+  EXPECT_THAT(geometric(reduction), ElementsAreArray(kPublished));
+  EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
+  EXPECT_THAT(reduction.gauge[0].tied_to, ElementsAre("base.Rz"));
+  EXPECT_EQ(reduction.rank, 33);
+  EXPECT_EQ(reduction.kept.size(), 33U);
+  EXPECT_EQ(reduction.candidates,
+            static_cast<int>(reduction.kept.size() + reduction.gauge.size() + reduction.dropped.size()));
+}
+
+TEST(ErrorModel, AdaptsToOneAndTwoTargets) {
+  // 6 for the base, 18 of the geometry and three for each target: one target still sees every joint.
+  for (const int targets : {1, 2}) {
+    const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(targets));
+    EXPECT_EQ(reduction.rank, 24 + 3 * targets);
+    EXPECT_THAT(geometric(reduction), ElementsAreArray(kPublished));
+    EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
+  }
+}
+
+TEST(ErrorModel, AJointThatMovesNoTargetIsGauge) {
+  TargetFrame on_last_axis{.name = "A"};
+  on_last_axis.X_FT.translation() = Eigen::Vector3d(0.0, 0.1, 0.0);
+  const Reduction reduction = reduced_model(complete_model(fanuc()), {on_last_axis});
+  EXPECT_EQ(reduction.rank, 25);  // nor do Tz5 and Rz5 do anything that the target's coordinates do not
+  EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
+}
+
+TEST(ErrorModel, NamesWhatReplacesADroppedParameter) {
+  const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(3));
+  std::map<std::string, std::map<std::string, double>> dropped;
+  for (const DroppedParameter& parameter : reduction.dropped) {
+    dropped[parameter.name] = parameter.replaced_by;
+  }
+  using Combination = std::map<std::string, double>;
+  EXPECT_EQ(dropped.at("Rx1"), (Combination{{"dq2", 1.0}}));
+  EXPECT_EQ(dropped.at("Ry3"), (Combination{{"dq4", 1.0}}));
+  EXPECT_EQ(dropped.at("Ry5"), (Combination{{"dq6", 1.0}}));
+  EXPECT_EQ(dropped.at("Tz0"), (Combination{{"base.Tz", 1.0}}));
+  EXPECT_EQ(dropped.at("Tz6"), (Combination{{"A.z", 1.0}, {"B.z", 1.0}, {"C.z", 1.0}}));
+  for (const auto& [name, replacement] : dropped) {
+    EXPECT_FALSE(replacement.empty()) << name;
+  }
+}
+
+TEST(ErrorModel, WithAKnownBaseAndKnownTargetsTheirLinksBecomeIdentifiable) {
+  const ErrorModel model = complete_model(fanuc());
+  ReductionOptions options{.fixed = base_parameter_names()};
+  for (const TargetFrame& target : generic_targets(3)) {
+    for (const std::string& name : target_parameter_names(target)) {
+      options.fixed.push_back(name);
+    }
+  }
+  const Reduction known = reduced_model(model, generic_targets(3), options);
+  // Nothing but geometry is left: 4 per revolute joint and 6 for the frames at both ends.
+  EXPECT_EQ(known.rank, 4 * 6 + 6);
+  EXPECT_TRUE(known.gauge.empty());
+}
+
+TEST(ErrorModel, RankOfAGeneralChainIsWhatTheorySays) {
+  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  // 4 per revolute and 2 per prismatic joint, 6 for the frames at both ends, 3 for the triangle of the targets.
+  EXPECT_EQ(reduced_model(model, generic_targets(3)).rank, 4 * 4 + 2 + 6 + 3);
+  TargetFrame pose{.name = "P", .with_orientation = true};
+  EXPECT_EQ(reduced_model(model, {pose}).rank, 4 * 4 + 2 + 6);
+}
+
+class EveryChain : public ::testing::TestWithParam<bool> {
+protected:
+  const ErrorModel model_ = complete_model(GetParam() ? fanuc() : parse_robot(testing::kOddArm));
+};
+
+TEST_P(EveryChain, ErrorSegmentsAndFoldedChainGiveTheSameFlangePose) {
+  Random random(5);
+  for (int i = 0; i < 1000; ++i) {
+    const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
+    const Eigen::VectorXd q = testing::random_joints(model_, random);
+    ASSERT_LT(difference(kdl_pose(error_chain(model_, errors), q), kdl_pose(folded_chain(model_, errors), q)), 1e-12);
+  }
+}
+
+TEST_P(EveryChain, WithZeroErrorsIsTheNominalChain) {
+  const Robot robot = GetParam() ? fanuc() : parse_robot(testing::kOddArm);
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model_.parameters.size()));
+  Random random(6);
+  for (int i = 0; i < 100; ++i) {
+    const Eigen::VectorXd q = testing::random_joints(model_, random);
+    ASSERT_LT(difference(kdl_pose(robot.chain, q), kdl_pose(error_chain(model_, zero), q)), 1e-14);
+  }
+}
+
+TEST_P(EveryChain, WithErrorsAsJointsGivesTheSamePose) {
+  Random random(7);
+  const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
+  const Eigen::VectorXd q = testing::random_joints(model_, random);
+  const ParameterChain chain = parameter_chain(model_);
+  Eigen::VectorXd all(chain.chain.getNrOfJoints());
+  for (std::size_t i = 0; i < chain.joint_index.size(); ++i) {
+    all[chain.joint_index[i]] = q[static_cast<Eigen::Index>(i)];
+  }
+  for (std::size_t p = 0; p < chain.parameter_index.size(); ++p) {
+    all[chain.parameter_index[p]] = errors[static_cast<Eigen::Index>(p)];
+  }
+  EXPECT_LT(difference(kdl_pose(chain.chain, all), kdl_pose(error_chain(model_, errors), q)), 1e-13);
+}
+
+INSTANTIATE_TEST_SUITE_P(ErrorModel, EveryChain, ::testing::Values(true, false),
+                         [](const auto& test) { return test.param ? "R2000iC" : "OddArm"; });
+
+/// The published product, written out once: Tz(l1) Rz(q1+dq1) [Tx1 Ty1 Rx1 Ry1] Rx(q2+dq2) … as one reads it.
+KDL::Frame published_model(const ErrorModel& model, const Eigen::VectorXd& e, const Eigen::VectorXd& q) {
+  const auto v = [&](const char* name) { return e[static_cast<Eigen::Index>(parameter_index(model, name))]; };
+  const auto T = [](double x, double y, double z) { return KDL::Frame(KDL::Vector(x, y, z)); };
+  const auto Rx = [](double a) { return KDL::Frame(KDL::Rotation::RotX(a)); };
+  const auto Ry = [](double a) { return KDL::Frame(KDL::Rotation::RotY(a)); };
+  const auto Rz = [](double a) { return KDL::Frame(KDL::Rotation::RotZ(a)); };
+  return T(0, 0, 0.670) * Rz(q[0] + v("dq1")) *                                                          //
+         T(v("Tx1"), 0.312 + v("Ty1"), 0) * Rx(v("Rx1")) * Ry(v("Ry1")) * Rx(q[1] + v("dq2")) *          //
+         T(0, v("Ty2"), 1.075 + v("Tz2")) * Rz(v("Rz2")) * Ry(v("Ry2")) * Rx(q[2] + v("dq3")) *          //
+         T(0, 1.280 + v("Ty3"), 0.225 + v("Tz3")) * Rz(v("Rz3")) * Ry(v("Ry3")) * Ry(q[3] + v("dq4")) *  //
+         T(v("Tx4"), 0, v("Tz4")) * Rz(v("Rz4")) * Rx(v("Rx4")) * Rx(q[4] + v("dq5")) *                  //
+         T(0, v("Ty5"), v("Tz5")) * Rz(v("Rz5")) * Ry(v("Ry5")) * Ry(q[5] + v("dq6")) *                  //
+         T(0, 0.215, 0) * T(v("Tx6"), 0, v("Tz6")) * Rz(v("Rz6")) * Rx(v("Rx6"));
+}
+
+TEST(ErrorModel, EqualsThePublishedFormulaWrittenOut) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(8);
+  for (int i = 0; i < 100; ++i) {
+    Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
+    for (const char* name : {"Tz0", "Tx0", "Ty0", "Rz0", "Rx0", "Ry0"}) {
+      errors[static_cast<Eigen::Index>(parameter_index(model, name))] = 0.0;
+    }
+    const Eigen::VectorXd q = testing::random_joints(model, random);
+    ASSERT_LT(difference(published_model(model, errors, q), kdl_pose(error_chain(model, errors), q)), 1e-13);
+  }
+}
+
+TEST(ErrorModelOnRealData, TheRosIndustrialDescriptionHasTheSameCountWithItsOwnLetters) {
+  const Robot robot = load_robot(std::string(SHARED_DATA_DIR) + "/ros_industrial/fanuc_r2000ic165f.urdf");
+  const Reduction reduction = reduced_model(complete_model(robot), generic_targets(3));
+  EXPECT_EQ(reduction.rank, 33);
+  EXPECT_THAT(geometric(reduction),
+              UnorderedElementsAre("dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Rx1", "Tz2", "Rz2", "Rx2", "Tx3", "Tz3",
+                                   "Rz3", "Tz4", "Ty4", "Rz4", "Tz5", "Rz5"));
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,162 @@
+#include "kdl_calibration/kinematics.hpp"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <kdl/chainjnttojacsolver.hpp>
+#include <numeric>
+
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using testing::difference;
+using testing::fanuc;
+using testing::kDegree;
+using testing::kdl_pose;
+
+class EveryChain : public ::testing::TestWithParam<bool> {
+protected:
+  EveryChain() : which_(model_.parameters.size()) { std::iota(which_.begin(), which_.end(), 0U); }
+
+  const ErrorModel model_ = complete_model(GetParam() ? fanuc() : parse_robot(testing::kOddArm));
+  std::vector<std::size_t> which_;
+};
+
+TEST_P(EveryChain, FlangePoseIsThatOfTheKdlSolver) {
+  Random random(1);
+  for (int i = 0; i < 1000; ++i) {
+    const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
+    const Eigen::VectorXd q = testing::random_joints(model_, random);
+    const KDL::Frame ours = to_kdl(flange_pose(folded(model_, errors), q));
+    ASSERT_LT(difference(ours, kdl_pose(error_chain(model_, errors), q)), 1e-12);
+  }
+}
+
+TEST_P(EveryChain, BatchPosesAreTheSinglePoses) {
+  Random random(2);
+  const FoldedChain chain = folded(model_, testing::random_errors(model_, random, 0.01, 0.1));
+  Eigen::MatrixXd q(model_.joints.size(), 37);
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    q.col(c) = testing::random_joints(model_, random);
+  }
+  const auto poses = flange_poses(chain, q);
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    ASSERT_LT(difference(to_kdl(poses[static_cast<std::size_t>(c)]), to_kdl(flange_pose(chain, q.col(c)))), 1e-15);
+  }
+}
+
+TEST_P(EveryChain, IdentificationJacobianIsThatOfTheKdlSolverOnTheChainWithErrorsAsJoints) {
+  Random random(3);
+  const ParameterChain oracle = parameter_chain(model_);
+  KDL::ChainJntToJacSolver solver(oracle.chain);
+  for (int i = 0; i < 100; ++i) {
+    const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
+    const Eigen::VectorXd q = testing::random_joints(model_, random);
+    Matrix6Xd jacobian;
+    const Eigen::Isometry3d X_BF =
+        flange_jacobian(folded(model_, errors), parameter_twists(model_, errors, which_), q, jacobian);
+
+    KDL::JntArray all(oracle.chain.getNrOfJoints());
+    for (std::size_t j = 0; j < oracle.joint_index.size(); ++j) {
+      all(oracle.joint_index[j]) = q[static_cast<Eigen::Index>(j)];
+    }
+    for (std::size_t p = 0; p < which_.size(); ++p) {
+      all(oracle.parameter_index[p]) = errors[static_cast<Eigen::Index>(p)];
+    }
+    KDL::Jacobian expected(all.rows());
+    solver.JntToJac(all, expected);
+    for (std::size_t p = 0; p < which_.size(); ++p) {
+      const auto column = jacobian.col(static_cast<Eigen::Index>(p));
+      const Eigen::VectorXd reference = expected.data.col(oracle.parameter_index[p]);
+      ASSERT_LT((X_BF.linear() * column.head<3>() - reference.head<3>()).norm(), 1e-12) << model_.parameters[p].name;
+      ASSERT_LT((X_BF.linear() * column.tail<3>() - reference.tail<3>()).norm(), 1e-12) << model_.parameters[p].name;
+    }
+  }
+}
+
+TEST_P(EveryChain, IdentificationJacobianIsTheCentralDifference) {
+  Random random(4);
+  const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
+  const Eigen::VectorXd q = testing::random_joints(model_, random);
+  const Eigen::Vector3d target(0.1, -0.05, 0.2);
+  const auto point = [&](const Eigen::VectorXd& e) {
+    return Eigen::Vector3d(flange_pose(folded(model_, e), q) * target);
+  };
+  Matrix6Xd jacobian;
+  const Eigen::Isometry3d X_BF =
+      flange_jacobian(folded(model_, errors), parameter_twists(model_, errors, which_), q, jacobian);
+  const double h = 1e-6;
+  for (Eigen::Index p = 0; p < errors.size(); ++p) {
+    Eigen::VectorXd plus = errors;
+    Eigen::VectorXd minus = errors;
+    plus[p] += h;
+    minus[p] -= h;
+    const Eigen::Vector3d expected = (point(plus) - point(minus)) / (2.0 * h);
+    const Eigen::Vector3d linear = jacobian.col(p).head<3>();
+    const Eigen::Vector3d angular = jacobian.col(p).tail<3>();
+    EXPECT_LT((X_BF.linear() * (linear + angular.cross(target)) - expected).norm(), 1e-9)
+        << model_.parameters[static_cast<std::size_t>(p)].name;
+  }
+}
+
+TEST_P(EveryChain, PublishedMatrixDerivativesGiveTheSameColumns) {
+  Random random(5);
+  const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
+  const Eigen::VectorXd q = testing::random_joints(model_, random);
+  const Eigen::Vector3d target(0.1, -0.05, 0.2);
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  X_WB.linear() = rotation_exp(Eigen::Vector3d(0.4, 2.0, -1.0));
+  X_WB.translation() = Eigen::Vector3d(3.0, -2.0, 1.0);
+  Matrix6Xd jacobian;
+  const Eigen::Isometry3d X_WF =
+      X_WB * flange_jacobian(folded(model_, errors), parameter_twists(model_, errors, which_), q, jacobian);
+  const Matrix3Xd published = position_jacobian_by_matrix_derivatives(model_, errors, which_, X_WB, q, target);
+  for (Eigen::Index p = 0; p < errors.size(); ++p) {
+    const Eigen::Vector3d linear = jacobian.col(p).head<3>();
+    const Eigen::Vector3d angular = jacobian.col(p).tail<3>();
+    EXPECT_LT((X_WF.linear() * (linear + angular.cross(target)) - published.col(p)).norm(), 1e-12);
+  }
+}
+
+TEST_P(EveryChain, BaseColumnsAreTheMotionOfTheBaseInItsOwnFrame) {
+  Random random(6);
+  const FoldedChain chain = folded(model_, testing::random_errors(model_, random, 0.0025, 3.0 * kDegree));
+  const Eigen::VectorXd q = testing::random_joints(model_, random);
+  const Eigen::Vector3d target(0.1, -0.05, 0.2);
+  Matrix6Xd jacobian;
+  const Eigen::Isometry3d X_BF = flange_jacobian(chain, base_twists(), q, jacobian);
+  const double h = 1e-6;
+  for (int c = 0; c < 6; ++c) {
+    const auto moved = [&](double amount) {
+      Eigen::Isometry3d motion = Eigen::Isometry3d::Identity();
+      if (c < 3) {
+        motion.translation()[c] = amount;
+      } else {
+        motion.linear() = rotation_exp(Eigen::Vector3d::Unit(c - 3) * amount);
+      }
+      return Eigen::Vector3d(motion * X_BF * target);
+    };
+    const Eigen::Vector3d expected = (moved(h) - moved(-h)) / (2.0 * h);
+    const Eigen::Vector3d linear = jacobian.col(c).head<3>();
+    const Eigen::Vector3d angular = jacobian.col(c).tail<3>();
+    EXPECT_LT((X_BF.linear() * (linear + angular.cross(target)) - expected).norm(), 1e-9);
+  }
+}
+
+TEST_P(EveryChain, ThreeRoutesToTheManipulatorJacobianAgree) {
+  Random random(7);
+  for (int i = 0; i < 100; ++i) {
+    const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
+    const ManipulatorJacobians routes = manipulator_jacobians(model_, errors, testing::random_joints(model_, random));
+    ASSERT_EQ(routes.kdl.cols(), static_cast<Eigen::Index>(model_.joints.size()));
+    ASSERT_LT(routes.largest_difference, 1e-12);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinematics, EveryChain, ::testing::Values(true, false),
+                         [](const auto& test) { return test.param ? "R2000iC" : "OddArm"; });
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,414 @@
+#include "kdl_calibration/robot.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Geometry>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <kdl/chainfksolverpos_recursive.hpp>
+#include <locale>
+#include <numbers>
+#include <sstream>
+
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/random.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
+
+const std::string kTwoLinks = "<link name='a'/><link name='b'/>";
+const std::string kEnds = "<parent link='a'/><child link='b'/>";
+
+std::string robot_of(const std::string& content) { return "<robot name='r'>" + content + "</robot>"; }
+
+/// A robot of two links whose only joint has this type and content.
+std::string one_joint(const std::string& type, const std::string& content) {
+  return robot_of(kTwoLinks + "<joint name='j' type='" + type + "'>" + kEnds + content + "</joint>");
+}
+
+std::string joint(const std::string& name, const std::string& type, const std::string& parent, const std::string& child,
+                  const std::string& content = "") {
+  return "<joint name='" + name + "' type='" + type + "'><parent link='" + parent + "'/><child link='" + child + "'/>" +
+         content + "</joint>";
+}
+
+std::string links(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) {
+    text += "<link name='" + name + "'/>";
+  }
+  return text;
+}
+
+/// base -j1- l1 -j2- l2 with two leaves behind l2.
+std::string forked(const std::string& left, const std::string& right) {
+  return robot_of(links({"base", "l1", "l2", left, right}) + joint("j1", "continuous", "base", "l1") +
+                  joint("j2", "continuous", "l1", "l2") + joint("to_" + left, "fixed", "l2", left) +
+                  joint("to_" + right, "fixed", "l2", right));
+}
+
+std::string message_of(const std::string& urdf, const RobotOptions& options = {}) {
+  try {
+    (void)parse_robot(urdf, options, "test.urdf");
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no InputError";
+}
+
+std::string load_message_of(const std::filesystem::path& file) {
+  try {
+    (void)load_robot(file);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no InputError";
+}
+
+KDL::Frame forward(const KDL::Chain& chain, const std::vector<double>& q) {
+  KDL::ChainFkSolverPos_recursive solver(chain);
+  KDL::JntArray joints(static_cast<unsigned>(q.size()));
+  for (unsigned i = 0; i < joints.rows(); ++i) {
+    joints(i) = q[i];
+  }
+  KDL::Frame frame;
+  EXPECT_GE(solver.JntToCart(joints, frame), 0);
+  return frame;
+}
+
+Eigen::Isometry3d origin(double x, double y, double z, double roll, double pitch, double yaw) {
+  using Eigen::Vector3d;
+  return Eigen::Translation3d(x, y, z) * Eigen::AngleAxisd(yaw, Vector3d::UnitZ()) *
+         Eigen::AngleAxisd(pitch, Vector3d::UnitY()) * Eigen::AngleAxisd(roll, Vector3d::UnitX());
+}
+
+double largest_difference(const KDL::Frame& a, const Eigen::Isometry3d& b) {
+  double largest = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    largest = std::max(largest, std::abs(a.p(i) - b.translation()(i)));
+    for (int k = 0; k < 3; ++k) {
+      largest = std::max(largest, std::abs(a.M(i, k) - b.linear()(i, k)));
+    }
+  }
+  return largest;
+}
+
+const std::string kMixed = robot_of(
+    "<link name='base'/><link name='l1'/><link name='plate'/><link name='tip'/><link name='l3'/>"
+    "<link name='l2'><inertial><origin xyz='0.1 0 0' rpy='0 0 1.5707963267948966'/><mass value='4'/>"
+    "<inertia ixx='1' iyy='2' izz='3' ixy='0' ixz='0' iyz='0'/></inertial></link>" +
+    joint("turn", "revolute", "base", "l1",
+          "<origin xyz='0.1 -0.2 0.3' rpy='0.4 0.5 -0.6'/><axis xyz='0 3 4'/>"
+          "<limit lower='-1.5' upper='2.5' effort='0' velocity='0.7'/>") +
+    joint("bolt", "fixed", "l1", "plate", "<origin xyz='0 0.05 0' rpy='1 0 0'/>") +
+    joint("slide", "prismatic", "plate", "l2",
+          "<origin xyz='1 0 0' rpy='0 -1.2 0'/><axis xyz='0 0 -2'/>"
+          "<limit lower='0' upper='0.25' effort='0' velocity='0'/>") +
+    joint("spin", "continuous", "l2", "l3", "<origin rpy='0 0 3'/>") +
+    joint("tool", "fixed", "l3", "tip", "<origin xyz='0.01 0.02 0.03' rpy='0.1 0.2 0.3'/>"));
+
+TEST(Robot, ReadsJointsAndLimits) {
+  const Robot robot = parse_robot(kMixed, {}, "mixed.urdf");
+  EXPECT_EQ(robot.name, "r");
+  EXPECT_EQ(robot.source, "mixed.urdf");
+  EXPECT_EQ(robot.urdf, kMixed);
+  EXPECT_EQ(robot.base, "base");
+  EXPECT_EQ(robot.tip, "tip");
+  EXPECT_EQ(robot.tip_joint, "tool");
+  EXPECT_THAT(joint_names(robot), ElementsAre("turn", "slide", "spin"));
+
+  ASSERT_EQ(robot.joints.size(), 3U);
+  const MovingJoint& turn = robot.joints[0];
+  EXPECT_EQ(turn.type, JointType::revolute);
+  EXPECT_DOUBLE_EQ(turn.axis.y(), 0.6);
+  EXPECT_DOUBLE_EQ(turn.axis.z(), 0.8);
+  EXPECT_EQ(turn.lower, -1.5);
+  EXPECT_EQ(turn.upper, 2.5);
+  EXPECT_EQ(turn.velocity, 0.7);
+  EXPECT_EQ(robot.joints[1].type, JointType::prismatic);
+  EXPECT_EQ(robot.joints[1].lower, 0.0);
+  EXPECT_EQ(robot.joints[1].upper, 0.25);
+  EXPECT_EQ(robot.joints[1].velocity, std::nullopt);
+  EXPECT_EQ(robot.joints[2].type, JointType::continuous);
+  EXPECT_EQ(robot.joints[2].lower, std::nullopt);
+  EXPECT_EQ(robot.joints[2].upper, std::nullopt);
+}
+
+TEST(Robot, MakesOneSegmentPerUrdfJointNamedAfterItsChildLink) {
+  const Robot robot = parse_robot(kMixed);
+  ASSERT_EQ(robot.chain.getNrOfSegments(), 5U);
+  EXPECT_EQ(robot.chain.getNrOfJoints(), 3U);
+  EXPECT_EQ(robot.chain.getSegment(0).getName(), "l1");
+  EXPECT_EQ(robot.chain.getSegment(0).getJoint().getName(), "turn");
+  EXPECT_EQ(robot.chain.getSegment(1).getName(), "plate");
+  EXPECT_EQ(robot.chain.getSegment(1).getJoint().getType(), KDL::Joint::Fixed);
+  EXPECT_EQ(robot.chain.getSegment(4).getName(), "tip");
+}
+
+TEST(Robot, KeepsTheInertiaInTheLinkFrame) {
+  const KDL::RigidBodyInertia inertia = parse_robot(kMixed).chain.getSegment(2).getInertia();
+  EXPECT_EQ(inertia.getMass(), 4.0);
+  EXPECT_DOUBLE_EQ(inertia.getCOG().x(), 0.1);
+  // Turned by 90 degrees about z, then moved by m x^2 about y and z.
+  const KDL::RotationalInertia about_origin = inertia.getRotationalInertia();
+  EXPECT_NEAR(about_origin.data[0], 2.0, 1e-12);
+  EXPECT_NEAR(about_origin.data[4], 1.0 + 4 * 0.01, 1e-12);
+  EXPECT_NEAR(about_origin.data[8], 3.0 + 4 * 0.01, 1e-12);
+}
+
+TEST(Robot, ChainAndJointsBothGiveTheHandWrittenForwardKinematics) {
+  const Robot robot = parse_robot(kMixed);
+  Random random(1);
+  for (int i = 0; i < 1000; ++i) {
+    const std::vector<double> q{random.uniform(-1.5, 2.5), random.uniform(0, 0.25), random.uniform(-9, 9)};
+    const Eigen::Isometry3d expected =
+        origin(0.1, -0.2, 0.3, 0.4, 0.5, -0.6) * Eigen::AngleAxisd(q[0], Eigen::Vector3d(0, 0.6, 0.8)) *
+        origin(0, 0.05, 0, 1, 0, 0) * origin(1, 0, 0, 0, -1.2, 0) * Eigen::Translation3d(0, 0, -q[1]) *
+        origin(0, 0, 0, 0, 0, 3) * Eigen::AngleAxisd(q[2], Eigen::Vector3d::UnitX()) *
+        origin(0.01, 0.02, 0.03, 0.1, 0.2, 0.3);
+    ASSERT_LT(largest_difference(forward(robot.chain, q), expected), 1e-14);
+
+    KDL::Frame folded = robot.joints[0].origin * KDL::Frame(KDL::Rotation::Rot(robot.joints[0].axis, q[0]));
+    folded = folded * robot.joints[1].origin * KDL::Frame(robot.joints[1].axis * q[1]);
+    folded = folded * robot.joints[2].origin * KDL::Frame(KDL::Rotation::Rot(robot.joints[2].axis, q[2]));
+    ASSERT_LT(largest_difference(folded * robot.tip_origin, expected), 1e-14);
+  }
+}
+
+TEST(Robot, RotationsAreOrthonormalToTheLastDigits) {
+  Random random(2);
+  for (int i = 0; i < 2000; ++i) {
+    std::ostringstream rpy;
+    rpy.precision(17);
+    rpy << random.uniform(-7, 7) << ' ' << random.uniform(-7, 7) << ' ' << random.uniform(-7, 7);
+    const Robot robot = parse_robot(one_joint("continuous", "<origin rpy='" + rpy.str() + "'/>"));
+    const KDL::Rotation& m = robot.joints[0].origin.M;
+    for (int k = 0; k < 9; ++k) {
+      // In long double, so that the check's own rounding stays out of the bound.
+      long double product = 0.0L;
+      for (int l = 0; l < 3; ++l) {
+        product += static_cast<long double>(m(k / 3, l)) * m(k % 3, l);
+      }
+      ASSERT_NEAR(static_cast<double>(product - (k % 4 == 0 ? 1.0L : 0.0L)), 0.0, 1e-15) << rpy.str();
+    }
+  }
+}
+
+TEST(Robot, ReadsAPartOfTheTreeBetweenTheGivenLinks) {
+  const Robot robot = parse_robot(kMixed, {.base = "l1", .tip = "l2"});
+  EXPECT_THAT(joint_names(robot), ElementsAre("slide"));
+  EXPECT_EQ(robot.chain.getNrOfSegments(), 2U);
+  EXPECT_EQ(robot.tip_joint, "");
+  EXPECT_EQ(robot.tip_origin, KDL::Frame::Identity());
+}
+
+TEST(Robot, LimitsWithoutValuesAreNone) {
+  const Robot robot = parse_robot(one_joint("revolute", "<limit effort='1' velocity='2'/>"));
+  EXPECT_EQ(robot.joints[0].lower, std::nullopt);
+  EXPECT_EQ(robot.joints[0].upper, std::nullopt);
+  EXPECT_EQ(robot.joints[0].velocity, 2.0);
+}
+
+TEST(Robot, TipDefaultsToTool0ThenFlange) {
+  EXPECT_EQ(parse_robot(forked("tool0", "flange")).tip, "tool0");
+  EXPECT_EQ(parse_robot(forked("camera", "flange")).tip, "flange");
+  EXPECT_THAT(message_of(forked("camera", "gripper")),
+              AllOf(HasSubstr("test.urdf"), HasSubstr("tip is ambiguous"), HasSubstr("camera, gripper")));
+  EXPECT_EQ(parse_robot(forked("camera", "gripper"), {.base = "", .tip = "camera"}).tip, "camera");
+}
+
+TEST(Robot, TipIsSoughtBelowTheGivenBase) {
+  const std::string urdf = robot_of(links({"world", "base", "l1", "tool0"}) + joint("post", "fixed", "world", "base") +
+                                    joint("side", "fixed", "world", "tool0") + joint("j1", "continuous", "base", "l1"));
+  EXPECT_EQ(parse_robot(urdf, {.base = "base", .tip = ""}).tip, "l1");
+}
+
+TEST(Robot, IgnoresWhatStandsBesideTheChain) {
+  const std::string urdf = robot_of(
+      links({"base", "l1", "tool0", "f", "p", "m"}) + joint("j1", "continuous", "base", "l1") +
+      joint("to", "fixed", "l1", "tool0") + joint("float", "floating", "base", "f") +
+      joint("plane", "planar", "base", "p") +
+      joint("mimic", "continuous", "base", "m", "<axis xyz='0 0 0'/><mimic joint='j1'/>") +
+      "<transmission name='t'><joint name='j1'/><joint name='nobody'/></transmission><gazebo><any/>text</gazebo>");
+  EXPECT_THAT(joint_names(parse_robot(urdf)), ElementsAre("j1"));
+}
+
+TEST(Robot, ReadsAByteOrderMarkCommentsAndWindowsLineEnds) {
+  const std::string urdf = "\xEF\xBB\xBF<?xml version='1.0'?>\r\n<!-- <joint name='no'> -- >\r\n-->\r\n" +
+                           one_joint("continuous", "\r\n<!-- <origin xyz='9 9 9'/> --><origin xyz='1 2 3'/>\r\n");
+  const Robot robot = parse_robot(urdf);
+  EXPECT_EQ(robot.joints[0].origin.p, KDL::Vector(1, 2, 3));
+  EXPECT_EQ(robot.urdf, urdf);
+}
+
+class DecimalComma : public std::numpunct<char> {
+  char do_decimal_point() const override { return ','; }
+  char do_thousands_sep() const override { return '.'; }
+  std::string do_grouping() const override { return "\3"; }
+};
+
+TEST(Robot, ReadsNumbersTheSameUnderADecimalComma) {
+  const std::locale before = std::locale::global(std::locale(std::locale::classic(), new DecimalComma));
+  const Robot robot = parse_robot(kMixed);
+  const std::string message =
+      message_of(one_joint("revolute", "<limit effort='0' velocity='0' lower='2.5' upper='1.25'/>"));
+  std::locale::global(before);
+  EXPECT_EQ(robot.joints[0].lower, -1.5);
+  EXPECT_EQ(robot.joints[0].origin.p, KDL::Vector(0.1, -0.2, 0.3));
+  EXPECT_THAT(message, AllOf(HasSubstr("2.5"), HasSubstr("1.25")));
+}
+
+TEST(Robot, PrintsNothing) {
+  std::ostringstream out;
+  std::streambuf* const error_buffer = std::cerr.rdbuf(out.rdbuf());
+  std::streambuf* const output_buffer = std::cout.rdbuf(out.rdbuf());
+  (void)message_of(robot_of(""));
+  (void)message_of(one_joint("hinge", ""));
+  (void)message_of(kMixed);
+  std::cerr.rdbuf(error_buffer);
+  std::cout.rdbuf(output_buffer);
+  EXPECT_EQ(out.str(), "");
+}
+
+TEST(RobotBadInput, UnreadableFileIsNamedWithTheReason) {
+  EXPECT_THAT(load_message_of("/no/such/robot.urdf"),
+              AllOf(HasSubstr("/no/such/robot.urdf"), HasSubstr("No such file or directory")));
+  EXPECT_THAT(load_message_of("/"), AllOf(HasSubstr("/: "), HasSubstr("directory")));
+}
+
+TEST(RobotBadInput, EmptyTextIsNamed) { EXPECT_THAT(message_of(""), HasSubstr("test.urdf: empty")); }
+
+TEST(RobotBadInput, MalformedXmlIsNamedWithItsLine) {
+  EXPECT_THAT(message_of("<robot name='r'>\n<link name='a'>\n</robot>"),
+              AllOf(HasSubstr("test.urdf:2"), HasSubstr("malformed XML")));
+  EXPECT_THAT(message_of("<robot name='r'>\n\n<link name=a/></robot>"), HasSubstr("test.urdf:3"));
+  EXPECT_THAT(message_of("links: 6"), AllOf(HasSubstr("test.urdf:1"), HasSubstr("malformed XML")));
+  EXPECT_THAT(message_of(std::string("<robot>\n\0</robot>", 17)), AllOf(HasSubstr("test.urdf:2"), HasSubstr("zero")));
+}
+
+TEST(RobotBadInput, DeepNestingIsAnErrorAndNoCrash) {
+  std::string deep;
+  for (int i = 0; i < 200000; ++i) {
+    deep += "<a>";
+  }
+  EXPECT_THAT(message_of(deep), HasSubstr("nested too deeply"));
+  EXPECT_THAT(message_of("<?skip " + deep + "?>" + one_joint("continuous", "")), HasSubstr("no InputError"));
+}
+
+TEST(RobotBadInput, SomethingElseThanAUrdfIsNamed) {
+  EXPECT_THAT(message_of("<sdf version='1.6'/>"), AllOf(HasSubstr("test.urdf"), HasSubstr("no <robot>")));
+  EXPECT_THAT(message_of(robot_of("")), HasSubstr("No link elements found"));
+  EXPECT_THAT(message_of(one_joint("hinge", "")), AllOf(HasSubstr("[j]"), HasSubstr("[hinge]")));
+  EXPECT_THAT(message_of(one_joint("continuous", "<origin xyz='0 nan 0'/>")),
+              AllOf(HasSubstr("[j]"), HasSubstr("nan")));
+  EXPECT_THAT(message_of(one_joint("continuous", "<origin xyz='0 1e999 0'/>")), HasSubstr("1e999"));
+  EXPECT_THAT(message_of(one_joint("revolute", "")), AllOf(HasSubstr("[j]"), HasSubstr("limits")));
+}
+
+TEST(RobotBadInput, UnknownLinksAreNamedWithTheExistingOnes) {
+  EXPECT_THAT(message_of(forked("x", "y"), {.base = "bsae", .tip = "x"}),
+              AllOf(HasSubstr("no base link 'bsae'"), HasSubstr("base, l1, l2, x, y")));
+  EXPECT_THAT(message_of(forked("x", "y"), {.base = "", .tip = "tcp"}),
+              AllOf(HasSubstr("no tip link 'tcp'"), HasSubstr("base, l1, l2, x, y")));
+}
+
+TEST(RobotBadInput, UnconnectedBaseAndTipAreNamed) {
+  EXPECT_THAT(message_of(forked("x", "y"), {.base = "x", .tip = "y"}),
+              AllOf(HasSubstr("'x'"), HasSubstr("'y'"), HasSubstr("not connected")));
+  EXPECT_THAT(message_of(forked("x", "y"), {.base = "l2", .tip = "base"}), HasSubstr("not connected"));
+}
+
+TEST(RobotBadInput, AChainWithoutMovingJointsIsNamed) {
+  EXPECT_THAT(message_of(one_joint("fixed", "")),
+              AllOf(HasSubstr("no moving joint"), HasSubstr("'a'"), HasSubstr("'b'")));
+  EXPECT_THAT(message_of(robot_of("<link name='a'/>")), HasSubstr("no moving joint"));
+}
+
+TEST(RobotBadInput, JointsThatCannotBeInTheChainAreNamed) {
+  EXPECT_THAT(message_of(one_joint("continuous", "<mimic joint='other'/>")),
+              AllOf(HasSubstr("joint 'j' mimics joint 'other'"), HasSubstr("no mimic joint")));
+  EXPECT_THAT(message_of(one_joint("floating", "")), HasSubstr("joint 'j' is floating"));
+  EXPECT_THAT(message_of(one_joint("planar", "")), HasSubstr("joint 'j' is planar"));
+}
+
+TEST(RobotBadInput, AxisWithoutDirectionIsNamed) {
+  EXPECT_THAT(message_of(one_joint("continuous", "<axis xyz='0 0 0'/>")),
+              AllOf(HasSubstr("joint 'j'"), HasSubstr("axis of length 0")));
+  EXPECT_THAT(message_of(one_joint("continuous", "<axis xyz='1e-300 0 0'/>")), "no InputError");
+}
+
+TEST(RobotBadInput, LimitsInTheWrongOrderAreNamed) {
+  EXPECT_THAT(message_of(one_joint("revolute", "<limit effort='0' velocity='0' lower='2' upper='1'/>")),
+              AllOf(HasSubstr("joint 'j'"), HasSubstr("lower limit 2"), HasSubstr("upper limit 1")));
+}
+
+TEST(RobotBadInput, LoopsAndSecondParentsAreNamed) {
+  EXPECT_THAT(message_of(robot_of(kTwoLinks + joint("j", "continuous", "a", "b") + joint("k", "continuous", "b", "a"))),
+              HasSubstr("form a loop"));
+  EXPECT_THAT(message_of(robot_of(links({"root", "tip", "a", "b"}) + joint("i", "continuous", "root", "tip") +
+                                  joint("j", "continuous", "a", "b") + joint("k", "continuous", "b", "a"))),
+              HasSubstr("form a loop"));
+  EXPECT_THAT(message_of(robot_of(links({"a", "b", "c"}) + joint("j", "continuous", "a", "b") +
+                                  joint("k", "continuous", "c", "b"))),
+              AllOf(HasSubstr("link 'b'"), HasSubstr("'j'"), HasSubstr("'k'")));
+}
+
+TEST(RobotBadInput, OriginsThatOverflowAreNamed) {
+  const std::string far = "<origin xyz='1e308 0 0'/>";
+  const std::string urdf = robot_of(links({"a", "b", "c", "d"}) + joint("i", "fixed", "a", "b", far) +
+                                    joint("j", "fixed", "b", "c", far) + joint("k", "continuous", "c", "d"));
+  EXPECT_THAT(message_of(urdf), AllOf(HasSubstr("joint 'j'"), HasSubstr("not finite")));
+}
+
+TEST(RobotBadInput, MessagesStayOnOneLine) {
+  EXPECT_THAT(message_of(forked("x", "y"), {.base = "two\nlines", .tip = "x"}), Not(HasSubstr("\n")));
+  EXPECT_THAT(message_of(one_joint("continuous", "<origin xyz='0&#10;0 0 0'/>")),
+              AllOf(HasSubstr("test.urdf"), Not(HasSubstr("\n"))));
+}
+
+const std::filesystem::path kSharedData = SHARED_DATA_DIR;
+
+TEST(RobotOnRealData, ReadsTheRosIndustrialDescription) {
+  const Robot robot = load_robot(kSharedData / "ros_industrial/fanuc_r2000ic165f.urdf");
+  EXPECT_EQ(robot.base, "base_link");
+  EXPECT_EQ(robot.tip, "tool0");
+  EXPECT_EQ(robot.tip_joint, "link_6-tool0");
+  EXPECT_THAT(joint_names(robot), ElementsAre("joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"));
+  const double degree = std::numbers::pi / 180.0;
+  EXPECT_NEAR(robot.joints[1].upper.value_or(0), 76 * degree, 1e-12);
+  EXPECT_NEAR(robot.joints[1].lower.value_or(0), -60 * degree, 1e-12);
+
+  const Eigen::Isometry3d stretched =
+      origin(0.312 + 1.280 + 0.215, 0, 0.670 + 1.075 + 0.225, std::numbers::pi, -std::numbers::pi / 2, 0);
+  EXPECT_LT(largest_difference(forward(robot.chain, std::vector<double>(6)), stretched), 1e-15);
+}
+
+TEST(RobotOnRealData, ReachesAsFarAsTheDataSheetSays) {
+  const Robot robot =
+      load_robot(kSharedData / "ros_industrial/fanuc_r2000ic165f.urdf", {.base = "base_link", .tip = "link_5"});
+  const double shoulder = robot.joints[1].upper.value_or(0);
+  const double rise = std::atan2(0.225, 1.280);  // of the wrist centre above the forearm's direction
+  EXPECT_NEAR(forward(robot.chain, {0, shoulder, shoulder - rise, 0, 0}).p.x(), 2.655, 5e-4);
+  EXPECT_NEAR(forward(robot.chain, {0, 0, std::numbers::pi / 2 - rise, 0, 0}).p.z(), 3.045, 5e-4);
+}
+
+TEST(RobotOnRealData, ReadsTheUr10) {
+  const Robot robot = load_robot(kSharedData / "ur10_tracker_poses/ur10.urdf");
+  EXPECT_EQ(robot.base, "base_link");
+  EXPECT_EQ(robot.tip, "tool0");
+  ASSERT_EQ(robot.joints.size(), 6U);
+  // From the maker's lengths: a2 + a3, d4 + d6 and d1 - d5, turned by half a turn into base_link.
+  const KDL::Vector tip = forward(robot.chain, std::vector<double>(6)).p;
+  EXPECT_NEAR(tip.x(), 0.612 + 0.5723, 1e-9);
+  EXPECT_NEAR(tip.y(), 0.163941 + 0.0922, 1e-9);
+  EXPECT_NEAR(tip.z(), 0.1273 - 0.1157, 1e-9);
+}
+
+}  // namespace
+}  // namespace kdl_calibration

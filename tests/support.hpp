@@ -1,0 +1,82 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <kdl/chainfksolverpos_recursive.hpp>
+#include <numbers>
+#include <string>
+
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/random.hpp"
+#include "kdl_calibration/robot.hpp"
+
+namespace kdl_calibration::testing {
+
+inline Robot fanuc() { return load_robot(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf"); }
+
+/// A revolute joint with a rotated frame and a skewed axis, a prismatic joint, a fixed joint in between, a parallel
+/// pair and a rotated tip: what a general chain may hold.
+inline constexpr const char* kOddArm = R"(<robot name="odd">
+  <link name="world"/><link name="a"/><link name="b"/><link name="bracket"/><link name="c"/><link name="d"/>
+  <link name="e"/><link name="tool"/>
+  <joint name="turn" type="revolute"><parent link="world"/><child link="a"/>
+    <origin xyz="0.1 -0.2 0.4" rpy="0.3 -0.2 0.5"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="a"/><child link="b"/>
+    <origin xyz="0.2 0 0.3" rpy="0 1.2 0"/><axis xyz="1 0 0"/>
+    <limit lower="-0.5" upper="0.5" velocity="1" effort="1"/></joint>
+  <joint name="plate" type="fixed"><parent link="b"/><child link="bracket"/>
+    <origin xyz="0.05 0.1 0" rpy="0.7 0 0"/></joint>
+  <joint name="skew" type="continuous"><parent link="bracket"/><child link="c"/>
+    <origin xyz="0 0.6 0.1" rpy="0 0 0.4"/><axis xyz="1 2 -0.5"/></joint>
+  <joint name="elbow" type="revolute"><parent link="c"/><child link="d"/>
+    <origin xyz="0.5 0 0.1"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+  <joint name="wrist" type="revolute"><parent link="d"/><child link="e"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 -1 0"/>
+    <limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+  <joint name="mount" type="fixed"><parent link="e"/><child link="tool"/>
+    <origin xyz="0.1 0 0.05" rpy="1.5707963267948966 0 0"/></joint>
+</robot>)";
+
+/// Errors for every parameter of the model: lengths and angles normal with these sigmas [m], [rad].
+inline Eigen::VectorXd random_errors(const ErrorModel& model, Random& random, double length, double angle) {
+  Eigen::VectorXd errors(static_cast<Eigen::Index>(model.parameters.size()));
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    errors[static_cast<Eigen::Index>(p)] = random.normal() * (is_length(model, model.parameters[p]) ? length : angle);
+  }
+  return errors;
+}
+
+inline Eigen::VectorXd random_joints(const ErrorModel& model, Random& random) {
+  Eigen::VectorXd q(static_cast<Eigen::Index>(model.joints.size()));
+  for (std::size_t i = 0; i < model.joints.size(); ++i) {
+    const double range = model.joints[i].type == JointType::prismatic ? 1.0 : std::numbers::pi;
+    q[static_cast<Eigen::Index>(i)] = random.uniform(-range, range);
+  }
+  return q;
+}
+
+/// KDL's own answer.
+inline KDL::Frame kdl_pose(const KDL::Chain& chain, const Eigen::VectorXd& q) {
+  KDL::JntArray joints(static_cast<unsigned>(q.size()));
+  joints.data = q;
+  KDL::Frame pose;
+  KDL::ChainFkSolverPos_recursive(chain).JntToCart(joints, pose);
+  return pose;
+}
+
+/// Largest difference of two poses over the coordinates of position and the elements of the rotation matrix.
+inline double difference(const KDL::Frame& a, const KDL::Frame& b) {
+  double largest = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    largest = std::max(largest, std::abs(a.p[i] - b.p[i]));
+    for (int j = 0; j < 3; ++j) {
+      largest = std::max(largest, std::abs(a.M(i, j) - b.M(i, j)));
+    }
+  }
+  return largest;
+}
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+}  // namespace kdl_calibration::testing
