@@ -1,0 +1,190 @@
+// The shipped robot and its two joint conventions against the data sheet and against the ROS-Industrial description.
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/measurements.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using testing::difference;
+using ::testing::ElementsAre;
+using testing::fanuc;
+using testing::kDegree;
+using testing::kdl_pose;
+
+KDL::Frame translation(double x, double y, double z) { return KDL::Frame(KDL::Vector(x, y, z)); }
+KDL::Frame rot_x(double angle) { return KDL::Frame(KDL::Rotation::RotX(angle)); }
+KDL::Frame rot_y(double angle) { return KDL::Frame(KDL::Rotation::RotY(angle)); }
+KDL::Frame rot_z(double angle) { return KDL::Frame(KDL::Rotation::RotZ(angle)); }
+
+/// Uniform within the limits.
+Eigen::VectorXd joints_within_limits(const Robot& robot, Random& random) {
+  Eigen::VectorXd q(static_cast<Eigen::Index>(robot.joints.size()));
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    q[static_cast<Eigen::Index>(i)] = random.uniform(robot.joints[i].lower.value(), robot.joints[i].upper.value());
+  }
+  return q;
+}
+
+JointConvention convention(const std::string& name) {
+  return read_joint_convention(std::string(URDF_DIR) + "/fanuc_r2000ic_165f_" + name + ".json");
+}
+
+Eigen::VectorXd urdf_joints(const JointConvention& convention, const Eigen::VectorXd& controller) {
+  return convention.matrix * controller + convention.offset;
+}
+
+Eigen::VectorXd six(double j1, double j2, double j3, double j4, double j5, double j6) {
+  return (Eigen::VectorXd(6) << j1, j2, j3, j4, j5, j6).finished();
+}
+
+/// Wrist centre [mm] at each J3 of its range, in steps of 0.02 degrees, J3 relative to the upper arm.
+std::vector<KDL::Vector> wrist_centres(double j2) {
+  const Robot robot = load_robot(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf", {.base = "", .tip = "link_5"});
+  const JointConvention serial = convention("serial");
+  std::vector<KDL::Vector> centres;
+  for (int step = 0; step <= 312 * 50; ++step) {
+    const Eigen::VectorXd q = urdf_joints(serial, six(0, j2, -132 + step / 50.0, 0, 0, 0) * kDegree);
+    centres.push_back(1000.0 * kdl_pose(robot.chain, q.head(5)).p);
+  }
+  return centres;
+}
+
+double largest(const std::vector<KDL::Vector>& points, int coordinate, double sign = 1.0) {
+  double value = sign * points.front()[coordinate];
+  for (const KDL::Vector& point : points) {
+    value = std::max(value, sign * point[coordinate]);
+  }
+  return value;
+}
+
+TEST(FanucUrdf, HasTheLinksAndJointsByTheirNames) {
+  const Robot robot = fanuc();
+  EXPECT_EQ(robot.base, "base_link");
+  EXPECT_EQ(robot.tip, "flange");
+  EXPECT_EQ(robot.tip_joint, "joint_flange");
+  EXPECT_THAT(joint_names(robot), ElementsAre("joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"));
+  std::vector<std::string> links;
+  for (const KDL::Segment& segment : robot.chain.segments) {
+    links.push_back(segment.getName());
+  }
+  EXPECT_THAT(links, ElementsAre("link_1", "link_2", "link_3", "link_4", "link_5", "link_6", "flange"));
+}
+
+TEST(FanucUrdf, IsTheProductOfTheDesignsElementaryTransforms) {
+  const Robot robot = fanuc();
+  Random random(1);
+  for (int i = 0; i < 1000; ++i) {
+    const Eigen::VectorXd q = joints_within_limits(robot, random);
+    const KDL::Frame pose = translation(0, 0, 0.670) * rot_z(q[0]) * translation(0, 0.312, 0) * rot_x(q[1]) *
+                            translation(0, 0, 1.075) * rot_x(q[2]) * translation(0, 0, 0.225) *
+                            translation(0, 1.280, 0) * rot_y(q[3]) * rot_x(q[4]) * rot_y(q[5]) *
+                            translation(0, 0.215, 0);
+    ASSERT_LE(difference(kdl_pose(robot.chain, q), pose), 1e-12);
+  }
+}
+
+TEST(FanucUrdf, HasTheRangesAndSpeedsOfTheDataSheet) {
+  const double lower[] = {-185, -60, -132, -360, -125, -360};
+  const double upper[] = {185, 76, 180, 360, 125, 360};
+  const double speed[] = {130, 115, 125, 180, 180, 260};
+  const double sign[] = {1, -1, 1, -1, 1, -1};
+  const Robot robot = fanuc();
+  ASSERT_EQ(robot.joints.size(), 6U);
+  for (std::size_t i = 0; i < 6; ++i) {
+    const MovingJoint& joint = robot.joints[i];
+    EXPECT_DOUBLE_EQ(joint.lower.value(), kDegree * std::min(sign[i] * lower[i], sign[i] * upper[i])) << joint.name;
+    EXPECT_DOUBLE_EQ(joint.upper.value(), kDegree * std::max(sign[i] * lower[i], sign[i] * upper[i])) << joint.name;
+    EXPECT_DOUBLE_EQ(joint.velocity.value(), kDegree * speed[i]) << joint.name;
+  }
+}
+
+// The data sheet's reach is that of the wrist centre, where the axes of J4, J5 and J6 meet. "Level" and "upright" are
+// said of the line from the axis of J3 to the wrist centre: its length is hypot(225, 1280) = 1299.6 mm.
+
+TEST(FanucDataSheet, WristCentreReaches2655MillimetresForward) {
+  EXPECT_NEAR(largest(wrist_centres(76), 1), 2654.7, 0.05);
+  EXPECT_EQ(std::round(largest(wrist_centres(76), 1)), 2655);
+}
+
+TEST(FanucDataSheet, WristCentreReaches3045MillimetresUp) {
+  EXPECT_NEAR(largest(wrist_centres(0), 2), 3044.6, 0.05);
+  EXPECT_EQ(std::round(largest(wrist_centres(0), 2)), 3045);
+}
+
+TEST(FanucDataSheet, WristCentreReaches1919MillimetresBack) {
+  EXPECT_NEAR(largest(wrist_centres(-60), 1, -1.0), 1918.6, 0.05);
+  EXPECT_EQ(std::round(largest(wrist_centres(-60), 1, -1.0)), 1919);
+}
+
+TEST(FanucConvention, SerialTurnsTheSignsOfJ2J4AndJ6) {
+  EXPECT_EQ(urdf_joints(convention("serial"), six(1, 2, 3, 4, 5, 6)), six(1, -2, 3, -4, 5, -6));
+}
+
+TEST(FanucConvention, PendantKeepsTheForearmLevelWhileJ2Moves) {
+  const Robot robot = fanuc();
+  const KDL::Rotation upright = kdl_pose(robot.chain, Eigen::VectorXd::Zero(6)).M;
+  for (int j2 = -60; j2 <= 76; j2 += 8) {
+    const Eigen::VectorXd controller = six(0, j2, 0, 0, 0, 0) * kDegree;
+    const KDL::Rotation flange = kdl_pose(robot.chain, urdf_joints(convention("pendant"), controller)).M;
+    EXPECT_TRUE(KDL::Equal(flange, upright, 1e-14)) << "J2 = " << j2;
+  }
+}
+
+TEST(FanucConvention, PendantDiffersFromSerialByJ2InTheThirdJointAlone) {
+  const Eigen::VectorXd controller = six(1, 2, 3, 4, 5, 6);
+  const Eigen::VectorXd difference =
+      urdf_joints(convention("pendant"), controller) - urdf_joints(convention("serial"), controller);
+  EXPECT_EQ(difference, six(0, 0, 2, 0, 0, 0));
+}
+
+TEST(FanucConvention, BothNameTheControllersAndTheUrdfsJoints) {
+  for (const char* name : {"serial", "pendant"}) {
+    EXPECT_THAT(convention(name).controller_joints, ElementsAre("J1", "J2", "J3", "J4", "J5", "J6")) << name;
+    EXPECT_EQ(convention(name).urdf_joints, joint_names(fanuc())) << name;
+  }
+}
+
+/// The ROS-Industrial description: arm along +x, joints with the controller's signs, J3 relative to the upper arm.
+Robot ros_industrial() {
+  return load_robot(std::string(SHARED_DATA_DIR) + "/ros_industrial/fanuc_r2000ic165f.urdf",
+                    {.base = "base_link", .tip = "flange"});
+}
+
+TEST(FanucUrdfOnRealData, PutsTheFlangeWhereRosIndustrialPutsIt) {
+  const Robot ours = fanuc();
+  const Robot theirs = ros_industrial();
+  // A quarter turn about z, without rounding: their x is our y.
+  const KDL::Rotation turn(0, -1, 0, 1, 0, 0, 0, 0, 1);
+  const JointConvention signs = convention("serial");
+  Random random(2);
+  for (int i = 0; i < 1000; ++i) {
+    const Eigen::VectorXd controller = joints_within_limits(theirs, random);
+    const KDL::Frame expected = kdl_pose(theirs.chain, controller);
+    const KDL::Frame pose = kdl_pose(ours.chain, urdf_joints(signs, controller));
+    ASSERT_LE(difference(pose, KDL::Frame(turn * expected.M * turn.Inverse(), turn * expected.p)), 1e-12);
+  }
+}
+
+TEST(FanucUrdfOnRealData, HasTheLimitsOfRosIndustrial) {
+  const Robot ours = fanuc();
+  const Robot theirs = ros_industrial();
+  const Eigen::VectorXd sign = convention("serial").matrix.diagonal();
+  ASSERT_EQ(theirs.joints.size(), ours.joints.size());
+  for (std::size_t i = 0; i < ours.joints.size(); ++i) {
+    const bool same = sign[static_cast<Eigen::Index>(i)] > 0;
+    EXPECT_EQ(ours.joints[i].lower.value(), same ? theirs.joints[i].lower.value() : -theirs.joints[i].upper.value());
+    EXPECT_EQ(ours.joints[i].upper.value(), same ? theirs.joints[i].upper.value() : -theirs.joints[i].lower.value());
+    EXPECT_EQ(ours.joints[i].velocity.value(), theirs.joints[i].velocity.value());
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,862 @@
+#include "kdl_calibration/measurements.hpp"
+
+#include <gmock/gmock.h>
+
+#include <bit>
+#include <clocale>
+#include <cmath>
+#include <cstdint>
+#include <fstream>
+#include <limits>
+#include <locale>
+#include <map>
+#include <numbers>
+#include <set>
+
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/random.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+using ::testing::StartsWith;
+
+const std::vector<std::string> kJoints = {"joint_1", "joint_2"};
+const std::string kHeader = "configuration,target,joint_1[rad],joint_2[rad],x[m],y[m],z[m]\n";
+
+std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  for (std::size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size())) {
+    text.replace(at, from.size(), to);
+  }
+  return text;
+}
+
+/// The message of the InputError that the call throws; it must be one line.
+template <typename Call>
+std::string message_of(const Call& call) {
+  try {
+    call();
+  } catch (const InputError& error) {
+    std::string message = error.what();
+    EXPECT_EQ(message.find_first_of("\r\n"), std::string::npos) << message;
+    return message;
+  }
+  return "nothing was thrown";
+}
+
+std::string csv_message(const std::string& csv, const JointConvention* convention = nullptr) {
+  return message_of([&] { parse_measurements(csv, kJoints, convention, "m.csv"); });
+}
+
+std::string row_message(const std::string& rows) { return csv_message(kHeader + rows); }
+
+std::string convention_message(const std::string& json) {
+  return message_of([&] { parse_joint_convention(json, "c.json"); });
+}
+
+Measurements parse(const std::string& csv) { return parse_measurements(csv, kJoints); }
+
+/// Writes a file for one test and removes it.
+class TemporaryFile {
+public:
+  TemporaryFile(const std::string& name, const std::string& content)
+      : path_(std::filesystem::path(::testing::TempDir()) / ("measurements_test_" + name)) {
+    std::ofstream(path_, std::ios::binary) << content;
+  }
+  ~TemporaryFile() { std::filesystem::remove(path_); }
+  TemporaryFile(const TemporaryFile&) = delete;
+  TemporaryFile& operator=(const TemporaryFile&) = delete;
+  const std::filesystem::path& path() const { return path_; }
+
+private:
+  std::filesystem::path path_;
+};
+
+bool same_bits(double a, double b) {
+  return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b) || (std::isnan(a) && std::isnan(b));
+}
+
+void expect_same(const Measurements& a, const Measurements& b) {
+  EXPECT_EQ(a.joints, b.joints);
+  EXPECT_EQ(a.configurations, b.configurations);
+  EXPECT_EQ(a.targets, b.targets);
+  EXPECT_EQ(a.joint_units, b.joint_units);
+  ASSERT_EQ(a.joint_values.rows(), b.joint_values.rows());
+  ASSERT_EQ(a.joint_values.cols(), b.joint_values.cols());
+  for (Eigen::Index i = 0; i < a.joint_values.size(); ++i) {
+    ASSERT_TRUE(same_bits(a.joint_values.data()[i], b.joint_values.data()[i])) << "joint value " << i;
+  }
+  ASSERT_EQ(a.observations.size(), b.observations.size());
+  for (std::size_t i = 0; i < a.observations.size(); ++i) {
+    const Observation& p = a.observations[i];
+    const Observation& q = b.observations[i];
+    for (int k = 0; k < 3; ++k) ASSERT_TRUE(same_bits(p.position[k], q.position[k])) << "row " << i;
+    ASSERT_TRUE(same_bits(p.sigma, q.sigma)) << "row " << i;
+    ASSERT_EQ(p.configuration, q.configuration);
+    ASSERT_EQ(p.target, q.target);
+    ASSERT_EQ(p.repeat, q.repeat);
+    ASSERT_EQ(p.split, q.split);
+  }
+  ASSERT_EQ(a.orientations.size(), b.orientations.size());
+  for (std::size_t i = 0; i < a.orientations.size(); ++i) {
+    for (int k = 0; k < 4; ++k) {
+      ASSERT_TRUE(same_bits(a.orientations[i].coeffs()[k], b.orientations[i].coeffs()[k])) << "row " << i;
+    }
+  }
+}
+
+// ---- The format ----------------------------------------------------------------------------------------------------
+
+TEST(Measurements, ReadsOneRowPerMeasuredPoint) {
+  const Measurements m =
+      parse(kHeader + "c1,A,0.5,-1.25,1,2,3\nc1,B,0.5,-1.25,1.5,2.5,3.5\nc2,B,0.75,1e-3,4,5,-6.25\n");
+  EXPECT_THAT(m.joints, ElementsAre("joint_1", "joint_2"));
+  EXPECT_THAT(m.configurations, ElementsAre("c1", "c2"));
+  EXPECT_THAT(m.targets, ElementsAre("A", "B"));
+  ASSERT_EQ(m.joint_values.rows(), 2);
+  ASSERT_EQ(m.joint_values.cols(), 2);
+  EXPECT_EQ(m.joint_values, (Eigen::Matrix2d() << 0.5, 0.75, -1.25, 1e-3).finished());
+  ASSERT_EQ(m.observations.size(), 3U);
+  EXPECT_EQ(m.observations[2].position, Eigen::Vector3d(4, 5, -6.25));
+  EXPECT_EQ(m.observations[2].configuration, 1);
+  EXPECT_EQ(m.observations[2].target, 1);
+  EXPECT_EQ(m.observations[2].repeat, 1);
+  EXPECT_EQ(m.observations[2].sigma, 0.0);
+  EXPECT_EQ(m.observations[2].split, Split::train);
+  EXPECT_THAT(m.orientations, IsEmpty());
+  EXPECT_THAT(m.joint_units, ElementsAre(JointUnit::radian, JointUnit::radian));
+}
+
+TEST(Measurements, ReadsColumnsInAnyOrder) {
+  const Measurements m = parse("z,joint_2,target,y,split,x,joint_1,configuration\n3,20,A,2,test,1,10,c\n");
+  EXPECT_EQ(m.joint_values, Eigen::Vector2d(10, 20));
+  EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(m.observations[0].split, Split::test);
+  EXPECT_THAT(m.joint_units, IsEmpty());
+}
+
+TEST(Measurements, ConvertsUnitsToRadiansAndMetres) {
+  const Measurements m =
+      parse("configuration,target,joint_1 [deg], joint_2[ mm ] ,x[mm],y [m],z,sigma[mm]\nc,A,180,250,1500,2,3,0.03\n");
+  EXPECT_NEAR(m.joint_values(0, 0), std::numbers::pi, 1e-15);
+  EXPECT_EQ(m.joint_values(1, 0), 0.25);
+  EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(1.5, 2, 3));
+  EXPECT_DOUBLE_EQ(m.observations[0].sigma, 0.00003);
+  EXPECT_THAT(m.joint_units, ElementsAre(JointUnit::radian, JointUnit::metre));
+}
+
+TEST(Measurements, SkipsCommentsAndEmptyLinesEvenBeforeTheHeader) {
+  const Measurements m =
+      parse("# a note, with commas\n\n" + kHeader + "#c0,A,0,0,0,0,0\n  \t\nc1,A,1,2,3,4,5\n\n;;;\n,,,,,,\n");
+  EXPECT_THAT(m.configurations, ElementsAre("c1"));
+  EXPECT_EQ(m.observations.size(), 1U);
+}
+
+TEST(Measurements, ReadsTheLastLineWithoutALineEnd) {
+  EXPECT_EQ(parse(kHeader + "c1,A,1,2,3,4,5.25").observations[0].position.z(), 5.25);
+}
+
+TEST(Measurements, TakesDefaultsForEmptyOptionalCells) {
+  const Measurements m = parse(
+      "configuration,split,repeat,target,joint_1,joint_2,x,y,z,sigma,qw,qx,qy,qz\n"
+      "c1,,,A,1,2,3,4,5,,,,,\n"
+      "c2,test,7,A,1,2,3,4,5,0.001,0,1,0,0\n"
+      "c3,train,0,A,1,2,3,4,5,,,,,\n");
+  EXPECT_EQ(m.observations[0].split, Split::train);
+  EXPECT_EQ(m.observations[0].repeat, 1);
+  EXPECT_EQ(m.observations[0].sigma, 0.0);
+  EXPECT_EQ(m.observations[1].split, Split::test);
+  EXPECT_EQ(m.observations[1].repeat, 7);
+  EXPECT_EQ(m.observations[1].sigma, 0.001);
+  EXPECT_EQ(m.observations[2].repeat, 0);
+  ASSERT_EQ(m.orientations.size(), 3U);
+  EXPECT_TRUE(m.orientations[0].coeffs().array().isNaN().all());
+  EXPECT_EQ(m.orientations[1].coeffs(), Eigen::Vector4d(1, 0, 0, 0));  // x, y, z, w
+  EXPECT_TRUE(m.orientations[2].coeffs().array().isNaN().all());
+}
+
+TEST(Measurements, HasNoOrientationsWhereTheirColumnsAreEmpty) {
+  const Measurements m = parse(replaced(kHeader, "\n", ",qw,qx,qy,qz\n") + "c1,A,1,2,3,4,5,,,,\n");
+  EXPECT_THAT(m.orientations, IsEmpty());
+}
+
+TEST(Measurements, NormalisesQuaternionsAndKeepsTheirSign) {
+  const Measurements m =
+      parse(replaced(kHeader, "\n", ",qw,qx,qy,qz\n") + "c1,A,1,2,3,4,5,-0.5005,0.5005,0.5005,0.5005\n");
+  EXPECT_NEAR((m.orientations[0].coeffs() - Eigen::Vector4d(0.5, 0.5, 0.5, -0.5)).norm(), 0.0, 1e-15);
+}
+
+TEST(Measurements, ReadsEveryFormOfANumber) {
+  const Measurements m = parse(kHeader + "c1,A,+1.5,-.5,1E3,2e-3,7.\n");
+  EXPECT_EQ(m.joint_values, Eigen::Vector2d(1.5, -0.5));
+  EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(1000, 0.002, 7));
+}
+
+TEST(Measurements, ReadsWhatASpreadsheetSaves) {
+  const std::string csv = "\xef\xbb\xbf" + replaced(replaced(kHeader, ",", ";"), "\n", ";\r\n") +
+                          "c 1;\"A \"\"left\"\"; top\" ;0.5;-1.25;1;2;3;\r\n;;;;;;;\r\nc 1; B;\"0.5\";-1.25;4;5;6;\r\n";
+  const Measurements m = parse(csv);
+  EXPECT_THAT(m.configurations, ElementsAre("c 1"));
+  EXPECT_THAT(m.targets, ElementsAre("A \"left\"; top", "B"));
+  EXPECT_EQ(m.observations[1].position, Eigen::Vector3d(4, 5, 6));
+}
+
+TEST(Measurements, KeepsGroupsTogetherInAnyOrderOfRows) {
+  const Measurements m = parse(
+      "configuration,repeat,target,joint_1,joint_2,x,y,z\n"
+      "b,2,A,1,2,0,0,0\na,1,B,3,4,0,0,1\nb,1,B,1,2,0,0,2\na,1,A,3,4,0,0,3\nb,1,A,1,2,0,0,4\n");
+  EXPECT_THAT(m.configurations, ElementsAre("b", "a"));
+  EXPECT_THAT(m.targets, ElementsAre("A", "B"));
+  std::vector<std::int32_t> configurations;
+  for (const Observation& o : m.observations) configurations.push_back(o.configuration);
+  EXPECT_THAT(configurations, ElementsAre(0, 1, 0, 1, 0));
+  EXPECT_EQ(m.joint_values, (Eigen::Matrix2d() << 1, 3, 2, 4).finished());
+}
+
+TEST(Measurements, NumbersThousandsOfLabelsInAnyOrder) {
+  Random random(5);
+  std::string csv = kHeader;
+  std::map<std::string, std::int32_t> first;  // the plain way as the oracle
+  std::set<std::pair<std::string, std::string>> seen;
+  std::vector<std::int32_t> expected;
+  for (int i = 0; i < 20000; ++i) {
+    const auto c = "c" + std::to_string(random.bits() % 3000U);
+    const auto t = "t" + std::to_string(random.bits() % 50U);
+    if (!seen.emplace(c, t).second) continue;
+    expected.push_back(first.emplace(c, static_cast<std::int32_t>(first.size())).first->second);
+    csv += c + "," + t + "," + c.substr(1) + ",0,0,0,0\n";
+  }
+  const Measurements m = parse(csv);
+  ASSERT_EQ(m.observations.size(), expected.size());
+  ASSERT_EQ(m.configurations.size(), first.size());
+  for (std::size_t i = 0; i < expected.size(); ++i) ASSERT_EQ(m.observations[i].configuration, expected[i]);
+  for (const auto& [label, number] : first) {
+    ASSERT_EQ(m.configurations[static_cast<std::size_t>(number)], label);
+    ASSERT_EQ("c" + std::to_string(std::lround(m.joint_values(0, number))), label);
+  }
+}
+
+TEST(Measurements, ReadsAJointWhoseNameEndsInBrackets) {
+  const Measurements m = parse_measurements("configuration,target,axis[1],x,y,z\nc,A,0.5,1,2,3\n", {"axis[1]"});
+  EXPECT_EQ(m.joint_values(0, 0), 0.5);
+}
+
+TEST(Measurements, ReadsALargeFilePieceByPiece) {
+  std::string csv = "# " + std::string(1000, '-') + "\n" + kHeader;
+  for (int i = 0; csv.size() < (std::size_t{9} << 20U); ++i) {
+    const std::string n = std::to_string(i);
+    csv += "c" + n + ",A,0." + n + ",1." + n + "," + n + ",2.5,-3." + n + "\r\n";
+    if (i % 1000 == 0) csv += "#" + std::string(static_cast<std::size_t>(i % 7919), '#') + "\n";
+  }
+  const TemporaryFile file("large.csv", csv);
+  const Measurements read = read_measurements(file.path(), kJoints);
+  EXPECT_GT(read.observations.size(), 100000U);
+  expect_same(read, parse(csv));
+}
+
+// ---- Bad files -----------------------------------------------------------------------------------------------------
+
+TEST(MeasurementsInput, MissingFileIsNamedWithTheReason) {
+  EXPECT_THAT(message_of([] { read_measurements("/no/such/file.csv", kJoints); }),
+              AllOf(StartsWith("/no/such/file.csv: cannot be opened"), HasSubstr("No such file")));
+  EXPECT_THAT(message_of([] { read_measurements("/", kJoints); }), AllOf(StartsWith("/: "), HasSubstr("directory")));
+}
+
+TEST(MeasurementsInput, EmptyFileAndHeaderAloneAreRefused) {
+  for (const char* text : {"", "\n\n", "# only a comment", "\xef\xbb\xbf", ";;;\n"}) {
+    EXPECT_THAT(csv_message(text), AllOf(StartsWith("m.csv: empty"), HasSubstr("joint_1, joint_2"))) << text;
+  }
+  EXPECT_THAT(csv_message("\n" + kHeader + "# nothing\n"),
+              AllOf(StartsWith("m.csv: no measurement"), HasSubstr("line 2")));
+}
+
+TEST(MeasurementsInput, NamesEveryMissingColumn) {
+  EXPECT_THAT(csv_message("configuration,joint_1,x,z\nc,1,2,3\n"),
+              AllOf(StartsWith("m.csv:1: missing columns target, y, joint_2: expected configuration")));
+  EXPECT_THAT(csv_message(replaced(kHeader, "x[m],", "")), StartsWith("m.csv:1: missing column x:"));
+  EXPECT_THAT(csv_message(replaced(kHeader, "\n", ",qw,qx,qz\n")), StartsWith("m.csv:1: missing column qy:"));
+}
+
+TEST(MeasurementsInput, UnknownJointListsTheExpectedOnesAndHintsAtAConvention) {
+  EXPECT_THAT(csv_message("# note\n" + replaced(kHeader, "joint_1", "J1")),
+              AllOf(StartsWith("m.csv:2: unknown column 'J1[rad]'"), HasSubstr("joint_1, joint_2"),
+                    HasSubstr("--joint-convention")));
+}
+
+TEST(MeasurementsInput, UnknownUnitListsTheAllowedOnes) {
+  EXPECT_THAT(csv_message(replaced(kHeader, "x[m]", "x[inch]")),
+              AllOf(StartsWith("m.csv:1: unknown unit 'inch' in column 'x[inch]'"), HasSubstr("[m], [mm]"),
+                    Not(HasSubstr("rad"))));
+  EXPECT_THAT(csv_message(replaced(kHeader, "joint_2[rad]", "joint_2[grad]")), HasSubstr("[rad], [deg], [m], [mm]"));
+  EXPECT_THAT(csv_message(replaced(kHeader, "x[m]", "x[deg]")), HasSubstr("unknown unit 'deg'"));
+  EXPECT_THAT(csv_message(replaced(kHeader, "target", "target[m]")), HasSubstr("expected none"));
+  EXPECT_THAT(csv_message(replaced(kHeader, "x[m]", "x[]")), HasSubstr("unknown unit ''"));
+}
+
+TEST(MeasurementsInput, RepeatedAndNamelessColumnsAreRefused) {
+  EXPECT_THAT(csv_message(replaced(kHeader, "y[m]", "x[mm]")), StartsWith("m.csv:1: column 'x[mm]' repeats 'x[m]'"));
+  EXPECT_THAT(csv_message(replaced(kHeader, "target", "")), StartsWith("m.csv:1: column 2 has no name"));
+}
+
+TEST(MeasurementsInput, JointNamedLikeAnotherColumnIsRefused) {
+  EXPECT_THAT(message_of([] { parse_measurements("configuration,target,x,y,z\n", {"x"}, nullptr, "m.csv"); }),
+              AllOf(HasSubstr("joint 'x'"), HasSubstr("joint convention")));
+}
+
+TEST(MeasurementsInput, RaggedRowTellsBothCounts) {
+  EXPECT_THAT(row_message("c1,A,1,2,3,4,5\nc2,A,1,2,3,4\n"),
+              StartsWith("m.csv:3: 6 fields, expected 7 as in the header in line 1"));
+  EXPECT_THAT(row_message("c1,A,1,2,3,4,5,\n"), HasSubstr("8 fields, expected 7"));
+  EXPECT_THAT(row_message("c1,A,0,5,2,3,4,5\n"), HasSubstr("decimal commas"));
+  EXPECT_THAT(row_message("c1;A;1;2;3;4;5\n"), HasSubstr("1 fields, expected 7"));
+}
+
+TEST(MeasurementsInput, ValueBehindTheLastColumnIsRefused) {
+  EXPECT_THAT(csv_message(replaced(kHeader, "\n", ",\n") + "c1,A,1,2,3,4,5,6\n"),
+              StartsWith("m.csv:2: value '6' in a column without a name"));
+}
+
+TEST(MeasurementsInput, NumbersThatAreNoneAreNamedWithColumnAndValue) {
+  EXPECT_THAT(row_message("c1,A,1,2,3,abc,5\n"), StartsWith("m.csv:2: y[m] 'abc' is not a number"));
+  EXPECT_THAT(row_message("c1,A,1,2x,3,4,5\n"), StartsWith("m.csv:2: joint_2[rad] '2x' is not a number"));
+  EXPECT_THAT(row_message("c1,A,,2,3,4,5\n"), StartsWith("m.csv:2: joint_1[rad] '' is empty"));
+  for (const char* text : {"1e", "0x10", "1 2", "--1", "+-1", "+", "-", ".", "1.2.3", "1e5.0", "1\xc2\xa0"}) {
+    EXPECT_THAT(row_message("c1,A,1,2,3,4," + std::string(text) + "\n"), HasSubstr("is not a number")) << text;
+  }
+}
+
+TEST(MeasurementsInput, NanAndInfinityAreRefused) {
+  for (const char* text : {"nan", "NaN", "-nan", "inf", "-INF", "infinity", "+inf", "nan(1)"}) {
+    EXPECT_THAT(row_message("c1,A,1,2," + std::string(text) + ",4,5\n"),
+                AllOf(StartsWith("m.csv:2: x[m] '" + std::string(text)), HasSubstr("is not finite")));
+  }
+  EXPECT_THAT(row_message("c1,A,1,2,1e999,4,5\n"), HasSubstr("x[m] '1e999' is outside the range of a double"));
+}
+
+TEST(MeasurementsInput, DecimalCommasAreRefusedAndNamed) {
+  const std::string header = replaced(kHeader, ",", ";");
+  EXPECT_THAT(csv_message(header + "c1;A;1;2;1,107234;4;5\n"),
+              StartsWith("m.csv:2: x[m] '1,107234' has a decimal comma: expected a number with a decimal point"));
+  EXPECT_THAT(csv_message(header + "c1;A;-0,5;2;1;4;5\n"), HasSubstr("decimal comma"));
+  EXPECT_THAT(row_message("c1,A,1,2,\"1.234,5\",4,5\n"), HasSubstr("decimal comma"));
+}
+
+TEST(MeasurementsInput, SplitRepeatAndSigmaKeepTheirRules) {
+  const std::string header = replaced(kHeader, "\n", ",split,repeat,sigma[mm]\n");
+  const auto message = [&](const std::string& cells) { return csv_message(header + "c,A,1,2,3,4,5," + cells + "\n"); };
+  EXPECT_THAT(message("Test,1,1"), AllOf(StartsWith("m.csv:2: split 'Test'"), HasSubstr("train or test")));
+  for (const char* repeat : {"-1", "1.5", "one", "4294967297", "1 1"}) {
+    EXPECT_THAT(message("test," + std::string(repeat) + ",1"), HasSubstr("repeat '" + std::string(repeat) + "' is no"));
+  }
+  for (const char* sigma : {"0", "-0.1", "-0", "1e-322"}) {
+    EXPECT_THAT(message("test,1," + std::string(sigma)),
+                HasSubstr("sigma[mm] '" + std::string(sigma) + "' is not pos"));
+  }
+  EXPECT_THAT(message("test,1,nan"), HasSubstr("not finite"));
+}
+
+TEST(MeasurementsInput, BrokenQuaternionsAreRefused) {
+  const std::string header = replaced(kHeader, "\n", ",qw,qx,qy,qz\n");
+  EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,1,0,,0\n"), HasSubstr("m.csv:2: the quaternion has an empty cell"));
+  EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,1.0011,0,0,0\n"),
+              AllOf(StartsWith("m.csv:2: the norm of the quaternion"), HasSubstr("1.0011")));
+  EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,0,0,0,0\n"), HasSubstr("norm"));
+  EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,1e200,1e200,0,0\n"), HasSubstr("norm"));
+  EXPECT_EQ(csv_message(header + "c,A,1,2,3,4,5,1.0009,0,0,0\n"), "nothing was thrown");
+}
+
+TEST(MeasurementsInput, DuplicateRowsNameBothLines) {
+  EXPECT_THAT(
+      row_message("c1,A,1,2,3,4,5\nc1,B,1,2,3,4,5\n\nc1,A,1,2,3,4,5.1\n"),
+      AllOf(StartsWith("m.csv:5: "), HasSubstr("configuration 'c1', repeat 1, target 'A'"), HasSubstr("line 2")));
+  EXPECT_THAT(row_message("c1,A,1,2,3,4,5\nc1,A,1,2,3,4,5\nc2,A,1,2,3,4,5\n"),
+              AllOf(StartsWith("m.csv:3: "), HasSubstr("line 2")));
+  const std::string header = replaced(kHeader, "\n", ",repeat\n");
+  EXPECT_EQ(csv_message(header + "c,A,1,2,3,4,5,2\nc,A,1,2,3,4,5,1\n"), "nothing was thrown");
+  EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,2\nc,B,1,2,3,4,5,1\nc,A,1,2,3,4,5,2\n"), HasSubstr("measured twice"));
+}
+
+TEST(MeasurementsInput, OneConfigurationHasOneSetOfJointValues) {
+  EXPECT_THAT(row_message("c1,A,1,2,3,4,5\nc2,A,1,2,3,4,5\nc1,B,1,2.001,3,4,5\n"),
+              AllOf(StartsWith("m.csv:4: joint_2[rad] '2.001' differs from line 2"), HasSubstr("configuration 'c1'")));
+}
+
+TEST(MeasurementsInput, OneConfigurationIsWhollyTrainOrTest) {
+  const std::string header = replaced(kHeader, "\n", ",split\n");
+  EXPECT_THAT(csv_message(header + "c1,A,1,2,3,4,5,train\nc1,B,1,2,3,4,5,test\n"),
+              AllOf(StartsWith("m.csv:3: split 'test' differs from line 2"), HasSubstr("configuration 'c1'")));
+}
+
+TEST(MeasurementsInput, LabelsArePlainText) {
+  EXPECT_THAT(row_message(",A,1,2,3,4,5\n"), StartsWith("m.csv:2: configuration '' is empty"));
+  EXPECT_THAT(row_message("c1,,1,2,3,4,5\n"), StartsWith("m.csv:2: target '' is empty"));
+  EXPECT_THAT(row_message("c\x1b[2J,A,1,2,3,4,5\n"), HasSubstr("configuration 'c\\x1b[2J' has a control character"));
+  EXPECT_THAT(row_message("c1,Spitze \xfc,1,2,3,4,5\n"), HasSubstr("target 'Spitze \\xfc' is not UTF-8"));
+  EXPECT_THAT(parse(kHeader + "c1,Spitze \xc3\xbc,1,2,3,4,5\n").targets, ElementsAre("Spitze \xc3\xbc"));
+}
+
+TEST(MeasurementsInput, QuotesMustBeWhole) {
+  EXPECT_THAT(row_message("\"c1,A,1,2,3,4,5\nc2,A,1,2,3,4,5\n"), StartsWith("m.csv:2: no closing quote"));
+  EXPECT_THAT(row_message("\"c1\"x,A,1,2,3,4,5\n"), StartsWith("m.csv:2: text behind the closing quote"));
+  EXPECT_THAT(row_message("c\"1,A,1,2,3,4,5\n"), StartsWith("m.csv:2: a quote inside the field 'c\"1'"));
+}
+
+TEST(MeasurementsInput, OtherEncodingsAreRefused) {
+  const std::string utf16(
+      "\xff\xfe"
+      "c\0o\0",
+      6);
+  EXPECT_THAT(csv_message(utf16), AllOf(StartsWith("m.csv: "), HasSubstr("UTF-16")));
+  EXPECT_THAT(csv_message(std::string("\xfe\xff\0c", 4)), HasSubstr("UTF-16"));
+  EXPECT_THAT(csv_message(std::string("c\0o\0n\0", 6)), AllOf(StartsWith("m.csv:1: "), HasSubstr("NUL")));
+  EXPECT_THAT(row_message(std::string("c1,A,1,2,3,4,5\0\n", 16)), AllOf(StartsWith("m.csv:2: "), HasSubstr("NUL")));
+  EXPECT_THAT(csv_message(replaced(kHeader, "\n", "\r") + "c1,A,1,2,3,4,5\r"), HasSubstr("carriage return"));
+}
+
+TEST(MeasurementsInput, LimitsSayTheirSize) {
+  const std::string longest((std::size_t{1} << 20U), '#');
+  EXPECT_EQ(csv_message(longest + "\n" + kHeader + "c1,A,1,2,3,4,5\n"), "nothing was thrown");
+  EXPECT_THAT(csv_message(kHeader + longest + "#\nc1,A,1,2,3,4,5\n"),
+              AllOf(StartsWith("m.csv:2: "), HasSubstr("1 MiB")));
+  const TemporaryFile file("endless.csv", kHeader + std::string(std::size_t{10} << 20U, '1'));
+  EXPECT_THAT(message_of([&] { read_measurements(file.path(), kJoints); }), HasSubstr(":2: the line is longer"));
+  EXPECT_THAT(csv_message(replaced(kHeader, "\n", std::string(10000, ',') + "\n")),
+              HasSubstr("limit of 10000 columns"));
+}
+
+TEST(MeasurementsInput, LongValuesAreShortenedAndEscaped) {
+  const std::string message = row_message("c1,A,1,2,3,4," + std::string(500, 'x') + "\n");
+  EXPECT_THAT(message, HasSubstr("'" + std::string(40, 'x') + "...' is not a number"));
+  EXPECT_THAT(row_message("c1,A,1,2,3,4,\x01\x7f\xff\n"), HasSubstr("'\\x01\\x7f\\xff'"));
+  // 39 bytes, then a character of two: it is left out rather than cut in two.
+  EXPECT_THAT(row_message("c1,A,1,2,3,4," + std::string(39, 'x') + "\xc3\xbcyyy\n"),
+              HasSubstr("'" + std::string(39, 'x') + "...'"));
+}
+
+TEST(MeasurementsInput, RandomDamageGivesAResultOrAnInputError) {
+  const std::string valid =
+      "\xef\xbb\xbf# "
+      "note\nconfiguration,split,repeat,target,joint_1[deg],joint_2[rad],x[mm],y[m],z[m],qw,qx,qy,qz,sigma[mm]\r\n"
+      "1,train,1,A,10,0.5,1.5,2.5,3.5,1,0,0,0,0.1\r\n\"1\",train,2,\"A\",10,0.5,1.5,2.5,3.5,,,,,\r\n"
+      "2,test,1,\"B,\"\"x\"\"\",-1e1,+.5,1.5,2.5,3.5,0.5,-0.5,0.5,0.5,0.02\r\n";
+  const std::string alphabet = ",;\"\n\r\t #+-.0123456789eE[]nanif\xef\xbb\xbf\xff\xfe\xc3" + std::string(1, '\0');
+  Random random(11);
+  const auto below = [&random](std::size_t n) { return static_cast<std::size_t>(random.bits() % n); };
+  int results = 0;
+  int errors = 0;
+  for (int round = 0; round < 5000; ++round) {
+    std::string csv = valid;
+    for (std::size_t change = below(3) + 1; change > 0 && !csv.empty(); --change) {
+      // Half of the damage falls into the last rows, since little in a header can change without harm.
+      const std::size_t at = std::max(below(csv.size()), below(2) * csv.size() * 3 / 4);
+      const std::size_t length = std::min(below(8) + 1, csv.size() - at);
+      switch (below(4)) {
+        case 0:
+          csv[at] = alphabet[below(alphabet.size())];
+          break;
+        case 1:
+          csv.erase(at, length);
+          break;
+        case 2:
+          csv.insert(at, 1, alphabet[below(alphabet.size())]);
+          break;
+        default:
+          csv.insert(below(csv.size()), csv.substr(at, length));
+      }
+    }
+    try {
+      const Measurements m = parse(csv);
+      expect_same(parse(measurements_csv(m)), m);
+      ++results;
+    } catch (const InputError& error) {
+      ASSERT_EQ(std::string(error.what()).find_first_of(std::string("\r\n\0", 3)), std::string::npos);
+      ++errors;
+    }
+    ASSERT_FALSE(::testing::Test::HasFailure()) << csv;
+  }
+  EXPECT_GT(results, 200);
+  EXPECT_GT(errors, 200);
+}
+
+// ---- Locale --------------------------------------------------------------------------------------------------------
+
+class CommaPunctuation : public std::numpunct<char> {
+protected:
+  char do_decimal_point() const override { return ','; }
+  char do_thousands_sep() const override { return '.'; }
+  std::string do_grouping() const override { return "\3"; }
+};
+
+/// A German locale for the process while it lives, as far as the machine has one.
+class GermanLocale {
+public:
+  GermanLocale() : cpp_(std::locale(std::locale::classic(), new CommaPunctuation)) {
+    for (const char* name : {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8"}) {
+      if (std::setlocale(LC_ALL, name) != nullptr) break;
+    }
+    previous_ = std::locale::global(cpp_);
+  }
+  ~GermanLocale() {
+    std::locale::global(previous_);
+    std::setlocale(LC_ALL, "C");
+  }
+  GermanLocale(const GermanLocale&) = delete;
+  GermanLocale& operator=(const GermanLocale&) = delete;
+
+private:
+  std::locale cpp_;
+  std::locale previous_;
+};
+
+TEST(MeasurementsLocale, ADecimalCommaInTheLocaleChangesNothing) {
+  const std::string csv = kHeader + "1000000,A,1.5,-0.25,1234.5,2.5,3.5\n2000000,A,0.5,-0.25,1234567.5,2.5,3.5\n";
+  const std::string json =
+      R"({"controller_joints": ["a", "b"], "urdf_joints": ["joint_1", "joint_2"], "matrix": [[1.5, 0], [0, 1]]})";
+  const Measurements plain = parse(csv);
+  const std::string written = measurements_csv(plain);
+  const GermanLocale german;
+  ASSERT_EQ(std::use_facet<std::numpunct<char>>(std::locale()).decimal_point(), ',');
+  expect_same(parse(csv), plain);
+  EXPECT_EQ(measurements_csv(plain), written);
+  EXPECT_EQ(parse_joint_convention(json).matrix(0, 0), 1.5);
+  EXPECT_THAT(row_message("c1,A,1,2,3\n"), HasSubstr("m.csv:2: 5 fields"));
+}
+
+// ---- Joint conventions ---------------------------------------------------------------------------------------------
+
+const std::string kPendant =
+    R"({"description": "J2 counts from above", "controller_joints": ["J1", "J2"], "urdf_joints": ["joint_1", "joint_2"],
+        "matrix": [[1, 0], [1, -2]], "offset": [0, 0.5]})";
+
+TEST(JointConventions, ConvertControllerValuesToTheUrdf) {
+  const JointConvention convention = parse_joint_convention(kPendant, "c.json");
+  EXPECT_EQ(convention.name, "c.json");
+  EXPECT_THAT(convention.controller_joints, ElementsAre("J1", "J2"));
+  const Measurements m = parse_measurements(
+      "configuration,target,J2[rad],J1[deg],x,y,z\nc,A,0.25,90,1,2,3\nd,A,1,0,1,2,3\n", kJoints, &convention);
+  EXPECT_THAT(m.joints, ElementsAre("joint_1", "joint_2"));
+  const double right = std::numbers::pi / 2;
+  EXPECT_NEAR(m.joint_values(0, 0), right, 1e-15);
+  EXPECT_NEAR(m.joint_values(1, 0), right - 2 * 0.25 + 0.5, 1e-15);
+  EXPECT_EQ(m.joint_values(0, 1), 0.0);
+  EXPECT_EQ(m.joint_values(1, 1), -1.5);
+  EXPECT_THAT(m.joint_units, IsEmpty());
+}
+
+TEST(JointConventions, FollowTheOrderOfTheChain) {
+  const JointConvention convention = parse_joint_convention(kPendant);
+  const JointConvention matched = matched_convention(convention, {"joint_2", "joint_1"});
+  EXPECT_THAT(matched.urdf_joints, ElementsAre("joint_2", "joint_1"));
+  EXPECT_THAT(matched.controller_joints, ElementsAre("J1", "J2"));
+  EXPECT_EQ(matched.matrix, (Eigen::Matrix2d() << 1, -2, 1, 0).finished());
+  EXPECT_EQ(matched.offset, Eigen::Vector2d(0.5, 0));
+  const Measurements m =
+      parse_measurements("configuration,target,J1,J2,x,y,z\nc,A,3,1,1,2,3\n", {"joint_2", "joint_1"}, &convention);
+  EXPECT_EQ(m.joint_values, Eigen::Vector2d(1.5, 3));
+}
+
+TEST(JointConventions, OffsetIsZeroWhereAbsent) {
+  EXPECT_EQ(parse_joint_convention(R"({"controller_joints": ["a"], "urdf_joints": ["b"], "matrix": [[2]]})").offset,
+            Eigen::VectorXd::Zero(1));
+}
+
+TEST(JointConventions, RefuseOtherJointsThanTheChains) {
+  const JointConvention convention = parse_joint_convention(kPendant, "c.json");
+  EXPECT_THAT(message_of([&] {
+                matched_convention(convention, {"joint_1", "other"});
+              }),
+              AllOf(StartsWith("c.json: key 'urdf_joints'"), HasSubstr("joint_1, other")));
+  EXPECT_THAT(message_of([&] { matched_convention(convention, {"joint_1"}); }),
+              HasSubstr("expected the moving joints"));
+}
+
+TEST(JointConventions, RefuseColumnsWithTheUrdfsNames) {
+  const JointConvention convention = parse_joint_convention(kPendant, "c.json");
+  EXPECT_THAT(csv_message(kHeader + "c,A,1,2,3,4,5\n", &convention),
+              AllOf(StartsWith("m.csv:1: column 'joint_1[rad]' has the URDF's joint name"), HasSubstr("c.json"),
+                    HasSubstr("J1, J2"), Not(HasSubstr("--joint-convention"))));
+  EXPECT_THAT(csv_message(replaced(kHeader, "joint_", "A"), &convention),
+              AllOf(HasSubstr("unknown column 'A1[rad]'"), Not(HasSubstr("--joint-convention"))));
+}
+
+TEST(JointConventions, RefuseValuesThatOverflow) {
+  const JointConvention convention = parse_joint_convention(kPendant, "c.json");
+  EXPECT_THAT(csv_message("configuration,target,J1,J2,x,y,z\nc,A,1,2,3,4,5\nd,A,0,1e308,3,4,5\n", &convention),
+              AllOf(StartsWith("m.csv:3: joint values outside the range"), HasSubstr("c.json")));
+}
+
+TEST(JointConventions, BadFilesAreNamed) {
+  EXPECT_THAT(message_of([] { read_joint_convention("/no/such.json"); }),
+              StartsWith("/no/such.json: cannot be opened"));
+  const TemporaryFile file("convention.json", kPendant);
+  EXPECT_EQ(read_joint_convention(file.path()).name, file.path().string());
+  EXPECT_THAT(convention_message(""), StartsWith("c.json:1: malformed JSON"));
+  EXPECT_THAT(convention_message("{\n\"matrix\": [1,}"), StartsWith("c.json:2: malformed JSON"));
+  EXPECT_THAT(convention_message("[]"), HasSubstr("no JSON object"));
+  EXPECT_THAT(convention_message(replaced(kPendant, "-2", "1e999")), HasSubstr("range of a double"));
+  EXPECT_THAT(convention_message(std::string(200000, '[')), HasSubstr("malformed JSON"));
+}
+
+TEST(JointConventions, BadKeysAreNamed) {
+  const auto with = [](const std::string& from, const std::string& to) {
+    return convention_message(replaced(kPendant, from, to));
+  };
+  EXPECT_THAT(with("\"offset\"", "\"ofset\""), StartsWith("c.json: unknown key 'ofset': expected controller_joints"));
+  EXPECT_THAT(with("\"matrix\"", "\"description\""), HasSubstr("key 'description' appears twice"));
+  EXPECT_THAT(convention_message(R"({"controller_joints": ["a"], "urdf_joints": ["b"]})"),
+              HasSubstr("missing key 'matrix'"));
+  EXPECT_THAT(with("\"J2 counts from above\"", "3"), HasSubstr("key 'description': '3'"));
+  EXPECT_THAT(with("[\"J1\", \"J2\"]", "\"J1\""), HasSubstr("key 'controller_joints': expected a list"));
+  EXPECT_THAT(with("[\"J1\", \"J2\"]", "[]"), HasSubstr("key 'controller_joints': expected a list"));
+  EXPECT_THAT(with("\"J2\"", "2"), HasSubstr("key 'controller_joints': '2' is no joint name"));
+  EXPECT_THAT(with("\"J2\"", "\"J1\""), HasSubstr("joint 'J1' appears twice"));
+  EXPECT_THAT(with("\"joint_1\", ", ""), HasSubstr("key 'urdf_joints' has 1 names: expected 2"));
+  EXPECT_THAT(with("[[1, 0], [1, -2]]", "[[1, 0]]"), HasSubstr("key 'matrix' has 1 rows: expected 2"));
+  EXPECT_THAT(with("[[1, 0], [1, -2]]", "7"), HasSubstr("key 'matrix' has no rows"));
+  EXPECT_THAT(with("[1, -2]", "[1]"), HasSubstr("key 'matrix', row 2 has 1 entries"));
+  EXPECT_THAT(with("[1, -2]", "[1, \"x\"]"), HasSubstr("key 'matrix', row 2: '\"x\"' is no number"));
+  EXPECT_THAT(with("[1, -2]", "5"), HasSubstr("key 'matrix', row 2: '5' is no list"));
+  EXPECT_THAT(with("[0, 0.5]", "[0, 0.5, 1]"), HasSubstr("key 'offset' has 3 entries"));
+  EXPECT_THAT(with("[1, -2]", "[2, 0]"),
+              AllOf(HasSubstr("key 'matrix' is singular"), HasSubstr("rank is 1, expected 2")));
+}
+
+TEST(JointConventions, RandomDamageGivesAResultOrAnInputError) {
+  const std::string alphabet = "{}[]\",:0123456789.eE-+ \n\\ntrue\xff" + std::string(1, '\0');
+  Random random(12);
+  int errors = 0;
+  for (int round = 0; round < 5000; ++round) {
+    std::string json = kPendant;
+    for (int change = 0; change < 2; ++change) {
+      const auto at = static_cast<std::size_t>(random.bits() % json.size());
+      const char c = alphabet[static_cast<std::size_t>(random.bits() % alphabet.size())];
+      if (random.bits() % 2U == 0)
+        json[at] = c;
+      else
+        json.erase(at, 1);
+    }
+    try {
+      const JointConvention convention = parse_joint_convention(json);
+      ASSERT_TRUE(convention.matrix.allFinite());
+    } catch (const InputError& error) {
+      ASSERT_EQ(std::string(error.what()).find('\n'), std::string::npos);
+      ++errors;
+    }
+  }
+  EXPECT_GT(errors, 1000);
+}
+
+// ---- Writing -------------------------------------------------------------------------------------------------------
+
+TEST(MeasurementsCsv, WritesOnlyTheColumnsInUse) {
+  EXPECT_EQ(measurements_csv(parse(kHeader + "c1,A,0.1,-2e-7,1,2,3\n")), kHeader + "c1,A,0.1,-2e-07,1,2,3\n");
+  const std::string full =
+      "configuration,split,repeat,target,joint_1,joint_2[m],x[m],y[m],z[m],qw,qx,qy,qz,sigma[m]\n"
+      "c1,train,1,A,0.1,2,1,2,3,1,0,0,0,\nc2,test,3,A,0.2,2,1,2,3,,,,,0.5\n";
+  EXPECT_EQ(measurements_csv(parse(full)), full);
+}
+
+TEST(MeasurementsCsv, ReadsBackToTheSameDoubles) {
+  Random random(3);
+  Measurements m;
+  m.joints = kJoints;
+  m.joint_units = {JointUnit::radian, JointUnit::metre};
+  m.targets = {"A", "B, \"right\"", "#3"};
+  const int configurations = 200;
+  m.joint_values.resize(2, configurations);
+  for (std::int32_t c = 0; c < configurations; ++c) {
+    m.configurations.push_back(c % 2 == 0 ? "# " + std::to_string(c) + "; " : " c" + std::to_string(c));
+    for (int j = 0; j < 2; ++j) m.joint_values(j, c) = random.normal() * std::pow(10.0, random.uniform(-300, 300));
+    for (std::int32_t t = 0; t < 3; ++t) {
+      Observation o;
+      o.position = Eigen::Vector3d(random.normal(), random.normal() * 1e-9, random.normal() * 1e6);
+      o.sigma = random.uniform() < 0.5 ? 0.0 : random.uniform(1e-6, 1e-3);
+      o.configuration = c;
+      o.target = t;
+      o.repeat = 1 + static_cast<std::int32_t>(random.bits() % 5U);
+      o.split = c % 3 == 0 ? Split::test : Split::train;
+      m.observations.push_back(o);
+      const Eigen::Vector4d q(random.normal(), random.normal(), random.normal(), random.normal());
+      m.orientations.emplace_back(t == 1 ? Eigen::Vector4d::Constant(std::nan("")) : Eigen::Vector4d(q / q.norm()));
+    }
+  }
+  expect_same(parse(measurements_csv(m)), m);
+}
+
+TEST(MeasurementsCsv, KeepsTheExtremesOfTheNumberRange) {
+  Measurements m = parse(kHeader + "c1,A,0,0,0,0,0\n");
+  m.joint_values << -0.0, std::numeric_limits<double>::denorm_min();
+  m.observations[0].position << std::numeric_limits<double>::max(), std::numeric_limits<double>::min(),
+      std::nextafter(1.0, 2.0);
+  expect_same(parse(measurements_csv(m)), m);
+}
+
+TEST(MeasurementsCsv, RefusesLabelsThatTheFormatCannotHold) {
+  Measurements m = parse(kHeader + "c1,A,0,0,0,0,0\n");
+  m.source = "m.csv";
+  m.configurations[0] = "a\nb";
+  EXPECT_THAT(message_of([&] { measurements_csv(m); }), HasSubstr("configuration 'a\\x0ab' has a control character"));
+  m.configurations[0] = "c1";
+  m.targets[0] = "";
+  EXPECT_THAT(message_of([&] { measurements_csv(m); }), HasSubstr("target '' is empty"));
+  m.targets[0] = "A";
+  m.joints[1] = "x";
+  EXPECT_THAT(message_of([&] { measurements_csv(m); }), HasSubstr("joint 'x' is named like a column"));
+}
+
+// ---- Subsets and means ---------------------------------------------------------------------------------------------
+
+TEST(MeasurementsSubset, KeepsTheChosenRowsAndDropsEmptyConfigurations) {
+  const Measurements m = parse(
+      "configuration,split,target,joint_1[rad],joint_2[mm],x,y,z,qw,qx,qy,qz\n"
+      "a,test,A,1,2000,0,0,1,1,0,0,0\nb,train,B,3,4000,0,0,2,,,,\nb,train,A,3,4000,0,0,3,0,1,0,0\n"
+      "c,train,A,5,6000,0,0,4,,,,\n");
+  const Measurements train = subset(m, [](const Observation& o) { return o.split == Split::train; });
+  EXPECT_THAT(train.configurations, ElementsAre("b", "c"));
+  EXPECT_THAT(train.targets, ElementsAre("A", "B"));
+  EXPECT_EQ(train.joints, m.joints);
+  EXPECT_EQ(train.joint_units, m.joint_units);
+  EXPECT_EQ(train.joint_values, (Eigen::Matrix2d() << 3, 5, 4, 6).finished());
+  ASSERT_EQ(train.observations.size(), 3U);
+  EXPECT_EQ(train.observations[1].position.z(), 3.0);
+  EXPECT_EQ(train.observations[1].configuration, 0);
+  EXPECT_EQ(train.observations[2].configuration, 1);
+  EXPECT_EQ(train.observations[0].target, 1);
+  ASSERT_EQ(train.orientations.size(), 3U);
+  EXPECT_EQ(train.orientations[1].x(), 1.0);
+
+  const Measurements last = subset(m, [](const Observation& o) { return o.configuration == 2; });
+  EXPECT_THAT(last.orientations, IsEmpty());
+  EXPECT_THAT(last.targets, ElementsAre("A", "B"));
+
+  const Measurements none = subset(m, [](const Observation&) { return false; });
+  EXPECT_THAT(none.configurations, IsEmpty());
+  EXPECT_THAT(none.observations, IsEmpty());
+  EXPECT_EQ(none.joint_values.rows(), 2);
+  EXPECT_EQ(none.joint_values.cols(), 0);
+  expect_same(subset(m, [](const Observation&) { return true; }), m);
+}
+
+TEST(MeasurementsAveraged, IsTheMeanOverTheRepeats) {
+  const Measurements m = parse(
+      "configuration,split,repeat,target,joint_1,joint_2,x,y,z,sigma\n"
+      "a,train,1,B,1,2,1,0,5,0.003\na,train,2,B,1,2,3,2,7,0.004\n"
+      "b,test,3,B,1,2,9,9,9,0.1\na,train,2,A,1,2,4,4,4,\na,train,3,A,1,2,6,6,6,0.1\n");
+  const Measurements means = averaged(m);
+  EXPECT_EQ(means.configurations, m.configurations);
+  ASSERT_EQ(means.observations.size(), 3U);
+  EXPECT_EQ(means.observations[0].position, Eigen::Vector3d(2, 1, 6));
+  EXPECT_EQ(means.observations[0].target, 0);
+  EXPECT_NEAR(means.observations[0].sigma, 0.0025, 1e-18);
+  EXPECT_EQ(means.observations[1].position, Eigen::Vector3d(5, 5, 5));
+  EXPECT_EQ(means.observations[1].sigma, 0.0);
+  EXPECT_EQ(means.observations[2].position, Eigen::Vector3d(9, 9, 9));
+  EXPECT_EQ(means.observations[2].sigma, 0.1);
+  EXPECT_EQ(means.observations[2].split, Split::test);
+  for (const Observation& o : means.observations) EXPECT_EQ(o.repeat, 1);
+}
+
+TEST(MeasurementsAveraged, AveragesOrientationsWhateverTheirSign) {
+  // Turned by 0.1 and 0.3 about one axis: the mean is turned by 0.2.
+  const Eigen::Vector3d axis = Eigen::Vector3d(1, -2, 0.5).normalized();
+  Measurements m = parse(
+      "configuration,repeat,target,joint_1,joint_2,x,y,z\n"
+      "a,1,A,1,2,0,0,0\na,2,A,1,2,0,0,0\na,3,A,1,2,0,0,0\nb,1,A,1,3,0,0,0\nc,1,A,1,3,0,0,0\n");
+  m.orientations.assign(5, Eigen::Quaterniond(Eigen::Vector4d::Constant(std::nan(""))));
+  m.orientations[0] = Eigen::AngleAxisd(0.1, axis);
+  m.orientations[2].coeffs() = -Eigen::Quaterniond(Eigen::AngleAxisd(0.3, axis)).coeffs();
+  m.orientations[3] = Eigen::AngleAxisd(0.7, axis);
+  const Measurements means = averaged(m);
+  ASSERT_EQ(means.orientations.size(), 3U);
+  const Eigen::Quaterniond expected(Eigen::AngleAxisd(0.2, axis));
+  EXPECT_NEAR((means.orientations[0].coeffs() - expected.coeffs()).norm(), 0.0, 1e-14);
+  EXPECT_EQ(means.orientations[1].coeffs(), m.orientations[3].coeffs());
+  EXPECT_TRUE(means.orientations[2].coeffs().array().isNaN().all());
+}
+
+// ---- Real measurements ---------------------------------------------------------------------------------------------
+
+const std::string kFanucSerial = R"({
+  "controller_joints": ["J1", "J2", "J3", "J4", "J5", "J6"],
+  "urdf_joints": ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"],
+  "matrix": [[1, 0, 0, 0, 0, 0], [0, -1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0],
+             [0, 0, 0, -1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, -1]]})";
+const std::vector<std::string> kFanucJoints = {"joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"};
+
+Measurements fanuc_tracker() {
+  const JointConvention convention = parse_joint_convention(kFanucSerial);
+  return read_measurements(SHARED_DATA_DIR "/r2000ic_165f_tracker/measurements.csv", kFanucJoints, &convention);
+}
+
+TEST(MeasurementsOnRealData, ReadsTheFanucTrackerSeries) {
+  const Measurements m = fanuc_tracker();
+  EXPECT_EQ(m.configurations.size(), 24U);
+  EXPECT_THAT(m.targets, ElementsAre("A", "B", "C"));
+  ASSERT_EQ(m.observations.size(), 720U);
+  std::map<std::tuple<int, int>, std::set<int>> repeats;
+  for (const Observation& o : m.observations) {
+    repeats[{o.configuration, o.target}].insert(o.repeat);
+    EXPECT_EQ(o.split, Split::train);
+  }
+  EXPECT_EQ(repeats.size(), 72U);
+  for (const auto& [group, values] : repeats) EXPECT_THAT(values, ElementsAre(1, 2, 3, 4, 5, 6, 7, 8, 9, 10));
+  EXPECT_THAT(m.orientations, IsEmpty());
+  // The first row of the file, with q = [J1, -J2, J3, -J4, J5, -J6].
+  Eigen::VectorXd q(6);
+  q << 0.785398163397, -0.461999124978, 0.116125481781, 2.87422741081, -0.493945631607, -4.91364289643;
+  EXPECT_EQ(m.joint_values.col(0), q);
+  EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(1.107234, 1.279674, 1.325723));
+  const double degree = std::numbers::pi / 180.0;
+  EXPECT_NEAR(m.joint_values.row(0).minCoeff(), 26 * degree, degree);
+  EXPECT_NEAR(m.joint_values.row(0).maxCoeff(), 45 * degree, degree);
+}
+
+TEST(MeasurementsOnRealData, MeansAndRepeatScatterAreThePublishedOnes) {
+  const Measurements m = fanuc_tracker();
+  const Measurements means = averaged(m);
+  ASSERT_EQ(means.observations.size(), 72U);
+  std::map<std::tuple<int, int>, Eigen::Vector3d> mean;
+  for (const Observation& o : means.observations) mean[{o.configuration, o.target}] = o.position;
+  Eigen::Vector3d squares = Eigen::Vector3d::Zero();
+  for (const Observation& o : m.observations) {
+    squares += (o.position - mean.at({o.configuration, o.target})).cwiseAbs2();
+  }
+  const Eigen::Vector3d scatter = (squares / (720.0 - 72.0)).cwiseSqrt();
+  EXPECT_NEAR(scatter.x(), 59e-6, 1e-6);
+  EXPECT_NEAR(scatter.y(), 60e-6, 1e-6);
+  EXPECT_NEAR(scatter.z(), 33e-6, 1e-6);
+}
+
+TEST(MeasurementsOnRealData, RefusesTheFanucSeriesWithoutItsConvention) {
+  EXPECT_THAT(
+      message_of([] { read_measurements(SHARED_DATA_DIR "/r2000ic_165f_tracker/measurements.csv", kFanucJoints); }),
+      AllOf(HasSubstr(":1: unknown column 'J1[rad]'"), HasSubstr("--joint-convention")));
+}
+
+TEST(MeasurementsOnRealData, ReadsTheUr10Poses) {
+  const Measurements m = read_measurements(
+      SHARED_DATA_DIR "/ur10_tracker_poses/measurements.csv",
+      {"shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"});
+  EXPECT_EQ(m.configurations.size(), 397U);
+  EXPECT_EQ(m.observations.size(), 397U);
+  EXPECT_THAT(m.targets, ElementsAre("tmac"));
+  ASSERT_EQ(m.orientations.size(), 397U);
+  for (const Eigen::Quaterniond& q : m.orientations) EXPECT_NEAR(q.norm(), 1.0, 1e-15);
+  EXPECT_EQ(m.observations[0].split, Split::train);
+  EXPECT_EQ(m.observations[1].split, Split::test);
+  EXPECT_EQ(m.joint_values(1, 1), -2.73828);
+  EXPECT_NEAR(m.orientations[0].w(), -0.578436625, 1e-8);
+}
+
+TEST(MeasurementsOnRealData, WrittenFilesReadBackTheSame) {
+  const Measurements fanuc = fanuc_tracker();
+  expect_same(parse_measurements(measurements_csv(fanuc), kFanucJoints), fanuc);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
