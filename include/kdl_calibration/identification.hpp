@@ -1,0 +1,85 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/least_squares.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/registration.hpp"
+
+namespace kdl_calibration {
+
+enum class Termination {
+  converged,        ///< the last step moved the predicted points by less than the tolerance
+  iteration_limit,  ///< still moving
+  stalled,          ///< no step reduces the misfit although the gradient does not vanish
+  rank_deficient,   ///< converged, but some parameters are not determined by the measurements
+  diverged          ///< not finite, or errors beyond any robot's
+};
+std::string to_string(Termination termination);
+
+struct Identification {
+  Termination termination = Termination::iteration_limit;
+  std::string message = "not run";
+  int iterations = 0;
+  Estimate estimate;
+  double rms = 0.0;                 ///< [m] weighted 3D residual over the fitted points, repeats included
+  std::vector<double> rms_history;  ///< before each iteration
+  /// Two-step only: the observed ratio of successive parameter changes (geometric mean), the factor of linear
+  /// convergence; 0 where fewer than three rounds were run.
+  double convergence_factor = 0.0;
+};
+
+/// Zero errors, with base and targets registered to them.
+Estimate nominal_start(const ErrorModel& model, const Measurements& measurements,
+                       const RegistrationOptions& options = {});
+
+struct JointOptions {
+  int max_iterations = 50;
+  double step_tolerance = 1e-11;  ///< [m] RMS motion of the predicted points by a step that counts as none
+  ResidualOptions residuals;
+};
+
+/// All parameters at once by Levenberg-Marquardt (Marquardt 1963; damping in units of the columns' squared norms, so
+/// that metres and radians need no weighting). The first steps are undamped Gauss-Newton steps as long as they reduce
+/// the misfit. Throws InputError where there are fewer equations than unknowns.
+Identification identify_jointly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                                const FreeParameters& free, const JointOptions& options = {});
+
+/// How much a residual counts that is large beside the others. With r the whitened 3D residual of a point (six
+/// components where its orientation was measured) over its scale, the weight is 1 (none), min(1, 2.5/r) (Huber 1964) or
+/// (1 - (r/7)^2)^2 below r = 7 and 0 beyond (Beaton and Tukey 1974). The constants leave more than 95 % of the
+/// information of clean normal data in three dimensions.
+enum class Loss { none, huber, tukey };
+
+struct RobustIdentification {
+  Identification fit;
+  std::vector<double> weights;    ///< of each observation: 1 full, 0 ignored; 1 for test rows
+  std::vector<double> distances;  ///< r of each observation
+  double scale = 0.0;             ///< r counts in units of this: 1 would be exactly the stated noise
+};
+
+/// identify_jointly with iteratively reweighted rows. The scale is the median of the whitened residuals over that of
+/// the chi distribution, found anew in each round; Tukey starts from the Huber estimate.
+RobustIdentification identify_robustly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                                       const FreeParameters& free, Loss loss, const JointOptions& options = {});
+
+struct TwoStepOptions {
+  int rounds = 10;
+  double step_tolerance = 1e-11;  ///< [m] as for the joint estimator
+};
+
+/// The published two-step procedure (see the README): in every round base and targets by linear least squares with the
+/// geometry held, then the geometric errors with base and targets held. `measurements_of_round` gives fresh
+/// configurations or the same recorded ones; it is called with 0, 1, …
+Identification identify_in_two_steps(const ErrorModel& model,
+                                     const std::function<Measurements(int)>& measurements_of_round,
+                                     const Estimate& start, const std::vector<std::size_t>& geometric,
+                                     const TwoStepOptions& options = {});
+
+}  // namespace kdl_calibration

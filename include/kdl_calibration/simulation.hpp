@@ -1,0 +1,66 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/random.hpp"
+
+namespace kdl_calibration {
+
+/// Sizes of the true errors (1 sigma of normal distributions). The defaults are those of the published experiment.
+struct ErrorSizes {
+  double length = 0.0025;                               ///< [m] every geometric length error
+  double angle = 3.0 * 3.14159265358979323846 / 180.0;  ///< [rad] every geometric angle error and joint offset
+  double base_position = 0.002;                         ///< [m] each coordinate of the base
+  double target_length = 0.0025;                        ///< [m] length of each tool
+};
+
+/// A robot whose true geometry is known: to nobody but the simulation.
+struct VirtualRobot {
+  ErrorModel model;
+  Estimate truth;
+};
+
+/// The published tools: (100, 0, 0), (0, 0, 100) and (70.7, 0, 70.7) mm in the flange frame; further ones are points
+/// 100 mm from the flange in seeded directions.
+std::vector<TargetFrame> published_targets(int count = 3);
+
+/// Draws true errors for the parameters `with_errors` (indices into the model's), a base displaced from `X_WB` and
+/// tools whose lengths are off.
+VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
+                           const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random,
+                           const Eigen::Isometry3d& X_WB = Eigen::Isometry3d::Identity());
+
+/// Lower and upper bound of every joint.
+using JointRanges = std::vector<std::pair<double, double>>;
+
+/// The joints' limits; ±pi (±1 m for a prismatic joint) where there are none.
+JointRanges limits_of(const ErrorModel& model);
+/// ±90 degrees for the first four joints and ±180 degrees for the others; for a chain of six revolute joints.
+JointRanges published_ranges(const ErrorModel& model);
+
+/// Configurations uniform in the ranges: joints x count.
+Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Random& random);
+
+struct MeasuringNoise {
+  double sigma = 0.0;              ///< [m] of every coordinate, independent
+  double orientation_sigma = 0.0;  ///< [rad] of every component of a measured orientation
+  int repeats = 1;
+  Eigen::Vector3d common = Eigen::Vector3d::Zero();  ///< [m] along the axes of W, shared by the points of one repeat
+};
+
+/// What a tracker would measure: every target in every configuration.
+Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
+                     Random& random, Split split = Split::train);
+
+/// The measurements of `second` behind those of `first`; same joints and targets.
+Measurements joined(const Measurements& first, const Measurements& second);
+
+}  // namespace kdl_calibration

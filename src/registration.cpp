@@ -1,0 +1,355 @@
+#include "kdl_calibration/registration.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using Vector9d = Eigen::Matrix<double, 9, 1>;
+using Matrix9d = Eigen::Matrix<double, 9, 9>;
+using Matrix39d = Eigen::Matrix<double, 3, 9>;
+
+// vec(A) stacks the columns of A, so that A z = row_operator(z) vec(A).
+Matrix39d row_operator(const Vector3d& z) {
+  Matrix39d result;
+  result << z.x() * Matrix3d::Identity(), z.y() * Matrix3d::Identity(), z.z() * Matrix3d::Identity();
+  return result;
+}
+
+// Weighted sums over the observations of one target: everything the elimination needs.
+struct TargetSums {
+  double weight = 0.0;
+  Matrix3d R = Matrix3d::Zero();       // sum w R_BF
+  Vector3d Rt_p = Vector3d::Zero();    // sum w R_BF^T p_BF
+  Matrix39d Rt_z = Matrix39d::Zero();  // sum w R_BF^T row_operator(z)
+  double orientation_weight = 0.0;
+  Matrix9d Rt_Z = Matrix9d::Zero();  // sum w kron(Z^T, R_BF^T)
+};
+
+struct Sums {
+  double weight = 0.0;
+  Vector3d z_mean = Vector3d::Zero();
+  Vector3d z = Vector3d::Zero();
+  Matrix3d zz = Matrix3d::Zero();
+  Matrix3d p_zt = Matrix3d::Zero();  // sum w p z^T: vec of it is the right-hand side
+  Vector3d p = Vector3d::Zero();
+  double pp = 0.0;
+  std::vector<TargetSums> targets;
+};
+
+double weight_of(const Observation& observation) {
+  return observation.sigma > 0.0 ? 1.0 / (observation.sigma * observation.sigma) : 1.0;
+}
+
+const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const std::string& name) {
+  const auto found =
+      std::find_if(targets.begin(), targets.end(), [&](const TargetFrame& target) { return target.name == name; });
+  return found == targets.end() ? nullptr : &*found;
+}
+
+bool has_orientation(const Measurements& measurements, std::size_t row) {
+  return !measurements.orientations.empty() && !std::isnan(measurements.orientations[row].w());
+}
+
+Vector3d mean_position(const Measurements& measurements) {
+  Vector3d sum = Vector3d::Zero();
+  double count = 0.0;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      sum += observation.position;
+      count += 1.0;
+    }
+  }
+  return count > 0.0 ? Vector3d(sum / count) : sum;
+}
+
+void add_orientation(const Matrix3d& R_BF, const Matrix3d& Z, double weight, TargetSums& target) {
+  target.orientation_weight += weight;
+  for (Index i = 0; i < 3; ++i) {
+    for (Index j = 0; j < 3; ++j) {
+      target.Rt_Z.block<3, 3>(3 * i, 3 * j) += weight * Z(j, i) * R_BF.transpose();
+    }
+  }
+}
+
+Sums accumulate(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
+                const RegistrationOptions& options, const std::vector<const TargetFrame*>& known) {
+  Sums sums;
+  sums.targets.resize(measurements.targets.size());
+  sums.z_mean = mean_position(measurements);
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    const Observation& observation = measurements.observations[row];
+    if (observation.split != Split::train) {
+      continue;
+    }
+    const auto k = static_cast<std::size_t>(observation.target);
+    const Eigen::Isometry3d& pose = X_BF[static_cast<std::size_t>(observation.configuration)];
+    const Matrix3d R = pose.linear();
+    const double w = weight_of(observation);
+    const Vector3d z = observation.position - sums.z_mean;
+    const Vector3d p = known[k] != nullptr ? Vector3d(pose * known[k]->X_FT.translation()) : pose.translation();
+    sums.weight += w;
+    sums.z += w * z;
+    sums.zz += w * z * z.transpose();
+    sums.p_zt += w * p * z.transpose();
+    sums.p += w * p;
+    sums.pp += w * p.squaredNorm();
+    TargetSums& target = sums.targets[k];
+    if (known[k] == nullptr) {
+      target.weight += w;
+      target.R += w * R;
+      target.Rt_p += w * (R.transpose() * p);
+      for (Index j = 0; j < 3; ++j) {
+        target.Rt_z.block<3, 3>(0, 3 * j) += (w * z[j]) * R.transpose();
+      }
+    }
+    if (has_orientation(measurements, row)) {
+      add_orientation(R, measurements.orientations[row].toRotationMatrix(),
+                      w * options.orientation_length * options.orientation_length, target);
+    }
+  }
+  return sums;
+}
+
+// f(A) = vec(A)^T Q vec(A) - 2 b^T vec(A) + constant, after the elimination of c and the targets:
+//   t_k = (Rt_z vec(A) - R^T c - Rt_p) / weight,   c = c_matrix vec(A) + c_vector.
+struct RotationForm {
+  Matrix9d Q;
+  Vector9d b;
+  double constant = 0.0;
+  Matrix39d c_matrix;
+  Vector3d c_vector;
+
+  double value(const Matrix3d& A) const {
+    const Eigen::Map<const Vector9d> theta(A.data());
+    return theta.dot(Q * theta - 2.0 * b) + constant;
+  }
+};
+
+RotationForm eliminate(const Sums& sums) {
+  RotationForm form;
+  for (Index i = 0; i < 3; ++i) {
+    for (Index j = 0; j < 3; ++j) {
+      form.Q.block<3, 3>(3 * i, 3 * j) = sums.zz(i, j) * Matrix3d::Identity();
+    }
+  }
+  form.b = Eigen::Map<const Vector9d>(sums.p_zt.data());
+  form.constant = sums.pp;
+  // Terms of c: C c = C_theta vec(A) - c_p at the minimum.
+  Matrix3d C = sums.weight * Matrix3d::Identity();
+  Matrix39d C_theta = row_operator(sums.z);
+  Vector3d c_p = sums.p;
+  for (const TargetSums& target : sums.targets) {
+    if (target.weight > 0.0) {
+      const double inverse = 1.0 / target.weight;
+      form.Q -= inverse * target.Rt_z.transpose() * target.Rt_z;
+      form.b -= inverse * target.Rt_z.transpose() * target.Rt_p;
+      form.constant -= inverse * target.Rt_p.squaredNorm();
+      C -= inverse * target.R * target.R.transpose();
+      C_theta -= inverse * target.R * target.Rt_z;
+      c_p -= inverse * target.R * target.Rt_p;
+    }
+    if (target.orientation_weight > 0.0) {  // |A Z| = |A|
+      form.Q += target.orientation_weight * Matrix9d::Identity() -
+                target.Rt_Z.transpose() * target.Rt_Z / target.orientation_weight;
+    }
+  }
+  // One configuration alone leaves C singular: the least-norm c is as good as any.
+  const Matrix3d C_inverse = C.completeOrthogonalDecomposition().pseudoInverse();
+  form.c_matrix = C_inverse * C_theta;
+  form.c_vector = -C_inverse * c_p;
+  form.Q -= C_theta.transpose() * form.c_matrix;
+  form.b -= form.c_matrix.transpose() * c_p;
+  form.constant -= c_p.dot(C_inverse * c_p);
+  return form;
+}
+
+// d vec(A exp([delta])) / d delta at delta = 0.
+Eigen::Matrix<double, 9, 3> tangent(const Matrix3d& A) {
+  Eigen::Matrix<double, 9, 3> T;
+  T << Vector3d::Zero(), -A.col(2), A.col(1),  //
+      A.col(2), Vector3d::Zero(), -A.col(0),   //
+      -A.col(1), A.col(0), Vector3d::Zero();
+  return T;
+}
+
+// Levenberg-Marquardt on the rotations; the form is at hand, so a step costs no look at the data.
+Matrix3d descend(const RotationForm& form, Matrix3d A, int iterations) {
+  // Close to the minimum the values differ by less than their rounding and the gradient decides alone.
+  const double rounding = 1e-13 * std::abs(form.constant);
+  double damping = 1e-3;
+  double value = form.value(A);
+  for (int i = 0; i < iterations; ++i) {
+    const Eigen::Matrix<double, 9, 3> T = tangent(A);
+    const Eigen::Map<const Vector9d> theta(A.data());
+    const Vector3d gradient = T.transpose() * (form.Q * theta - form.b);
+    const Matrix3d hessian = T.transpose() * form.Q * T;
+    const double scale = hessian.trace() / 3.0;
+    const Matrix3d damped = hessian + damping * scale * Matrix3d::Identity();
+    const Vector3d step = -damped.ldlt().solve(gradient);
+    if (!step.allFinite()) {
+      break;
+    }
+    const Matrix3d candidate = A * rotation_exp(step);
+    const double candidate_value = form.value(candidate);
+    if (candidate_value <= value + rounding) {
+      A = candidate;
+      value = candidate_value;
+      damping *= 0.1;
+    } else {
+      damping *= 10.0;
+    }
+    if (step.norm() < 1e-14 || damping > 1e12) {
+      break;
+    }
+  }
+  return A;
+}
+
+Matrix3d nearest_rotation(const Matrix3d& M) {
+  const Eigen::JacobiSVD<Matrix3d> svd(M, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Matrix3d U = svd.matrixU();
+  if ((U * svd.matrixV().transpose()).determinant() < 0.0) {
+    U.col(2) *= -1.0;
+  }
+  return U * svd.matrixV().transpose();
+}
+
+// The 24 rotations of the cube: no rotation is farther than 62.8 degrees from one of them.
+std::vector<Matrix3d> cube_rotations() {
+  std::vector<Matrix3d> rotations;
+  std::array<int, 3> order = {0, 1, 2};
+  do {
+    for (int signs = 0; signs < 8; ++signs) {
+      Matrix3d R = Matrix3d::Zero();
+      for (int axis = 0; axis < 3; ++axis) {
+        const bool negative = ((static_cast<unsigned>(signs) >> static_cast<unsigned>(axis)) & 1U) != 0U;
+        R(order[static_cast<std::size_t>(axis)], axis) = negative ? -1.0 : 1.0;
+      }
+      if (R.determinant() > 0.0) {
+        rotations.push_back(R);
+      }
+    }
+  } while (std::next_permutation(order.begin(), order.end()));
+  return rotations;
+}
+
+struct RotationMinimum {
+  Matrix3d A = Matrix3d::Identity();
+  double value = std::numeric_limits<double>::infinity();
+  double second = std::numeric_limits<double>::infinity();  // the next best minimum
+};
+
+RotationMinimum minimise(const RotationForm& form) {
+  static const std::vector<Matrix3d> cube = cube_rotations();
+  std::vector<Matrix3d> starts = cube;
+  const Vector9d unconstrained = form.Q.ldlt().solve(form.b);
+  if (unconstrained.allFinite()) {
+    starts.push_back(nearest_rotation(Eigen::Map<const Matrix3d>(unconstrained.data())));
+  }
+  RotationMinimum best;
+  for (const Matrix3d& start : starts) {
+    const Matrix3d A = descend(form, start, 60);
+    const double value = form.value(A);
+    const bool same = (A - best.A).norm() < 0.1;
+    if (value < best.value) {
+      best.second = same ? best.second : best.value;
+      best.value = value;
+      best.A = A;
+    } else if (!same) {
+      best.second = std::min(best.second, value);
+    }
+  }
+  return best;
+}
+
+std::string ambiguity(const RotationForm& form, const RotationMinimum& minimum, double weight) {
+  const Eigen::Matrix<double, 9, 3> T = tangent(minimum.A);
+  const Matrix3d hessian = T.transpose() * form.Q * T;
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(hessian);
+  if (!(eigen.eigenvalues()[0] > 1e-10 * eigen.eigenvalues()[2])) {
+    return "the configurations leave a rotation of the base undetermined";
+  }
+  const double rms = std::sqrt(std::max(minimum.value, 0.0) / weight);
+  const double other = std::sqrt(std::max(minimum.second, 0.0) / weight);
+  if (other < 1.5 * rms + 1e-9) {
+    return "two poses of the base explain the measurements equally well";
+  }
+  return {};
+}
+
+Matrix3d target_orientation(const TargetSums& target, const Matrix3d& A) {
+  const Eigen::Map<const Vector9d> theta(A.data());
+  const Vector9d sum = target.Rt_Z * theta;
+  return nearest_rotation(Eigen::Map<const Matrix3d>(sum.data()));
+}
+
+}  // namespace
+
+Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
+                                       const RegistrationOptions& options) {
+  std::vector<const TargetFrame*> known;
+  for (const std::string& name : measurements.targets) {
+    known.push_back(find_target(options.known_targets, name));
+  }
+  const Sums sums = accumulate(X_BF, measurements, options, known);
+  Registration result;
+  Matrix3d A = Matrix3d::Identity();
+  Vector3d c = Vector3d::Zero();  // of the centred measurements
+  if (options.known_base) {
+    A = options.known_base->linear().transpose();
+    c = A * (options.known_base->translation() - sums.z_mean);
+    result.X_WB = *options.known_base;
+  } else {
+    const RotationForm form = eliminate(sums);
+    const RotationMinimum minimum = minimise(form);
+    A = minimum.A;
+    c = form.c_matrix * Eigen::Map<const Vector9d>(A.data()) + form.c_vector;
+    result.X_WB.linear() = A.transpose();
+    result.X_WB.translation() = A.transpose() * c + sums.z_mean;
+    result.message = ambiguity(form, minimum, sums.weight);
+    result.ambiguous = !result.message.empty();
+  }
+  for (std::size_t k = 0; k < measurements.targets.size(); ++k) {
+    const TargetSums& target = sums.targets[k];
+    TargetFrame frame{.name = measurements.targets[k]};
+    frame.with_orientation = target.orientation_weight > 0.0;
+    if (known[k] != nullptr) {
+      frame.X_FT = known[k]->X_FT;
+    } else {
+      if (target.weight > 0.0) {
+        const Eigen::Map<const Vector9d> theta(A.data());
+        frame.X_FT.translation() = (target.Rt_z * theta - target.R.transpose() * c - target.Rt_p) / target.weight;
+      }
+      if (frame.with_orientation) {
+        frame.X_FT.linear() = target_orientation(target, A);
+      }
+    }
+    result.targets.push_back(frame);
+  }
+
+  double sum = 0.0;
+  double count = 0.0;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      const Vector3d predicted =
+          result.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
+                         result.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
+      sum += (observation.position - predicted).squaredNorm();
+      count += 1.0;
+    }
+  }
+  result.rms = count > 0.0 ? std::sqrt(sum / count) : 0.0;
+  return result;
+}
+
+}  // namespace kdl_calibration

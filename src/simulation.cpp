@@ -1,0 +1,148 @@
+#include "kdl_calibration/simulation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+
+std::vector<TargetFrame> published_targets(int count) {
+  const double diagonal = 0.0707;
+  const std::vector<Eigen::Vector3d> points = {{0.1, 0.0, 0.0}, {0.0, 0.0, 0.1}, {diagonal, 0.0, diagonal}};
+  std::vector<TargetFrame> targets = generic_targets(count);
+  for (std::size_t k = 0; k < targets.size(); ++k) {
+    if (k < points.size()) {
+      targets[k].X_FT.translation() = points[k];
+    } else {
+      targets[k].X_FT.translation() *= 0.1 / targets[k].X_FT.translation().norm();
+    }
+  }
+  return targets;
+}
+
+VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
+                           const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random,
+                           const Eigen::Isometry3d& X_WB) {
+  VirtualRobot robot{.model = model, .truth = {}};
+  robot.truth.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  for (const std::size_t p : with_errors) {
+    const double sigma = is_length(model, model.parameters[p]) ? sizes.length : sizes.angle;
+    robot.truth.errors[static_cast<Eigen::Index>(p)] = sigma * random.normal();
+  }
+  robot.truth.X_WB = X_WB;
+  for (int axis = 0; axis < 3; ++axis) {
+    robot.truth.X_WB.translation()[axis] += sizes.base_position * random.normal();
+  }
+  robot.truth.targets = targets;
+  for (TargetFrame& target : robot.truth.targets) {
+    const double length = target.X_FT.translation().norm();
+    const double error = sizes.target_length * random.normal();
+    if (length > 0.0) {
+      target.X_FT.translation() *= (length + error) / length;
+    }
+  }
+  return robot;
+}
+
+JointRanges limits_of(const ErrorModel& model) {
+  JointRanges ranges;
+  for (const MovingJoint& joint : model.joints) {
+    const double whole = joint.type == JointType::prismatic ? 1.0 : std::numbers::pi;
+    ranges.emplace_back(joint.lower.value_or(-whole), joint.upper.value_or(whole));
+  }
+  return ranges;
+}
+
+JointRanges published_ranges(const ErrorModel& model) {
+  JointRanges ranges;
+  for (std::size_t i = 0; i < model.joints.size(); ++i) {
+    const double range = i < 4 ? std::numbers::pi / 2.0 : std::numbers::pi;
+    ranges.emplace_back(-range, range);
+  }
+  return ranges;
+}
+
+Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Random& random) {
+  Eigen::MatrixXd joint_values(static_cast<Eigen::Index>(ranges.size()), count);
+  for (Eigen::Index c = 0; c < count; ++c) {
+    for (std::size_t i = 0; i < ranges.size(); ++i) {
+      joint_values(static_cast<Eigen::Index>(i), c) = random.uniform(ranges[i].first, ranges[i].second);
+    }
+  }
+  return joint_values;
+}
+
+namespace {
+
+Eigen::Vector3d normal_vector(Random& random) {
+  Eigen::Vector3d v;
+  for (int axis = 0; axis < 3; ++axis) {
+    v[axis] = random.normal();
+  }
+  return v;
+}
+
+}  // namespace
+
+Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
+                     Random& random, Split split) {
+  Measurements result;
+  result.source = "simulation";
+  for (const MovingJoint& joint : robot.model.joints) {
+    result.joints.push_back(joint.name);
+    result.joint_units.push_back(joint.type == JointType::prismatic ? JointUnit::metre : JointUnit::radian);
+  }
+  result.joint_values = joint_values;
+  bool poses = false;
+  for (const TargetFrame& target : robot.truth.targets) {
+    result.targets.push_back(target.name);
+    poses = poses || target.with_orientation;
+  }
+  const FoldedChain chain = folded(robot.model, robot.truth.errors);
+  const Eigen::MatrixXd deflected_values = deflected(robot.model, robot.truth.deflections, joint_values);
+  for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
+    result.configurations.push_back(std::to_string(c + 1));
+    const Eigen::Isometry3d X_WF = robot.truth.X_WB * flange_pose(chain, deflected_values.col(c));
+    for (int repeat = 1; repeat <= noise.repeats; ++repeat) {
+      const Eigen::Vector3d drift = noise.common.isZero(0.0)
+                                        ? Eigen::Vector3d(Eigen::Vector3d::Zero())
+                                        : Eigen::Vector3d(noise.common.cwiseProduct(normal_vector(random)));
+      for (std::size_t k = 0; k < robot.truth.targets.size(); ++k) {
+        const TargetFrame& target = robot.truth.targets[k];
+        const Eigen::Isometry3d X_WT = X_WF * target.X_FT;
+        result.observations.push_back({.position = X_WT.translation() + drift + noise.sigma * normal_vector(random),
+                                       .sigma = noise.sigma,
+                                       .configuration = static_cast<std::int32_t>(c),
+                                       .target = static_cast<std::int32_t>(k),
+                                       .repeat = repeat,
+                                       .split = split});
+        if (poses) {
+          const Eigen::Vector3d turn = noise.orientation_sigma * normal_vector(random);
+          result.orientations.emplace_back(Eigen::Matrix3d(X_WT.linear() * rotation_exp(turn)));
+        }
+      }
+    }
+  }
+  return result;
+}
+
+Measurements joined(const Measurements& first, const Measurements& second) {
+  Measurements result = first;
+  const auto offset = static_cast<std::int32_t>(first.joint_values.cols());
+  result.joint_values.resize(first.joint_values.rows(), first.joint_values.cols() + second.joint_values.cols());
+  result.joint_values << first.joint_values, second.joint_values;
+  for (std::size_t c = 0; c < second.configurations.size(); ++c) {
+    result.configurations.push_back(std::to_string(static_cast<std::size_t>(offset) + c + 1));
+  }
+  for (Observation observation : second.observations) {
+    observation.configuration += offset;
+    result.observations.push_back(observation);
+  }
+  result.orientations.insert(result.orientations.end(), second.orientations.begin(), second.orientations.end());
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,165 @@
+#include "kdl_calibration/registration.hpp"
+
+#include <gmock/gmock.h>
+
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using testing::fanuc;
+
+Eigen::Isometry3d random_placement(Random& random) {
+  Eigen::Quaterniond rotation(random.normal(), random.normal(), random.normal(), random.normal());
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  X_WB.linear() = rotation.normalized().toRotationMatrix();
+  X_WB.translation() = Eigen::Vector3d(random.uniform(-8, 8), random.uniform(-8, 8), random.uniform(-3, 3));
+  return X_WB;
+}
+
+std::vector<TargetFrame> random_targets(int count, Random& random) {
+  std::vector<TargetFrame> targets = generic_targets(count, random.bits());
+  for (TargetFrame& target : targets) {
+    target.X_FT.translation() *= 4.0;  // up to 0.8 m off the flange in each direction
+  }
+  return targets;
+}
+
+constexpr ErrorSizes kNoErrors{.length = 0.0, .angle = 0.0, .base_position = 0.0, .target_length = 0.0};
+
+TEST(Registration, FindsBaseAndTargetsExactlyWhereverTheyAre) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(1);
+  for (int trial = 0; trial < 1000; ++trial) {
+    const int targets = 1 + trial % 4;
+    const VirtualRobot robot =
+        virtual_robot(model, {}, random_targets(targets, random), kNoErrors, random, random_placement(random));
+    const Eigen::MatrixXd q = random_configurations(limits_of(model), 12, random);
+    const Measurements measured = measure(robot, q, {}, random);
+    const Registration found = register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measured);
+    ASSERT_FALSE(found.ambiguous) << trial << ": " << found.message;
+    ASSERT_LT((found.X_WB.matrix() - robot.truth.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9) << trial;
+    for (std::size_t k = 0; k < found.targets.size(); ++k) {
+      ASSERT_LT((found.targets[k].X_FT.translation() - robot.truth.targets[k].X_FT.translation()).norm(), 1e-9);
+    }
+  }
+}
+
+TEST(Registration, StaysInTheRightBasinWithErrorsOfThePublishedSize) {
+  const ErrorModel model = complete_model(fanuc());
+  std::vector<std::size_t> all(model.parameters.size());
+  for (std::size_t p = 0; p < all.size(); ++p) {
+    all[p] = model.parameters[p].name.back() == '0' ? 0 : p;  // the errors of link 0 would move the base
+  }
+  Random random(2);
+  for (int trial = 0; trial < 1000; ++trial) {
+    const VirtualRobot robot =
+        virtual_robot(model, all, random_targets(3, random), {}, random, random_placement(random));
+    const Eigen::MatrixXd q = random_configurations(limits_of(model), 30, random);
+    const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(robot.truth.errors.size());
+    const Registration found =
+        register_base_and_targets(flange_poses(folded(model, nominal), q), measure(robot, q, {}, random));
+    const Eigen::AngleAxisd off(Eigen::Matrix3d(found.X_WB.linear().transpose() * robot.truth.X_WB.linear()));
+    ASSERT_LT(off.angle(), 0.6) << trial;
+  }
+}
+
+TEST(Registration, MinimisesTheSumOfSquaredDistances) {
+  // Stationary: no small motion of base or targets improves the misfit.
+  const ErrorModel model = complete_model(fanuc());
+  Random random(3);
+  const VirtualRobot robot = virtual_robot(model, {1, 2, 3}, random_targets(2, random),
+                                           {.length = 0.001, .angle = 0.01}, random, random_placement(random));
+  const Eigen::MatrixXd q = random_configurations(limits_of(model), 10, random);
+  const Measurements measured = measure(robot, q, {.sigma = 0.001}, random);
+  const auto poses = flange_poses(folded(model, Eigen::VectorXd::Zero(robot.truth.errors.size())), q);
+  const Registration found = register_base_and_targets(poses, measured);
+  const auto misfit = [&](const Eigen::Isometry3d& X_WB, const std::vector<TargetFrame>& targets) {
+    double sum = 0.0;
+    for (const Observation& o : measured.observations) {
+      sum += (o.position - X_WB * (poses[static_cast<std::size_t>(o.configuration)] *
+                                   targets[static_cast<std::size_t>(o.target)].X_FT.translation()))
+                 .squaredNorm();
+    }
+    return sum;
+  };
+  const double best = misfit(found.X_WB, found.targets);
+  EXPECT_NEAR(std::sqrt(best / static_cast<double>(measured.observations.size())), found.rms, 1e-12);
+  for (int i = 0; i < 200; ++i) {
+    Eigen::Isometry3d X_WB = found.X_WB;
+    X_WB.linear() =
+        X_WB.linear() * rotation_exp(1e-5 * Eigen::Vector3d(random.normal(), random.normal(), random.normal()));
+    X_WB.translation() += 1e-5 * Eigen::Vector3d(random.normal(), random.normal(), random.normal());
+    std::vector<TargetFrame> targets = found.targets;
+    targets[0].X_FT.translation()[i % 3] += 1e-5 * random.normal();
+    ASSERT_GT(misfit(X_WB, targets), best);
+  }
+}
+
+TEST(Registration, FindsMeasuredFrames) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(4);
+  for (int trial = 0; trial < 50; ++trial) {
+    std::vector<TargetFrame> targets = random_targets(1, random);
+    targets[0].with_orientation = true;
+    targets[0].X_FT.linear() = random_placement(random).linear();
+    const VirtualRobot robot = virtual_robot(model, {}, targets, kNoErrors, random, random_placement(random));
+    const Eigen::MatrixXd q = random_configurations(limits_of(model), 5, random);
+    const Registration found =
+        register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measure(robot, q, {}, random));
+    ASSERT_TRUE(found.targets[0].with_orientation);
+    ASSERT_LT((found.X_WB.matrix() - robot.truth.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9);
+    ASSERT_LT((found.targets[0].X_FT.matrix() - targets[0].X_FT.matrix()).cwiseAbs().maxCoeff(), 1e-9);
+  }
+}
+
+TEST(Registration, TakesWhatIsKnown) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(5);
+  const VirtualRobot robot =
+      virtual_robot(model, {}, random_targets(3, random), kNoErrors, random, random_placement(random));
+  const Eigen::MatrixXd q = random_configurations(limits_of(model), 2, random);
+  const Measurements measured = measure(robot, q, {}, random);
+  const auto poses = flange_poses(folded(model, robot.truth.errors), q);
+  const Registration with_base = register_base_and_targets(poses, measured, {.known_base = robot.truth.X_WB});
+  EXPECT_EQ((with_base.X_WB.matrix() - robot.truth.X_WB.matrix()).norm(), 0.0);
+  EXPECT_LT((with_base.targets[1].X_FT.translation() - robot.truth.targets[1].X_FT.translation()).norm(), 1e-12);
+  const Registration with_targets = register_base_and_targets(poses, measured, {.known_targets = robot.truth.targets});
+  EXPECT_LT((with_targets.X_WB.matrix() - robot.truth.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+TEST(Registration, SaysWhenTheConfigurationsLeaveTheBaseOpen) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(6);
+  const VirtualRobot robot =
+      virtual_robot(model, {}, random_targets(1, random), kNoErrors, random, random_placement(random));
+  Eigen::MatrixXd q = random_configurations(limits_of(model), 1, random).replicate(1, 8);
+  q.row(0).setLinSpaced(-1.0, 1.0);  // one joint alone: the target moves on a circle
+  const Registration found =
+      register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measure(robot, q, {}, random));
+  EXPECT_TRUE(found.ambiguous);
+  EXPECT_FALSE(found.message.empty());
+  EXPECT_LT(found.rms, 1e-6);
+}
+
+TEST(Registration, IgnoresHeldOutRows) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(7);
+  const VirtualRobot robot =
+      virtual_robot(model, {}, random_targets(2, random), kNoErrors, random, random_placement(random));
+  const Eigen::MatrixXd q = random_configurations(limits_of(model), 10, random);
+  Measurements measured = measure(robot, q, {}, random);
+  for (Observation& observation : measured.observations) {
+    if (observation.configuration == 3) {
+      observation.split = Split::test;
+      observation.position.x() += 1.0;
+    }
+  }
+  const Registration found = register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measured);
+  EXPECT_LT((found.X_WB.matrix() - robot.truth.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,135 @@
+#include "kdl_calibration/simulation.hpp"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "kdl_calibration/kinematics.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using testing::fanuc;
+
+std::vector<std::size_t> all_parameters(const ErrorModel& model) {
+  std::vector<std::size_t> all(model.parameters.size());
+  for (std::size_t p = 0; p < all.size(); ++p) {
+    all[p] = p;
+  }
+  return all;
+}
+
+TEST(Simulation, DrawsErrorsOfTheStatedSizes) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(1);
+  double lengths = 0.0;
+  double angles = 0.0;
+  double base = 0.0;
+  double tools = 0.0;
+  int length_count = 0;
+  int angle_count = 0;
+  const int draws = 400;
+  for (int i = 0; i < draws; ++i) {
+    const VirtualRobot robot = virtual_robot(model, all_parameters(model), published_targets(), {}, random);
+    for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+      const double error = robot.truth.errors[static_cast<Eigen::Index>(p)];
+      (is_length(model, model.parameters[p]) ? lengths : angles) += error * error;
+      ++(is_length(model, model.parameters[p]) ? length_count : angle_count);
+    }
+    base += robot.truth.X_WB.translation().squaredNorm() / 3.0;
+    tools += std::pow(robot.truth.targets[0].X_FT.translation().norm() - 0.1, 2);
+  }
+  EXPECT_NEAR(std::sqrt(lengths / length_count), 0.0025, 0.0025 * 0.03);
+  EXPECT_NEAR(std::sqrt(angles / angle_count), 3.0 * testing::kDegree, 3.0 * testing::kDegree * 0.03);
+  EXPECT_NEAR(std::sqrt(base / draws), 0.002, 0.002 * 0.07);
+  EXPECT_NEAR(std::sqrt(tools / draws), 0.0025, 0.0025 * 0.12);
+}
+
+TEST(Simulation, PublishedToolsAreThoseOfThePublication) {
+  const auto targets = published_targets();
+  ASSERT_EQ(targets.size(), 3U);
+  EXPECT_EQ(targets[0].X_FT.translation(), Eigen::Vector3d(0.1, 0.0, 0.0));
+  EXPECT_EQ(targets[1].X_FT.translation(), Eigen::Vector3d(0.0, 0.0, 0.1));
+  EXPECT_EQ(targets[2].X_FT.translation(), Eigen::Vector3d(0.0707, 0.0, 0.0707));
+  EXPECT_NEAR(published_targets(5)[4].X_FT.translation().norm(), 0.1, 1e-12);
+}
+
+TEST(Simulation, MeasuresWhatTheKdlSolverSays) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(2);
+  const VirtualRobot robot = virtual_robot(model, all_parameters(model), published_targets(), {}, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model), 20, random);
+  const Measurements measured = measure(robot, q, {}, random);
+  ASSERT_EQ(measured.observations.size(), 60U);
+  const KDL::Chain chain = error_chain(model, robot.truth.errors);
+  for (const Observation& observation : measured.observations) {
+    const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, q.col(observation.configuration)));
+    const Eigen::Vector3d expected =
+        robot.truth.X_WB * X_BF * robot.truth.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
+    EXPECT_LT((observation.position - expected).norm(), 1e-12);
+  }
+}
+
+TEST(Simulation, NoiseHasTheStatedSigmaAndRepeatsDiffer) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(3);
+  const VirtualRobot robot = virtual_robot(model, {}, published_targets(), {}, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model), 50, random);
+  const Measurements exact = measure(robot, q, {.repeats = 20}, random);
+  const Measurements noisy = measure(robot, q, {.sigma = 0.001, .repeats = 20}, random);
+  ASSERT_EQ(noisy.observations.size(), 3000U);
+  double sum = 0.0;
+  for (std::size_t row = 0; row < noisy.observations.size(); ++row) {
+    sum += (noisy.observations[row].position - exact.observations[row].position).squaredNorm();
+    EXPECT_EQ(noisy.observations[row].sigma, 0.001);
+  }
+  EXPECT_NEAR(std::sqrt(sum / 9000.0), 0.001, 0.00003);
+  EXPECT_EQ(noisy.observations[59].repeat, 20);
+}
+
+TEST(Simulation, KeepsTheJointLimits) {
+  const ErrorModel model = complete_model(fanuc());
+  const JointRanges limits = limits_of(model);
+  Random random(4);
+  const Eigen::MatrixXd q = random_configurations(limits, 2000, random);
+  for (Eigen::Index i = 0; i < q.rows(); ++i) {
+    const MovingJoint& joint = model.joints[static_cast<std::size_t>(i)];
+    EXPECT_GE(q.row(i).minCoeff(), *joint.lower);
+    EXPECT_LE(q.row(i).maxCoeff(), *joint.upper);
+    EXPECT_GT(q.row(i).maxCoeff() - q.row(i).minCoeff(), 0.98 * (*joint.upper - *joint.lower));
+  }
+  EXPECT_EQ(published_ranges(model)[3].second, std::numbers::pi / 2.0);
+  EXPECT_EQ(published_ranges(model)[4].first, -std::numbers::pi);
+}
+
+TEST(Simulation, TheSameSeedGivesTheSameNumbers) {
+  const ErrorModel model = complete_model(fanuc());
+  const auto run = [&](std::uint64_t seed) {
+    Random random(seed);
+    const VirtualRobot robot = virtual_robot(model, {2, 8}, published_targets(), {}, random);
+    return measure(robot, random_configurations(limits_of(model), 3, random), {.sigma = 0.0001}, random)
+        .observations.back()
+        .position;
+  };
+  EXPECT_EQ(run(7), run(7));
+  EXPECT_NE(run(7), run(8));
+}
+
+TEST(Simulation, JoinsTrainingAndHeldOutMeasurements) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(5);
+  const VirtualRobot robot = virtual_robot(model, {}, published_targets(2), {}, random);
+  const Measurements train = measure(robot, random_configurations(limits_of(model), 4, random), {}, random);
+  const Measurements test = measure(robot, random_configurations(limits_of(model), 3, random), {}, random, Split::test);
+  const Measurements both = joined(train, test);
+  EXPECT_EQ(both.joint_values.cols(), 7);
+  EXPECT_EQ(both.observations.size(), 14U);
+  EXPECT_EQ(both.observations[8].configuration, 4);
+  EXPECT_EQ(both.observations[8].split, Split::test);
+  EXPECT_EQ(both.joint_values.col(5), test.joint_values.col(1));
+}
+
+}  // namespace
+}  // namespace kdl_calibration
