@@ -1,0 +1,146 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/data_quality.hpp"
+#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/identifiability.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/uncertainty.hpp"
+#include "kdl_calibration/urdf_export.hpp"
+#include "kdl_calibration/validation.hpp"
+
+namespace kdl_calibration {
+
+enum class Method { joint, two_step };
+enum class ModelChoice { irreducible, complete };
+/// Whether something takes part in the fit: no, yes, or as cross-validation says.
+enum class Use { no, yes, automatic };
+
+struct CalibrationOptions {
+  Method method = Method::joint;
+  ModelChoice model = ModelChoice::irreducible;
+  int iterations = 0;             ///< limit; 0: 50 for the joint estimator, 1000 rounds for the two-step one
+  std::vector<std::string> fix;   ///< names or patterns with * and ? that are not estimated
+  std::vector<std::string> free;  ///< names or patterns that are estimated in addition
+  Priors priors;
+  bool automatic_priors = false;  ///< choose their size by cross-validation instead
+  Use gravity = Use::no;          ///< joint compliance under gravity
+  Use joint_gain = Use::no;
+  Loss loss = Loss::none;
+  NoiseModel noise;                             ///< as stated by the user; the default weighs all rows alike
+  bool noise_from_repeats = false;              ///< take both components from the repeats and whiten with them
+  std::optional<Eigen::Isometry3d> known_base;  ///< X_WB
+  std::vector<TargetFrame> known_targets;
+  bool leave_one_out = false;
+  bool nested = false;  ///< with leave_one_out: make every automatic choice anew without each configuration
+  int k_fold = 0;       ///< 0: none
+  int threads = 0;      ///< 0: all
+};
+
+/// One line of the result: a geometric, base or target parameter or a deflection. SI units.
+struct ParameterEstimate {
+  std::string name;
+  std::string joint;  ///< URDF joint whose origin carries it; empty for base and targets
+  std::string kind;   ///< "joint_offset", "translation", "rotation", "deflection"
+  std::string axis;   ///< "x", "y", "z"; empty for the axis of a skewed joint
+  double nominal = 0.0;
+  double value = 0.0;  ///< nominal + error
+  double error = 0.0;
+  double std = 0.0;  ///< 1 sigma; 0 where fixed, infinite where not determined
+  bool identifiable = false;
+  bool gauge = false;
+};
+
+struct BeforeAfter {
+  ErrorStatistics before;  ///< nominal geometry, base and targets registered
+  ErrorStatistics after;
+  /// Where deflections were fitted: the rigid robot that the URDF can carry, fitted without them.
+  std::optional<ErrorStatistics> rigid;
+};
+
+/// What the covariance rests on.
+struct NoiseReport {
+  std::string model;                                      ///< "stated", "repeats" or "residuals"
+  double sigma = 0.0;                                     ///< [m] of one coordinate of one row, all parts together
+  Eigen::Vector3d independent = Eigen::Vector3d::Zero();  ///< [m] along the axes of W
+  Eigen::Vector3d common = Eigen::Vector3d::Zero();       ///< [m] shared by the points of a repeat or configuration
+  double degrees_of_freedom = 0.0;
+  double variance_factor = 1.0;  ///< what the covariance was multiplied by, above 1 where the fit is worse than stated
+  std::optional<RepeatNoise> repeats;
+};
+
+/// A cube of the workspace and the predicted 3D 1 sigma [m] of the configurations whose flange lies in it.
+struct WorkspaceCell {
+  Eigen::Vector3d centre;  ///< [m] in the base frame
+  int count = 0;
+  double mean = 0.0;
+  double max = 0.0;
+};
+
+struct PredictedAccuracy {
+  ErrorStatistics measured;          ///< 3D 1 sigma [m] at the measured configurations (the first 1,000)
+  ErrorStatistics workspace;         ///< at 1,000 seeded configurations within the joint limits
+  std::vector<WorkspaceCell> cells;  ///< the same 1,000, in cubes of `cell` metres
+  double cell = 0.5;
+};
+
+struct Calibration {
+  ErrorModel model;  ///< with the deflections that were considered
+  Identification identification;
+  Reduction reduction;
+  FreeParameters free;
+  Identifiability identifiability;
+  ObservabilityIndices observability;
+  NoiseReport noise;
+  std::vector<ParameterEstimate> parameters;  ///< base, targets, geometric, deflections: estimated ones and the gauge
+  Eigen::MatrixXd covariance;                 ///< in the order of column_names
+  std::vector<ModelOption> tried;             ///< best first, where something was chosen
+  Priors priors;                              ///< in force
+  Eigen::VectorXd rigid_errors;               ///< what the exported URDF carries
+  BeforeAfter train;
+  std::optional<BeforeAfter> test;
+  std::optional<BeforeAfter> leave_one_out;
+  std::optional<ErrorStatistics> nested_leave_one_out;
+  std::optional<ErrorStatistics> k_fold;
+  Iso9283 iso_before;
+  Iso9283 iso_after;
+  std::optional<LackOfFit> lack_of_fit;  ///< where there are repeats
+  PredictedAccuracy predicted;
+  std::vector<QualityFinding> findings;  ///< what is wrong with the measurements themselves, found before the fit
+  std::vector<double> weights;           ///< of each observation, where a robust loss was used
+  double difference_to_kdl = 0.0;        ///< [m] of the flange pose at the measured configurations
+  std::vector<std::string> warnings;
+
+  /// A misfit beyond what any robot's geometry leaves unexplained: some input is wrong.
+  bool absurd() const { return train.after.rms > 0.005; }
+  /// Whether the answer may be used as it stands: converged, determined and not absurd.
+  bool trusted() const { return identification.termination == Termination::converged && !absurd(); }
+};
+
+/// The whole calibration: registration, reduction of the model to what the measured targets can show, choice of priors
+/// and deflections, identification, covariance, validation. No starting values are needed.
+/// Throws InputError: a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step
+/// with known frames, measured orientations, priors, deflections or a loss, fewer equations than unknowns, no training
+/// rows, noise from repeats without repeats.
+Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
+                      const CalibrationOptions& options = {});
+
+/// What the errors mean for the URDF's joint origins. Throws InputError where an error behind the last joint has no
+/// fixed joint to carry it.
+std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const Eigen::VectorXd& errors);
+
+/// The robot's URDF with the errors corrected.
+std::string calibrated_urdf(const Robot& robot, const ErrorModel& model, const Eigen::VectorXd& errors);
+
+/// Measured configurations with a joint value outside its limits.
+int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,119 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/measurements.hpp"
+
+namespace kdl_calibration {
+
+/// Statistics of 3D position errors [m].
+struct ErrorStatistics {
+  long count = 0;
+  double mean = 0.0;
+  double rms = 0.0;
+  double p95 = 0.0;  ///< 95th percentile, linear interpolation between order statistics
+  double max = 0.0;
+  double std = 0.0;  ///< sample standard deviation
+};
+
+ErrorStatistics error_statistics(std::vector<double> distances);
+
+/// Which observations to look at.
+enum class Rows { all, train, test };
+
+/// 3D distance between measured and predicted point of each observation, in the order of the file.
+std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
+                                    Rows rows = Rows::all);
+
+/// The geometry of the estimate with base and targets registered anew to the training rows: how well this geometry
+/// could explain the measurements.
+Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, const Measurements& measurements,
+                    const RegistrationOptions& options = {});
+
+/// Figures of ISO 9283 over all configurations and targets [m]: accuracy is the distance of the mean of the repeats
+/// from the prediction, repeatability is l + 3 s of the repeats' distances l from their mean.
+struct Iso9283 {
+  ErrorStatistics accuracy;
+  ErrorStatistics repeatability;  ///< of those points that have repeats
+};
+Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
+                 Rows rows = Rows::train);
+
+/// How a fit is done wherever it is repeated.
+struct FitOptions {
+  Loss loss = Loss::none;
+  JointOptions joint;
+};
+Identification fit(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                   const FreeParameters& free, const FitOptions& options);
+
+/// Training configurations left out of a fit and predicted by it. A fit that does not converge counts with what it
+/// predicts.
+struct HoldOut {
+  /// [m] 3D distance between prediction and the mean of the repeats, one for each target of a left-out configuration:
+  /// the accuracy of ISO 9283, from which repeatability is kept apart.
+  std::vector<double> distances;
+  int refits = 0;
+  int not_converged = 0;
+};
+
+/// The training configurations in `folds` groups, dealt out by the seed; one group per configuration where `folds` is
+/// 0 or not less than their number.
+std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed = 1);
+
+/// Exact refits from `start` without each fold in turn, on `threads` threads (0: all); the same for any number.
+HoldOut cross_validate(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                       const FreeParameters& free, const std::vector<std::vector<Eigen::Index>>& folds,
+                       const FitOptions& options = {}, int threads = 0);
+HoldOut leave_one_configuration_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                                    const FreeParameters& free, const FitOptions& options = {}, int threads = 0);
+/// The same for the nominal geometry: only base and targets are registered anew.
+HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
+                                            const RegistrationOptions& options = {});
+
+/// A choice of priors and of the deflections that take part, and what cross-validation said of it.
+struct ModelOption {
+  Priors priors;
+  bool gravity = false;
+  bool gain = false;
+  double held_out_rms = 0.0;  ///< [m]
+};
+
+/// What to choose among. An axis with one entry is not up for choice.
+struct ModelOptions {
+  std::vector<Priors> priors;
+  std::vector<bool> gravity = {false};
+  std::vector<bool> gain = {false};
+};
+
+/// Prior sizes from none to 0.03 mm and mrad in half decades; millimetres and milliradians go together because an
+/// arm of about a metre turns the one into the other.
+std::vector<Priors> prior_sizes();
+
+/// Cross-validates every combination and returns them all, best first. A deflection is accepted only where it improves
+/// the held-out RMS of the same priors by more than 2 %. `free.deflections` is ignored: the options say what is free.
+std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                                      const FreeParameters& free, const ModelOptions& options,
+                                      const FitOptions& fit_options = {}, int threads = 0);
+
+/// The free parameters and fit options that an option stands for.
+FreeParameters with_deflections(const ErrorModel& model, const FreeParameters& free, const ModelOption& option);
+FitOptions with_priors(const FitOptions& options, const Priors& priors);
+
+/// Leave-one-configuration-out in which the choice is made anew without each configuration: what the whole procedure,
+/// choice included, achieves on new data.
+HoldOut nested_leave_one_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                             const FreeParameters& free, const ModelOptions& options,
+                             const FitOptions& fit_options = {}, int threads = 0);
+
+/// Largest difference between our flange pose and that of KDL::ChainFkSolverPos_recursive on the chain with error
+/// segments, over the columns of `joint_values`, or 1,000 of them evenly spaced where there are more [m, or elements of
+/// the rotation matrix].
+double difference_to_kdl(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::MatrixXd& joint_values);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,132 @@
+#include "kdl_calibration/identifiability.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// The triangular factor of the scaled Jacobian: same singular values and dependencies, few rows.
+MatrixXd scaled_triangle(const MatrixXd& jacobian) {
+  const VectorXd norms = jacobian.colwise().norm();
+  const double none = 1e-12 * norms.maxCoeff();
+  const VectorXd scale = norms.unaryExpr([&](double norm) { return norm > none ? 1.0 / norm : 0.0; });
+  const MatrixXd scaled = jacobian * scale.asDiagonal();
+  if (scaled.rows() <= scaled.cols()) {
+    return scaled;
+  }
+  const Eigen::HouseholderQR<MatrixXd> qr(scaled);
+  return qr.matrixQR().topRows(scaled.cols()).triangularView<Eigen::Upper>();
+}
+
+// Groups that share a parameter are one: the measurements cannot tell apart what is tied to the same thing.
+std::vector<std::vector<std::string>> merged(const std::vector<std::vector<std::string>>& groups) {
+  std::vector<std::vector<std::string>> result;
+  for (std::vector<std::string> group : groups) {
+    for (auto other = result.begin(); other != result.end();) {
+      const bool shares = std::find_first_of(group.begin(), group.end(), other->begin(), other->end()) != group.end();
+      if (!shares) {
+        ++other;
+        continue;
+      }
+      for (const std::string& name : group) {
+        if (std::find(other->begin(), other->end(), name) == other->end()) {
+          other->push_back(name);
+        }
+      }
+      group = std::move(*other);
+      other = result.erase(other);
+    }
+    result.push_back(std::move(group));
+  }
+  return result;
+}
+
+// Parameters that take part in a dependency, grouped: from left to right each column that the ones before it span,
+// together with those of them that it needs.
+std::vector<std::vector<std::string>> dependencies(const MatrixXd& triangle, const std::vector<std::string>& names,
+                                                   double tolerance) {
+  std::vector<std::vector<std::string>> groups;
+  std::vector<Index> independent;
+  for (Index c = 0; c < triangle.cols(); ++c) {
+    const VectorXd column = triangle.col(c);
+    if (column.norm() == 0.0) {
+      groups.push_back({names[static_cast<std::size_t>(c)]});
+      continue;
+    }
+    if (independent.empty()) {
+      independent.push_back(c);
+      continue;
+    }
+    const MatrixXd basis = triangle(Eigen::all, independent);
+    const VectorXd coefficients = basis.colPivHouseholderQr().solve(column);
+    if ((basis * coefficients - column).norm() > tolerance) {
+      independent.push_back(c);
+      continue;
+    }
+    std::vector<std::string>& group = groups.emplace_back();
+    for (std::size_t i = 0; i < independent.size(); ++i) {
+      if (std::abs(coefficients[static_cast<Index>(i)]) > 1e-6) {
+        group.push_back(names[static_cast<std::size_t>(independent[i])]);
+      }
+    }
+    group.push_back(names[static_cast<std::size_t>(c)]);
+  }
+  return merged(groups);
+}
+
+// The parameters that make up nine tenths of a unit vector's square, heaviest first.
+std::vector<std::string> heaviest(const VectorXd& direction, const std::vector<std::string>& names) {
+  std::vector<std::size_t> order(names.size());
+  std::iota(order.begin(), order.end(), 0U);
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return std::abs(direction[static_cast<Index>(a)]) > std::abs(direction[static_cast<Index>(b)]);
+  });
+  std::vector<std::string> result;
+  double share = 0.0;
+  for (const std::size_t i : order) {
+    if (share > 0.9) {
+      break;
+    }
+    share += direction[static_cast<Index>(i)] * direction[static_cast<Index>(i)];
+    result.push_back(names[i]);
+  }
+  return result;
+}
+
+}  // namespace
+
+Identifiability identifiability(const MatrixXd& jacobian, const std::vector<std::string>& names,
+                                const IdentifiabilityOptions& options) {
+  Identifiability result;
+  result.columns = static_cast<int>(jacobian.cols());
+  if (jacobian.size() == 0) {
+    return result;
+  }
+  const MatrixXd triangle = scaled_triangle(jacobian);
+  result.singular_values = VectorXd::Zero(jacobian.cols());
+  const Eigen::BDCSVD<MatrixXd> svd(triangle, Eigen::ComputeThinV);
+  const VectorXd values = svd.singularValues();
+  result.singular_values.head(values.size()) = values;
+  const double largest = values[0];
+  result.rank = static_cast<int>((values.array() > options.tolerance * largest).count());
+  for (Index i = result.rank; i-- > 0 && values[i] < options.weak * largest;) {
+    result.weak.push_back(heaviest(svd.matrixV().col(i), names));
+  }
+  const bool full = result.rank == result.columns;
+  result.condition = full ? largest / values[values.size() - 1] : std::numeric_limits<double>::infinity();
+  if (!full) {
+    result.tied = dependencies(triangle, names, 10.0 * options.tolerance);
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

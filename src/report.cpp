@@ -1,0 +1,393 @@
+#include "kdl_calibration/report.hpp"
+
+#include <openssl/evp.h>
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <set>
+
+namespace kdl_calibration {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json array(const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); }
+
+Json quaternion(const Eigen::Matrix3d& R) {
+  const Eigen::Quaterniond q(R);
+  const double sign = q.w() < 0.0 ? -1.0 : 1.0;
+  return Json::array({sign * q.w(), sign * q.x(), sign * q.y(), sign * q.z()});
+}
+
+// JSON has no infinity: what is not determined is null.
+Json finite_or_null(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+std::string sha256(const std::string& text) {
+  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
+  unsigned int size = 0;
+  EVP_Digest(text.data(), text.size(), digest.data(), &size, EVP_sha256(), nullptr);
+  std::string hex;
+  for (unsigned int i = 0; i < size; ++i) {
+    std::array<char, 3> byte{};
+    std::snprintf(byte.data(), byte.size(), "%02x", digest[i]);
+    hex += byte.data();
+  }
+  return hex;
+}
+
+Json statistics_json(const ErrorStatistics& statistics) {
+  return {{"count", statistics.count}, {"mean", statistics.mean}, {"rms", statistics.rms},
+          {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
+}
+
+Json before_after_json(const BeforeAfter& pair) {
+  Json result = {{"before", statistics_json(pair.before)}, {"after", statistics_json(pair.after)}};
+  if (pair.rigid) {
+    result["exported_urdf"] = statistics_json(*pair.rigid);
+  }
+  return result;
+}
+
+Json noise_json(const NoiseReport& noise) {
+  Json result = {{"model", noise.model},
+                 {"sigma", noise.sigma},
+                 {"independent", array(noise.independent)},
+                 {"common", array(noise.common)},
+                 {"degrees_of_freedom", noise.degrees_of_freedom},
+                 {"variance_factor", noise.variance_factor}};
+  if (noise.repeats) {
+    result["repeats"] = {{"independent", array(noise.repeats->independent)},
+                         {"common", array(noise.repeats->common)},
+                         {"total", array(noise.repeats->total)},
+                         {"degrees_of_freedom", noise.repeats->degrees_of_freedom}};
+  }
+  return result;
+}
+
+Json priors_json(const Priors& priors) {
+  return {{"length", priors.length}, {"angle", priors.angle}, {"deflection", priors.deflection}};
+}
+
+Json iso_json(const Iso9283& iso) {
+  return {{"accuracy", statistics_json(iso.accuracy)}, {"repeatability", statistics_json(iso.repeatability)}};
+}
+
+Json cells_json(const std::vector<WorkspaceCell>& cells) {
+  Json result = Json::array();
+  for (const WorkspaceCell& cell : cells) {
+    result.push_back({{"centre", array(cell.centre)}, {"count", cell.count}, {"mean", cell.mean}, {"max", cell.max}});
+  }
+  return result;
+}
+
+// What goes beyond the fit: choice of model, lack of fit, predicted accuracy, down-weighted rows.
+void add_details(const Calibration& calibration, Json& result) {
+  result["priors"] = priors_json(calibration.priors);
+  Json tried = Json::array();
+  for (const ModelOption& option : calibration.tried) {
+    tried.push_back({{"priors", priors_json(option.priors)},
+                     {"gravity", option.gravity},
+                     {"joint_gain", option.gain},
+                     {"held_out_rms", option.held_out_rms}});
+  }
+  result["tried"] = tried;
+  const ObservabilityIndices& o = calibration.observability;
+  result["observability"] = {{"O1", o.O1}, {"O2", o.O2}, {"O3", o.O3}, {"O4", o.O4}, {"O5", o.O5}};
+  Json singular_values = Json::array();
+  for (const double value : calibration.identifiability.singular_values) {
+    singular_values.push_back(value);
+  }
+  result["singular_values"] = singular_values;
+  result["tied"] = calibration.identifiability.tied;
+  result["weak"] = calibration.identifiability.weak;
+  Json findings = Json::array();
+  for (const QualityFinding& finding : calibration.findings) {
+    findings.push_back({{"kind", to_string(finding.kind)},
+                        {"configuration", finding.configuration},
+                        {"repeat", finding.repeat},
+                        {"targets", finding.targets},
+                        {"axis", finding.axis == ' ' ? Json(nullptr) : Json(std::string(1, finding.axis))},
+                        {"amount", finding.amount},
+                        {"message", finding.message}});
+  }
+  result["findings"] = findings;
+  result["iso_9283"] = {{"before", iso_json(calibration.iso_before)}, {"after", iso_json(calibration.iso_after)}};
+  if (calibration.lack_of_fit) {
+    const LackOfFit& lack = *calibration.lack_of_fit;
+    result["lack_of_fit"] = {{"F", lack.f},
+                             {"degrees_of_freedom", lack.degrees_of_freedom},
+                             {"repeat_degrees_of_freedom", lack.repeat_degrees_of_freedom},
+                             {"p_value", lack.p_value},
+                             {"explained_by_joint", lack.explained_by_joint}};
+  }
+  result["predicted_accuracy"] = {{"measured", statistics_json(calibration.predicted.measured)},
+                                  {"workspace", statistics_json(calibration.predicted.workspace)},
+                                  {"cell", calibration.predicted.cell},
+                                  {"cells", cells_json(calibration.predicted.cells)}};
+  if (!calibration.weights.empty()) {
+    result["weights"] = calibration.weights;
+  }
+}
+
+Json input_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
+  return {{"urdf", robot.source},
+          {"sha256", sha256(robot.urdf)},
+          {"base", robot.base},
+          {"tip", robot.tip},
+          {"measurements", measurements.source},
+          {"configurations", measurements.joint_values.cols()},
+          {"observations", measurements.observations.size()},
+          {"method", options.method == Method::joint ? "joint" : "two-step"},
+          {"model", options.model == ModelChoice::irreducible ? "irreducible" : "complete"}};
+}
+
+// 95 % of a normal distribution about the value.
+Json interval_json(const ParameterEstimate& parameter) {
+  if (!parameter.identifiable) {
+    return nullptr;
+  }
+  const double half = 1.959963984540054 * parameter.std;
+  return Json::array({parameter.value - half, parameter.value + half});
+}
+
+Json parameters_json(const std::vector<ParameterEstimate>& parameters) {
+  Json result = Json::array();
+  for (const ParameterEstimate& parameter : parameters) {
+    result.push_back({{"name", parameter.name},
+                      {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
+                      {"kind", parameter.kind},
+                      {"axis", parameter.axis},
+                      {"nominal", parameter.nominal},
+                      {"value", parameter.value},
+                      {"error", parameter.error},
+                      {"std", finite_or_null(parameter.std)},
+                      {"interval_95", interval_json(parameter)},
+                      {"identifiable", parameter.identifiable},
+                      {"gauge", parameter.gauge}});
+  }
+  return result;
+}
+
+Json reduction_json(const Reduction& reduction) {
+  Json dropped = Json::array();
+  for (const DroppedParameter& parameter : reduction.dropped) {
+    dropped.push_back({{"name", parameter.name}, {"replaced_by", parameter.replaced_by}});
+  }
+  Json gauge = Json::array();
+  for (const GaugeParameter& parameter : reduction.gauge) {
+    gauge.push_back({{"name", parameter.name}, {"tied_to", parameter.tied_to}});
+  }
+  return {{"dropped", dropped}, {"gauge", gauge}, {"candidates", reduction.candidates}, {"rank", reduction.rank}};
+}
+
+double std_of(const std::vector<ParameterEstimate>& parameters, const std::string& name) {
+  for (const ParameterEstimate& parameter : parameters) {
+    if (parameter.name == name) {
+      return parameter.std;
+    }
+  }
+  return 0.0;
+}
+
+Json targets_json(const Calibration& calibration) {
+  Json targets = Json::array();
+  for (const TargetFrame& target : calibration.identification.estimate.targets) {
+    Json entry = {{"name", target.name}, {"position", array(target.X_FT.translation())}};
+    if (target.with_orientation) {
+      entry["quaternion_wxyz"] = quaternion(target.X_FT.linear());
+    }
+    Json std = Json::array();
+    for (const std::string& name : target_parameter_names(target)) {
+      std.push_back(finite_or_null(std_of(calibration.parameters, name)));
+    }
+    entry["std"] = std;
+    targets.push_back(entry);
+  }
+  return targets;
+}
+
+Json base_json(const Calibration& calibration) {
+  const Eigen::Isometry3d& X_WB = calibration.identification.estimate.X_WB;
+  Json std = Json::array();
+  for (const std::string& name : base_parameter_names()) {
+    std.push_back(finite_or_null(std_of(calibration.parameters, name)));
+  }
+  return {{"position", array(X_WB.translation())}, {"quaternion_wxyz", quaternion(X_WB.linear())}, {"std", std}};
+}
+
+std::string format(const char* pattern, double value) {
+  std::array<char, 64> text{};
+  std::snprintf(text.data(), text.size(), pattern, value);
+  return text.data();
+}
+
+std::string padded(std::string text, std::size_t width) {
+  text.resize(std::max(width, text.size()), ' ');
+  return text;
+}
+
+void add_statistics(const char* label, const ErrorStatistics& statistics, std::string& text) {
+  text += padded(label, 26) + format("%8.3f", statistics.rms * 1e3) + format("%8.3f", statistics.mean * 1e3) +
+          format("%8.3f", statistics.p95 * 1e3) + format("%8.3f", statistics.max * 1e3) + "   " +
+          std::to_string(statistics.count) + "\n";
+}
+
+void add_before_after(const char* what, const BeforeAfter& pair, std::string& text) {
+  add_statistics((std::string(what) + ", nominal").c_str(), pair.before, text);
+  add_statistics((std::string(what) + ", calibrated").c_str(), pair.after, text);
+  if (pair.rigid) {
+    add_statistics((std::string(what) + ", URDF alone").c_str(), *pair.rigid, text);
+  }
+}
+
+std::string parameter_line(const ParameterEstimate& parameter) {
+  const bool length = parameter.kind == "translation";
+  const std::size_t width = std::max<std::size_t>(6, parameter.name.size() + 1);
+  const double unit = length ? 1e3 : 180.0 / 3.14159265358979323846;
+  std::string line = "  " + padded(parameter.name, width) + padded(parameter.joint, 22) +
+                     format(length ? "%10.4f" : "%10.5f", parameter.error * unit) + (length ? " mm " : " deg");
+  if (parameter.gauge && !parameter.identifiable) {
+    return line + "   zero by choice of gauge\n";
+  }
+  if (!parameter.identifiable) {
+    return line + "   not determined\n";
+  }
+  return line + format(length ? "  +- %.4f" : "  +- %.5f", parameter.std * unit) + "\n";
+}
+
+}  // namespace
+
+std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options,
+                        const Calibration& calibration) {
+  const Identification& found = calibration.identification;
+  Json position_error = {{"train", before_after_json(calibration.train)}};
+  if (calibration.test) {
+    position_error["test"] = before_after_json(*calibration.test);
+  }
+  if (calibration.leave_one_out) {
+    position_error["leave_one_out"] = before_after_json(*calibration.leave_one_out);
+  }
+  if (calibration.nested_leave_one_out) {
+    position_error["nested_leave_one_out"] = statistics_json(*calibration.nested_leave_one_out);
+  }
+  if (calibration.k_fold) {
+    position_error["k_fold"] = statistics_json(*calibration.k_fold);
+  }
+  Json result = {{"software", {{"name", "kdl_calibration"}, {"version", KDL_CALIBRATION_VERSION}}},
+                 {"input", input_json(robot, measurements, options)},
+                 {"termination", to_string(found.termination)},
+                 {"message", found.message},
+                 {"iterations", found.iterations},
+                 {"rank", calibration.identifiability.rank},
+                 {"condition", finite_or_null(calibration.identifiability.condition)}};
+  if (options.method == Method::two_step) {
+    result["convergence_factor"] = found.convergence_factor;
+  }
+  result["parameters"] = parameters_json(calibration.parameters);
+  result["model"] = reduction_json(calibration.reduction);
+  result["base"] = base_json(calibration);
+  result["targets"] = targets_json(calibration);
+  result["position_error"] = position_error;
+  result["noise"] = noise_json(calibration.noise);
+  add_details(calibration, result);
+  result["difference_to_kdl"] = calibration.difference_to_kdl;
+  result["warnings"] = calibration.warnings;
+  return result.dump(2) + "\n";
+}
+
+std::string model_json(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Reduction& reduction) {
+  const std::set<std::string> kept(reduction.kept.begin(), reduction.kept.end());
+  std::set<std::string> gauge;
+  for (const GaugeParameter& parameter : reduction.gauge) {
+    gauge.insert(parameter.name);
+  }
+  Json parameters = Json::array();
+  const auto add = [&](const std::string& name, const std::string& joint, const char* kind, char axis, double nominal) {
+    if (kept.count(name) > 0 || gauge.count(name) > 0) {
+      parameters.push_back({{"name", name},
+                            {"joint", joint.empty() ? Json(nullptr) : Json(joint)},
+                            {"kind", kind},
+                            {"axis", axis == 'q' ? "" : std::string(1, axis)},
+                            {"nominal", nominal},
+                            {"identifiable", kept.count(name) > 0},
+                            {"gauge", gauge.count(name) > 0}});
+    }
+  };
+  const auto add_frame = [&](const std::vector<std::string>& names) {
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      add(names[i], "", i < 3 ? "translation" : "rotation", static_cast<char>('x' + i % 3), 0.0);
+    }
+  };
+  add_frame(base_parameter_names());
+  for (const TargetFrame& target : targets) {
+    add_frame(target_parameter_names(target));
+  }
+  for (const ErrorParameter& parameter : model.parameters) {
+    add(parameter.name, parameter.joint, to_string(parameter.kind), parameter.axis, parameter.nominal);
+  }
+  Json result = {{"parameters", parameters}};
+  result.update(reduction_json(reduction));
+  return result.dump(2) + "\n";
+}
+
+std::string result_table(const Calibration& calibration) {
+  const Identification& found = calibration.identification;
+  std::string text = to_string(found.termination) + " after " + std::to_string(found.iterations) +
+                     " iterations: " + found.message + "\n";
+  text += "rank " + std::to_string(calibration.identifiability.rank) + " of " +
+          std::to_string(calibration.identifiability.columns) + " parameters" +
+          format(", condition number %.0f", calibration.identifiability.condition) +
+          format(", noise %.4f mm per coordinate", calibration.noise.sigma * 1e3) +
+          (calibration.noise.model == "residuals" ? " (from the residuals)\n" : " (as stated)\n");
+  if (found.convergence_factor > 0.0) {
+    text += format("each round left %.3f of the error of the round before\n", found.convergence_factor);
+  }
+  text += format("flange poses agree with the KDL solver to %.1e m\n", calibration.difference_to_kdl);
+  text += "\n" + padded("position error [mm]", 26) + "     rms    mean     p95     max   points\n";
+  add_before_after("fitted", calibration.train, text);
+  if (calibration.test) {
+    add_before_after("held out", *calibration.test, text);
+  }
+  if (calibration.leave_one_out) {
+    add_before_after("leave-one-out", *calibration.leave_one_out, text);
+  }
+  if (calibration.nested_leave_one_out) {
+    add_statistics("leave-one-out, nested", *calibration.nested_leave_one_out, text);
+  }
+  if (calibration.k_fold) {
+    add_statistics("k-fold, calibrated", *calibration.k_fold, text);
+  }
+  if (calibration.predicted.workspace.count > 0) {
+    text += format("predicted 1 sigma of a point: %.3f mm at the measured configurations,",
+                   calibration.predicted.measured.rms * 1e3) +
+            format(" %.3f mm over the workspace\n", calibration.predicted.workspace.rms * 1e3);
+  }
+  if (calibration.iso_after.repeatability.count > 0) {
+    text +=
+        format("ISO 9283: accuracy %.3f mm (mean over configurations),", calibration.iso_after.accuracy.mean * 1e3) +
+        format(" nominal %.3f mm,", calibration.iso_before.accuracy.mean * 1e3) +
+        format(" repeatability %.3f mm\n", calibration.iso_after.repeatability.mean * 1e3);
+  }
+  if (!calibration.tried.empty()) {
+    const ModelOption& chosen = calibration.tried.front();
+    text += format("chosen by cross-validation: priors %.3g mm and mrad,", chosen.priors.length * 1e3) + " gravity " +
+            (chosen.gravity ? "yes" : "no") + ", joint gain " + (chosen.gain ? "yes" : "no") + "\n";
+  }
+  text += "\ngeometric errors (+- 1 sigma)\n";
+  for (const ParameterEstimate& parameter : calibration.parameters) {
+    if (parameter.name.find('.') == std::string::npos) {
+      text += parameter_line(parameter);
+    }
+  }
+  text += "\ntargets on the flange [mm]\n";
+  for (const TargetFrame& target : found.estimate.targets) {
+    const Eigen::Vector3d p = target.X_FT.translation() * 1e3;
+    text += "  " + padded(target.name, 6) + format("%12.4f", p.x()) + format("%12.4f", p.y()) +
+            format("%12.4f", p.z()) + "\n";
+  }
+  return text;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,393 @@
+#include "kdl_calibration/calibration.hpp"
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using ::testing::Contains;
+using testing::difference;
+using testing::fanuc;
+using ::testing::HasSubstr;
+using testing::kdl_pose;
+using ::testing::Not;
+
+struct Simulated {
+  Robot robot = fanuc();
+  ErrorModel model = complete_model(robot);
+  VirtualRobot truth;
+  Measurements measured;
+
+  Simulated(std::uint64_t seed, double sigma, int targets = 3) {
+    Random random(seed);
+    const std::vector<TargetFrame> frames = published_targets(targets);
+    const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
+    truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model), 30, random);
+    measured = measure(truth, q, {.sigma = sigma}, random);
+  }
+};
+
+std::vector<std::string> identifiable_names(const Calibration& calibration) {
+  std::vector<std::string> names;
+  for (const ParameterEstimate& parameter : calibration.parameters) {
+    if (parameter.identifiable) {
+      names.push_back(parameter.name);
+    }
+  }
+  return names;
+}
+
+TEST(Calibration, ExportedUrdfIsTheCalibratedRobot) {
+  const Simulated s(1, 0.0);
+  const Calibration found = calibrate(s.model, s.measured);
+  ASSERT_TRUE(found.trusted()) << found.identification.message;
+  const Eigen::VectorXd& errors = found.identification.estimate.errors;
+  const Robot exported = parse_robot(calibrated_urdf(s.robot, s.model, errors));
+  const KDL::Chain chain = error_chain(s.model, errors);
+  const KDL::Chain nominal_of_exported = exported.chain;
+  Random random(2);
+  for (int i = 0; i < 1000; ++i) {
+    const Eigen::VectorXd q = testing::random_joints(s.model, random);
+    ASSERT_LT(difference(kdl_pose(chain, q), kdl_pose(nominal_of_exported, q)), 1e-12);
+    ASSERT_LT(difference(kdl_pose(folded_chain(s.model, errors), q), kdl_pose(nominal_of_exported, q)), 1e-12);
+  }
+  EXPECT_LT(found.difference_to_kdl, 1e-12);
+}
+
+TEST(Calibration, ExportWithErrorsOfThePublishedSizeReadsBackToTheSameChain) {
+  const Robot robot = fanuc();
+  const ErrorModel model = complete_model(robot);
+  Random random(3);
+  for (int trial = 0; trial < 20; ++trial) {
+    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * testing::kDegree);
+    const Robot exported = parse_robot(calibrated_urdf(robot, model, errors));
+    for (int i = 0; i < 50; ++i) {
+      const Eigen::VectorXd q = testing::random_joints(model, random);
+      ASSERT_LT(difference(kdl_pose(error_chain(model, errors), q), kdl_pose(exported.chain, q)), 1e-12);
+    }
+  }
+}
+
+TEST(Calibration, ExportWithoutErrorsIsTheFileByteForByte) {
+  const Robot robot = fanuc();
+  const ErrorModel model = complete_model(robot);
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  EXPECT_EQ(calibrated_urdf(robot, model, zero), robot.urdf);
+}
+
+TEST(Calibration, GivesThirtyThreeOfThirtyFiveParametersWithTheirUncertainty) {
+  const Simulated s(4, 0.00003);
+  const Calibration found = calibrate(s.model, s.measured);
+  EXPECT_EQ(identifiable_names(found).size(), 33U);
+  EXPECT_EQ(found.parameters.size(), 35U);
+  EXPECT_EQ(found.identifiability.rank, 33);
+  for (const ParameterEstimate& parameter : found.parameters) {
+    if (!parameter.identifiable) {
+      EXPECT_TRUE(parameter.gauge) << parameter.name;
+      EXPECT_EQ(parameter.error, 0.0) << parameter.name;
+    } else {
+      EXPECT_GT(parameter.std, 0.0) << parameter.name;
+      EXPECT_LT(parameter.std, 0.01) << parameter.name;
+    }
+    if (!parameter.joint.empty()) {
+      EXPECT_DOUBLE_EQ(parameter.value, parameter.nominal + parameter.error) << parameter.name;
+    }
+  }
+}
+
+TEST(Calibration, FixesAndFreesByPattern) {
+  const Simulated s(5, 0.00003);
+  CalibrationOptions options;
+  options.fix = {"*4", "Rz?"};
+  const Calibration found = calibrate(s.model, s.measured, options);
+  EXPECT_THAT(identifiable_names(found), Not(Contains("Tz4")));
+  EXPECT_THAT(identifiable_names(found), Not(Contains("dq4")));
+  EXPECT_THAT(identifiable_names(found), Not(Contains("Rz5")));
+  EXPECT_EQ(found.identifiability.rank, 33 - 4 - 3);  // Tz4 Tx4 Rz4 dq4, then Rz2 Rz3 Rz5
+  options = {};
+  options.free = {"dq1"};
+  const Calibration tied = calibrate(s.model, s.measured, options);
+  EXPECT_EQ(tied.identification.termination, Termination::rank_deficient);
+  EXPECT_THAT(tied.warnings, Contains(::testing::AllOf(HasSubstr("base.Rz"), HasSubstr("dq1"))));
+  options.free = {"Q7"};
+  EXPECT_THROW(calibrate(s.model, s.measured, options), InputError);
+  options = {};
+  options.fix = {"base.*"};
+  EXPECT_THROW(calibrate(s.model, s.measured, options), InputError);
+}
+
+TEST(Calibration, WithKnownFramesTheGaugeIsIdentified) {
+  const Simulated s(6, 0.0);
+  CalibrationOptions options;
+  options.known_base = s.truth.truth.X_WB;
+  options.known_targets = s.truth.truth.targets;
+  const Calibration found = calibrate(s.model, s.measured, options);
+  ASSERT_TRUE(found.trusted()) << found.identification.message;
+  EXPECT_EQ(found.identifiability.rank, 30);
+  EXPECT_THAT(identifiable_names(found), Contains("dq1"));
+  EXPECT_LT(found.train.after.max, 1e-12);
+}
+
+TEST(Calibration, CompleteModelFitsAsWellAndIsMarked) {
+  const Simulated s(7, 0.00003);
+  const Calibration irreducible = calibrate(s.model, s.measured);
+  const Calibration complete = calibrate(s.model, s.measured, {.model = ModelChoice::complete});
+  EXPECT_EQ(complete.identification.termination, Termination::rank_deficient);
+  EXPECT_EQ(complete.identifiability.rank, 33);
+  EXPECT_NEAR(complete.train.after.rms, irreducible.train.after.rms, 1e-9);
+}
+
+TEST(Calibration, NamesTiedParametersWhenAllConfigurationsAreAlike) {
+  Simulated s(8, 0.00003);
+  s.measured.joint_values = s.measured.joint_values.col(0).replicate(1, 30).eval();
+  Random random(1);
+  s.measured = measure(s.truth, s.measured.joint_values, {.sigma = 0.00003}, random);
+  const Calibration found = calibrate(s.model, s.measured);
+  EXPECT_FALSE(found.trusted());
+  EXPECT_EQ(found.identification.termination, Termination::rank_deficient);
+  EXPECT_THAT(found.warnings, Contains(HasSubstr("cannot tell apart")));
+}
+
+TEST(Calibration, PredictsHeldOutRows) {
+  Simulated s(9, 0.00003);
+  for (Observation& observation : s.measured.observations) {
+    observation.split = observation.configuration >= 24 ? Split::test : Split::train;
+  }
+  const Calibration found = calibrate(s.model, s.measured);
+  ASSERT_TRUE(found.test.has_value());
+  EXPECT_EQ(found.test->after.count, 18);
+  EXPECT_EQ(found.train.after.count, 72);
+  EXPECT_LT(found.test->after.rms, 0.0002);
+  EXPECT_GT(found.test->before.rms, 0.001);
+  for (Observation& observation : s.measured.observations) {
+    observation.split = Split::test;
+  }
+  EXPECT_THROW(calibrate(s.model, s.measured), InputError);
+}
+
+TEST(Calibration, TwoStepAgreesWithTheJointEstimate) {
+  const Simulated s(10, 0.0);
+  const Calibration found = calibrate(s.model, s.measured, {.method = Method::two_step});
+  EXPECT_TRUE(found.trusted()) << found.identification.message;
+  EXPECT_LT(found.train.after.max, 1e-9);
+  EXPECT_GT(found.identification.convergence_factor, 0.0);
+}
+
+TEST(Calibration, WarnsOfJointValuesOutsideTheLimits) {
+  Simulated s(11, 0.00003);
+  Random random(1);
+  Eigen::MatrixXd q = s.measured.joint_values;
+  q(4, 3) = 2.5;
+  q(4, 7) = -2.5;
+  const Calibration found = calibrate(s.model, measure(s.truth, q, {.sigma = 0.00003}, random));
+  EXPECT_THAT(found.warnings, Contains(HasSubstr("2 of 30 configurations")));
+}
+
+TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
+  Simulated s(12, 0.00003);
+  const Calibration clean = calibrate(s.model, s.measured);
+  s.measured.observations[40].position.y() += 0.01;
+  const Calibration spoilt = calibrate(s.model, s.measured);
+  for (const Loss loss : {Loss::huber, Loss::tukey}) {
+    const Calibration robust = calibrate(s.model, s.measured, {.loss = loss});
+    ASSERT_EQ(robust.weights.size(), 90U);
+    EXPECT_LT(robust.weights[40], 0.02);
+    EXPECT_EQ(std::min_element(robust.weights.begin(), robust.weights.end()) - robust.weights.begin(), 40);
+    const double off = (robust.identification.estimate.errors - clean.identification.estimate.errors).norm();
+    EXPECT_LT(off, 0.2 * (spoilt.identification.estimate.errors - clean.identification.estimate.errors).norm());
+  }
+}
+
+// 3D RMS of what the calibration predicts at fresh configurations against the truth.
+double held_out_rms(const VirtualRobot& truth, const Calibration& found, Random& random) {
+  const Eigen::MatrixXd q = random_configurations(limits_of(truth.model), 200, random);
+  const Estimate& estimate = found.identification.estimate;
+  const auto real = flange_poses(truth.model, truth.truth, q);
+  const auto ours = flange_poses(truth.model, estimate, q);
+  double sum = 0.0;
+  for (std::size_t c = 0; c < real.size(); ++c) {
+    for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
+      sum += (truth.truth.X_WB * (real[c] * truth.truth.targets[k].X_FT.translation()) -
+              estimate.X_WB * (ours[c] * estimate.targets[k].X_FT.translation()))
+                 .squaredNorm();
+    }
+  }
+  return std::sqrt(sum / static_cast<double>(3 * real.size()));
+}
+
+TEST(Calibration, DefectsOfTheMeasurementsAreNamedAndTheRobustFitSurvivesThem) {
+  // From configuration 13 on the third target sits 1 mm elsewhere on the tool.
+  const Eigen::Vector3d slip(0.0006, -0.0006, 0.00053);
+  const auto slipped = [&](const Simulated& s, Measurements& m) {
+    const auto poses = flange_poses(s.model, s.truth.truth, m.joint_values);
+    for (Observation& o : m.observations) {
+      if (o.target == 2 && o.configuration >= 12) {
+        o.position += s.truth.truth.X_WB.linear() * poses[static_cast<std::size_t>(o.configuration)].linear() * slip;
+      }
+    }
+  };
+  const auto swapped = [](Measurements& m) { std::swap(m.observations[15].position, m.observations[16].position); };
+  const auto mistyped = [](Measurements& m) { m.observations[40].position.y() += 0.01; };
+  const std::vector<std::string> expected = {"after configuration 12", "swapped in configuration 6",
+                                             "configuration 14"};
+  double clean_squares = 0.0;
+  std::array<double, 3> robust_squares = {};
+  for (std::uint64_t seed = 101; seed <= 120; ++seed) {
+    Simulated s(seed, 0.00003);
+    const Calibration clean = calibrate(s.model, s.measured);
+    EXPECT_TRUE(clean.findings.empty()) << clean.findings.front().message;
+    Random random(seed + 1000);
+    clean_squares += std::pow(held_out_rms(s.truth, clean, random), 2);
+    for (std::size_t defect = 0; defect < 3; ++defect) {
+      Measurements spoilt = s.measured;
+      if (defect == 0) {
+        slipped(s, spoilt);
+      } else {
+        defect == 1 ? swapped(spoilt) : mistyped(spoilt);
+      }
+      const Calibration found = calibrate(s.model, spoilt, {.loss = Loss::tukey});
+      EXPECT_THAT(found.warnings, Contains(HasSubstr(expected[defect]))) << seed;
+      VirtualRobot truth = s.truth;
+      if (defect == 0) {  // what is measured from now on is where the target sits now
+        truth.truth.targets[2].X_FT.translation() += slip;
+      }
+      Random same(seed + 1000);
+      robust_squares[defect] += std::pow(held_out_rms(truth, found, same), 2);
+    }
+  }
+  for (std::size_t defect = 0; defect < 3; ++defect) {
+    const double ratio = std::sqrt(robust_squares[defect] / clean_squares);
+    std::cout << expected[defect] << ": robust held out over clean " << ratio << "\n";
+    EXPECT_LT(ratio, 1.1) << expected[defect];
+  }
+}
+
+TEST(Calibration, StatedNoiseThatIsTooSmallIsFoundOut) {
+  Simulated s(13, 0.00003);
+  for (Observation& observation : s.measured.observations) {
+    observation.sigma = 0.00001;
+  }
+  const Calibration found = calibrate(s.model, s.measured);
+  EXPECT_NEAR(found.noise.variance_factor, 9.0, 2.0);
+  EXPECT_THAT(found.warnings, Contains(HasSubstr("times the stated noise")));
+}
+
+TEST(Calibration, KFoldPredictsEveryConfigurationOnce) {
+  const Simulated s(14, 0.00003);
+  const Calibration found = calibrate(s.model, s.measured, {.k_fold = 5});
+  ASSERT_TRUE(found.k_fold.has_value());
+  EXPECT_EQ(found.k_fold->count, 90);
+  EXPECT_GT(found.k_fold->rms, found.train.after.rms);
+}
+
+TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {
+  const Simulated s(15, 0.00003);
+  CalibrationOptions options;
+  options.automatic_priors = true;
+  options.gravity = Use::automatic;
+  options.leave_one_out = true;
+  options.threads = 1;
+  const Calibration one = calibrate(s.model, s.measured, options);
+  options.threads = 3;
+  const Calibration three = calibrate(s.model, s.measured, options);
+  EXPECT_EQ(one.leave_one_out->after.rms, three.leave_one_out->after.rms);
+  ASSERT_EQ(one.tried.size(), three.tried.size());
+  for (std::size_t i = 0; i < one.tried.size(); ++i) {
+    EXPECT_EQ(one.tried[i].held_out_rms, three.tried[i].held_out_rms);
+  }
+  EXPECT_FALSE(one.tried.front().gravity);  // there is none in the simulation
+}
+
+Measurements real_measurements() {
+  const Robot robot = fanuc();
+  const JointConvention convention = read_joint_convention(std::string(URDF_DIR) + "/fanuc_r2000ic_165f_serial.json");
+  return read_measurements(std::string(SHARED_DATA_DIR) + "/r2000ic_165f_tracker/measurements.csv", joint_names(robot),
+                           &convention);
+}
+
+TEST(CalibrationOnRealData, R2000iCFitsAsIndependentFitsDid) {
+  const ErrorModel model = complete_model(fanuc());
+  const Calibration found = calibrate(model, real_measurements(), {.leave_one_out = true});
+  ASSERT_TRUE(found.trusted()) << found.identification.message;
+  EXPECT_EQ(found.identifiability.rank, 33);
+  EXPECT_NEAR(found.train.after.rms, 0.000161, 0.000001);
+  EXPECT_NEAR(found.train.after.max, 0.000327, 0.000001);
+  EXPECT_NEAR(found.train.before.rms, 0.00062, 0.00001);
+  EXPECT_LE(found.leave_one_out->after.rms, 0.000235);
+  EXPECT_NEAR(found.leave_one_out->before.rms, 0.00072, 0.00001);
+  std::cout << "leave-one-out " << found.leave_one_out->after.rms * 1e3 << " mm, condition "
+            << found.identifiability.condition << "\n";
+}
+
+TEST(CalibrationOnRealData, R2000iCChoosesPriorsAndGravityByItself) {
+  const ErrorModel model = complete_model(fanuc());
+  CalibrationOptions options;
+  options.automatic_priors = true;
+  options.gravity = Use::automatic;
+  options.joint_gain = Use::automatic;
+  options.leave_one_out = true;
+  options.nested = true;
+  const Calibration found = calibrate(model, real_measurements(), options);
+  ASSERT_TRUE(found.trusted()) << found.identification.message;
+  std::cout << "chosen: priors " << found.priors.length << ", gravity " << found.tried.front().gravity << ", gain "
+            << found.tried.front().gain << "; leave-one-out " << found.leave_one_out->after.rms * 1e3 << " mm, nested "
+            << found.nested_leave_one_out->rms * 1e3 << " mm\n";
+  EXPECT_LE(found.leave_one_out->after.rms, 0.00019);
+  EXPECT_LE(found.nested_leave_one_out->rms, 0.00020);
+  EXPECT_TRUE(found.tried.front().gravity);
+  EXPECT_LT(found.train.rigid->rms, 0.0002);  // the exported URDF alone
+  EXPECT_LT(found.train.after.rms, found.train.rigid->rms);
+}
+
+TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies) {
+  const Calibration found = calibrate(complete_model(fanuc()), real_measurements());
+  ASSERT_TRUE(found.noise.repeats.has_value());
+  const Eigen::Vector3d common(0.000058, 0.000059, 0.000031);
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(found.noise.repeats->common[axis], common[axis], 0.1 * common[axis]);
+    EXPECT_GT(found.noise.repeats->independent[axis], 0.000009);
+    EXPECT_LT(found.noise.repeats->independent[axis], 0.0000132);
+  }
+  ASSERT_TRUE(found.lack_of_fit.has_value());
+  EXPECT_LT(found.lack_of_fit->p_value, 1e-10);
+  EXPECT_THAT(found.warnings, Contains(HasSubstr("lack of fit")));
+  EXPECT_EQ(found.noise.model, "residuals");
+  EXPECT_GT(found.noise.common.x(), found.noise.independent.x());
+}
+
+TEST(CalibrationOnRealData, R2000iCMeansFitAsIndependentFitsDid) {
+  const ErrorModel model = complete_model(fanuc());
+  const Calibration found = calibrate(model, averaged(real_measurements()), {.leave_one_out = true});
+  EXPECT_NEAR(found.train.after.rms, 0.000136, 0.000001);
+  EXPECT_NEAR(found.train.after.max, 0.000267, 0.000001);
+  EXPECT_NEAR(found.train.before.rms, 0.000615, 0.000001);
+  EXPECT_NEAR(found.train.before.max, 0.001344, 0.000001);
+  EXPECT_NEAR(found.leave_one_out->after.rms, 0.000234, 0.000001);
+  EXPECT_NEAR(found.leave_one_out->before.rms, 0.000717, 0.000001);
+}
+
+TEST(CalibrationOnRealData, Ur10PosesPredictBetterThanTheNominalRobot) {
+  const std::string folder = std::string(SHARED_DATA_DIR) + "/ur10_tracker_poses";
+  const Robot robot = load_robot(folder + "/ur10.urdf", {.base = "base_link", .tip = "tool0"});
+  const Calibration found =
+      calibrate(complete_model(robot), read_measurements(folder + "/measurements.csv", joint_names(robot)));
+  EXPECT_TRUE(found.trusted()) << found.identification.message;
+  ASSERT_TRUE(found.test.has_value());
+  std::cout << "UR10 held out " << found.test->before.rms * 1e3 << " -> " << found.test->after.rms * 1e3 << " mm, rank "
+            << found.identifiability.rank << "\n";
+  EXPECT_NEAR(found.test->before.rms, 0.00095, 0.00005);
+  EXPECT_LT(found.test->after.rms, 0.0005);
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,498 @@
+#include "kdl_calibration/data_quality.hpp"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <filesystem>
+
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using ::testing::ElementsAre;
+using testing::fanuc;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using testing::kDegree;
+
+/// The published experiment: 30 configurations, three tools, errors that the reduced model carries.
+struct Experiment {
+  ErrorModel model = complete_model(fanuc());
+  Reduction reduction = reduced_model(model, published_targets());
+  FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
+
+  Measurements measured(std::uint64_t seed, const ErrorSizes& sizes, double sigma, int repeats = 1,
+                        int configurations = 30) const {
+    Random random(seed);
+    const VirtualRobot robot = virtual_robot(model, free.geometric, published_targets(), sizes, random);
+    return measure(robot, random_configurations(published_ranges(model), configurations, random),
+                   {.sigma = sigma, .repeats = repeats}, random);
+  }
+
+  Estimate preliminary(const Measurements& measurements) const {
+    return identify_robustly(model, measurements, nominal_start(model, measurements), free, Loss::tukey).fit.estimate;
+  }
+
+  std::vector<QualityFinding> findings(const Measurements& measurements) const {
+    return check_measurements(model, measurements, preliminary(measurements));
+  }
+};
+
+const Experiment& experiment() {
+  static const Experiment instance;
+  return instance;
+}
+
+const ErrorSizes kSmall{.length = 0.001, .angle = 0.001};
+const ErrorSizes kPublished{};
+constexpr double kNoise = 0.00003;
+
+Observation& row(Measurements& measurements, int configuration, int target, int repeat = 1) {
+  for (Observation& observation : measurements.observations) {
+    if (observation.configuration == configuration - 1 && observation.target == target &&
+        observation.repeat == repeat) {
+      return observation;
+    }
+  }
+  throw InputError("no such row");
+}
+
+/// R_WF for the estimate, for defects that are fixed to the flange.
+void slip_target(const ErrorModel& model, const Estimate& estimate, Measurements& measurements, int target, int after,
+                 const Eigen::Vector3d& step) {
+  const auto X_BF = flange_poses(model, estimate, measurements.joint_values);
+  for (Observation& observation : measurements.observations) {
+    if (observation.target == target && observation.configuration >= after) {
+      observation.position +=
+          estimate.X_WB.linear() * X_BF[static_cast<std::size_t>(observation.configuration)].linear() * step;
+    }
+  }
+}
+
+void swap_targets(Measurements& measurements, int configuration, int a, int b) {
+  for (Observation& observation : measurements.observations) {
+    if (observation.configuration == configuration - 1 && (observation.target == a || observation.target == b)) {
+      observation.target = observation.target == a ? b : a;
+    }
+  }
+}
+
+std::vector<std::string> messages(const std::vector<QualityFinding>& findings) {
+  std::vector<std::string> result;
+  result.reserve(findings.size());
+  for (const QualityFinding& finding : findings) {
+    result.push_back(finding.message);
+  }
+  return result;
+}
+
+// ---- no false alarms -----------------------------------------------------------------------------------------------
+
+TEST(DataQuality, FindsNothingInCleanData) {
+  for (std::uint64_t seed = 1; seed <= 200; ++seed) {
+    for (const ErrorSizes& sizes : {kSmall, kPublished}) {
+      const Measurements measured = experiment().measured(seed, sizes, kNoise);
+      ASSERT_THAT(messages(experiment().findings(measured)), IsEmpty()) << seed;
+    }
+  }
+}
+
+TEST(DataQuality, FindsNothingInCleanRepeatsNorInDataWithoutNoise) {
+  for (std::uint64_t seed = 1; seed <= 200; ++seed) {
+    ASSERT_THAT(messages(experiment().findings(experiment().measured(seed, kSmall, kNoise, 10))), IsEmpty()) << seed;
+    ASSERT_THAT(messages(experiment().findings(experiment().measured(seed, kPublished, 0.0))), IsEmpty()) << seed;
+  }
+}
+
+TEST(DataQuality, FindsNothingInAFewConfigurations) {
+  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+    for (const int configurations : {4, 6, 8, 10, 12, 15, 20}) {
+      const Measurements few = experiment().measured(seed, kSmall, kNoise, 1, configurations);
+      EXPECT_THAT(messages(experiment().findings(few)), IsEmpty()) << seed << ", " << configurations;
+    }
+  }
+}
+
+// ---- slips ---------------------------------------------------------------------------------------------------------
+
+TEST(DataQuality, NamesATargetThatSlipped) {
+  const std::vector<Eigen::Vector3d> directions = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-0.6, 0.0, 0.8}};
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    for (int target = 0; target < 3; ++target) {
+      // y is perpendicular to the plane of the published targets.
+      const Eigen::Vector3d& direction = directions[seed % directions.size()];
+      Measurements measured = experiment().measured(seed, kSmall, kNoise);
+      slip_target(experiment().model, experiment().preliminary(measured), measured, target, 12, 0.001 * direction);
+      const std::vector<QualityFinding> findings = experiment().findings(measured);
+      ASSERT_EQ(findings.size(), 1U) << seed << " " << target << ::testing::PrintToString(messages(findings));
+      EXPECT_EQ(findings[0].kind, QualityKind::slipped_target);
+      EXPECT_EQ(findings[0].configuration, "12") << seed;
+      EXPECT_THAT(findings[0].targets, ElementsAre(measured.targets[static_cast<std::size_t>(target)]));
+      EXPECT_NEAR(findings[0].amount, 0.001, 0.0001) << seed;
+      EXPECT_GT(findings[0].offset.dot(direction), 0.0009) << seed;
+    }
+  }
+}
+
+TEST(DataQuality, DistancesAloneNameASlipAlongTheirDirection) {
+  for (int target = 0; target < 3; ++target) {
+    Measurements measured = experiment().measured(5, kSmall, kNoise);
+    slip_target(experiment().model, experiment().preliminary(measured), measured, target, 12, {0.0007, 0.0, 0.0007});
+    const std::vector<QualityFinding> findings = check_distances(measured);
+    ASSERT_EQ(findings.size(), 1U) << ::testing::PrintToString(messages(findings));
+    EXPECT_EQ(findings[0].kind, QualityKind::slipped_target);
+    EXPECT_EQ(findings[0].configuration, "12");
+    EXPECT_THAT(findings[0].targets, ::testing::Contains(measured.targets[static_cast<std::size_t>(target)]));
+  }
+}
+
+TEST(DataQuality, DistancesHardlySeeASlipAcrossThePlaneOfTheTargets) {
+  Measurements measured = experiment().measured(5, kSmall, kNoise);
+  slip_target(experiment().model, experiment().preliminary(measured), measured, 2, 12, {0.0, 0.001, 0.0});
+  EXPECT_THAT(messages(check_distances(measured)), IsEmpty());
+  EXPECT_THAT(messages(experiment().findings(measured)),
+              ElementsAre("target C slipped by about 1.0 mm after configuration 12"));
+}
+
+TEST(DataQuality, NamesASlipInDataWithoutNoiseAndInRepeats) {
+  for (const double sigma : {0.0, kNoise}) {
+    Measurements measured = experiment().measured(6, kPublished, sigma, sigma > 0.0 ? 5 : 1);
+    slip_target(experiment().model, experiment().preliminary(measured), measured, 0, 12, {0.0, 0.0, -0.001});
+    EXPECT_THAT(messages(experiment().findings(measured)),
+                ElementsAre("target A slipped by about 1.0 mm after configuration 12"));
+  }
+}
+
+TEST(DataQuality, NamesTheOnlyTargetThatSlipped) {
+  Random random(1);
+  const Experiment& e = experiment();
+  const std::vector<TargetFrame> targets = published_targets(1);
+  const FreeParameters free = free_parameters(e.model, targets, reduced_model(e.model, targets).kept);
+  const VirtualRobot robot = virtual_robot(e.model, free.geometric, targets, kSmall, random);
+  Measurements measured =
+      measure(robot, random_configurations(published_ranges(e.model), 80, random), {.sigma = kNoise}, random);
+  slip_target(e.model, robot.truth, measured, 0, 30, {0.0, 0.0006, 0.0008});
+  const Estimate estimate =
+      identify_robustly(e.model, measured, nominal_start(e.model, measured), free, Loss::tukey).fit.estimate;
+  // Without others to compare it with, the fit bends a little to follow it.
+  const std::vector<QualityFinding> findings = check_measurements(e.model, measured, estimate);
+  ASSERT_EQ(findings.size(), 1U) << ::testing::PrintToString(messages(findings));
+  EXPECT_EQ(findings[0].kind, QualityKind::slipped_target);
+  EXPECT_EQ(findings[0].configuration, "30");
+  EXPECT_NEAR(findings[0].amount, 0.001, 0.00015);
+}
+
+// ---- swaps ---------------------------------------------------------------------------------------------------------
+
+TEST(DataQuality, NamesTwoTargetsThatWereSwapped) {
+  const std::vector<std::pair<int, int>> pairs = {{0, 1}, {0, 2}, {1, 2}};
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    for (const auto& [a, b] : pairs) {
+      Measurements measured = experiment().measured(seed, kPublished, kNoise);
+      swap_targets(measured, 7, a, b);
+      const std::vector<QualityFinding> findings = experiment().findings(measured);
+      const std::string names =
+          measured.targets[static_cast<std::size_t>(a)] + " and " + measured.targets[static_cast<std::size_t>(b)];
+      ASSERT_THAT(messages(findings), ElementsAre("targets " + names + " are swapped in configuration 7")) << seed;
+      EXPECT_EQ(findings[0].kind, QualityKind::swapped_targets);
+      EXPECT_GT(findings[0].amount, 0.05);
+    }
+  }
+}
+
+TEST(DataQuality, DistancesAloneNameASwapThatChangesThem) {
+  Measurements measured = experiment().measured(1, {.length = 0.001, .angle = 0.001, .target_length = 0.0}, kNoise, 3);
+  Measurements symmetric = measured;
+  swap_targets(measured, 7, 0, 2);
+  EXPECT_THAT(messages(check_distances(measured)), ElementsAre("targets A and C are swapped in configuration 7"));
+  swap_targets(symmetric, 7, 0, 1);  // AC and BC are equally long
+  EXPECT_THAT(messages(check_distances(symmetric)), IsEmpty());
+  EXPECT_THAT(messages(experiment().findings(symmetric)),
+              ElementsAre("targets A and B are swapped in configuration 7"));
+}
+
+TEST(DataQuality, NamesTheRepeatOfASwapAndARing) {
+  Measurements measured = experiment().measured(2, kSmall, kNoise, 3);
+  Observation& a = row(measured, 4, 0, 2);
+  Observation& b = row(measured, 4, 1, 2);
+  std::swap(a.position, b.position);
+  for (int repeat = 1; repeat <= 3; ++repeat) {
+    const Eigen::Vector3d first = row(measured, 9, 0, repeat).position;
+    row(measured, 9, 0, repeat).position = row(measured, 9, 1, repeat).position;
+    row(measured, 9, 1, repeat).position = row(measured, 9, 2, repeat).position;
+    row(measured, 9, 2, repeat).position = first;
+  }
+  EXPECT_THAT(messages(experiment().findings(measured)),
+              ElementsAre("targets A and B are swapped in configuration 4, repeat 2",
+                          "targets A, B and C are swapped in configuration 9"));
+}
+
+TEST(DataQuality, NamesATargetMeasuredUnderAnothersName) {
+  Measurements measured = experiment().measured(3, kSmall, kNoise);
+  row(measured, 5, 1).position = row(measured, 5, 2).position;
+  const std::vector<QualityFinding> findings = experiment().findings(measured);
+  EXPECT_THAT(messages(findings), ElementsAre("target B in configuration 5 lies where target C is"));
+  EXPECT_EQ(findings.at(0).kind, QualityKind::mistaken_target);
+}
+
+// ---- single rows ---------------------------------------------------------------------------------------------------
+
+TEST(DataQuality, NamesAMistypedCoordinate) {
+  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+    const auto axis = static_cast<Eigen::Index>(seed % 3);
+    const auto target = static_cast<int>(seed / 3 % 3);
+    const double amount = seed % 2 == 0 ? 0.01 : -0.01;
+    Measurements measured = experiment().measured(seed, kPublished, kNoise, 1 + static_cast<int>(seed % 2));
+    row(measured, 5, target).position[axis] += amount;
+    const std::vector<QualityFinding> findings = experiment().findings(measured);
+    ASSERT_EQ(findings.size(), 1U) << seed << ::testing::PrintToString(messages(findings));
+    EXPECT_EQ(findings[0].kind, QualityKind::mistyped_coordinate) << seed;
+    EXPECT_EQ(findings[0].configuration, "5");
+    EXPECT_EQ(findings[0].repeat, 1);
+    EXPECT_EQ(findings[0].axis, static_cast<char>('x' + axis));
+    EXPECT_THAT(findings[0].targets, ElementsAre(measured.targets[static_cast<std::size_t>(target)]));
+    EXPECT_NEAR(findings[0].offset[axis], amount, 0.0002) << seed;
+    EXPECT_NEAR(findings[0].amount, 0.01, 0.0002) << seed;
+  }
+}
+
+TEST(DataQuality, SaysInWordsWhichCoordinateAndHowMuch) {
+  Measurements measured = experiment().measured(1, kSmall, kNoise, 2);
+  row(measured, 5, 1).position.x() += 0.01;
+  for (int repeat = 1; repeat <= 2; ++repeat) {
+    row(measured, 20, 2, repeat).position.z() -= 0.01;
+  }
+  EXPECT_THAT(messages(experiment().findings(measured)),
+              ElementsAre("target B in configuration 5, repeat 1: x is off by about 10.0 mm",
+                          "target C in configuration 20: z is off by about -10.0 mm in every repeat"));
+  const std::vector<QualityFinding> of_distances = check_distances(measured);
+  ASSERT_FALSE(of_distances.empty());
+  EXPECT_EQ(of_distances[0].kind, QualityKind::displaced_point);
+  EXPECT_THAT(of_distances[0].message, HasSubstr("target B in configuration 5, repeat 1 is off by at least "));
+}
+
+TEST(DataQuality, NamesAPointThatIsOffAlongSeveralAxes) {
+  Measurements measured = experiment().measured(1, kSmall, kNoise);
+  row(measured, 5, 1).position += Eigen::Vector3d(0.003, 0.0, -0.004);
+  EXPECT_THAT(messages(experiment().findings(measured)),
+              ElementsAre("target B in configuration 5, repeat 1 is off by about 5.0 mm"));
+}
+
+TEST(DataQuality, NamesAConfigurationWhoseJointValuesAreWrong) {
+  Measurements measured = experiment().measured(1, kSmall, kNoise);
+  measured.joint_values(1, 7) += 2.0 * kDegree;
+  const std::vector<QualityFinding> findings = experiment().findings(measured);
+  ASSERT_EQ(findings.size(), 1U) << ::testing::PrintToString(messages(findings));
+  EXPECT_EQ(findings[0].kind, QualityKind::displaced_configuration);
+  EXPECT_EQ(findings[0].configuration, "8");
+  EXPECT_THAT(findings[0].message, HasSubstr("are its joint values right?"));
+}
+
+TEST(DataQuality, NamesAllThatIsWrongAtOnce) {
+  Measurements measured = experiment().measured(4, kSmall, kNoise);
+  slip_target(experiment().model, experiment().preliminary(measured), measured, 2, 12, {0.0, 0.001, 0.0});
+  swap_targets(measured, 7, 0, 1);
+  row(measured, 5, 1).position.x() += 0.01;
+  EXPECT_THAT(messages(experiment().findings(measured)),
+              ElementsAre("target C slipped by about 1.0 mm after configuration 12",
+                          "target B in configuration 5, repeat 1: x is off by about 10.0 mm",
+                          "targets A and B are swapped in configuration 7"));
+}
+
+TEST(DataQuality, HasNothingToSayAboutNothing) {
+  Measurements measured = experiment().measured(1, kSmall, kNoise);
+  const Estimate estimate = experiment().preliminary(measured);
+  measured = subset(measured, [](const Observation&) { return false; });
+  EXPECT_THAT(check_distances(measured), IsEmpty());
+  EXPECT_THAT(check_residuals(experiment().model, measured, estimate), IsEmpty());
+}
+
+// ---- joint conventions ---------------------------------------------------------------------------------------------
+
+JointConvention shipped(const std::string& name) {
+  return read_joint_convention(std::string(URDF_DIR) + "/fanuc_r2000ic_165f_" + name + ".json");
+}
+
+/// The file's values are those of the controller with convention `truth`; they are read with `used`.
+Measurements misread(Measurements measured, const JointConvention& truth, const JointConvention& used) {
+  const JointConvention right = matched_convention(truth, measured.joints);
+  const JointConvention wrong = matched_convention(used, measured.joints);
+  const Eigen::MatrixXd controller =
+      right.matrix.inverse() * (measured.joint_values.colwise() - Eigen::VectorXd(right.offset));
+  measured.joint_values = (wrong.matrix * controller).colwise() + wrong.offset;
+  return measured;
+}
+
+TEST(JointConventions, NamesTheConventionThatFits) {
+  const JointConvention pendant = shipped("pendant");
+  const JointConvention serial = shipped("serial");
+  const Measurements measured = experiment().measured(1, kPublished, kNoise);
+  for (const auto& [truth, used] : {std::pair(pendant, serial), std::pair(serial, pendant)}) {
+    const Measurements wrong = misread(measured, truth, used);
+    const auto trials = try_conventions(experiment().model, wrong, experiment().free, &used, {pendant, serial});
+    const auto better = better_convention(trials);
+    ASSERT_TRUE(better.has_value());
+    EXPECT_EQ(better->description, "the convention " + std::filesystem::path(truth.name).filename().string());
+    EXPECT_FALSE(better->present);
+    EXPECT_LT(better->rms, 0.0001);
+    EXPECT_LT((better->joint_values - measured.joint_values).norm(), 1e-12);
+    EXPECT_TRUE(
+        std::is_sorted(trials.begin(), trials.end(), [](const auto& a, const auto& b) { return a.rms < b.rms; }));
+  }
+}
+
+TEST(JointConventions, NamesEachJointWithTheOppositeSign) {
+  const Measurements measured = experiment().measured(2, kPublished, kNoise);
+  const JointConvention serial = shipped("serial");
+  for (Eigen::Index j = 0; j < 6; ++j) {
+    for (const JointConvention* used : {static_cast<const JointConvention*>(nullptr), &serial}) {
+      Measurements wrong = measured;
+      wrong.joint_values.row(j) *= -1.0;
+      const auto better = better_convention(
+          try_conventions(experiment().model, wrong, experiment().free, used, {serial, shipped("pendant")}));
+      ASSERT_TRUE(better.has_value()) << j;
+      EXPECT_EQ(better->description, "joint_" + std::to_string(j + 1) + " with the opposite sign");
+      EXPECT_LT(better->rms, 0.0001);
+    }
+  }
+}
+
+TEST(JointConventions, NamesTheControllersJointWhereTheConventionCouplesThem) {
+  const Measurements measured = experiment().measured(3, kSmall, kNoise);
+  const JointConvention pendant = shipped("pendant");
+  JointConvention flipped = pendant;
+  flipped.matrix.col(1) *= -1.0;
+  const auto better = better_convention(try_conventions(experiment().model, misread(measured, flipped, pendant),
+                                                        experiment().free, &pendant, {shipped("serial")}));
+  ASSERT_TRUE(better.has_value());
+  EXPECT_EQ(better->description, "the controller's J2 with the opposite sign");
+}
+
+TEST(JointConventions, TurnAboutTheirOffset) {
+  const Measurements measured = experiment().measured(3, kSmall, kNoise);
+  JointConvention used = shipped("serial");
+  used.offset[2] = 0.4;
+  JointConvention truth = used;
+  truth.matrix.row(2) *= -1.0;
+  const auto better = better_convention(
+      try_conventions(experiment().model, misread(measured, truth, used), experiment().free, &used, {}));
+  ASSERT_TRUE(better.has_value());
+  EXPECT_EQ(better->description, "joint_3 with the opposite sign");
+  EXPECT_LT((better->joint_values - measured.joint_values).norm(), 1e-12);
+}
+
+TEST(JointConventions, HaveNothingBetterToOfferWhereTheFitIsFine) {
+  const JointConvention pendant = shipped("pendant");
+  const JointConvention serial = shipped("serial");
+  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+    for (const double noise : {0.0, kNoise}) {
+      const Measurements measured = experiment().measured(seed, kPublished, noise);
+      const auto trials = try_conventions(experiment().model, measured, experiment().free, &serial, {pendant, serial});
+      EXPECT_TRUE(trials.front().present);
+      EXPECT_FALSE(better_convention(trials).has_value());
+    }
+  }
+}
+
+TEST(JointConventions, OfOtherRobotsAreLeftOut) {
+  const Measurements measured = experiment().measured(1, kSmall, kNoise, 1, 12);
+  JointConvention other = shipped("pendant");
+  other.name = "other.json";
+  other.urdf_joints[0] = "shoulder";
+  const auto trials = try_conventions(experiment().model, measured, experiment().free, nullptr, {other});
+  EXPECT_EQ(trials.size(), 7U);  // as they are, and six signs
+  for (const ConventionTrial& trial : trials) {
+    EXPECT_THAT(trial.description, ::testing::Not(HasSubstr("other.json")));
+  }
+}
+
+// ---- real data -----------------------------------------------------------------------------------------------------
+
+Measurements real_measurements(const JointConvention& convention) {
+  return read_measurements(std::string(SHARED_DATA_DIR) + "/r2000ic_165f_tracker/measurements.csv",
+                           joint_names(fanuc()), &convention);
+}
+
+TEST(DataQualityOnRealData, FindsNothingInTheFanucSeriesNorInItsMeans) {
+  const Measurements measured = real_measurements(shipped("serial"));
+  EXPECT_THAT(messages(experiment().findings(measured)), IsEmpty());
+  EXPECT_THAT(messages(experiment().findings(averaged(measured))), IsEmpty());
+}
+
+TEST(DataQualityOnRealData, FindsNothingInTheUr10Poses) {
+  const std::string folder = std::string(SHARED_DATA_DIR) + "/ur10_tracker_poses";
+  const Robot robot = load_robot(folder + "/ur10.urdf", {.base = "base_link", .tip = "tool0"});
+  const ErrorModel model = complete_model(robot);
+  const Measurements measured = read_measurements(folder + "/measurements.csv", joint_names(robot));
+  const Estimate start = nominal_start(model, measured);
+  const FreeParameters free = free_parameters(model, start.targets, reduced_model(model, start.targets).kept);
+  const Estimate estimate = identify_robustly(model, measured, start, free, Loss::tukey).fit.estimate;
+  EXPECT_THAT(messages(check_measurements(model, measured, estimate)), IsEmpty());
+}
+
+TEST(DataQualityOnRealData, NamesDefectsPutIntoTheFanucSeries) {
+  const Measurements clean = real_measurements(shipped("serial"));
+  const Estimate estimate = experiment().preliminary(clean);
+  for (int target = 0; target < 3; ++target) {
+    for (int axis = 0; axis < 3; ++axis) {
+      Measurements slipped = clean;
+      slip_target(experiment().model, estimate, slipped, target, 12, 0.001 * Eigen::Vector3d::Unit(axis));
+      const std::string name = clean.targets[static_cast<std::size_t>(target)];
+      const std::vector<QualityFinding> findings = experiment().findings(slipped);
+      ASSERT_EQ(findings.size(), 1U) << name << axis << ::testing::PrintToString(messages(findings));
+      EXPECT_EQ(findings[0].kind, QualityKind::slipped_target);
+      EXPECT_EQ(findings[0].configuration, "12");
+      EXPECT_THAT(findings[0].targets, ElementsAre(name));
+      EXPECT_NEAR(findings[0].amount, 0.001, 0.0002);
+
+      Measurements mistyped = clean;
+      row(mistyped, 5, target, 3).position[axis] += 0.01;
+      const std::vector<QualityFinding> typing = experiment().findings(mistyped);
+      ASSERT_EQ(typing.size(), 1U) << name << axis << ::testing::PrintToString(messages(typing));
+      EXPECT_THAT(typing[0].message, HasSubstr("target " + name + " in configuration 5, repeat 3: " +
+                                               static_cast<char>('x' + axis) + " is off by about 10."));
+      EXPECT_NEAR(typing[0].amount, 0.01, 0.0001);
+    }
+    const int other = (target + 1) % 3;
+    Measurements swapped = clean;
+    swap_targets(swapped, 7, target, other);
+    const std::string first = clean.targets[static_cast<std::size_t>(std::min(target, other))];
+    const std::string second = clean.targets[static_cast<std::size_t>(std::max(target, other))];
+    EXPECT_THAT(messages(experiment().findings(swapped)),
+                ElementsAre("targets " + first + " and " + second + " are swapped in configuration 7"));
+  }
+}
+
+TEST(JointConventionsOnRealData, NameTheConventionThatFits) {
+  const JointConvention pendant = shipped("pendant");
+  const JointConvention serial = shipped("serial");
+  const Measurements wrong = real_measurements(pendant);
+  const auto better =
+      better_convention(try_conventions(experiment().model, wrong, experiment().free, &pendant, {pendant, serial}));
+  ASSERT_TRUE(better.has_value());
+  EXPECT_EQ(better->description, "the convention fanuc_r2000ic_165f_serial.json");
+  EXPECT_NEAR(better->rms, 0.000161, 0.000001);
+  const Measurements right = real_measurements(serial);
+  EXPECT_FALSE(
+      better_convention(try_conventions(experiment().model, right, experiment().free, &serial, {pendant, serial}))
+          .has_value());
+}
+
+TEST(JointConventionsOnRealData, NameEachJointWithTheOppositeSign) {
+  const JointConvention serial = shipped("serial");
+  for (Eigen::Index j = 0; j < 6; ++j) {
+    Measurements wrong = real_measurements(serial);
+    wrong.joint_values.row(j) *= -1.0;
+    const auto trials =
+        try_conventions(experiment().model, wrong, experiment().free, &serial, {shipped("pendant"), serial});
+    const auto better = better_convention(trials);
+    ASSERT_TRUE(better.has_value()) << j << ", best " << trials.front().description << " " << trials.front().rms;
+    EXPECT_EQ(better->description, "joint_" + std::to_string(j + 1) + " with the opposite sign");
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,264 @@
+#include "kdl_calibration/uncertainty.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/random.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+TEST(Uncertainty, CovarianceIsTheInverseOfTheNormalMatrix) {
+  Random random(1);
+  Eigen::MatrixXd jacobian = Eigen::MatrixXd::NullaryExpr(40, 6, [&] { return random.normal(); });
+  jacobian.col(2) *= 1e6;
+  const Eigen::MatrixXd expected = 0.25 * (jacobian.transpose() * jacobian).inverse();
+  const Eigen::MatrixXd found = covariance(jacobian, 0.25);
+  for (Eigen::Index i = 0; i < 6; ++i) {
+    for (Eigen::Index j = 0; j < 6; ++j) {
+      const double scale = std::sqrt(expected(i, i) * expected(j, j));
+      EXPECT_NEAR(found(i, j), expected(i, j), 1e-10 * scale);
+    }
+  }
+}
+
+TEST(Uncertainty, WhatIsNotDeterminedHasInfiniteVariance) {
+  Random random(2);
+  Eigen::MatrixXd jacobian = Eigen::MatrixXd::NullaryExpr(40, 4, [&] { return random.normal(); });
+  jacobian.col(3) = jacobian.col(0);
+  const Eigen::MatrixXd found = covariance(jacobian, 1.0);
+  EXPECT_TRUE(std::isinf(found(0, 0)));
+  EXPECT_TRUE(std::isinf(found(3, 3)));
+  EXPECT_TRUE(std::isfinite(found(1, 1)));
+  EXPECT_NEAR(found(1, 1), (jacobian.leftCols(3).transpose() * jacobian.leftCols(3)).inverse()(1, 1), 1e-12);
+}
+
+TEST(Uncertainty, FTailIsThatOfTheTables) {
+  // Quantiles from printed tables of the F distribution.
+  EXPECT_NEAR(f_upper_tail(4.9646, 1, 10), 0.05, 1e-5);
+  EXPECT_NEAR(f_upper_tail(2.9782, 10, 10), 0.05, 1e-5);
+  EXPECT_NEAR(f_upper_tail(3.8415, 1, 1e7), 0.05, 1e-5);
+  EXPECT_NEAR(f_upper_tail(1.0, 7, 7), 0.5, 1e-12);  // symmetry
+  EXPECT_EQ(f_upper_tail(0.0, 3, 5), 1.0);
+  EXPECT_LT(f_upper_tail(50.0, 100, 100), 1e-30);
+}
+
+struct Experiment {
+  ErrorModel model = complete_model(testing::fanuc());
+  FreeParameters free = free_parameters(model, published_targets(), reduced_model(model, published_targets()).kept);
+  JointRanges ranges = published_ranges(model);
+
+  VirtualRobot robot(Random& random) const {
+    return virtual_robot(model, free.geometric, published_targets(), {.length = 0.001, .angle = 0.001}, random);
+  }
+};
+
+/// Difference of an estimate from the truth in the coordinates of the columns: base, geometric, targets.
+Eigen::VectorXd column_errors(const Experiment& experiment, const Estimate& estimate, const Estimate& truth) {
+  Eigen::VectorXd d(33);
+  const Eigen::Isometry3d off = truth.X_WB.inverse() * estimate.X_WB;
+  const Eigen::AngleAxisd turn(off.linear());
+  d.head<3>() = off.translation();
+  d.segment<3>(3) = turn.angle() * turn.axis();
+  for (std::size_t i = 0; i < experiment.free.geometric.size(); ++i) {
+    const auto p = static_cast<Eigen::Index>(experiment.free.geometric[i]);
+    d[6 + static_cast<Eigen::Index>(i)] = estimate.errors[p] - truth.errors[p];
+  }
+  for (int k = 0; k < 3; ++k) {
+    const auto target = static_cast<std::size_t>(k);
+    d.segment<3>(24 + 3 * k) = estimate.targets[target].X_FT.translation() - truth.targets[target].X_FT.translation();
+  }
+  return d;
+}
+
+struct MonteCarlo {
+  Eigen::VectorXd std_ratio;  // observed over predicted, per column
+  double mean_nees = 0.0;
+  double coverage = 0.0;  // of 95 % intervals of predicted coordinates
+};
+
+MonteCarlo monte_carlo(const Experiment& experiment, int runs, int poses, const MeasuringNoise& noise,
+                       const NoiseModel& assumed, bool estimate_noise) {
+  MonteCarlo result;
+  Eigen::VectorXd squares = Eigen::VectorXd::Zero(33);
+  Eigen::VectorXd predicted = Eigen::VectorXd::Zero(33);
+  double covered = 0.0;
+  double intervals = 0.0;
+  Random pose_random(1234);
+  const Eigen::MatrixXd unmeasured = random_configurations(experiment.ranges, poses, pose_random);
+  for (int run = 0; run < runs; ++run) {
+    Random random(77, static_cast<std::uint64_t>(run));
+    const VirtualRobot robot = experiment.robot(random);
+    Measurements measured = measure(robot, random_configurations(experiment.ranges, 30, random), noise, random);
+    for (Observation& observation : measured.observations) {
+      observation.sigma = 0.0;  // the noise model speaks for all
+    }
+    JointOptions options;
+    options.residuals.noise = assumed;
+    const Identification found = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
+                                                  experiment.free, options);
+    const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options.residuals);
+    const Eigen::MatrixXd jacobian = problem.whitened(found.estimate).jacobian;
+    const double factor = estimate_noise ? problem.linearise(found.estimate).cost / (270.0 - 33.0) : 1.0;
+    const Eigen::MatrixXd C = covariance(jacobian, factor);
+    const Eigen::VectorXd d = column_errors(experiment, found.estimate, robot.truth);
+    squares += d.cwiseAbs2() / runs;
+    predicted += C.diagonal() / runs;
+    result.mean_nees += d.dot(C.ldlt().solve(d)) / runs;
+    const std::vector<Eigen::Isometry3d> truth = flange_poses(experiment.model, robot.truth, unmeasured);
+    const std::vector<Eigen::Isometry3d> ours = flange_poses(experiment.model, found.estimate, unmeasured);
+    for (Eigen::Index c = run % 10; c < unmeasured.cols(); c += 10) {  // a tenth of the poses in each run
+      const auto i = static_cast<std::size_t>(c);
+      const Eigen::Vector3d error = found.estimate.X_WB * (ours[i] * found.estimate.targets[1].X_FT.translation()) -
+                                    robot.truth.X_WB * (truth[i] * robot.truth.targets[1].X_FT.translation());
+      const Eigen::Matrix3d P =
+          predicted_covariance(experiment.model, found.estimate, experiment.free, C, unmeasured.col(c), 1);
+      for (int axis = 0; axis < 3; ++axis) {
+        covered += std::abs(error[axis]) < 1.959964 * std::sqrt(P(axis, axis)) ? 1.0 : 0.0;
+        intervals += 1.0;
+      }
+    }
+  }
+  result.std_ratio = (squares.array() / predicted.array()).sqrt();
+  result.coverage = covered / intervals;
+  return result;
+}
+
+TEST(Uncertainty, MonteCarloConfirmsTheCovariance) {
+  const Experiment experiment;
+  const MonteCarlo found = monte_carlo(experiment, 1000, 200, {.sigma = 0.00003},
+                                       {.independent = Eigen::Vector3d::Constant(0.00003)}, false);
+  std::cout << "std over predicted " << found.std_ratio.minCoeff() << " to " << found.std_ratio.maxCoeff() << ", NEES "
+            << found.mean_nees << ", coverage " << found.coverage << "\n";
+  EXPECT_GT(found.std_ratio.minCoeff(), 0.9);
+  EXPECT_LT(found.std_ratio.maxCoeff(), 1.1);
+  EXPECT_NEAR(found.mean_nees, 33.0, 0.8);
+  EXPECT_GT(found.coverage, 0.94);
+  EXPECT_LT(found.coverage, 0.96);
+}
+
+TEST(Uncertainty, MonteCarloConfirmsTheCovarianceUnderCorrelatedNoise) {
+  // The repeats of the real robot: 58, 59, 31 um shared by the points of a repeat, 11 um of each by itself.
+  const Experiment experiment;
+  const Eigen::Vector3d common(0.000058, 0.000059, 0.000031);
+  const MeasuringNoise noise{.sigma = 0.000011, .common = common};
+  const NoiseModel full{.independent = Eigen::Vector3d::Constant(0.000011), .common = common};
+  const MonteCarlo whitened = monte_carlo(experiment, 1000, 200, noise, full, false);
+  const MonteCarlo independent = monte_carlo(experiment, 1000, 200, noise, {}, true);
+  std::cout << "full block: std over predicted " << whitened.std_ratio.minCoeff() << " to "
+            << whitened.std_ratio.maxCoeff() << ", NEES " << whitened.mean_nees << ", coverage " << whitened.coverage
+            << "; independent model: coverage " << independent.coverage << "\n";
+  EXPECT_GT(whitened.std_ratio.minCoeff(), 0.9);
+  EXPECT_LT(whitened.std_ratio.maxCoeff(), 1.1);
+  EXPECT_NEAR(whitened.mean_nees, 33.0, 0.8);
+  EXPECT_GT(whitened.coverage, 0.94);
+  EXPECT_LT(whitened.coverage, 0.96);
+  EXPECT_LT(independent.coverage, 0.92);
+}
+
+TEST(Uncertainty, ResidualComponentsCoverCorrelatedNoiseThatNobodyStated) {
+  const Experiment experiment;
+  Random random(5);
+  double ratio = 0.0;
+  const int runs = 100;
+  for (int run = 0; run < runs; ++run) {
+    const VirtualRobot robot = experiment.robot(random);
+    Measurements measured = measure(robot, random_configurations(experiment.ranges, 60, random),
+                                    {.sigma = 0.00001, .common = Eigen::Vector3d::Constant(0.00005)}, random);
+    for (Observation& observation : measured.observations) {
+      observation.sigma = 0.0;
+    }
+    const Identification found =
+        identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
+    const WhitenedSystem system =
+        LeastSquaresProblem(experiment.model, measured, experiment.free).whitened(found.estimate);
+    const ResidualNoise noise = noise_from_residuals(system, 33, 1.0);
+    EXPECT_GT(noise.common, 2.0 * noise.independent);
+    const Eigen::VectorXd d = column_errors(experiment, found.estimate, robot.truth);
+    const Eigen::MatrixXd C = covariance(system, noise, 1.0);
+    ratio += (d.array().square() / C.diagonal().array()).segment(6, 18).mean() / runs;
+  }
+  EXPECT_GT(ratio, 0.7);
+  EXPECT_LT(ratio, 1.4);
+}
+
+TEST(Uncertainty, RepeatsGiveBothComponentsOfTheNoise) {
+  const Experiment experiment;
+  Random random(6);
+  const Eigen::Vector3d common(0.00006, 0.00005, 0.00003);
+  const Measurements measured = measure(experiment.robot(random), random_configurations(experiment.ranges, 40, random),
+                                        {.sigma = 0.00001, .repeats = 20, .common = common}, random);
+  const RepeatNoise noise = noise_from_repeats(measured);
+  EXPECT_TRUE(noise.separable);
+  EXPECT_EQ(noise.degrees_of_freedom, 40 * 3 * 19);
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(noise.common[axis], common[axis], 0.1 * common[axis]);
+    EXPECT_NEAR(noise.independent[axis], 0.00001, 0.000001);
+  }
+  const Measurements single = subset(measured, [](const Observation& o) { return o.repeat == 1; });
+  EXPECT_EQ(noise_from_repeats(single).degrees_of_freedom, 0.0);
+}
+
+TEST(Uncertainty, SummaryOfManyConfigurationsIsThatOfTheStackedJacobian) {
+  const Experiment experiment;
+  Random random(8);
+  const VirtualRobot robot = experiment.robot(random);
+  const auto count = static_cast<int>(LeastSquaresProblem::kManyConfigurations) + 13;
+  const Measurements all =
+      measure(robot, random_configurations(experiment.ranges, count, random), {.sigma = 0.0001}, random);
+  // Some configurations lack a target or two, and one has none at all.
+  const Measurements measured = subset(all, [](const Observation& o) {
+    return !(o.configuration % 5 == 1 && o.target == 2) && !(o.configuration % 7 == 2 && o.target != 1) &&
+           o.configuration != 4;
+  });
+  const LeastSquaresProblem problem(experiment.model, measured, experiment.free, {.priors = {.length = 0.001}});
+  const Estimate estimate = nominal_start(experiment.model, measured);
+  const WhitenedSummary expected = summarised(problem.whitened(estimate));
+  const WhitenedSummary found = problem.whitened_summary(estimate);
+  EXPECT_EQ(found.rows, expected.rows);
+  EXPECT_EQ(found.measured_rows, expected.measured_rows);
+  EXPECT_EQ(found.pairs, expected.pairs);
+  EXPECT_NEAR(found.squares, expected.squares, 1e-12 * expected.squares);
+  EXPECT_NEAR(found.squares_of_sums, expected.squares_of_sums, 1e-12 * expected.squares_of_sums);
+  EXPECT_LT((found.priors - expected.priors).norm(), 1e-12 * expected.priors.norm());
+  EXPECT_LT((found.sums - expected.sums).norm(), 1e-12 * expected.sums.norm());
+  const Eigen::MatrixXd information = expected.triangle.transpose() * expected.triangle;
+  EXPECT_LT((found.triangle.transpose() * found.triangle - information).norm(), 1e-12 * information.norm());
+}
+
+TEST(Uncertainty, ObservabilityIndicesFollowTheirDefinitions) {
+  const Eigen::MatrixXd jacobian = Eigen::Vector3d(4.0, 2.0, 1.0).asDiagonal();
+  const ObservabilityIndices o = observability_indices(jacobian, 3);
+  EXPECT_NEAR(o.O1, 2.0 / std::sqrt(3.0), 1e-12);
+  EXPECT_NEAR(o.O2, 0.25, 1e-12);
+  EXPECT_NEAR(o.O3, 1.0, 1e-12);
+  EXPECT_NEAR(o.O4, 0.25, 1e-12);
+  EXPECT_NEAR(o.O5, 1.0 / 1.75, 1e-12);
+}
+
+TEST(Uncertainty, PredictionJacobianIsTheCentralDifference) {
+  const Experiment experiment;
+  Random random(7);
+  const VirtualRobot robot = experiment.robot(random);
+  const Eigen::VectorXd q = random_configurations(experiment.ranges, 1, random).col(0);
+  const Measurements measured = measure(robot, q, {}, random);
+  const LeastSquaresProblem problem(experiment.model, measured, experiment.free);
+  const Matrix3Xd jacobian = prediction_jacobian(experiment.model, robot.truth, experiment.free, q, 2);
+  const auto point = [&](const Eigen::VectorXd& step) {
+    const Estimate moved = problem.moved(robot.truth, step);
+    return Eigen::Vector3d(moved.X_WB *
+                           (flange_poses(experiment.model, moved, q)[0] * moved.targets[2].X_FT.translation()));
+  };
+  for (Eigen::Index c = 0; c < problem.columns(); ++c) {
+    const Eigen::VectorXd step = 1e-6 * Eigen::VectorXd::Unit(problem.columns(), c);
+    EXPECT_LT((jacobian.col(c) - (point(step) - point(-step)) / 2e-6).norm(), 1e-8) << c;
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,91 @@
+#include "kdl_calibration/validation.hpp"
+
+#include <gmock/gmock.h>
+
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using testing::fanuc;
+
+TEST(Validation, StatisticsAreTheTextbookOnes) {
+  const ErrorStatistics s = error_statistics({4.0, 1.0, 3.0, 2.0});
+  EXPECT_EQ(s.count, 4);
+  EXPECT_DOUBLE_EQ(s.mean, 2.5);
+  EXPECT_DOUBLE_EQ(s.rms, std::sqrt(7.5));
+  EXPECT_DOUBLE_EQ(s.max, 4.0);
+  EXPECT_DOUBLE_EQ(s.p95, 3.85);  // between the third and the fourth at 0.95 * 3 = 2.85
+  EXPECT_DOUBLE_EQ(s.std, std::sqrt(5.0 / 3.0));
+  EXPECT_EQ(error_statistics({}).count, 0);
+  EXPECT_EQ(error_statistics({1.0}).std, 0.0);
+}
+
+struct Fixture {
+  ErrorModel model = complete_model(fanuc());
+  FreeParameters free = free_parameters(model, published_targets(), reduced_model(model, published_targets()).kept);
+  VirtualRobot robot;
+  Measurements measured;
+
+  explicit Fixture(int repeats = 1) {
+    Random random(1);
+    robot = virtual_robot(model, free.geometric, published_targets(), {.length = 0.001, .angle = 0.001}, random);
+    measured = measure(robot, random_configurations(limits_of(model), 20, random),
+                       {.sigma = 0.00003, .repeats = repeats}, random);
+  }
+};
+
+TEST(Validation, PositionErrorsAreTheDistancesToThePrediction) {
+  Fixture f;
+  f.measured.observations[7].position += Eigen::Vector3d(0.0, 0.003, 0.004);
+  f.measured.observations[8].split = Split::test;
+  const std::vector<double> all = position_errors(f.model, f.robot.truth, f.measured);
+  ASSERT_EQ(all.size(), 60U);
+  EXPECT_NEAR(all[7], 0.005, 0.0002);
+  EXPECT_LT(all[6], 0.0002);
+  EXPECT_EQ(position_errors(f.model, f.robot.truth, f.measured, Rows::train).size(), 59U);
+  EXPECT_EQ(position_errors(f.model, f.robot.truth, f.measured, Rows::test).size(), 1U);
+}
+
+TEST(Validation, LeaveOneOutIsARefitWithoutThatConfiguration) {
+  const Fixture f(2);
+  const Estimate start = nominal_start(f.model, f.measured);
+  const HoldOut found = leave_one_configuration_out(f.model, f.measured, start, f.free);
+  EXPECT_EQ(found.refits, 20);
+  EXPECT_EQ(found.not_converged, 0);
+  ASSERT_EQ(found.distances.size(), 60U);
+  // By hand for the fifth configuration: fit the others, predict the mean of the two repeats of its second target.
+  const Measurements others = subset(f.measured, [](const Observation& o) { return o.configuration != 4; });
+  const Estimate refit = identify_jointly(f.model, others, start, f.free).estimate;
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Observation& o : f.measured.observations) {
+    if (o.configuration == 4 && o.target == 1) {
+      mean += 0.5 * o.position;
+    }
+  }
+  const Eigen::Vector3d predicted = refit.X_WB *
+                                    flange_pose(folded(f.model, refit.errors), f.measured.joint_values.col(4)) *
+                                    refit.targets[1].X_FT.translation();
+  EXPECT_NEAR(found.distances[4 * 3 + 1], (mean - predicted).norm(), 1e-10);
+}
+
+TEST(Validation, LeaveOneOutOfTheNominalRobotShowsItsErrors) {
+  const Fixture f;
+  const HoldOut nominal = leave_one_configuration_out_nominal(f.model, f.measured);
+  const HoldOut fitted = leave_one_configuration_out(f.model, f.measured, nominal_start(f.model, f.measured), f.free);
+  EXPECT_GT(error_statistics(nominal.distances).rms, 5.0 * error_statistics(fitted.distances).rms);
+}
+
+TEST(Validation, AgreesWithTheKdlSolver) {
+  Random random(3);
+  for (const ErrorModel& model : {complete_model(fanuc()), complete_model(parse_robot(testing::kOddArm))}) {
+    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * testing::kDegree);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model), 1000, random);
+    EXPECT_LT(difference_to_kdl(model, errors, q), 1e-12);
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration
