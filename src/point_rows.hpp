@@ -1,0 +1,65 @@
+#pragma once
+
+// What an experiment measures in one configuration, linearised, and packed so that one product with a vector evaluates
+// a quadratic form for many configurations. Not installed.
+
+#include <Eigen/Dense>
+#include <utility>
+#include <vector>
+
+#include "kdl_calibration/experiment.hpp"
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+
+/// Rows [S J, E] of one or more points: J (6 x chain columns) is the flange's twist, E acts on the targets' columns.
+struct PointBlock {
+  Eigen::MatrixXd S;  ///< k x 6
+  Eigen::MatrixXd E;  ///< k x target columns
+};
+
+/// The rows of an experiment. The basis of the chain's columns may be changed: J becomes J * basis.
+class PointRows {
+public:
+  explicit PointRows(const Experiment& experiment);
+
+  Eigen::Index chain_columns() const { return static_cast<Eigen::Index>(twists_.size()); }
+  Eigen::Index columns() const { return chain_columns() + points_.E.cols(); }
+  Eigen::Index targets() const { return static_cast<Eigen::Index>(by_target_.size()); }
+
+  const PointBlock& points() const { return points_; }                     ///< of all targets
+  const PointBlock& whitened() const { return whitened_; }                 ///< the same with unit noise
+  const std::vector<PointBlock>& by_target() const { return by_target_; }  ///< 3 rows each
+
+  /// The basis in which the information `mean` has the identity for the chain once the targets are eliminated; in it
+  /// no column is much longer or shorter than another, nor are they nearly dependent. False where `mean` is singular.
+  bool change_basis(const Eigen::MatrixXd& mean);
+  /// Information, or any matrix that transforms as it does, in the changed basis.
+  Eigen::MatrixXd in_basis(const Eigen::MatrixXd& information) const;
+
+  Matrix6Xd jacobian(const Eigen::Ref<const Eigen::VectorXd>& q) const;
+  /// [S J, E] for one of the blocks.
+  Eigen::MatrixXd rows(const PointBlock& block, const Eigen::Ref<const Eigen::VectorXd>& q) const;
+
+private:
+  FoldedChain chain_;
+  std::vector<ParameterTwist> twists_;
+  PointBlock points_;
+  PointBlock whitened_;
+  std::vector<PointBlock> by_target_;
+  Eigen::MatrixXd basis_;
+};
+
+/// tr([S J, E] C [S J, E]^T) = features(J, S^T S) . form(C).weights + form(C).constant for symmetric C.
+struct PackedForm {
+  Eigen::VectorXd weights;
+  double constant = 0.0;
+};
+Eigen::Index feature_count(Eigen::Index chain_columns);
+void pack_features(const Matrix6Xd& J, const Matrix6d& P, Eigen::Ref<Eigen::RowVectorXd> features);
+PackedForm packed_form(const PointBlock& block, const Eigen::MatrixXd& C, Eigen::Index chain_columns);
+/// Sum of w [S J, E]^T [S J, E] from the sums of w features and of w.
+Eigen::MatrixXd unpacked_information(const PointBlock& block, const Eigen::VectorXd& features, double weight,
+                                     Eigen::Index chain_columns);
+
+}  // namespace kdl_calibration

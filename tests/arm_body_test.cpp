@@ -1,0 +1,144 @@
+#include "kdl_calibration/arm_body.hpp"
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <kdl/chainfksolverpos_recursive.hpp>
+
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/random.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Vector3d;
+
+Vector3d random_point(Random& random, double size = 1.0) {
+  const double x = random.uniform(-size, size);
+  const double y = random.uniform(-size, size);
+  return {x, y, random.uniform(-size, size)};
+}
+
+std::vector<Vector3d> points_along(const Vector3d& a, const Vector3d& b, int count) {
+  std::vector<Vector3d> points;
+  for (int i = 0; i <= count; ++i) {
+    points.emplace_back(a + (b - a) * (static_cast<double>(i) / count));
+  }
+  return points;
+}
+
+TEST(ArmBody, MeasuresDistancesAsDensePointsDo) {
+  Random random(3);
+  for (int trial = 0; trial < 200; ++trial) {
+    const Vector3d a = random_point(random);
+    const Vector3d b = trial % 10 == 0 ? a : random_point(random);
+    const Vector3d c = random_point(random);
+    const Vector3d d = trial % 7 == 0 ? Vector3d(c + (b - a)) : random_point(random);
+    const Vector3d corner = random_point(random);
+    const Box box{.lower = corner.cwiseMin(c), .upper = corner.cwiseMax(c)};
+    double segments = 1e9;
+    double point = 1e9;
+    double to_box = 1e9;
+    for (const Vector3d& p : points_along(a, b, 300)) {
+      point = std::min(point, (p - c).norm());
+      to_box = std::min(to_box, (p - p.cwiseMax(box.lower).cwiseMin(box.upper)).norm());
+      for (const Vector3d& r : points_along(c, d, 300)) {
+        segments = std::min(segments, (p - r).norm());
+      }
+    }
+    const double coarse = 0.02;  // what the points' spacing may cost
+    EXPECT_LE(segment_distance(a, b, c, d), segments + 1e-12);
+    EXPECT_GE(segment_distance(a, b, c, d), segments - coarse);
+    EXPECT_LE(segment_distance(a, b, c), point + 1e-12);
+    EXPECT_GE(segment_distance(a, b, c), point - coarse);
+    EXPECT_LE(segment_distance(a, b, box), to_box + 1e-12);
+    EXPECT_GE(segment_distance(a, b, box), to_box - coarse);
+  }
+}
+
+TEST(ArmBody, PutsLinkFramesWhereKdlDoes) {
+  for (const Robot& robot : {testing::fanuc(), parse_robot(testing::kOddArm)}) {
+    const ErrorModel model = complete_model(robot);
+    Random random(1);
+    KDL::ChainFkSolverPos_recursive solver(robot.chain);
+    for (int trial = 0; trial < 20; ++trial) {
+      KDL::JntArray q(static_cast<unsigned>(robot.joints.size()));
+      q.data = testing::random_joints(model, random);
+      const auto frames = link_frames(robot, q.data);
+      ASSERT_EQ(frames.size(), robot.chain.getNrOfSegments() + 1);
+      for (unsigned s = 0; s <= robot.chain.getNrOfSegments(); ++s) {
+        KDL::Frame expected;
+        solver.JntToCart(q, expected, static_cast<int>(s));
+        EXPECT_LT(testing::difference(to_kdl(frames[s]), expected), 1e-12);
+      }
+    }
+  }
+}
+
+Robot with_shapes(const std::string& shapes) {
+  return parse_robot("<robot name='r'><link name='a'>" + shapes +
+                     "</link><link name='b'/><joint name='j' type='continuous'><parent link='a'/><child link='b'/>"
+                     "<axis xyz='0 0 1'/></joint></robot>");
+}
+
+double outside(const Capsule& capsule, const Vector3d& p) {
+  return segment_distance(capsule.a, capsule.b, p) - capsule.radius;
+}
+
+TEST(ArmBody, EnclosesTheShapes) {
+  const Robot robot = with_shapes(
+      "<collision><origin xyz='1 2 3' rpy='0 1.5707963267948966 0'/><geometry><box size='0.2 0.4 1'/></geometry>"
+      "</collision>"
+      "<collision><geometry><cylinder radius='0.5' length='0.1'/></geometry></collision>"
+      "<collision><geometry><sphere radius='0.25'/></geometry></collision>"
+      "<visual><geometry><sphere radius='7'/></geometry></visual>");
+  const ArmBody body = body_from_urdf(robot);
+  ASSERT_EQ(body.capsules.size(), 3U);
+  EXPECT_THAT(body.without_shape, ::testing::ElementsAre("b"));
+  for (const double x : {-0.5, 0.5}) {  // turned about y: the long side lies along x
+    for (const double y : {-0.2, 0.2}) {
+      for (const double z : {-0.1, 0.1}) {
+        EXPECT_LE(outside(body.capsules[0], Vector3d(1 + x, 2 + y, 3 + z)), 1e-12);
+      }
+    }
+  }
+  EXPECT_GT(outside(body.capsules[0], Vector3d(1, 2.4, 3)), 0.0);
+  for (int k = 0; k < 12; ++k) {
+    const Vector3d rim(0.5 * std::cos(k), 0.5 * std::sin(k), 0.05);
+    EXPECT_LE(outside(body.capsules[1], rim), 1e-12);
+    EXPECT_LE(outside(body.capsules[1], -rim), 1e-12);
+  }
+  EXPECT_DOUBLE_EQ(body.capsules[2].radius, 0.25);
+}
+
+TEST(ArmBody, SaysWhichLinksHaveNoShapeItKnows) {
+  const Robot robot = with_shapes("<visual><geometry><mesh filename='package://no/such.stl'/></geometry></visual>");
+  const ArmBody body = body_from_urdf(robot);
+  EXPECT_TRUE(body.capsules.empty());
+  EXPECT_THAT(body.without_shape, ::testing::ElementsAre("a", "b"));
+}
+
+TEST(ArmBody, LeavesNeighboursAndTheWristToTheJointLimits) {
+  const Robot robot = testing::fanuc();
+  std::vector<Capsule> capsules = body_from_urdf(robot).capsules;
+  for (const Capsule& capsule : tool_body(robot, {TargetFrame{.name = "A"}}, 0.01)) {
+    capsules.push_back(capsule);
+  }
+  const auto pairs = pairs_to_keep_apart(robot, capsules, 0.0);
+  const auto apart = [&](const std::string& first, const std::string& second) {
+    return std::any_of(pairs.begin(), pairs.end(), [&](const auto& pair) {
+      return capsules[pair.first].link == first && capsules[pair.second].link == second;
+    });
+  };
+  EXPECT_TRUE(apart("base_link", "link_3"));
+  EXPECT_TRUE(apart("link_2", "link_4"));
+  EXPECT_TRUE(apart("link_1", "link_3"));
+  EXPECT_FALSE(apart("link_2", "link_3"));
+  EXPECT_FALSE(apart("link_4", "link_6"));
+  EXPECT_FALSE(apart("link_3", "link_6"));
+  EXPECT_TRUE(apart("link_4", "the tool to target A"));
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,84 @@
+#include "kdl_calibration/monte_carlo.hpp"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+
+#include "kdl_calibration/experiment.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/pose_selection.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::MatrixXd;
+
+struct Fixture {
+  ErrorModel model = complete_model(testing::fanuc());
+  std::vector<TargetFrame> targets = published_targets();
+  Experiment experiment = nominal_experiment(model, targets, {.sigma = 3e-5});
+  MatrixXd train;
+  MatrixXd test;
+
+  Fixture() {
+    Random random(9);
+    const MatrixXd all = random_configurations(published_ranges(model), 1000, random);
+    const MatrixXd none = MatrixXd::Zero(columns(experiment), columns(experiment));
+    train = all(Eigen::all, select_configurations(experiment, all, none, {.count = 20, .starts = 2}).chosen);
+    test = random_configurations(published_ranges(model), 60, random);
+  }
+
+  MonteCarlo runs(int count) {
+    return {.model = model,
+            .with_errors = experiment.free.geometric,
+            .targets = targets,
+            .sizes = {.length = 5e-4, .angle = 5e-4, .base_position = 1e-3, .target_length = 5e-4},
+            .noise = {.sigma = 3e-5},
+            .train = [this](Random&) { return train; },
+            .test = [this](Random&) { return test; },
+            .calibration = {},
+            .runs = count,
+            .seed = 1};
+  }
+};
+
+TEST(MonteCarlo, AgreesWithThePredictedSigma) {
+  Fixture f;
+  const MonteCarloResult result = run_monte_carlo(f.runs(200));
+  EXPECT_EQ(result.not_trusted, 0);
+  ASSERT_EQ(result.rms.rows(), 60);
+  ASSERT_EQ(result.rms.cols(), 3);
+  const Prediction promise = predicted(f.experiment, information(f.experiment, f.train), f.test);
+  EXPECT_NEAR(result.rms.mean() / promise.sigma.mean, 1.0, 0.05);
+  EXPECT_NEAR(result.all.rms / promise.sigma.rms, 1.0, 0.05);
+  EXPECT_NEAR(result.rms.maxCoeff() / promise.sigma.max, 1.0, 0.2);
+}
+
+TEST(MonteCarlo, GivesTheSameAnswerOnAnyNumberOfThreads) {
+  Fixture f;
+  MonteCarlo runs = f.runs(6);
+  runs.train = [&](Random& random) { return random_configurations(published_ranges(f.model), 15, random); };
+  runs.threads = 1;
+  const MonteCarloResult one = run_monte_carlo(runs);
+  runs.threads = 3;
+  const MonteCarloResult three = run_monte_carlo(runs);
+  EXPECT_EQ(one.rms, three.rms);
+  EXPECT_EQ(one.all.max, three.all.max);
+  EXPECT_EQ(one.maxima.p95, three.maxima.p95);
+  EXPECT_EQ(one.all.count, 6 * 60 * 3);
+  EXPECT_DOUBLE_EQ(one.maxima.max, one.all.max);
+  EXPECT_NEAR(one.means.mean, one.all.mean, 1e-15);
+}
+
+TEST(MonteCarlo, PassesOnWhatARunRefuses) {
+  Fixture f;
+  MonteCarlo runs = f.runs(4);
+  runs.train = [&](Random&) { return MatrixXd(f.train.leftCols(2)); };
+  EXPECT_THROW(run_monte_carlo(runs), InputError);
+  runs.runs = 0;
+  EXPECT_THROW(run_monte_carlo(runs), InputError);
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,211 @@
+#include "kdl_calibration/pose_selection.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/workspace.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using testing::kDegree;
+
+std::vector<TargetFrame> circle_of_targets() {
+  std::vector<TargetFrame> targets(3);
+  for (int k = 0; k < 3; ++k) {
+    auto& target = targets[static_cast<std::size_t>(k)];
+    target.name = std::string(1, static_cast<char>('A' + k));
+    const double angle = 120.0 * kDegree * k;
+    target.X_FT.translation() = Eigen::Vector3d(0.1 * std::cos(angle), 0.2, 0.1 * std::sin(angle));
+  }
+  return targets;
+}
+
+// Elevation of the forearm -80 to 90 degrees with |q3| < 150 degrees, targets above 0.2 m and 0.7 m from axis 1.
+Cell free_space(const ErrorModel& model) {
+  Cell cell;
+  cell.ranges = limits_of(model);
+  cell.ranges[2].second = 150 * kDegree;
+  Eigen::VectorXd weights = Eigen::VectorXd::Zero(6);
+  weights[1] = 1.0;
+  weights[2] = 1.0;
+  cell.sums.push_back({.name = "elevation", .weights = weights, .lower = -80 * kDegree, .upper = 90 * kDegree});
+  cell.height = 0.2;
+  cell.radius = 0.7;
+  return cell;
+}
+
+struct Fixture {
+  explicit Fixture(int count, int elsewhere) {
+    const Robot robot = testing::fanuc();
+    const ErrorModel model = complete_model(robot);
+    const Candidates found = candidates(robot, circle_of_targets(), free_space(model), {.count = count + elsewhere});
+    experiment = nominal_experiment(model, circle_of_targets(), {.sigma = 3e-5});
+    all = found.joint_values.leftCols(count);
+    tasks = found.joint_values.rightCols(elsewhere);
+    none = MatrixXd::Zero(columns(experiment), columns(experiment));
+  }
+  Experiment experiment;
+  MatrixXd all;
+  MatrixXd tasks;
+  MatrixXd none;
+};
+
+double log_det(const MatrixXd& M) { return 2.0 * M.llt().matrixLLT().diagonal().array().log().sum(); }
+
+TEST(PoseSelection, PromisesThePublishedAccuracyIn5000Candidates) {
+  const Fixture f(5000, 5000);
+  const Selection d = select_configurations(f.experiment, f.all, f.none);
+  EXPECT_EQ(d.chosen.size(), 30U);
+  EXPECT_GT(d.exchanges, 0);
+  const Prediction d_promise = predicted(f.experiment, d.information, f.tasks);
+  EXPECT_LE(d_promise.sigma.mean, 0.0180e-3);
+  EXPECT_LE(d_promise.sigma.max, 0.0202e-3);
+
+  const Selection i = select_configurations(f.experiment, f.all, f.none, {.criterion = Criterion::i_optimal});
+  const Prediction i_promise = predicted(f.experiment, i.information, f.tasks);
+  EXPECT_LE(i_promise.sigma.mean, 0.0177e-3);
+
+  const auto draws = predicted(f.experiment, random_designs(f.experiment, f.all, f.none, 30, 200, 1), f.tasks);
+  double mean = 0.0;
+  for (const Prediction& draw : draws) {
+    mean += draw.sigma.mean / 200.0;
+    EXPECT_GE(draw.worst_configuration, floor_of_worst_configuration(f.experiment, 30));
+  }
+  EXPECT_NEAR(mean, 0.0205e-3, 0.0005e-3);
+  EXPECT_GE(d_promise.worst_configuration, floor_of_worst_configuration(f.experiment, 30));
+  EXPECT_GE(i_promise.worst_configuration, floor_of_worst_configuration(f.experiment, 30));
+  const double efficiency = d_efficiency(f.experiment, f.all, f.none, d.information, 30);
+  EXPECT_GT(efficiency, 0.95);
+  EXPECT_LE(efficiency, 1.0);
+}
+
+TEST(PoseSelection, GivesTheSameAnswerOnAnyNumberOfThreads) {
+  const Fixture f(700, 300);
+  for (const Criterion criterion : {Criterion::d_optimal, Criterion::g_optimal, Criterion::i_optimal}) {
+    SelectionOptions options{.criterion = criterion, .count = 12, .starts = 3, .threads = 1};
+    const Selection one = select_configurations(f.experiment, f.all, f.none, options, f.tasks);
+    options.threads = 3;
+    const Selection three = select_configurations(f.experiment, f.all, f.none, options, f.tasks);
+    EXPECT_EQ(one.chosen, three.chosen);
+    EXPECT_EQ(one.information, three.information);
+    EXPECT_EQ(one.exchanges, three.exchanges);
+    EXPECT_EQ(std::set<Index>(one.chosen.begin(), one.chosen.end()).size(), 12U);
+  }
+}
+
+TEST(PoseSelection, FindsTheBestOfAllSubsetsWhereTheyCanBeCounted) {
+  const Fixture f(12, 1);
+  for (const Criterion criterion : {Criterion::d_optimal, Criterion::i_optimal}) {
+    const SelectionOptions options{.criterion = criterion, .count = 6};
+    double best = std::numeric_limits<double>::infinity();
+    const MatrixXd tasks_information = information(f.experiment, f.all) * (9e-10 / 36.0);
+    for (unsigned bits = 0; bits < 1U << 12U; ++bits) {
+      std::vector<Index> members;
+      for (Index i = 0; i < 12; ++i) {
+        if ((bits >> static_cast<unsigned>(i) & 1U) != 0) {
+          members.push_back(i);
+        }
+      }
+      if (members.size() == 6) {
+        const MatrixXd M = information(f.experiment, f.all(Eigen::all, members));
+        const Eigen::LLT<MatrixXd> llt(M);
+        best = std::min(best, criterion == Criterion::d_optimal ? -log_det(M) : llt.solve(tasks_information).trace());
+      }
+    }
+    const Selection found = select_configurations(f.experiment, f.all, f.none, options);
+    if (criterion == Criterion::d_optimal) {
+      EXPECT_NEAR(found.objective, -best, 1e-6 * std::abs(best));
+      EXPECT_NEAR(found.objective, log_det(found.information), 1e-9 * std::abs(best));
+    } else {
+      EXPECT_NEAR(found.objective / best, 1.0, 1e-5);
+    }
+  }
+}
+
+TEST(PoseSelection, EachCriterionIsBestAtWhatItAsksFor) {
+  const Fixture f(1500, 1500);
+  std::vector<Prediction> promises;
+  std::vector<double> determinants;
+  for (const Criterion criterion : {Criterion::d_optimal, Criterion::g_optimal, Criterion::i_optimal}) {
+    const Selection found =
+        select_configurations(f.experiment, f.all, f.none, {.criterion = criterion, .count = 20, .starts = 4}, f.tasks);
+    promises.push_back(predicted(f.experiment, found.information, f.tasks));
+    determinants.push_back(log_det(found.information));
+    if (criterion == Criterion::g_optimal) {
+      EXPECT_NEAR(std::sqrt(found.objective) / promises.back().sigma.max, 1.0, 1e-3);
+    }
+    if (criterion == Criterion::i_optimal) {
+      EXPECT_NEAR(std::sqrt(found.objective) / promises.back().sigma.rms, 1.0, 1e-3);
+    }
+  }
+  EXPECT_GE(determinants[0], determinants[1]);
+  EXPECT_GT(determinants[0], determinants[2]);
+  EXPECT_LE(promises[1].sigma.max, promises[0].sigma.max);
+  EXPECT_LT(promises[1].sigma.max, promises[2].sigma.max);
+  EXPECT_LT(promises[2].sigma.rms, promises[0].sigma.rms);
+  EXPECT_LT(promises[2].sigma.rms, promises[1].sigma.rms);
+}
+
+TEST(PoseSelection, AddsWhatIsMissingToWhatWasMeasured) {
+  const Fixture f(1000, 500);
+  // Measured: a corner of the workspace, far too little for all parameters.
+  std::vector<Index> corner;
+  for (Index c = 0; c < f.all.cols() && corner.size() < 10; ++c) {
+    if (f.all(0, c) > 1.0 && f.all(1, c) > 0.2) {
+      corner.push_back(c);
+    }
+  }
+  const MatrixXd measured = information(f.experiment, f.all(Eigen::all, corner));
+  const Selection added = select_configurations(f.experiment, f.all, measured, {.count = 8, .starts = 4});
+  const Selection blind = select_configurations(f.experiment, f.all, f.none, {.count = 8, .starts = 4});
+  const MatrixXd chosen = f.all(Eigen::all, added.chosen);
+  EXPECT_LT((added.information - measured - information(f.experiment, chosen)).norm(), 1e-9 * added.information.norm());
+  EXPECT_GT(log_det(added.information), log_det(measured + blind.information));
+}
+
+TEST(PoseSelection, FindsTheSmallestNumberForAnAccuracy) {
+  const Fixture f(600, 400);
+  const SelectionOptions options{.count = 40, .starts = 2};
+  const Selection found = select_for_accuracy(f.experiment, f.all, f.none, 0.03e-3, Figure::mean, options, f.tasks);
+  EXPECT_LE(predicted(f.experiment, found.information, f.tasks).sigma.mean, 0.03e-3);
+  SelectionOptions one_less = options;
+  one_less.count = static_cast<int>(found.chosen.size()) - 1;
+  const Selection fewer = select_configurations(f.experiment, f.all, f.none, one_less, f.tasks);
+  EXPECT_GT(predicted(f.experiment, fewer.information, f.tasks).sigma.mean, 0.03e-3);
+  EXPECT_THROW(select_for_accuracy(f.experiment, f.all, f.none, 1e-6, Figure::max, options, f.tasks), InputError);
+}
+
+TEST(PoseSelection, SaysWhyItCannotChoose) {
+  const Fixture f(40, 1);
+  const auto message = [&](const MatrixXd& all, int count) -> std::string {
+    try {
+      select_configurations(f.experiment, all, f.none, {.count = count});
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return {};
+  };
+  EXPECT_THAT(message(f.all, 3), ::testing::HasSubstr("expected at least 4 configurations"));
+  EXPECT_THAT(message(f.all, 41), ::testing::HasSubstr("40 candidates"));
+  MatrixXd stiff = f.all;
+  stiff.row(4).setConstant(0.3);
+  EXPECT_THAT(message(stiff, 30), ::testing::HasSubstr("cannot tell apart"));
+  // Priors make up for it.
+  Experiment with_priors = f.experiment;
+  with_priors.priors = {.length = 1e-3, .angle = 1e-3};
+  const MatrixXd given = prior_information(with_priors);
+  EXPECT_EQ(select_configurations(with_priors, stiff, given, {.count = 8, .starts = 2}).chosen.size(), 8U);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
