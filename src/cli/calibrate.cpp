@@ -1,0 +1,224 @@
+#include "kdl_calibration/calibration.hpp"
+
+#include <memory>
+
+#include "frames.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/report.hpp"
+#include "measurement_options.hpp"
+#include "options.hpp"
+#include "output_files.hpp"
+#include "subcommands.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+struct Arguments {
+  RobotArguments robot;
+  MeasurementArguments measurements;
+  std::string output;
+  std::string result;
+  std::string method = "joint";
+  std::string model = "irreducible";
+  CalibrationOptions options;
+  std::string prior;
+  std::string extras;
+  bool gravity = false;
+  bool joint_gain = false;
+  std::string loss = "none";
+  std::string noise = "equal";
+  std::vector<double> noise_independent;
+  std::vector<double> noise_common;
+  std::vector<double> tracker;
+  bool force = false;
+  bool json = false;
+};
+
+std::vector<OutputFile> outputs(const Arguments& arguments) {
+  std::vector<OutputFile> files;
+  if (!arguments.output.empty()) {
+    files.push_back({.option = "--output", .path = arguments.output, .text = {}});
+  }
+  if (!arguments.result.empty()) {
+    files.push_back({.option = "--result", .path = arguments.result, .text = {}});
+  }
+  return files;
+}
+
+// One value for all axes, or one for each.
+Eigen::Vector3d axis_values(const std::vector<double>& values, const std::string& option) {
+  if (values.empty()) {
+    return Eigen::Vector3d::Zero();
+  }
+  if (values.size() != 1 && values.size() != 3) {
+    throw InputError(option + ": has " + std::to_string(values.size()) + " values, expected 1 or 3 (x,y,z)");
+  }
+  return values.size() == 1 ? Eigen::Vector3d::Constant(values[0]) : Eigen::Vector3d(values[0], values[1], values[2]);
+}
+
+NoiseModel noise_model(const Arguments& arguments) {
+  NoiseModel noise = arguments.options.noise;
+  noise.independent = axis_values(arguments.noise_independent, "--noise-independent");
+  noise.common = axis_values(arguments.noise_common, "--noise-common");
+  if (!arguments.tracker.empty()) {
+    if (arguments.tracker.size() != 4) {
+      throw InputError("--noise-tracker: has " + std::to_string(arguments.tracker.size()) +
+                       " values, expected 4: range, range per metre, transverse, transverse per metre");
+    }
+    noise.tracker = TrackerNoise{.range = arguments.tracker[0],
+                                 .range_per_metre = arguments.tracker[1],
+                                 .transverse = arguments.tracker[2],
+                                 .transverse_per_metre = arguments.tracker[3]};
+    if (arguments.tracker[0] <= 0.0 || arguments.tracker[2] <= 0.0) {
+      throw InputError("--noise-tracker: the constants of range and transverse error must be above 0");
+    }
+  }
+  if (!noise.common.isZero(0.0) && noise.independent.isZero(0.0) && !noise.tracker) {
+    throw InputError("--noise-common: needs --noise-independent or --noise-tracker beside it");
+  }
+  return noise;
+}
+
+Use use(bool wanted, bool automatic) { return automatic ? Use::automatic : wanted ? Use::yes : Use::no; }
+
+CalibrationOptions calibration_options(const Arguments& arguments, const Measurements& measurements) {
+  CalibrationOptions options = arguments.options;
+  options.method = arguments.method == "joint" ? Method::joint : Method::two_step;
+  options.model = arguments.model == "irreducible" ? ModelChoice::irreducible : ModelChoice::complete;
+  options.automatic_priors = arguments.prior == "auto";
+  options.gravity = use(arguments.gravity, arguments.extras == "auto");
+  options.joint_gain = use(arguments.joint_gain, arguments.extras == "auto");
+  options.loss = arguments.loss == "huber" ? Loss::huber : arguments.loss == "tukey" ? Loss::tukey : Loss::none;
+  options.noise = noise_model(arguments);
+  options.noise_from_repeats = arguments.noise == "repeats";
+  const RegistrationOptions known = known_frames(arguments.measurements, measurements);
+  options.known_base = known.known_base;
+  options.known_targets = known.known_targets;
+  return options;
+}
+
+ExitStatus run(const Arguments& arguments) {
+  std::vector<OutputFile> files = outputs(arguments);
+  require_writable(files, arguments.force);
+  const Robot robot = load(arguments.robot);
+  const ErrorModel model = complete_model(robot);
+  const Measurements measurements = read(arguments.measurements, robot);
+  const CalibrationOptions options = calibration_options(arguments, measurements);
+
+  Calibration calibration = calibrate(model, measurements, options);
+  std::string hint;
+  if (!calibration.trusted() && calibration.identification.termination != Termination::rank_deficient) {
+    FreeParameters free = calibration.free;
+    free.deflections.clear();
+    hint = better_convention(arguments.measurements, model, measurements, free);
+  }
+  if (!hint.empty()) {
+    calibration.warnings.push_back(hint);
+  }
+  const std::string result = result_json(robot, measurements, options, calibration);
+  for (OutputFile& file : files) {
+    file.text = file.option == "--result" ? result : calibrated_urdf(robot, model, calibration.rigid_errors);
+  }
+  write_whole(files, arguments.force);
+  print(arguments.json ? result : result_table(calibration));
+  for (const std::string& warning : calibration.warnings) {
+    warn(warning);
+  }
+  const bool trusted = calibration.trusted() && hint.empty();
+  if (!trusted && !arguments.output.empty()) {
+    warn(arguments.output + " comes from an answer that is not to be trusted; the file itself does not say so");
+  }
+  return trusted ? done : not_to_be_trusted;
+}
+
+void add_fit_options(CLI::App& app, Arguments& arguments) {
+  app.add_option("--method", arguments.method, "Estimator: joint or two-step")
+      ->type_name("NAME")
+      ->check(one_of({"joint", "two-step"}))
+      ->capture_default_str();
+  app.add_option("--iterations", arguments.options.iterations, "Limit [50, or 1000 rounds of two-step]")
+      ->type_name("N")
+      ->check(whole_number_between(1, 1'000'000, "a whole number from 1 to 1000000"));
+  app.add_option("--model", arguments.model, "Parameters: irreducible or complete")
+      ->type_name("NAME")
+      ->check(one_of({"irreducible", "complete"}))
+      ->capture_default_str();
+  add_list(app, "--fix", arguments.options.fix, "Parameters not to estimate, names or patterns such as *4, base.*")
+      ->type_name("NAME,...");
+  add_list(app, "--free", arguments.options.free, "Parameters to estimate in addition")->type_name("NAME,...");
+  app.add_option("--prior-length", arguments.options.priors.length, "1 sigma of length errors beforehand, m; 0: none")
+      ->type_name("M")
+      ->check(number_from(0.0, "a length in metres, 0 or more"))
+      ->capture_default_str();
+  app.add_option("--prior-angle", arguments.options.priors.angle, "1 sigma of angle errors beforehand, rad; 0: none")
+      ->type_name("RAD")
+      ->check(number_from(0.0, "an angle in radians, 0 or more"))
+      ->capture_default_str();
+  app.add_option("--prior-deflection", arguments.options.priors.deflection,
+                 "1 sigma of joint deflections beforehand, rad at the largest load; 0: none")
+      ->type_name("RAD")
+      ->check(number_from(0.0, "an angle in radians, 0 or more"))
+      ->capture_default_str();
+  app.add_option("--prior", arguments.prior, "auto: choose the size of the priors by cross-validation")
+      ->type_name("auto")
+      ->check(one_of({"auto"}));
+  app.add_flag("--gravity", arguments.gravity, "Estimate the joints' compliance under gravity");
+  app.add_flag("--joint-gain", arguments.joint_gain, "Estimate a gain of every joint");
+  app.add_option("--extras", arguments.extras, "auto: accept or refuse compliance and gains by cross-validation")
+      ->type_name("auto")
+      ->check(one_of({"auto"}));
+}
+
+void add_noise_options(CLI::App& app, Arguments& arguments) {
+  app.add_option("--loss", arguments.loss, "Down-weight outliers: none, huber or tukey")
+      ->type_name("NAME")
+      ->check(one_of({"none", "huber", "tukey"}))
+      ->capture_default_str();
+  app.add_option("--noise", arguments.noise, "Weights: equal (or as stated), or from the scatter of the repeats")
+      ->type_name("NAME")
+      ->check(one_of({"equal", "repeats"}))
+      ->capture_default_str();
+  app.add_option("--noise-independent", arguments.noise_independent, "1 sigma of a point by itself, m; one or x,y,z")
+      ->type_name("M,...")
+      ->delimiter(',')
+      ->check(number_from(0.0, "a length in metres, 0 or more"));
+  app.add_option("--noise-common", arguments.noise_common, "1 sigma shared by the points of a repeat, m; one or x,y,z")
+      ->type_name("M,...")
+      ->delimiter(',')
+      ->check(number_from(0.0, "a length in metres, 0 or more"));
+  app.add_option("--noise-tracker", arguments.tracker,
+                 "A tracker's own 1 sigma: range [m], its growth [m/m], transverse [m], its growth [m/m]")
+      ->type_name("A,B,C,D")
+      ->delimiter(',')
+      ->check(number_from(0.0, "a number, 0 or more"));
+  app.add_flag("--leave-one-out", arguments.options.leave_one_out,
+               "Predict each configuration from all the others as well");
+  app.add_flag("--nested", arguments.options.nested,
+               "With --leave-one-out: make automatic choices anew without each configuration");
+  app.add_option("--k-fold", arguments.options.k_fold, "Predict each of K groups of configurations from the others")
+      ->type_name("K")
+      ->check(whole_number_between(2, 1000, "a whole number from 2 to 1000"));
+  app.add_option("--threads", arguments.options.threads, "Threads for refits; 0: all")
+      ->type_name("N")
+      ->check(whole_number_between(0, 1024, "a whole number from 0 to 1024"));
+}
+
+}  // namespace
+
+Subcommand add_calibrate(CLI::App& parser) {
+  CLI::App* app = parser.add_subcommand("calibrate", "Finds the geometric errors that explain measurements");
+  const auto arguments = std::make_shared<Arguments>();
+  add_robot_options(*app, arguments->robot);
+  add_measurement_options(*app, arguments->measurements);
+  add_file(*app, "--output", arguments->output, "Write the calibrated URDF");
+  add_file(*app, "--result", arguments->result, "Write the result (JSON)");
+  app->add_flag("--force", arguments->force, "Overwrite files that exist");
+  add_fit_options(*app, *arguments);
+  add_noise_options(*app, *arguments);
+  add_json_flag(*app, arguments->json);
+  add_example(*app, "kdlcal calibrate --measurements measurements.csv --output calibrated.urdf --result result.json");
+  return {.app = app, .run = [arguments] { return run(*arguments); }};
+}
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,304 @@
+#include "cell_options.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <limits>
+#include <numbers>
+#include <string_view>
+
+#include "frames.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "options.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+[[noreturn]] void refuse(const std::string& option, const std::string& text, const std::string& expected) {
+  throw InputError(option + ": '" + text + "' is out of place, expected " + expected);
+}
+
+// "lower:upper", either of which may be left out, at the end of `text` behind `prefix` characters.
+std::pair<double, double> bounds(const std::string& option, const std::string& text, const std::string& expected,
+                                 std::size_t prefix = 0) {
+  const std::string range = text.substr(prefix);
+  const std::size_t colon = range.find(':');
+  if (colon == std::string::npos) {
+    refuse(option, text, expected);
+  }
+  const auto bound = [&](const std::string& part, double none) {
+    if (part.empty()) {
+      return none;
+    }
+    const std::optional<double> value = parsed_number(part);
+    if (!value) {
+      refuse(option, text, expected);
+    }
+    return *value;
+  };
+  const double infinity = std::numeric_limits<double>::infinity();
+  const std::pair<double, double> result{bound(range.substr(0, colon), -infinity),
+                                         bound(range.substr(colon + 1), infinity)};
+  if (!(result.first <= result.second)) {
+    refuse(option, text, expected);
+  }
+  return result;
+}
+
+Box box(const std::string& option, const std::string& text) {
+  const std::string expected = "xmin,ymin,zmin,xmax,ymax,zmax in metres";
+  const std::vector<double> v = numbers(option, text, 6, expected);
+  const Box result{.lower = {v[0], v[1], v[2]}, .upper = {v[3], v[4], v[5]}};
+  if (!(result.lower.array() <= result.upper.array()).all()) {
+    refuse(option, text, expected);
+  }
+  return result;
+}
+
+// The value that a name stands for: weights . q + offset.
+struct Named {
+  std::string name;
+  Eigen::VectorXd weights;
+  double offset = 0.0;
+};
+
+std::vector<Named> named_values(const Robot& robot, const JointConvention* convention) {
+  const auto count = static_cast<Eigen::Index>(robot.joints.size());
+  std::vector<Named> result;
+  for (Eigen::Index i = 0; i < count; ++i) {
+    result.push_back(
+        {.name = robot.joints[static_cast<std::size_t>(i)].name, .weights = Eigen::VectorXd::Unit(count, i)});
+  }
+  if (convention != nullptr) {
+    const Eigen::MatrixXd inverse = convention->matrix.inverse();
+    const Eigen::VectorXd offset = -inverse * convention->offset;
+    for (Eigen::Index i = 0; i < count; ++i) {
+      result.push_back({.name = convention->controller_joints[static_cast<std::size_t>(i)],
+                        .weights = inverse.row(i).transpose(),
+                        .offset = offset[i]});
+    }
+  }
+  return result;
+}
+
+// "joint_2+joint_3-joint_4": the longest name that fits stands at each place.
+std::optional<Named> sum_of(const std::vector<Named>& known, const std::string& text) {
+  Named sum{.name = text, .weights = Eigen::VectorXd::Zero(known.front().weights.size())};
+  std::string_view rest = text;
+  while (!rest.empty()) {
+    double sign = 1.0;
+    if (rest.front() == '+' || rest.front() == '-') {
+      sign = rest.front() == '-' ? -1.0 : 1.0;
+      rest.remove_prefix(1);
+    } else if (rest.size() != text.size()) {
+      return std::nullopt;
+    }
+    const Named* longest = nullptr;
+    for (const Named& candidate : known) {
+      if (rest.substr(0, candidate.name.size()) == candidate.name &&
+          (longest == nullptr || candidate.name.size() > longest->name.size())) {
+        longest = &candidate;
+      }
+    }
+    if (longest == nullptr) {
+      return std::nullopt;
+    }
+    sum.weights += sign * longest->weights;
+    sum.offset += sign * longest->offset;
+    rest.remove_prefix(longest->name.size());
+  }
+  return sum;
+}
+
+double unit_of(const Robot& robot, const Eigen::VectorXd& weights, const std::string& text) {
+  bool any_length = false;
+  bool any_angle = false;
+  for (Eigen::Index i = 0; i < weights.size(); ++i) {
+    if (std::abs(weights[i]) > 1e-12) {
+      (robot.joints[static_cast<std::size_t>(i)].type == JointType::prismatic ? any_length : any_angle) = true;
+    }
+  }
+  if (any_length == any_angle) {
+    refuse("--joint-range", text, "a sum of angles or of lengths");
+  }
+  return any_length ? 1e-3 : kDegree;
+}
+
+void add_joint_range(const Robot& robot, const std::vector<Named>& known, const std::string& text, Cell& cell) {
+  const std::string expected = "NAME=lower:upper in degrees (mm for lengths), NAME a joint or a sum such as " +
+                               known.front().name + "+" + known.back().name;
+  const std::size_t equals = text.rfind('=');
+  const std::optional<Named> sum =
+      equals == std::string::npos || equals == 0 ? std::nullopt : sum_of(known, text.substr(0, equals));
+  if (!sum) {
+    refuse("--joint-range", text, expected);
+  }
+  const double unit = unit_of(robot, sum->weights, text);
+  auto [lower, upper] = bounds("--joint-range", text, expected, equals + 1);
+  lower *= unit;
+  upper *= unit;
+  Eigen::Index joint = 0;
+  const double weight = sum->weights.cwiseAbs().maxCoeff(&joint);
+  if (sum->weights.cwiseAbs().sum() > weight + 1e-12) {
+    cell.sums.push_back(
+        {.name = sum->name, .weights = sum->weights, .offset = sum->offset, .lower = lower, .upper = upper});
+    return;
+  }
+  // A single joint: its range is drawn from, nothing is refused.
+  const auto [first, second] =
+      std::minmax({(lower - sum->offset) / sum->weights[joint], (upper - sum->offset) / sum->weights[joint]});
+  auto& range = cell.ranges[static_cast<std::size_t>(joint)];
+  range = {std::max(range.first, first), std::min(range.second, second)};
+  if (range.first > range.second) {
+    refuse("--joint-range", text, "a range that the joint's limits and the other ranges leave open");
+  }
+}
+
+Tracker tracker(const CellArguments& arguments) {
+  const std::vector<double> p = numbers("--tracker", arguments.tracker, 3, "x,y,z in metres in the base frame");
+  Tracker result{.position = {p[0], p[1], p[2]}};
+  if (!arguments.distance_range.empty()) {
+    const auto [least, greatest] = bounds("--distance-range", arguments.distance_range, "least:greatest in metres");
+    result.least_distance = std::max(0.0, least);
+    result.greatest_distance = greatest;
+  }
+  if (arguments.acceptance_deg) {
+    result.acceptance = *arguments.acceptance_deg * kDegree;
+  }
+  return result;
+}
+
+std::vector<Capsule> body(const CellArguments& arguments, const Robot& robot, const std::vector<TargetFrame>& targets) {
+  const bool counts = arguments.clearance || arguments.arm_radius || !arguments.tracker.empty() ||
+                      !arguments.out_spheres.empty() || !arguments.out_boxes.empty();
+  if (!counts) {
+    return {};
+  }
+  ArmBody body = arguments.arm_radius ? body_with_radius(robot, *arguments.arm_radius) : body_from_urdf(robot);
+  body.without_shape.erase(std::remove(body.without_shape.begin(), body.without_shape.end(), robot.tip),
+                           body.without_shape.end());
+  if (!body.without_shape.empty()) {
+    warn("links without boxes, cylinders or spheres are not kept clear of anything: " + listed(body.without_shape) +
+         "; --arm-radius gives all links a shape");
+  }
+  for (Capsule& capsule : tool_body(robot, targets, arguments.tool_radius)) {
+    body.capsules.push_back(std::move(capsule));
+  }
+  return body.capsules;
+}
+
+void require_tracker(const CellArguments& arguments) {
+  if (arguments.tracker.empty() && (!arguments.distance_range.empty() || arguments.acceptance_deg)) {
+    throw InputError(std::string(arguments.acceptance_deg ? "--acceptance-angle" : "--distance-range") +
+                     ": needs the tracker's position, expected --tracker x,y,z");
+  }
+}
+
+}  // namespace
+
+void add_cell_options(CLI::App& app, CellArguments& arguments) {
+  const auto repeated = [&](const std::string& name, std::vector<std::string>& values, const std::string& help) {
+    return app.add_option(name, values, help)->allow_extra_args(false);
+  };
+  const auto length = [&](const std::string& name, auto& value, double least, const std::string& help) {
+    return app.add_option(name, value, help)->type_name("M")->check(number_from(least, "a length in metres"));
+  };
+  repeated("--joint-range", arguments.joint_ranges,
+           "Range of a joint or of a sum of joints in deg (mm), NAME=lower:upper; more than once [the limits]")
+      ->type_name("RANGE");
+  app.add_option("--box", arguments.box, "Targets stay in xmin,ymin,zmin,xmax,ymax,zmax (m, base frame)")
+      ->type_name("BOX");
+  length("--least-height", arguments.least_height, -1e6, "Least z of the targets");
+  length("--least-radius", arguments.least_radius, 0.0, "Least distance of the targets from the first joint's axis");
+  repeated("--keep-out-sphere", arguments.out_spheres, "Arm and targets keep out of x,y,z,radius (m); more than once")
+      ->type_name("SPHERE");
+  repeated("--keep-out-box", arguments.out_boxes,
+           "Arm and targets keep out of xmin,ymin,zmin,xmax,ymax,zmax (m); more than once")
+      ->type_name("BOX");
+  length("--clearance", arguments.clearance, 0.0, "Least distance between parts of the arm and the tool");
+  length("--arm-radius", arguments.arm_radius, 0.0, "The arm is this thick [the shapes in the URDF]");
+  length("--tool-radius", arguments.tool_radius, 0.0, "What carries the targets is this thick")->capture_default_str();
+  app.add_option("--tracker", arguments.tracker, "The tracker stands at x,y,z (m, base frame) and sees every target")
+      ->type_name("x,y,z");
+  app.add_option("--distance-range", arguments.distance_range, "Distance of the targets from it, least:greatest in m")
+      ->type_name("RANGE");
+  app.add_option("--acceptance-angle", arguments.acceptance_deg,
+                 "Largest angle between the beam and a target's facing direction, deg")
+      ->type_name("DEG")
+      ->check(number_between(0.0, 180.0, "degrees from 0 to 180"));
+}
+
+std::vector<double> numbers(const std::string& option, const std::string& text, std::size_t count,
+                            const std::string& expected) {
+  std::vector<double> values;
+  for (std::size_t start = 0; start <= text.size();) {
+    const std::size_t end = std::min(text.find(',', start), text.size());
+    const std::optional<double> value = parsed_number(std::string_view(text).substr(start, end - start));
+    if (!value) {
+      refuse(option, text, expected);
+    }
+    values.push_back(*value);
+    start = end + 1;
+  }
+  if (values.size() != count) {
+    refuse(option, text, expected);
+  }
+  return values;
+}
+
+FacingTargets read_facing_targets(const std::string& file) {
+  FacingTargets result{.targets = read_targets(file), .facing = {}};
+  const Json json = read_json(file);
+  for (std::size_t k = 0; k < result.targets.size(); ++k) {
+    const Json& target = json.at("targets").at(k);
+    Eigen::Vector3d facing = Eigen::Vector3d::Zero();
+    if (target.contains("facing")) {
+      const Json& given = target.at("facing");
+      const bool three = given.is_array() && given.size() == 3 &&
+                         std::all_of(given.begin(), given.end(), [](const Json& v) { return v.is_number(); });
+      if (three) {
+        facing = {given[0].get<double>(), given[1].get<double>(), given[2].get<double>()};
+      }
+      if (!(facing.norm() > 0.0) || !facing.allFinite()) {
+        throw InputError(file + ": targets[" + std::to_string(k) +
+                         "]: facing: expected three numbers that are not all zero");
+      }
+    }
+    result.facing.push_back(facing);
+  }
+  return result;
+}
+
+Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& model, const FacingTargets& targets,
+          const JointConvention* convention) {
+  require_tracker(arguments);
+  Cell cell;
+  cell.ranges = limits_of(model);
+  const std::vector<Named> known = named_values(robot, convention);
+  for (const std::string& text : arguments.joint_ranges) {
+    add_joint_range(robot, known, text, cell);
+  }
+  if (!arguments.box.empty()) {
+    cell.box = box("--box", arguments.box);
+  }
+  cell.height = arguments.least_height;
+  cell.radius = arguments.least_radius;
+  for (const std::string& text : arguments.out_spheres) {
+    const std::vector<double> v = numbers("--keep-out-sphere", text, 4, "x,y,z,radius in metres");
+    cell.out_spheres.push_back({.center = {v[0], v[1], v[2]}, .radius = v[3]});
+  }
+  for (const std::string& text : arguments.out_boxes) {
+    cell.out_boxes.push_back(box("--keep-out-box", text));
+  }
+  cell.body = body(arguments, robot, targets.targets);
+  cell.clearance = arguments.clearance;
+  if (!arguments.tracker.empty()) {
+    cell.tracker = tracker(arguments);
+  }
+  cell.facing = targets.facing;
+  return cell;
+}
+
+}  // namespace kdl_calibration::cli

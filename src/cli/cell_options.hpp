@@ -1,0 +1,47 @@
+#pragma once
+
+#include <CLI/App.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/workspace.hpp"
+
+namespace kdl_calibration::cli {
+
+/// Where the robot may go: --joint-range, --box, --least-height, --least-radius, --keep-out-sphere, --keep-out-box,
+/// --clearance, --arm-radius, --tool-radius, --tracker, --distance-range, --acceptance-angle
+struct CellArguments {
+  std::vector<std::string> joint_ranges;
+  std::string box;
+  std::optional<double> least_height;
+  std::optional<double> least_radius;
+  std::vector<std::string> out_spheres;
+  std::vector<std::string> out_boxes;
+  std::optional<double> clearance;
+  std::optional<double> arm_radius;
+  double tool_radius = 0.0;
+  std::string tracker;
+  std::string distance_range;
+  std::optional<double> acceptance_deg;
+};
+void add_cell_options(CLI::App& app, CellArguments& arguments);
+
+/// The targets of a file that read_targets reads, and the facing direction of each ("facing": [x, y, z] in the flange
+/// frame), zero where there is none.
+struct FacingTargets {
+  std::vector<TargetFrame> targets;
+  std::vector<Eigen::Vector3d> facing;
+};
+FacingTargets read_facing_targets(const std::string& file);
+
+/// The cell; warns of links whose shape is not known where the shape counts.
+Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& model, const FacingTargets& targets,
+          const JointConvention* convention);
+
+/// "1,2,3" as that many numbers.
+std::vector<double> numbers(const std::string& option, const std::string& text, std::size_t count,
+                            const std::string& expected);
+
+}  // namespace kdl_calibration::cli

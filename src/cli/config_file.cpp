@@ -1,0 +1,41 @@
+#include "config_file.hpp"
+
+#include <algorithm>
+#include <string>
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+bool has_option(const CLI::App& subcommand, const std::string& key) {
+  return key != "help" && subcommand.get_option_no_throw("--" + key) != nullptr;
+}
+
+}  // namespace
+
+std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& input) const {
+  const auto chosen = app_.get_subcommands();
+  const std::string where = app_.get_config_ptr()->as<std::string>();
+  const auto all = app_.get_subcommands([](const CLI::App*) { return true; });
+  std::vector<CLI::ConfigItem> result;
+  for (CLI::ConfigItem& item : ConfigBase::from_config(input)) {
+    const bool section = item.name == "++" || item.name == "--";
+    const std::string key = item.name;
+    const auto fits = [&](const CLI::App* subcommand) {
+      const bool named = item.parents.empty() || item.parents == std::vector<std::string>{subcommand->get_name()};
+      return named && (section || has_option(*subcommand, key));
+    };
+    if (std::none_of(all.begin(), all.end(), fits)) {
+      throw InputError(where + ": '" + (section ? "[" + item.parents.front() + "]" : item.fullname()) + "' is no " +
+                       (section ? "subcommand" : "option") + ", expected those that --help lists");
+    }
+    if (!section && !chosen.empty() && fits(chosen.front())) {
+      item.parents = {chosen.front()->get_name()};
+      result.push_back(item);
+    }
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,112 @@
+#include <kdl/chainfksolverpos_recursive.hpp>
+#include <memory>
+#include <numbers>
+
+#include "frames.hpp"
+#include "kdl_calibration/calibration.hpp"
+#include "options.hpp"
+#include "subcommands.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+struct Arguments {
+  RobotArguments robot;
+  JointArguments joints;
+  std::string result;
+  bool frames = false;
+  bool json = false;
+};
+
+struct NamedFrame {
+  std::string name;
+  KDL::Frame X_BL;
+};
+
+// Every link behind the base, the tip last.
+std::vector<NamedFrame> link_frames(const Robot& robot, const Eigen::VectorXd& q) {
+  KDL::ChainFkSolverPos_recursive solver(robot.chain);
+  KDL::JntArray joints(static_cast<unsigned>(q.size()));
+  joints.data = q;
+  std::vector<NamedFrame> frames;
+  for (unsigned segment = 0; segment < robot.chain.getNrOfSegments(); ++segment) {
+    KDL::Frame frame;
+    solver.JntToCart(joints, frame, static_cast<int>(segment) + 1);
+    frames.push_back({.name = robot.chain.getSegment(segment).getName(), .X_BL = frame});
+  }
+  return frames;
+}
+
+Robot calibrated(const Robot& robot, const std::string& result) {
+  const ErrorModel model = complete_model(robot);
+  const std::string urdf = calibrated_urdf(robot, model, read_errors(result, model));
+  return parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result);
+}
+
+std::string json(const std::vector<NamedFrame>& frames) {
+  Json list = Json::array();
+  for (const NamedFrame& frame : frames) {
+    Json entry = {{"name", frame.name}};
+    entry.update(frame_json(to_eigen(frame.X_BL)));
+    list.push_back(entry);
+  }
+  return json_text({{"frames", list}});
+}
+
+std::string table(const Robot& robot, const std::vector<NamedFrame>& frames) {
+  constexpr int kColumn = 12;
+  int name_column = static_cast<int>(robot.base.size()) + 5;
+  for (const NamedFrame& frame : frames) {
+    name_column = std::max(name_column, static_cast<int>(frame.name.size()) + 2);
+  }
+  std::string text = padded("in " + robot.base, -name_column);
+  for (const char* heading : {"x[mm]", "y[mm]", "z[mm]", "roll[deg]", "pitch[deg]", "yaw[deg]"}) {
+    text += padded(heading, kColumn);
+  }
+  text += "\n";
+  for (const NamedFrame& frame : frames) {
+    double roll = 0.0;
+    double pitch = 0.0;
+    double yaw = 0.0;
+    frame.X_BL.M.GetRPY(roll, pitch, yaw);
+    text += padded(frame.name, -name_column);
+    for (const double metres : {frame.X_BL.p.x(), frame.X_BL.p.y(), frame.X_BL.p.z()}) {
+      text += padded(fixed(metres * 1e3, 4), kColumn);
+    }
+    for (const double angle : {roll, pitch, yaw}) {
+      text += padded(fixed(angle * 180.0 / std::numbers::pi, 5), kColumn);
+    }
+    text += "\n";
+  }
+  return text;
+}
+
+ExitStatus run(const Arguments& arguments) {
+  Robot robot = load(arguments.robot);
+  if (!arguments.result.empty()) {
+    robot = calibrated(robot, arguments.result);
+  }
+  std::vector<NamedFrame> frames = link_frames(robot, joint_values(robot, arguments.joints));
+  if (!arguments.json && !arguments.frames) {
+    frames.erase(frames.begin(), frames.end() - 1);
+  }
+  print(arguments.json ? json(frames) : table(robot, frames));
+  return done;
+}
+
+}  // namespace
+
+Subcommand add_fk(CLI::App& parser) {
+  CLI::App* app = parser.add_subcommand("fk", "Forward kinematics at joint values, nominal or calibrated");
+  const auto arguments = std::make_shared<Arguments>();
+  add_robot_options(*app, arguments->robot);
+  add_joint_options(*app, arguments->joints);
+  add_file(*app, "--result", arguments->result, "Apply the errors of a result that calibrate wrote");
+  app->add_flag("--frames", arguments->frames, "Show the frame of every link, not the tip's alone (JSON always does)");
+  add_json_flag(*app, arguments->json);
+  add_example(*app, "kdlcal fk --joints 0,10,-20,0,45,0 --degrees --frames");
+  return {.app = app, .run = [arguments] { return run(*arguments); }};
+}
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,193 @@
+#include "frames.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <set>
+#include <system_error>
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+constexpr std::size_t kLargestFile = std::size_t{64} << 20U;
+constexpr double kQuaternionTolerance = 1e-3;
+
+std::string read_text(const std::filesystem::path& file) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(file, ignored)) {
+    throw InputError(file.string() + ": is a directory, expected a JSON file");
+  }
+  errno = 0;
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream) {
+    throw InputError(file.string() + ": cannot be opened: " + std::generic_category().message(errno));
+  }
+  std::string text(kLargestFile + 1, '\0');
+  stream.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(stream.gcount()));
+  if (stream.bad()) {
+    throw InputError(file.string() + ": cannot be read to its end");
+  }
+  if (text.size() > kLargestFile) {
+    throw InputError(file.string() + ": is longer than 64 MiB, expected a short JSON file");
+  }
+  return text;
+}
+
+// A value inside a file, with the way to it for messages.
+struct Node {
+  const Json& json;
+  std::string where;
+};
+
+[[noreturn]] void fail(const Node& node, const std::string& expected) {
+  throw InputError(node.where + ": expected " + expected);
+}
+
+bool has(const Node& object, const std::string& key) { return object.json.is_object() && object.json.contains(key); }
+
+Node member(const Node& object, const std::string& key) {
+  if (!object.json.is_object()) {
+    fail(object, "an object with the key \"" + key + "\"");
+  }
+  if (!object.json.contains(key)) {
+    throw InputError(object.where + ": the key \"" + key + "\" is missing");
+  }
+  return {.json = object.json.at(key), .where = object.where + ": " + key};
+}
+
+std::vector<Node> elements(const Node& node) {
+  if (!node.json.is_array() || node.json.empty()) {
+    fail(node, "an array that is not empty");
+  }
+  std::vector<Node> result;
+  for (std::size_t i = 0; i < node.json.size(); ++i) {
+    result.push_back({.json = node.json[i], .where = node.where + "[" + std::to_string(i) + "]"});
+  }
+  return result;
+}
+
+double number(const Node& node) {
+  if (!node.json.is_number() || !std::isfinite(node.json.get<double>())) {
+    fail(node, "a finite number");
+  }
+  return node.json.get<double>();
+}
+
+std::string name(const Node& node) {
+  if (!node.json.is_string() || node.json.get<std::string>().empty()) {
+    fail(node, "a name");
+  }
+  return node.json.get<std::string>();
+}
+
+template <int kSize>
+Eigen::Matrix<double, kSize, 1> numbers(const Node& node) {
+  if (!node.json.is_array() || node.json.size() != kSize) {
+    fail(node, "an array of " + std::to_string(kSize) + " numbers");
+  }
+  Eigen::Matrix<double, kSize, 1> result;
+  const std::vector<Node> nodes = elements(node);
+  for (int i = 0; i < kSize; ++i) {
+    result[i] = number(nodes[static_cast<std::size_t>(i)]);
+  }
+  return result;
+}
+
+Eigen::Quaterniond quaternion(const Node& node) {
+  const Eigen::Vector4d wxyz = numbers<4>(node);
+  if (!(std::abs(wxyz.norm() - 1.0) <= kQuaternionTolerance)) {
+    fail(node, "a quaternion of norm 1");
+  }
+  return Eigen::Quaterniond(wxyz[0], wxyz[1], wxyz[2], wxyz[3]).normalized();
+}
+
+}  // namespace
+
+Json read_json(const std::filesystem::path& file) {
+  const std::string text = read_text(file);
+  try {
+    return Json::parse(text);
+  } catch (const Json::parse_error& error) {
+    const std::size_t end = std::min(text.size(), error.byte);
+    const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
+    throw InputError(file.string() + ":" + std::to_string(line) + ": is no JSON from here on, expected a JSON object");
+  } catch (const Json::exception&) {
+    throw InputError(file.string() + ": holds a number that is too large, expected finite numbers");
+  }
+}
+
+Eigen::Isometry3d read_base(const std::filesystem::path& file) {
+  const Json json = read_json(file);
+  const Node top{.json = json, .where = file.string()};
+  const Node base = has(top, "base") ? member(top, "base") : top;
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  X_WB.translation() = numbers<3>(member(base, "position"));
+  X_WB.linear() = quaternion(member(base, "quaternion_wxyz")).toRotationMatrix();
+  return X_WB;
+}
+
+std::vector<TargetFrame> read_targets(const std::filesystem::path& file) {
+  const Json json = read_json(file);
+  std::vector<TargetFrame> targets;
+  std::set<std::string> names;
+  for (const Node& node : elements(member({.json = json, .where = file.string()}, "targets"))) {
+    TargetFrame target;
+    target.name = name(member(node, "name"));
+    if (!names.insert(target.name).second) {
+      throw InputError(node.where + ": target '" + target.name + "' is there twice, expected each once");
+    }
+    target.X_FT.translation() = numbers<3>(member(node, "position"));
+    target.with_orientation = has(node, "quaternion_wxyz");
+    if (target.with_orientation) {
+      target.X_FT.linear() = quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
+    }
+    targets.push_back(target);
+  }
+  return targets;
+}
+
+Eigen::VectorXd read_errors(const std::filesystem::path& file, const ErrorModel& model) {
+  const Json json = read_json(file);
+  Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  for (const Node& node : elements(member({.json = json, .where = file.string()}, "parameters"))) {
+    const std::string parameter = name(member(node, "name"));
+    if (parameter.find('.') != std::string::npos) {  // of the base or a target
+      continue;
+    }
+    const auto known = std::find_if(model.parameters.begin(), model.parameters.end(),
+                                    [&](const ErrorParameter& candidate) { return candidate.name == parameter; });
+    if (known == model.parameters.end()) {
+      throw InputError(node.where + ": this robot has no parameter '" + parameter +
+                       "', expected the result of the same URDF, base and tip");
+    }
+    errors[known - model.parameters.begin()] = number(member(node, "error"));
+  }
+  return errors;
+}
+
+Json position_json(const Eigen::Vector3d& position) { return Json{position.x(), position.y(), position.z()}; }
+
+Json frame_json(const Eigen::Isometry3d& frame) {
+  Eigen::Quaterniond q(frame.linear());
+  q.normalize();
+  if (q.w() < 0.0) {
+    q.coeffs() *= -1.0;
+  }
+  return {{"position", position_json(frame.translation())}, {"quaternion_wxyz", Json{q.w(), q.x(), q.y(), q.z()}}};
+}
+
+Json target_json(const TargetFrame& target) {
+  Json json = {{"name", target.name}};
+  json.update(target.with_orientation ? frame_json(target.X_FT)
+                                      : Json{{"position", position_json(target.X_FT.translation())}});
+  return json;
+}
+
+std::string json_text(const Json& json) { return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"; }
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,113 @@
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "config_file.hpp"
+#include "subcommands.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+std::string chosen_name(const CLI::App& parser) {
+  const auto chosen = parser.get_subcommands();
+  return "kdlcal" + (chosen.empty() ? "" : " " + chosen.front()->get_name());
+}
+
+std::string subcommand_names(const CLI::App& parser) {
+  std::vector<std::string> names;
+  for (const CLI::App* subcommand : parser.get_subcommands([](const CLI::App*) { return true; })) {
+    names.push_back(subcommand->get_name());
+  }
+  return listed(names);
+}
+
+// Says on one line why nothing was done.
+int refuse(const std::string& message) {
+  const std::string line = on_one_line(message) + "\n";
+  std::fwrite(line.data(), 1, line.size(), stderr);
+  return bad_input;
+}
+
+// The parser's own message, but for those that speak its inner language.
+std::string in_plain_words(const CLI::App& parser, const CLI::ParseError& error) {
+  std::string message = error.what();
+  const std::string option = message.substr(0, message.find(':'));
+  const auto says = [&](const char* words) { return message.find(words) != std::string::npos; };
+  if (dynamic_cast<const CLI::FileError*>(&error) != nullptr) {
+    return "--config: '" + parser.get_config_ptr()->as<std::string>() + "' cannot be read, expected a TOML or INI file";
+  }
+  if (dynamic_cast<const CLI::ArgumentMismatch*>(&error) != nullptr && says("missing")) {
+    return option + ": has no value, expected one";
+  }
+  if (dynamic_cast<const CLI::ArgumentMismatch*>(&error) != nullptr && says("At Most")) {
+    return option + ": is given more than once, expected once";
+  }
+  return message;
+}
+
+// What the parser found wrong, in one sentence. An argument that nobody knows is named first: it is often the reason
+// why a needed one is missing.
+std::string usage_fault(const CLI::App& parser, const CLI::ParseError& error) {
+  const std::vector<std::string> unknown = parser.remaining(true);
+  if (parser.get_subcommands().empty()) {
+    const std::string first = unknown.empty() ? "no subcommand" : "'" + unknown.front() + "' is no subcommand";
+    return "kdlcal: " + first + ", expected one of " + subcommand_names(parser);
+  }
+  const std::string command = chosen_name(parser);
+  if (!unknown.empty()) {
+    return command + ": '" + unknown.front() + "' is not expected here, see " + command + " --help";
+  }
+  return command + ": " + in_plain_words(parser, error) + ", see " + command + " --help";
+}
+
+int run(int argc, const char* const* argv) {
+  CLI::App parser(
+      "Kinematic calibration of robot arms: finds the geometric errors that explain what a tracker measured", "kdlcal");
+  parser.set_version_flag("--version", "kdlcal " KDL_CALIBRATION_VERSION);
+  parser.set_config("--config", "", "Options from a TOML or INI file, in a section named after the subcommand")
+      ->type_name("FILE");
+  parser.config_formatter(std::make_shared<ConfigFile>(parser));
+  parser.allow_config_extras(CLI::config_extras_mode::error);
+  parser.require_subcommand(1);
+  parser.fallthrough();
+  const std::vector<Subcommand> subcommands = {add_model(parser),    add_fk(parser),        add_jacobian(parser),
+                                               add_simulate(parser), add_calibrate(parser), add_validate(parser),
+                                               add_plan(parser)};
+  try {
+    parser.parse(argc, argv);
+  } catch (const CLI::CallForHelp&) {
+    print(parser.help());
+    return done;
+  } catch (const CLI::CallForVersion& version) {
+    print(std::string(version.what()) + "\n");
+    return done;
+  } catch (const CLI::ParseError& error) {
+    return refuse(usage_fault(parser, error));
+  }
+  const auto chosen = std::find_if(subcommands.begin(), subcommands.end(),
+                                   [](const Subcommand& subcommand) { return subcommand.app->parsed(); });
+  return chosen->run();
+}
+
+}  // namespace
+}  // namespace kdl_calibration::cli
+
+int main(int argc, char** argv) {
+  // A file that grows beyond what is allowed should be a failed write, not the end of the process.
+  std::signal(SIGXFSZ, SIG_IGN);
+  try {
+    return kdl_calibration::cli::run(argc, argv);
+  } catch (const std::exception& error) {
+    return kdl_calibration::cli::refuse(std::string("kdlcal: ") + error.what());
+  } catch (...) {
+    return kdl_calibration::cli::refuse("kdlcal: failed for an unknown reason");
+  }
+}

@@ -1,0 +1,108 @@
+#include "measurement_options.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <set>
+
+#include "data_dir.hpp"
+#include "frames.hpp"
+#include "kdl_calibration/data_quality.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "options.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The joint conventions beside the given file and beside the robots that come with kdlcal.
+std::vector<JointConvention> conventions_at_hand(const fs::path& given) {
+  std::vector<fs::path> directories;
+  if (!given.empty()) {
+    directories.push_back(fs::absolute(given).parent_path());
+  }
+  try {
+    directories.push_back(urdf_dir());
+  } catch (const InputError&) {  // kdlcal stands alone: the given file's neighbours remain
+  }
+  std::set<fs::path> files;
+  for (const fs::path& directory : directories) {
+    std::error_code error;
+    for (const fs::directory_entry& entry : fs::directory_iterator(directory, error)) {
+      if (entry.path().extension() == ".json") {
+        files.insert(entry.path());
+      }
+    }
+  }
+  std::vector<JointConvention> conventions;
+  for (const fs::path& file : files) {
+    try {
+      conventions.push_back(read_joint_convention(file));
+    } catch (const InputError&) {  // some other JSON file
+    }
+  }
+  return conventions;
+}
+
+}  // namespace
+
+void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
+  add_file(app, "--measurements", arguments.measurements, "Measured points or poses (CSV)")->required();
+  add_file(app, "--joint-convention", arguments.joint_convention,
+           "How the controller's joint values become the URDF's (JSON)");
+  add_file(app, "--known-base", arguments.known_base,
+           "The base in the measuring device's frame, from a result or {\"position\", \"quaternion_wxyz\"}");
+  add_file(app, "--known-targets", arguments.known_targets,
+           "Targets in the flange frame, from a result or {\"targets\": [{\"name\", \"position\"}]}");
+}
+
+Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
+  if (arguments.joint_convention.empty()) {
+    return read_measurements(arguments.measurements, joint_names(robot));
+  }
+  const JointConvention convention = read_joint_convention(arguments.joint_convention);
+  return read_measurements(arguments.measurements, joint_names(robot), &convention);
+}
+
+RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements) {
+  RegistrationOptions options;
+  if (!arguments.known_base.empty()) {
+    options.known_base = read_base(arguments.known_base);
+  }
+  if (!arguments.known_targets.empty()) {
+    for (TargetFrame& target : read_targets(arguments.known_targets)) {
+      const auto& names = measurements.targets;
+      if (std::find(names.begin(), names.end(), target.name) != names.end()) {
+        options.known_targets.push_back(target);
+      }
+    }
+    if (options.known_targets.empty()) {
+      throw InputError(arguments.known_targets + ": targets: none was measured, expected some of " +
+                       listed(measurements.targets));
+    }
+  }
+  return options;
+}
+
+std::string better_convention(const MeasurementArguments& arguments, const ErrorModel& model,
+                              const Measurements& measurements, const FreeParameters& free) {
+  std::optional<JointConvention> used;
+  if (!arguments.joint_convention.empty()) {
+    used = read_joint_convention(arguments.joint_convention);
+  }
+  const std::vector<ConventionTrial> trials = try_conventions(model, measurements, free, used ? &*used : nullptr,
+                                                              conventions_at_hand(arguments.joint_convention),
+                                                              {.registration = known_frames(arguments, measurements)});
+  const std::optional<ConventionTrial> best = kdl_calibration::better_convention(trials);
+  if (!best) {
+    return {};
+  }
+  const auto present = std::find_if(trials.begin(), trials.end(), [](const ConventionTrial& t) { return t.present; });
+  const std::string as_read = used ? "with the joint convention " + arguments.joint_convention : "as they were read";
+  return as_read + " the joint values leave a misfit of " + fixed(present->rms * 1e3, 1) + " mm; " + best->description +
+         " fits, with " + fixed(best->rms * 1e3, 3) + " mm; nothing was switched";
+}
+
+}  // namespace kdl_calibration::cli

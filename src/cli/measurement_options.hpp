@@ -1,0 +1,34 @@
+#pragma once
+
+#include <CLI/App.hpp>
+#include <optional>
+#include <string>
+
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/least_squares.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/registration.hpp"
+#include "kdl_calibration/robot.hpp"
+
+namespace kdl_calibration::cli {
+
+/// --measurements, --joint-convention, --known-base, --known-targets
+struct MeasurementArguments {
+  std::string measurements;
+  std::string joint_convention;
+  std::string known_base;
+  std::string known_targets;
+};
+void add_measurement_options(CLI::App& app, MeasurementArguments& arguments);
+
+Measurements read(const MeasurementArguments& arguments, const Robot& robot);
+
+/// What is known of base and targets. Throws InputError where none of the known targets was measured.
+RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements);
+
+/// For measurements whose misfit is absurd: a sentence that names the joint convention (beside the one given, or beside
+/// the robots that come with kdlcal) or the joint with the opposite sign that fits. Empty where none does.
+std::string better_convention(const MeasurementArguments& arguments, const ErrorModel& model,
+                              const Measurements& measurements, const FreeParameters& free);
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,83 @@
+#include <memory>
+
+#include "frames.hpp"
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/report.hpp"
+#include "options.hpp"
+#include "subcommands.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+struct Arguments {
+  RobotArguments robot;
+  int targets = 3;
+  bool poses = false;
+  bool json = false;
+};
+
+std::string combination(const DroppedParameter& dropped) {
+  std::string text;
+  for (const auto& [name, coefficient] : dropped.replaced_by) {
+    const std::string sign = coefficient < 0.0 ? "- " : text.empty() ? "" : "+ ";
+    text += (text.empty() ? "" : " ") + sign + fixed(std::abs(coefficient), 3) + " " + name;
+  }
+  return text.empty() ? "nothing: it has no effect" : text;
+}
+
+std::string table(const Robot& robot, const ErrorModel& model, const Arguments& arguments, const Reduction& reduction) {
+  std::string complete;
+  for (const ErrorParameter& parameter : model.parameters) {
+    complete += (complete.empty() ? "" : " ") + parameter.name;
+  }
+  std::string kept;
+  for (const std::string& name : reduction.kept) {
+    kept += (kept.empty() ? "" : " ") + name;
+  }
+  std::string text = robot.name + ": " + robot.base + " to " + robot.tip + ", " + std::to_string(robot.joints.size()) +
+                     " joints, " + std::to_string(arguments.targets) + " measured " +
+                     (arguments.poses ? "poses" : "points") + " on the tool\n";
+  text += "complete model, " + std::to_string(model.parameters.size()) + " geometric parameters:\n  " + complete + "\n";
+  text += "irreducible model, rank " + std::to_string(reduction.rank) + " of " + std::to_string(reduction.candidates) +
+          " candidates:\n  " + kept + "\n";
+  text += "gauge, held at zero:\n";
+  for (const GaugeParameter& gauge : reduction.gauge) {
+    text += "  " + padded(gauge.name, -8) + "tied to " + listed(gauge.tied_to) + "\n";
+  }
+  text += "dropped, replaced to first order by:\n";
+  for (const DroppedParameter& dropped : reduction.dropped) {
+    text += "  " + padded(dropped.name, -8) + combination(dropped) + "\n";
+  }
+  return text;
+}
+
+ExitStatus run(const Arguments& arguments) {
+  const Robot robot = load(arguments.robot);
+  const ErrorModel model = complete_model(robot);
+  std::vector<TargetFrame> targets = generic_targets(arguments.targets);
+  for (TargetFrame& target : targets) {
+    target.with_orientation = arguments.poses;
+  }
+  const Reduction reduction = reduced_model(model, targets);
+  print(arguments.json ? model_json(model, targets, reduction) : table(robot, model, arguments, reduction));
+  return done;
+}
+
+}  // namespace
+
+Subcommand add_model(CLI::App& parser) {
+  CLI::App* app = parser.add_subcommand("model", "What of the robot's geometry can be calibrated");
+  const auto arguments = std::make_shared<Arguments>();
+  add_robot_options(*app, arguments->robot);
+  app->add_option("--targets", arguments->targets, "Number of measured targets on the tool")
+      ->type_name("N")
+      ->check(whole_number_between(1, 100, "a whole number from 1 to 100"))
+      ->capture_default_str();
+  app->add_flag("--poses", arguments->poses, "The targets' orientation is measured as well");
+  add_json_flag(*app, arguments->json);
+  add_example(*app, "kdlcal model --targets 3");
+  return {.app = app, .run = [arguments] { return run(*arguments); }};
+}
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,169 @@
+#include "options.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include "data_dir.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+constexpr double kLimitSlack = 1e-9;  // [rad] or [m] of values that were rounded when written down
+
+std::string refused(const std::string& value, const std::string& expected) {
+  return "'" + value + "' is not accepted, expected " + expected;
+}
+
+// The matrix of a convention turns angles into angles and lengths into lengths: a controller's value is a length where
+// all that it moves is prismatic.
+bool is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value) {
+  bool any = false;
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    const bool depends = convention == nullptr ? row == value : convention->matrix(row, value) != 0.0;
+    any = any || depends;
+    if (depends && robot.joints[i].type != JointType::prismatic) {
+      return false;
+    }
+  }
+  return any;
+}
+
+Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments, const JointConvention* convention) {
+  const std::vector<std::string> names = convention == nullptr ? joint_names(robot) : convention->controller_joints;
+  if (arguments.joints.size() != names.size()) {
+    throw InputError("--joints: has " + std::to_string(arguments.joints.size()) + " values, expected " +
+                     std::to_string(names.size()) + ": " + listed(names));
+  }
+  Eigen::VectorXd values(static_cast<Eigen::Index>(names.size()));
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const std::optional<double> value = parsed_number(arguments.joints[i]);
+    const auto index = static_cast<Eigen::Index>(i);
+    const bool length = is_length(robot, convention, index);
+    if (!value) {
+      const std::string unit = length ? "metres" : arguments.degrees ? "degrees" : "radians";
+      throw InputError("--joints: '" + arguments.joints[i] + "' for " + names[i] + " is no number, expected " + unit);
+    }
+    values[index] = arguments.degrees && !length ? *value * kDegree : *value;
+  }
+  return values;
+}
+
+void warn_outside_limits(const Robot& robot, const Eigen::VectorXd& q) {
+  std::vector<std::string> outside;
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    const MovingJoint& joint = robot.joints[i];
+    const double value = q[static_cast<Eigen::Index>(i)];
+    if (value < joint.lower.value_or(value) - kLimitSlack || value > joint.upper.value_or(value) + kLimitSlack) {
+      outside.push_back(joint.name);
+    }
+  }
+  if (!outside.empty()) {
+    warn("joint values outside the limits of the URDF (" + std::to_string(outside.size()) + " of " +
+         std::to_string(robot.joints.size()) + "): " + listed(outside));
+  }
+}
+
+}  // namespace
+
+CLI::Validator number_between(double lower, double upper, const std::string& expected) {
+  return {[=](std::string& value) {
+            const std::optional<double> number = parsed_number(value);
+            return number && *number >= lower && *number <= upper ? std::string() : refused(value, expected);
+          },
+          "", "number"};
+}
+
+CLI::Validator number_from(double lower, const std::string& expected) {
+  return number_between(lower, std::numeric_limits<double>::max(), expected);
+}
+
+CLI::Validator whole_number_between(long lower, long upper, const std::string& expected) {
+  return {[=](std::string& value) {
+            long number = 0;
+            const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
+            const bool whole = error == std::errc() && end == value.data() + value.size();
+            return whole && number >= lower && number <= upper ? std::string() : refused(value, expected);
+          },
+          "", "whole number"};
+}
+
+CLI::Validator not_empty(const std::string& expected) {
+  return {[=](std::string& value) { return value.empty() ? refused(value, expected) : std::string(); }, "", "text"};
+}
+
+CLI::Validator one_of(const std::vector<std::string>& words) {
+  return {[words](std::string& value) {
+            const bool known = std::find(words.begin(), words.end(), value) != words.end();
+            return known ? std::string() : refused(value, "one of " + listed(words));
+          },
+          "", "word"};
+}
+
+CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<std::string>& values,
+                      const std::string& help) {
+  return app.add_option(name, values, help)->delimiter(',')->allow_extra_args(false);
+}
+
+CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file, const std::string& help) {
+  return app.add_option(name, file, help)->type_name("FILE")->check(not_empty("a file name"));
+}
+
+void add_json_flag(CLI::App& app, bool& json) { app.add_flag("--json", json, "Print JSON, SI units"); }
+
+void add_example(CLI::App& app, const std::string& command) {
+  app.footer("Options may also stand in a TOML or INI file: --config FILE\nExample:\n  " + command);
+}
+
+void add_seed(CLI::App& app, std::uint64_t& seed) {
+  app.add_option("--seed", seed, "Seed of the random numbers; the same seed draws the same ones")
+      ->type_name("N")
+      ->check(whole_number_between(0, std::numeric_limits<long>::max(), "a whole number, 0 or more"))
+      ->capture_default_str();
+}
+
+void add_robot_options(CLI::App& app, RobotArguments& arguments) {
+  add_file(app, "--urdf", arguments.urdf, "The robot [the FANUC R-2000iC/165F that comes with kdlcal]");
+  app.add_option("--base", arguments.base, "First link of the chain [the root link]")
+      ->type_name("LINK")
+      ->check(not_empty("a link"));
+  app.add_option("--tip", arguments.tip, "Last link of the chain [the only leaf, else tool0, else flange]")
+      ->type_name("LINK")
+      ->check(not_empty("a link"));
+}
+
+Robot load(const RobotArguments& arguments) {
+  return load_robot(arguments.urdf.empty() ? default_urdf_path() : std::filesystem::path(arguments.urdf),
+                    {.base = arguments.base, .tip = arguments.tip});
+}
+
+void add_joint_options(CLI::App& app, JointArguments& arguments) {
+  add_list(app, "--joints", arguments.joints, "Joint values from base to tip, separated by commas, rad or m")
+      ->type_name("q1,...,qn")
+      ->required();
+  app.add_flag("--degrees", arguments.degrees, "Joint angles are in degrees");
+  add_file(app, "--joint-convention", arguments.joint_convention,
+           "Joint values are the controller's, which this file turns into the URDF's");
+}
+
+Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments) {
+  Eigen::VectorXd q;
+  if (arguments.joint_convention.empty()) {
+    q = given_values(robot, arguments, nullptr);
+  } else {
+    const JointConvention convention =
+        matched_convention(read_joint_convention(arguments.joint_convention), joint_names(robot));
+    q = convention.matrix * given_values(robot, arguments, &convention) + convention.offset;
+  }
+  warn_outside_limits(robot, q);
+  return q;
+}
+
+}  // namespace kdl_calibration::cli

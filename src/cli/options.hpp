@@ -1,0 +1,58 @@
+#pragma once
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/robot.hpp"
+
+namespace kdl_calibration::cli {
+
+/// A value of an option must be a finite number between the bounds; `expected` completes the message ("a length in
+/// metres, 0 or more").
+CLI::Validator number_between(double lower, double upper, const std::string& expected);
+CLI::Validator number_from(double lower, const std::string& expected);
+CLI::Validator whole_number_between(long lower, long upper, const std::string& expected);
+CLI::Validator not_empty(const std::string& expected);
+/// One of a few words.
+CLI::Validator one_of(const std::vector<std::string>& words);
+
+/// An option that takes a list, separated by commas or given more than once.
+CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<std::string>& values,
+                      const std::string& help);
+
+/// An option that names a file.
+CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file, const std::string& help);
+/// --json
+void add_json_flag(CLI::App& app, bool& json);
+/// The command that ends the help.
+void add_example(CLI::App& app, const std::string& command);
+/// --seed
+void add_seed(CLI::App& app, std::uint64_t& seed);
+
+/// --urdf, --base, --tip
+struct RobotArguments {
+  std::string urdf;  ///< empty: the robot that comes with kdlcal
+  std::string base;
+  std::string tip;
+};
+void add_robot_options(CLI::App& app, RobotArguments& arguments);
+Robot load(const RobotArguments& arguments);
+
+/// --joints, --degrees, --joint-convention
+struct JointArguments {
+  std::vector<std::string> joints;
+  std::string joint_convention;
+  bool degrees = false;
+};
+void add_joint_options(CLI::App& app, JointArguments& arguments);
+/// The URDF's joint values [rad] or [m]; warns of values outside the limits.
+Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,181 @@
+#include "output_files.hpp"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <system_error>
+#include <utility>
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+[[noreturn]] void fail(const OutputFile& file, const std::string& what) {
+  throw InputError(file.option + ": '" + file.path + "' " + what);
+}
+
+[[noreturn]] void fail_to_write(const OutputFile& file, int error) {
+  fail(file, "cannot be written: " + std::generic_category().message(error));
+}
+
+// A temporary file that disappears with its owner unless it was renamed.
+class Temporary {
+public:
+  Temporary(const OutputFile& file, const fs::path& directory) : file_(file) {
+    for (int attempt = 0; descriptor_ < 0; ++attempt) {
+      path_ = directory / (".kdlcal-" + std::to_string(::getpid()) + "-" + std::to_string(attempt) + ".tmp");
+      descriptor_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+      if (descriptor_ < 0 && (errno != EEXIST || attempt > 1000)) {
+        fail_to_write(file_, errno);
+      }
+    }
+  }
+  ~Temporary() {
+    if (descriptor_ >= 0) {
+      ::close(descriptor_);
+    }
+    if (!renamed_) {
+      ::unlink(path_.c_str());
+    }
+  }
+  Temporary(const Temporary&) = delete;
+  Temporary& operator=(const Temporary&) = delete;
+
+  void write(mode_t mode) {
+    const char* data = file_.text.data();
+    std::size_t left = file_.text.size();
+    while (left > 0) {
+      const ssize_t written = ::write(descriptor_, data, left);
+      if (written < 0 && errno != EINTR) {
+        fail_to_write(file_, errno);
+      }
+      const auto count = static_cast<std::size_t>(std::max<ssize_t>(written, 0));
+      data += count;
+      left -= count;
+    }
+    const bool permitted = mode == 0 || ::fchmod(descriptor_, mode) == 0;
+    if (!permitted || ::fsync(descriptor_) != 0) {
+      fail_to_write(file_, errno);
+    }
+    const int descriptor = std::exchange(descriptor_, -1);
+    if (::close(descriptor) != 0) {
+      fail_to_write(file_, errno);
+    }
+  }
+
+  void rename(const fs::path& target, bool force) {
+    const unsigned no_replace = force ? 0U : RENAME_NOREPLACE;
+    int status = ::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), no_replace);
+    if (status != 0 && (errno == EINVAL || errno == ENOSYS)) {  // a file system that knows no flags
+      status = ::rename(path_.c_str(), target.c_str());
+    }
+    if (status != 0) {
+      fail_to_write(file_, errno);
+    }
+    renamed_ = true;
+  }
+
+private:
+  const OutputFile& file_;
+  fs::path path_;
+  int descriptor_ = -1;
+  bool renamed_ = false;
+};
+
+// Where the file goes, behind symbolic links, and the permissions of the file it replaces (0 where there is none).
+struct Target {
+  fs::path path;
+  fs::path directory;
+  mode_t mode = 0;
+};
+
+Target checked_target(const OutputFile& file, bool force) {
+  std::error_code error;
+  fs::path path = file.path;
+  if (fs::is_directory(path, error)) {
+    fail(file, "is a directory, expected a file name");
+  }
+  if (path.filename().empty()) {
+    fail(file, "is no file name, expected one");
+  }
+  if (fs::is_symlink(path, error)) {
+    path = fs::canonical(path, error);
+    if (error) {
+      fail(file, "is a symbolic link that leads nowhere, expected a file name");
+    }
+  }
+  const fs::path parent = path.parent_path().empty() ? fs::path(".") : path.parent_path();
+  if (!fs::is_directory(parent, error)) {
+    fail(file, "cannot be written: '" + parent.string() + "' is no directory that exists");
+  }
+  Target target{.path = path, .directory = parent, .mode = 0};
+  struct stat status = {};
+  if (::lstat(path.c_str(), &status) != 0) {
+    if (errno != ENOENT) {
+      fail_to_write(file, errno);
+    }
+    return target;
+  }
+  if (!S_ISREG(status.st_mode)) {
+    fail(file, "exists and is no regular file, expected a file name");
+  }
+  if (!force) {
+    fail(file, "exists, expected a new file name or --force to overwrite it");
+  }
+  target.mode = status.st_mode & 07777U;
+  return target;
+}
+
+std::vector<Target> checked_targets(const std::vector<OutputFile>& files, bool force) {
+  std::vector<Target> targets;
+  targets.reserve(files.size());
+  for (const OutputFile& file : files) {
+    targets.push_back(checked_target(file, force));
+  }
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      if (fs::weakly_canonical(fs::absolute(targets[i].path)) == fs::weakly_canonical(fs::absolute(targets[j].path))) {
+        fail(files[i], "is the same file as that of " + files[j].option + ", expected another one");
+      }
+    }
+  }
+  return targets;
+}
+
+}  // namespace
+
+void require_writable(const std::vector<OutputFile>& files, bool force) {
+  const std::vector<Target> targets = checked_targets(files, force);
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    const Temporary probe(files[i], targets[i].directory);
+  }
+}
+
+void write_whole(const std::vector<OutputFile>& files, bool force) {
+  const std::vector<Target> targets = checked_targets(files, force);
+  std::vector<std::unique_ptr<Temporary>> temporaries;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    temporaries.push_back(std::make_unique<Temporary>(files[i], targets[i].directory));
+    temporaries.back()->write(targets[i].mode);
+  }
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    temporaries[i]->rename(targets[i].path, force);
+    // The name, too, should survive a power cut; not every file system can promise that.
+    const int directory = ::open(targets[i].directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (directory >= 0) {
+      ::fsync(directory);
+      ::close(directory);
+    }
+  }
+}
+
+}  // namespace kdl_calibration::cli

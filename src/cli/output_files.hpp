@@ -1,0 +1,23 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace kdl_calibration::cli {
+
+/// A file that a subcommand was asked to write.
+struct OutputFile {
+  std::string option;  ///< that named it, for messages
+  std::string path;
+  std::string text;
+};
+
+/// To be called before the work: throws InputError where a file exists and `force` does not say to overwrite it, is no
+/// regular file or no name at all, or cannot be created in its directory, and where two of them are the same file.
+void require_writable(const std::vector<OutputFile>& files, bool force);
+
+/// Writes each file whole or not at all: all of them into temporary files beside their targets first, which are
+/// renamed only when every byte is on the disk. Throws InputError and leaves everything as it was where that fails.
+void write_whole(const std::vector<OutputFile>& files, bool force);
+
+}  // namespace kdl_calibration::cli

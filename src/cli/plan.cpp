@@ -1,0 +1,464 @@
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <set>
+
+#include "cell_options.hpp"
+#include "frames.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/monte_carlo.hpp"
+#include "kdl_calibration/pose_selection.hpp"
+#include "kdl_calibration/workspace.hpp"
+#include "options.hpp"
+#include "output_files.hpp"
+#include "progress.hpp"
+#include "subcommands.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+constexpr int kRandomDraws = 200;
+constexpr int kConfigurations = 30;
+constexpr int kMostForAccuracy = 500;
+
+struct Arguments {
+  RobotArguments robot;
+  CellArguments cell;
+  std::string joint_convention;
+  std::optional<int> configurations;
+  std::optional<int> add;
+  std::optional<double> accuracy_mm;
+  std::string accuracy_of = "mean";
+  std::string measured;
+  int candidates = 5000;
+  int workspace = 5000;
+  std::string tasks;
+  int targets = 3;
+  std::string target_file;
+  std::string criterion = "D";
+  int starts = 8;
+  PointNoise noise;
+  Priors priors;
+  std::string home;
+  int monte_carlo = 0;
+  std::uint64_t seed = 1;
+  int threads = 0;
+  std::string output;
+  bool force = false;
+  bool json = false;
+};
+
+// What the plan is made from.
+struct Setting {
+  Robot robot;
+  ErrorModel model;
+  std::optional<JointConvention> convention;
+  std::optional<Measurements> measured;
+  FacingTargets targets;
+  Experiment experiment;
+  MatrixXd given;  // information of priors and measured configurations
+  Candidates drawn;
+  MatrixXd candidates;
+  MatrixXd tasks;
+  Eigen::VectorXd home;
+};
+
+struct Plan {
+  Selection selection;
+  MeasuringPlan sheet;
+  Prediction planned;
+  Prediction random;  // means over the draws
+  std::optional<double> floor;
+  double worst_configuration = 0.0;
+  ObservabilityIndices observability;
+  double efficiency = 0.0;
+  double seconds = 0.0;  // of travel
+  std::optional<MonteCarloResult> monte_carlo;
+};
+
+// Targets of the measured file on the nominal robot, as far as no file gives them.
+FacingTargets targets(const Arguments& arguments, const ErrorModel& model,
+                      const std::optional<Measurements>& measured) {
+  if (!arguments.target_file.empty()) {
+    return read_facing_targets(arguments.target_file);
+  }
+  if (measured) {
+    return {.targets = nominal_start(model, *measured).targets, .facing = {}};
+  }
+  return {.targets = published_targets(arguments.targets), .facing = {}};
+}
+
+Eigen::VectorXd home(const Arguments& arguments, const Setting& setting) {
+  const std::size_t count = setting.robot.joints.size();
+  Eigen::VectorXd values = Eigen::VectorXd::Zero(static_cast<Index>(count));
+  if (arguments.home.empty()) {
+    return values;
+  }
+  const std::vector<double> given =
+      numbers("--home", arguments.home, count, std::to_string(count) + " joint values in degrees (mm for lengths)");
+  for (std::size_t i = 0; i < count; ++i) {
+    const bool length = setting.robot.joints[i].type == JointType::prismatic;
+    values[static_cast<Index>(i)] = given[i] * (length ? 1e-3 : kDegree);
+  }
+  if (setting.convention) {
+    return setting.convention->matrix * values + setting.convention->offset;
+  }
+  return values;
+}
+
+Setting setting(const Arguments& arguments) {
+  Setting result{.robot = load(arguments.robot)};
+  result.model = complete_model(result.robot);
+  const std::vector<std::string> names = joint_names(result.robot);
+  if (!arguments.joint_convention.empty()) {
+    result.convention = matched_convention(read_joint_convention(arguments.joint_convention), names);
+  }
+  const JointConvention* convention = result.convention ? &*result.convention : nullptr;
+  if (!arguments.measured.empty()) {
+    result.measured = read_measurements(arguments.measured, names, convention);
+  }
+  result.targets = targets(arguments, result.model, result.measured);
+  result.experiment = nominal_experiment(result.model, result.targets.targets, arguments.noise, arguments.priors);
+  result.given = prior_information(result.experiment);
+  if (result.measured) {
+    result.given += information(result.experiment, *result.measured);
+  }
+  const Cell limits = cell(arguments.cell, result.robot, result.model, result.targets, convention);
+  // Whole thousandths of a degree and micrometres, as a pendant shows them.
+  result.drawn = candidates(result.robot, result.targets.targets, limits,
+                            {.count = arguments.candidates + arguments.workspace,
+                             .seed = arguments.seed,
+                             .threads = arguments.threads,
+                             .angle_step = 1e-3 * kDegree,
+                             .length_step = 1e-6});
+  result.candidates = result.drawn.joint_values.leftCols(arguments.candidates);
+  result.tasks = arguments.tasks.empty() ? MatrixXd(result.drawn.joint_values.rightCols(arguments.workspace))
+                                         : read_configurations(arguments.tasks, names, convention).joint_values;
+  result.home = home(arguments, result);
+  return result;
+}
+
+Criterion criterion(const std::string& name) {
+  return name == "D" ? Criterion::d_optimal : name == "G" ? Criterion::g_optimal : Criterion::i_optimal;
+}
+
+Figure figure(const std::string& name) {
+  return name == "mean" ? Figure::mean : name == "p95" ? Figure::p95 : Figure::max;
+}
+
+Selection select(const Arguments& arguments, const Setting& setting) {
+  Progress progress("choosing");
+  SelectionOptions options{.criterion = criterion(arguments.criterion),
+                           .count = arguments.add.value_or(arguments.configurations.value_or(
+                               arguments.accuracy_mm ? kMostForAccuracy : kConfigurations)),
+                           .starts = arguments.starts,
+                           .seed = arguments.seed,
+                           .threads = arguments.threads,
+                           .progress = [&](double share) { progress(share); }};
+  if (!arguments.accuracy_mm) {
+    return select_configurations(setting.experiment, setting.candidates, setting.given, options, setting.tasks);
+  }
+  return select_for_accuracy(setting.experiment, setting.candidates, setting.given, *arguments.accuracy_mm * 1e-3,
+                             figure(arguments.accuracy_of), options, setting.tasks);
+}
+
+// Numbers that no measured configuration bears.
+std::vector<std::string> labels(std::size_t count, const std::optional<Measurements>& measured) {
+  std::set<std::string> taken;
+  if (measured) {
+    taken.insert(measured->configurations.begin(), measured->configurations.end());
+  }
+  std::vector<std::string> result;
+  for (int number = 1; result.size() < count; ++number) {
+    if (taken.count(std::to_string(number)) == 0) {
+      result.push_back(std::to_string(number));
+    }
+  }
+  return result;
+}
+
+Prediction mean_of(const std::vector<Prediction>& predictions) {
+  Prediction mean;
+  const auto count = static_cast<double>(predictions.size());
+  for (const Prediction& prediction : predictions) {
+    mean.sigma.mean += prediction.sigma.mean / count;
+    mean.sigma.p95 += prediction.sigma.p95 / count;
+    mean.sigma.max += prediction.sigma.max / count;
+    mean.worst_configuration += prediction.worst_configuration / count;
+  }
+  return mean;
+}
+
+// The configurations of the file that are fitted.
+MatrixXd fitted_configurations(const Measurements& measurements) {
+  return subset(measurements, [](const Observation& row) { return row.split == Split::train; }).joint_values;
+}
+
+MonteCarloResult try_out(const Arguments& arguments, const Setting& setting, const MatrixXd& joint_values) {
+  Progress progress("Monte Carlo");
+  MonteCarlo runs{.model = setting.model,
+                  .with_errors = setting.experiment.free.geometric,
+                  .targets = setting.experiment.targets,
+                  .sizes = {.length = 1e-3, .angle = 1e-3},
+                  .noise = {.sigma = arguments.noise.sigma},
+                  .train = [&](Random&) { return joint_values; },
+                  .test = [&](Random&) { return setting.tasks; },
+                  .calibration = {.priors = arguments.priors},
+                  .runs = arguments.monte_carlo,
+                  .seed = arguments.seed,
+                  .threads = arguments.threads,
+                  .progress = [&](double share) { progress(share); }};
+  return run_monte_carlo(runs);
+}
+
+Plan plan(const Arguments& arguments, const Setting& setting) {
+  Plan result;
+  result.selection = select(arguments, setting);
+  const auto count = static_cast<int>(result.selection.chosen.size());
+  MatrixXd chosen = setting.candidates(Eigen::all, result.selection.chosen);
+  chosen = MatrixXd(chosen(Eigen::all, short_way(setting.robot.joints, setting.home, chosen)));
+  result.seconds = way_time(setting.robot.joints, setting.home, chosen);
+  result.sheet.configurations = labels(result.selection.chosen.size(), setting.measured);
+  result.sheet.joint_values = chosen;
+  for (const TargetFrame& target : setting.experiment.targets) {
+    result.sheet.targets.push_back(target.name);
+  }
+  result.sheet.notes = {
+      "Measure every target in every configuration and fill in x, y and z: the point in the tracker's frame, in "
+      "metres.",
+      "Not checked: the way from one configuration to the next and the home pose. Drive it slowly the first time."};
+
+  const Experiment& experiment = setting.experiment;
+  result.planned = predicted(experiment, result.selection.information, setting.tasks, arguments.threads);
+  result.worst_configuration =
+      std::max(result.planned.worst_configuration,
+               predicted(experiment, result.selection.information, chosen, arguments.threads).worst_configuration);
+  result.random = mean_of(predicted(experiment,
+                                    random_designs(experiment, setting.candidates, setting.given, count, kRandomDraws,
+                                                   arguments.seed, arguments.threads),
+                                    setting.tasks, arguments.threads));
+  if (setting.given.isZero() && arguments.noise.configuration_sigma == 0.0) {
+    result.floor = floor_of_worst_configuration(experiment, count);
+  }
+  MatrixXd all = chosen;
+  if (setting.measured) {
+    const MatrixXd before = fitted_configurations(*setting.measured);
+    all.resize(chosen.rows(), before.cols() + chosen.cols());
+    all << before, chosen;
+  }
+  result.observability = observability_indices(experiment, all);
+  result.efficiency = d_efficiency(experiment, setting.candidates, setting.given, result.selection.information, count,
+                                   arguments.threads);
+  if (arguments.monte_carlo > 0) {
+    result.monte_carlo = try_out(arguments, setting, all);
+  }
+  return result;
+}
+
+Json prediction_json(const Prediction& prediction, double worst_configuration) {
+  const auto finite = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
+  return {{"mean", finite(prediction.sigma.mean)},
+          {"p95", finite(prediction.sigma.p95)},
+          {"max", finite(prediction.sigma.max)},
+          {"worst_configuration_rms", finite(worst_configuration)}};
+}
+
+Json monte_carlo_json(const MonteCarloResult& result) {
+  return {{"runs", result.runs},
+          {"not_trusted", result.not_trusted},
+          {"held_out_error",
+           {{"mean", result.all.mean}, {"rms", result.all.rms}, {"p95", result.all.p95}, {"max", result.all.max}}},
+          {"rms_of_point_mean", result.rms.mean()},
+          {"rms_of_point_max", result.rms.maxCoeff()}};
+}
+
+std::string json(const Arguments& arguments, const Setting& setting, const Plan& plan) {
+  Json refusals = Json::array();
+  for (const Refusals& entry : setting.drawn.refusals) {
+    refusals.push_back({{"constraint", entry.constraint}, {"samples", entry.samples}, {"alone", entry.alone}});
+  }
+  Json configurations = Json::array();
+  for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
+    const Eigen::VectorXd q = plan.sheet.joint_values.col(static_cast<Index>(c));
+    configurations.push_back(
+        {{"configuration", plan.sheet.configurations[c]}, {"joints", std::vector<double>(q.begin(), q.end())}});
+  }
+  const ObservabilityIndices& o = plan.observability;
+  Json result = {
+      {"criterion", arguments.criterion},
+      {"parameters", columns(setting.experiment)},
+      {"targets", plan.sheet.targets.size()},
+      {"candidates", {{"count", arguments.candidates}, {"samples", setting.drawn.samples}, {"refused", refusals}}},
+      {"exchanges", plan.selection.exchanges},
+      {"observability", {{"O1", o.O1}, {"O2", o.O2}, {"O3", o.O3}, {"O4", o.O4}, {"O5", o.O5}}},
+      {"d_efficiency", plan.efficiency},
+      {"sigma",
+       {{"plan", prediction_json(plan.planned, plan.worst_configuration)},
+        {"random", prediction_json(plan.random, plan.random.worst_configuration)},
+        {"floor", plan.floor ? Json(*plan.floor) : Json(nullptr)}}},
+      {"travel_seconds", plan.seconds},
+      {"configurations", configurations}};
+  if (plan.monte_carlo) {
+    result["monte_carlo"] = monte_carlo_json(*plan.monte_carlo);
+  }
+  return json_text(result);
+}
+
+std::string line(const std::string& label, const Prediction& prediction, double worst) {
+  std::string text = padded(label, -24);
+  for (const double value : {prediction.sigma.mean, prediction.sigma.p95, prediction.sigma.max, worst}) {
+    text += padded(std::isfinite(value) ? fixed(value * 1e3, 4) : "-", 10);
+  }
+  return text + "\n";
+}
+
+std::string table(const Arguments& arguments, const Setting& setting, const Plan& plan) {
+  const auto number = [](auto value) { return std::to_string(value); };
+  const ObservabilityIndices& o = plan.observability;
+  std::string text = number(plan.selection.chosen.size()) + " configurations of " + number(arguments.candidates) +
+                     " candidates, " + arguments.criterion + "-optimal; " + number(plan.sheet.targets.size()) +
+                     " targets, " + number(columns(setting.experiment)) + " parameters, noise " +
+                     fixed(arguments.noise.sigma * 1e3, 4) + " mm\n";
+  text += "search                  " + number(arguments.starts) + " starts, " + number(plan.selection.exchanges) +
+          " exchanges; seed " + number(arguments.seed) + "\n";
+  text += "samples                 " + number(setting.drawn.samples) + " drawn";
+  for (const Refusals& entry : setting.drawn.refusals) {
+    text += "; " + entry.constraint + " removes " + number(entry.samples);
+  }
+  text += "\npredicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
+  text += line("  this plan", plan.planned, plan.worst_configuration);
+  text += line("  random choice", plan.random, plan.random.worst_configuration);
+  if (plan.floor) {
+    text += padded("  floor", -54) + padded(fixed(*plan.floor * 1e3, 4), 10) + "\n";
+  }
+  text += "observability           O1 " + fixed(o.O1, 4) + ", O2 " + fixed(o.O2, 5) + ", O3 " + fixed(o.O3, 4) +
+          ", O4 " + fixed(o.O4, 5) + ", O5 " + fixed(o.O5, 5) + " (m, rad)\n";
+  text += "D-efficiency            at least " + fixed(plan.efficiency, 3) + "\n";
+  text += "travel                  " + fixed(plan.seconds, 0) + " s at full speed, without the stops\n";
+  if (plan.monte_carlo) {
+    const MonteCarloResult& runs = *plan.monte_carlo;
+    text += "Monte Carlo             " + number(runs.runs) + " runs, " + number(runs.not_trusted) +
+            " not to be trusted; held-out error [mm] mean " + fixed(runs.all.mean * 1e3, 4) + ", p95 " +
+            fixed(runs.all.p95 * 1e3, 4) + ", max " + fixed(runs.all.max * 1e3, 4) + "; RMS of a point, mean " +
+            fixed(runs.rms.mean() * 1e3, 4) + "\n";
+  }
+  return text;
+}
+
+void require_sound(const Arguments& arguments) {
+  if (arguments.add && arguments.measured.empty()) {
+    throw InputError("--add: adds to configurations that were measured, expected --measured FILE");
+  }
+  if (arguments.add && arguments.configurations) {
+    throw InputError("--configurations: --add says how many to choose, expected one of the two");
+  }
+}
+
+ExitStatus run(const Arguments& arguments) {
+  require_sound(arguments);
+  std::vector<OutputFile> files;
+  if (!arguments.output.empty()) {
+    files.push_back({.option = "--output", .path = arguments.output, .text = {}});
+  }
+  require_writable(files, arguments.force);
+  const Setting set = setting(arguments);
+  const Plan result = plan(arguments, set);
+  if (!files.empty()) {
+    files.front().text = plan_csv(result.sheet, set.robot.joints, set.convention ? &*set.convention : nullptr);
+    write_whole(files, arguments.force);
+  }
+  print(arguments.json ? json(arguments, set, result) : table(arguments, set, result));
+  return done;
+}
+
+void add_count(CLI::App& app, const std::string& name, int& value, int least, int most, const std::string& help) {
+  app.add_option(name, value, help)
+      ->type_name("N")
+      ->check(whole_number_between(least, most,
+                                   "a whole number from " + std::to_string(least) + " to " + std::to_string(most)))
+      ->capture_default_str();
+}
+
+void add_counts(CLI::App& app, Arguments& arguments) {
+  app.add_option("--configurations", arguments.configurations,
+                 "Configurations to choose [30]; with --accuracy the most that may be [500]")
+      ->type_name("N")
+      ->check(whole_number_between(1, 2'000, "a whole number from 1 to 2000"));
+  add_file(app, "--measured", arguments.measured, "Plan on top of these measurements (CSV)");
+  app.add_option("--add", arguments.add, "With --measured: configurations to add")
+      ->type_name("N")
+      ->check(whole_number_between(1, 2'000, "a whole number from 1 to 2000"));
+  app.add_option("--accuracy", arguments.accuracy_mm, "As few configurations as promise this 1 sigma, mm")
+      ->type_name("MM")
+      ->check(number_between(1e-6, 1e6, "millimetres above 0"));
+  app.add_option("--accuracy-of", arguments.accuracy_of, "Which figure --accuracy means: mean, p95 or max")
+      ->type_name("NAME")
+      ->check(one_of({"mean", "p95", "max"}))
+      ->capture_default_str();
+  add_count(app, "--candidates", arguments.candidates, 1, 1'000'000, "Configurations to choose from");
+  add_count(app, "--workspace", arguments.workspace, 1, 100'000, "Other configurations at which to predict");
+  add_file(app, "--tasks", arguments.tasks, "Predict at these configurations instead (CSV like a plan)");
+  app.add_option("--criterion", arguments.criterion,
+                 "D: smallest confidence ellipsoid, G: smallest worst variance, I: smallest mean variance")
+      ->type_name("NAME")
+      ->check(one_of({"D", "G", "I"}))
+      ->capture_default_str();
+  add_count(app, "--starts", arguments.starts, 1, 1'000, "Random designs to start from");
+}
+
+void add_experiment(CLI::App& app, Arguments& arguments) {
+  add_count(app, "--targets", arguments.targets, 1, 100, "Targets on the tool, the published ones");
+  add_file(app, "--target-file", arguments.target_file,
+           "Targets in the flange frame {\"targets\": [{\"name\", \"position\"[, \"facing\"]}]}");
+  app.add_option("--noise", arguments.noise.sigma, "1 sigma of every measured coordinate, m")
+      ->type_name("M")
+      ->check(number_between(1e-12, 1.0, "metres above 0"))
+      ->capture_default_str();
+  app.add_option("--configuration-noise", arguments.noise.configuration_sigma,
+                 "1 sigma that all targets of a configuration share, m")
+      ->type_name("M")
+      ->check(number_from(0.0, "a length in metres, 0 or more"))
+      ->capture_default_str();
+  app.add_option("--prior-length", arguments.priors.length, "1 sigma of length errors beforehand, m; 0: none")
+      ->type_name("M")
+      ->check(number_from(0.0, "a length in metres, 0 or more"))
+      ->capture_default_str();
+  app.add_option("--prior-angle", arguments.priors.angle, "1 sigma of angle errors beforehand, rad; 0: none")
+      ->type_name("RAD")
+      ->check(number_from(0.0, "an angle in radians, 0 or more"))
+      ->capture_default_str();
+}
+
+}  // namespace
+
+Subcommand add_plan(CLI::App& parser) {
+  CLI::App* app = parser.add_subcommand("plan", "Chooses the configurations to measure and says what they will give");
+  const auto arguments = std::make_shared<Arguments>();
+  add_robot_options(*app, arguments->robot);
+  add_counts(*app, *arguments);
+  add_experiment(*app, *arguments);
+  add_cell_options(*app, arguments->cell);
+  add_file(*app, "--joint-convention", arguments->joint_convention,
+           "Joint values in files and options are the controller's (JSON)");
+  app->add_option("--home", arguments->home, "Where the way starts, joint values in deg or mm [all zero]")
+      ->type_name("q1,…,qn");
+  add_count(*app, "--monte-carlo", arguments->monte_carlo, 0, 100'000, "Try the plan on this many virtual robots");
+  add_seed(*app, arguments->seed);
+  add_count(*app, "--threads", arguments->threads, 0, 1'024, "Threads; 0: one per core. The plan is the same");
+  add_file(*app, "--output", arguments->output, "Write the plan (CSV) that calibrate reads once it is filled in");
+  app->add_flag("--force", arguments->force, "Overwrite files that exist");
+  add_json_flag(*app, arguments->json);
+  add_example(*app, "kdlcal plan --configurations 30 --least-height 0.2 --least-radius 0.7 --output plan.csv");
+  return {.app = app, .run = [arguments] { return run(*arguments); }};
+}
+
+}  // namespace kdl_calibration::cli

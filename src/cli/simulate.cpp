@@ -1,0 +1,372 @@
+#include "kdl_calibration/simulation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <set>
+
+#include "frames.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/monte_carlo.hpp"
+#include "options.hpp"
+#include "output_files.hpp"
+#include "progress.hpp"
+#include "subcommands.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+constexpr int kTestsOfMonteCarlo = 100;  // configurations
+
+struct Arguments {
+  RobotArguments robot;
+  int configurations = 30;
+  int test_configurations = 0;
+  std::string plan;
+  std::string joint_convention;
+  int targets = 3;
+  std::string target_file;
+  bool poses = false;
+  MeasuringNoise noise;
+  ErrorSizes sizes;
+  std::optional<double> angle_sigma_deg;
+  std::string model = "irreducible";
+  std::vector<std::string> joint_ranges = {"limits"};
+  int monte_carlo = 0;
+  int threads = 0;
+  std::uint64_t seed = 1;
+  std::string output;
+  std::string truth;
+  bool force = false;
+  bool json = false;
+};
+
+// "lo:hi" in degrees, or millimetres for a prismatic joint.
+std::pair<double, double> parsed_range(const std::string& text, const MovingJoint& joint) {
+  const bool prismatic = joint.type == JointType::prismatic;
+  const std::size_t colon = text.find(':');
+  const auto lower = parsed_number(text.substr(0, colon));
+  const auto upper = colon == std::string::npos ? std::nullopt : parsed_number(text.substr(colon + 1));
+  if (!lower || !upper || *lower > *upper) {
+    throw InputError("--joint-ranges: '" + text + "' for " + joint.name + " is no range, expected lower:upper in " +
+                     (prismatic ? "millimetres" : "degrees"));
+  }
+  const double unit = prismatic ? 1e-3 : kDegree;
+  return {*lower * unit, *upper * unit};
+}
+
+JointRanges joint_ranges(const ErrorModel& model, const std::vector<std::string>& given) {
+  const std::vector<MovingJoint>& joints = model.joints;
+  if (given.size() == 1 && given.front() == "limits") {
+    return limits_of(model);
+  }
+  if (given.size() == 1 && given.front() == "published") {
+    const bool six_revolute = joints.size() == 6 && std::none_of(joints.begin(), joints.end(), [](const auto& joint) {
+                                return joint.type == JointType::prismatic;
+                              });
+    if (!six_revolute) {
+      throw InputError("--joint-ranges: 'published' is for six revolute joints, expected limits or lower:upper of " +
+                       std::to_string(joints.size()) + " joints");
+    }
+    return published_ranges(model);
+  }
+  if (given.size() != joints.size()) {
+    throw InputError("--joint-ranges: has " + std::to_string(given.size()) +
+                     " entries, expected limits, published or " + std::to_string(joints.size()) + " times lower:upper");
+  }
+  JointRanges ranges;
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    ranges.push_back(parsed_range(given[i], joints[i]));
+  }
+  return ranges;
+}
+
+// Indices of the parameters that get an error: those of the irreducible model and the joint offsets that are gauge, or
+// all but those of the base link, which are no different from a displaced base.
+std::vector<std::size_t> with_errors(const ErrorModel& model, const Reduction& reduction, bool complete) {
+  std::set<std::string> names(reduction.kept.begin(), reduction.kept.end());
+  for (const GaugeParameter& gauge : reduction.gauge) {
+    names.insert(gauge.name);
+  }
+  std::vector<std::size_t> result;
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    const ErrorParameter& parameter = model.parameters[p];
+    const bool of_base_link = parameter.kind != ParameterKind::joint_offset && parameter.frame == 0;
+    if (complete ? !of_base_link : names.count(parameter.name) > 0) {
+      result.push_back(p);
+    }
+  }
+  return result;
+}
+
+Json parameters_json(const VirtualRobot& robot, const std::vector<std::size_t>& which, const Reduction& reduction) {
+  Json list = Json::array();
+  for (const std::size_t p : which) {
+    const ErrorParameter& parameter = robot.model.parameters[p];
+    const double error = robot.truth.errors[static_cast<Eigen::Index>(p)];
+    const bool gauge = std::any_of(reduction.gauge.begin(), reduction.gauge.end(),
+                                   [&](const GaugeParameter& candidate) { return candidate.name == parameter.name; });
+    list.push_back({{"name", parameter.name},
+                    {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
+                    {"kind", to_string(parameter.kind)},
+                    {"axis", parameter.axis == 'q' ? "" : std::string(1, parameter.axis)},
+                    {"nominal", parameter.nominal},
+                    {"value", parameter.nominal + error},
+                    {"error", error},
+                    {"gauge", gauge}});
+  }
+  return list;
+}
+
+Json ranges_json(const ErrorModel& model, const JointRanges& ranges) {
+  Json list = Json::array();
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    list.push_back({{"joint", model.joints[i].name}, {"lower", ranges[i].first}, {"upper", ranges[i].second}});
+  }
+  return list;
+}
+
+struct Simulation {
+  VirtualRobot robot;
+  Measurements measurements;
+  Json truth;
+};
+
+// What is simulated, before anything is drawn.
+struct Setup {
+  ErrorModel model;
+  JointRanges ranges;
+  std::vector<TargetFrame> targets;
+  Reduction reduction;
+  std::vector<std::size_t> with_errors;
+  std::optional<Eigen::MatrixXd> plan;  ///< configurations to fit, where a plan gives them
+};
+
+Setup setup(const Robot& robot, const Arguments& arguments) {
+  Setup result;
+  result.model = complete_model(robot);
+  result.ranges = joint_ranges(result.model, arguments.joint_ranges);
+  result.targets =
+      arguments.target_file.empty() ? published_targets(arguments.targets) : read_targets(arguments.target_file);
+  for (TargetFrame& target : result.targets) {
+    target.with_orientation = arguments.poses;
+  }
+  result.reduction = reduced_model(result.model, result.targets);
+  result.with_errors = with_errors(result.model, result.reduction, arguments.model == "complete");
+  if (!arguments.plan.empty()) {
+    std::optional<JointConvention> convention;
+    if (!arguments.joint_convention.empty()) {
+      convention = read_joint_convention(arguments.joint_convention);
+    }
+    const JointConvention* behind = convention ? &*convention : nullptr;
+    result.plan = read_configurations(arguments.plan, joint_names(robot), behind).joint_values;
+  }
+  return result;
+}
+
+Eigen::MatrixXd to_fit(const Arguments& arguments, const Setup& set, Random& random) {
+  return set.plan ? *set.plan : random_configurations(set.ranges, arguments.configurations, random);
+}
+
+Simulation simulation(const Robot& robot, const Arguments& arguments) {
+  const Setup set = setup(robot, arguments);
+  Random random(arguments.seed);
+  Simulation result;
+  result.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);
+  const Eigen::MatrixXd train = to_fit(arguments, set, random);
+  result.measurements = measure(result.robot, train, arguments.noise, random);
+  if (arguments.test_configurations > 0) {
+    const Eigen::MatrixXd test = random_configurations(set.ranges, arguments.test_configurations, random);
+    result.measurements =
+        joined(result.measurements, measure(result.robot, test, arguments.noise, random, Split::test));
+  }
+  Json target_list = Json::array();
+  for (const TargetFrame& target : result.robot.truth.targets) {
+    target_list.push_back(target_json(target));
+  }
+  result.truth = {{"seed", arguments.seed},
+                  {"urdf", robot.source},
+                  {"base_link", robot.base},
+                  {"tip_link", robot.tip},
+                  {"configurations", train.cols()},
+                  {"test_configurations", arguments.test_configurations},
+                  {"repeats", arguments.noise.repeats},
+                  {"noise", arguments.noise.sigma},
+                  {"orientation_noise", arguments.noise.orientation_sigma},
+                  {"joint_ranges", ranges_json(set.model, set.ranges)},
+                  {"parameters", parameters_json(result.robot, set.with_errors, set.reduction)},
+                  {"base", frame_json(result.robot.truth.X_WB)},
+                  {"targets", target_list}};
+  return result;
+}
+
+std::string summary(const Arguments& arguments, const Simulation& simulation) {
+  const std::string test =
+      arguments.test_configurations > 0 ? " and " + std::to_string(arguments.test_configurations) + " to test" : "";
+  return simulation.truth["configurations"].dump() + " configurations to fit" + test + ", " +
+         std::to_string(simulation.measurements.targets.size()) + (arguments.poses ? " poses, " : " targets, ") +
+         std::to_string(simulation.measurements.observations.size()) + " rows\n" + "noise " +
+         fixed(arguments.noise.sigma * 1e3, 4) + " mm; " + std::to_string(simulation.truth["parameters"].size()) +
+         " true errors, lengths " + fixed(arguments.sizes.length * 1e3, 3) + " mm, angles " +
+         fixed(arguments.sizes.angle / kDegree, 4) + " deg (1 sigma); seed " + std::to_string(arguments.seed) + "\n";
+}
+
+Json statistics_json(const ErrorStatistics& statistics) {
+  return {{"count", statistics.count}, {"mean", statistics.mean}, {"rms", statistics.rms},
+          {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
+}
+
+std::string statistics_line(const std::string& label, const ErrorStatistics& statistics) {
+  std::string text = padded(label, -22) + padded(std::to_string(statistics.count), 10);
+  for (const double value : {statistics.mean, statistics.rms, statistics.p95, statistics.max, statistics.std}) {
+    text += padded(fixed(value * 1e3, 4), 10);
+  }
+  return text + "\n";
+}
+
+ExitStatus run_many(const Arguments& arguments) {
+  if (!arguments.output.empty() || !arguments.truth.empty()) {
+    throw InputError("--monte-carlo: writes no files, expected it without --output and --truth");
+  }
+  const Robot robot = load(arguments.robot);
+  const Setup set = setup(robot, arguments);
+  const int test = arguments.test_configurations > 0 ? arguments.test_configurations : kTestsOfMonteCarlo;
+  Progress progress("simulating");
+  const MonteCarloResult result =
+      run_monte_carlo({.model = set.model,
+                       .with_errors = set.with_errors,
+                       .targets = set.targets,
+                       .sizes = arguments.sizes,
+                       .noise = arguments.noise,
+                       .train = [&](Random& random) { return to_fit(arguments, set, random); },
+                       .test = [&](Random& random) { return random_configurations(set.ranges, test, random); },
+                       .calibration = {},
+                       .runs = arguments.monte_carlo,
+                       .seed = arguments.seed,
+                       .threads = arguments.threads,
+                       .progress = [&](double share) { progress(share); }});
+  if (arguments.json) {
+    print(json_text({{"runs", result.runs},
+                     {"not_trusted", result.not_trusted},
+                     {"held_out_error",
+                      {{"all", statistics_json(result.all)},
+                       {"mean_of_run", statistics_json(result.means)},
+                       {"max_of_run", statistics_json(result.maxima)}}}}));
+    return done;
+  }
+  std::string text = std::to_string(result.runs) + " runs, " + std::to_string(result.not_trusted) +
+                     " of them not to be trusted; held-out error without noise [mm]\n" + padded("", -22);
+  for (const char* heading : {"count", "mean", "rms", "p95", "max", "std"}) {
+    text += padded(heading, 10);
+  }
+  print(text + "\n" + statistics_line("all points", result.all) + statistics_line("mean of a run", result.means) +
+        statistics_line("largest of a run", result.maxima));
+  return done;
+}
+
+ExitStatus run(Arguments arguments) {
+  if (arguments.angle_sigma_deg) {
+    arguments.sizes.angle = *arguments.angle_sigma_deg * kDegree;
+  }
+  if (arguments.monte_carlo > 0) {
+    return run_many(arguments);
+  }
+  if (arguments.output.empty() && arguments.json) {
+    throw InputError("--json without --output: both would go to standard output, expected --output");
+  }
+  std::vector<OutputFile> files;
+  if (!arguments.output.empty()) {
+    files.push_back({.option = "--output", .path = arguments.output, .text = {}});
+  }
+  if (!arguments.truth.empty()) {
+    files.push_back({.option = "--truth", .path = arguments.truth, .text = {}});
+  }
+  require_writable(files, arguments.force);
+  const Simulation result = simulation(load(arguments.robot), arguments);
+  const std::string csv = measurements_csv(result.measurements);
+  const std::string truth = json_text(result.truth);
+  for (OutputFile& file : files) {
+    file.text = file.option == "--output" ? csv : truth;
+  }
+  write_whole(files, arguments.force);
+  if (arguments.output.empty()) {
+    print(csv);
+  } else {
+    print(arguments.json ? truth : summary(arguments, result));
+  }
+  return done;
+}
+
+void add_count(CLI::App& app, const std::string& name, int& value, int least, int most, const std::string& help) {
+  app.add_option(name, value, help)
+      ->type_name("N")
+      ->check(whole_number_between(least, most,
+                                   "a whole number from " + std::to_string(least) + " to " + std::to_string(most)))
+      ->capture_default_str();
+}
+
+template <class Value>
+CLI::Option* add_size(CLI::App& app, const std::string& name, Value& value, const std::string& unit,
+                      const std::string& help) {
+  return app.add_option(name, value, help)
+      ->type_name(unit)
+      ->check(number_from(0.0, "a number of " + unit + ", 0 or more"));
+}
+
+void add_sizes(CLI::App& app, Arguments& arguments) {
+  add_size(app, "--noise", arguments.noise.sigma, "metres", "1 sigma of every measured coordinate [0]");
+  add_size(app, "--orientation-noise", arguments.noise.orientation_sigma, "radians",
+           "1 sigma of every component of a measured orientation [0]");
+  add_size(app, "--length-sigma", arguments.sizes.length, "metres", "1 sigma of the true length errors [0.0025]");
+  CLI::Option* radians = add_size(app, "--angle-sigma", arguments.sizes.angle, "radians",
+                                  "1 sigma of the true angle errors and joint offsets [3 degrees]");
+  add_size(app, "--angle-sigma-deg", arguments.angle_sigma_deg, "degrees", "The same in degrees")->excludes(radians);
+  add_size(app, "--base-sigma", arguments.sizes.base_position, "metres", "1 sigma of the base's displacement [0.002]");
+  add_size(app, "--target-sigma", arguments.sizes.target_length, "metres",
+           "1 sigma of the length of each tool [0.0025]");
+}
+
+}  // namespace
+
+Subcommand add_simulate(CLI::App& parser) {
+  CLI::App* app = parser.add_subcommand("simulate", "A virtual robot: draws true errors and measures them");
+  const auto arguments = std::make_shared<Arguments>();
+  add_robot_options(*app, arguments->robot);
+  add_count(*app, "--configurations", arguments->configurations, 1, 100'000, "Configurations to fit");
+  add_count(*app, "--test-configurations", arguments->test_configurations, 0, 100'000, "Further ones, marked as test");
+  add_file(*app, "--plan", arguments->plan, "Fit the configurations of this plan (CSV) instead of random ones");
+  add_file(*app, "--joint-convention", arguments->joint_convention, "The plan's joints are the controller's (JSON)");
+  add_count(*app, "--targets", arguments->targets, 1, 100, "Targets on the tool");
+  add_file(*app, "--target-file", arguments->target_file,
+           "Targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} instead");
+  add_count(*app, "--repeats", arguments->noise.repeats, 1, 1'000, "Times that each target is measured");
+  app->add_flag("--poses", arguments->poses, "Measure the targets' orientation as well");
+  add_sizes(*app, *arguments);
+  app->add_option("--model", arguments->model, "Parameters with true errors: irreducible or complete")
+      ->type_name("NAME")
+      ->check(one_of({"irreducible", "complete"}))
+      ->capture_default_str();
+  add_list(*app, "--joint-ranges", arguments->joint_ranges,
+           "limits, published, or lower:upper of every joint in deg (mm for a prismatic one)")
+      ->type_name("RANGES")
+      ->capture_default_str();
+  add_count(*app, "--monte-carlo", arguments->monte_carlo, 0, 1'000'000,
+            "Draw, measure and calibrate this many robots and state the held-out errors");
+  add_count(*app, "--threads", arguments->threads, 0, 1'024, "Threads for that; 0: one per core");
+  add_seed(*app, arguments->seed);
+  add_file(*app, "--output", arguments->output, "Write the measurements (CSV) [standard output]");
+  add_file(*app, "--truth", arguments->truth, "Write the true errors, base and targets (JSON)");
+  app->add_flag("--force", arguments->force, "Overwrite files that exist");
+  add_json_flag(*app, arguments->json);
+  add_example(*app,
+              "kdlcal simulate --configurations 30 --targets 3 --noise 0.00003 --seed 1 --output measurements.csv"
+              " --truth truth.json");
+  return {.app = app, .run = [arguments] { return run(*arguments); }};
+}
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <CLI/App.hpp>
+#include <functional>
+#include <string>
+
+namespace kdl_calibration::cli {
+
+/// Exit status of kdlcal.
+enum ExitStatus { done = 0, not_to_be_trusted = 1, bad_input = 2 };
+
+/// A subcommand of the parser, and what it does once its options are read. Running throws InputError for bad input.
+struct Subcommand {
+  CLI::App* app = nullptr;
+  std::function<ExitStatus()> run;
+};
+
+Subcommand add_model(CLI::App& parser);
+Subcommand add_fk(CLI::App& parser);
+Subcommand add_jacobian(CLI::App& parser);
+Subcommand add_simulate(CLI::App& parser);
+Subcommand add_calibrate(CLI::App& parser);
+Subcommand add_validate(CLI::App& parser);
+Subcommand add_plan(CLI::App& parser);
+
+}  // namespace kdl_calibration::cli

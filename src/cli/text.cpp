@@ -1,0 +1,70 @@
+#include "text.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <system_error>
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration::cli {
+
+std::optional<double> parsed_number(std::string_view text) {
+  if (text.size() > 1 && text.front() == '+' && text[1] != '-') {
+    text.remove_prefix(1);
+  }
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value)) {
+    return std::nullopt;
+  }
+  return value;
+}
+
+std::string fixed(double value, int decimals) {
+  std::array<char, 512> buffer{};
+  // Adding zero makes -0 a plain 0.
+  const auto result =
+      std::to_chars(buffer.data(), buffer.data() + buffer.size(), value + 0.0, std::chars_format::fixed, decimals);
+  std::string text(buffer.data(), result.ptr);
+  const bool negative_zero = text.front() == '-' && text.find_first_of("123456789in") == std::string::npos;
+  return negative_zero ? text.substr(1) : text;
+}
+
+std::string padded(const std::string& text, int width) {
+  const auto wanted = static_cast<std::size_t>(std::abs(width));
+  const std::string blanks(wanted - std::min(wanted, text.size()), ' ');
+  return width < 0 ? text + blanks : blanks + text;
+}
+
+std::string listed(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) {
+    text += (text.empty() ? "" : ", ") + name;
+  }
+  return text;
+}
+
+std::string on_one_line(std::string text) {
+  const auto is_control = [](char c) { return static_cast<unsigned char>(c) < 0x20U || c == '\x7f'; };
+  std::replace_if(text.begin(), text.end(), is_control, ' ');
+  return text;
+}
+
+void print(std::string_view text) {
+  errno = 0;
+  if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size() || std::fflush(stdout) != 0) {
+    throw InputError("standard output cannot be written: " + std::generic_category().message(errno));
+  }
+}
+
+void warn(const std::string& text) {
+  const std::string line = "kdlcal: warning: " + on_one_line(text) + "\n";
+  std::fwrite(line.data(), 1, line.size(), stderr);
+}
+
+}  // namespace kdl_calibration::cli

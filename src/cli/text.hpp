@@ -1,0 +1,31 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace kdl_calibration::cli {
+
+/// The number that the whole text is, in any locale; none where it is none or not finite.
+std::optional<double> parsed_number(std::string_view text);
+
+/// "12.346" for 12.34567 with 3 decimals.
+std::string fixed(double value, int decimals);
+
+/// The text with blanks in front (or behind, for a negative width) up to this many characters.
+std::string padded(const std::string& text, int width);
+
+/// "A, B, C"
+std::string listed(const std::vector<std::string>& names);
+
+/// The text with its line breaks and other control characters turned into blanks.
+std::string on_one_line(std::string text);
+
+/// Writes to standard output. Throws InputError where that fails.
+void print(std::string_view text);
+
+/// One line on standard error that starts with "kdlcal: warning: ".
+void warn(const std::string& text);
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,150 @@
+#include <algorithm>
+#include <memory>
+
+#include "frames.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/validation.hpp"
+#include "measurement_options.hpp"
+#include "options.hpp"
+#include "subcommands.hpp"
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+struct Arguments {
+  RobotArguments robot;
+  MeasurementArguments measurements;
+  bool json = false;
+};
+
+struct Errors {
+  ErrorStatistics all;
+  ErrorStatistics train;
+  ErrorStatistics test;
+};
+
+// Where there is nothing but test rows, base and targets are registered to those.
+bool only_test_rows(const Measurements& measurements) {
+  return std::all_of(measurements.observations.begin(), measurements.observations.end(),
+                     [](const Observation& observation) { return observation.split == Split::test; });
+}
+
+Measurements to_register(Measurements measurements) {
+  if (only_test_rows(measurements)) {
+    for (Observation& observation : measurements.observations) {
+      observation.split = Split::train;
+    }
+  }
+  return measurements;
+}
+
+// Base and targets free, the geometry as the URDF says.
+FreeParameters frames_only(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
+  std::vector<std::string> names = base_parameter_names();
+  for (const TargetFrame& target : targets) {
+    const std::vector<std::string> own = target_parameter_names(target);
+    names.insert(names.end(), own.begin(), own.end());
+  }
+  return free_parameters(model, targets, names);
+}
+
+Json statistics_json(const ErrorStatistics& statistics) {
+  if (statistics.count == 0) {
+    return nullptr;
+  }
+  return {{"count", statistics.count}, {"mean", statistics.mean}, {"rms", statistics.rms},
+          {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
+}
+
+std::string json(const Errors& errors, const Registration& registration) {
+  Json targets = Json::array();
+  for (const TargetFrame& target : registration.targets) {
+    targets.push_back(target_json(target));
+  }
+  return json_text({{"position_error",
+                     {{"all", statistics_json(errors.all)},
+                      {"train", statistics_json(errors.train)},
+                      {"test", statistics_json(errors.test)}}},
+                    {"base", frame_json(registration.X_WB)},
+                    {"targets", targets}});
+}
+
+std::string line(const std::string& label, const ErrorStatistics& statistics) {
+  if (statistics.count == 0) {
+    return {};
+  }
+  std::string text = padded(label, -10) + padded(std::to_string(statistics.count), 8);
+  for (const double value : {statistics.mean, statistics.rms, statistics.p95, statistics.max, statistics.std}) {
+    text += padded(fixed(value * 1e3, 4), 12);
+  }
+  return text + "\n";
+}
+
+std::string point(const std::string& label, const Eigen::Vector3d& position) {
+  std::string text = padded(label, -18);
+  for (const double value : position) {
+    text += padded(fixed(value * 1e3, 4), 14);
+  }
+  return text + "\n";
+}
+
+std::string table(const Robot& robot, const Errors& errors, const Registration& registration) {
+  std::string text = "position error of " + robot.source + ", base and targets registered [mm]\n" +
+                     padded("rows", -10) + padded("count", 8);
+  for (const char* heading : {"mean", "rms", "p95", "max", "std"}) {
+    text += padded(heading, 12);
+  }
+  text += "\n" + line("all", errors.all) + line("train", errors.train) + line("test", errors.test);
+  text += point("base, measured", registration.X_WB.translation());
+  for (const TargetFrame& target : registration.targets) {
+    text += point("target " + target.name, target.X_FT.translation());
+  }
+  return text;
+}
+
+ExitStatus run(const Arguments& arguments) {
+  const Robot robot = load(arguments.robot);
+  const ErrorModel model = complete_model(robot);
+  const Measurements measurements = read(arguments.measurements, robot);
+  const RegistrationOptions known = known_frames(arguments.measurements, measurements);
+  const Eigen::VectorXd as_given = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  const Registration registration = register_base_and_targets(
+      flange_poses(folded(model, as_given), measurements.joint_values), to_register(measurements), known);
+  const Estimate estimate{.errors = as_given, .X_WB = registration.X_WB, .targets = registration.targets};
+
+  Errors errors;
+  errors.all = error_statistics(position_errors(model, estimate, measurements, Rows::all));
+  errors.train = error_statistics(position_errors(model, estimate, measurements, Rows::train));
+  errors.test = error_statistics(position_errors(model, estimate, measurements, Rows::test));
+  print(arguments.json ? json(errors, registration) : table(robot, errors, registration));
+  if (only_test_rows(measurements)) {
+    warn(measurements.source + ": no train rows, base and targets are registered to the test rows");
+  }
+  if (registration.ambiguous) {
+    warn("registration: " + registration.message);
+  }
+  constexpr double absurd = 0.02;  // [m] more than geometric errors explain
+  const std::string hint = registration.rms > absurd
+                               ? better_convention(arguments.measurements, model, to_register(measurements),
+                                                   frames_only(model, registration.targets))
+                               : "";
+  if (!hint.empty()) {
+    warn(hint);
+  }
+  return hint.empty() ? done : not_to_be_trusted;
+}
+
+}  // namespace
+
+Subcommand add_validate(CLI::App& parser) {
+  CLI::App* app = parser.add_subcommand("validate", "The position error of a URDF against measurements");
+  const auto arguments = std::make_shared<Arguments>();
+  add_robot_options(*app, arguments->robot);
+  add_measurement_options(*app, arguments->measurements);
+  add_json_flag(*app, arguments->json);
+  add_example(*app, "kdlcal validate --urdf calibrated.urdf --measurements other.csv");
+  return {.app = app, .run = [arguments] { return run(*arguments); }};
+}
+
+}  // namespace kdl_calibration::cli
