@@ -1,0 +1,56 @@
+# Installs the package from `build_dir` into an empty prefix, then configures, builds and runs a consumer whose
+# main.cpp and CMakeLists.txt are the blocks of the README that stand behind the comments
+#   <!-- consumer: main.cpp -->  and  <!-- consumer: CMakeLists.txt -->
+# The consumer runs in `work_dir`/run, which holds robot.urdf and, made by the installed kdlcal, measurements.csv.
+# The compiler flags of the package carry over, so that this also works in a sanitized build.
+cmake_minimum_required(VERSION 3.22)
+
+# Writes the first fenced block of `language` behind the marker of `file`.
+function(extract_block file language)
+  file(READ ${readme} text)
+  set(marker "<!-- consumer: ${file} -->")
+  string(FIND "${text}" "${marker}" at)
+  if(at EQUAL -1)
+    message(FATAL_ERROR "${readme}: no comment '${marker}'")
+  endif()
+  string(SUBSTRING "${text}" ${at} -1 text)
+  set(fence "```${language}\n")
+  string(FIND "${text}" "${fence}" at)
+  if(at EQUAL -1)
+    message(FATAL_ERROR "${readme}: no ${language} block behind '${marker}'")
+  endif()
+  string(LENGTH "${fence}" length)
+  math(EXPR at "${at} + ${length}")
+  string(SUBSTRING "${text}" ${at} -1 text)
+  string(FIND "${text}" "```" at)
+  string(SUBSTRING "${text}" 0 ${at} text)
+  file(WRITE ${work_dir}/source/${file} "${text}")
+endfunction()
+
+function(run)
+  execute_process(COMMAND ${ARGN} COMMAND_ECHO STDOUT COMMAND_ERROR_IS_FATAL ANY)
+endfunction()
+
+file(REMOVE_RECURSE ${work_dir})
+file(MAKE_DIRECTORY ${work_dir}/run)
+extract_block(main.cpp cpp)
+extract_block(CMakeLists.txt cmake)
+
+set(prefix ${work_dir}/prefix)
+run(${CMAKE_COMMAND} --install ${build_dir} --config ${config} --prefix ${prefix})
+run(${CMAKE_COMMAND} -S ${work_dir}/source -B ${work_dir}/build -G ${generator} -D CMAKE_PREFIX_PATH=${prefix}
+    -D CMAKE_MAKE_PROGRAM=${make_program} -D CMAKE_BUILD_TYPE=${config} -D CMAKE_CXX_COMPILER=${cxx_compiler}
+    -D CMAKE_CXX_FLAGS=${cxx_flags} -D CMAKE_RUNTIME_OUTPUT_DIRECTORY=${work_dir}/build/bin)
+run(${CMAKE_COMMAND} --build ${work_dir}/build --config ${config})
+
+file(COPY_FILE ${prefix}/share/kdl_calibration/urdf/fanuc_r2000ic_165f.urdf ${work_dir}/run/robot.urdf)
+if(EXISTS ${prefix}/bin/kdlcal)
+  run(${prefix}/bin/kdlcal simulate --configurations 30 --targets 3 --noise 0.00003 --seed 1
+      --output ${work_dir}/run/measurements.csv --truth ${work_dir}/run/truth.json)
+endif()
+file(GLOB_RECURSE programs LIST_DIRECTORIES false ${work_dir}/build/bin/*)
+list(LENGTH programs count)
+if(NOT count EQUAL 1)
+  message(FATAL_ERROR "expected one program from the README's CMakeLists.txt, found '${programs}'")
+endif()
+run(${CMAKE_COMMAND} -E chdir ${work_dir}/run ${programs})
