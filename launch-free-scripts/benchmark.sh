@@ -1,0 +1,64 @@
+#!/usr/bin/env bash
+set -euo pipefail
+# shellcheck source-path=SCRIPTDIR source=common.sh
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+read_options "Installs what is missing, builds the benchmarks in build/release, runs them and prints a table of ratios." "$@"
+install_missing "${build_packages[@]}" "${test_packages[@]}" libbenchmark-dev libceres-dev
+(cd "$root" && cmake --preset release -D KDL_CALIBRATION_BUILD_BENCHMARKS=ON &&
+  cmake --build build/release -j "$jobs" --target kdl_calibration_benchmark)
+
+results=$(mktemp)
+trap 'rm -f "$results"' EXIT
+program=$root/build/release/tests/benchmark/kdl_calibration_benchmark
+# The best of several runs: other work on the machine only ever adds time. The memory has a process of its own.
+"$program" --benchmark_format=csv --benchmark_repetitions=5 --benchmark_filter='-memory' >"$results" 2>/dev/null
+"$program" --benchmark_format=csv --benchmark_filter=memory >>"$results" 2>/dev/null
+
+awk -F, '
+  { gsub(/"/, "") }
+  $1 == "name" { for (i = 1; i <= NF; ++i) if ($i == "peak_MB") memory_column = i; next }
+  NF > 5 && $1 !~ /_(mean|median|stddev|cv)$/ {
+    name = $1
+    sub(/\/(iterations:1|manual_time|real_time).*/, "", name)
+    factor = $5 == "ns" ? 1e-9 : $5 == "us" ? 1e-6 : $5 == "ms" ? 1e-3 : 1
+    time = $3 * factor
+    if (!(name in best) || time < best[name]) best[name] = time
+    if ($6 != "" && $6 > speed[name]) speed[name] = $6
+    if (memory_column && $memory_column != "") memory = $memory_column
+  }
+  function row(text, name) {
+    if (name in best) printf "%-58s %12.3f ms\n", text, best[name] * 1e3
+  }
+  function ratio(text, name, other) {
+    if (name in best && other in best) printf "%-58s %12.1f x\n", text, best[other] / best[name]
+  }
+  END {
+    print "Published experiment, 30 configurations x 3 points"
+    row("  library", "published_library")
+    row("  plain Eigen, stacked analytic Jacobian", "published_plain_eigen")
+    row("  KDL Jacobian solver", "published_kdl")
+    row("  Ceres, dense normal Cholesky", "published_ceres/normal_cholesky")
+    row("  Ceres, dense QR", "published_ceres/qr")
+    row("  registration without a start", "registration")
+    ratio("  library over plain Eigen", "published_library", "published_plain_eigen")
+    ratio("  library over KDL", "published_library", "published_kdl")
+    ratio("  library over Ceres, dense normal Cholesky", "published_library", "published_ceres/normal_cholesky")
+    ratio("  library over Ceres, dense QR", "published_library", "published_ceres/qr")
+    print "One iteration per configuration"
+    for (n = 30; n <= 300000; n *= 10)
+      if (("iteration_library/" n) in best)
+        printf "%-58s %12.0f ns\n", "  N = " n, best["iteration_library/" n] / n * 1e9
+    for (n = 3000; n <= 300000; n *= 10)
+      ratio("  library over Ceres, dense QR, N = " n, "iteration_library/" n, "iteration_ceres_qr/" n)
+    print "Long measurements, 900,000 points"
+    row("  reading the CSV", "read_csv/300000")
+    printf "%-58s %12.0f MB/s\n", "  reading the CSV", speed["read_csv/300000"] / 1e6
+    row("  fit", "whole_fit_library/300000")
+    row("  calibrate, all figures", "calibrate_library/300000")
+    if (memory) printf "%-58s %12.0f MB\n", "  peak memory of the fit, data included", memory
+    print "10,000 Monte Carlo calibrations"
+    row("  one thread", "monte_carlo/1")
+    row("  two threads", "monte_carlo/2")
+    ratio("  two threads over one", "monte_carlo/2", "monte_carlo/1")
+  }' "$results"
