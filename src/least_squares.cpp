@@ -288,6 +288,7 @@ bool LeastSquaresProblem::gather_groups(const Measurements& measurements, const 
     points_measured_ += 1;
     total_weight_ += weight;
   }
+  std::erase_if(groups_, [](const Group& group) { return group.targets.empty(); });  // nothing of them is fitted
   return true;
 }
 
@@ -542,9 +543,6 @@ void LeastSquaresProblem::visit(const Estimate& estimate, Visitor visitor) const
   }
   const MatrixXd joints = deflected(model_, estimate.deflections, joint_values_);
   for (const Configuration& configuration : configurations_) {
-    if (configuration.end_point == configuration.first_point) {
-      continue;  // nothing of it is fitted
-    }
     visit_one(joints.col(configuration.column), configuration, points_);
   }
 }
@@ -672,9 +670,6 @@ void LeastSquaresProblem::sum_group(const Group& group, const Estimate& estimate
     weight += group.weights[k];
     centre += group.weights[k] * estimate.targets[group.targets[k]].X_FT.translation();
   }
-  if (weight == 0.0) {
-    return;
-  }
   centre /= weight;
   Matrix3d spread = Matrix3d::Zero();
   input.points.resize(group.targets.size());
@@ -766,9 +761,6 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
   std::vector<MatrixXd> blocks;  // Jacobian, and the residual as last column
   Index rows = 0;
   visit(estimate, [&](const Block& block) {
-    if (block.residual.size() == 0) {
-      return;
-    }
     MatrixXd& out = blocks.emplace_back(MatrixXd::Zero(block.residual.size(), columns_ + 1));
     out.leftCols(chain_columns_) = block.twist_rows * block.jacobian;
     for (std::size_t a = 0; a < block.columns.size(); ++a) {
@@ -887,9 +879,6 @@ void LeastSquaresProblem::add_sums(const Group& group, const Estimate& estimate,
   for (std::size_t k = 0; k < points; ++k) {
     W += std::sqrt(group.weights[k]);
     mean += std::sqrt(group.weights[k]) * estimate.targets[group.targets[k]].X_FT.translation();
-  }
-  if (points == 0) {
-    return;
   }
   Group single{.targets = {0},
                .weights = {W * W},

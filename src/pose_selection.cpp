@@ -18,9 +18,7 @@ namespace {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
-using Eigen::MatrixXf;
 using Eigen::VectorXd;
-using Eigen::VectorXf;
 
 constexpr Index kPoolOfStarts = 5000;
 constexpr Index kShortlist = 16;     // candidates evaluated exactly
@@ -174,11 +172,11 @@ private:
 
   bool add_best() {
     renew_weights();
-    VectorXf score;
+    Eigen::VectorXf score;
     if (is_d()) {
       score = pool_.traces({design_.C}, candidates_, threads_).col(0);
     } else {
-      const MatrixXf both = pool_.traces({design_.C * weights_ * design_.C, design_.C}, candidates_, threads_);
+      const Eigen::MatrixXf both = pool_.traces({design_.C * weights_ * design_.C, design_.C}, candidates_, threads_);
       const auto rows = static_cast<float>(pool_.rows().whitened().S.rows());
       score = both.col(0).array() / (1.0F + both.col(1).array() / rows);
     }
@@ -200,7 +198,7 @@ private:
     return true;
   }
 
-  std::vector<Index> shortlist(const VectorXf& score) const {
+  std::vector<Index> shortlist(const Eigen::VectorXf& score) const {
     std::vector<Index> order;
     order.reserve(static_cast<std::size_t>(candidates_));
     for (Index i = 0; i < candidates_; ++i) {
@@ -455,7 +453,7 @@ double d_efficiency(const Experiment& experiment, const MatrixXd& candidates, co
   const auto N = static_cast<double>(count);
   VectorXd w = VectorXd::Constant(weighted, 1.0 / static_cast<double>(weighted));
   const auto information_of = [&](const VectorXd& weights) {
-    const VectorXf sum = pool.features().topRows(weighted).transpose() * weights.cast<float>();
+    const Eigen::VectorXf sum = pool.features().topRows(weighted).transpose() * weights.cast<float>();
     return MatrixXd(M0 + N * unpacked_information(rows.whitened(), sum.cast<double>(), weights.sum(), c));
   };
   double bound = std::numeric_limits<double>::infinity();  // of log det M*

@@ -218,9 +218,9 @@ Json base_json(const Calibration& calibration) {
 }
 
 std::string format(const char* pattern, double value) {
-  std::array<char, 64> text{};
-  std::snprintf(text.data(), text.size(), pattern, value);
-  return text.data();
+  std::string text(static_cast<std::size_t>(std::snprintf(nullptr, 0, pattern, value)), '\0');
+  std::snprintf(text.data(), text.size() + 1, pattern, value);
+  return text;
 }
 
 std::string padded(std::string text, std::size_t width) {

@@ -17,14 +17,7 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 
-std::vector<TargetFrame> two_targets() {
-  std::vector<TargetFrame> targets(2);
-  targets[0].name = "A";
-  targets[0].X_FT.translation() = Eigen::Vector3d(0.1, 0.2, 0.03);
-  targets[1].name = "B";
-  targets[1].X_FT.translation() = Eigen::Vector3d(-0.05, 0.15, 0.1);
-  return targets;
-}
+std::vector<TargetFrame> two_targets() { return testing::targets_at({{0.1, 0.2, 0.03}, {-0.05, 0.15, 0.1}}); }
 
 struct Fixture {
   ErrorModel model = complete_model(testing::fanuc());

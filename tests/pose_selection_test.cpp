@@ -17,18 +17,8 @@ namespace {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
+using testing::circle_of_targets;
 using testing::kDegree;
-
-std::vector<TargetFrame> circle_of_targets() {
-  std::vector<TargetFrame> targets(3);
-  for (int k = 0; k < 3; ++k) {
-    auto& target = targets[static_cast<std::size_t>(k)];
-    target.name = std::string(1, static_cast<char>('A' + k));
-    const double angle = 120.0 * kDegree * k;
-    target.X_FT.translation() = Eigen::Vector3d(0.1 * std::cos(angle), 0.2, 0.1 * std::sin(angle));
-  }
-  return targets;
-}
 
 // Elevation of the forearm -80 to 90 degrees with |q3| < 150 degrees, targets above 0.2 m and 0.7 m from axis 1.
 Cell free_space(const ErrorModel& model) {

@@ -29,13 +29,16 @@ std::vector<TargetFrame> random_targets(int count, Random& random) {
 
 constexpr ErrorSizes kNoErrors{.length = 0.0, .angle = 0.0, .base_position = 0.0, .target_length = 0.0};
 
+VirtualRobot exact_robot(const ErrorModel& model, int targets, Random& random) {
+  return virtual_robot(model, {}, random_targets(targets, random), kNoErrors, random, random_placement(random));
+}
+
 TEST(Registration, FindsBaseAndTargetsExactlyWhereverTheyAre) {
   const ErrorModel model = complete_model(fanuc());
   Random random(1);
   for (int trial = 0; trial < 1000; ++trial) {
     const int targets = 1 + trial % 4;
-    const VirtualRobot robot =
-        virtual_robot(model, {}, random_targets(targets, random), kNoErrors, random, random_placement(random));
+    const VirtualRobot robot = exact_robot(model, targets, random);
     const Eigen::MatrixXd q = random_configurations(limits_of(model), 12, random);
     const Measurements measured = measure(robot, q, {}, random);
     const Registration found = register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measured);
@@ -118,8 +121,7 @@ TEST(Registration, FindsMeasuredFrames) {
 TEST(Registration, TakesWhatIsKnown) {
   const ErrorModel model = complete_model(fanuc());
   Random random(5);
-  const VirtualRobot robot =
-      virtual_robot(model, {}, random_targets(3, random), kNoErrors, random, random_placement(random));
+  const VirtualRobot robot = exact_robot(model, 3, random);
   const Eigen::MatrixXd q = random_configurations(limits_of(model), 2, random);
   const Measurements measured = measure(robot, q, {}, random);
   const auto poses = flange_poses(folded(model, robot.truth.errors), q);
@@ -133,8 +135,7 @@ TEST(Registration, TakesWhatIsKnown) {
 TEST(Registration, SaysWhenTheConfigurationsLeaveTheBaseOpen) {
   const ErrorModel model = complete_model(fanuc());
   Random random(6);
-  const VirtualRobot robot =
-      virtual_robot(model, {}, random_targets(1, random), kNoErrors, random, random_placement(random));
+  const VirtualRobot robot = exact_robot(model, 1, random);
   Eigen::MatrixXd q = random_configurations(limits_of(model), 1, random).replicate(1, 8);
   q.row(0).setLinSpaced(-1.0, 1.0);  // one joint alone: the target moves on a circle
   const Registration found =
@@ -147,8 +148,7 @@ TEST(Registration, SaysWhenTheConfigurationsLeaveTheBaseOpen) {
 TEST(Registration, IgnoresHeldOutRows) {
   const ErrorModel model = complete_model(fanuc());
   Random random(7);
-  const VirtualRobot robot =
-      virtual_robot(model, {}, random_targets(2, random), kNoErrors, random, random_placement(random));
+  const VirtualRobot robot = exact_robot(model, 2, random);
   const Eigen::MatrixXd q = random_configurations(limits_of(model), 10, random);
   Measurements measured = measure(robot, q, {}, random);
   for (Observation& observation : measured.observations) {

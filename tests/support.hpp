@@ -1,9 +1,11 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <numbers>
 #include <string>
+#include <vector>
 
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/random.hpp"
@@ -37,6 +39,27 @@ inline constexpr const char* kOddArm = R"(<robot name="odd">
   <joint name="mount" type="fixed"><parent link="e"/><child link="tool"/>
     <origin xyz="0.1 0 0.05" rpy="1.5707963267948966 0 0"/></joint>
 </robot>)";
+
+/// Targets A, B, ... at these places in the flange frame [m].
+inline std::vector<TargetFrame> targets_at(const std::vector<Eigen::Vector3d>& positions) {
+  std::vector<TargetFrame> targets(positions.size());
+  for (std::size_t t = 0; t < targets.size(); ++t) {
+    targets[t].name = std::string(1, static_cast<char>('A' + t));
+    targets[t].X_FT.translation() = positions[t];
+  }
+  return targets;
+}
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+/// Three of them, 120 degrees apart on a circle of radius 0.1 m about the flange axis, 0.2 m beyond the flange.
+inline std::vector<TargetFrame> circle_of_targets() {
+  std::vector<Eigen::Vector3d> positions;
+  for (const double angle : {0.0, 120.0 * kDegree, 240.0 * kDegree}) {
+    positions.emplace_back(0.1 * std::cos(angle), 0.2, 0.1 * std::sin(angle));
+  }
+  return targets_at(positions);
+}
 
 /// Errors for every parameter of the model: lengths and angles normal with these sigmas [m], [rad].
 inline Eigen::VectorXd random_errors(const ErrorModel& model, Random& random, double length, double angle) {
@@ -76,7 +99,5 @@ inline double difference(const KDL::Frame& a, const KDL::Frame& b) {
   }
   return largest;
 }
-
-constexpr double kDegree = std::numbers::pi / 180.0;
 
 }  // namespace kdl_calibration::testing

@@ -14,18 +14,8 @@ namespace kdl_calibration {
 namespace {
 
 using Eigen::Vector3d;
+using testing::circle_of_targets;
 using testing::kDegree;
-
-std::vector<TargetFrame> circle_of_targets() {
-  std::vector<TargetFrame> targets(3);
-  for (int k = 0; k < 3; ++k) {
-    auto& target = targets[static_cast<std::size_t>(k)];
-    target.name = std::string(1, static_cast<char>('A' + k));
-    const double angle = 120.0 * kDegree * k;
-    target.X_FT.translation() = Vector3d(0.1 * std::cos(angle), 0.2, 0.1 * std::sin(angle));
-  }
-  return targets;
-}
 
 Cell full_cell(const Robot& robot) {
   const ErrorModel model = complete_model(robot);

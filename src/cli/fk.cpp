@@ -12,11 +12,8 @@ namespace kdl_calibration::cli {
 namespace {
 
 struct Arguments {
-  RobotArguments robot;
-  JointArguments joints;
-  std::string result;
+  ArmAtJoints arm;
   bool frames = false;
-  bool json = false;
 };
 
 struct NamedFrame {
@@ -83,15 +80,16 @@ std::string table(const Robot& robot, const std::vector<NamedFrame>& frames) {
 }
 
 ExitStatus run(const Arguments& arguments) {
-  Robot robot = load(arguments.robot);
-  if (!arguments.result.empty()) {
-    robot = calibrated(robot, arguments.result);
+  const auto& [robot_arguments, joints, result, as_json] = arguments.arm;
+  Robot robot = load(robot_arguments);
+  if (!result.empty()) {
+    robot = calibrated(robot, result);
   }
-  std::vector<NamedFrame> frames = link_frames(robot, joint_values(robot, arguments.joints));
-  if (!arguments.json && !arguments.frames) {
+  std::vector<NamedFrame> frames = link_frames(robot, joint_values(robot, joints));
+  if (!as_json && !arguments.frames) {
     frames.erase(frames.begin(), frames.end() - 1);
   }
-  print(arguments.json ? json(frames) : table(robot, frames));
+  print(as_json ? json(frames) : table(robot, frames));
   return done;
 }
 
@@ -100,11 +98,8 @@ ExitStatus run(const Arguments& arguments) {
 Subcommand add_fk(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("fk", "Forward kinematics at joint values, nominal or calibrated");
   const auto arguments = std::make_shared<Arguments>();
-  add_robot_options(*app, arguments->robot);
-  add_joint_options(*app, arguments->joints);
-  add_file(*app, "--result", arguments->result, "Apply the errors of a result that calibrate wrote");
+  add_arm_at_joints(*app, arguments->arm);
   app->add_flag("--frames", arguments->frames, "Show the frame of every link, not the tip's alone (JSON always does)");
-  add_json_flag(*app, arguments->json);
   add_example(*app, "kdlcal fk --joints 0,10,-20,0,45,0 --degrees --frames");
   return {.app = app, .run = [arguments] { return run(*arguments); }};
 }

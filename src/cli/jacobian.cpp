@@ -9,13 +9,6 @@
 namespace kdl_calibration::cli {
 namespace {
 
-struct Arguments {
-  RobotArguments robot;
-  JointArguments joints;
-  std::string result;
-  bool json = false;
-};
-
 Json rows(const Matrix6Xd& matrix) {
   Json result = Json::array();
   for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
@@ -57,7 +50,7 @@ std::string table(const Robot& robot, const ManipulatorJacobians& jacobians) {
          Json(jacobians.largest_difference).dump() + "\n";
 }
 
-ExitStatus run(const Arguments& arguments) {
+ExitStatus run(const ArmAtJoints& arguments) {
   const Robot robot = load(arguments.robot);
   const ErrorModel model = complete_model(robot);
   Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
@@ -73,11 +66,8 @@ ExitStatus run(const Arguments& arguments) {
 
 Subcommand add_jacobian(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("jacobian", "The manipulator Jacobian at joint values, by three routes");
-  const auto arguments = std::make_shared<Arguments>();
-  add_robot_options(*app, arguments->robot);
-  add_joint_options(*app, arguments->joints);
-  add_file(*app, "--result", arguments->result, "Apply the errors of a result that calibrate wrote");
-  add_json_flag(*app, arguments->json);
+  const auto arguments = std::make_shared<ArmAtJoints>();
+  add_arm_at_joints(*app, *arguments);
   add_example(*app, "kdlcal jacobian --joints 0,10,-20,0,45,0 --degrees");
   return {.app = app, .run = [arguments] { return run(*arguments); }};
 }

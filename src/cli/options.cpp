@@ -122,6 +122,14 @@ void add_example(CLI::App& app, const std::string& command) {
   app.footer("Options may also stand in a TOML or INI file: --config FILE\nExample:\n  " + command);
 }
 
+void add_count(CLI::App& app, const std::string& name, int& value, int least, int most, const std::string& help) {
+  app.add_option(name, value, help)
+      ->type_name("N")
+      ->check(whole_number_between(least, most,
+                                   "a whole number from " + std::to_string(least) + " to " + std::to_string(most)))
+      ->capture_default_str();
+}
+
 void add_seed(CLI::App& app, std::uint64_t& seed) {
   app.add_option("--seed", seed, "Seed of the random numbers; the same seed draws the same ones")
       ->type_name("N")
@@ -151,6 +159,13 @@ void add_joint_options(CLI::App& app, JointArguments& arguments) {
   app.add_flag("--degrees", arguments.degrees, "Joint angles are in degrees");
   add_file(app, "--joint-convention", arguments.joint_convention,
            "Joint values are the controller's, which this file turns into the URDF's");
+}
+
+void add_arm_at_joints(CLI::App& app, ArmAtJoints& arguments) {
+  add_robot_options(app, arguments.robot);
+  add_joint_options(app, arguments.joints);
+  add_file(app, "--result", arguments.result, "Apply the errors of a result that calibrate wrote");
+  add_json_flag(app, arguments.json);
 }
 
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments) {

@@ -33,6 +33,8 @@ CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file,
 void add_json_flag(CLI::App& app, bool& json);
 /// The command that ends the help.
 void add_example(CLI::App& app, const std::string& command);
+/// An option that takes a whole number from `least` to `most`.
+void add_count(CLI::App& app, const std::string& name, int& value, int least, int most, const std::string& help);
 /// --seed
 void add_seed(CLI::App& app, std::uint64_t& seed);
 
@@ -54,5 +56,14 @@ struct JointArguments {
 void add_joint_options(CLI::App& app, JointArguments& arguments);
 /// The URDF's joint values [rad] or [m]; warns of values outside the limits.
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
+
+/// The arm, nominal or calibrated, at given joint values: the options above with --result and --json.
+struct ArmAtJoints {
+  RobotArguments robot;
+  JointArguments joints;
+  std::string result;
+  bool json = false;
+};
+void add_arm_at_joints(CLI::App& app, ArmAtJoints& arguments);
 
 }  // namespace kdl_calibration::cli

@@ -380,14 +380,6 @@ ExitStatus run(const Arguments& arguments) {
   return done;
 }
 
-void add_count(CLI::App& app, const std::string& name, int& value, int least, int most, const std::string& help) {
-  app.add_option(name, value, help)
-      ->type_name("N")
-      ->check(whole_number_between(least, most,
-                                   "a whole number from " + std::to_string(least) + " to " + std::to_string(most)))
-      ->capture_default_str();
-}
-
 void add_counts(CLI::App& app, Arguments& arguments) {
   app.add_option("--configurations", arguments.configurations,
                  "Configurations to choose [30]; with --accuracy the most that may be [500]")

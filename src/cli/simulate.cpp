@@ -302,14 +302,6 @@ ExitStatus run(Arguments arguments) {
   return done;
 }
 
-void add_count(CLI::App& app, const std::string& name, int& value, int least, int most, const std::string& help) {
-  app.add_option(name, value, help)
-      ->type_name("N")
-      ->check(whole_number_between(least, most,
-                                   "a whole number from " + std::to_string(least) + " to " + std::to_string(most)))
-      ->capture_default_str();
-}
-
 template <class Value>
 CLI::Option* add_size(CLI::App& app, const std::string& name, Value& value, const std::string& unit,
                       const std::string& help) {
