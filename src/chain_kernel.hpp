@@ -66,6 +66,12 @@ struct ChainKernelSums {
 /// accuracy.
 void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& sums);
 
+/// The same with a given instruction set; every one gives the same bits.
+enum class InstructionSet { baseline, avx2, avx512 };
+void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& sums, InstructionSet set);
+/// Those that this machine has, the widest last.
+std::vector<InstructionSet> instruction_sets();
+
 constexpr double kLargestAngle = 1e5;
 
 }  // namespace kdl_calibration

@@ -7,7 +7,6 @@ namespace kdl_calibration {
 constexpr int kLanes = 8;
 
 using Lanes = double __attribute__((vector_size(64)));
-using IntegerLanes = long long __attribute__((vector_size(64)));
 
 /// For containers; aligned for every instruction set, which the vector type alone is not.
 struct alignas(64) LaneRow {
