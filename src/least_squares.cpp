@@ -138,6 +138,17 @@ struct LeastSquaresProblem::Group {
   double at(std::size_t c, std::size_t row) const { return data[c / kLanes * rows + row].lanes[c % kLanes]; }
 };
 
+// One configuration, linearised in the flange frame. Rows: three per measured position, three per orientation.
+//   residual = measured - predicted,  motion of the predicted points per flange twist = twist_rows (rows x 6),
+//   per target parameter = unit, so that row r belongs to the target column `columns[r]` (-1: fixed).
+struct LeastSquaresProblem::Block {
+  Matrix6Xd jacobian;  // of the chain columns
+  VectorXd residual;
+  Eigen::Matrix<double, Eigen::Dynamic, 6> twist_rows;
+  MatrixXd information;
+  std::vector<int> columns;
+};
+
 struct LeastSquaresProblem::Workspace {
   ChainFolder folder;
   FoldedChain chain;
@@ -145,6 +156,11 @@ struct LeastSquaresProblem::Workspace {
   std::vector<std::size_t> order;      // of the kernel's columns: those that turn come first
   ChainKernelInput input;
   ChainKernelSums sums;
+  // Of the pass over the blocks.
+  Block block;
+  Eigen::Matrix<double, 6, Eigen::Dynamic> weighted_rows;
+  Eigen::Matrix<double, Eigen::Dynamic, 6> transposed_jacobian;
+  VectorXd force;
 };
 
 LeastSquaresProblem::~LeastSquaresProblem() = default;
@@ -158,7 +174,11 @@ LeastSquaresProblem::LeastSquaresProblem(const ErrorModel& model, const Measurem
                                .twists = {},
                                .order = {},
                                .input = {},
-                               .sums = {}}) {
+                               .sums = {},
+                               .block = {},
+                               .weighted_rows = {},
+                               .transposed_jacobian = {},
+                               .force = {}}) {
   const auto free_base = std::count(free.base.begin(), free.base.end(), true);
   chain_columns_ = static_cast<Index>(free_base) + static_cast<Index>(free.geometric.size() + free.deflections.size());
   columns_ = chain_columns_;
@@ -459,22 +479,11 @@ std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& es
   return flange_poses(folded(model, estimate.errors), deflected(model, estimate.deflections, joint_values));
 }
 
-// One configuration, linearised in the flange frame. Rows: three per measured position, three per orientation.
-//   residual = measured - predicted,  motion of the predicted points per flange twist = twist_rows (rows x 6),
-//   per target parameter = unit, so that row r belongs to the target column `columns[r]` (-1: fixed).
-struct LeastSquaresProblem::Block {
-  Matrix6Xd jacobian;  // of the chain columns
-  VectorXd residual;
-  Eigen::Matrix<double, Eigen::Dynamic, 6> twist_rows;
-  MatrixXd information;
-  std::vector<int> columns;
-};
-
 template <class Visitor>
 void LeastSquaresProblem::visit(const Estimate& estimate, Visitor visitor) const {
   const FoldedChain chain = folded(model_, estimate.errors);
   const std::vector<ParameterTwist> twists = chain_twists(model_, estimate, free_);
-  Block block;
+  Block& block = workspace_->block;
   const auto visit_one = [&](const auto& q, const Configuration& configuration, const std::vector<Point>& among) {
     const Isometry3d X_BF = flange_jacobian(chain, twists, q, block.jacobian);
     for (std::size_t i = 0; i < free_.deflections.size(); ++i) {
@@ -730,15 +739,24 @@ void LeastSquaresProblem::sum_group(const Group& group, const Estimate& estimate
 }
 
 void LeastSquaresProblem::sum_blocks(const Estimate& estimate, NormalEquations& equations) const {
-  Eigen::Matrix<double, 6, Eigen::Dynamic> weighted_rows;
+  Eigen::Matrix<double, 6, Eigen::Dynamic>& weighted_rows = workspace_->weighted_rows;
+  Eigen::Matrix<double, Eigen::Dynamic, 6>& Jt = workspace_->transposed_jacobian;
+  VectorXd& force = workspace_->force;
+  auto chain_hessian = equations.hessian.topLeftCorner(chain_columns_, chain_columns_);
   visit(estimate, [&](const Block& block) {
-    weighted_rows.noalias() = block.twist_rows.transpose() * block.information;
-    const Matrix6d flange_information = weighted_rows * block.twist_rows;
-    const VectorXd force = block.information * block.residual;
+    weighted_rows.resize(6, block.residual.size());
+    weighted_rows.noalias() = block.twist_rows.transpose().lazyProduct(block.information);
+    const Matrix6d flange_information = weighted_rows.lazyProduct(block.twist_rows);
+    const Vector6d wrench = weighted_rows.lazyProduct(block.residual);
+    force.resize(block.residual.size());
+    force.noalias() = block.information.lazyProduct(block.residual);
+    Jt = block.jacobian.transpose();
     equations.cost += block.residual.dot(force);
-    equations.hessian.topLeftCorner(chain_columns_, chain_columns_).noalias() +=
-        block.jacobian.transpose() * (flange_information * block.jacobian);
-    equations.gradient.head(chain_columns_).noalias() += block.jacobian.transpose() * (weighted_rows * block.residual);
+    equations.gradient.head(chain_columns_).noalias() += Jt.lazyProduct(wrench);
+    for (Index column = 0; column < chain_columns_; ++column) {  // the upper triangle
+      const Vector6d weighted_column = flange_information.lazyProduct(block.jacobian.col(column));
+      chain_hessian.col(column).head(column + 1).noalias() += Jt.topRows(column + 1).lazyProduct(weighted_column);
+    }
     for (std::size_t a = 0; a < block.columns.size(); ++a) {
       const Index column = block.columns[a];
       if (column < 0) {
@@ -746,8 +764,7 @@ void LeastSquaresProblem::sum_blocks(const Estimate& estimate, NormalEquations& 
       }
       const auto row = static_cast<Index>(a);
       equations.gradient[column] += force[row];
-      equations.hessian.col(column).head(chain_columns_).noalias() +=
-          block.jacobian.transpose() * weighted_rows.col(row);
+      equations.hessian.col(column).head(chain_columns_).noalias() += Jt.lazyProduct(weighted_rows.col(row));
       for (std::size_t b = 0; b < block.columns.size(); ++b) {
         if (block.columns[b] >= 0) {
           equations.hessian(block.columns[b], column) += block.information(static_cast<Index>(b), row);
@@ -755,6 +772,7 @@ void LeastSquaresProblem::sum_blocks(const Estimate& estimate, NormalEquations& 
       }
     }
   });
+  chain_hessian.triangularView<Eigen::StrictlyLower>() = chain_hessian.transpose();
 }
 
 WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
@@ -964,36 +982,43 @@ void LeastSquaresProblem::move(const Estimate& estimate, const VectorXd& step, E
   }
 }
 
-Matrix3Xd prediction_jacobian(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
-                              const VectorXd& q, std::size_t target) {
-  const MatrixXd joints = deflected(model, estimate.deflections, q);
-  Matrix6Xd chain;
-  const Isometry3d X_BF =
-      flange_jacobian(folded(model, estimate.errors), chain_twists(model, estimate, free), joints.col(0), chain);
-  const MatrixXd basis = deflection_basis(model, q);
-  for (std::size_t i = 0; i < free.deflections.size(); ++i) {
-    chain.col(chain.cols() - static_cast<Index>(free.deflections.size() - i)) *=
-        basis(static_cast<Index>(free.deflections[i]), 0);
-  }
-  Index target_columns = 0;
+PositionPredictor::PositionPredictor(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free)
+    : model_(model),
+      estimate_(estimate),
+      free_(free),
+      chain_(folded(model, estimate.errors)),
+      twists_(chain_twists(model, estimate, free)),
+      columns_(static_cast<Index>(twists_.size())) {
   for (const auto& columns : free.targets) {
-    target_columns += std::count(columns.begin(), columns.end(), true);
+    first_column_.push_back(columns_);
+    columns_ += std::count(columns.begin(), columns.end(), true);
   }
-  Matrix3Xd jacobian = Matrix3Xd::Zero(3, chain.cols() + target_columns);
-  jacobian.leftCols(chain.cols()) =
-      chain.topRows<3>() - skew(estimate.targets[target].X_FT.translation()) * chain.bottomRows<3>();
-  Index column = chain.cols();
-  for (std::size_t k = 0; k < free.targets.size(); ++k) {
-    for (std::size_t i = 0; i < 6; ++i) {
-      if (free.targets[k][i]) {
-        if (k == target && i < 3) {
-          jacobian(static_cast<Index>(i), column) = 1.0;
-        }
-        ++column;
+}
+
+std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q) const {
+  const MatrixXd joints = deflected(model_, estimate_.deflections, q);
+  Matrix6Xd chain;
+  const Matrix3d R_WF = estimate_.X_WB.linear() * flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
+  if (!free_.deflections.empty()) {
+    const MatrixXd basis = deflection_basis(model_, q);
+    for (std::size_t i = 0; i < free_.deflections.size(); ++i) {
+      chain.col(chain.cols() - static_cast<Index>(free_.deflections.size() - i)) *=
+          basis(static_cast<Index>(free_.deflections[i]), 0);
+    }
+  }
+  std::vector<Matrix3Xd> jacobians;
+  for (std::size_t k = 0; k < estimate_.targets.size(); ++k) {
+    Matrix3Xd& jacobian = jacobians.emplace_back(Matrix3Xd::Zero(3, columns_));
+    jacobian.leftCols(chain.cols()) =
+        R_WF * (chain.topRows<3>() - skew(estimate_.targets[k].X_FT.translation()) * chain.bottomRows<3>());
+    Index column = first_column_[k];
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (free_.targets[k][i]) {
+        jacobian.col(column++) = R_WF.col(static_cast<Index>(i));
       }
     }
   }
-  return (estimate.X_WB * X_BF).linear() * jacobian;
+  return jacobians;
 }
 
 }  // namespace kdl_calibration

@@ -56,18 +56,19 @@ MatrixXd covariance(const MatrixXd& whitened_jacobian, double factor) {
 
 Matrix3d predicted_covariance(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
                               const MatrixXd& column_covariance, const VectorXd& q, std::size_t target) {
-  const Matrix3Xd jacobian = prediction_jacobian(model, estimate, free, q, target);
+  const Matrix3Xd jacobian = PositionPredictor(model, estimate, free).jacobians(q)[target];
   return jacobian * column_covariance * jacobian.transpose();
 }
 
 MatrixXd predicted_sigmas(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
                           const MatrixXd& column_covariance, const MatrixXd& joint_values) {
+  const PositionPredictor predictor(model, estimate, free);
   MatrixXd sigmas(static_cast<Index>(estimate.targets.size()), joint_values.cols());
   for (Index c = 0; c < joint_values.cols(); ++c) {
-    for (Index k = 0; k < sigmas.rows(); ++k) {
-      const Matrix3d covariance_of_point = predicted_covariance(model, estimate, free, column_covariance,
-                                                                joint_values.col(c), static_cast<std::size_t>(k));
-      sigmas(k, c) = std::sqrt(covariance_of_point.trace());
+    Index k = 0;
+    for (const Matrix3Xd& jacobian : predictor.jacobians(joint_values.col(c))) {
+      const double variance = (jacobian * column_covariance).cwiseProduct(jacobian).sum();
+      sigmas(k++, c) = std::sqrt(variance);
     }
   }
   return sigmas;

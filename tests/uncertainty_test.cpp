@@ -248,7 +248,7 @@ TEST(Uncertainty, PredictionJacobianIsTheCentralDifference) {
   const Eigen::VectorXd q = random_configurations(experiment.ranges, 1, random).col(0);
   const Measurements measured = measure(robot, q, {}, random);
   const LeastSquaresProblem problem(experiment.model, measured, experiment.free);
-  const Matrix3Xd jacobian = prediction_jacobian(experiment.model, robot.truth, experiment.free, q, 2);
+  const Matrix3Xd jacobian = PositionPredictor(experiment.model, robot.truth, experiment.free).jacobians(q)[2];
   const auto point = [&](const Eigen::VectorXd& step) {
     const Estimate moved = problem.moved(robot.truth, step);
     return Eigen::Vector3d(moved.X_WB *

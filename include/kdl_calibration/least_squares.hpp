@@ -199,8 +199,22 @@ std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate
 std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate,
                                             const Eigen::MatrixXd& joint_values);
 
-/// Jacobian of the predicted position in W of one target at one configuration: 3 x columns, [m] per unit.
-Matrix3Xd prediction_jacobian(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
-                              const Eigen::VectorXd& q, std::size_t target);
+/// Jacobians of the predicted positions at one estimate. Keeps references to its arguments.
+class PositionPredictor {
+public:
+  PositionPredictor(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free);
+
+  /// Of the position in W of every target at joint values q: 3 x columns each, [m] per unit.
+  std::vector<Matrix3Xd> jacobians(const Eigen::VectorXd& q) const;
+
+private:
+  const ErrorModel& model_;
+  const Estimate& estimate_;
+  const FreeParameters& free_;
+  FoldedChain chain_;
+  std::vector<ParameterTwist> twists_;
+  Eigen::Index columns_ = 0;
+  std::vector<Eigen::Index> first_column_;  // of each target
+};
 
 }  // namespace kdl_calibration
