@@ -52,12 +52,11 @@ CandidatePool::CandidatePool(const Experiment& experiment, const MatrixXd& joint
     throw InputError(undetermined(experiment, sampled.leftCols(std::min<Index>(sample, 100))));
   }
   mean_ = rows_.in_basis(mean_);
-  const Matrix6d P = rows_.whitened().S.transpose() * rows_.whitened().S;
-  features_.resize(joint_values.cols(), feature_count(rows_.chain_columns()));
+  features_.resize(joint_values.cols(), rows_.feature_count());
   parallel_blocks(static_cast<std::size_t>(size()), kBlock, threads, [&](std::size_t first, std::size_t end) {
     Eigen::RowVectorXd packed(features_.cols());
     for (auto i = static_cast<Index>(first); i < static_cast<Index>(end); ++i) {
-      pack_features(rows_.jacobian(joint_values_.col(i)), P, packed);
+      rows_.pack(joint_values_.col(i), packed);
       features_.row(i) = packed.cast<float>();
     }
   });
@@ -67,7 +66,7 @@ MatrixXf CandidatePool::traces(const std::vector<MatrixXd>& forms, Index count, 
   MatrixXf weights(features_.cols(), static_cast<Index>(forms.size()));
   Eigen::RowVectorXf constants(weights.cols());
   for (Index k = 0; k < weights.cols(); ++k) {
-    const PackedForm form = packed_form(rows_.whitened(), forms[static_cast<std::size_t>(k)], rows_.chain_columns());
+    const PackedForm form = rows_.form(forms[static_cast<std::size_t>(k)]);
     weights.col(k) = form.weights.cast<float>();
     constants[k] = static_cast<float>(form.constant);
   }

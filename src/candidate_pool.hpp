@@ -25,7 +25,7 @@ public:
   const Eigen::MatrixXd& mean_information() const { return mean_; }  ///< of one candidate, in the basis
 
   /// Whitened rows A of candidate i in the basis.
-  Eigen::MatrixXd block(Eigen::Index i) const { return rows_.rows(rows_.whitened(), joint_values_.col(i)); }
+  Eigen::MatrixXd block(Eigen::Index i) const { return rows_.whitened(joint_values_.col(i)); }
 
   /// tr(A C A^T) of the first `count` candidates, a column for each C.
   Eigen::MatrixXf traces(const std::vector<Eigen::MatrixXd>& forms, Eigen::Index count, int threads) const;

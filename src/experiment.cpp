@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/registration.hpp"
 #include "parallel.hpp"
 #include "point_rows.hpp"
 
@@ -35,32 +35,13 @@ bool invert(const MatrixXd& information, MatrixXd& covariance) {
   return true;
 }
 
-// Precision of one observation of each target seen in a configuration.
-using Precisions = std::map<Index, double>;
-
-MatrixXd information_of(const PointRows& rows, const PointNoise& noise, const Precisions& seen, const VectorXd& q) {
-  const MatrixXd A = rows.rows(rows.points(), q);
-  const auto count = static_cast<Index>(seen.size());
-  MatrixXd K = MatrixXd::Constant(count, count, noise.configuration_sigma * noise.configuration_sigma);
-  std::vector<Index> first_rows;
-  for (const auto& [target, precision] : seen) {
-    K(static_cast<Index>(first_rows.size()), static_cast<Index>(first_rows.size())) += 1.0 / precision;
-    first_rows.push_back(3 * target);
-  }
-  const Eigen::LLT<MatrixXd> llt(K);
-  MatrixXd M = MatrixXd::Zero(A.cols(), A.cols());
-  for (Index axis = 0; axis < 3; ++axis) {
-    MatrixXd coordinate(count, A.cols());
-    for (Index i = 0; i < count; ++i) {
-      coordinate.row(i) = A.row(first_rows[static_cast<std::size_t>(i)] + axis);
-    }
-    const MatrixXd whitened = llt.matrixL().solve(coordinate);
-    M += whitened.transpose() * whitened;
-  }
-  return M;
-}
-
 }  // namespace
+
+NoiseModel noise_model(const PointNoise& noise) {
+  return {.independent = Eigen::Vector3d::Constant(noise.sigma),
+          .tracker = noise.tracker,
+          .common = Eigen::Vector3d::Constant(noise.configuration_sigma)};
+}
 
 Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetFrame>& targets, const PointNoise& noise,
                               const Priors& priors, const std::vector<std::string>& fixed) {
@@ -105,38 +86,41 @@ MatrixXd information(const Experiment& experiment, const MatrixXd& joint_values)
   const PointRows rows(experiment);
   MatrixXd M = MatrixXd::Zero(rows.columns(), rows.columns());
   for (Index c = 0; c < joint_values.cols(); ++c) {
-    const MatrixXd A = rows.rows(rows.whitened(), joint_values.col(c));
+    const MatrixXd A = rows.whitened(joint_values.col(c));
     M.noalias() += A.transpose() * A;
   }
   return symmetric(M);
 }
 
 MatrixXd information(const Experiment& experiment, const Measurements& measurements) {
-  std::vector<Index> target_of;
+  Measurements matched = measurements;
+  matched.orientations.clear();
+  std::vector<std::int32_t> target_of;
   for (const std::string& name : measurements.targets) {
     const auto found = std::find_if(experiment.targets.begin(), experiment.targets.end(),
                                     [&](const TargetFrame& target) { return target.name == name; });
     if (found == experiment.targets.end()) {
       throw InputError(measurements.source + ": target '" + name + "' is none of those that are planned for");
     }
-    target_of.push_back(found - experiment.targets.begin());
+    target_of.push_back(static_cast<std::int32_t>(found - experiment.targets.begin()));
   }
-  std::vector<Precisions> seen(static_cast<std::size_t>(measurements.joint_values.cols()));
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      const double sigma = observation.sigma > 0.0 ? observation.sigma : experiment.noise.sigma;
-      const Index target = target_of[static_cast<std::size_t>(observation.target)];
-      seen[static_cast<std::size_t>(observation.configuration)][target] += 1.0 / (sigma * sigma);
-    }
+  for (Observation& observation : matched.observations) {
+    observation.target = target_of[static_cast<std::size_t>(observation.target)];
   }
-  const PointRows rows(experiment);
-  MatrixXd M = MatrixXd::Zero(rows.columns(), rows.columns());
-  for (std::size_t c = 0; c < seen.size(); ++c) {
-    if (!seen[c].empty()) {
-      M += information_of(rows, experiment.noise, seen[c], measurements.joint_values.col(static_cast<Index>(c)));
-    }
+  matched.targets.clear();
+  for (const TargetFrame& target : experiment.targets) {
+    matched.targets.push_back(target.name);
   }
-  return symmetric(M);
+  Estimate estimate{.errors = experiment.errors, .targets = experiment.targets};
+  if (experiment.noise.tracker) {
+    estimate.X_WB =
+        register_base_and_targets(flange_poses(folded(experiment.model, experiment.errors), matched.joint_values),
+                                  matched, {.known_targets = experiment.targets})
+            .X_WB;
+  }
+  const LeastSquaresProblem problem(experiment.model, matched, experiment.free,
+                                    {.noise = noise_model(experiment.noise)});
+  return symmetric(problem.linearise(estimate).hessian);
 }
 
 std::vector<Prediction> predicted(const Experiment& experiment, const std::vector<MatrixXd>& informations,

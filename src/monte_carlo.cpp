@@ -17,8 +17,8 @@ struct Run {
 
 Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
   Random random(experiment.seed, stream);
-  const VirtualRobot robot =
-      virtual_robot(experiment.model, experiment.with_errors, experiment.targets, experiment.sizes, random);
+  const VirtualRobot robot = virtual_robot(experiment.model, experiment.with_errors, experiment.targets,
+                                           experiment.sizes, random, experiment.X_WB);
   const Eigen::MatrixXd train = experiment.train(random);
   const Eigen::MatrixXd test = experiment.test(random);
   const Measurements measurements = measure(robot, train, experiment.noise, random);

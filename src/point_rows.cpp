@@ -5,10 +5,38 @@
 namespace kdl_calibration {
 
 using Eigen::Index;
+using Eigen::Isometry3d;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-PointRows::PointRows(const Experiment& experiment) : chain_(folded(experiment.model, experiment.errors)) {
+namespace {
+
+// The lower triangle row by row; elements off the diagonal count twice.
+void pack_symmetric(const MatrixXd& C, VectorXd& weights) {
+  Index k = 0;
+  for (Index a = 0; a < C.cols(); ++a) {
+    for (Index b = 0; b < a; ++b) {
+      weights[k++] = 2.0 * C(a, b);
+    }
+    weights[k++] = C(a, a);
+  }
+}
+
+MatrixXd unpacked_symmetric(const VectorXd& features, Index columns) {
+  MatrixXd M(columns, columns);
+  Index k = 0;
+  for (Index a = 0; a < columns; ++a) {
+    for (Index b = 0; b <= a; ++b) {
+      M(a, b) = M(b, a) = features[k++];
+    }
+  }
+  return M;
+}
+
+}  // namespace
+
+PointRows::PointRows(const Experiment& experiment)
+    : chain_(folded(experiment.model, experiment.errors)), noise_(experiment.noise), targets_(experiment.targets) {
   const std::vector<ParameterTwist> base = base_twists();
   for (std::size_t i = 0; i < 6; ++i) {
     if (experiment.free.base[i]) {
@@ -48,6 +76,7 @@ PointRows::PointRows(const Experiment& experiment) : chain_(folded(experiment.mo
     }
   }
   whitened_ = {.S = W * points_.S, .E = W * points_.E};
+  whitened_gram_ = whitened_.S.transpose() * whitened_.S;
   basis_ = MatrixXd::Identity(chain_columns(), chain_columns());
 }
 
@@ -92,6 +121,58 @@ MatrixXd PointRows::rows(const PointBlock& block, const Eigen::Ref<const VectorX
   return result;
 }
 
+// A tracker's noise depends on where the points are; else the rows of every configuration are whitened alike.
+MatrixXd PointRows::whitened(const Eigen::Ref<const VectorXd>& q) const {
+  if (!noise_.tracker) {
+    return rows(whitened_, q);
+  }
+  const NoiseModel model = noise_model(noise_);
+  const Isometry3d X_BF = flange_pose(chain_, q);
+  const Index height = points_.S.rows();
+  MatrixXd covariance(height, height);
+  for (Index i = 0; i < height; i += 3) {
+    for (Index j = 0; j < height; j += 3) {
+      covariance.block<3, 3>(i, j) = model.common.cwiseAbs2().asDiagonal();
+    }
+    const TargetFrame& target = targets_[static_cast<std::size_t>(i / 3)];
+    const Observation seen{.position = X_BF * target.X_FT.translation() - noise_.tracker_position};
+    covariance.block<3, 3>(i, i) += X_BF.linear().transpose() * point_covariance(model, seen) * X_BF.linear();
+  }
+  return covariance.llt().matrixL().solve(rows(points_, q));
+}
+
+Index PointRows::feature_count() const {
+  return noise_.tracker ? columns() * (columns() + 1) / 2 : kdl_calibration::feature_count(chain_columns());
+}
+
+void PointRows::pack(const Eigen::Ref<const VectorXd>& q, Eigen::Ref<Eigen::RowVectorXd> features) const {
+  if (!noise_.tracker) {
+    pack_features(jacobian(q), whitened_gram_, features);
+    return;
+  }
+  const MatrixXd A = whitened(q);
+  Index k = 0;
+  for (Index a = 0; a < A.cols(); ++a) {
+    for (Index b = 0; b <= a; ++b) {
+      features[k++] = A.col(a).dot(A.col(b));
+    }
+  }
+}
+
+PackedForm PointRows::form(const MatrixXd& C) const {
+  if (!noise_.tracker) {
+    return packed_form(whitened_, C, chain_columns());
+  }
+  PackedForm form{.weights = VectorXd(feature_count())};
+  pack_symmetric(C, form.weights);
+  return form;
+}
+
+MatrixXd PointRows::unpacked(const VectorXd& features, double weight) const {
+  return noise_.tracker ? unpacked_symmetric(features, columns())
+                        : unpacked_information(whitened_, features, weight, chain_columns());
+}
+
 Index feature_count(Index chain_columns) { return chain_columns * (chain_columns + 1) / 2 + 6 * chain_columns; }
 
 void pack_features(const Matrix6Xd& J, const Matrix6d& P, Eigen::Ref<Eigen::RowVectorXd> features) {
@@ -109,13 +190,7 @@ PackedForm packed_form(const PointBlock& block, const MatrixXd& C, Index chain_c
   const Index c = chain_columns;
   const Index t = C.cols() - c;
   PackedForm form{.weights = VectorXd(feature_count(c))};
-  Index k = 0;
-  for (Index a = 0; a < c; ++a) {
-    for (Index b = 0; b < a; ++b) {
-      form.weights[k++] = 2.0 * C(a, b);
-    }
-    form.weights[k++] = C(a, a);
-  }
+  pack_symmetric(C.topLeftCorner(c, c), form.weights);
   const Matrix6Xd linear = 2.0 * block.S.transpose() * block.E * C.bottomLeftCorner(t, c);
   form.weights.tail(linear.size()) = Eigen::Map<const VectorXd>(linear.data(), linear.size());
   form.constant = (block.E * C.bottomRightCorner(t, t) * block.E.transpose()).trace();
@@ -126,13 +201,8 @@ MatrixXd unpacked_information(const PointBlock& block, const VectorXd& features,
   const Index c = chain_columns;
   const Index t = block.E.cols();
   MatrixXd M(c + t, c + t);
-  Index k = 0;
-  for (Index a = 0; a < c; ++a) {
-    for (Index b = 0; b <= a; ++b) {
-      M(a, b) = M(b, a) = features[k++];
-    }
-  }
-  const Eigen::Map<const Matrix6Xd> J(features.data() + k, 6, c);
+  M.topLeftCorner(c, c) = unpacked_symmetric(features, c);
+  const Eigen::Map<const Matrix6Xd> J(features.data() + c * (c + 1) / 2, 6, c);
   M.topRightCorner(c, t) = J.transpose() * (block.S.transpose() * block.E);
   M.bottomLeftCorner(t, c) = M.topRightCorner(c, t).transpose();
   M.bottomRightCorner(t, t) = weight * block.E.transpose() * block.E;

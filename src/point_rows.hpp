@@ -18,6 +18,11 @@ struct PointBlock {
   Eigen::MatrixXd E;  ///< k x target columns
 };
 
+/// tr([S J, E] C [S J, E]^T) = features(J, S^T S) . form(C).weights + form(C).constant for symmetric C.
+struct PackedForm {
+  Eigen::VectorXd weights;
+  double constant = 0.0;
+};
 /// The rows of an experiment. The basis of the chain's columns may be changed: J becomes J * basis.
 class PointRows {
 public:
@@ -28,7 +33,6 @@ public:
   Eigen::Index targets() const { return static_cast<Eigen::Index>(by_target_.size()); }
 
   const PointBlock& points() const { return points_; }                     ///< of all targets
-  const PointBlock& whitened() const { return whitened_; }                 ///< the same with unit noise
   const std::vector<PointBlock>& by_target() const { return by_target_; }  ///< 3 rows each
 
   /// The basis in which the information `mean` has the identity for the chain once the targets are eliminated; in it
@@ -40,21 +44,28 @@ public:
   Matrix6Xd jacobian(const Eigen::Ref<const Eigen::VectorXd>& q) const;
   /// [S J, E] for one of the blocks.
   Eigen::MatrixXd rows(const PointBlock& block, const Eigen::Ref<const Eigen::VectorXd>& q) const;
+  /// A: those of all targets with unit noise.
+  Eigen::MatrixXd whitened(const Eigen::Ref<const Eigen::VectorXd>& q) const;
+
+  /// What a configuration tells, packed: tr(A C A^T) = features . form(C).weights + form(C).constant for symmetric C.
+  Eigen::Index feature_count() const;
+  void pack(const Eigen::Ref<const Eigen::VectorXd>& q, Eigen::Ref<Eigen::RowVectorXd> features) const;
+  PackedForm form(const Eigen::MatrixXd& C) const;
+  /// Sum of w A^T A from the sums of w features and of w.
+  Eigen::MatrixXd unpacked(const Eigen::VectorXd& features, double weight) const;
 
 private:
   FoldedChain chain_;
   std::vector<ParameterTwist> twists_;
   PointBlock points_;
-  PointBlock whitened_;
+  PointBlock whitened_;     // where the noise has no direction
+  Matrix6d whitened_gram_;  // S^T S of it
+  PointNoise noise_;
+  std::vector<TargetFrame> targets_;
   std::vector<PointBlock> by_target_;
   Eigen::MatrixXd basis_;
 };
 
-/// tr([S J, E] C [S J, E]^T) = features(J, S^T S) . form(C).weights + form(C).constant for symmetric C.
-struct PackedForm {
-  Eigen::VectorXd weights;
-  double constant = 0.0;
-};
 Eigen::Index feature_count(Eigen::Index chain_columns);
 void pack_features(const Matrix6Xd& J, const Matrix6d& P, Eigen::Ref<Eigen::RowVectorXd> features);
 PackedForm packed_form(const PointBlock& block, const Eigen::MatrixXd& C, Eigen::Index chain_columns);

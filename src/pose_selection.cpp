@@ -177,7 +177,7 @@ private:
       score = pool_.traces({design_.C}, candidates_, threads_).col(0);
     } else {
       const Eigen::MatrixXf both = pool_.traces({design_.C * weights_ * design_.C, design_.C}, candidates_, threads_);
-      const auto rows = static_cast<float>(pool_.rows().whitened().S.rows());
+      const auto rows = static_cast<float>(pool_.rows().points().S.rows());
       score = both.col(0).array() / (1.0F + both.col(1).array() / rows);
     }
     std::optional<double> most;
@@ -447,14 +447,13 @@ double d_efficiency(const Experiment& experiment, const MatrixXd& candidates, co
   constexpr int kRounds = 150;
   const CandidatePool pool(experiment, candidates, given, threads);
   const PointRows& rows = pool.rows();
-  const Index c = rows.chain_columns();
   const Index weighted = std::min(pool.size(), kPoolOfStarts);
   const MatrixXd M0 = rows.in_basis(given);
   const auto N = static_cast<double>(count);
   VectorXd w = VectorXd::Constant(weighted, 1.0 / static_cast<double>(weighted));
   const auto information_of = [&](const VectorXd& weights) {
     const Eigen::VectorXf sum = pool.features().topRows(weighted).transpose() * weights.cast<float>();
-    return MatrixXd(M0 + N * unpacked_information(rows.whitened(), sum.cast<double>(), weights.sum(), c));
+    return MatrixXd(M0 + N * rows.unpacked(sum.cast<double>(), weights.sum()));
   };
   double bound = std::numeric_limits<double>::infinity();  // of log det M*
   for (int round = 0; round <= kRounds; ++round) {

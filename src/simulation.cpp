@@ -85,6 +85,19 @@ Eigen::Vector3d normal_vector(Random& random) {
   return v;
 }
 
+// Of a point at `position` in W, from three standard normal numbers.
+Eigen::Vector3d point_noise(const MeasuringNoise& noise, const Eigen::Vector3d& position,
+                            const Eigen::Vector3d& normal) {
+  if (!noise.tracker) {
+    return noise.sigma * normal;
+  }
+  const double distance = position.norm();
+  const Eigen::Vector3d line = position / distance;
+  const Eigen::Vector3d along = normal.dot(line) * line;
+  return (noise.tracker->range + noise.tracker->range_per_metre * distance) * along +
+         (noise.tracker->transverse + noise.tracker->transverse_per_metre * distance) * (normal - along);
+}
+
 }  // namespace
 
 Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
@@ -113,8 +126,9 @@ Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_val
       for (std::size_t k = 0; k < robot.truth.targets.size(); ++k) {
         const TargetFrame& target = robot.truth.targets[k];
         const Eigen::Isometry3d X_WT = X_WF * target.X_FT;
-        result.observations.push_back({.position = X_WT.translation() + drift + noise.sigma * normal_vector(random),
-                                       .sigma = noise.sigma,
+        const Eigen::Vector3d own = point_noise(noise, X_WT.translation(), normal_vector(random));
+        result.observations.push_back({.position = X_WT.translation() + drift + own,
+                                       .sigma = noise.tracker ? 0.0 : noise.sigma,
                                        .configuration = static_cast<std::int32_t>(c),
                                        .target = static_cast<std::int32_t>(k),
                                        .repeat = repeat,

@@ -68,6 +68,20 @@ TEST_F(PlanCommand, ReportsInJson) {
   EXPECT_EQ(plan["monte_carlo"]["runs"], 3);
 }
 
+TEST_F(PlanCommand, PlansForATrackersOwnNoise) {
+  const std::vector<std::string> tracker = {"--noise-tracker", "1e-5,0,3e-5,8e-6", "--tracker", "4,1,0.5"};
+  std::vector<std::string> arguments = with({"--configuration-noise", "2e-5", "--monte-carlo", "40", "--json"});
+  arguments.insert(arguments.end(), tracker.begin(), tracker.end());
+  const nlohmann::json plan = run_json(arguments);
+  EXPECT_TRUE(plan["sigma"]["floor"].is_null());
+  const double promised = plan["sigma"]["plan"]["mean"];
+  const double tried = plan["monte_carlo"]["rms_of_point_mean"];
+  EXPECT_NEAR(tried / promised, 1.0, 0.1);  // 40 runs of 33 parameters: 3 %
+  EXPECT_EQ(plan["monte_carlo"]["not_trusted"], 0);
+  expect_refused(with({"--noise-tracker", "1e-5,0,3e-5,8e-6"}), {"--noise-tracker", "--tracker x,y,z"});
+  expect_refused(with({"--noise-tracker", "1e-5,0", "--tracker", "4,1,0.5"}), {"--noise-tracker", "expected 4"});
+}
+
 TEST_F(PlanCommand, KeepsEveryPlannedConfigurationWithinTheConstraints) {
   const std::vector<std::array<double, 3>> points = {{0.1, 0.2, 0.0}, {-0.05, 0.2, 0.0866}, {-0.05, 0.2, -0.0866}};
   nlohmann::json targets = {{"targets", nlohmann::json::array()}};

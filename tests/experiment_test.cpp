@@ -115,6 +115,44 @@ TEST(Experiment, WhitensNoiseThatTargetsShare) {
   EXPECT_LT((information(f.experiment, measurements) - expected).norm(), 1e-9 * expected.norm());
 }
 
+// A tracker whose noise depends on direction and distance.
+TEST(Experiment, KnowsATrackersNoiseFromWhereItStands) {
+  Fixture f;
+  f.experiment.noise = {
+      .configuration_sigma = 2e-5,
+      .tracker = TrackerNoise{.range = 1e-5, .range_per_metre = 1e-6, .transverse = 4e-5, .transverse_per_metre = 8e-6},
+      .tracker_position = {4.0, -1.0, 0.5}};
+  const TrackerNoise& tracker = *f.experiment.noise.tracker;
+  const MatrixXd q = f.configurations(8);
+  MatrixXd expected = MatrixXd::Zero(30, 30);
+  for (Index c = 0; c < q.cols(); ++c) {
+    const MatrixXd J = jacobian_by_matrices(f.experiment, q.col(c));  // along the axes of the base
+    MatrixXd covariance(6, 6);
+    for (Index t = 0; t < 2; ++t) {
+      const Eigen::Vector3d point = to_eigen(testing::kdl_pose(testing::fanuc().chain, q.col(c))) *
+                                    f.experiment.targets[static_cast<std::size_t>(t)].X_FT.translation();
+      const Eigen::Vector3d sight = point - f.experiment.noise.tracker_position;
+      const Eigen::Matrix3d along = sight * sight.transpose() / sight.squaredNorm();
+      const double range = tracker.range + tracker.range_per_metre * sight.norm();
+      const double transverse = tracker.transverse + tracker.transverse_per_metre * sight.norm();
+      for (Index other = 0; other < 2; ++other) {
+        covariance.block<3, 3>(3 * t, 3 * other) = 4e-10 * Eigen::Matrix3d::Identity();
+      }
+      covariance.block<3, 3>(3 * t, 3 * t) +=
+          range * range * along + transverse * transverse * (Eigen::Matrix3d::Identity() - along);
+    }
+    expected += J.transpose() * covariance.inverse() * J;
+  }
+  EXPECT_LT((information(f.experiment, q) - expected).norm(), 1e-9 * expected.norm());
+
+  // In a file the tracker may stand anywhere: it is found.
+  VirtualRobot robot{.model = f.model, .truth = {.errors = f.experiment.errors, .targets = f.experiment.targets}};
+  robot.truth.X_WB = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()) *
+                     Eigen::Translation3d(-f.experiment.noise.tracker_position);
+  const Measurements measurements = measure(robot, q, {}, f.random);
+  EXPECT_LT((information(f.experiment, measurements) - expected).norm(), 1e-6 * expected.norm());
+}
+
 TEST(Experiment, PredictsWhatTheCovarianceOfAFitSays) {
   Fixture f;
   const MatrixXd q = f.configurations(12);

@@ -52,6 +52,18 @@ struct Fixture {
 
 double log_det(const MatrixXd& M) { return 2.0 * M.llt().matrixLLT().diagonal().array().log().sum(); }
 
+TEST(PoseSelection, ChoosesForATrackersNoise) {
+  Fixture f(1500, 1);
+  const Selection blind = select_configurations(f.experiment, f.all, f.none, {.starts = 2});
+  f.experiment.noise.tracker = TrackerNoise{.range = 5e-6, .transverse = 2e-5, .transverse_per_metre = 2e-5};
+  f.experiment.noise.tracker_position = {3.5, 0.0, 1.0};
+  const Selection aware = select_configurations(f.experiment, f.all, f.none, {.starts = 2});
+  EXPECT_GT(log_det(aware.information), log_det(information(f.experiment, f.all(Eigen::all, blind.chosen))) + 0.5);
+  const double efficiency = d_efficiency(f.experiment, f.all, f.none, aware.information, 30);
+  EXPECT_GT(efficiency, 0.9);
+  EXPECT_LE(efficiency, 1.0);
+}
+
 TEST(PoseSelection, PromisesThePublishedAccuracyIn5000Candidates) {
   const Fixture f(5000, 5000);
   const Selection d = select_configurations(f.experiment, f.all, f.none);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,12 +13,18 @@
 
 namespace kdl_calibration {
 
-/// 1 sigma of every measured coordinate [m]: one part independent for each target, one that all targets of a
-/// configuration share (the robot's repeatability). Both are the same in all directions.
+/// 1 sigma of every measured coordinate [m]: one part independent for each target, one that all targets of a repeat
+/// share (the robot's repeatability), both the same in all directions; or a tracker's own noise for the independent
+/// part.
 struct PointNoise {
   double sigma = 3e-5;
   double configuration_sigma = 0.0;
+  std::optional<TrackerNoise> tracker = std::nullopt;          ///< instead of `sigma`
+  Eigen::Vector3d tracker_position = Eigen::Vector3d::Zero();  ///< [m] where it will stand, in the base frame
 };
+
+/// The same as the noise model of a calibration whose measuring frame has the base's directions.
+NoiseModel noise_model(const PointNoise& noise);
 
 /// What is to be identified and how it will be measured. Only points are planned for, no measured orientations.
 struct Experiment {
@@ -42,7 +49,8 @@ Eigen::Index columns(const Experiment& experiment);
 Eigen::MatrixXd point_jacobian(const Experiment& experiment, const Eigen::Ref<const Eigen::VectorXd>& q);
 
 /// Fisher information (p x p) of the priors alone, of all targets in each of these configurations (joints x N), and of
-/// the training rows of a file, whose own sigma counts where it states one. Targets are matched by name.
+/// the training rows of a file, whose own sigma counts where it states one. Targets are matched by name; a tracker's
+/// place is found from the file.
 Eigen::MatrixXd prior_information(const Experiment& experiment);
 Eigen::MatrixXd information(const Experiment& experiment, const Eigen::MatrixXd& joint_values);
 Eigen::MatrixXd information(const Experiment& experiment, const Measurements& measurements);
@@ -62,7 +70,7 @@ Prediction predicted(const Experiment& experiment, const Eigen::MatrixXd& inform
 
 /// sigma sqrt(p / (T N)) [m] for T targets and N configurations: no design of N configurations has a smaller worst
 /// configuration among its candidates (the general equivalence theorem, Kiefer and Wolfowitz 1960). Holds without
-/// priors, and for noise that is independent.
+/// priors, and for noise that is independent and the same in all directions.
 double floor_of_worst_configuration(const Experiment& experiment, int count);
 
 /// Observability indices (see uncertainty.hpp) of a plan in metres and radians, not whitened.

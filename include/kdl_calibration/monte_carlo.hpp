@@ -19,6 +19,7 @@ struct MonteCarlo {
   std::vector<TargetFrame> targets;
   ErrorSizes sizes;
   MeasuringNoise noise;
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  ///< the base as it stands before it is displaced
   /// Configurations to measure and to predict (joints x N), drawn anew in each run or the same ones.
   std::function<Eigen::MatrixXd(Random&)> train;
   std::function<Eigen::MatrixXd(Random&)> test;

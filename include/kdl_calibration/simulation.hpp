@@ -53,7 +53,8 @@ struct MeasuringNoise {
   double sigma = 0.0;              ///< [m] of every coordinate, independent
   double orientation_sigma = 0.0;  ///< [rad] of every component of a measured orientation
   int repeats = 1;
-  Eigen::Vector3d common = Eigen::Vector3d::Zero();  ///< [m] along the axes of W, shared by the points of one repeat
+  Eigen::Vector3d common = Eigen::Vector3d::Zero();    ///< [m] along the axes of W, shared by the points of one repeat
+  std::optional<TrackerNoise> tracker = std::nullopt;  ///< of a tracker at the origin of W, instead of `sigma`
 };
 
 /// What a tracker would measure: every target in every configuration.

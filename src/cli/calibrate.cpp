@@ -61,19 +61,7 @@ NoiseModel noise_model(const Arguments& arguments) {
   NoiseModel noise = arguments.options.noise;
   noise.independent = axis_values(arguments.noise_independent, "--noise-independent");
   noise.common = axis_values(arguments.noise_common, "--noise-common");
-  if (!arguments.tracker.empty()) {
-    if (arguments.tracker.size() != 4) {
-      throw InputError("--noise-tracker: has " + std::to_string(arguments.tracker.size()) +
-                       " values, expected 4: range, range per metre, transverse, transverse per metre");
-    }
-    noise.tracker = TrackerNoise{.range = arguments.tracker[0],
-                                 .range_per_metre = arguments.tracker[1],
-                                 .transverse = arguments.tracker[2],
-                                 .transverse_per_metre = arguments.tracker[3]};
-    if (arguments.tracker[0] <= 0.0 || arguments.tracker[2] <= 0.0) {
-      throw InputError("--noise-tracker: the constants of range and transverse error must be above 0");
-    }
-  }
+  noise.tracker = tracker_noise(arguments.tracker);
   if (!noise.common.isZero(0.0) && noise.independent.isZero(0.0) && !noise.tracker) {
     throw InputError("--noise-common: needs --noise-independent or --noise-tracker beside it");
   }
@@ -187,11 +175,7 @@ void add_noise_options(CLI::App& app, Arguments& arguments) {
       ->type_name("M,...")
       ->delimiter(',')
       ->check(number_from(0.0, "a length in metres, 0 or more"));
-  app.add_option("--noise-tracker", arguments.tracker,
-                 "A tracker's own 1 sigma: range [m], its growth [m/m], transverse [m], its growth [m/m]")
-      ->type_name("A,B,C,D")
-      ->delimiter(',')
-      ->check(number_from(0.0, "a number, 0 or more"));
+  add_tracker_noise(app, arguments.tracker);
   app.add_flag("--leave-one-out", arguments.options.leave_one_out,
                "Predict each configuration from all the others as well");
   app.add_flag("--nested", arguments.options.nested,

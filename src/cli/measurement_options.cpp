@@ -66,6 +66,29 @@ Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
   return read_measurements(arguments.measurements, joint_names(robot), &convention);
 }
 
+void add_tracker_noise(CLI::App& app, std::vector<double>& values) {
+  app.add_option("--noise-tracker", values,
+                 "A tracker's own 1 sigma: range [m], its growth [m/m], transverse [m], its growth [m/m]")
+      ->type_name("A,B,C,D")
+      ->delimiter(',')
+      ->check(number_from(0.0, "a number, 0 or more"));
+}
+
+std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values) {
+  if (values.empty()) {
+    return std::nullopt;
+  }
+  if (values.size() != 4) {
+    throw InputError("--noise-tracker: has " + std::to_string(values.size()) +
+                     " values, expected 4: range, range per metre, transverse, transverse per metre");
+  }
+  if (values[0] <= 0.0 || values[2] <= 0.0) {
+    throw InputError("--noise-tracker: the constants of range and transverse error must be above 0");
+  }
+  return TrackerNoise{
+      .range = values[0], .range_per_metre = values[1], .transverse = values[2], .transverse_per_metre = values[3]};
+}
+
 RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements) {
   RegistrationOptions options;
   if (!arguments.known_base.empty()) {

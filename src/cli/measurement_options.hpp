@@ -23,6 +23,10 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments);
 
 Measurements read(const MeasurementArguments& arguments, const Robot& robot);
 
+/// --noise-tracker: nothing where it is not given. Throws InputError where it is not four numbers.
+void add_tracker_noise(CLI::App& app, std::vector<double>& values);
+std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values);
+
 /// What is known of base and targets. Throws InputError where none of the known targets was measured.
 RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements);
 

@@ -13,6 +13,7 @@
 #include "kdl_calibration/monte_carlo.hpp"
 #include "kdl_calibration/pose_selection.hpp"
 #include "kdl_calibration/workspace.hpp"
+#include "measurement_options.hpp"
 #include "options.hpp"
 #include "output_files.hpp"
 #include "progress.hpp"
@@ -47,6 +48,7 @@ struct Arguments {
   std::string criterion = "D";
   int starts = 8;
   PointNoise noise;
+  std::vector<double> tracker_noise;
   Priors priors;
   std::string home;
   int monte_carlo = 0;
@@ -115,6 +117,18 @@ Eigen::VectorXd home(const Arguments& arguments, const Setting& setting) {
   return values;
 }
 
+PointNoise noise(const Arguments& arguments, const Cell& cell) {
+  PointNoise noise = arguments.noise;
+  noise.tracker = tracker_noise(arguments.tracker_noise);
+  if (noise.tracker) {
+    if (!cell.tracker) {
+      throw InputError("--noise-tracker: depends on where the tracker stands, expected --tracker x,y,z beside it");
+    }
+    noise.tracker_position = cell.tracker->position;
+  }
+  return noise;
+}
+
 Setting setting(const Arguments& arguments) {
   Setting result{.robot = load(arguments.robot)};
   result.model = complete_model(result.robot);
@@ -127,12 +141,13 @@ Setting setting(const Arguments& arguments) {
     result.measured = read_measurements(arguments.measured, names, convention);
   }
   result.targets = targets(arguments, result.model, result.measured);
-  result.experiment = nominal_experiment(result.model, result.targets.targets, arguments.noise, arguments.priors);
+  const Cell limits = cell(arguments.cell, result.robot, result.model, result.targets, convention);
+  result.experiment =
+      nominal_experiment(result.model, result.targets.targets, noise(arguments, limits), arguments.priors);
   result.given = prior_information(result.experiment);
   if (result.measured) {
     result.given += information(result.experiment, *result.measured);
   }
-  const Cell limits = cell(arguments.cell, result.robot, result.model, result.targets, convention);
   // Whole thousandths of a degree and micrometres, as a pendant shows them.
   result.drawn = candidates(result.robot, result.targets.targets, limits,
                             {.count = arguments.candidates + arguments.workspace,
@@ -205,14 +220,17 @@ MatrixXd fitted_configurations(const Measurements& measurements) {
 
 MonteCarloResult try_out(const Arguments& arguments, const Setting& setting, const MatrixXd& joint_values) {
   Progress progress("Monte Carlo");
+  const PointNoise& noise = setting.experiment.noise;
+  const NoiseModel model = noise_model(noise);
   MonteCarlo runs{.model = setting.model,
                   .with_errors = setting.experiment.free.geometric,
                   .targets = setting.experiment.targets,
                   .sizes = {.length = 1e-3, .angle = 1e-3},
-                  .noise = {.sigma = arguments.noise.sigma},
+                  .noise = {.sigma = noise.sigma, .common = model.common, .tracker = noise.tracker},
+                  .X_WB = Eigen::Isometry3d(Eigen::Translation3d(-noise.tracker_position)),
                   .train = [&](Random&) { return joint_values; },
                   .test = [&](Random&) { return setting.tasks; },
-                  .calibration = {.priors = arguments.priors},
+                  .calibration = {.priors = arguments.priors, .noise = model},
                   .runs = arguments.monte_carlo,
                   .seed = arguments.seed,
                   .threads = arguments.threads,
@@ -246,7 +264,7 @@ Plan plan(const Arguments& arguments, const Setting& setting) {
                                     random_designs(experiment, setting.candidates, setting.given, count, kRandomDraws,
                                                    arguments.seed, arguments.threads),
                                     setting.tasks, arguments.threads));
-  if (setting.given.isZero() && arguments.noise.configuration_sigma == 0.0) {
+  if (setting.given.isZero() && arguments.noise.configuration_sigma == 0.0 && !experiment.noise.tracker) {
     result.floor = floor_of_worst_configuration(experiment, count);
   }
   MatrixXd all = chosen;
@@ -324,10 +342,11 @@ std::string line(const std::string& label, const Prediction& prediction, double 
 std::string table(const Arguments& arguments, const Setting& setting, const Plan& plan) {
   const auto number = [](auto value) { return std::to_string(value); };
   const ObservabilityIndices& o = plan.observability;
-  std::string text = number(plan.selection.chosen.size()) + " configurations of " + number(arguments.candidates) +
-                     " candidates, " + arguments.criterion + "-optimal; " + number(plan.sheet.targets.size()) +
-                     " targets, " + number(columns(setting.experiment)) + " parameters, noise " +
-                     fixed(arguments.noise.sigma * 1e3, 4) + " mm\n";
+  std::string text =
+      number(plan.selection.chosen.size()) + " configurations of " + number(arguments.candidates) + " candidates, " +
+      arguments.criterion + "-optimal; " + number(plan.sheet.targets.size()) + " targets, " +
+      number(columns(setting.experiment)) + " parameters, noise " +
+      (setting.experiment.noise.tracker ? "of the tracker" : fixed(arguments.noise.sigma * 1e3, 4) + " mm") + "\n";
   text += "search                  " + number(arguments.starts) + " starts, " + number(plan.selection.exchanges) +
           " exchanges; seed " + number(arguments.seed) + "\n";
   text += "samples                 " + number(setting.drawn.samples) + " drawn";
@@ -420,6 +439,7 @@ void add_experiment(CLI::App& app, Arguments& arguments) {
       ->type_name("M")
       ->check(number_from(0.0, "a length in metres, 0 or more"))
       ->capture_default_str();
+  add_tracker_noise(app, arguments.tracker_noise);
   app.add_option("--prior-length", arguments.priors.length, "1 sigma of length errors beforehand, m; 0: none")
       ->type_name("M")
       ->check(number_from(0.0, "a length in metres, 0 or more"))
