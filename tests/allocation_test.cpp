@@ -1,0 +1,68 @@
+// No allocation inside an iteration: counts the calls of malloc, through which both Eigen and operator new go. Left out
+// under sanitizers, which bring a malloc of their own.
+
+#include <gmock/gmock.h>
+
+#include <cstdlib>
+
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
+
+namespace {
+thread_local long allocations = 0;
+}  // namespace
+
+extern "C" {
+void* __libc_malloc(std::size_t size);
+void* malloc(std::size_t size) {
+  ++allocations;
+  return __libc_malloc(size);
+}
+}
+
+namespace kdl_calibration {
+namespace {
+
+long allocations_of_a_pass(int configurations, const ResidualOptions& options) {
+  static const ErrorModel model = complete_model(testing::fanuc());
+  static const FreeParameters free =
+      free_parameters(model, published_targets(), reduced_model(model, published_targets()).kept);
+  Random random(1);
+  const VirtualRobot robot = virtual_robot(model, free.geometric, published_targets(), {}, random);
+  const Measurements measured =
+      measure(robot, random_configurations(published_ranges(model), configurations, random), {}, random);
+  const LeastSquaresProblem problem(model, measured, free, options);
+  const Estimate start{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+                       .targets = published_targets()};
+  NormalEquations equations;
+  problem.linearise(start, equations);  // the workspace takes its size
+  const long before = allocations;
+  problem.linearise(start, equations);
+  return allocations - before;
+}
+
+TEST(Allocation, AnIterationTakesNone) {
+  const long before = allocations;
+  std::free(std::malloc(1));
+  ASSERT_GT(allocations, before);  // they are counted
+  EXPECT_EQ(allocations_of_a_pass(300, {}), 0);
+}
+
+TEST(Allocation, CorrelatedNoiseTakesNonePerConfiguration) {
+  ResidualOptions options;
+  options.noise.independent.setConstant(1e-5);
+  options.noise.common.setConstant(5e-5);
+  EXPECT_EQ(allocations_of_a_pass(300, options), allocations_of_a_pass(30, options));
+}
+
+}  // namespace
+}  // namespace kdl_calibration
+
+#else
+
+TEST(Allocation, IsNotCountedHere) { GTEST_SKIP() << "malloc is not ours"; }
+
+#endif
