@@ -51,7 +51,7 @@ static inline void sine_and_cosine(const Vector& x, Vector& sine, Vector& cosine
 
 // out = frame * in, with `in` and `out` the rows of a pose.
 static inline void behind(const FrameNumbers& frame, const Vector* in, Vector* out) {
-  for (int r = 0; r < 3; ++r) {
+  for (std::size_t r = 0; r < 3; ++r) {
     const double a = frame[3 * r];
     const double b = frame[3 * r + 1];
     const double c = frame[3 * r + 2];
@@ -150,7 +150,7 @@ static inline void columns_of(const ChainKernelInput& input, const Vector& mask,
   const double* L = input.root.data();
   for (std::size_t i = 0; i < input.columns.size(); ++i) {
     const ChainColumn& column = input.columns[i];
-    const Vector* R = poses + 15 * column.frame;
+    const Vector* R = poses + 15 * static_cast<std::size_t>(column.frame);
     Vector* out = jacobian + 6 * i;
     Vector v[3] = {};
     Vector gradient = sums.gradient[i];
