@@ -185,15 +185,10 @@ bool has_split(const Measurements& measurements, Split split) {
                      [&](const Observation& observation) { return observation.split == split; });
 }
 
-Eigen::Vector3d rotation_vector(const Eigen::Matrix3d& R) {
-  const Eigen::AngleAxisd rotation(R);
-  return rotation.angle() * rotation.axis();
-}
-
 // Position and rotation vector of a frame as six parameters.
 void add_frame_parameters(const std::vector<std::string>& names, const Eigen::Isometry3d& frame,
                           std::vector<ParameterEstimate>& parameters) {
-  const Eigen::Vector3d rotation = rotation_vector(frame.linear());
+  const Eigen::Vector3d rotation = rotation_log(frame.linear());
   for (std::size_t i = 0; i < names.size(); ++i) {
     const auto axis = static_cast<Eigen::Index>(i % 3);
     const double value = i < 3 ? frame.translation()[axis] : rotation[axis];

@@ -15,6 +15,7 @@
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "median.hpp"
 #include "parallel.hpp"
 
 namespace kdl_calibration {
@@ -28,18 +29,6 @@ using Eigen::VectorXd;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // ---- robust statistics ---------------------------------------------------------------------------------------------
-
-double median(std::vector<double> values) {
-  if (values.empty()) {
-    return 0.0;
-  }
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  if (values.size() % 2 == 1) {
-    return *middle;
-  }
-  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
-}
 
 // Of the columns of the rows [first, end).
 VectorXd medians(const MatrixXd& values, Index first, Index end) {

@@ -198,30 +198,6 @@ bool without_effect(const Eigen::MatrixXd& columns, Eigen::Index column) {
   return columns.col(column).cwiseAbs().maxCoeff() < 1e-12;  // [m] or [rad] per unit: rounding
 }
 
-// Which columns raise the rank, taken from left to right: modified Gram-Schmidt with one repetition, which keeps the
-// basis orthogonal to rounding.
-std::vector<bool> columns_that_raise_the_rank(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
-                                              double tolerance) {
-  std::vector<bool> raises(static_cast<std::size_t>(columns.cols()), false);
-  Eigen::MatrixXd basis(columns.rows(), columns.cols());
-  Eigen::Index rank = 0;
-  for (Eigen::Index c = 0; c < columns.cols(); ++c) {
-    if (!candidate[static_cast<std::size_t>(c)]) {
-      continue;
-    }
-    Eigen::VectorXd rest = columns.col(c);
-    const double norm = rest.norm();
-    for (int pass = 0; pass < 2; ++pass) {
-      rest -= basis.leftCols(rank) * (basis.leftCols(rank).transpose() * rest);
-    }
-    if (rest.norm() > tolerance * norm && !without_effect(columns, c)) {
-      basis.col(rank++) = rest.normalized();
-      raises[static_cast<std::size_t>(c)] = true;
-    }
-  }
-  return raises;
-}
-
 using Combination = std::map<std::string, double>;
 
 // Coefficients of `column` over the columns in `among`; empty where they do not span it.
@@ -249,6 +225,29 @@ Combination combination(const Eigen::MatrixXd& columns, Eigen::Index column, con
 }
 
 }  // namespace
+
+// Modified Gram-Schmidt with one repetition, which keeps the basis orthogonal to rounding.
+std::vector<bool> columns_that_raise_the_rank(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
+                                              double tolerance) {
+  std::vector<bool> raises(static_cast<std::size_t>(columns.cols()), false);
+  Eigen::MatrixXd basis(columns.rows(), columns.cols());
+  Eigen::Index rank = 0;
+  for (Eigen::Index c = 0; c < columns.cols(); ++c) {
+    if (!candidate[static_cast<std::size_t>(c)]) {
+      continue;
+    }
+    Eigen::VectorXd rest = columns.col(c);
+    const double norm = rest.norm();
+    for (int pass = 0; pass < 2; ++pass) {
+      rest -= basis.leftCols(rank) * (basis.leftCols(rank).transpose() * rest);
+    }
+    if (rest.norm() > tolerance * norm && !without_effect(columns, c)) {
+      basis.col(rank++) = rest.normalized();
+      raises[static_cast<std::size_t>(c)] = true;
+    }
+  }
+  return raises;
+}
 
 Eigen::Vector3d to_eigen(const KDL::Vector& v) { return {v.x(), v.y(), v.z()}; }
 

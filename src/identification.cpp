@@ -8,6 +8,7 @@
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "median.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -229,15 +230,6 @@ double robust_weight(Loss loss, double r) {
     }
   }
   return 1.0;
-}
-
-double median(std::vector<double> values) {
-  if (values.empty()) {
-    return 0.0;
-  }
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 // Position residual of every row, in units of its own sigma (or in metres where none is stated).

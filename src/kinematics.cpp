@@ -137,6 +137,11 @@ Eigen::Matrix3d rotation_exp(const Eigen::Vector3d& v) {
   return Eigen::AngleAxisd(angle, v / angle).toRotationMatrix();
 }
 
+Eigen::Vector3d rotation_log(const Eigen::Matrix3d& R) {
+  const Eigen::AngleAxisd rotation(R);
+  return rotation.angle() * rotation.axis();
+}
+
 FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors) {
   FoldedChain chain;
   Eigen::Matrix3d turn_back = Eigen::Matrix3d::Identity();  // undoes the alignment of the joint before

@@ -20,12 +20,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// Rotation vector of R (inverse of rotation_exp), for angles below pi.
-Vector3d rotation_log(const Matrix3d& R) {
-  const Eigen::AngleAxisd rotation(R);
-  return rotation.angle() * rotation.axis();
-}
-
 double row_weight(const ResidualOptions& options, std::size_t row) {
   return options.row_weights.empty() ? 1.0 : options.row_weights[row];
 }

@@ -150,6 +150,11 @@ std::vector<std::string> target_parameter_names(const TargetFrame& target);
 Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
                         const ReductionOptions& options = {});
 
+/// Which columns raise the rank, taken from left to right: each candidate whose part outside the span of those kept
+/// before it exceeds `tolerance` times its norm. Columns without an entry above 1e-12 have no effect.
+std::vector<bool> columns_that_raise_the_rank(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
+                                              double tolerance);
+
 /// `count` generic targets for use before anything is measured: seeded points some 0.2 m around the flange.
 std::vector<TargetFrame> generic_targets(int count, std::uint64_t seed = 1);
 

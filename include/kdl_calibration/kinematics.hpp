@@ -19,6 +19,8 @@ using Matrix6d = Eigen::Matrix<double, 6, 6>;
 Eigen::Matrix3d skew(const Eigen::Vector3d& v);
 /// Rotation by |v| about v (Rodrigues).
 Eigen::Matrix3d rotation_exp(const Eigen::Vector3d& v);
+/// Its inverse, for angles up to pi.
+Eigen::Vector3d rotation_log(const Eigen::Matrix3d& R);
 
 /// The chain with its errors multiplied out into constant frames and every joint's axis turned onto z:
 ///   X_BF(q) = links[0] Z(q1) links[1] Z(q2) … links[n],  Z a rotation about or a translation along z.
