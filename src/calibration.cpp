@@ -4,8 +4,11 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <iterator>
 #include <limits>
 #include <map>
+#include <memory>
+#include <mutex>
 #include <numbers>
 #include <set>
 #include <utility>
@@ -175,6 +178,83 @@ Fitted identify(const ErrorModel& model, const Measurements& measurements, const
   return {std::move(robust.fit), std::move(robust.weights)};
 }
 
+// Of the columns those that raise the rank: those of `kept`, then the others in the order of the reduction: base,
+// targets, geometric errors, then deflections. Where something is kept, what is weak beside it is no reason to add it.
+FreeParameters determined(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                          const FreeParameters& candidates, const FreeParameters& kept,
+                          const Eigen::MatrixXd& triangle) {
+  const std::vector<std::string> names = column_names(model, targets, candidates);
+  const std::vector<std::string> first = column_names(model, targets, kept);
+  const auto base = static_cast<Eigen::Index>(std::count(candidates.base.begin(), candidates.base.end(), true));
+  const Eigen::Index chain =
+      base + static_cast<Eigen::Index>(candidates.geometric.size() + candidates.deflections.size());
+  std::vector<Eigen::Index> order;
+  const auto add = [&](Eigen::Index begin, Eigen::Index end) {
+    for (Eigen::Index c = begin; c < end; ++c) {
+      order.push_back(c);
+    }
+  };
+  add(0, base);
+  add(chain, triangle.cols());
+  add(base, chain);
+  const auto others = std::stable_partition(order.begin(), order.end(), [&](Eigen::Index c) {
+    return std::find(first.begin(), first.end(), names[static_cast<std::size_t>(c)]) != first.end();
+  });
+  const auto known = static_cast<std::size_t>(others - order.begin());
+  const Eigen::MatrixXd columns = triangle(Eigen::all, order) / std::max(triangle.cwiseAbs().maxCoeff(), 1e-300);
+  const std::vector<bool> raises =
+      columns_that_raise_the_rank(columns, std::vector<bool>(order.size(), true), ReductionOptions{}.tolerance);
+  const Eigen::HouseholderQR<Eigen::MatrixXd> basis(columns.leftCols(static_cast<Eigen::Index>(known)));
+  const auto is_weak = [&](Eigen::Index c) {
+    const Eigen::VectorXd turned = basis.householderQ().transpose() * columns.col(c);
+    return turned.tail(turned.size() - static_cast<Eigen::Index>(known)).norm() <
+           IdentifiabilityOptions{}.weak * turned.norm();
+  };
+  std::vector<std::string> result;
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    if (raises[i] && (i < known || known == 0 || !is_weak(static_cast<Eigen::Index>(i)))) {
+      result.push_back(names[static_cast<std::size_t>(order[i])]);
+    }
+  }
+  return free_parameters(model, targets, result);
+}
+
+bool same_parameters(const FreeParameters& a, const FreeParameters& b) {
+  return a.base == b.base && a.geometric == b.geometric && a.deflections == b.deflections && a.targets == b.targets;
+}
+
+constexpr int kGaugeRounds = 3;
+
+// Fits what the measurements determine, as judged by the nominal geometry. What the solution shows to be otherwise is
+// taken out or, unless it is weak, added.
+Fitted identify_in_gauge(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                         const CalibrationOptions& options, const FitOptions& fit_options, FreeParameters& free) {
+  const FreeParameters candidates = free;
+  const LeastSquaresProblem problem(model, measurements, candidates, fit_options.joint.residuals);
+  if (options.method == Method::two_step || problem.equations() < problem.columns()) {
+    return identify(model, measurements, start, candidates, options, fit_options);
+  }
+  const auto determined_at = [&](const Estimate& estimate, const FreeParameters& kept) {
+    const Eigen::MatrixXd triangle = problem.whitened_summary(estimate).triangle;
+    return triangle.allFinite() ? determined(model, start.targets, candidates, kept, triangle) : kept;
+  };
+  FreeParameters nothing;
+  nothing.targets.resize(candidates.targets.size());
+  free = determined_at(start, nothing);
+  Fitted fitted;
+  for (int round = 0; round < kGaugeRounds; ++round) {
+    const int iterations = fitted.identification.iterations;
+    fitted = identify(model, measurements, start, free, options, fit_options);
+    fitted.identification.iterations += iterations;
+    const FreeParameters there = determined_at(fitted.identification.estimate, free);
+    if (same_parameters(there, free) || round + 1 == kGaugeRounds) {
+      break;
+    }
+    free = there;
+  }
+  return fitted;
+}
+
 bool any_sigma(const Measurements& measurements) {
   return std::any_of(measurements.observations.begin(), measurements.observations.end(),
                      [](const Observation& observation) { return observation.sigma > 0.0; });
@@ -233,12 +313,13 @@ std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, cons
   for (const GaugeParameter& parameter : calibration.reduction.gauge) {
     gauge.insert(parameter.name);
   }
+  const std::set<std::string> held(calibration.fixed_by_gauge.begin(), calibration.fixed_by_gauge.end());
   const std::set<std::string> kept(calibration.reduction.kept.begin(), calibration.reduction.kept.end());
   std::vector<ParameterEstimate> parameters;
   for (ParameterEstimate& parameter : all) {
     const auto column = std::find(columns.begin(), columns.end(), parameter.name);
     const bool estimated = column != columns.end();
-    parameter.gauge = gauge.count(parameter.name) > 0;
+    parameter.gauge = gauge.count(parameter.name) > 0 || held.count(parameter.name) > 0;
     if (estimated) {
       const auto c = column - columns.begin();
       parameter.std = std::sqrt(calibration.covariance(c, c));
@@ -293,7 +374,27 @@ NoiseModel noise_model(const Measurements& measurements, const CalibrationOption
   NoiseModel noise = options.noise;
   noise.independent = repeats.independent;
   noise.common = repeats.common;
+  if (!(noise.orientation > 0.0)) {
+    noise.orientation = repeats.orientation;
+  }
   return noise;
+}
+
+// A sigma in radians says something only beside one in metres.
+void require_comparable_orientations(const Measurements& measurements, const CalibrationOptions& options) {
+  if (!(options.noise.orientation > 0.0)) {
+    return;
+  }
+  if (measurements.orientations.empty()) {
+    throw InputError(measurements.source + ": no row has a quaternion, which --orientation-sigma is about");
+  }
+  const bool every_row = std::all_of(measurements.observations.begin(), measurements.observations.end(),
+                                     [](const Observation& observation) { return observation.sigma > 0.0; });
+  if (!options.noise.is_absolute() && !options.noise_from_repeats && !every_row) {
+    throw InputError(
+        "--orientation-sigma: needs the positions' as well: --noise-independent, --noise-tracker, "
+        "--noise repeats or a sigma in every row");
+  }
 }
 
 // Priors and residuals must be on one scale. Where nothing states the noise, the residuals of the fit without priors
@@ -385,9 +486,86 @@ std::vector<double> listed_values(const Eigen::MatrixXd& matrix) {
   return {matrix.data(), matrix.data() + matrix.size()};
 }
 
+// Predictions and their uncertainty, infinite where what was fixed by the gauge matters.
+class UncertainPredictor {
+public:
+  UncertainPredictor(const Calibration& calibration, const Eigen::MatrixXd& triangle_of_candidates)
+      : calibration_(calibration),
+        estimate_(calibration.identification.estimate),
+        undetermined_(undetermined_directions(triangle_of_candidates)),
+        free_(calibration.model, estimate_, calibration.free),
+        candidates_(calibration.model, estimate_, calibration.candidates) {}
+
+  // Of every target [m^2] in W.
+  std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q) const {
+    std::vector<Eigen::Matrix3d> result;
+    for (const Matrix3Xd& jacobian : free_.jacobians(q)) {
+      result.emplace_back(jacobian * calibration_.covariance * jacobian.transpose());
+    }
+    if (undetermined_.cols() > 0) {
+      const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q);
+      for (std::size_t k = 0; k < result.size(); ++k) {
+        if (!determines(jacobians[k])) {
+          result[k] = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()).asDiagonal();
+        }
+      }
+    }
+    return result;
+  }
+
+  // 3D 1 sigma [m], targets x N
+  Eigen::MatrixXd sigmas(const Eigen::MatrixXd& joint_values) const {
+    Eigen::MatrixXd result(static_cast<Eigen::Index>(estimate_.targets.size()), joint_values.cols());
+    for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
+      Eigen::Index k = 0;
+      for (const Eigen::Matrix3d& covariance : covariances(joint_values.col(c))) {
+        result(k++, c) = std::sqrt(covariance.trace());
+      }
+    }
+    return result;
+  }
+
+  std::vector<PredictedPoint> points(const Configurations& asked) const {
+    std::vector<PredictedPoint> result;
+    if (asked.names.empty()) {
+      return result;
+    }
+    const auto X_BF = flange_poses(calibration_.model, estimate_, asked.joint_values);
+    for (std::size_t c = 0; c < asked.names.size(); ++c) {
+      const auto all = covariances(asked.joint_values.col(static_cast<Eigen::Index>(c)));
+      for (std::size_t k = 0; k < estimate_.targets.size(); ++k) {
+        PredictedPoint& point = result.emplace_back();
+        point.configuration = asked.names[c];
+        point.target = estimate_.targets[k].name;
+        point.position = X_BF[c] * estimate_.targets[k].X_FT.translation();
+        point.position_W = estimate_.X_WB * point.position;
+        point.std = all[k].diagonal().cwiseSqrt();
+        point.sigma = std::sqrt(all[k].trace());
+        point.radius_95 = std::isfinite(point.sigma) ? radius_of_probability(all[k]) : point.sigma;
+      }
+    }
+    return result;
+  }
+
+private:
+  bool determines(const Matrix3Xd& jacobian) const {
+    constexpr double kNothing = 1e-6;
+    const Eigen::ArrayXd sizes = (jacobian.cwiseAbs() * undetermined_.cwiseAbs()).colwise().sum().transpose();
+    const Eigen::ArrayXd effects = (jacobian * undetermined_).colwise().norm().transpose();
+    return (effects <= kNothing * sizes).all();
+  }
+
+  const Calibration& calibration_;
+  const Estimate& estimate_;
+  Eigen::MatrixXd undetermined_;
+  PositionPredictor free_;
+  PositionPredictor candidates_;
+};
+
 constexpr int kWorkspaceSamples = 1000;
 
-PredictedAccuracy predicted_accuracy(const Measurements& measurements, const Calibration& calibration) {
+PredictedAccuracy predicted_accuracy(const Measurements& measurements, const CalibrationOptions& options,
+                                     const Eigen::MatrixXd& triangle_of_candidates, const Calibration& calibration) {
   const ErrorModel& model = calibration.model;
   Random random(1);
   Eigen::MatrixXd workspace(static_cast<Eigen::Index>(model.joints.size()), kWorkspaceSamples);
@@ -399,16 +577,21 @@ PredictedAccuracy predicted_accuracy(const Measurements& measurements, const Cal
     }
   }
   PredictedAccuracy result;
+  const UncertainPredictor predictor(calibration, triangle_of_candidates);
+  result.asked = predictor.points(options.predict_at);
   if (!calibration.covariance.diagonal().allFinite()) {
     return result;
   }
   const Estimate& estimate = calibration.identification.estimate;
-  const auto sigmas = [&](const Eigen::MatrixXd& joint_values) {
-    return predicted_sigmas(model, estimate, calibration.free, calibration.covariance, joint_values);
-  };
   const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
-  result.measured = error_statistics(listed_values(sigmas(measurements.joint_values.leftCols(most))));
-  const Eigen::MatrixXd everywhere = sigmas(workspace);
+  const Eigen::MatrixXd there = predictor.sigmas(measurements.joint_values.leftCols(most));
+  if (there.allFinite()) {
+    result.measured = error_statistics(listed_values(there));
+  }
+  const Eigen::MatrixXd everywhere = predictor.sigmas(workspace);
+  if (!everywhere.allFinite()) {
+    return result;
+  }
   result.workspace = error_statistics(listed_values(everywhere));
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, workspace);
   std::map<std::array<int, 3>, WorkspaceCell> cells;
@@ -437,6 +620,11 @@ void add_warnings(const ErrorModel& model, const Measurements& measurements, con
     warnings.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
                                          : "the measurements cannot tell apart: " + listed(group));
   }
+  if (!calibration.fixed_by_gauge.empty()) {
+    warnings.push_back("fixed by gauge: " + listed(calibration.fixed_by_gauge) +
+                       " (errors at zero, frames as registered); predictions hold where it was measured, single "
+                       "parameters do not");
+  }
   for (const QualityFinding& finding : calibration.findings) {
     warnings.push_back("measurements: " + finding.message);
   }
@@ -464,7 +652,9 @@ void add_warnings(const ErrorModel& model, const Measurements& measurements, con
 
 namespace {
 
-constexpr std::size_t kMostRowsScreened = 20000;  // beyond that only the distances between targets are checked
+constexpr double kLeastWeight = 1e-9;  // as identify_robustly, so that nothing becomes undetermined by a weight
+constexpr Eigen::Index kMostConfigurationsJudged = 5000;  // one by one
+constexpr std::size_t kMostRowsScreened = 20000;          // beyond that only the distances between targets are checked
 
 // What is wrong with the measurements themselves, by the distances between targets and by a preliminary fit that
 // survives it.
@@ -513,6 +703,8 @@ void validate_result(const Measurements& measurements, const Estimate& start, co
   result.train = compare(Rows::train);
   if (has_split(measurements, Split::test)) {
     result.test = compare(Rows::test);
+    result.iso_test_before = iso_9283(result.model, start, measurements, Rows::test);
+    result.iso_test_after = iso_9283(result.model, estimate, measurements, Rows::test);
   }
   result.iso_before = iso_9283(result.model, start, measurements);
   result.iso_after = iso_9283(result.model, estimate, measurements);
@@ -542,10 +734,34 @@ void validate_result(const Measurements& measurements, const Estimate& start, co
   }
 }
 
+// Tells how many of the refits are done.
+std::function<void()> counted_fits(const Measurements& measurements, const CalibrationOptions& options) {
+  if (!options.progress) {
+    return {};
+  }
+  const std::size_t configurations = make_folds(measurements, 0).size();
+  const std::size_t choice = choice_is_open(options) ? fits_to_choose(measurements, model_options(options)) : 0;
+  std::size_t total =
+      choice + (options.leave_one_out ? configurations : 0) + static_cast<std::size_t>(std::max(options.k_fold, 0));
+  if (options.leave_one_out && options.nested) {
+    total += configurations * (choice + 1);
+  }
+  struct Count {
+    std::mutex mutex;
+    std::size_t done = 0;
+  };
+  return [count = std::make_shared<Count>(), total, progress = options.progress] {
+    const std::lock_guard lock(count->mutex);
+    ++count->done;
+    progress(static_cast<double>(count->done) / static_cast<double>(std::max<std::size_t>(total, 1)));
+  };
+}
+
 }  // namespace
 
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
   require_training_rows(measurements);
+  require_comparable_orientations(measurements, options);
   const RegistrationOptions registration_options{.known_base = options.known_base,
                                                  .known_targets = options.known_targets};
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
@@ -565,7 +781,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
 
   result.findings = findings(result.model, measurements, start, result.free);
 
-  FitOptions fit_options{.loss = options.loss, .joint = {}};
+  FitOptions fit_options{.loss = options.loss, .joint = {}, .after_fit = counted_fits(measurements, options)};
   fit_options.joint.residuals.noise = noise_model(measurements, options);
   fit_options.joint.max_iterations = options.iterations > 0 ? options.iterations : fit_options.joint.max_iterations;
   const bool stated = fit_options.joint.residuals.noise.is_absolute() || any_sigma(measurements);
@@ -582,28 +798,48 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   result.priors = chosen.priors;
   result.free = with_deflections(result.model, result.free, chosen);
   fit_options = with_priors(fit_options, chosen.priors);
-  Fitted fitted = identify(result.model, measurements, start, result.free, options, fit_options);
+  result.candidates = result.free;
+  Fitted fitted = identify_in_gauge(result.model, measurements, start, options, fit_options, result.free);
   result.identification = std::move(fitted.identification);
   result.weights = std::move(fitted.weights);
 
   const Estimate& estimate = result.identification.estimate;
   ResidualOptions residuals = fit_options.joint.residuals;
   residuals.row_weights = result.weights;
+  for (double& weight : residuals.row_weights) {
+    weight = std::max(weight, kLeastWeight);
+  }
   const LeastSquaresProblem problem(result.model, measurements, result.free, residuals);
   const WhitenedSummary system = problem.whitened_summary(estimate);
-  result.identifiability = identifiability(system.triangle, column_names(result.model, estimate.targets, result.free));
+  const std::vector<std::string> candidates = column_names(result.model, estimate.targets, result.candidates);
+  Eigen::MatrixXd triangle_of_candidates = system.triangle;
+  if (!same_parameters(result.free, result.candidates)) {
+    const std::vector<std::string> kept = column_names(result.model, estimate.targets, result.free);
+    std::copy_if(candidates.begin(), candidates.end(), std::back_inserter(result.fixed_by_gauge),
+                 [&](const std::string& name) { return std::find(kept.begin(), kept.end(), name) == kept.end(); });
+    triangle_of_candidates = LeastSquaresProblem(result.model, measurements, result.candidates, residuals)
+                                 .whitened_summary(estimate)
+                                 .triangle;
+  }
+  result.identifiability = identifiability(triangle_of_candidates, candidates);
   result.observability =
       observability_indices(system.triangle, static_cast<Eigen::Index>(make_folds(measurements, 0).size()));
   if (result.identification.termination == Termination::converged &&
-      result.identifiability.rank < result.identifiability.columns) {
+      (result.identifiability.rank < result.identifiability.columns || !result.fixed_by_gauge.empty())) {
     result.identification.termination = Termination::rank_deficient;
-    result.identification.message = "converged, but the measurements do not determine all parameters";
+    result.identification.message =
+        "converged, but the measurements do not determine all parameters" +
+        (result.fixed_by_gauge.empty() ? std::string()
+                                       : ": " + std::to_string(result.fixed_by_gauge.size()) + " were fixed by gauge");
   }
   assess_noise(measurements, fit_options, stated, options, problem, system, problem.linearise(estimate), result);
   result.parameters = parameter_estimates(result.model, result);
   validate_result(measurements, start, fit_options, options, registration_options, result);
   result.lack_of_fit = lack_of_fit(result.model, measurements, estimate, result.free, fit_options);
-  result.predicted = predicted_accuracy(measurements, result);
+  result.predicted = predicted_accuracy(measurements, options, triangle_of_candidates, result);
+  if (measurements.joint_values.cols() <= kMostConfigurationsJudged) {
+    result.influence = influence(result.model, measurements, estimate, result.free, residuals, system.triangle);
+  }
   result.difference_to_kdl = difference_to_kdl(model, estimate.errors, measurements.joint_values);
   add_warnings(model, measurements, registration.message, result);
   return result;

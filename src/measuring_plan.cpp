@@ -7,6 +7,7 @@
 #include <fstream>
 #include <iterator>
 #include <numbers>
+#include <optional>
 
 #include "kdl_calibration/input_error.hpp"
 #include "urdf_reading.hpp"
@@ -161,25 +162,62 @@ std::string filled(std::string_view line, char separator, const std::vector<std:
   return result;
 }
 
-// Numbers of the columns x, y and z, with or without a unit.
-std::vector<std::size_t> coordinate_columns(std::string_view header, char separator) {
-  std::vector<std::size_t> columns;
-  std::size_t column = 0;
+// The columns' names without units.
+std::vector<std::string> bare_names(std::string_view header, char separator) {
+  std::vector<std::string> names;
   while (true) {
     const std::size_t end = std::min(header.find(separator), header.size());
     std::string_view name = header.substr(0, end);
     name.remove_prefix(std::min(name.find_first_not_of(" \t\"\xEF\xBB\xBF"), name.size()));
-    const std::string_view bare = name.substr(0, name.find_first_of(" \t\r\"["));
-    if (bare == "x" || bare == "y" || bare == "z") {
-      columns.push_back(column);
-    }
+    names.emplace_back(name.substr(0, name.find_first_of(" \t\r\"[")));
     if (end == header.size()) {
-      return columns;
+      return names;
     }
     header.remove_prefix(end + 1);
-    ++column;
   }
 }
+
+// What a file of configurations may lack of a file of measurements.
+class Completion {
+public:
+  Completion(std::string_view header, char separator) : separator_(separator) {
+    const std::vector<std::string> names = bare_names(header, separator);
+    for (const char* name : {"configuration", "target", "x", "y", "z"}) {
+      if (std::find(names.begin(), names.end(), name) == names.end()) {
+        absent_.emplace_back(name);
+      }
+    }
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      if (names[i] == "x" || names[i] == "y" || names[i] == "z") {
+        coordinates_.push_back(i);
+      }
+    }
+  }
+
+  std::string header(std::string_view line) const {
+    std::string result(line);
+    for (const std::string& name : absent_) {
+      result += separator_ + name;
+    }
+    return result;
+  }
+
+  // Zeros for coordinates; configurations are counted.
+  std::string row(std::string_view line) {
+    ++rows_;
+    std::string result = filled(line, separator_, coordinates_);
+    for (const std::string& name : absent_) {
+      result += separator_ + (name == "configuration" ? std::to_string(rows_) : name == "target" ? "1" : "0");
+    }
+    return result;
+  }
+
+private:
+  char separator_;
+  std::vector<std::string> absent_;
+  std::vector<std::size_t> coordinates_;
+  int rows_ = 0;
+};
 
 }  // namespace
 
@@ -250,20 +288,17 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
 Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,
                                   const JointConvention* convention, const std::string& source) {
   std::string text;
-  std::vector<std::size_t> columns;
-  char separator = ',';
-  bool header_seen = false;
+  std::optional<Completion> completion;
   while (!csv.empty()) {
     const std::size_t end = std::min(csv.find('\n'), csv.size());
-    const std::string_view line = csv.substr(0, end);
+    std::string_view line = csv.substr(0, end);
+    line.remove_suffix(!line.empty() && line.back() == '\r' ? 1 : 0);
     const bool content = line.find_first_not_of(" \t\r,;") != std::string_view::npos && line.front() != '#';
-    if (content && !header_seen) {
-      header_seen = true;
-      separator = line.find(';') != std::string_view::npos ? ';' : ',';
-      columns = coordinate_columns(line, separator);
-      text += line;
+    if (content && !completion) {
+      completion.emplace(line, line.find(';') != std::string_view::npos ? ';' : ',');
+      text += completion->header(line);
     } else {
-      text += content ? filled(line, separator, columns) : std::string(line);
+      text += content ? completion->row(line) : std::string(line);
     }
     text += "\n";
     csv.remove_prefix(std::min(end + 1, csv.size()));

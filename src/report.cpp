@@ -2,6 +2,7 @@
 
 #include <openssl/evp.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -62,6 +63,9 @@ Json noise_json(const NoiseReport& noise) {
                          {"common", array(noise.repeats->common)},
                          {"total", array(noise.repeats->total)},
                          {"degrees_of_freedom", noise.repeats->degrees_of_freedom}};
+    if (noise.repeats->orientation_degrees_of_freedom > 0.0) {
+      result["repeats"]["orientation"] = noise.repeats->orientation;
+    }
   }
   return result;
 }
@@ -82,8 +86,64 @@ Json cells_json(const std::vector<WorkspaceCell>& cells) {
   return result;
 }
 
+Json finite_array(const Eigen::Vector3d& v) {
+  return Json::array({finite_or_null(v.x()), finite_or_null(v.y()), finite_or_null(v.z())});
+}
+
+Json interval_json(double value, double std) {  // 95 % of a normal distribution
+  const double half = 1.959963984540054 * std;
+  return std::isfinite(half) ? Json::array({value - half, value + half}) : Json(nullptr);
+}
+
+Json asked_json(const std::vector<PredictedPoint>& points) {
+  Json result = Json::array();
+  for (const PredictedPoint& point : points) {
+    Json intervals = Json::array();
+    for (int axis = 0; axis < 3; ++axis) {
+      intervals.push_back(interval_json(point.position_W[axis], point.std[axis]));
+    }
+    result.push_back({{"configuration", point.configuration},
+                      {"target", point.target},
+                      {"position", array(point.position)},
+                      {"position_measured_frame", array(point.position_W)},
+                      {"std", finite_array(point.std)},
+                      {"interval_95", intervals},
+                      {"sigma", finite_or_null(point.sigma)},
+                      {"radius_95", finite_or_null(point.radius_95)}});
+  }
+  return result;
+}
+
+template <class Entry>
+void add_influence(const Entry& entry, Json& result) {
+  result["leverage"] = entry.leverage;
+  result["high_leverage"] = entry.high_leverage;
+  result["cook"] = finite_or_null(entry.cook);
+  result["influential"] = entry.influential;
+}
+
+Json influence_json(const Influence& influence, const Measurements& measurements) {
+  Json configurations = Json::array();
+  for (const ConfigurationInfluence& entry : influence.configurations) {
+    Json each = {{"configuration", measurements.configurations[static_cast<std::size_t>(entry.configuration)]}};
+    add_influence(entry, each);
+    Json points = Json::array();
+    for (const PointInfluence& point : entry.points) {
+      Json own = {{"target", measurements.targets[static_cast<std::size_t>(point.target)]}};
+      add_influence(point, own);
+      points.push_back(own);
+    }
+    each["points"] = points;
+    configurations.push_back(each);
+  }
+  return {{"leverage_limit", influence.leverage_limit},
+          {"cook_limit", influence.cook_limit},
+          {"point_cook_limit", influence.point_cook_limit},
+          {"configurations", configurations}};
+}
+
 // What goes beyond the fit: choice of model, lack of fit, predicted accuracy, down-weighted rows.
-void add_details(const Calibration& calibration, Json& result) {
+void add_details(const Calibration& calibration, const Measurements& measurements, Json& result) {
   result["priors"] = priors_json(calibration.priors);
   Json tried = Json::array();
   for (const ModelOption& option : calibration.tried) {
@@ -101,6 +161,7 @@ void add_details(const Calibration& calibration, Json& result) {
   }
   result["singular_values"] = singular_values;
   result["tied"] = calibration.identifiability.tied;
+  result["fixed_by_gauge"] = calibration.fixed_by_gauge;
   result["weak"] = calibration.identifiability.weak;
   Json findings = Json::array();
   for (const QualityFinding& finding : calibration.findings) {
@@ -114,6 +175,10 @@ void add_details(const Calibration& calibration, Json& result) {
   }
   result["findings"] = findings;
   result["iso_9283"] = {{"before", iso_json(calibration.iso_before)}, {"after", iso_json(calibration.iso_after)}};
+  if (calibration.iso_test_before && calibration.iso_test_after) {
+    result["iso_9283"]["test"] = {{"before", iso_json(*calibration.iso_test_before)},
+                                  {"after", iso_json(*calibration.iso_test_after)}};
+  }
   if (calibration.lack_of_fit) {
     const LackOfFit& lack = *calibration.lack_of_fit;
     result["lack_of_fit"] = {{"F", lack.f},
@@ -126,6 +191,12 @@ void add_details(const Calibration& calibration, Json& result) {
                                   {"workspace", statistics_json(calibration.predicted.workspace)},
                                   {"cell", calibration.predicted.cell},
                                   {"cells", cells_json(calibration.predicted.cells)}};
+  if (!calibration.predicted.asked.empty()) {
+    result["predicted_accuracy"]["asked"] = asked_json(calibration.predicted.asked);
+  }
+  if (!calibration.influence.configurations.empty()) {
+    result["influence"] = influence_json(calibration.influence, measurements);
+  }
   if (!calibration.weights.empty()) {
     result["weights"] = calibration.weights;
   }
@@ -143,29 +214,21 @@ Json input_json(const Robot& robot, const Measurements& measurements, const Cali
           {"model", options.model == ModelChoice::irreducible ? "irreducible" : "complete"}};
 }
 
-// 95 % of a normal distribution about the value.
-Json interval_json(const ParameterEstimate& parameter) {
-  if (!parameter.identifiable) {
-    return nullptr;
-  }
-  const double half = 1.959963984540054 * parameter.std;
-  return Json::array({parameter.value - half, parameter.value + half});
-}
-
 Json parameters_json(const std::vector<ParameterEstimate>& parameters) {
   Json result = Json::array();
   for (const ParameterEstimate& parameter : parameters) {
-    result.push_back({{"name", parameter.name},
-                      {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
-                      {"kind", parameter.kind},
-                      {"axis", parameter.axis},
-                      {"nominal", parameter.nominal},
-                      {"value", parameter.value},
-                      {"error", parameter.error},
-                      {"std", finite_or_null(parameter.std)},
-                      {"interval_95", interval_json(parameter)},
-                      {"identifiable", parameter.identifiable},
-                      {"gauge", parameter.gauge}});
+    result.push_back(
+        {{"name", parameter.name},
+         {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
+         {"kind", parameter.kind},
+         {"axis", parameter.axis},
+         {"nominal", parameter.nominal},
+         {"value", parameter.value},
+         {"error", parameter.error},
+         {"std", finite_or_null(parameter.std)},
+         {"interval_95", parameter.identifiable ? interval_json(parameter.value, parameter.std) : Json(nullptr)},
+         {"identifiable", parameter.identifiable},
+         {"gauge", parameter.gauge}});
   }
   return result;
 }
@@ -242,6 +305,70 @@ void add_before_after(const char* what, const BeforeAfter& pair, std::string& te
   }
 }
 
+// Accuracy of the means of the repeats, and repeatability where there are repeats.
+void add_iso_line(const std::string& label, const ErrorStatistics& accuracy, const ErrorStatistics* repeatability,
+                  std::string& text) {
+  text += padded(label, 26) + format("%8.3f", accuracy.mean * 1e3) + format("%8.3f", accuracy.max * 1e3);
+  const bool repeats = repeatability != nullptr && repeatability->count > 0;
+  text += repeats ? format("%8.3f", repeatability->mean * 1e3) + format("%8.3f", repeatability->max * 1e3)
+                  : "       -       -";
+  text += "   " + std::to_string(accuracy.count) + "\n";
+}
+
+void add_iso_table(const Calibration& calibration, std::string& text) {
+  text += "\n" + padded("ISO 9283 [mm]", 26) + " AP mean  AP max RP mean  RP max   points\n";
+  const auto add = [&](const std::string& what, const Iso9283& before, const Iso9283& after) {
+    add_iso_line(what + ", nominal", before.accuracy, &before.repeatability, text);
+    add_iso_line(what + ", calibrated", after.accuracy, &after.repeatability, text);
+  };
+  add("fitted", calibration.iso_before, calibration.iso_after);
+  if (calibration.iso_test_before && calibration.iso_test_after) {
+    add("held out", *calibration.iso_test_before, *calibration.iso_test_after);
+  }
+  if (calibration.leave_one_out) {
+    add_iso_line("leave-one-out, nominal", calibration.leave_one_out->before, nullptr, text);
+    add_iso_line("leave-one-out, calibrated", calibration.leave_one_out->after, nullptr, text);
+  }
+}
+
+std::string cook_number(double cook) { return std::isfinite(cook) ? format("%10.3f", cook) : "  not without"; }
+
+void add_most_influential(const Measurements& measurements, const Influence& influence, std::string& text) {
+  constexpr std::size_t kShown = 5;
+  std::vector<ConfigurationInfluence> order = influence.configurations;
+  if (order.empty()) {
+    return;
+  }
+  std::stable_sort(order.begin(), order.end(), [](const auto& a, const auto& b) { return a.cook > b.cook; });
+  const auto count = [&](auto member) {
+    return std::to_string(std::count_if(order.begin(), order.end(), [&](const auto& entry) { return entry.*member; }));
+  };
+  text += "\nmost influential: " + count(&ConfigurationInfluence::influential) + " of " + std::to_string(order.size()) +
+          format(" configurations have a Cook's distance above %.3f, ", influence.cook_limit) +
+          count(&ConfigurationInfluence::high_leverage) + " a high leverage (*)\n";
+  text += padded("  configuration", 26) + "    Cook's  leverage\n";
+  for (std::size_t i = 0; i < std::min(kShown, order.size()); ++i) {
+    text += padded("  " + measurements.configurations[static_cast<std::size_t>(order[i].configuration)], 26) +
+            cook_number(order[i].cook) + format("%10.3f", order[i].leverage) + (order[i].high_leverage ? " *" : "") +
+            "\n";
+  }
+}
+
+void add_predictions(const std::vector<PredictedPoint>& points, std::string& text) {
+  if (points.empty()) {
+    return;
+  }
+  text += "\n" + padded("predicted, in the base [mm]", 28) + "           x           y           z 3D sigma  95 %\n";
+  for (const PredictedPoint& point : points) {
+    const Eigen::Vector3d p = point.position * 1e3;
+    text += padded("  " + point.configuration + " " + point.target, 28) + format("%12.4f", p.x()) +
+            format("%12.4f", p.y()) + format("%12.4f", p.z());
+    text += std::isfinite(point.sigma) ? format("%9.4f", point.sigma * 1e3) + format("%9.4f", point.radius_95 * 1e3)
+                                       : "   not determined by these measurements";
+    text += "\n";
+  }
+}
+
 std::string parameter_line(const ParameterEstimate& parameter) {
   const bool length = parameter.kind == "translation";
   const std::size_t width = std::max<std::size_t>(6, parameter.name.size() + 1);
@@ -291,7 +418,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["targets"] = targets_json(calibration);
   result["position_error"] = position_error;
   result["noise"] = noise_json(calibration.noise);
-  add_details(calibration, result);
+  add_details(calibration, measurements, result);
   result["difference_to_kdl"] = calibration.difference_to_kdl;
   result["warnings"] = calibration.warnings;
   return result.dump(2) + "\n";
@@ -332,7 +459,7 @@ std::string model_json(const ErrorModel& model, const std::vector<TargetFrame>& 
   return result.dump(2) + "\n";
 }
 
-std::string result_table(const Calibration& calibration) {
+std::string result_table(const Measurements& measurements, const Calibration& calibration) {
   const Identification& found = calibration.identification;
   std::string text = to_string(found.termination) + " after " + std::to_string(found.iterations) +
                      " iterations: " + found.message + "\n";
@@ -364,12 +491,7 @@ std::string result_table(const Calibration& calibration) {
                    calibration.predicted.measured.rms * 1e3) +
             format(" %.3f mm over the workspace\n", calibration.predicted.workspace.rms * 1e3);
   }
-  if (calibration.iso_after.repeatability.count > 0) {
-    text +=
-        format("ISO 9283: accuracy %.3f mm (mean over configurations),", calibration.iso_after.accuracy.mean * 1e3) +
-        format(" nominal %.3f mm,", calibration.iso_before.accuracy.mean * 1e3) +
-        format(" repeatability %.3f mm\n", calibration.iso_after.repeatability.mean * 1e3);
-  }
+  add_iso_table(calibration, text);
   if (!calibration.tried.empty()) {
     const ModelOption& chosen = calibration.tried.front();
     text += format("chosen by cross-validation: priors %.3g mm and mrad,", chosen.priors.length * 1e3) + " gravity " +
@@ -381,6 +503,8 @@ std::string result_table(const Calibration& calibration) {
       text += parameter_line(parameter);
     }
   }
+  add_most_influential(measurements, calibration.influence, text);
+  add_predictions(calibration.predicted.asked, text);
   text += "\ntargets on the flange [mm]\n";
   for (const TargetFrame& target : found.estimate.targets) {
     const Eigen::Vector3d p = target.X_FT.translation() * 1e3;

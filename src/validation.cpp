@@ -95,9 +95,13 @@ Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measur
 
 Identification fit(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                    const FreeParameters& free, const FitOptions& options) {
-  return options.loss == Loss::none
-             ? identify_jointly(model, measurements, start, free, options.joint)
-             : identify_robustly(model, measurements, start, free, options.loss, options.joint).fit;
+  Identification found = options.loss == Loss::none
+                             ? identify_jointly(model, measurements, start, free, options.joint)
+                             : identify_robustly(model, measurements, start, free, options.loss, options.joint).fit;
+  if (options.after_fit) {
+    options.after_fit();
+  }
+  return found;
 }
 
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
@@ -227,6 +231,10 @@ FitOptions with_priors(const FitOptions& options, const Priors& priors) {
   FitOptions result = options;
   result.joint.residuals.priors = priors;
   return result;
+}
+
+std::size_t fits_to_choose(const Measurements& measurements, const ModelOptions& options) {
+  return options.priors.size() * options.gravity.size() * options.gain.size() * folds_for_choice(measurements).size();
 }
 
 std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurements& measurements, const Estimate& start,

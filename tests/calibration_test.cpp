@@ -35,6 +35,8 @@ struct Simulated {
     const Eigen::MatrixXd q = random_configurations(limits_of(model), 30, random);
     measured = measure(truth, q, {.sigma = sigma}, random);
   }
+
+  int free_count() const { return reduced_model(model, truth.truth.targets).rank; }
 };
 
 std::vector<std::string> identifiable_names(const Calibration& calibration) {
@@ -158,6 +160,171 @@ TEST(Calibration, NamesTiedParametersWhenAllConfigurationsAreAlike) {
   EXPECT_THAT(found.warnings, Contains(HasSubstr("cannot tell apart")));
 }
 
+// Measurements without noise in configurations of which some joints never move.
+struct PartlyMoved {
+  ErrorModel model = complete_model(fanuc());
+  VirtualRobot truth;
+  Measurements train;
+  Measurements test;
+
+  PartlyMoved(std::uint64_t seed, const std::vector<int>& moving) {
+    Random random(seed);
+    const std::vector<TargetFrame> frames = published_targets();
+    const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
+    truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+    JointRanges ranges = limits_of(model);
+    for (std::size_t i = 0; i < ranges.size(); ++i) {
+      if (std::find(moving.begin(), moving.end(), static_cast<int>(i) + 1) == moving.end()) {
+        const double still = 0.2 + 0.1 * static_cast<double>(i);
+        ranges[i] = {still, still};
+      }
+    }
+    train = measure(truth, random_configurations(ranges, 30, random), {}, random);
+    test = measure(truth, random_configurations(ranges, 20, random), {}, random, Split::test);
+  }
+};
+
+TEST(Calibration, WhatTheDataCannotTellIsHeldAtZeroAndPredictionsHold) {
+  const std::vector<std::vector<int>> cases = {{2, 3, 4, 5, 6},
+                                               {1, 3, 4, 5, 6},
+                                               {1, 2, 4, 5, 6},
+                                               {1, 2, 3, 5, 6},
+                                               {1, 2, 3, 4, 6},
+                                               {1, 2, 3, 4, 5},
+                                               {1, 2, 3},
+                                               {4, 5, 6},
+                                               {1, 2},
+                                               {1},
+                                               {}};
+  for (const std::vector<int>& moving : cases) {
+    SCOPED_TRACE(::testing::PrintToString(moving));
+    const PartlyMoved s(40, moving);
+    const Calibration found = calibrate(s.model, joined(s.train, s.test));
+    EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
+    EXPECT_LT(found.train.after.max, 1e-10);
+    EXPECT_LT(found.test->after.max, 1e-10);
+    const Identifiability& data = found.identifiability;
+    EXPECT_LT(data.rank, data.columns);
+    EXPECT_EQ(static_cast<int>(found.fixed_by_gauge.size()), data.columns - data.rank);
+    ASSERT_FALSE(found.fixed_by_gauge.empty());
+    EXPECT_THAT(found.warnings,
+                Contains(::testing::AllOf(HasSubstr("fixed by gauge"), HasSubstr(found.fixed_by_gauge.front()))));
+    for (const std::string& name : found.fixed_by_gauge) {
+      const auto parameter = std::find_if(found.parameters.begin(), found.parameters.end(),
+                                          [&](const ParameterEstimate& p) { return p.name == name; });
+      ASSERT_NE(parameter, found.parameters.end()) << name;
+      EXPECT_TRUE(parameter->gauge) << name;
+      EXPECT_FALSE(parameter->identifiable) << name;
+      EXPECT_EQ(parameter->error, 0.0) << name;
+    }
+    // What is kept comes first in the declared order: base, targets, joint offsets, links.
+    EXPECT_THAT(found.fixed_by_gauge, Not(Contains(HasSubstr("base."))));
+    // The answer does not depend on where the fit starts.
+    Estimate start = found.identification.estimate;
+    Random random(41);
+    for (const std::size_t p : found.free.geometric) {
+      start.errors[static_cast<Eigen::Index>(p)] += 0.002 * random.normal();
+    }
+    const Identification again = identify_jointly(s.model, s.train, start, found.free);
+    EXPECT_LT((again.estimate.errors - found.identification.estimate.errors).cwiseAbs().maxCoeff(), 1e-7);
+  }
+}
+
+TEST(Calibration, PredictionsAreUncertainOnlyWhereTheGaugeMatters) {
+  const PartlyMoved s(42, {1, 2, 3});
+  Random random(43);
+  const Measurements measured = measure(s.truth, s.train.joint_values, {.sigma = 0.00003}, random);
+  CalibrationOptions options;
+  options.predict_at = {.names = {"as measured", "elsewhere"}, .joint_values = s.test.joint_values.leftCols(2)};
+  options.predict_at.joint_values(4, 1) += 0.5;
+  const Calibration found = calibrate(s.model, measured, options);
+  ASSERT_EQ(found.predicted.asked.size(), 6U);
+  EXPECT_GT(found.predicted.measured.rms, 0.0);
+  EXPECT_LT(found.predicted.measured.rms, 0.0001);
+  EXPECT_EQ(found.predicted.workspace.count, 0);
+  for (const PredictedPoint& point : found.predicted.asked) {
+    EXPECT_EQ(std::isfinite(point.sigma), point.configuration == "as measured") << point.configuration;
+  }
+}
+
+TEST(Calibration, WithPriorsOnEveryErrorOnlyFramesAreFixed) {
+  const PartlyMoved s(44, {1, 2, 3, 4, 6});
+  CalibrationOptions options;
+  options.priors = {.length = 0.001, .angle = 0.001};
+  options.noise.independent.setConstant(0.00003);
+  const Calibration found = calibrate(s.model, s.train, options);
+  EXPECT_EQ(found.identification.termination, Termination::converged);
+  EXPECT_TRUE(found.fixed_by_gauge.empty());
+}
+
+TEST(Calibration, PredictsPositionsAtAskedConfigurations) {
+  // Position errors over predicted sigma: mean square 3 per point; 95 % within the radius.
+  double squares = 0.0;
+  double inside = 0.0;
+  double count = 0.0;
+  for (std::uint64_t seed = 201; seed <= 240; ++seed) {
+    const Simulated s(seed, 0.00003);
+    Random random(seed);
+    CalibrationOptions options;
+    options.predict_at.joint_values = random_configurations(limits_of(s.model), 10, random);
+    for (int c = 0; c < 10; ++c) {
+      options.predict_at.names.push_back("p" + std::to_string(c));
+    }
+    options.noise.independent.setConstant(0.00003);
+    const Calibration found = calibrate(s.model, s.measured, options);
+    const KDL::Chain real = error_chain(s.truth.model, s.truth.truth.errors);
+    for (std::size_t i = 0; i < found.predicted.asked.size(); ++i) {
+      const PredictedPoint& point = found.predicted.asked[i];
+      EXPECT_EQ(point.configuration, "p" + std::to_string(i / 3));
+      const auto q = options.predict_at.joint_values.col(static_cast<Eigen::Index>(i / 3));
+      const Eigen::Isometry3d X_BF = to_eigen(kdl_pose(real, q));
+      const Eigen::Vector3d truth = s.truth.truth.X_WB * (X_BF * s.truth.truth.targets[i % 3].X_FT.translation());
+      const Eigen::Vector3d error = point.position_W - truth;
+      EXPECT_LT((found.identification.estimate.X_WB * point.position - point.position_W).norm(), 1e-12);
+      EXPECT_NEAR(point.sigma, point.std.norm(), 1e-12);
+      squares += error.cwiseQuotient(point.std).squaredNorm();
+      inside += error.norm() < point.radius_95 ? 1.0 : 0.0;
+      count += 1.0;
+    }
+  }
+  std::cout << "mean square over variance " << squares / count / 3.0 << ", within the 95 % radius " << inside / count
+            << "\n";
+  EXPECT_NEAR(squares / count / 3.0, 1.0, 0.15);
+  EXPECT_NEAR(inside / count, 0.95, 0.025);
+}
+
+TEST(Calibration, OrientationsHaveASigmaOfTheirOwn) {
+  const Robot robot = fanuc();
+  const ErrorModel model = complete_model(robot);
+  std::vector<TargetFrame> frames = published_targets(1);
+  frames[0].with_orientation = true;
+  Random random(45);
+  const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
+  const VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model), 40, random);
+  Measurements measured = measure(truth, q, {.sigma = 0.00003, .orientation_sigma = 0.0002, .repeats = 5}, random);
+  for (Observation& observation : measured.observations) {
+    observation.sigma = 0.0;
+  }
+  const RepeatNoise repeats = noise_from_repeats(measured);
+  EXPECT_EQ(repeats.orientation_degrees_of_freedom, 40 * 4);
+  EXPECT_NEAR(repeats.orientation, 0.0002, 0.00002);
+  CalibrationOptions options;
+  options.noise_from_repeats = true;
+  const Calibration estimated = calibrate(model, measured, options);
+  EXPECT_EQ(estimated.noise.variance_factor, 1.0);  // the fit is as good as the noise says
+  options = {};
+  options.noise.orientation = 0.0002;
+  EXPECT_THROW(calibrate(model, measured, options), InputError);  // radians beside nothing
+  options.noise.independent.setConstant(0.00003);
+  const Calibration stated = calibrate(model, measured, options);
+  EXPECT_EQ(stated.noise.variance_factor, 1.0);
+  EXPECT_LT((stated.identification.estimate.errors - estimated.identification.estimate.errors).norm(), 0.0001);
+  options.noise.orientation = 0.00002;
+  EXPECT_GT(calibrate(model, measured, options).noise.variance_factor, 10.0);
+  EXPECT_THROW(calibrate(model, Simulated(46, 0.00003).measured, options), InputError);
+}
+
 TEST(Calibration, PredictsHeldOutRows) {
   Simulated s(9, 0.00003);
   for (Observation& observation : s.measured.observations) {
@@ -269,6 +436,51 @@ TEST(Calibration, DefectsOfTheMeasurementsAreNamedAndTheRobustFitSurvivesThem) {
     const double ratio = std::sqrt(robust_squares[defect] / clean_squares);
     std::cout << expected[defect] << ": robust held out over clean " << ratio << "\n";
     EXPECT_LT(ratio, 1.1) << expected[defect];
+  }
+}
+
+TEST(Calibration, LackOfFitFiresAsOftenAsItsPValueSaysAndNamesTheJoint) {
+  const ErrorModel model = complete_model(fanuc());
+  const std::vector<TargetFrame> frames = published_targets();
+  const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
+  const MeasuringNoise noise{.sigma = 0.00001, .repeats = 10, .common = Eigen::Vector3d::Constant(0.00004)};
+  const int runs = 60;
+  double mean = 0.0;
+  int below = 0;
+  for (int run = 0; run < runs; ++run) {
+    Random random(300, static_cast<std::uint64_t>(run));
+    VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model), 30, random);
+    const auto tested = [&](const Measurements& measured) { return *calibrate(model, measured).lack_of_fit; };
+    const LackOfFit clean = tested(measure(truth, q, noise, random));
+    EXPECT_EQ(clean.degrees_of_freedom, 270 - 33);
+    EXPECT_EQ(clean.repeat_degrees_of_freedom, 3 * 30 * 3 * 9);
+    mean += clean.p_value / runs;
+    below += clean.p_value < 0.05 ? 1 : 0;
+    if (run == 0) {  // an encoder with an error twice per turn of joint 3, which no geometry explains
+      Eigen::MatrixXd off = q;
+      off.row(2).array() += 0.001 * (2.0 * q.row(2).array()).sin();
+      Measurements measured = measure(truth, off, noise, random);
+      measured.joint_values = q;
+      const LackOfFit misfit = tested(measured);
+      EXPECT_LT(misfit.p_value, 1e-10);
+      EXPECT_EQ(misfit.explained_by_joint.size(), 6U);
+    }
+  }
+  std::cout << "lack of fit without misfit: mean p " << mean << ", " << below << " of " << runs << " below 0.05\n";
+  EXPECT_NEAR(mean, 0.5, 0.15);
+  EXPECT_LE(below, 9);
+}
+
+TEST(Calibration, OneOrTwoTargetsAreEnough) {
+  for (const int targets : {1, 2}) {
+    const Simulated s(47, 0.0, targets);
+    const Calibration found = calibrate(s.model, s.measured);
+    ASSERT_TRUE(found.trusted()) << found.identification.message;
+    EXPECT_EQ(found.identifiability.rank, s.free_count());
+    EXPECT_LT(found.train.after.max, 1e-12);
+    Random random(48);
+    EXPECT_LT(held_out_rms(s.truth, found, random), 1e-11);
   }
 }
 
@@ -386,7 +598,7 @@ TEST(CalibrationOnRealData, Ur10PosesPredictBetterThanTheNominalRobot) {
   std::cout << "UR10 held out " << found.test->before.rms * 1e3 << " -> " << found.test->after.rms * 1e3 << " mm, rank "
             << found.identifiability.rank << "\n";
   EXPECT_NEAR(found.test->before.rms, 0.00095, 0.00005);
-  EXPECT_LT(found.test->after.rms, 0.0005);
+  EXPECT_LE(found.test->after.rms, 0.00047);
 }
 
 }  // namespace

@@ -807,8 +807,8 @@ TEST_F(CommandLineOnRealData, CalibratesTheUr10FromPoses) {
   const std::string folder = std::string(SHARED_DATA_DIR) + "/ur10_tracker_poses";
   const Json result = run_json({"calibrate", "--urdf", folder + "/ur10.urdf", "--tip", "tool0", "--measurements",
                                 folder + "/measurements.csv", "--json"});
-  EXPECT_LT(result["position_error"]["test"]["after"]["rms"], 0.55e-3);
-  EXPECT_GT(result["position_error"]["test"]["before"]["rms"], 0.85e-3);
+  EXPECT_LE(result["position_error"]["test"]["after"]["rms"], 0.47e-3);
+  EXPECT_NEAR(result["position_error"]["test"]["before"]["rms"], 0.95e-3, 0.05e-3);
 }
 
 }  // namespace

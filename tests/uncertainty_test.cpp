@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <functional>
 
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/random.hpp"
@@ -229,6 +230,118 @@ TEST(Uncertainty, SummaryOfManyConfigurationsIsThatOfTheStackedJacobian) {
   EXPECT_LT((found.sums - expected.sums).norm(), 1e-12 * expected.sums.norm());
   const Eigen::MatrixXd information = expected.triangle.transpose() * expected.triangle;
   EXPECT_LT((found.triangle.transpose() * found.triangle - information).norm(), 1e-12 * information.norm());
+}
+
+// Exact refit of the rows that `keep` leaves, Cook's distance as defined.
+double cook_by_refit(const Experiment& experiment, const Measurements& measured, const Identification& full,
+                     const ResidualOptions& residuals, const std::function<bool(const Observation&)>& keep) {
+  const LeastSquaresProblem problem(experiment.model, measured, experiment.free, residuals);
+  const NormalEquations equations = problem.linearise(full.estimate);
+  JointOptions options;
+  options.residuals = residuals;
+  options.step_tolerance = 1e-13;
+  const Identification without =
+      identify_jointly(experiment.model, subset(measured, keep), full.estimate, experiment.free, options);
+  const Eigen::VectorXd d = column_errors(experiment, full.estimate, without.estimate);
+  const double coordinates = static_cast<double>(problem.whitened(full.estimate).residual.size());
+  const double variance = (equations.cost - problem.cost_of_repeats()) / (coordinates - 33.0);
+  return d.dot(equations.hessian * d) / (33.0 * variance);
+}
+
+TEST(Uncertainty, LeverageAddsUpToTheRankAndCooksDistanceIsThatOfARefit) {
+  const Experiment experiment;
+  const Eigen::Vector3d common(0.00002, 0.00001, 0.00003);
+  for (const bool correlated : {false, true}) {
+    Random random(9);
+    const VirtualRobot robot = experiment.robot(random);
+    Measurements measured =
+        measure(robot, random_configurations(experiment.ranges, 30, random),
+                {.sigma = 1e-6, .repeats = 2, .common = 0.1 * common}, random);  // so small that all is linear
+    for (Observation& observation : measured.observations) {
+      observation.sigma = 0.0;
+    }
+    measured = subset(measured, [](const Observation& o) { return o.configuration != 4 || o.target != 1; });
+    JointOptions options;
+    options.step_tolerance = 1e-13;
+    if (correlated) {
+      options.residuals.noise = {.independent = Eigen::Vector3d::Constant(1e-6), .common = 0.1 * common};
+    }
+    const Identification full = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
+                                                 experiment.free, options);
+    const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options.residuals);
+    const Eigen::MatrixXd jacobian = problem.whitened(full.estimate).jacobian;
+    const Influence found = influence(experiment.model, measured, full.estimate, experiment.free, options.residuals,
+                                      problem.whitened_summary(full.estimate).triangle);
+    ASSERT_EQ(found.configurations.size(), 30U);
+    EXPECT_NEAR(found.leverage_limit, 2.0 * 33.0 / 267.0, 1e-9);
+    EXPECT_EQ(found.cook_limit, 4.0 / 30.0);
+    EXPECT_NEAR(found.point_cook_limit, 4.0 / 89.0, 1e-15);
+    const Eigen::MatrixXd hat = jacobian * (jacobian.transpose() * jacobian).ldlt().solve(jacobian.transpose());
+    double sum = 0.0;
+    double sum_of_points = 0.0;
+    double largest_difference = 0.0;
+    for (const ConfigurationInfluence& entry : found.configurations) {
+      sum += entry.leverage;
+      EXPECT_EQ(entry.high_leverage, entry.leverage > entry.coordinates * found.leverage_limit);
+      EXPECT_EQ(entry.influential, entry.cook > found.cook_limit);
+      for (const PointInfluence& point : entry.points) {
+        sum_of_points += point.leverage;
+      }
+      if (entry.configuration % 6 != 4) {
+        continue;
+      }
+      const auto other = [&](const Observation& o) { return o.configuration != entry.configuration; };
+      const double expected = cook_by_refit(experiment, measured, full, options.residuals, other);
+      largest_difference = std::max(largest_difference, std::abs(entry.cook / expected - 1.0));
+      for (const PointInfluence& point : entry.points) {
+        const double exact = cook_by_refit(experiment, measured, full, options.residuals,
+                                           [&](const Observation& o) { return other(o) || o.target != point.target; });
+        largest_difference = std::max(largest_difference, std::abs(point.cook / exact - 1.0));
+      }
+    }
+    std::cout << "sum of leverages " << sum << ", Cook's distance differs from refits by " << largest_difference
+              << " of it at most\n";
+    EXPECT_NEAR(sum, 33.0, 1e-8);
+    EXPECT_NEAR(sum_of_points, 33.0, 1e-8);
+    EXPECT_NEAR(hat.trace(), 33.0, 1e-6);
+    if (!correlated) {  // the diagonal itself, row by row
+      EXPECT_NEAR(found.configurations[0].leverage, hat.diagonal().head(9).sum(), 1e-6);
+    }
+    EXPECT_LT(largest_difference, 0.01);
+  }
+}
+
+TEST(Uncertainty, ResidualsOfOneJointAreExplainedByIt) {
+  const Experiment experiment;
+  Random random(11);
+  const VirtualRobot robot = experiment.robot(random);
+  Measurements measured = measure(robot, random_configurations(experiment.ranges, 60, random), {.sigma = 1e-6}, random);
+  for (Observation& o : measured.observations) {
+    const double q = measured.joint_values(3, o.configuration);
+    o.position += Eigen::Vector3d(0.0001 * std::sin(q), -0.0002 * std::cos(q), 0.00005);
+  }
+  const std::vector<double> explained = explained_by_joints(experiment.model, robot.truth, measured);
+  ASSERT_EQ(explained.size(), 6U);
+  EXPECT_GT(explained[3], 0.999);
+  for (const std::size_t other : {0U, 1U, 2U, 4U, 5U}) {
+    EXPECT_GT(explained[other], 0.0);
+    EXPECT_LT(explained[other], 0.9);
+  }
+}
+
+TEST(Uncertainty, RadiusHoldsItsShareOfNormalErrors) {
+  EXPECT_NEAR(radius_of_probability(Eigen::Matrix3d::Identity()), 2.79548, 1e-4);  // chi, three degrees of freedom
+  EXPECT_NEAR(radius_of_probability(Eigen::Vector3d(0.0, 4.0, 0.0).asDiagonal()), 2.0 * 1.95996, 0.01);
+  EXPECT_EQ(radius_of_probability(Eigen::Matrix3d::Zero()), 0.0);
+  Random random(10);
+  const Eigen::Matrix3d A = Eigen::Matrix3d::NullaryExpr([&] { return random.normal(); });
+  const double radius = radius_of_probability(A * A.transpose());
+  double inside = 0.0;
+  const int draws = 100000;
+  for (int i = 0; i < draws; ++i) {
+    inside += (A * Eigen::Vector3d(random.normal(), random.normal(), random.normal())).norm() < radius ? 1.0 : 0.0;
+  }
+  EXPECT_NEAR(inside / draws, 0.95, 0.003);
 }
 
 TEST(Uncertainty, ObservabilityIndicesFollowTheirDefinitions) {

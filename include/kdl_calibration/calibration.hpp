@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -24,6 +25,11 @@ enum class ModelChoice { irreducible, complete };
 /// Whether something takes part in the fit: no, yes, or as cross-validation says.
 enum class Use { no, yes, automatic };
 
+struct Configurations {
+  std::vector<std::string> names;
+  Eigen::MatrixXd joint_values;  ///< joints x names, in the URDF's convention [rad] or [m]
+};
+
 struct CalibrationOptions {
   Method method = Method::joint;
   ModelChoice model = ModelChoice::irreducible;
@@ -40,9 +46,12 @@ struct CalibrationOptions {
   std::optional<Eigen::Isometry3d> known_base;  ///< X_WB
   std::vector<TargetFrame> known_targets;
   bool leave_one_out = false;
-  bool nested = false;  ///< with leave_one_out: make every automatic choice anew without each configuration
-  int k_fold = 0;       ///< 0: none
-  int threads = 0;      ///< 0: all
+  bool nested = false;        ///< with leave_one_out: make every automatic choice anew without each configuration
+  int k_fold = 0;             ///< 0: none
+  int threads = 0;            ///< 0: all
+  Configurations predict_at;  ///< where the predicted accuracy is asked for
+  /// Called with the share of the refits done (0 to 1), from one thread at a time.
+  std::function<void(double)> progress;
 };
 
 /// One line of the result: a geometric, base or target parameter or a deflection. SI units.
@@ -56,7 +65,7 @@ struct ParameterEstimate {
   double error = 0.0;
   double std = 0.0;  ///< 1 sigma; 0 where fixed, infinite where not determined
   bool identifiable = false;
-  bool gauge = false;
+  bool gauge = false;  ///< held by choice: no measurement could tell it, or these measurements cannot
 };
 
 struct BeforeAfter {
@@ -85,23 +94,38 @@ struct WorkspaceCell {
   double max = 0.0;
 };
 
+/// Where a target will be, and how far the uncertainty of the parameters moves it. The robot's repeatability and what
+/// the model misses come on top.
+struct PredictedPoint {
+  std::string configuration;
+  std::string target;
+  Eigen::Vector3d position;    ///< [m] in the base frame
+  Eigen::Vector3d position_W;  ///< [m] in the measuring device's frame
+  Eigen::Vector3d std;         ///< [m] 1 sigma along the axes of W; infinite where the data do not determine it
+  double sigma = 0.0;          ///< [m] 3D 1 sigma
+  double radius_95 = 0.0;      ///< [m] of the sphere that holds the true position with 95 %
+};
+
 struct PredictedAccuracy {
   ErrorStatistics measured;          ///< 3D 1 sigma [m] at the measured configurations (the first 1,000)
   ErrorStatistics workspace;         ///< at 1,000 seeded configurations within the joint limits
   std::vector<WorkspaceCell> cells;  ///< the same 1,000, in cubes of `cell` metres
   double cell = 0.5;
+  std::vector<PredictedPoint> asked;  ///< CalibrationOptions::predict_at, every target
 };
 
 struct Calibration {
   ErrorModel model;  ///< with the deflections that were considered
   Identification identification;
   Reduction reduction;
-  FreeParameters free;
-  Identifiability identifiability;
+  FreeParameters free;                      ///< what was estimated
+  FreeParameters candidates;                ///< that and what these measurements cannot tell: `fixed_by_gauge`
+  Identifiability identifiability;          ///< of the candidates
+  std::vector<std::string> fixed_by_gauge;  ///< errors at zero, frames as they were registered
   ObservabilityIndices observability;
   NoiseReport noise;
   std::vector<ParameterEstimate> parameters;  ///< base, targets, geometric, deflections: estimated ones and the gauge
-  Eigen::MatrixXd covariance;                 ///< in the order of column_names
+  Eigen::MatrixXd covariance;                 ///< in the order of column_names of what is free
   std::vector<ModelOption> tried;             ///< best first, where something was chosen
   Priors priors;                              ///< in force
   Eigen::VectorXd rigid_errors;               ///< what the exported URDF carries
@@ -112,6 +136,9 @@ struct Calibration {
   std::optional<ErrorStatistics> k_fold;
   Iso9283 iso_before;
   Iso9283 iso_after;
+  std::optional<Iso9283> iso_test_before;
+  std::optional<Iso9283> iso_test_after;
+  Influence influence;                   ///< of up to 5,000 configurations; empty where there are more
   std::optional<LackOfFit> lack_of_fit;  ///< where there are repeats
   PredictedAccuracy predicted;
   std::vector<QualityFinding> findings;  ///< what is wrong with the measurements themselves, found before the fit
@@ -129,7 +156,10 @@ struct Calibration {
 /// and deflections, identification, covariance, validation. No starting values are needed.
 /// Throws InputError: a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step
 /// with known frames, measured orientations, priors, deflections or a loss, fewer equations than unknowns, no training
-/// rows, noise from repeats without repeats.
+/// rows, noise from repeats without repeats, a sigma of orientations without one of positions or without orientations.
+/// Candidates that the measurements at hand cannot tell apart are fixed by the order of the reduction (base, targets,
+/// joint offsets, links): each is kept only where its column raises the rank at the data. What is dropped stays exactly
+/// at zero, and the answer counts as rank deficient. For the joint estimator.
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                       const CalibrationOptions& options = {});
 

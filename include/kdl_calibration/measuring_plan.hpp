@@ -40,7 +40,8 @@ struct MeasuringPlan {
 std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& joints,
                      const JointConvention* convention = nullptr);
 
-/// Reads configurations from a plan or from measurements; empty coordinates are no fault here.
+/// Reads configurations from a plan or from measurements. Coordinates may be empty here, and the columns
+/// `configuration` (then counted), `target`, x, y and z may be absent.
 /// Throws InputError as read_measurements does.
 Measurements read_configurations(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                  const JointConvention* convention = nullptr);

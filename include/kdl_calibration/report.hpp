@@ -15,6 +15,6 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
 std::string model_json(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Reduction& reduction);
 
 /// The result as a short table for a terminal: millimetres and degrees.
-std::string result_table(const Calibration& calibration);
+std::string result_table(const Measurements& measurements, const Calibration& calibration);
 
 }  // namespace kdl_calibration

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,13 @@ Eigen::Matrix3d predicted_covariance(const ErrorModel& model, const Estimate& es
                                      const Eigen::MatrixXd& column_covariance, const Eigen::VectorXd& q,
                                      std::size_t target);
 
+/// Directions of the columns that the measurements do not determine: columns x k. A prediction is determined where its
+/// Jacobian has no part along them.
+Eigen::MatrixXd undetermined_directions(const Eigen::MatrixXd& whitened_jacobian);
+
+/// Radius [m] of the sphere about the mean that holds a normal error with this covariance with this probability.
+double radius_of_probability(const Eigen::Matrix3d& covariance, double probability = 0.95);
+
 /// 3D 1 sigma, sqrt(trace), of every target at every column of `joint_values`: targets x N [m].
 Eigen::MatrixXd predicted_sigmas(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
                                  const Eigen::MatrixXd& column_covariance, const Eigen::MatrixXd& joint_values);
@@ -33,6 +41,8 @@ struct RepeatNoise {
   Eigen::Vector3d total = Eigen::Vector3d::Zero();        ///< [m] 1 sigma
   double degrees_of_freedom = 0.0;                        ///< per axis; 0: there are no repeats
   bool separable = false;
+  double orientation = 0.0;  ///< [rad] 1 sigma of a component of the measured orientations; 0 without repeats of them
+  double orientation_degrees_of_freedom = 0.0;  ///< per component
 };
 RepeatNoise noise_from_repeats(const Measurements& measurements);
 
@@ -75,6 +85,42 @@ ResidualNoise noise_from_residuals(const WhitenedSystem& system, int rank, doubl
 /// The system must have been whitened by one sigma for all, `unit_weight` = 1 / sigma^2.
 Eigen::MatrixXd covariance(const WhitenedSummary& summary, const ResidualNoise& noise, double unit_weight);
 Eigen::MatrixXd covariance(const WhitenedSystem& system, const ResidualNoise& noise, double unit_weight);
+
+/// What decides the fit. A point is one target in one configuration, the mean of its repeats.
+///   leverage: sum over its coordinates of d(predicted)/d(measured), which is the diagonal of the hat matrix
+///     H = J A^-1 J^T W, A = J^T W J + priors; where all points are independent that of the whitened one. Over all
+///     points it adds up to the number of parameters p, less what priors decide. High: above twice the mean of as many
+///     coordinates, 2 p / n each (Hoaglin and Welsch 1978).
+///   Cook's distance: (x - x_without)^T A (x - x_without) / (p s^2), x_without the estimate without this point or
+///     configuration (to first order), s^2 the residual mean square (Cook 1977; several rows at once: Cook and Weisberg
+///     1980). Influential: above 4 / N of N points or configurations (Bollen and Jackman 1985). Infinite where the rest
+///     does not determine all parameters.
+struct PointInfluence {
+  std::int32_t target = 0;
+  int coordinates = 0;  ///< 3, or 6 with its orientation
+  double leverage = 0.0;
+  double cook = 0.0;
+  bool high_leverage = false;
+  bool influential = false;
+};
+struct ConfigurationInfluence {
+  std::int32_t configuration = 0;
+  int coordinates = 0;
+  double leverage = 0.0;
+  double cook = 0.0;
+  bool high_leverage = false;
+  bool influential = false;
+  std::vector<PointInfluence> points;
+};
+struct Influence {
+  std::vector<ConfigurationInfluence> configurations;  ///< the training ones, in their order
+  double leverage_limit = 0.0;                         ///< per coordinate
+  double cook_limit = 0.0;                             ///< of a configuration
+  double point_cook_limit = 0.0;
+};
+/// `triangle`: of the whitened system at the estimate. Empty where that does not determine all columns.
+Influence influence(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
+                    const FreeParameters& free, const ResidualOptions& residuals, const Eigen::MatrixXd& triangle);
 
 /// Observability indices of a Jacobian with p columns, n configurations and singular values s1 >= … >= sp:
 ///   O1 = (s1 … sp)^(1/p) / sqrt(n)  (Borm and Menq 1991),  O2 = sp / s1,  O3 = sp,  O4 = sp^2 / s1,

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -48,6 +49,7 @@ Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measur
 struct FitOptions {
   Loss loss = Loss::none;
   JointOptions joint;
+  std::function<void()> after_fit;  ///< called behind each, from any thread; for progress
 };
 Identification fit(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                    const FreeParameters& free, const FitOptions& options);
@@ -100,6 +102,9 @@ std::vector<Priors> prior_sizes();
 std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                       const FreeParameters& free, const ModelOptions& options,
                                       const FitOptions& fit_options = {}, int threads = 0);
+
+/// How many fits that takes.
+std::size_t fits_to_choose(const Measurements& measurements, const ModelOptions& options);
 
 /// The free parameters and fit options that an option stands for.
 FreeParameters with_deflections(const ErrorModel& model, const FreeParameters& free, const ModelOption& option);

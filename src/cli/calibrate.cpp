@@ -1,13 +1,17 @@
 #include "kdl_calibration/calibration.hpp"
 
+#include <functional>
 #include <memory>
+#include <optional>
 
 #include "frames.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/report.hpp"
 #include "measurement_options.hpp"
 #include "options.hpp"
 #include "output_files.hpp"
+#include "progress.hpp"
 #include "subcommands.hpp"
 #include "text.hpp"
 
@@ -31,6 +35,7 @@ struct Arguments {
   std::vector<double> noise_independent;
   std::vector<double> noise_common;
   std::vector<double> tracker;
+  std::string predict_at;
   bool force = false;
   bool json = false;
 };
@@ -86,15 +91,33 @@ CalibrationOptions calibration_options(const Arguments& arguments, const Measure
   return options;
 }
 
+// Each configuration of the file once, in its order.
+Configurations configurations_of(const std::string& file, const MeasurementArguments& arguments, const Robot& robot) {
+  std::optional<JointConvention> convention;
+  if (!arguments.joint_convention.empty()) {
+    convention = read_joint_convention(arguments.joint_convention);
+  }
+  const Measurements asked = read_configurations(file, joint_names(robot), convention ? &*convention : nullptr);
+  return {.names = asked.configurations, .joint_values = asked.joint_values};
+}
+
 ExitStatus run(const Arguments& arguments) {
   std::vector<OutputFile> files = outputs(arguments);
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const ErrorModel model = complete_model(robot);
   const Measurements measurements = read(arguments.measurements, robot);
-  const CalibrationOptions options = calibration_options(arguments, measurements);
+  CalibrationOptions options = calibration_options(arguments, measurements);
+  if (!arguments.predict_at.empty()) {
+    options.predict_at = configurations_of(arguments.predict_at, arguments.measurements, robot);
+  }
 
-  Calibration calibration = calibrate(model, measurements, options);
+  Calibration calibration;
+  {
+    Progress progress("refits");
+    options.progress = std::ref(progress);
+    calibration = calibrate(model, measurements, options);
+  }
   std::string hint;
   if (!calibration.trusted() && calibration.identification.termination != Termination::rank_deficient) {
     FreeParameters free = calibration.free;
@@ -109,7 +132,7 @@ ExitStatus run(const Arguments& arguments) {
     file.text = file.option == "--result" ? result : calibrated_urdf(robot, model, calibration.rigid_errors);
   }
   write_whole(files, arguments.force);
-  print(arguments.json ? result : result_table(calibration));
+  print(arguments.json ? result : result_table(measurements, calibration));
   for (const std::string& warning : calibration.warnings) {
     warn(warning);
   }
@@ -176,6 +199,10 @@ void add_noise_options(CLI::App& app, Arguments& arguments) {
       ->delimiter(',')
       ->check(number_from(0.0, "a length in metres, 0 or more"));
   add_tracker_noise(app, arguments.tracker);
+  app.add_option("--orientation-sigma", arguments.options.noise.orientation,
+                 "1 sigma of a component of measured orientations, rad [from the repeats, or as 0.3 m of lever]")
+      ->type_name("RAD")
+      ->check(number_from(0.0, "an angle in radians, 0 or more"));
   app.add_flag("--leave-one-out", arguments.options.leave_one_out,
                "Predict each configuration from all the others as well");
   app.add_flag("--nested", arguments.options.nested,
@@ -197,6 +224,8 @@ Subcommand add_calibrate(CLI::App& parser) {
   add_measurement_options(*app, arguments->measurements);
   add_file(*app, "--output", arguments->output, "Write the calibrated URDF");
   add_file(*app, "--result", arguments->result, "Write the result (JSON)");
+  add_file(*app, "--predict-at", arguments->predict_at,
+           "Predict the targets and their uncertainty at these configurations (CSV as measurements, no coordinates)");
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_fit_options(*app, *arguments);
   add_noise_options(*app, *arguments);
