@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <iterator>
 #include <limits>
 #include <map>
@@ -22,22 +22,34 @@ namespace {
 
 constexpr int kTwoStepRounds = 1000;
 
-// Shell pattern with * and ?.
+// Shell pattern with * and ?. Only the last * may ever have to take one character more.
 bool matches(std::string_view pattern, std::string_view name) {
-  if (pattern.empty()) {
-    return name.empty();
+  constexpr std::size_t kNone = std::string_view::npos;
+  std::size_t p = 0;
+  std::size_t n = 0;
+  std::size_t star = kNone;  // behind the last one
+  std::size_t taken = 0;     // where the name goes on behind what it took
+  while (n < name.size()) {
+    if (p < pattern.size() && pattern[p] == '*') {
+      star = ++p;
+      taken = n;
+    } else if (p < pattern.size() && (pattern[p] == '?' || pattern[p] == name[n])) {
+      ++p;
+      ++n;
+    } else if (star != kNone) {
+      p = star;
+      n = ++taken;
+    } else {
+      return false;
+    }
   }
-  if (pattern.front() == '*') {
-    return matches(pattern.substr(1), name) || (!name.empty() && matches(pattern, name.substr(1)));
-  }
-  return !name.empty() && (pattern.front() == '?' || pattern.front() == name.front()) &&
-         matches(pattern.substr(1), name.substr(1));
+  return pattern.find_first_not_of('*', p) == kNone;
 }
 
 std::string rounded(double value) {
-  std::array<char, 32> text{};
-  std::snprintf(text.data(), text.size(), "%.4g", value);
-  return text.data();
+  std::array<char, 32> text{};  // in any locale
+  const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, 4);
+  return {text.data(), result.ptr};
 }
 
 std::string listed(const std::vector<std::string>& names) {

@@ -4,7 +4,6 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -22,17 +21,22 @@
 #include <unordered_set>
 #include <utility>
 
+#include "json_reading.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "number_range.hpp"
+#include "number_text.hpp"
+#include "text_file.hpp"
 
 namespace kdl_calibration {
 namespace {
 
 using Json = nlohmann::json;
 
+constexpr std::uintmax_t kLargestFile = std::uintmax_t{16} << 30U;
 constexpr std::size_t kLongestLine = std::size_t{1} << 20U;
 constexpr std::size_t kFileBuffer = 4 * kLongestLine;
 constexpr std::size_t kMostColumns = 10'000;
-constexpr std::size_t kLargestConventionFile = std::size_t{64} << 20U;
+constexpr std::int32_t kMostTargets = 100;
 constexpr std::size_t kMostConventionJoints = 1'000;
 constexpr double kQuaternionTolerance = 1e-3;
 constexpr std::size_t kAbsent = std::numeric_limits<std::size_t>::max();
@@ -113,24 +117,6 @@ std::string label_fault(std::string_view label) {
 
 // ---- Files and lines -----------------------------------------------------------------------------------------------
 
-struct CloseFile {
-  void operator()(std::FILE* file) const { std::fclose(file); }
-};
-using File = std::unique_ptr<std::FILE, CloseFile>;
-
-File open_file(const std::filesystem::path& path) {
-  File file(std::fopen(path.c_str(), "rb"));
-  if (!file) fail(path.string(), "cannot be opened: " + std::generic_category().message(errno));
-  return file;
-}
-
-/// Reads until `count` bytes are there or the file ends.
-std::size_t read_bytes(std::FILE* file, char* bytes, std::size_t count, const std::string& source) {
-  const std::size_t read = std::fread(bytes, 1, count, file);
-  if (std::ferror(file) != 0) fail(source, "cannot be read: " + std::generic_category().message(errno));
-  return read;
-}
-
 /// Cuts text in memory, or a file that it reads piece by piece, into lines.
 class LineReader {
 public:
@@ -142,6 +128,7 @@ public:
     std::error_code error;
     const std::uintmax_t size = std::filesystem::file_size(path, error);
     if (!error) size_hint_ = static_cast<std::size_t>(size);
+    if (!error && size > kLargestFile) fail(source_, "larger than the limit of 16 GiB");
   }
 
   /// The next line without its line end; false at the end of the text.
@@ -174,6 +161,8 @@ private:
     const std::size_t free = kFileBuffer - rest_.size();
     const std::size_t read = read_bytes(file_.get(), buffer_.get() + rest_.size(), free, source_);
     rest_ = {buffer_.get(), rest_.size() + read};
+    read_ += read;
+    if (read_ > kLargestFile) fail(source_, "larger than the limit of 16 GiB");  // a pipe tells no size
     if (read < free) file_.reset();
   }
 
@@ -198,6 +187,7 @@ private:
   std::unique_ptr<char[]> buffer_;
   std::string_view rest_;
   std::size_t size_hint_ = 0;
+  std::uintmax_t read_ = 0;
   std::size_t line_ = 0;
 };
 
@@ -476,6 +466,7 @@ std::string number_fault(std::string_view text, std::errc error, double value) {
   if (text.empty()) return "is empty: expected a number";
   if (error == std::errc::result_out_of_range) return "is outside the range of a double";
   if (error == std::errc() && !std::isfinite(value)) return "is not finite: expected a finite number";
+  if (error == std::errc()) return "is out of range: expected at most 1e12";
   const bool comma = text.find(',') != std::string_view::npos;
   if (comma && text.find_first_not_of("0123456789+-.,eE") == std::string_view::npos) {
     return "has a decimal comma: expected a number with a decimal point";
@@ -505,7 +496,7 @@ public:
     if (text.size() > 1 && text[0] == '+' && text[1] != '-') ++first;  // which from_chars does not take
     double value = 0.0;
     const auto [end, error] = std::from_chars(first, last, value);
-    if (error != std::errc() || end != last || !std::isfinite(value)) {
+    if (error != std::errc() || end != last || !(std::abs(value) <= kLargestNumber)) {
       fail_cell(column, number_fault(text, end == last ? error : std::errc::invalid_argument, value));
     }
     return to_si(value, column.unit);
@@ -534,6 +525,7 @@ public:
     if (!has(header_.sigma)) return 0.0;
     const double value = number(header_.sigma);
     if (!(value > 0.0)) fail_cell(header_.sigma, "is not positive: expected a standard deviation above 0");
+    if (value < kSmallestSigma) fail_cell(header_.sigma, "is out of range: expected at least 1e-15 m");
     return value;
   }
 
@@ -546,7 +538,7 @@ public:
     const Eigen::Quaterniond q(number(columns[0]), number(columns[1]), number(columns[2]), number(columns[3]));
     const double norm = q.norm();
     if (!(std::abs(norm - 1.0) <= kQuaternionTolerance)) {
-      fail(place_, "the norm of the quaternion (qw " + shown(text(columns[0])) + ", ...) is " + std::to_string(norm) +
+      fail(place_, "the norm of the quaternion (qw " + shown(text(columns[0])) + ", ...) is " + shortest(norm) +
                        ": expected 1 within 0.001");
     }
     // What is normalised to rounding stays to the last bit, so that a written file reads back the same.
@@ -655,6 +647,7 @@ public:
     observation.split = row.split();
     observation.configuration = configuration(row, observation.split);
     observation.target = label(targets_, row, header_.target);
+    if (targets_.size() > kMostTargets) row.fail_row("one target more than the limit of 100");
     observation.repeat = row.repeat();
     for (std::size_t i = 0; i < 3; ++i) {
       observation.position[static_cast<Eigen::Index>(i)] = row.number(header_.position[i]);
@@ -756,9 +749,9 @@ private:
     for (std::size_t c = 0; c < first_rows_.size(); ++c) {
       Eigen::Map<Eigen::VectorXd> values(joint_values_.data() + c * joint_row_.size(), size);
       values = (convention.matrix * values + convention.offset).eval();
-      if (!values.allFinite()) {
+      if (!(values.cwiseAbs().maxCoeff() <= kLargestNumber)) {
         fail(Place{source_, lines_[first_rows_[c]]},
-             "joint values outside the range of a double behind the joint convention " + convention.name);
+             "joint values out of range behind the joint convention " + convention.name + ": expected at most 1e12");
       }
     }
   }
@@ -807,23 +800,13 @@ Measurements collect(LineReader& lines, const std::vector<std::string>& urdf_joi
 
 // ---- Joint convention ----------------------------------------------------------------------------------------------
 
-Json parse_json(std::string_view text, const std::string& source) {
+Json parse_convention(std::string_view text, const std::string& source) {
   std::set<std::string> keys;
-  const auto refuse_repeated_keys = [&](int depth, Json::parse_event_t event, const Json& value) {
+  return parse_json<Json>(text, source, [&](int depth, Json::parse_event_t event, const Json& value) {
     if (depth == 1 && event == Json::parse_event_t::key && !keys.insert(value.get<std::string>()).second) {
       fail(source, "key " + shown(value.get<std::string>()) + " appears twice");
     }
-    return true;
-  };
-  try {
-    return Json::parse(text, refuse_repeated_keys);
-  } catch (const Json::parse_error& error) {
-    const std::size_t end = std::min(error.byte, text.size());
-    const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
-    fail(Place{source, static_cast<std::size_t>(line)}, "malformed JSON at byte " + std::to_string(error.byte));
-  } catch (const Json::exception&) {
-    fail(source, "JSON with a number outside the range of a double");
-  }
+  });
 }
 
 std::vector<std::string> convention_names(const Json& json, const std::string& key, const std::string& source) {
@@ -854,6 +837,9 @@ Eigen::VectorXd convention_numbers(const Json& list, std::size_t count, const st
   for (std::size_t i = 0; i < count; ++i) {
     if (!list[i].is_number()) fail(source, where + ": " + shown(list[i].dump()) + " is no number: " + expected);
     values[static_cast<Eigen::Index>(i)] = list[i].get<double>();
+    if (std::abs(values[static_cast<Eigen::Index>(i)]) > kLargestNumber) {
+      fail(source, where + ": " + shown(list[i].dump()) + " is out of range: expected at most 1e12");
+    }
   }
   return values;
 }
@@ -871,17 +857,6 @@ void check_convention_keys(const Json& json, const std::string& source) {
   if (json.contains("description") && !json["description"].is_string()) {
     fail(source, "key 'description': " + shown(json["description"].dump()) + " is no text: expected a string");
   }
-}
-
-std::string read_small_file(const std::filesystem::path& path) {
-  const File file = open_file(path);
-  std::string text;
-  std::array<char, 65536> buffer{};
-  while (const std::size_t read = read_bytes(file.get(), buffer.data(), buffer.size(), path.string())) {
-    text.append(buffer.data(), read);
-    if (text.size() > kLargestConventionFile) fail(path.string(), "larger than the limit of 64 MiB");
-  }
-  return text;
 }
 
 // ---- Writing -------------------------------------------------------------------------------------------------------
@@ -994,7 +969,7 @@ Observation mean_observation(const std::vector<Observation>& observations, const
 }  // namespace
 
 JointConvention parse_joint_convention(std::string_view json, const std::string& source) {
-  const Json document = parse_json(json, source);
+  const Json document = parse_convention(json, source);
   check_convention_keys(document, source);
   JointConvention convention;
   convention.name = source;
@@ -1028,7 +1003,7 @@ JointConvention parse_joint_convention(std::string_view json, const std::string&
 }
 
 JointConvention read_joint_convention(const std::filesystem::path& file) {
-  return parse_joint_convention(read_small_file(file), file.string());
+  return parse_joint_convention(read_text_file(file), file.string());
 }
 
 JointConvention matched_convention(const JointConvention& convention, const std::vector<std::string>& urdf_joints) {

@@ -4,12 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <numbers>
 #include <optional>
 
 #include "kdl_calibration/input_error.hpp"
+#include "text_file.hpp"
 #include "urdf_reading.hpp"
 
 namespace kdl_calibration {
@@ -308,13 +307,7 @@ Measurements parse_configurations(std::string_view csv, const std::vector<std::s
 
 Measurements read_configurations(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                  const JointConvention* convention) {
-  std::ifstream stream(file, std::ios::binary);
-  std::error_code ignored;
-  if (!stream || std::filesystem::is_directory(file, ignored)) {
-    throw InputError(one_line(file.string()) + ": cannot be read, expected a plan (CSV)");
-  }
-  const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-  return parse_configurations(text, urdf_joints, convention, one_line(file.string()));
+  return parse_configurations(read_text_file(file), urdf_joints, convention, one_line(file.string()));
 }
 
 }  // namespace kdl_calibration

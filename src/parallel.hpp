@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <exception>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -40,8 +41,12 @@ void parallel_for(std::size_t count, int threads, const Work& work) {
     }
   };
   std::vector<std::thread> pool;
-  for (std::size_t i = 1; i < workers; ++i) {
-    pool.emplace_back(serve);
+  pool.reserve(workers);
+  try {
+    for (std::size_t i = 1; i < workers; ++i) {
+      pool.emplace_back(serve);
+    }
+  } catch (const std::system_error&) {  // no more threads to be had: those that are there do the work
   }
   serve();
   for (std::thread& thread : pool) {

@@ -11,6 +11,7 @@
 #include "candidate_pool.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
+#include "number_text.hpp"
 #include "parallel.hpp"
 
 namespace kdl_calibration {
@@ -412,8 +413,7 @@ Selection select_for_accuracy(const Experiment& experiment, const MatrixXd& cand
   while (!(reached <= accuracy)) {
     if (enough == most) {
       throw InputError("the accuracy cannot be reached: " + std::to_string(most) + " configurations promise " +
-                       std::to_string(reached * 1e3) + " mm, expected at most " + std::to_string(accuracy * 1e3) +
-                       " mm");
+                       shortest(reached * 1e3) + " mm, expected at most " + shortest(accuracy * 1e3) + " mm");
     }
     too_few = enough;
     enough = std::min(most, 2 * enough);

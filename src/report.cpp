@@ -1,5 +1,6 @@
 #include "kdl_calibration/report.hpp"
 
+#include <locale.h>
 #include <openssl/evp.h>
 
 #include <algorithm>
@@ -280,9 +281,13 @@ Json base_json(const Calibration& calibration) {
   return {{"position", array(X_WB.translation())}, {"quaternion_wxyz", quaternion(X_WB.linear())}, {"std", std}};
 }
 
+// printf with the decimal point of the C locale, whatever that of the program.
 std::string format(const char* pattern, double value) {
+  static const locale_t classic = ::newlocale(LC_ALL_MASK, "C", nullptr);
+  const locale_t before = ::uselocale(classic);
   std::string text(static_cast<std::size_t>(std::snprintf(nullptr, 0, pattern, value)), '\0');
   std::snprintf(text.data(), text.size() + 1, pattern, value);
+  ::uselocale(before);
   return text;
 }
 

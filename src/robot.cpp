@@ -3,28 +3,32 @@
 #include <console_bridge/console.h>
 #include <urdf_parser/urdf_parser.h>
 
-#include <cerrno>
+#include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <map>
 #include <mutex>
 #include <set>
-#include <system_error>
 #include <utility>
 
 #include "kdl_calibration/input_error.hpp"
+#include "number_range.hpp"
+#include "text_file.hpp"
 #include "urdf_reading.hpp"
 
 namespace kdl_calibration {
 namespace {
 
+constexpr std::size_t kLargestText = std::size_t{64} << 20U;
+constexpr std::size_t kMostJoints = 2'000;      // in the URDF
+constexpr std::size_t kMostMovingJoints = 100;  // in the chain
+
 std::string listed(const std::vector<std::string>& names) {
+  constexpr std::size_t kMostShown = 50;
   std::string list;
-  for (const std::string& name : names) {
-    list += (list.empty() ? "" : ", ") + one_line(name);
+  for (std::size_t i = 0; i < std::min(names.size(), kMostShown); ++i) {
+    list += (list.empty() ? "" : ", ") + one_line(names[i]);
   }
-  return list;
+  return names.size() > kMostShown ? list + ", ... (" + std::to_string(names.size()) + " in all)" : list;
 }
 
 /// Keeps urdfdom's messages from the console while it lives, and remembers its errors.
@@ -85,10 +89,14 @@ std::string link_of(const tinyxml2::XMLElement& joint, const char* end) {
 void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
   std::map<std::string, std::pair<std::string, std::string>> parents;  // child link -> parent link, joint
   const char* tag = "joint";
+  std::size_t count = 0;
   for (auto* joint = robot.FirstChildElement(tag); joint != nullptr; joint = joint->NextSiblingElement(tag)) {
     const char* attribute = joint->Attribute("name");
     const std::string name = attribute == nullptr ? "" : attribute;
     const std::string child = link_of(*joint, "child");
+    if (++count > kMostJoints) {
+      throw InputError(source + ": more joints than the limit of " + std::to_string(kMostJoints));
+    }
     const auto [other, fresh] = parents.try_emplace(child, link_of(*joint, "parent"), name);
     if (!fresh && !child.empty() && other->second.second != name) {
       throw InputError(source + ": link " + in_quotes(child) + " is the child of joints " +
@@ -111,6 +119,9 @@ void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
 }
 
 urdf::ModelInterfaceSharedPtr parse_model(std::string_view text, const std::string& source) {
+  if (text.size() > kLargestText) {
+    throw InputError(source + ": larger than the limit of 64 MiB");
+  }
   tinyxml2::XMLDocument document;
   parse_xml(document, text, source);
   const tinyxml2::XMLElement* robot = document.FirstChildElement("robot");
@@ -196,7 +207,9 @@ KDL::RigidBodyInertia link_inertia(const urdf::LinkConstSharedPtr& link) {
   return to_kdl(i.origin) * KDL::RigidBodyInertia(i.mass, KDL::Vector::Zero(), about_cog);
 }
 
-bool is_finite(const KDL::Vector& v) { return std::isfinite(v.x()) && std::isfinite(v.y()) && std::isfinite(v.z()); }
+bool in_range(const KDL::Vector& v) {
+  return std::abs(v.x()) <= kLargestNumber && std::abs(v.y()) <= kLargestNumber && std::abs(v.z()) <= kLargestNumber;
+}
 
 void read_limits(const urdf::Joint& joint, MovingJoint& moving, const std::string& where) {
   if (!joint.limits) {
@@ -256,10 +269,15 @@ void append_joint(const urdf::Joint& joint, const urdf::ModelInterface& model, R
   const std::string where = robot.source + ": joint " + in_quotes(joint.name);
   const KDL::Frame origin = to_kdl(joint.parent_to_joint_origin_transform);
   const KDL::Frame behind_last = robot.tip_origin * origin;
-  if (!is_finite(origin.p) || !is_finite(behind_last.p)) {
-    throw InputError(where + ": origin is not finite, expected finite numbers");
+  if (!in_range(origin.p) || !in_range(behind_last.p) || !in_range(origin.M.UnitX())) {
+    throw InputError(where + ": origin is not finite or out of range, expected numbers up to 1e12");
   }
-  const KDL::RigidBodyInertia inertia = link_inertia(model.getLink(joint.child_link_name));
+  const urdf::LinkConstSharedPtr link = model.getLink(joint.child_link_name);
+  const KDL::RigidBodyInertia inertia = link_inertia(link);
+  if (!(std::abs(inertia.getMass()) <= kLargestNumber) || !in_range(inertia.getCOG())) {
+    throw InputError(robot.source + ": link " + in_quotes(link->name) +
+                     ": mass or its centre is not finite or out of range, expected numbers up to 1e12");
+  }
   if (joint.type == urdf::Joint::FIXED) {
     const KDL::Joint fixed(joint.name, KDL::Joint::Fixed);
     robot.chain.addSegment(KDL::Segment(joint.child_link_name, fixed, origin, inertia));
@@ -300,6 +318,11 @@ Robot parse_robot(std::string_view urdf, const RobotOptions& options, const std:
   for (const urdf::JointConstSharedPtr& joint : path_joints(*model, robot)) {
     append_joint(*joint, *model, robot);
   }
+  if (robot.joints.size() > kMostMovingJoints) {
+    throw InputError(source + ": " + std::to_string(robot.joints.size()) + " moving joints between base link " +
+                     in_quotes(robot.base) + " and tip link " + in_quotes(robot.tip) + ", expected at most " +
+                     std::to_string(kMostMovingJoints));
+  }
   if (robot.joints.empty()) {
     throw InputError(source + ": no moving joint between base link " + in_quotes(robot.base) + " and tip link " +
                      in_quotes(robot.tip) + ", expected at least one");
@@ -308,21 +331,7 @@ Robot parse_robot(std::string_view urdf, const RobotOptions& options, const std:
 }
 
 Robot load_robot(const std::filesystem::path& file, const RobotOptions& options) {
-  const std::string source = one_line(file.string());
-  std::error_code ignored;
-  if (std::filesystem::is_directory(file, ignored)) {
-    throw InputError(source + ": is a directory, expected a URDF file");
-  }
-  errno = 0;
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) {
-    throw InputError(source + ": cannot be opened: " + std::generic_category().message(errno));
-  }
-  const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-  if (stream.bad()) {
-    throw InputError(source + ": cannot be read to its end");
-  }
-  return parse_robot(text, options, source);
+  return parse_robot(read_text_file(file), options, one_line(file.string()));
 }
 
 }  // namespace kdl_calibration

@@ -7,14 +7,13 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cstddef>
 #include <kdl/frames.hpp>
 #include <string>
 #include <string_view>
 
 #include "kdl_calibration/input_error.hpp"
+#include "number_text.hpp"
 
 namespace kdl_calibration {
 
@@ -39,17 +38,11 @@ inline void parse_xml(tinyxml2::XMLDocument& document, std::string_view text, co
   if (document.ErrorID() == tinyxml2::XML_ERROR_EMPTY_DOCUMENT) {
     throw InputError(source + ": empty, expected a URDF");
   }
-  const char* rule =
-      document.ErrorID() == tinyxml2::XML_ELEMENT_DEPTH_EXCEEDED ? "elements are nested too deeply" : "malformed XML";
+  const char* rule = document.ErrorID() == tinyxml2::XML_ELEMENT_DEPTH_EXCEEDED
+                         ? "elements are nested too deeply, expected at most 100 levels"
+                         : "malformed XML";
   const std::string name = document.ErrorName();
   throw InputError(source + ":" + std::to_string(document.ErrorLineNum()) + ": " + rule + " (" + name + ")");
-}
-
-/// The fewest digits that read back to the same double, with a point in every locale; never "-0".
-inline std::string shortest(double value) {
-  std::array<char, 32> digits{};
-  const auto result = std::to_chars(digits.data(), digits.data() + digits.size(), value + 0.0);
-  return {digits.data(), result.ptr};
 }
 
 inline KDL::Vector to_kdl(const urdf::Vector3& v) { return {v.x, v.y, v.z}; }

@@ -358,6 +358,8 @@ TEST(MeasurementsInput, SplitRepeatAndSigmaKeepTheirRules) {
                 HasSubstr("sigma[mm] '" + std::string(sigma) + "' is not pos"));
   }
   EXPECT_THAT(message("test,1,nan"), HasSubstr("not finite"));
+  EXPECT_THAT(message("test,1,1e-13"), HasSubstr("at least 1e-15 m"));
+  EXPECT_THAT(message("test,1,1e13"), HasSubstr("at most 1e12"));
 }
 
 TEST(MeasurementsInput, BrokenQuaternionsAreRefused) {
@@ -366,7 +368,7 @@ TEST(MeasurementsInput, BrokenQuaternionsAreRefused) {
   EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,1.0011,0,0,0\n"),
               AllOf(StartsWith("m.csv:2: the norm of the quaternion"), HasSubstr("1.0011")));
   EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,0,0,0,0\n"), HasSubstr("norm"));
-  EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,1e200,1e200,0,0\n"), HasSubstr("norm"));
+  EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,1e12,1e12,0,0\n"), HasSubstr("norm"));
   EXPECT_EQ(csv_message(header + "c,A,1,2,3,4,5,1.0009,0,0,0\n"), "nothing was thrown");
 }
 
@@ -586,8 +588,8 @@ TEST(JointConventions, RefuseColumnsWithTheUrdfsNames) {
 
 TEST(JointConventions, RefuseValuesThatOverflow) {
   const JointConvention convention = parse_joint_convention(kPendant, "c.json");
-  EXPECT_THAT(csv_message("configuration,target,J1,J2,x,y,z\nc,A,1,2,3,4,5\nd,A,0,1e308,3,4,5\n", &convention),
-              AllOf(StartsWith("m.csv:3: joint values outside the range"), HasSubstr("c.json")));
+  EXPECT_THAT(csv_message("configuration,target,J1,J2,x,y,z\nc,A,1,2,3,4,5\nd,A,0,1e12,3,4,5\n", &convention),
+              AllOf(StartsWith("m.csv:3: joint values out of range"), HasSubstr("c.json")));
 }
 
 TEST(JointConventions, BadFilesAreNamed) {
@@ -599,7 +601,7 @@ TEST(JointConventions, BadFilesAreNamed) {
   EXPECT_THAT(convention_message("{\n\"matrix\": [1,}"), StartsWith("c.json:2: malformed JSON"));
   EXPECT_THAT(convention_message("[]"), HasSubstr("no JSON object"));
   EXPECT_THAT(convention_message(replaced(kPendant, "-2", "1e999")), HasSubstr("range of a double"));
-  EXPECT_THAT(convention_message(std::string(200000, '[')), HasSubstr("malformed JSON"));
+  EXPECT_THAT(convention_message(std::string(200000, '[')), HasSubstr("nested deeper"));
 }
 
 TEST(JointConventions, BadKeysAreNamed) {
@@ -671,7 +673,7 @@ TEST(MeasurementsCsv, ReadsBackToTheSameDoubles) {
   m.joint_values.resize(2, configurations);
   for (std::int32_t c = 0; c < configurations; ++c) {
     m.configurations.push_back(c % 2 == 0 ? "# " + std::to_string(c) + "; " : " c" + std::to_string(c));
-    for (int j = 0; j < 2; ++j) m.joint_values(j, c) = random.normal() * std::pow(10.0, random.uniform(-300, 300));
+    for (int j = 0; j < 2; ++j) m.joint_values(j, c) = random.normal() * std::pow(10.0, random.uniform(-300, 11));
     for (std::int32_t t = 0; t < 3; ++t) {
       Observation o;
       o.position = Eigen::Vector3d(random.normal(), random.normal() * 1e-9, random.normal() * 1e6);
@@ -691,8 +693,7 @@ TEST(MeasurementsCsv, ReadsBackToTheSameDoubles) {
 TEST(MeasurementsCsv, KeepsTheExtremesOfTheNumberRange) {
   Measurements m = parse(kHeader + "c1,A,0,0,0,0,0\n");
   m.joint_values << -0.0, std::numeric_limits<double>::denorm_min();
-  m.observations[0].position << std::numeric_limits<double>::max(), std::numeric_limits<double>::min(),
-      std::nextafter(1.0, 2.0);
+  m.observations[0].position << -1e12, std::numeric_limits<double>::min(), std::nextafter(1.0, 2.0);
   expect_same(parse(measurements_csv(m)), m);
 }
 

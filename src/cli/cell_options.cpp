@@ -248,9 +248,8 @@ std::vector<double> numbers(const std::string& option, const std::string& text, 
   return values;
 }
 
-FacingTargets read_facing_targets(const std::string& file) {
-  FacingTargets result{.targets = read_targets(file), .facing = {}};
-  const Json json = read_json(file);
+FacingTargets facing_targets_of(const Json& json, const std::string& source) {
+  FacingTargets result{.targets = targets_of(json, source), .facing = {}};
   for (std::size_t k = 0; k < result.targets.size(); ++k) {
     const Json& target = json.at("targets").at(k);
     Eigen::Vector3d facing = Eigen::Vector3d::Zero();
@@ -262,7 +261,7 @@ FacingTargets read_facing_targets(const std::string& file) {
         facing = {given[0].get<double>(), given[1].get<double>(), given[2].get<double>()};
       }
       if (!(facing.norm() > 0.0) || !facing.allFinite()) {
-        throw InputError(file + ": targets[" + std::to_string(k) +
+        throw InputError(source + ": targets[" + std::to_string(k) +
                          "]: facing: expected three numbers that are not all zero");
       }
     }
@@ -270,6 +269,8 @@ FacingTargets read_facing_targets(const std::string& file) {
   }
   return result;
 }
+
+FacingTargets read_facing_targets(const std::string& file) { return facing_targets_of(read_json(file), file); }
 
 Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& model, const FacingTargets& targets,
           const JointConvention* convention) {

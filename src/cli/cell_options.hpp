@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "frames.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/workspace.hpp"
 
@@ -34,6 +35,7 @@ struct FacingTargets {
   std::vector<TargetFrame> targets;
   std::vector<Eigen::Vector3d> facing;
 };
+FacingTargets facing_targets_of(const Json& json, const std::string& source);
 FacingTargets read_facing_targets(const std::string& file);
 
 /// The cell; warns of links whose shape is not known where the shape counts.

@@ -1,12 +1,15 @@
 #include "config_file.hpp"
 
 #include <algorithm>
+#include <sstream>
 #include <string>
 
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
+
+constexpr std::size_t kLargestFile = std::size_t{1} << 20U;
 
 bool has_option(const CLI::App& subcommand, const std::string& key) {
   return key != "help" && subcommand.get_option_no_throw("--" + key) != nullptr;
@@ -17,9 +20,17 @@ bool has_option(const CLI::App& subcommand, const std::string& key) {
 std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& input) const {
   const auto chosen = app_.get_subcommands();
   const std::string where = app_.get_config_ptr()->as<std::string>();
+  std::string text;
+  for (char c = 0; text.size() <= kLargestFile && input.get(c);) {
+    text += c;
+  }
+  if (text.size() > kLargestFile) {
+    throw InputError(where + ": larger than the limit of 1 MiB");
+  }
+  std::istringstream stream(text);
   const auto all = app_.get_subcommands([](const CLI::App*) { return true; });
   std::vector<CLI::ConfigItem> result;
-  for (CLI::ConfigItem& item : ConfigBase::from_config(input)) {
+  for (CLI::ConfigItem& item : ConfigBase::from_config(stream)) {
     const bool section = item.name == "++" || item.name == "--";
     const std::string key = item.name;
     const auto fits = [&](const CLI::App* subcommand) {

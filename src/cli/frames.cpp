@@ -1,42 +1,18 @@
 #include "frames.hpp"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <set>
-#include <system_error>
 
+#include "../json_reading.hpp"
+#include "../number_range.hpp"
+#include "../text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
 
-constexpr std::size_t kLargestFile = std::size_t{64} << 20U;
 constexpr double kQuaternionTolerance = 1e-3;
-
-std::string read_text(const std::filesystem::path& file) {
-  std::error_code ignored;
-  if (std::filesystem::is_directory(file, ignored)) {
-    throw InputError(file.string() + ": is a directory, expected a JSON file");
-  }
-  errno = 0;
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) {
-    throw InputError(file.string() + ": cannot be opened: " + std::generic_category().message(errno));
-  }
-  std::string text(kLargestFile + 1, '\0');
-  stream.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(stream.gcount()));
-  if (stream.bad()) {
-    throw InputError(file.string() + ": cannot be read to its end");
-  }
-  if (text.size() > kLargestFile) {
-    throw InputError(file.string() + ": is longer than 64 MiB, expected a short JSON file");
-  }
-  return text;
-}
 
 // A value inside a file, with the way to it for messages.
 struct Node {
@@ -72,8 +48,8 @@ std::vector<Node> elements(const Node& node) {
 }
 
 double number(const Node& node) {
-  if (!node.json.is_number() || !std::isfinite(node.json.get<double>())) {
-    fail(node, "a finite number");
+  if (!node.json.is_number() || !(std::abs(node.json.get<double>()) <= kLargestNumber)) {
+    fail(node, "a finite number of at most 1e12");
   }
   return node.json.get<double>();
 }
@@ -108,22 +84,12 @@ Eigen::Quaterniond quaternion(const Node& node) {
 
 }  // namespace
 
-Json read_json(const std::filesystem::path& file) {
-  const std::string text = read_text(file);
-  try {
-    return Json::parse(text);
-  } catch (const Json::parse_error& error) {
-    const std::size_t end = std::min(text.size(), error.byte);
-    const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
-    throw InputError(file.string() + ":" + std::to_string(line) + ": is no JSON from here on, expected a JSON object");
-  } catch (const Json::exception&) {
-    throw InputError(file.string() + ": holds a number that is too large, expected finite numbers");
-  }
+Json json_of(std::string_view text, const std::string& source) {
+  return parse_json<Json>(text, source, [](int, Json::parse_event_t, const Json&) {});
 }
 
-Eigen::Isometry3d read_base(const std::filesystem::path& file) {
-  const Json json = read_json(file);
-  const Node top{.json = json, .where = file.string()};
+Eigen::Isometry3d base_of(const Json& json, const std::string& source) {
+  const Node top{.json = json, .where = source};
   const Node base = has(top, "base") ? member(top, "base") : top;
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.translation() = numbers<3>(member(base, "position"));
@@ -131,11 +97,16 @@ Eigen::Isometry3d read_base(const std::filesystem::path& file) {
   return X_WB;
 }
 
-std::vector<TargetFrame> read_targets(const std::filesystem::path& file) {
-  const Json json = read_json(file);
+std::vector<TargetFrame> targets_of(const Json& json, const std::string& source) {
+  constexpr std::size_t kMostTargets = 100;
+  const std::vector<Node> nodes = elements(member({.json = json, .where = source}, "targets"));
+  if (nodes.size() > kMostTargets) {
+    throw InputError(source + ": targets: " + std::to_string(nodes.size()) + ", expected at most " +
+                     std::to_string(kMostTargets));
+  }
   std::vector<TargetFrame> targets;
   std::set<std::string> names;
-  for (const Node& node : elements(member({.json = json, .where = file.string()}, "targets"))) {
+  for (const Node& node : nodes) {
     TargetFrame target;
     target.name = name(member(node, "name"));
     if (!names.insert(target.name).second) {
@@ -151,10 +122,9 @@ std::vector<TargetFrame> read_targets(const std::filesystem::path& file) {
   return targets;
 }
 
-Eigen::VectorXd read_errors(const std::filesystem::path& file, const ErrorModel& model) {
-  const Json json = read_json(file);
+Eigen::VectorXd errors_of(const Json& json, const std::string& source, const ErrorModel& model) {
   Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  for (const Node& node : elements(member({.json = json, .where = file.string()}, "parameters"))) {
+  for (const Node& node : elements(member({.json = json, .where = source}, "parameters"))) {
     const std::string parameter = name(member(node, "name"));
     if (parameter.find('.') != std::string::npos) {  // of the base or a target
       continue;
@@ -168,6 +138,18 @@ Eigen::VectorXd read_errors(const std::filesystem::path& file, const ErrorModel&
     errors[known - model.parameters.begin()] = number(member(node, "error"));
   }
   return errors;
+}
+
+Json read_json(const std::filesystem::path& file) { return json_of(read_text_file(file), file.string()); }
+
+Eigen::Isometry3d read_base(const std::filesystem::path& file) { return base_of(read_json(file), file.string()); }
+
+std::vector<TargetFrame> read_targets(const std::filesystem::path& file) {
+  return targets_of(read_json(file), file.string());
+}
+
+Eigen::VectorXd read_errors(const std::filesystem::path& file, const ErrorModel& model) {
+  return errors_of(read_json(file), file.string(), model);
 }
 
 Json position_json(const Eigen::Vector3d& position) { return Json{position.x(), position.y(), position.z()}; }

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
@@ -13,16 +14,22 @@ namespace kdl_calibration::cli {
 
 using Json = nlohmann::ordered_json;
 
-/// Throws InputError naming file and line where the file cannot be read or is no JSON.
-Json read_json(const std::filesystem::path& file);
+/// JSON text; `source` names it in messages. Throws InputError naming source and line where it is no JSON.
+Json json_of(std::string_view text, const std::string& source);
 
 /// X_WB of {"position": […], "quaternion_wxyz": […]}, or of the "base" of a result or a truth.
-Eigen::Isometry3d read_base(const std::filesystem::path& file);
+Eigen::Isometry3d base_of(const Json& json, const std::string& source);
 
 /// "targets": [{"name", "position"[, "quaternion_wxyz"]}] in the flange frame, of a result or a truth as well.
-std::vector<TargetFrame> read_targets(const std::filesystem::path& file);
+std::vector<TargetFrame> targets_of(const Json& json, const std::string& source);
 
 /// The errors of the model's parameters in a result or a truth; zero for those that it does not name.
+Eigen::VectorXd errors_of(const Json& json, const std::string& source, const ErrorModel& model);
+
+/// The same from a file of at most 64 MiB.
+Json read_json(const std::filesystem::path& file);
+Eigen::Isometry3d read_base(const std::filesystem::path& file);
+std::vector<TargetFrame> read_targets(const std::filesystem::path& file);
 Eigen::VectorXd read_errors(const std::filesystem::path& file, const ErrorModel& model);
 
 /// [x, y, z]

@@ -6,10 +6,12 @@
 #include <cstdio>
 #include <exception>
 #include <memory>
+#include <new>
 #include <string>
 #include <vector>
 
 #include "config_file.hpp"
+#include "output_files.hpp"
 #include "subcommands.hpp"
 #include "text.hpp"
 
@@ -103,8 +105,11 @@ int run(int argc, const char* const* argv) {
 int main(int argc, char** argv) {
   // A file that grows beyond what is allowed should be a failed write, not the end of the process.
   std::signal(SIGXFSZ, SIG_IGN);
+  kdl_calibration::cli::remove_temporaries_on_signals();
   try {
     return kdl_calibration::cli::run(argc, argv);
+  } catch (const std::bad_alloc&) {
+    return kdl_calibration::cli::refuse("kdlcal: the memory does not suffice, expected less data");
   } catch (const std::exception& error) {
     return kdl_calibration::cli::refuse(std::string("kdlcal: ") + error.what());
   } catch (...) {

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <optional>
 
+#include "../number_range.hpp"
 #include "data_dir.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -82,7 +83,13 @@ CLI::Validator number_between(double lower, double upper, const std::string& exp
 }
 
 CLI::Validator number_from(double lower, const std::string& expected) {
-  return number_between(lower, std::numeric_limits<double>::max(), expected);
+  return {[=](std::string& value) {
+            const std::optional<double> number = parsed_number(value);
+            const bool fits = number && *number >= lower && *number <= kLargestNumber;
+            const bool negligible = fits && *number != 0.0 && std::abs(*number) < kSmallestSigma;
+            return fits && !negligible ? std::string() : refused(value, expected + ", from 1e-15 to 1e12 if not 0");
+          },
+          "", "number"};
 }
 
 CLI::Validator whole_number_between(long lower, long upper, const std::string& expected) {

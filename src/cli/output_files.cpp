@@ -5,7 +5,10 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -27,10 +30,46 @@ namespace fs = std::filesystem;
   fail(file, "cannot be written: " + std::generic_category().message(error));
 }
 
-// A temporary file that disappears with its owner unless it was renamed.
+// The temporary files that a signal has to take away.
+constexpr std::size_t kMostTemporaries = 8;
+std::array<std::atomic<const char*>, kMostTemporaries> temporaries_at_risk{};
+
+void end_by_signal(int signal) {
+  for (const std::atomic<const char*>& path : temporaries_at_risk) {
+    if (const char* text = path.load(); text != nullptr) {
+      ::unlink(text);
+    }
+  }
+  std::signal(signal, SIG_DFL);
+  std::raise(signal);  // whoever waits sees what ended the process: status 130 for Ctrl-C
+}
+
+constexpr std::array kEndingSignals = {SIGHUP, SIGINT, SIGTERM};
+
+// While it lives, the signals that end the process have to wait.
+class SignalsHeld {
+public:
+  SignalsHeld() {
+    sigset_t held;
+    ::sigemptyset(&held);
+    for (const int signal : kEndingSignals) {
+      ::sigaddset(&held, signal);
+    }
+    ::pthread_sigmask(SIG_BLOCK, &held, &before_);
+  }
+  ~SignalsHeld() { ::pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
+  SignalsHeld(const SignalsHeld&) = delete;
+  SignalsHeld& operator=(const SignalsHeld&) = delete;
+
+private:
+  sigset_t before_{};
+};
+
+// A temporary file that disappears with its owner, or with the process, unless it was renamed.
 class Temporary {
 public:
   Temporary(const OutputFile& file, const fs::path& directory) : file_(file) {
+    const SignalsHeld held;
     for (int attempt = 0; descriptor_ < 0; ++attempt) {
       path_ = directory / (".kdlcal-" + std::to_string(::getpid()) + "-" + std::to_string(attempt) + ".tmp");
       descriptor_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
@@ -38,13 +77,24 @@ public:
         fail_to_write(file_, errno);
       }
     }
+    for (std::atomic<const char*>& path : temporaries_at_risk) {
+      const char* none = nullptr;
+      if (path.compare_exchange_strong(none, path_.c_str())) {
+        break;
+      }
+    }
   }
   ~Temporary() {
+    const SignalsHeld held;
     if (descriptor_ >= 0) {
       ::close(descriptor_);
     }
     if (!renamed_) {
       ::unlink(path_.c_str());
+    }
+    for (std::atomic<const char*>& path : temporaries_at_risk) {
+      const char* own = path_.c_str();
+      path.compare_exchange_strong(own, nullptr);
     }
   }
   Temporary(const Temporary&) = delete;
@@ -153,6 +203,14 @@ std::vector<Target> checked_targets(const std::vector<OutputFile>& files, bool f
 
 }  // namespace
 
+void remove_temporaries_on_signals() {
+  for (const int signal : kEndingSignals) {
+    if (std::signal(signal, end_by_signal) == SIG_IGN) {
+      std::signal(signal, SIG_IGN);  // as nohup asks
+    }
+  }
+}
+
 void require_writable(const std::vector<OutputFile>& files, bool force) {
   const std::vector<Target> targets = checked_targets(files, force);
   for (std::size_t i = 0; i < files.size(); ++i) {
@@ -167,6 +225,7 @@ void write_whole(const std::vector<OutputFile>& files, bool force) {
     temporaries.push_back(std::make_unique<Temporary>(files[i], targets[i].directory));
     temporaries.back()->write(targets[i].mode);
   }
+  const SignalsHeld held;  // all the files or none
   for (std::size_t i = 0; i < files.size(); ++i) {
     temporaries[i]->rename(targets[i].path, force);
     // The name, too, should survive a power cut; not every file system can promise that.

@@ -12,6 +12,9 @@ struct OutputFile {
   std::string text;
 };
 
+/// From now on a signal that ends the process (Ctrl-C) first removes the temporary files of write_whole.
+void remove_temporaries_on_signals();
+
 /// To be called before the work: throws InputError where a file exists and `force` does not say to overwrite it, is no
 /// regular file or no name at all, or cannot be created in its directory, and where two of them are the same file.
 void require_writable(const std::vector<OutputFile>& files, bool force);

@@ -147,6 +147,16 @@ struct Setup {
   std::optional<Eigen::MatrixXd> plan;  ///< configurations to fit, where a plan gives them
 };
 
+void require_few_rows(const Arguments& arguments, std::size_t targets) {
+  constexpr double kMost = 1e7;
+  const double rows = static_cast<double>(arguments.configurations + arguments.test_configurations) *
+                      static_cast<double>(arguments.noise.repeats) * static_cast<double>(targets);
+  if (rows > kMost) {
+    throw InputError("--configurations, --test-configurations, --repeats: " + fixed(rows, 0) +
+                     " rows, expected at most 10000000");
+  }
+}
+
 Setup setup(const Robot& robot, const Arguments& arguments) {
   Setup result;
   result.model = complete_model(robot);
@@ -156,6 +166,7 @@ Setup setup(const Robot& robot, const Arguments& arguments) {
   for (TargetFrame& target : result.targets) {
     target.with_orientation = arguments.poses;
   }
+  require_few_rows(arguments, result.targets.size());
   result.reduction = reduced_model(result.model, result.targets);
   result.with_errors = with_errors(result.model, result.reduction, arguments.model == "complete");
   if (!arguments.plan.empty()) {
