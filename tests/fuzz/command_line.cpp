@@ -1,0 +1,62 @@
+#include <sstream>
+
+#include "../../src/cli/cell_options.hpp"
+#include "../../src/cli/config_file.hpp"
+#include "../../src/cli/frames.hpp"
+#include "promise.hpp"
+#include "targets.hpp"
+
+namespace kdl_calibration::fuzzing {
+namespace {
+
+ErrorModel two_parameters() {
+  ErrorModel model;
+  model.parameters = {{.name = "dq1", .joint = "a"}, {.name = "Tx1", .joint = "b"}};
+  return model;
+}
+
+}  // namespace
+
+void json_inputs(std::string_view bytes) {
+  static const ErrorModel model = two_parameters();
+  let_input_errors_pass([&] {
+    const cli::Json json = cli::json_of(bytes, "input.json");
+    let_input_errors_pass([&] {
+      const Eigen::Isometry3d base = cli::base_of(json, "input.json");
+      promise(base.matrix().allFinite(), "a finite base");
+      promise((base.linear() * base.linear().transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-12, "a rotation");
+      static_cast<void>(cli::json_text(cli::frame_json(base)));
+    });
+    let_input_errors_pass([&] {
+      const cli::FacingTargets read = cli::facing_targets_of(json, "input.json");
+      promise(!read.targets.empty() && read.targets.size() == read.facing.size(), "a direction for each");
+      for (std::size_t i = 0; i < read.targets.size(); ++i) {
+        promise(read.targets[i].X_FT.matrix().allFinite() && read.facing[i].allFinite(), "finite targets");
+        static_cast<void>(cli::json_text(cli::target_json(read.targets[i])));
+      }
+    });
+    let_input_errors_pass(
+        [&] { promise(cli::errors_of(json, "input.json", model).allFinite(), "finite errors of the parameters"); });
+  });
+}
+
+void config_file(std::string_view bytes) {
+  static CLI::App parser;
+  static std::vector<std::string> joints;
+  static std::string output;
+  if (parser.get_config_ptr() == nullptr) {
+    parser.set_config("--config");
+    parser.add_subcommand("fk")->add_option("--joints", joints)->delimiter(',');
+    parser.add_subcommand("plan")->add_option("--output", output);
+  }
+  std::istringstream stream{std::string(bytes)};
+  try {
+    for (const CLI::ConfigItem& item : cli::ConfigFile(parser).from_config(stream)) {
+      promise(!item.name.empty(), "an option with a name");
+    }
+  } catch (const InputError&) {  // its control characters are taken away where it is printed
+  } catch (const CLI::Error&) {
+  }
+}
+
+}  // namespace kdl_calibration::fuzzing

@@ -1,0 +1,35 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include "targets.hpp"
+
+namespace kdl_calibration::fuzzing {
+namespace {
+
+class FuzzCorpus : public ::testing::TestWithParam<Target> {};
+
+TEST_P(FuzzCorpus, BreaksNoPromise) {
+  int files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(std::string(CORPUS_DIR) + "/" + GetParam().name)) {
+    SCOPED_TRACE(entry.path());
+    std::ifstream stream(entry.path(), std::ios::binary);
+    const std::string bytes{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+    GetParam().run(bytes);
+    for (std::size_t length = 0; length < bytes.size(); length += 1 + bytes.size() / 20) {  // and cut short
+      GetParam().run(std::string_view(bytes).substr(0, length));
+    }
+    ++files;
+  }
+  EXPECT_GT(files, 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, FuzzCorpus, ::testing::ValuesIn(targets()),
+                         [](const auto& target) { return std::string(target.param.name); });
+
+}  // namespace
+}  // namespace kdl_calibration::fuzzing
