@@ -1,0 +1,19 @@
+#!/usr/bin/env bash
+set -euo pipefail
+# shellcheck source-path=SCRIPTDIR source=common.sh
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+read_options "Installs what is missing, builds in build/coverage, runs every test and prints the coverage of src/.
+Branches that only an exception takes, and those that the compiler makes in unreachable places, are not counted." "$@"
+install_missing "${build_packages[@]}" "${test_packages[@]}" gcovr
+configure_and_build coverage
+find "$root/build/coverage" -name '*.gcda' -delete
+run_tests coverage
+
+build=$root/build/coverage
+gcovr --root "$root" --filter "$root/src/" --exclude-throw-branches --exclude-unreachable-branches \
+  --json "$build/coverage.json" "$build"
+for what in --branches ''; do
+  gcovr --root "$root" --add-tracefile "$build/coverage.json" --sort-percentage ${what:+"$what"}
+done
+gcovr --root "$root" --add-tracefile "$build/coverage.json" --print-summary --output /dev/null
