@@ -42,10 +42,12 @@ for program in tests/fuzz/*_fuzzer; do
   mkdir -p "corpus/$target"
   echo "== $target"
   # A calibration takes seconds under the sanitizers, and the machine may have other work.
+  status=0
   "$program" -rss_limit_mb=4096 -timeout=120 -max_len=4096 -print_final_stats=1 -close_fd_mask=1 \
-    "-artifact_prefix=$PWD/$target-" "${limit[@]}" "corpus/$target" "$root/tests/fuzz/corpus/$target" 2>&1 |
-    tee "$target.log" | grep -E '^(stat::|==|SUMMARY|broken promise|.*ERROR)' || true
-  [ "${PIPESTATUS[0]}" -eq 0 ] || { echo "$target: failed, see $PWD/$target.log" >&2; exit 1; }
+    "-artifact_prefix=$PWD/$target-" "${limit[@]}" "corpus/$target" "$root/tests/fuzz/corpus/$target" \
+    >"$target.log" 2>&1 || status=$?
+  grep -E '^(stat::|==|SUMMARY|broken promise|.*ERROR)' "$target.log" || true
+  [ "$status" -eq 0 ] || { echo "$target: failed, see $PWD/$target.log" >&2; exit 1; }
   awk -v target="$target" '/number_of_executed_units/ { n = $2 } /average_exec_per_sec/ { speed = $2 }
     END { print target, n, speed }' "$target.log" >>fuzz.txt
 done

@@ -65,12 +65,11 @@ JointConvention matched_convention(const JointConvention& convention, const std:
 /// UTF-8 with or without byte order mark, commas or semicolons (the header tells), LF or CRLF, quoted fields within one
 /// line. Lines that start with # and lines without any value are skipped. An empty cell is allowed in the optional
 /// columns: split (train), repeat (1), sigma (none stated) and the quaternion (all four empty: a point). Quaternions
-/// are normalised. Limits: 16 GiB, lines of 1 MiB, 10,000 columns, 100 targets; the file is read piece by piece and
-/// never held whole.
+/// are normalised. Limits: 16 GiB, lines of 1 MiB, 10,000 columns, 100 targets; read piece by piece, never held whole.
 ///
 /// Throws InputError naming file, line, column, value and rule: an unreadable file, text that is not UTF-8, a missing,
 /// unknown or repeated column, an unknown unit, a ragged row, a value that is no finite number (decimal commas are
-/// refused) of at most 1e12, a sigma below 1e-15 m, a quaternion whose norm differs from 1 by more than 1e-3, two rows for the
+/// refused) or beyond 1e12, a sigma below 1e-15 m, a quaternion whose norm is off 1 by more than 1e-3, two rows for the
 /// same configuration, repeat and target, joint values or a split that differ within one configuration, no row at all.
 Measurements read_measurements(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                const JointConvention* convention = nullptr);

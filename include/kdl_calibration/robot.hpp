@@ -51,8 +51,7 @@ std::vector<std::string> joint_names(const Robot& robot);
 /// Throws InputError: malformed XML (with its line), unknown base or tip (the message lists the links), base and tip
 /// not connected, no moving joint, a mimic, floating or planar joint in the chain, a zero axis, an ambiguous tip, a
 /// lower limit above the upper, links that form no tree, and whatever urdfdom rejects (such as a revolute joint with no
-/// <limit>), with urdfdom's words. Limits: 64 MiB, elements nested 100 deep, 2,000 joints, 100 moving ones in the
-/// chain.
+/// <limit>), with urdfdom's words. Limits: 64 MiB, 100 nested levels, 2,000 joints, 100 moving ones in the chain.
 Robot parse_robot(std::string_view urdf, const RobotOptions& options = {}, const std::string& source = "URDF");
 
 /// Reads the file and builds the nominal chain. Throws InputError as parse_robot does, and for an unreadable file.
