@@ -7,7 +7,7 @@ assume_yes=no
 
 build_packages=(build-essential cmake libcli11-dev libconsole-bridge-dev libeigen3-dev liborocos-kdl-dev
   libssl-dev libtinyxml2-dev liburdfdom-dev liburdfdom-headers-dev nlohmann-json3-dev)
-test_packages=(libgmock-dev libgtest-dev)
+test_packages=(libgmock-dev libgtest-dev locales)
 
 # Compiles through ccache where there is one.
 if command -v ccache >/dev/null; then

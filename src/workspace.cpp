@@ -177,15 +177,19 @@ private:
     if (!cell_.clearance) {
       return;
     }
-    add("clearance " + millimetres(*cell_.clearance),
-        [this, pairs = pairs_to_keep_apart(robot_, cell_.body, *cell_.clearance)](const Posture& posture) {
-          return std::all_of(pairs.begin(), pairs.end(), [&](const auto& pair) {
-            const auto& first = posture.body[pair.first];
-            const auto& second = posture.body[pair.second];
-            const double distance = segment_distance(first.first, first.second, second.first, second.second);
-            return distance - cell_.body[pair.first].radius - cell_.body[pair.second].radius >= *cell_.clearance;
-          });
-        });
+    auto wanted = pairs_to_keep_apart(robot_, cell_.body, *cell_.clearance);
+    if (wanted.empty() && !pairs_to_keep_apart(robot_, cell_.body, 0.0).empty()) {
+      throw InputError("clearance " + millimetres(*cell_.clearance) +
+                       ": no two parts of the arm are ever so far apart, expected less");
+    }
+    add("clearance " + millimetres(*cell_.clearance), [this, pairs = std::move(wanted)](const Posture& posture) {
+      return std::all_of(pairs.begin(), pairs.end(), [&](const auto& pair) {
+        const auto& first = posture.body[pair.first];
+        const auto& second = posture.body[pair.second];
+        const double distance = segment_distance(first.first, first.second, second.first, second.second);
+        return distance - cell_.body[pair.first].radius - cell_.body[pair.second].radius >= *cell_.clearance;
+      });
+    });
   }
 
   void add_tracker() {

@@ -386,6 +386,7 @@ TEST_F(BadTable, ConstraintsThatLeaveTooFewCandidatesSayWhichRemovesHowMany) {
   refused({"--keep-out-sphere", "0,0,0,50"}, {left, "keep-out sphere 1 removes"});
   refused({"--keep-out-box", "-9,-9,-9,9,9,9"}, {left, "keep-out box 1 removes"});
   refused({"--clearance", "0.8"}, {"the constraints leave", "clearance 800 mm removes"});
+  refused({"--clearance", "9"}, {"clearance 9000 mm", "ever so far apart"});
   refused({"--tracker", "4,2,1", "--distance-range", "100:200"}, {left, "distance from the tracker removes"});
   refused({"--joint-range", "joint_2+joint_3=900:950"}, {left, "range of joint_2+joint_3 removes"});
   refused({"--box", "1,1,1,0,0,0"}, {"--box", "xmin"});
