@@ -74,7 +74,7 @@ Outcome fit_with_kdl(const Experiment& experiment, const Measurements& measured,
     }
     J.setZero();
     std::int32_t configuration = -1;
-    Eigen::Isometry3d X_BF;
+    Eigen::Isometry3d X_BF = Eigen::Isometry3d::Identity();
     for (std::size_t i = 0; i < measured.observations.size(); ++i) {
       const Observation& o = measured.observations[i];
       if (o.configuration != configuration) {
