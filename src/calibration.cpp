@@ -10,13 +10,13 @@
 #include <map>
 #include <memory>
 #include <mutex>
-#include <numbers>
 #include <set>
 #include <utility>
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/random.hpp"
+#include "kdl_calibration/simulation.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -592,14 +592,7 @@ PredictedAccuracy predicted_accuracy(const Measurements& measurements, const Cal
                                      const Eigen::MatrixXd& triangle_of_candidates, const Calibration& calibration) {
   const ErrorModel& model = calibration.model;
   Random random(1);
-  Eigen::MatrixXd workspace(static_cast<Eigen::Index>(model.joints.size()), kWorkspaceSamples);
-  for (Eigen::Index c = 0; c < workspace.cols(); ++c) {
-    for (std::size_t i = 0; i < model.joints.size(); ++i) {
-      const double whole = model.joints[i].type == JointType::prismatic ? 1.0 : std::numbers::pi;
-      workspace(static_cast<Eigen::Index>(i), c) =
-          random.uniform(model.joints[i].lower.value_or(-whole), model.joints[i].upper.value_or(whole));
-    }
-  }
+  const Eigen::MatrixXd workspace = random_configurations(limits_of(model), kWorkspaceSamples, random);
   PredictedAccuracy result;
   const UncertainPredictor predictor(calibration, triangle_of_candidates);
   result.asked = predictor.points(options.predict_at);
