@@ -1,6 +1,32 @@
 #include "chain_kernel.hpp"
 
+#include <algorithm>
+
 namespace kdl_calibration {
+
+namespace {
+
+constexpr std::size_t kBlocksInCache = 16;
+
+// The sums over the lanes of `rows`, which hold them part by part, each of `at_once` lanes.
+void add_lanes(const std::vector<LaneRow>& rows, std::size_t at_once, ChainKernelSums& sums) {
+  const auto* const values = reinterpret_cast<const double*>(rows.data());
+  std::size_t row = 0;
+  const auto next = [&] {
+    LaneRow whole;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      whole.lanes[lane] = values[(lane / at_once * rows.size() + row) * at_once + lane % at_once];
+    }
+    ++row;
+    return sum_of(whole.lanes);
+  };
+  sums.cost = next();
+  for (std::vector<double>* part : {&sums.gradient, &sums.twist, &sums.force, &sums.gram}) {
+    std::generate(part->begin(), part->end(), next);
+  }
+}
+
+}  // namespace
 
 // The same source for every instruction set: without fused multiplication and addition the results are the same.
 namespace baseline {
@@ -29,16 +55,6 @@ namespace avx512 {
 #pragma GCC pop_options
 #endif
 
-void ChainKernelSums::reset(std::size_t joints, std::size_t columns, std::size_t points) {
-  gram.assign(columns * (columns + 1) / 2 + 1, {});
-  gradient.assign(columns + 1, {});
-  twist.assign(6 * columns + 1, {});
-  force.assign(3 * points, {});
-  cost = {};
-  poses.resize(15 * (joints + 2));
-  jacobian.resize(6 * columns + 1);
-}
-
 std::vector<InstructionSet> instruction_sets() {
   std::vector<InstructionSet> sets = {InstructionSet::baseline};
 #ifdef KDL_CALIBRATION_WIDE_KERNELS
@@ -58,17 +74,30 @@ void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& s
 }
 
 void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& sums, InstructionSet set) {
+  const std::size_t joints = input.prismatic.size();
+  const std::size_t columns = input.columns.size();
+  sums.gradient.resize(columns);
+  sums.twist.resize(6 * columns);
+  sums.force.resize(3 * input.points.size());
+  sums.gram.resize(columns * (columns + 1) / 2);
+  sums.lanes.assign(1 + sums.gradient.size() + sums.twist.size() + sums.force.size() + sums.gram.size(), {});
+  sums.turns.resize(2 * joints);
+  sums.poses.resize(15 * (joints + 2));
+  sums.jacobian.resize(2 * 6 * columns);
   switch (set) {
 #ifdef KDL_CALIBRATION_WIDE_KERNELS
     case InstructionSet::avx512:
       avx512::sum(input, cost_only, sums);
+      add_lanes(sums.lanes, 8, sums);
       return;
     case InstructionSet::avx2:
       avx2::sum(input, cost_only, sums);
+      add_lanes(sums.lanes, 4, sums);
       return;
 #endif
     default:
       baseline::sum(input, cost_only, sums);
+      add_lanes(sums.lanes, 2, sums);
   }
 }
 

@@ -48,22 +48,22 @@ struct ChainKernelInput {
   std::size_t configurations = 0;
 };
 
-/// Sums per lane. Rows of `gram`: for each turning column i the columns j >= i, then for each of the others the same.
+/// Rows of `gram`: for each turning column i the columns j >= i, then for each of the others the same.
 struct ChainKernelSums {
-  std::vector<LaneRow> gram;
-  std::vector<LaneRow> gradient;  // per column
-  std::vector<LaneRow> twist;     // 6 per column
-  std::vector<LaneRow> force;     // 3 per point
-  LaneRow cost;
+  double cost = 0.0;
+  std::vector<double> gram;
+  std::vector<double> gradient;  // per column
+  std::vector<double> twist;     // 6 per column
+  std::vector<double> force;     // 3 per point
   // Workspace.
+  std::vector<LaneRow> lanes;     // cost, gradient, twist, force, gram: what each lane adds up, one part of the lanes
+                                  // (a register of the instruction set) after the other
+  std::vector<LaneRow> turns;     // 2 per joint: sine and cosine
   std::vector<LaneRow> poses;     // 15 per frame: rotation, position, and the position in the frame P
-  std::vector<LaneRow> jacobian;  // 6 per column
-
-  void reset(std::size_t joints, std::size_t columns, std::size_t points);
+  std::vector<LaneRow> jacobian;  // 6 per column, of two blocks
 };
 
-/// Adds up the sums of all configurations; with `cost_only` nothing but the cost. Angles beyond kLargestAngle lose
-/// accuracy.
+/// The sums over all configurations; with `cost_only` nothing but the cost. Angles beyond kLargestAngle lose accuracy.
 void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& sums);
 
 /// The same with a given instruction set; every one gives the same bits.

@@ -7,18 +7,19 @@ constexpr std::size_t kParts = kLanes / kAtOnce;
 using Vector = double __attribute__((vector_size(kAtOnce * sizeof(double)), may_alias));
 using Integers = long long __attribute__((vector_size(kAtOnce * sizeof(double))));
 
-// The same part of the lanes of every LaneRow.
+// The same part of the lanes of every row of data.
 struct Rows {
-  Vector* first;
-  Vector& operator[](std::size_t row) const { return first[row * kParts]; }
+  const Vector* first;
+  const Vector& operator[](std::size_t row) const { return first[row * kParts]; }
 };
 
+// What one part of the lanes adds up.
 struct Sums {
-  Rows gram;
-  Rows gradient;
-  Rows twist;
-  Rows force;
-  Rows cost;
+  Vector* gram;
+  Vector* gradient;
+  Vector* twist;
+  Vector* force;
+  Vector* cost;
 };
 
 // Sine and cosine after reduction to [-pi/4, pi/4] (Cody and Waite) by polynomials of degree 13 and 14, within 1 ulp.
@@ -62,24 +63,25 @@ static inline void behind(const FrameNumbers& frame, const Vector* in, Vector* o
   }
 }
 
-// R^T v for a vector of lanes and the rotation at the head of a pose.
-static inline void turned_back(const Vector* R, const Vector* v, Vector* out) {
-  for (int c = 0; c < 3; ++c) {
+// R^T v for the rotation at the head of a pose; v holds lanes or numbers.
+template <class Coordinates>
+static inline void turned_back(const Vector* R, const Coordinates& v, Vector* out) {
+  for (std::size_t c = 0; c < 3; ++c) {
     out[c] = R[c] * v[0] + R[3 + c] * v[1] + R[6 + c] * v[2];
   }
 }
 
-static inline void constant_pose(const FrameNumbers& frame, Vector* pose) {
+// Without `mask` a lane has no rotation, and with that no columns.
+static inline void constant_pose(const FrameNumbers& frame, const Vector& mask, Vector* pose) {
   for (std::size_t i = 0; i < 12; ++i) {
-    pose[i] = frame[i] - Vector{};
+    pose[i] = i < 9 ? frame[i] * mask : frame[i] - Vector{};
   }
 }
 
-// Turns a pose about z by q.
-static inline void turn_about_z(const Vector& q, Vector* pose) {
-  Vector s;
-  Vector c;
-  sine_and_cosine(q, s, c);
+// Turns a pose about z.
+static inline void turn_about_z(const Vector& sine, const Vector& cosine, Vector* pose) {
+  const Vector s = sine;
+  const Vector c = cosine;
   const auto turn = [&](Vector & first, Vector & second) __attribute__((always_inline)) {
     const Vector x = first;
     first = c * x - s * second;
@@ -92,21 +94,27 @@ static inline void turn_about_z(const Vector& q, Vector* pose) {
 }
 
 // The poses of P in the flange, in every joint frame and in the base: poses[15 f] for frame f.
-static inline void chain_poses(const ChainKernelInput& input, const Rows& joints, Vector* poses) {
+static inline void chain_poses(const ChainKernelInput& input, const Vector& mask, const Rows& joints, Vector* turns,
+                               Vector* poses) {
   const std::size_t count = input.prismatic.size();
-  constant_pose(input.flange, poses + 15 * (count + 1));
+  for (std::size_t i = 0; i < count; ++i) {  // independent of each other, unlike the poses
+    if (input.prismatic[i] == 0) {
+      sine_and_cosine(joints[i], turns[2 * i], turns[2 * i + 1]);
+    }
+  }
+  constant_pose(input.flange, mask, poses + 15 * (count + 1));
   turned_back(poses + 15 * (count + 1), poses + 15 * (count + 1) + 9, poses + 15 * (count + 1) + 12);
   for (std::size_t i = count + 1; i-- > 0;) {
     Vector* pose = poses + 15 * i;
     if (i == count) {
-      constant_pose(input.links[i], pose);
+      constant_pose(input.links[i], mask, pose);
     } else {
       behind(input.links[i], poses + 15 * (i + 1), pose);
     }
     if (i > 0 && input.prismatic[i - 1] != 0) {
       pose[11] += joints[i - 1];
     } else if (i > 0) {
-      turn_about_z(joints[i - 1], pose);
+      turn_about_z(turns[2 * i - 2], turns[2 * i - 1], pose);
     }
     turned_back(pose, pose + 9, pose + 12);
   }
@@ -145,8 +153,8 @@ static inline void residuals(const ChainKernelInput& input, const Vector& mask, 
 }
 
 // The columns [v; L^T a] of one block, six rows each, and what they add to gradient and twist.
-static inline void columns_of(const ChainKernelInput& input, const Vector& mask, const Vector* poses,
-                              const Vector* wrench, const Sums& sums, Vector* jacobian) {
+static inline void columns_of(const ChainKernelInput& input, const Vector* poses, const Vector* wrench,
+                              const Sums& sums, Vector* jacobian) {
   const double* L = input.root.data();
   for (std::size_t i = 0; i < input.columns.size(); ++i) {
     const ChainColumn& column = input.columns[i];
@@ -155,16 +163,12 @@ static inline void columns_of(const ChainKernelInput& input, const Vector& mask,
     Vector v[3] = {};
     Vector gradient = sums.gradient[i];
     if (column.moves) {
-      const double* l = column.linear.data();
-      for (int c = 0; c < 3; ++c) {
-        v[c] = R[c] * l[0] + R[3 + c] * l[1] + R[6 + c] * l[2];
-      }
+      turned_back(R, column.linear, v);
     }
     if (column.turns) {
-      const double* w = column.angular.data();
       Vector a[3];
+      turned_back(R, column.angular, a);
       for (std::size_t c = 0; c < 3; ++c) {
-        a[c] = (R[c] * w[0] + R[3 + c] * w[1] + R[6 + c] * w[2]) * mask;
         sums.twist[6 * i + 3 + c] += a[c];
         gradient += a[c] * wrench[3 + c];
       }
@@ -177,7 +181,6 @@ static inline void columns_of(const ChainKernelInput& input, const Vector& mask,
       out[5] = L[5] * a[2];
     }
     for (std::size_t c = 0; c < 3; ++c) {
-      v[c] *= mask;
       out[c] = v[c];
       sums.twist[6 * i + c] += v[c];
       gradient += v[c] * wrench[c];
@@ -186,61 +189,88 @@ static inline void columns_of(const ChainKernelInput& input, const Vector& mask,
   }
 }
 
-static inline void add_gram(std::size_t columns, std::size_t turning, const Vector* J, const Rows& gram) {
-  std::size_t row = 0;
-  for (std::size_t i = 0; i < columns; ++i) {
-    const Vector* const a = J + 6 * i;
-    const Vector a0 = a[0];
-    const Vector a1 = a[1];
-    const Vector a2 = a[2];
-    std::size_t j = i;
-    if (i < turning) {
-      const Vector a3 = a[3];
-      const Vector a4 = a[4];
-      const Vector a5 = a[5];
-      for (; j < turning; ++j) {
-        const Vector* const b = J + 6 * j;
-        gram[row++] += ((a0 * b[0] + a1 * b[1]) + (a2 * b[2] + a3 * b[3])) + (a4 * b[4] + a5 * b[5]);
+// Products of the columns first, … last - 1 with column `own` of one block's Jacobian, or of two that lie behind each
+// other: two at a time, for the sums are more than fits into the cache next to the registers.
+template <std::size_t kBlocks, std::size_t kRows>
+static inline Vector* add_products(const Vector* J, std::size_t columns, std::size_t own, std::size_t first,
+                                   std::size_t last, Vector* gram) {
+  Vector a[kBlocks][kRows];
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    for (std::size_t row = 0; row < kRows; ++row) {
+      a[b][row] = J[6 * (b * columns + own) + row];
+    }
+  }
+  for (std::size_t column = first; column < last; ++column) {
+    Vector sum = *gram;
+    for (std::size_t b = 0; b < kBlocks; ++b) {
+      const Vector* const c = J + 6 * (b * columns + column);
+      Vector product = (a[b][0] * c[0] + a[b][1] * c[1]) + a[b][2] * c[2];
+      if constexpr (kRows == 6) {
+        product += (a[b][3] * c[3] + a[b][4] * c[4]) + a[b][5] * c[5];
       }
+      sum += product;
     }
-    for (; j < columns; ++j) {
-      const Vector* const b = J + 6 * j;
-      gram[row++] += (a0 * b[0] + a1 * b[1]) + a2 * b[2];
-    }
+    *gram++ = sum;
+  }
+  return gram;
+}
+
+template <std::size_t kBlocks>
+static inline void add_gram(const ChainKernelInput& input, const Vector* J, Vector* gram) {
+  const std::size_t columns = input.columns.size();
+  const std::size_t turning = input.turning;
+  for (std::size_t i = 0; i < turning; ++i) {
+    gram = add_products<kBlocks, 6>(J, columns, i, i, turning, gram);
+    gram = add_products<kBlocks, 3>(J, columns, i, turning, columns, gram);
+  }
+  for (std::size_t i = turning; i < columns; ++i) {
+    gram = add_products<kBlocks, 3>(J, columns, i, i, columns, gram);
   }
 }
 
-static Rows part_of(std::vector<LaneRow>& rows, std::size_t part) {
-  return {reinterpret_cast<Vector*>(rows.data()) + part};
+// Which lanes of a part hold a configuration: 1 or 0.
+static inline Vector mask_of(std::size_t first, std::size_t configurations) {
+  Vector mask;
+  for (std::size_t lane = 0; lane < kAtOnce; ++lane) {
+    mask[lane] = first + lane < configurations ? 1.0 : 0.0;
+  }
+  return mask;
 }
 
 static void sum(const ChainKernelInput& input, bool cost_only, ChainKernelSums& all) {
   const std::size_t joints = input.prismatic.size();
+  const std::size_t columns = input.columns.size();
   const std::size_t rows = joints + 3 * input.points.size();
+  const std::size_t blocks = (input.configurations + kLanes - 1) / kLanes;
   auto* const poses = reinterpret_cast<Vector*>(all.poses.data());
+  auto* const turns = reinterpret_cast<Vector*>(all.turns.data());
   auto* const jacobian = reinterpret_cast<Vector*>(all.jacobian.data());
-  for (std::size_t first = 0; first < input.configurations; first += kLanes) {
-    const LaneRow* const block = input.data + first / kLanes * rows;
-    for (std::size_t row = 0; row < rows; ++row) {  // needed in two rounds
-      __builtin_prefetch(block + 2 * rows + row);
-    }
+  // One part after the other through a few blocks: the sums of all parts are more than the nearest cache holds.
+  for (std::size_t begin = 0; begin < blocks; begin += kBlocksInCache) {
+    const std::size_t end = std::min(begin + kBlocksInCache, blocks);
     for (std::size_t part = 0; part < kParts; ++part) {
-      const Sums sums{.gram = part_of(all.gram, part),
-                      .gradient = part_of(all.gradient, part),
-                      .twist = part_of(all.twist, part),
-                      .force = part_of(all.force, part),
-                      .cost = {reinterpret_cast<Vector*>(&all.cost) + part}};
-      Vector mask;
-      for (std::size_t lane = 0; lane < kAtOnce; ++lane) {
-        mask[lane] = first + part * kAtOnce + lane < input.configurations ? 1.0 : 0.0;
-      }
-      const Rows data{const_cast<Vector*>(reinterpret_cast<const Vector*>(block)) + part};
-      Vector wrench[6];
-      chain_poses(input, data, poses);
-      residuals(input, mask, {&data[joints]}, poses, cost_only, sums, wrench);
-      if (!cost_only) {
-        columns_of(input, mask, poses, wrench, sums, jacobian);
-        add_gram(input.columns.size(), input.turning, jacobian, sums.gram);
+      Vector* const cost = reinterpret_cast<Vector*>(all.lanes.data()) + part * all.lanes.size();
+      Vector* const gradient = cost + 1;
+      Vector* const twist = gradient + columns;
+      Vector* const force = twist + 6 * columns;
+      const Sums sums{
+          .gram = force + 3 * input.points.size(), .gradient = gradient, .twist = twist, .force = force, .cost = cost};
+      for (std::size_t block = begin; block < end; block += 2) {
+        const std::size_t together = std::min<std::size_t>(2, end - block);
+        for (std::size_t k = 0; k < together; ++k) {
+          const LaneRow* const first = input.data + (block + k) * rows;
+          const Rows data{reinterpret_cast<const Vector*>(first) + part};
+          const Vector mask = mask_of((block + k) * kLanes + part * kAtOnce, input.configurations);
+          Vector wrench[6];
+          chain_poses(input, mask, data, turns, poses);
+          residuals(input, mask, {&data[joints]}, poses, cost_only, sums, wrench);
+          if (!cost_only) {
+            columns_of(input, poses, wrench, sums, jacobian + 6 * columns * k);
+          }
+        }
+        if (!cost_only) {
+          together == 2 ? add_gram<2>(input, jacobian, sums.gram) : add_gram<1>(input, jacobian, sums.gram);
+        }
       }
     }
   }

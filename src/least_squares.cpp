@@ -688,31 +688,26 @@ void LeastSquaresProblem::sum_group(const Group& group, const Estimate& estimate
   input.links.back() = numbers_of(last.linear(), last * centre);
   input.data = group.data.data();
   input.configurations = group.configurations;
-  sums.reset(input.prismatic.size(), order.size(), group.targets.size());
   sum_chain(input, cost_only, sums);
-  equations.cost += sum_of(sums.cost.lanes);
+  equations.cost += sums.cost;
   if (cost_only) {
     return;
   }
 
-  const LaneRow* gram = sums.gram.data();
+  const double* gram = sums.gram.data();
   for (std::size_t i = 0; i < order.size(); ++i) {
     const auto a = static_cast<Index>(order[i]);
-    equations.gradient[a] += sum_of(sums.gradient[i].lanes);
+    equations.gradient[a] += sums.gradient[i];
     for (std::size_t j = i; j < order.size(); ++j) {
       const auto b = static_cast<Index>(order[j]);
-      const double value = weight * sum_of((gram++)->lanes);
+      const double value = weight * *gram++;
       equations.hessian(a, b) += value;
       if (a != b) {
         equations.hessian(b, a) += value;
       }
     }
-    Vector3d v;
-    Vector3d w;
-    for (std::size_t c = 0; c < 3; ++c) {
-      v[static_cast<Index>(c)] = sum_of(sums.twist[6 * i + c].lanes);
-      w[static_cast<Index>(c)] = sum_of(sums.twist[6 * i + 3 + c].lanes);
-    }
+    const Vector3d v(&sums.twist[6 * i]);
+    const Vector3d w(&sums.twist[6 * i + 3]);
     for (std::size_t k = 0; k < group.targets.size(); ++k) {
       const Vector3d coupling = group.weights[k] * (v + w.cross(Vector3d(input.points[k].data())));
       for (std::size_t c = 0; c < 3; ++c) {
@@ -725,7 +720,7 @@ void LeastSquaresProblem::sum_group(const Group& group, const Estimate& estimate
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
     for (std::size_t c = 0; c < 3; ++c) {
       if (const int column = target_columns_[group.targets[k]][c]; column >= 0) {
-        equations.gradient[column] += sum_of(sums.force[3 * k + c].lanes);
+        equations.gradient[column] += sums.force[3 * k + c];
         equations.hessian(column, column) += static_cast<double>(group.configurations) * group.weights[k];
       }
     }
@@ -924,7 +919,7 @@ void LeastSquaresProblem::add_sums(const Group& group, const Estimate& estimate,
       }
       for (std::size_t i = 0; i < workspace_->order.size(); ++i) {
         const auto a = static_cast<Index>(workspace_->order[i]);
-        const double value = W * std::sqrt(group.weights[k]) * sum_of(workspace_->sums.twist[6 * i + c].lanes);
+        const double value = W * std::sqrt(group.weights[k]) * workspace_->sums.twist[6 * i + c];
         summary.sums(a, column) += value;
         summary.sums(column, a) += value;
       }
