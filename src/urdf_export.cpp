@@ -156,9 +156,11 @@ private:
   std::map<const tinyxml2::XMLElement*, const StartTag*> tag_of_;
 };
 
-/// Roll, pitch and yaw of the rotation, of all that are equivalent those nearest to `old`. Accurate at and near pitch
-/// +-90 degrees, where yaw alone is ill determined: roll and pitch are read from what remains once yaw is undone.
+/// Roll, pitch and yaw of the rotation, of all that are equivalent those nearest to `old`; old angles of many turns are
+/// left, for their last digit is no small angle. Accurate at and near pitch +-90 degrees, where yaw alone is ill
+/// determined: roll and pitch are read from what remains once yaw is undone.
 Triple rpy_of(const KDL::Rotation& r, const Triple& old) {
+  constexpr double kManyTurns = 100.0;
   Triple nearest{};
   double smallest = std::numeric_limits<double>::infinity();
   const bool locked = std::hypot(r(0, 0), r(1, 0)) < 4.0 * std::numeric_limits<double>::epsilon();
@@ -171,7 +173,8 @@ Triple rpy_of(const KDL::Rotation& r, const Triple& old) {
     Triple rpy{roll, pitch, yaw};
     double distance = 0.0;
     for (std::size_t i = 0; i < 3; ++i) {
-      const double turns = std::round((old[i] - rpy[i]) / (2.0 * std::numbers::pi));
+      const bool near = std::abs(old[i]) < kManyTurns;
+      const double turns = near ? std::round((old[i] - rpy[i]) / (2.0 * std::numbers::pi)) : 0.0;
       rpy[i] += turns * 2.0 * std::numbers::pi;
       distance += std::abs(rpy[i] - old[i]);
     }

@@ -361,6 +361,14 @@ TEST(UrdfExport, StaysNearTheOldAngles) {
   EXPECT_NEAR(std::stod(rpy[3]), 5.0, 0.01);
 }
 
+TEST(UrdfExport, AnglesOfManyTurnsLoseNoDigits) {
+  const std::string before = robot_with_rpy({1e9, -3e7, 2e8});
+  const KDL::Rotation change = KDL::Rotation::RotX(0.01) * KDL::Rotation::RotY(0.02);
+  const KDL::Frame expected(parse_robot(before).joints[0].origin.M * change);
+  const std::string after = corrected_urdf(before, {turn("j", change)});
+  EXPECT_LT(largest_difference(KDL::Frame(parse_robot(after).joints[0].origin.M), expected), 1e-14) << after;
+}
+
 TEST(UrdfExportBadInput, MalformedXmlIsNamedWithItsLine) {
   EXPECT_THAT(message_of("<robot>\n<joint name='j'>\n</robot>", {}),
               AllOf(HasSubstr(":2"), HasSubstr("malformed XML")));
