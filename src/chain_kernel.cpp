@@ -1,6 +1,7 @@
 #include "chain_kernel.hpp"
 
 #include <algorithm>
+#include <array>
 
 namespace kdl_calibration {
 
@@ -8,17 +9,21 @@ namespace {
 
 constexpr std::size_t kBlocksInCache = 16;
 
-// The sums over the lanes of `rows`, which hold them part by part, each of `at_once` lanes.
+// The sums over the lanes of `rows`, which hold them part by part, each of `at_once` lanes. Two lanes at a time, for
+// every part has an even number of them, and in an order that does not depend on the parts.
 void add_lanes(const std::vector<LaneRow>& rows, std::size_t at_once, ChainKernelSums& sums) {
-  const auto* const values = reinterpret_cast<const double*>(rows.data());
+  using Pair = double __attribute__((vector_size(16)));
+  std::array<const double*, kLanes / 2> pairs{};
+  for (std::size_t lane = 0; lane < kLanes; lane += 2) {
+    pairs[lane / 2] =
+        reinterpret_cast<const double*>(rows.data()) + lane / at_once * rows.size() * at_once + lane % at_once;
+  }
   std::size_t row = 0;
   const auto next = [&] {
-    LaneRow whole;
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      whole.lanes[lane] = values[(lane / at_once * rows.size() + row) * at_once + lane % at_once];
-    }
+    const auto pair = [&](std::size_t i) { return Pair{pairs[i][row * at_once], pairs[i][row * at_once + 1]}; };
+    const Pair sum = (pair(0) + pair(1)) + (pair(2) + pair(3));
     ++row;
-    return sum_of(whole.lanes);
+    return sum[0] + sum[1];
   };
   sums.cost = next();
   for (std::vector<double>* part : {&sums.gradient, &sums.twist, &sums.force, &sums.gram}) {

@@ -79,11 +79,8 @@ KDL::Joint joint_motion(const MovingJoint& joint, const std::string& name) {
 }
 
 KDL::Joint parameter_motion(const ErrorModel& model, const ErrorParameter& parameter) {
-  if (parameter.kind == ParameterKind::joint_offset) {
-    return joint_motion(model.joints[static_cast<std::size_t>(parameter.frame)], parameter.name);
-  }
-  const auto type = parameter.kind == ParameterKind::translation ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
-  return {parameter.name, KDL::Vector::Zero(), unit(parameter.axis), type};
+  const auto type = is_length(model, parameter) ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
+  return {parameter.name, KDL::Vector::Zero(), parameter_axis(model, parameter), type};
 }
 
 void add_parameter_factors(const ErrorModel& model, int frame, bool offsets, std::vector<ChainFactor>& factors) {
@@ -302,6 +299,11 @@ bool is_length(const ErrorModel& model, const ErrorParameter& parameter) {
   return parameter.kind == ParameterKind::translation ||
          (parameter.kind == ParameterKind::joint_offset &&
           model.joints[static_cast<std::size_t>(parameter.frame)].type == JointType::prismatic);
+}
+
+KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter) {
+  return parameter.kind == ParameterKind::joint_offset ? model.joints[static_cast<std::size_t>(parameter.frame)].axis
+                                                       : unit(parameter.axis);
 }
 
 std::size_t parameter_index(const ErrorModel& model, const std::string& name) {

@@ -202,8 +202,8 @@ std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eige
 }
 
 ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>& which) {
-  shape_ = folded(model, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())));
   frames_.resize(model.joints.size() + 1);
+  shape_.links.resize(frames_.size());
   Eigen::Matrix3d turn_back = Eigen::Matrix3d::Identity();
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     const bool tip = i == model.joints.size();
@@ -211,18 +211,22 @@ ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>
     if (!tip) {
       frames_[i].turn = z_onto(to_eigen(model.joints[i].axis));
       turn_back = frames_[i].turn.transpose();
+      shape_.prismatic.push_back(model.joints[i].type == JointType::prismatic);
     }
   }
-  for (const ChainFactor& factor : chain_factors(model)) {
-    if (factor.source != ChainFactor::Source::parameter) {
-      continue;
+  for (const bool offsets : {false, true}) {  // the order of chain_factors
+    for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+      const ErrorParameter& parameter = model.parameters[p];
+      if ((parameter.kind == ParameterKind::joint_offset) != offsets) {
+        continue;
+      }
+      const auto found = std::find(which.begin(), which.end(), p);
+      frames_[static_cast<std::size_t>(parameter.frame)].factors.push_back(
+          {.parameter = static_cast<Eigen::Index>(p),
+           .axis = to_eigen(parameter_axis(model, parameter)),
+           .translation = is_length(model, parameter),
+           .column = found == which.end() ? -1 : static_cast<int>(found - which.begin())});
     }
-    const auto found = std::find(which.begin(), which.end(), factor.index);
-    frames_[static_cast<std::size_t>(model.parameters[factor.index].frame)].factors.push_back(
-        {.parameter = static_cast<Eigen::Index>(factor.index),
-         .axis = to_eigen(factor.motion.JointAxis()),
-         .translation = factor.motion.getType() == KDL::Joint::TransAxis,
-         .column = found == which.end() ? -1 : static_cast<int>(found - which.begin())});
   }
 }
 

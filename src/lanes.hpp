@@ -13,7 +13,4 @@ struct alignas(64) LaneRow {
   Lanes lanes = {};
 };
 
-/// The sum over the lanes, in an order that does not depend on the machine.
-inline double sum_of(const Lanes& x) { return ((x[0] + x[1]) + (x[2] + x[3])) + ((x[4] + x[5]) + (x[6] + x[7])); }
-
 }  // namespace kdl_calibration

@@ -182,13 +182,15 @@ Eigen::Matrix<double, 9, 3> tangent(const Matrix3d& A) {
   return T;
 }
 
-// Levenberg-Marquardt on the rotations; the form is at hand, so a step costs no look at the data.
-Matrix3d descend(const RotationForm& form, Matrix3d A, int iterations) {
+// Levenberg-Marquardt on the rotations; the form is at hand, so a step costs no look at the data. Ends at a step
+// shorter than `tolerance` [rad].
+Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
+  constexpr int kIterations = 60;
   // Close to the minimum the values differ by less than their rounding and the gradient decides alone.
   const double rounding = 1e-13 * std::abs(form.constant);
   double damping = 1e-3;
   double value = form.value(A);
-  for (int i = 0; i < iterations; ++i) {
+  for (int i = 0; i < kIterations; ++i) {
     const Eigen::Matrix<double, 9, 3> T = tangent(A);
     const Eigen::Map<const Vector9d> theta(A.data());
     const Vector3d gradient = T.transpose() * (form.Q * theta - form.b);
@@ -208,7 +210,7 @@ Matrix3d descend(const RotationForm& form, Matrix3d A, int iterations) {
     } else {
       damping *= 10.0;
     }
-    if (step.norm() < 1e-14 || damping > 1e12) {
+    if (step.norm() < tolerance || damping > 1e12) {
       break;
     }
   }
@@ -256,17 +258,27 @@ RotationMinimum minimise(const RotationForm& form) {
   if (unconstrained.allFinite()) {
     starts.push_back(nearest_rotation(Eigen::Map<const Matrix3d>(unconstrained.data())));
   }
+  // Every minimum is found from several starts, and followed to its end once.
+  std::vector<Matrix3d> found;
   RotationMinimum best;
+  const auto is_known = [&](const Matrix3d& A) {
+    return std::any_of(found.begin(), found.end(), [&](const Matrix3d& other) { return (A - other).norm() < 0.1; });
+  };
   for (const Matrix3d& start : starts) {
-    const Matrix3d A = descend(form, start, 60);
+    Matrix3d A = descend(form, start, 1e-2);
+    if (is_known(A)) {
+      continue;
+    }
+    A = descend(form, A, 1e-14);
+    if (is_known(A)) {
+      continue;
+    }
+    found.push_back(A);
     const double value = form.value(A);
-    const bool same = (A - best.A).norm() < 0.1;
+    best.second = std::min(best.second, std::max(best.value, value));
     if (value < best.value) {
-      best.second = same ? best.second : best.value;
       best.value = value;
       best.A = A;
-    } else if (!same) {
-      best.second = std::min(best.second, value);
     }
   }
   return best;

@@ -72,6 +72,9 @@ ErrorModel complete_model(const Robot& robot);
 /// Whether the parameter is a length [m] rather than an angle [rad].
 bool is_length(const ErrorModel& model, const ErrorParameter& parameter);
 
+/// Unit axis of its motion, in the frame of the joint's origin.
+KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter);
+
 /// Index of the parameter with this name. Throws InputError where there is none.
 std::size_t parameter_index(const ErrorModel& model, const std::string& name);
 
