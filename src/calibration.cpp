@@ -501,11 +501,6 @@ std::optional<LackOfFit> lack_of_fit(const ErrorModel& model, const Measurements
   return result;
 }
 
-ErrorStatistics errors_of(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
-                          Rows rows) {
-  return error_statistics(position_errors(model, estimate, measurements, rows));
-}
-
 std::vector<double> listed_values(const Eigen::MatrixXd& matrix) {
   return {matrix.data(), matrix.data() + matrix.size()};
 }
@@ -677,8 +672,11 @@ constexpr std::size_t kMostRowsScreened = 20000;          // beyond that only th
 // survives it.
 std::vector<QualityFinding> findings(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                      const FreeParameters& free) {
-  const LeastSquaresProblem problem(model, measurements, free);
-  if (measurements.observations.size() > kMostRowsScreened || problem.equations() < problem.columns()) {
+  const auto enough_equations = [&] {
+    const LeastSquaresProblem problem(model, measurements, free);
+    return problem.equations() >= problem.columns();
+  };
+  if (measurements.observations.size() > kMostRowsScreened || !enough_equations()) {
     return check_distances(measurements);
   }
   const RobustIdentification preliminary = identify_robustly(model, measurements, start, free, Loss::tukey);
@@ -708,23 +706,26 @@ void validate_result(const Measurements& measurements, const Estimate& start, co
   const bool deflects = !result.free.deflections.empty();
   const Estimate rigid = deflects ? rigid_fit(measurements, start, fit_options, result) : estimate;
   result.rigid_errors = rigid.errors;
+  const auto poses_of = [&](const Estimate& e) { return flange_poses(result.model, e, measurements.joint_values); };
+  const std::vector<Eigen::Isometry3d> X_BF_before = poses_of(start);
+  const std::vector<Eigen::Isometry3d> X_BF_after = poses_of(estimate);
   const auto compare = [&](Rows rows) {
-    BeforeAfter pair{.before = errors_of(result.model, start, measurements, rows),
-                     .after = errors_of(result.model, estimate, measurements, rows),
+    BeforeAfter pair{.before = error_statistics(position_errors(X_BF_before, start, measurements, rows)),
+                     .after = error_statistics(position_errors(X_BF_after, estimate, measurements, rows)),
                      .rigid = std::nullopt};
     if (deflects) {
-      pair.rigid = errors_of(result.model, rigid, measurements, rows);
+      pair.rigid = error_statistics(position_errors(result.model, rigid, measurements, rows));
     }
     return pair;
   };
   result.train = compare(Rows::train);
   if (has_split(measurements, Split::test)) {
     result.test = compare(Rows::test);
-    result.iso_test_before = iso_9283(result.model, start, measurements, Rows::test);
-    result.iso_test_after = iso_9283(result.model, estimate, measurements, Rows::test);
+    result.iso_test_before = iso_9283(X_BF_before, start, measurements, Rows::test);
+    result.iso_test_after = iso_9283(X_BF_after, estimate, measurements, Rows::test);
   }
-  result.iso_before = iso_9283(result.model, start, measurements);
-  result.iso_after = iso_9283(result.model, estimate, measurements);
+  result.iso_before = iso_9283(X_BF_before, start, measurements);
+  result.iso_after = iso_9283(X_BF_after, estimate, measurements);
   if (options.leave_one_out) {
     const HoldOut before = leave_one_configuration_out_nominal(result.model, measurements, registration_options);
     const HoldOut after =

@@ -9,6 +9,7 @@
 #include <limits>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <set>
 #include <tuple>
 #include <utility>
@@ -108,20 +109,37 @@ struct Series {
   MatrixXd values;
 };
 
-// Rows of one configuration and one target or pair.
-using RepeatsByConfiguration = std::map<int, std::vector<VectorXd>>;
+// What was measured of one target or pair, in any order.
+struct Repeats {
+  std::vector<int> configurations;
+  std::vector<double> values;  // of each, one per axis
+};
 
-Series series_of(const RepeatsByConfiguration& repeats, Index axes) {
-  Series series;
-  series.values.resize(static_cast<Index>(repeats.size()), axes);
-  for (const auto& [configuration, values] : repeats) {
-    MatrixXd stacked(static_cast<Index>(values.size()), axes);
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      stacked.row(static_cast<Index>(i)) = values[i].transpose();
+Series series_of(const Repeats& repeats, Index axes) {
+  const std::vector<int>& of = repeats.configurations;
+  std::vector<Index> order(of.size());
+  std::iota(order.begin(), order.end(), Index{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](Index a, Index b) { return of[static_cast<std::size_t>(a)] < of[static_cast<std::size_t>(b)]; });
+  const MatrixXd sorted = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
+      repeats.values.data(), static_cast<Index>(of.size()), axes)(order, Eigen::all);
+  Series series{.configurations = {}, .values = MatrixXd(sorted.rows(), axes)};
+  for (Index first = 0; first < sorted.rows();) {
+    const int configuration = of[static_cast<std::size_t>(order[static_cast<std::size_t>(first)])];
+    Index end = first + 1;
+    while (end < sorted.rows() && of[static_cast<std::size_t>(order[static_cast<std::size_t>(end)])] == configuration) {
+      ++end;
     }
-    series.values.row(static_cast<Index>(series.configurations.size())) = medians(stacked, 0, stacked.rows());
+    auto row = series.values.row(static_cast<Index>(series.configurations.size()));
+    if (end == first + 1) {
+      row = sorted.row(first);
+    } else {
+      row = medians(sorted, first, end);
+    }
     series.configurations.push_back(configuration);
+    first = end;
   }
+  series.values.conservativeResize(static_cast<Index>(series.configurations.size()), Eigen::NoChange);
   return series;
 }
 
@@ -273,20 +291,20 @@ struct Group {
 };
 
 std::vector<Group> groups_of(const Measurements& measurements) {
-  std::map<std::pair<int, int>, Group> groups;
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+  const auto key = [&](std::size_t row) {
     const Observation& observation = measurements.observations[row];
-    Group& group = groups[{observation.configuration, observation.repeat}];
-    group.configuration = observation.configuration;
-    group.repeat = observation.repeat;
-    group.rows.push_back(row);
+    return std::pair(observation.configuration, observation.repeat);
+  };
+  std::vector<std::size_t> rows(measurements.observations.size());
+  std::iota(rows.begin(), rows.end(), std::size_t{0});
+  std::stable_sort(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) { return key(a) < key(b); });
+  std::vector<Group> groups;
+  for (auto first = rows.begin(); first != rows.end();) {
+    const auto end = std::find_if(first, rows.end(), [&](std::size_t row) { return key(row) != key(*first); });
+    groups.push_back({.configuration = key(*first).first, .repeat = key(*first).second, .rows = {first, end}});
+    first = end;
   }
-  std::vector<Group> result;
-  result.reserve(groups.size());
-  for (auto& [key, group] : groups) {
-    result.push_back(std::move(group));
-  }
-  return result;
+  return groups;
 }
 
 // Of each row its stated sigma over their median; 1 where not all rows state one.
@@ -441,11 +459,12 @@ void for_pairs(const std::vector<std::size_t>& rows, const Visit& visit) {
 
 DistanceLevels distance_levels(const Measurements& measurements, const std::vector<Group>& groups,
                                const std::vector<double>& relative, const QualityOptions& options) {
-  std::map<Pair, RepeatsByConfiguration> by_pair;
+  std::map<Pair, Repeats> by_pair;
   for (const Group& group : groups) {
     for_pairs(group.rows, [&](std::size_t a, std::size_t b) {
-      by_pair[pair_of(target_of(measurements, a), target_of(measurements, b))][group.configuration].push_back(
-          VectorXd::Constant(1, distance(measurements, a, b)));
+      Repeats& repeats = by_pair[pair_of(target_of(measurements, a), target_of(measurements, b))];
+      repeats.configurations.push_back(group.configuration);
+      repeats.values.push_back(distance(measurements, a, b));
     });
   }
   std::vector<Series> all;
@@ -678,15 +697,17 @@ ResidualTable residual_table(const ErrorModel& model, const Measurements& measur
   for (const TargetFrame& target : estimate.targets) {
     table.targets.emplace_back(target.X_FT.translation());
   }
-  std::vector<RepeatsByConfiguration> repeats(measurements.targets.size());
+  std::vector<Repeats> repeats(measurements.targets.size());
   for (const Observation& observation : measurements.observations) {
     const auto k = static_cast<std::size_t>(observation.target);
     const Eigen::Isometry3d& pose = table.X_WF[static_cast<std::size_t>(observation.configuration)];
-    repeats[k][observation.configuration].emplace_back(pose.inverse() * observation.position - table.targets[k]);
+    const Vector3d deviation = pose.inverse() * observation.position - table.targets[k];
+    repeats[k].configurations.push_back(observation.configuration);
+    repeats[k].values.insert(repeats[k].values.end(), deviation.begin(), deviation.end());
   }
   std::vector<Series> all;
   all.reserve(repeats.size());
-  for (const RepeatsByConfiguration& target : repeats) {
+  for (const Repeats& target : repeats) {
     all.push_back(series_of(target, 3));
   }
   const double fitted = fitted_parameters(estimate);

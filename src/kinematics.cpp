@@ -270,15 +270,27 @@ std::vector<ParameterTwist> base_twists() {
   return twists;
 }
 
+namespace {
+
+// Z(value) * pose for a rotation about or a translation along z.
+void move_along_z(double value, bool prismatic, Eigen::Isometry3d& pose) {
+  if (prismatic) {
+    pose.translation().z() += value;
+    return;
+  }
+  const double s = std::sin(value);
+  const double c = std::cos(value);
+  const Eigen::RowVector4d x = pose.matrix().row(0);
+  pose.matrix().row(0) = c * x - s * pose.matrix().row(1);
+  pose.matrix().row(1) = s * x + c * pose.matrix().row(1);
+}
+
+}  // namespace
+
 Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q) {
   Eigen::Isometry3d pose = chain.links.back();
   for (std::size_t i = chain.prismatic.size(); i-- > 0;) {
-    const double value = q[static_cast<Eigen::Index>(i)];
-    if (chain.prismatic[i]) {
-      pose.translation().z() += value;
-    } else {
-      pose = Eigen::AngleAxisd(value, Eigen::Vector3d::UnitZ()) * pose;
-    }
+    move_along_z(q[static_cast<Eigen::Index>(i)], chain.prismatic[i], pose);
     pose = chain.links[i] * pose;
   }
   return pose;
@@ -311,11 +323,7 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
   pose = chain.links.back();
   for (int i = joints - 1; i >= 0; --i) {
     const auto joint = static_cast<std::size_t>(i);
-    if (chain.prismatic[joint]) {
-      pose.translation().z() += q[i];
-    } else {
-      pose = Eigen::AngleAxisd(q[i], Eigen::Vector3d::UnitZ()) * pose;
-    }
+    move_along_z(q[i], chain.prismatic[joint], pose);
     write_columns(i);
     pose = chain.links[joint] * pose;
   }

@@ -36,7 +36,11 @@ ErrorStatistics error_statistics(std::vector<double> distances) {
 
 std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
                                     Rows rows) {
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
+  return position_errors(flange_poses(model, estimate, measurements.joint_values), estimate, measurements, rows);
+}
+
+std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
+                                    const Measurements& measurements, Rows rows) {
   std::vector<double> distances;
   for (const Observation& observation : measurements.observations) {
     const bool train = observation.split == Split::train;
@@ -59,9 +63,14 @@ Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, cons
 }
 
 Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements, Rows rows) {
+  return iso_9283(flange_poses(model, estimate, measurements.joint_values), estimate, measurements, rows);
+}
+
+Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
+                 Rows rows) {
   const Measurements means = averaged(measurements);
   Iso9283 result;
-  result.accuracy = error_statistics(position_errors(model, estimate, means, rows));
+  result.accuracy = error_statistics(position_errors(X_BF, estimate, means, rows));
   const auto selected = [&](const Observation& o) {
     return rows == Rows::all || (o.split == Split::train) == (rows == Rows::train);
   };

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -30,6 +31,9 @@ enum class Rows { all, train, test };
 /// 3D distance between measured and predicted point of each observation, in the order of the file.
 std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
                                     Rows rows = Rows::all);
+/// The same where the flange's poses in all configurations are at hand.
+std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
+                                    const Measurements& measurements, Rows rows = Rows::all);
 
 /// The geometry of the estimate with base and targets registered anew to the training rows: how well this geometry
 /// could explain the measurements.
@@ -43,6 +47,8 @@ struct Iso9283 {
   ErrorStatistics repeatability;  ///< of those points that have repeats
 };
 Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
+                 Rows rows = Rows::train);
+Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
                  Rows rows = Rows::train);
 
 /// How a fit is done wherever it is repeated.
