@@ -287,7 +287,7 @@ bool present(const Column& column) { return column.index != kAbsent; }
 struct Header {
   char separator = ',';
   std::size_t line = 0;
-  std::vector<std::string> names;  ///< as the file has them, units included, without empty ones at the end
+  std::vector<std::string> names;  ///< as the file has them, for messages: units included, no empty ones at the end
   std::size_t fields = 0;          ///< with the empty ones at the end
   Column configuration, split, repeat, target, sigma;
   std::array<Column, 3> position;
@@ -398,7 +398,7 @@ private:
 
   void add(std::size_t index, std::string_view cell) {
     if (cell.empty()) fail(place_, "column " + std::to_string(index + 1) + " has no name");
-    header_.names.emplace_back(cell);
+    header_.names.emplace_back(printable(cell));
     auto [name, unit] = name_and_unit(cell);
     if (joint_index_.contains(cell)) {  // a joint's own name may end in brackets
       name = cell;

@@ -383,6 +383,11 @@ TEST(MeasurementsInput, DuplicateRowsNameBothLines) {
   EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,2\nc,B,1,2,3,4,5,1\nc,A,1,2,3,4,5,2\n"), HasSubstr("measured twice"));
 }
 
+TEST(MeasurementsInput, MessagesStayOnOneLineWhateverTheHeaderHolds) {
+  EXPECT_THAT(csv_message("configuration,target,joint_1[rad\t],joint_2,x,y,z\nc1,A,a,2,3,4,5\n"),
+              StartsWith("m.csv:2: joint_1[rad\\x09] 'a' is not a number"));
+}
+
 TEST(MeasurementsInput, OneConfigurationHasOneSetOfJointValues) {
   EXPECT_THAT(row_message("c1,A,1,2,3,4,5\nc2,A,1,2,3,4,5\nc1,B,1,2.001,3,4,5\n"),
               AllOf(StartsWith("m.csv:4: joint_2[rad] '2.001' differs from line 2"), HasSubstr("configuration 'c1'")));
