@@ -3,7 +3,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <map>
+#include <numeric>
 #include <tuple>
 #include <utility>
 
@@ -213,6 +215,26 @@ void LeastSquaresProblem::gather(const Measurements& measurements, const Residua
   }
 }
 
+namespace {
+
+// The rows sorted by configuration; empty where they already are.
+std::vector<std::uint32_t> order_of_configurations(const Measurements& measurements) {
+  const std::vector<Observation>& rows = measurements.observations;
+  std::vector<std::uint32_t> order;
+  const auto by_configuration = [](const Observation& a, const Observation& b) {
+    return a.configuration < b.configuration;
+  };
+  if (!std::is_sorted(rows.begin(), rows.end(), by_configuration)) {
+    order.resize(rows.size());
+    std::iota(order.begin(), order.end(), 0U);
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::uint32_t a, std::uint32_t b) { return by_configuration(rows[a], rows[b]); });
+  }
+  return order;
+}
+
+}  // namespace
+
 // Independent rows of equal sigma in every direction and points alone: as gather_isotropic, but configurations that
 // are alike are stored side by side. False where that is not possible or not worth while.
 bool LeastSquaresProblem::gather_groups(const Measurements& measurements, const ResidualOptions& options) {
@@ -221,88 +243,103 @@ bool LeastSquaresProblem::gather_groups(const Measurements& measurements, const 
     return false;
   }
   const std::size_t targets = measurements.targets.size();
-  const auto count = static_cast<std::size_t>(measurements.joint_values.cols());
   const auto joints = static_cast<std::size_t>(measurements.joint_values.rows());
+  const std::vector<std::uint32_t> order = order_of_configurations(measurements);
   const auto weight_of = [&](std::size_t row) {
     const double stated = measurements.observations[row].sigma;
     const double sigma = stated > 0.0 ? stated : options.noise.independent.x();
     return row_weight(options, row) * (sigma > 0.0 ? 1.0 / (sigma * sigma) : 1.0);
   };
-  const auto cell_of = [&](const Observation& o) {
-    return static_cast<std::size_t>(o.configuration) * targets + static_cast<std::size_t>(o.target);
-  };
-  std::vector<double> weights(count * targets, 0.0);
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    if (measurements.observations[row].split == Split::train) {
-      weights[cell_of(measurements.observations[row])] += weight_of(row);
-    }
-  }
-  // Place of each configuration: group and number in it.
-  std::map<std::vector<double>, std::size_t> groups;
-  std::vector<std::uint32_t> group_of(count);
-  std::vector<double> pattern(targets, -1.0);
-  for (std::size_t c = 0; c < count; ++c) {
-    const double* own = &weights[c * targets];
-    if (!groups.empty() && std::equal(pattern.begin(), pattern.end(), own)) {
-      group_of[c] = group_of[c - 1];
-    } else {
-      pattern.assign(own, own + targets);
-      group_of[c] = static_cast<std::uint32_t>(groups.emplace(pattern, groups.size()).first->second);
-    }
-    if (groups.size() > kLanes && 2 * groups.size() > c) {
-      return false;  // few are alike
-    }
-  }
-  groups_.resize(groups.size());
-  for (const auto& [own, g] : groups) {
-    for (std::size_t k = 0; k < targets; ++k) {
-      if (own[k] > 0.0) {
-        groups_[g].targets.push_back(k);
-        groups_[g].weights.push_back(own[k]);
+  // Calls visit(configuration) with what is fitted of it in `rows`, until that returns false.
+  std::vector<std::size_t> rows;
+  const auto for_configurations = [&](const auto& visit) {
+    for (std::size_t i = 0; i < measurements.observations.size();) {
+      rows.clear();
+      const std::int32_t configuration = measurements.observations[order.empty() ? i : order[i]].configuration;
+      for (; i < measurements.observations.size(); ++i) {
+        const std::size_t row = order.empty() ? i : order[i];
+        if (measurements.observations[row].configuration != configuration) {
+          break;
+        }
+        if (measurements.observations[row].split == Split::train) {
+          rows.push_back(row);
+        }
+      }
+      if (!rows.empty() && !visit(static_cast<std::size_t>(configuration))) {
+        return false;
       }
     }
-    groups_[g].rows = joints + 3 * groups_[g].targets.size();
+    return true;
+  };
+
+  // Configurations whose targets have the same weights are alike.
+  std::map<std::vector<double>, std::size_t> numbers;
+  std::vector<std::uint32_t> group_of;  // of each configuration, in the order of the visit
+  std::vector<double> weights(targets);
+  std::vector<double> last;
+  const bool alike = for_configurations([&](std::size_t) {
+    std::fill(weights.begin(), weights.end(), 0.0);
+    for (const std::size_t row : rows) {
+      weights[static_cast<std::size_t>(measurements.observations[row].target)] += weight_of(row);
+    }
+    group_of.push_back(weights == last
+                           ? group_of.back()
+                           : static_cast<std::uint32_t>(numbers.emplace(weights, numbers.size()).first->second));
+    last = weights;
+    return numbers.size() <= kLanes || 2 * numbers.size() <= group_of.size();
+  });
+  if (!alike) {
+    return false;
   }
-  std::vector<std::uint32_t> number(count);
-  for (std::size_t c = 0; c < count; ++c) {
-    number[c] = static_cast<std::uint32_t>(groups_[group_of[c]].configurations++);
+  groups_.resize(numbers.size());
+  for (const std::uint32_t g : group_of) {
+    ++groups_[g].configurations;
   }
-  for (Group& group : groups_) {
+  for (const auto& [own, g] : numbers) {
+    Group& group = groups_[g];
+    for (std::size_t k = 0; k < targets; ++k) {
+      if (own[k] > 0.0) {
+        group.targets.push_back(k);
+        group.weights.push_back(own[k]);
+      }
+    }
+    group.rows = joints + 3 * group.targets.size();
     group.data.resize((group.configurations + kLanes - 1) / kLanes * group.rows);
   }
-  for (std::size_t c = 0; c < count; ++c) {
+
+  // Running weighted means and sums of squares about them (West 1979).
+  std::vector<std::size_t> filled(groups_.size(), 0);
+  std::size_t visited = 0;
+  for_configurations([&](std::size_t c) {
+    const std::uint32_t g = group_of[visited++];
+    Group& group = groups_[g];
+    const std::size_t number = filled[g]++;
     for (std::size_t i = 0; i < joints; ++i) {
-      groups_[group_of[c]].at(number[c], i) = measurements.joint_values(static_cast<Index>(i), static_cast<Index>(c));
+      group.at(number, i) = measurements.joint_values(static_cast<Index>(i), static_cast<Index>(c));
     }
-  }
-  // Running weighted mean and sum of squares about it (West 1979).
-  std::fill(weights.begin(), weights.end(), 0.0);
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    const Observation& observation = measurements.observations[row];
-    if (observation.split != Split::train) {
-      continue;
+    std::fill(weights.begin(), weights.end(), 0.0);
+    for (const std::size_t row : rows) {
+      const Observation& observation = measurements.observations[row];
+      const auto target = static_cast<std::size_t>(observation.target);
+      const auto found = std::find(group.targets.begin(), group.targets.end(), target);
+      const std::size_t first = joints + 3 * static_cast<std::size_t>(found - group.targets.begin());
+      double& sum = weights[target];
+      const double weight = weight_of(row);
+      double squares = 0.0;
+      for (std::size_t i = 0; i < 3; ++i) {
+        double& mean = group.at(number, first + i);
+        const double deviation = observation.position[static_cast<Index>(i)] - mean;
+        mean += deviation * (weight / (sum + weight));
+        squares += deviation * deviation;
+      }
+      cost_of_repeats_ += squares * weight * sum / (sum + weight);
+      sum += weight;
+      equations_ += 3;
+      points_measured_ += 1;
+      total_weight_ += weight;
     }
-    const auto c = static_cast<std::size_t>(observation.configuration);
-    Group& group = groups_[group_of[c]];
-    const auto found =
-        std::find(group.targets.begin(), group.targets.end(), static_cast<std::size_t>(observation.target));
-    const std::size_t first = joints + 3 * static_cast<std::size_t>(found - group.targets.begin());
-    double& sum = weights[cell_of(observation)];
-    const double weight = weight_of(row);
-    double squares = 0.0;
-    for (std::size_t i = 0; i < 3; ++i) {
-      double& mean = group.at(number[c], first + i);
-      const double deviation = observation.position[static_cast<Index>(i)] - mean;
-      mean += deviation * (weight / (sum + weight));
-      squares += deviation * deviation;
-    }
-    cost_of_repeats_ += squares * weight * sum / (sum + weight);
-    sum += weight;
-    equations_ += 3;
-    points_measured_ += 1;
-    total_weight_ += weight;
-  }
-  std::erase_if(groups_, [](const Group& group) { return group.targets.empty(); });  // nothing of them is fitted
+    return true;
+  });
   return true;
 }
 

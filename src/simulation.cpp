@@ -115,10 +115,14 @@ Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_val
     poses = poses || target.with_orientation;
   }
   const FoldedChain chain = folded(robot.model, robot.truth.errors);
-  const Eigen::MatrixXd deflected_values = deflected(robot.model, robot.truth.deflections, joint_values);
+  result.configurations.reserve(static_cast<std::size_t>(joint_values.cols()));
+  result.observations.reserve(static_cast<std::size_t>(joint_values.cols() * std::max(noise.repeats, 0)) *
+                              result.targets.size());
   for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
     result.configurations.push_back(std::to_string(c + 1));
-    const Eigen::Isometry3d X_WF = robot.truth.X_WB * flange_pose(chain, deflected_values.col(c));
+    const Eigen::Isometry3d X_WF =
+        robot.truth.X_WB *
+        flange_pose(chain, deflected(robot.model, robot.truth.deflections, joint_values.col(c)).col(0));
     for (int repeat = 1; repeat <= noise.repeats; ++repeat) {
       const Eigen::Vector3d drift = noise.common.isZero(0.0)
                                         ? Eigen::Vector3d(Eigen::Vector3d::Zero())
