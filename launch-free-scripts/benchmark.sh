@@ -11,24 +11,25 @@ install_missing "${build_packages[@]}" "${test_packages[@]}" libbenchmark-dev li
 results=$(mktemp)
 trap 'rm -f "$results"' EXIT
 program=$root/build/release/tests/benchmark/kdl_calibration_benchmark
-measure() { "$program" --benchmark_format=csv "$@" >>"$results" 2>/dev/null; }
+measure() { "$program" --benchmark_color=false "$@" 2>/dev/null >>"$results"; }
 # The best of several runs: other work on the machine only ever adds time. What takes minutes runs once, and the memory
 # has a process of its own.
 measure --benchmark_repetitions=5 --benchmark_filter='-memory|iteration_ceres_qr/300000'
 measure --benchmark_filter=iteration_ceres_qr/300000
 measure --benchmark_filter=memory
 
-awk -F, '
-  { gsub(/"/, "") }
-  $1 == "name" { for (i = 1; i <= NF; ++i) if ($i == "peak_MB") memory_column = i; next }
-  NF > 5 && $1 !~ /_(mean|median|stddev|cv)$/ {
+awk '
+  $3 ~ /^(ns|us|ms|s)$/ && $1 !~ /_(mean|median|stddev|cv)$/ {
     name = $1
     sub(/\/(iterations:1|manual_time|real_time).*/, "", name)
-    factor = $5 == "ns" ? 1e-9 : $5 == "us" ? 1e-6 : $5 == "ms" ? 1e-3 : 1
-    time = $3 * factor
+    time = $2 * ($3 == "ns" ? 1e-9 : $3 == "us" ? 1e-6 : $3 == "ms" ? 1e-3 : 1)
     if (!(name in best) || time < best[name]) best[name] = time
-    if ($6 != "" && $6 > speed[name]) speed[name] = $6
-    if (memory_column && $memory_column != "") memory = $memory_column
+    for (i = 7; i <= NF; ++i) {
+      split($i, counter, "=")
+      value = counter[2] * (counter[2] ~ /G\/s$/ ? 1e9 : counter[2] ~ /M\/s$/ ? 1e6 : counter[2] ~ /k\/s$/ ? 1e3 : 1)
+      if (counter[1] == "bytes_per_second" && value > speed[name]) speed[name] = value
+      if (counter[1] == "peak_MB") memory = value
+    }
   }
   function row(text, name) {
     if (name in best) printf "%-58s %12.3f ms\n", text, best[name] * 1e3

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <Eigen/Dense>
 #include <cmath>
 
 #include "kdl_calibration/kinematics.hpp"
@@ -90,6 +91,34 @@ TEST(Identification, AveragesNoiseAsTheoryPredicts) {
   const double mean = sum / 200.0;
   std::cout << "mean held out " << mean * 1e3 << " mm\n";
   EXPECT_NEAR(mean, 0.0000207, 0.04 * 0.0000207);
+}
+
+// The normal equations square the condition number, but their gradient comes from the residuals: each step refines what
+// the one before left, and the end is where an orthogonal factorisation of the stacked Jacobian would go no further.
+TEST(Identification, ReachesTheOptimumOfAnOrthogonalFactorisation) {
+  const Experiment experiment;
+  for (const double range : {1.5, 0.2, 0.05}) {
+    Random random(21);
+    const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.002});
+    const JointRanges ranges(experiment.model.joints.size(), {0.3 - range, 0.3 + range});
+    const Measurements measured = measure(robot, random_configurations(ranges, 60, random), {.sigma = 0.00003}, random);
+    const Identification found =
+        identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
+    ASSERT_EQ(found.termination, Termination::converged) << range << ": " << found.message;
+    const WhitenedSystem system =
+        LeastSquaresProblem(experiment.model, measured, experiment.free).whitened(found.estimate);
+    const Eigen::VectorXd scale = system.jacobian.colwise().norm().cwiseInverse();
+    const Eigen::MatrixXd scaled = system.jacobian * scale.asDiagonal();
+    const Eigen::VectorXd step = Eigen::HouseholderQR<Eigen::MatrixXd>(scaled).solve(system.residual);
+    const Eigen::VectorXd singular = Eigen::BDCSVD<Eigen::MatrixXd>(scaled).singularValues();
+    const Eigen::VectorXd std = (scaled.transpose() * scaled).inverse().diagonal().cwiseSqrt();
+    const double motion = 0.00003 * (scaled * step).norm() / std::sqrt(static_cast<double>(scaled.rows()) / 3.0);
+    const double in_sigmas = step.cwiseQuotient(std).cwiseAbs().maxCoeff();
+    std::cout << "range " << range << ": condition " << singular[0] / singular.tail<1>()[0] << ", motion " << motion
+              << " m, parameters " << in_sigmas << " sigma\n";
+    EXPECT_LT(motion, 1e-13);
+    EXPECT_LT(in_sigmas, 1e-6);
+  }
 }
 
 TEST(Identification, GradientAndHessianAreThoseOfTheStackedJacobian) {
