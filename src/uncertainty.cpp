@@ -113,20 +113,6 @@ Matrix3d predicted_covariance(const ErrorModel& model, const Estimate& estimate,
   return jacobian * column_covariance * jacobian.transpose();
 }
 
-MatrixXd predicted_sigmas(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
-                          const MatrixXd& column_covariance, const MatrixXd& joint_values) {
-  const PositionPredictor predictor(model, estimate, free);
-  MatrixXd sigmas(static_cast<Index>(estimate.targets.size()), joint_values.cols());
-  for (Index c = 0; c < joint_values.cols(); ++c) {
-    Index k = 0;
-    for (const Matrix3Xd& jacobian : predictor.jacobians(joint_values.col(c))) {
-      const double variance = (jacobian * column_covariance).cwiseProduct(jacobian).sum();
-      sigmas(k++, c) = std::sqrt(variance);
-    }
-  }
-  return sigmas;
-}
-
 namespace {
 
 // Scatter of the measured orientations about their mean.

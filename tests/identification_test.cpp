@@ -129,7 +129,8 @@ TEST(Identification, GradientAndHessianAreThoseOfTheStackedJacobian) {
                                         {.sigma = 0.001, .repeats = 3}, random);
   const LeastSquaresProblem problem(experiment.model, measured, experiment.free,
                                     {.priors = {.length = 0.002, .angle = 0.003}});
-  const Estimate start = nominal_start(experiment.model, measured);
+  Estimate start = nominal_start(experiment.model, measured);
+  start.errors = testing::random_errors(experiment.model, random, 0.001, 0.001);  // which the priors pull at
   const NormalEquations equations = problem.linearise(start);
   const Eigen::MatrixXd jacobian = problem.whitened(start).jacobian;
   EXPECT_LT((jacobian.transpose() * jacobian - equations.hessian).norm(), 1e-12 * equations.hessian.norm());
@@ -140,6 +141,16 @@ TEST(Identification, GradientAndHessianAreThoseOfTheStackedJacobian) {
         problem.linearise(problem.moved(start, step)).cost - problem.linearise(problem.moved(start, -step)).cost;
     EXPECT_NEAR(-0.5 * difference / 2e-6, equations.gradient[c], 1e-6 * equations.gradient.norm());
   }
+}
+
+TEST(Identification, StatedSigmasAreTheCovarianceOfTheirPoints) {
+  Observation observation{.position = Eigen::Vector3d(1.0, 2.0, 2.0), .sigma = 0.002};
+  NoiseModel noise;
+  noise.independent = Eigen::Vector3d(0.1, 0.2, 0.3);
+  EXPECT_LT((point_covariance(noise, observation) - 4e-6 * Eigen::Matrix3d::Identity()).norm(), 1e-18);
+  observation.sigma = 0.0;
+  const Eigen::Matrix3d expected = Eigen::Vector3d(0.01, 0.04, 0.09).asDiagonal();
+  EXPECT_LT((point_covariance(noise, observation) - expected).norm(), 1e-15);
 }
 
 TEST(Identification, ResidualAndGradientVanishAtTheTruth) {
@@ -172,6 +183,29 @@ TEST(Identification, RecoversMeasuredFramesOfAnOddArm) {
     ASSERT_EQ(found.termination, Termination::converged) << found.message;
     ASSERT_LE(held_out_rms(robot, found.estimate, ranges, 100, random), 1e-12);
   }
+}
+
+TEST(Identification, RepeatedOrientationsCountWithTheirMean) {
+  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  Random random(16);
+  std::vector<TargetFrame> targets = generic_targets(1);
+  targets[0].with_orientation = true;
+  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+  const VirtualRobot robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.01}, random);
+  const Measurements repeated = measure(robot, random_configurations(limits_of(model), 20, random),
+                                        {.orientation_sigma = 1e-4, .repeats = 3}, random);
+  Measurements apart = repeated;  // every repeat as a configuration of its own
+  apart.joint_values.resize(repeated.joint_values.rows(), 60);
+  for (Observation& observation : apart.observations) {
+    const Eigen::Index column = 3 * observation.configuration + observation.repeat - 1;
+    apart.joint_values.col(column) = repeated.joint_values.col(observation.configuration);
+    observation.configuration = static_cast<std::int32_t>(column);
+    observation.repeat = 1;
+  }
+  const Estimate start = nominal_start(model, repeated);
+  const Eigen::VectorXd gradient = LeastSquaresProblem(model, repeated, free).linearise(start).gradient;
+  const Eigen::VectorXd expected = LeastSquaresProblem(model, apart, free).linearise(start).gradient;
+  EXPECT_LT((gradient - expected).norm(), 1e-6 * expected.norm());  // the mean is exact to the square of the noise
 }
 
 TEST(Identification, SaysWhenTheMeasurementsDoNotDetermineAllParameters) {

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <kdl/chainjnttojacsolver.hpp>
 #include <numeric>
@@ -152,6 +153,45 @@ TEST_P(EveryChain, ThreeRoutesToTheManipulatorJacobianAgree) {
     const ManipulatorJacobians routes = manipulator_jacobians(model_, errors, testing::random_joints(model_, random));
     ASSERT_EQ(routes.kdl.cols(), static_cast<Eigen::Index>(model_.joints.size()));
     ASSERT_LT(routes.largest_difference, 1e-12);
+  }
+}
+
+// Whatever the order of a frame's parameters: with a rotation in front of a translation it has a lever arm.
+TEST_P(EveryChain, FolderGivesTheFoldedChainAndTheTwists) {
+  Random random(8);
+  ErrorModel model = model_;
+  for (int order = 0; order < 2; ++order) {
+    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.01, 0.1);
+    const FoldedChain expected = folded(model, errors);
+    const std::vector<ParameterTwist> expected_twists = parameter_twists(model, errors, which_);
+    const ChainFolder folder(model, which_);
+    FoldedChain chain = folder.shape();
+    std::vector<ParameterTwist> twists(which_.size());
+    folder.fold(errors, chain, twists, 0);
+    EXPECT_EQ(chain.prismatic, expected.prismatic);
+    for (std::size_t i = 0; i < expected.links.size(); ++i) {
+      EXPECT_LT((chain.links[i].matrix() - expected.links[i].matrix()).norm(), 1e-14) << i;
+    }
+    for (std::size_t p = 0; p < which_.size(); ++p) {
+      EXPECT_EQ(twists[p].frame, expected_twists[p].frame);
+      EXPECT_LT((twists[p].linear - expected_twists[p].linear).norm(), 1e-14) << model.parameters[p].name;
+      EXPECT_LT((twists[p].angular - expected_twists[p].angular).norm(), 1e-14) << model.parameters[p].name;
+    }
+    std::reverse(model.parameters.begin(), model.parameters.end());
+  }
+}
+
+TEST(Kinematics, FoldsAxesOfAnyDirection) {
+  Random random(9);
+  for (const std::string axis : {"0 0 -1", "1e-9 0 -1", "0.3 -0.2 -0.9", "-1 0 0", "0.6 0 -0.5", "0 0.1 0.9"}) {
+    std::string urdf = testing::kOddArm;
+    const std::string old = "0 -1 0";
+    urdf.replace(urdf.find(old), old.size(), axis);
+    const ErrorModel model = complete_model(parse_robot(urdf));
+    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
+    const Eigen::VectorXd q = testing::random_joints(model, random);
+    const KDL::Frame ours = to_kdl(flange_pose(folded(model, errors), q));
+    EXPECT_LT(difference(ours, kdl_pose(error_chain(model, errors), q)), 1e-12) << axis;
   }
 }
 

@@ -27,10 +27,6 @@ Eigen::MatrixXd undetermined_directions(const Eigen::MatrixXd& whitened_jacobian
 /// Radius [m] of the sphere about the mean that holds a normal error with this covariance with this probability.
 double radius_of_probability(const Eigen::Matrix3d& covariance, double probability = 0.95);
 
-/// 3D 1 sigma, sqrt(trace), of every target at every column of `joint_values`: targets x N [m].
-Eigen::MatrixXd predicted_sigmas(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
-                                 const Eigen::MatrixXd& column_covariance, const Eigen::MatrixXd& joint_values);
-
 /// Variance components of the training rows from their repeats (analysis of variance with targets of one repeat as
 /// correlated measurements): per axis of W, `common` is the mean covariance of two targets of one repeat and
 /// `independent` what is left of the variance. Where no configuration has two targets with repeats the two cannot be
