@@ -161,5 +161,44 @@ TEST(Registration, IgnoresHeldOutRows) {
   EXPECT_LT((found.X_WB.matrix() - robot.truth.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9);
 }
 
+TEST(Registration, SaysWhereSeveralPosesOfTheBaseAreAsGood) {
+  // Measurements that have nothing to do with the robot: in some of the trials no minimum stands out.
+  const ErrorModel model = complete_model(fanuc());
+  Random random(11);
+  int told = 0;
+  for (int trial = 0; trial < 20; ++trial) {
+    const VirtualRobot robot = exact_robot(model, 1, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model), 30, random);
+    Measurements measured = measure(robot, q, {}, random);
+    for (Observation& observation : measured.observations) {
+      observation.position = Eigen::Vector3d(random.normal(), random.normal(), random.normal());
+    }
+    const Registration found = register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measured);
+    told += found.ambiguous && found.message.find("two poses of the base") != std::string::npos ? 1 : 0;
+  }
+  EXPECT_GE(told, 3);
+}
+
+TEST(Registration, GivesARotationWhereAReflectionWouldFitAsWell) {
+  // All of a planar arm's points lie in one plane: mirrored at it they are the same.
+  const Robot robot = parse_robot(R"(<robot name="planar">
+    <link name="a"/><link name="b"/><link name="c"/><link name="d"/><link name="tip"/>
+    <joint name="j1" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
+    <joint name="j2" type="continuous"><parent link="b"/><child link="c"/><origin xyz="0.5 0 0"/><axis xyz="0 0 1"/></joint>
+    <joint name="j3" type="continuous"><parent link="c"/><child link="d"/><origin xyz="0.4 0 0"/><axis xyz="0 0 1"/></joint>
+    <joint name="t" type="fixed"><parent link="d"/><child link="tip"/><origin xyz="0.1 0 0"/></joint></robot>)");
+  const ErrorModel model = complete_model(robot);
+  Random random(12);
+  for (int trial = 0; trial < 100; ++trial) {
+    const VirtualRobot truth =
+        virtual_robot(model, {}, generic_targets(1, random.bits()), kNoErrors, random, random_placement(random));
+    const Eigen::MatrixXd q = random_configurations(JointRanges(3, {-2.0, 2.0}), 15, random);
+    const Measurements measured = measure(truth, q, {.sigma = 0.001}, random);
+    const Registration found = register_base_and_targets(flange_poses(folded(model, truth.truth.errors), q), measured);
+    ASSERT_NEAR(found.X_WB.linear().determinant(), 1.0, 1e-12) << trial;
+    ASSERT_LT(found.rms, 0.004) << trial;
+  }
+}
+
 }  // namespace
 }  // namespace kdl_calibration
