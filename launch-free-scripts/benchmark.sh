@@ -26,7 +26,7 @@ awk '
     if (!(name in best) || time < best[name]) best[name] = time
     for (i = 7; i <= NF; ++i) {
       split($i, counter, "=")
-      value = counter[2] * (counter[2] ~ /G\/s$/ ? 1e9 : counter[2] ~ /M\/s$/ ? 1e6 : counter[2] ~ /k\/s$/ ? 1e3 : 1)
+      value = counter[2] * (counter[2] ~ /Gi?\/s$/ ? 2^30 : counter[2] ~ /Mi?\/s$/ ? 2^20 : 1)  # bytes in binary units
       if (counter[1] == "bytes_per_second" && value > speed[name]) speed[name] = value
       if (counter[1] == "peak_MB") memory = value
     }

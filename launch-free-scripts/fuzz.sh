@@ -30,12 +30,13 @@ done
 read_options "Installs what is missing, builds the fuzzers in build/fuzz and runs each of them, as many at a time as there are cores.
   --seconds N  for each of them [60]
   --runs N     executions of each of them instead
-  --seed N     the same inputs again, as long as neither programs nor corpus change" "${others[@]}"
+  --seed N     from the kept corpus alone, with this seed: the same inputs in the same order, as far as time goes" "${others[@]}"
 install_missing "${build_packages[@]}" clang libclang-rt-14-dev
 configure_and_build fuzz
 
 # What the fuzzers find new stays in build/fuzz/corpus; cases worth keeping go to tests/fuzz/corpus by hand.
 cd "$root/build/fuzz"
+[ ${#seed[@]} -eq 0 ] || rm -rf corpus
 add_to_corpus() {
   mkdir -p "corpus/$1"
   cp "${@:2}" "corpus/$1"
@@ -47,7 +48,10 @@ add_to_corpus joint_convention "$root"/urdf/*.json
 # work.
 fuzz() {
   local target=$1 length=256
-  [ "$target" = urdf ] && length=2048
+  case $target in
+    urdf) length=12000 ;;
+    joint_convention | json_inputs) length=512 ;;
+  esac
   mkdir -p "corpus/$target"
   "tests/fuzz/${target}_fuzzer" -rss_limit_mb=4096 -timeout=120 "-max_len=$length" -print_final_stats=1 \
     -close_fd_mask=1 "-artifact_prefix=$PWD/$target-" "${limit[@]}" "${seed[@]}" \

@@ -71,7 +71,7 @@ static inline void turned_back(const Vector* R, const Coordinates& v, Vector* ou
   }
 }
 
-// Without `mask` a lane has no rotation, and with that no columns.
+// Where `mask` is 0 a lane has no rotation, and with that no columns.
 static inline void constant_pose(const FrameNumbers& frame, const Vector& mask, Vector* pose) {
   for (std::size_t i = 0; i < 12; ++i) {
     pose[i] = i < 9 ? frame[i] * mask : frame[i] - Vector{};
@@ -189,8 +189,8 @@ static inline void columns_of(const ChainKernelInput& input, const Vector* poses
   }
 }
 
-// Products of the columns first, … last - 1 with column `own` of one block's Jacobian, or of two that lie behind each
-// other: two at a time, for the sums are more than fits into the cache next to the registers.
+// Products of the columns first, … last - 1 with column `own` of one block's Jacobian, or of two blocks' that lie
+// behind each other: two blocks at a time, for the sums are more than fits into the cache next to the registers.
 template <std::size_t kBlocks, std::size_t kRows>
 static inline Vector* add_products(const Vector* J, std::size_t columns, std::size_t own, std::size_t first,
                                    std::size_t last, Vector* gram) {

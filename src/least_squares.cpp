@@ -261,7 +261,7 @@ bool LeastSquaresProblem::gather_groups(const Measurements& measurements, const 
         if (measurements.observations[row].configuration != configuration) {
           break;
         }
-        if (measurements.observations[row].split == Split::train) {
+        if (measurements.observations[row].split == Split::train && weight_of(row) > 0.0) {
           rows.push_back(row);
         }
       }

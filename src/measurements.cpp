@@ -417,7 +417,7 @@ private:
     }
     if (column == nullptr) fail_unknown_column(place_, cell, name, joints_);
     if (present(*column)) {
-      fail(place_, "column " + shown(cell) + " repeats " + shown(header_.names[column->index]));
+      fail(place_, "column " + shown(cell) + " repeats '" + header_.names[column->index] + "'");
     }
     *column = {index, unit ? parse_unit(*unit, cell, units) : Unit::none};
   }

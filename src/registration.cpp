@@ -258,7 +258,7 @@ RotationMinimum minimise(const RotationForm& form) {
   if (unconstrained.allFinite()) {
     starts.push_back(nearest_rotation(Eigen::Map<const Matrix3d>(unconstrained.data())));
   }
-  // Every minimum is found from several starts, and followed to its end once.
+  // Every minimum is found from several starts, and as a rule followed to its end from the first of them.
   std::vector<Matrix3d> found;
   RotationMinimum best;
   const auto is_known = [&](const Matrix3d& A) {
@@ -270,12 +270,11 @@ RotationMinimum minimise(const RotationForm& form) {
       continue;
     }
     A = descend(form, A, 1e-14);
-    if (is_known(A)) {
-      continue;
-    }
-    found.push_back(A);
     const double value = form.value(A);
-    best.second = std::min(best.second, std::max(best.value, value));
+    if (!is_known(A)) {
+      found.push_back(A);
+      best.second = std::min(best.second, std::max(best.value, value));
+    }
     if (value < best.value) {
       best.value = value;
       best.A = A;

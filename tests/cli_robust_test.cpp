@@ -147,6 +147,7 @@ TEST_F(Signals, KilledAtAnyMomentEachFileIsTheOldOrTheNewOne) {
     process.send(SIGKILL);
     const int status = process.wait();
     killed += WIFSIGNALED(status) ? 1 : 0;
+    duration *= WIFSIGNALED(status) ? 1.02 : 0.9;  // the machine has other work, now more and now less
     const std::array<std::string, 2> now = {text_of("a"), text_of("b")};
     for (std::size_t f = 0; f < 2; ++f) {
       ASSERT_TRUE(now.at(f) == whole[0].at(f) || now.at(f) == whole[1].at(f)) << "after run " << runs;
@@ -163,6 +164,7 @@ TEST_F(Signals, KilledAtAnyMomentEachFileIsTheOldOrTheNewOne) {
   std::printf("%d runs, %d killed, %d times the file was replaced, %d temporary files left by SIGKILL\n", runs, killed,
               replaced, left_behind);
   EXPECT_EQ(killed, kills);
+  EXPECT_GT(replaced, 0);
 }
 
 // ---- Files that cannot be written ----------------------------------------------------------------------------------
@@ -224,6 +226,7 @@ TEST_F(Limits, MemoryGrowsWithTheDataAlone) {
   const double large = peak("100000");
   std::printf("%.0f and %.0f MB, %.0f bytes for each further point\n", small / 1e6, large / 1e6,
               (large - small) / (3.0 * 80000.0));
+  EXPECT_GT(large - small, 50.0 * 3.0 * 80000.0);  // else something else was measured
   EXPECT_LT(large - small, 500.0 * 3.0 * 80000.0);
 }
 

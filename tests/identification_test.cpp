@@ -143,6 +143,35 @@ TEST(Identification, GradientAndHessianAreThoseOfTheStackedJacobian) {
   }
 }
 
+TEST(Identification, TheOrderOfTheRowsDoesNotMatter) {
+  const Experiment experiment;
+  Random random(17);
+  const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
+  Measurements sorted = measure(robot, random_configurations(published_ranges(experiment.model), 40, random),
+                                {.sigma = 0.001, .repeats = 2}, random);
+  for (Observation& observation : sorted.observations) {
+    observation.split = observation.configuration == 5 ? Split::test : Split::train;
+  }
+  std::erase_if(sorted.observations, [](const Observation& o) {
+    return o.configuration == 9 || (o.configuration % 3 == 0 && o.target == 1);  // nothing, and two targets of three
+  });
+  Measurements mixed = sorted;
+  for (std::size_t i = mixed.observations.size(); i > 1; --i) {
+    std::swap(mixed.observations[i - 1], mixed.observations[random.bits() % i]);
+  }
+  const LeastSquaresProblem problem(experiment.model, mixed, experiment.free);
+  const LeastSquaresProblem expected(experiment.model, sorted, experiment.free);
+  EXPECT_EQ(problem.equations(), expected.equations());
+  EXPECT_NEAR(problem.cost_of_repeats(), expected.cost_of_repeats(), 1e-12 * expected.cost_of_repeats());
+  const NormalEquations a = problem.linearise(robot.truth);
+  const NormalEquations b = expected.linearise(robot.truth);
+  EXPECT_NEAR(a.cost, b.cost, 1e-12 * b.cost);
+  EXPECT_LT((a.hessian - b.hessian).norm(), 1e-12 * b.hessian.norm());
+  EXPECT_LT((a.gradient - b.gradient).norm(), 1e-12 * b.hessian.norm());
+  const Eigen::MatrixXd jacobian = problem.whitened(robot.truth).jacobian;
+  EXPECT_LT((jacobian.transpose() * jacobian - a.hessian).norm(), 1e-12 * a.hessian.norm());
+}
+
 TEST(Identification, StatedSigmasAreTheCovarianceOfTheirPoints) {
   Observation observation{.position = Eigen::Vector3d(1.0, 2.0, 2.0), .sigma = 0.002};
   NoiseModel noise;

@@ -14,6 +14,16 @@
 namespace kdl_calibration {
 namespace {
 
+TEST(Uncertainty, UpperTailOfTheFDistribution) {
+  for (const double n : {1.0, 2.0, 5.0, 30.0}) {
+    for (const double f : {0.01, 0.3, 1.0, 3.0, 50.0}) {
+      // With two degrees of freedom in the numerator the integral has a closed form.
+      EXPECT_NEAR(f_upper_tail(f, 2.0, n), std::pow(1.0 + 2.0 * f / n, -0.5 * n), 1e-12) << f << ", " << n;
+      EXPECT_NEAR(f_upper_tail(f, 7.0, n) + f_upper_tail(1.0 / f, n, 7.0), 1.0, 1e-12) << f << ", " << n;
+    }
+  }
+}
+
 TEST(Uncertainty, CovarianceIsTheInverseOfTheNormalMatrix) {
   Random random(1);
   Eigen::MatrixXd jacobian = Eigen::MatrixXd::NullaryExpr(40, 6, [&] { return random.normal(); });
