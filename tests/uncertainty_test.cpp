@@ -198,6 +198,22 @@ TEST(Uncertainty, ResidualComponentsCoverCorrelatedNoiseThatNobodyStated) {
   EXPECT_LT(ratio, 1.4);
 }
 
+TEST(Uncertainty, ResidualsGiveBothComponentsOfTheNoise) {
+  const Experiment experiment;
+  Random random(7);
+  Measurements measured = measure(experiment.robot(random), random_configurations(experiment.ranges, 400, random),
+                                  {.sigma = 0.00004, .common = Eigen::Vector3d::Constant(0.00003)}, random);
+  for (Observation& observation : measured.observations) {
+    observation.sigma = 0.0;
+  }
+  const Identification found =
+      identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
+  const ResidualNoise noise = noise_from_residuals(
+      LeastSquaresProblem(experiment.model, measured, experiment.free).whitened(found.estimate), 33, 1.0);
+  EXPECT_NEAR(noise.independent, 0.00004, 0.05 * 0.00004);
+  EXPECT_NEAR(noise.common, 0.00003, 0.1 * 0.00003);
+}
+
 TEST(Uncertainty, RepeatsGiveBothComponentsOfTheNoise) {
   const Experiment experiment;
   Random random(6);

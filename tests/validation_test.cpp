@@ -49,6 +49,36 @@ TEST(Validation, PositionErrorsAreTheDistancesToThePrediction) {
   EXPECT_EQ(position_errors(f.model, f.robot.truth, f.measured, Rows::test).size(), 1U);
 }
 
+TEST(Validation, FiguresOfIso9283AreTheStandardsFormulas) {
+  Fixture f;
+  Measurements measured = subset(f.measured, [](const Observation& o) { return o.configuration < 2 && o.target == 0; });
+  const std::vector<Observation> exact = measured.observations;
+  measured.observations.clear();
+  for (const Observation& point : exact) {
+    const Eigen::Vector3d predicted =
+        f.robot.truth.X_WB *
+        (flange_poses(f.model, f.robot.truth, measured.joint_values)[static_cast<std::size_t>(point.configuration)] *
+         f.robot.truth.targets[0].X_FT.translation());
+    int repeat = 0;
+    for (const double x : {-0.003, 0.0, 0.006}) {  // mean 0.001; distances from it 0.004, 0.001, 0.005
+      Observation& o = measured.observations.emplace_back(point);
+      o.position = predicted + Eigen::Vector3d(x, 0.002, 0.0);
+      o.repeat = ++repeat;
+    }
+    if (point.configuration == 1) {
+      measured.observations.resize(4);  // a point without repeats has no repeatability
+    }
+  }
+  const Iso9283 iso = iso_9283(f.model, f.robot.truth, measured);
+  EXPECT_EQ(iso.accuracy.count, 2);
+  EXPECT_NEAR(iso.accuracy.max, std::hypot(0.003, 0.002), 1e-12);  // of the single point
+  EXPECT_NEAR(iso.accuracy.mean, 0.5 * (std::hypot(0.003, 0.002) + std::hypot(0.001, 0.002)), 1e-12);
+  EXPECT_EQ(iso.repeatability.count, 1);
+  const double l = (0.004 + 0.001 + 0.005) / 3.0;
+  const double s = std::sqrt((std::pow(0.004 - l, 2) + std::pow(0.001 - l, 2) + std::pow(0.005 - l, 2)) / 2.0);
+  EXPECT_NEAR(iso.repeatability.mean, l + 3.0 * s, 1e-12);
+}
+
 TEST(Validation, LeaveOneOutIsARefitWithoutThatConfiguration) {
   const Fixture f(2);
   const Estimate start = nominal_start(f.model, f.measured);

@@ -173,6 +173,35 @@ TEST(Workspace, NamesWhatAConfigurationViolates) {
   EXPECT_THAT(violated(robot, circle_of_targets(), cell, zero), ::testing::ElementsAre("least radius 5000 mm"));
 }
 
+TEST(Workspace, MeasuresTheRadiusFromTheFirstAxis) {
+  const Robot robot = testing::fanuc();
+  Cell cell;
+  cell.ranges = limits_of(complete_model(robot));
+  Eigen::VectorXd upright = Eigen::VectorXd::Zero(6);
+  upright[2] = 60 * kDegree;
+  upright[4] = 30 * kDegree;
+  const Scene now = scene(robot, cell, upright);
+  double nearest = 1e9;
+  for (const Vector3d& target : now.targets) {
+    nearest = std::min(nearest, std::hypot(target.x(), target.y()));  // the first axis is the base's z
+    ASSERT_GT(target.norm(), 1.1 * std::hypot(target.x(), target.y())) << "else the height would not show";
+  }
+  cell.radius = nearest - 1e-6;
+  EXPECT_TRUE(violated(robot, circle_of_targets(), cell, upright).empty());
+  cell.radius = nearest + 1e-6;
+  EXPECT_EQ(violated(robot, circle_of_targets(), cell, upright).size(), 1U);
+}
+
+TEST(Workspace, SumsOfJointsCountTheirOffset) {
+  const Robot robot = testing::fanuc();
+  Cell cell;
+  cell.ranges = limits_of(complete_model(robot));
+  cell.sums.push_back({.name = "elbow", .weights = Eigen::VectorXd::Unit(6, 2), .offset = 0.3, .upper = 0.5});
+  EXPECT_TRUE(violated(robot, circle_of_targets(), cell, 0.1 * Eigen::VectorXd::Unit(6, 2)).empty());
+  EXPECT_THAT(violated(robot, circle_of_targets(), cell, 0.3 * Eigen::VectorXd::Unit(6, 2)),
+              ::testing::ElementsAre("range of elbow"));
+}
+
 TEST(Workspace, DoesNotDependOnTheThreads) {
   const Robot robot = testing::fanuc();
   const Cell cell = full_cell(robot);
