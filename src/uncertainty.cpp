@@ -198,6 +198,16 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
   return noise;
 }
 
+namespace {
+
+// std::lgamma writes the sign to a variable that all threads share.
+double log_gamma(double x) {
+  int sign = 0;
+  return ::lgamma_r(x, &sign);
+}
+
+}  // namespace
+
 double f_upper_tail(double f, double a, double b) {
   if (!(f > 0.0)) {
     return 1.0;
@@ -232,7 +242,7 @@ double f_upper_tail(double f, double a, double b) {
       break;
     }
   }
-  const double log_front = std::lgamma(p + q) - std::lgamma(p) - std::lgamma(q) + p * std::log(x) + q * std::log1p(-x);
+  const double log_front = log_gamma(p + q) - log_gamma(p) - log_gamma(q) + p * std::log(x) + q * std::log1p(-x);
   const double tail = std::exp(log_front) * value / p;
   return swap ? 1.0 - tail : tail;
 }
