@@ -93,16 +93,13 @@ void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& s
 #ifdef KDL_CALIBRATION_WIDE_KERNELS
     case InstructionSet::avx512:
       avx512::sum(input, cost_only, sums);
-      add_lanes(sums.lanes, 8, sums);
       return;
     case InstructionSet::avx2:
       avx2::sum(input, cost_only, sums);
-      add_lanes(sums.lanes, 4, sums);
       return;
 #endif
     default:
       baseline::sum(input, cost_only, sums);
-      add_lanes(sums.lanes, 2, sums);
   }
 }
 

@@ -274,4 +274,5 @@ static void sum(const ChainKernelInput& input, bool cost_only, ChainKernelSums& 
       }
     }
   }
+  add_lanes(all.lanes, kAtOnce, all);
 }

@@ -194,12 +194,23 @@ TEST(Identification, ResidualAndGradientVanishAtTheTruth) {
   EXPECT_LT(equations.gradient.norm(), 1e-12);
 }
 
+struct MeasuredFrame {
+  ErrorModel model;
+  std::vector<TargetFrame> targets;
+  FreeParameters free;
+};
+
+MeasuredFrame odd_arm_with_a_measured_frame() {
+  MeasuredFrame result{
+      .model = complete_model(parse_robot(testing::kOddArm)), .targets = generic_targets(1), .free = {}};
+  result.targets[0].with_orientation = true;
+  result.free = free_parameters(result.model, result.targets, reduced_model(result.model, result.targets).kept);
+  return result;
+}
+
 TEST(Identification, RecoversMeasuredFramesOfAnOddArm) {
-  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  const auto [model, targets, free] = odd_arm_with_a_measured_frame();
   Random random(13);
-  std::vector<TargetFrame> targets = generic_targets(1);
-  targets[0].with_orientation = true;
-  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
   for (int trial = 0; trial < 20; ++trial) {
     Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
     X_WB.linear() = rotation_exp(2.0 * Eigen::Vector3d(random.normal(), random.normal(), random.normal()));
@@ -215,11 +226,8 @@ TEST(Identification, RecoversMeasuredFramesOfAnOddArm) {
 }
 
 TEST(Identification, RepeatedOrientationsCountWithTheirMean) {
-  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  const auto [model, targets, free] = odd_arm_with_a_measured_frame();
   Random random(16);
-  std::vector<TargetFrame> targets = generic_targets(1);
-  targets[0].with_orientation = true;
-  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
   const VirtualRobot robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.01}, random);
   const Measurements repeated = measure(robot, random_configurations(limits_of(model), 20, random),
                                         {.orientation_sigma = 1e-4, .repeats = 3}, random);
