@@ -260,7 +260,7 @@ Fitted identify_in_gauge(const ErrorModel& model, const Measurements& measuremen
       return candidates;
     }
     const Eigen::MatrixXd triangle = problem.whitened_summary(estimate).triangle;
-    return triangle.allFinite() ? determined(model, start.targets, candidates, kept, triangle) : kept;
+    return triangle.allFinite() ? determined(model, start.targets, candidates, kept, triangle) : free;
   };
   FreeParameters nothing;
   nothing.targets.resize(candidates.targets.size());
@@ -387,6 +387,9 @@ ModelOptions model_options(const CalibrationOptions& options) {
 
 bool has_priors(const Priors& priors) { return priors.length > 0.0 || priors.angle > 0.0 || priors.deflection > 0.0; }
 
+// Of the repeats' scatter, the least that is taken as the noise of single points along an axis.
+constexpr double kLeastShareOfRepeats = 1e-3;
+
 NoiseModel noise_model(const Measurements& measurements, const CalibrationOptions& options) {
   if (!options.noise_from_repeats) {
     return options.noise;
@@ -394,6 +397,11 @@ NoiseModel noise_model(const Measurements& measurements, const CalibrationOption
   const RepeatNoise repeats = noise_from_repeats(measurements);
   if (repeats.degrees_of_freedom == 0.0) {
     throw InputError(measurements.source + ": --noise repeats needs configurations that were measured more than once");
+  }
+  if (!(repeats.independent.minCoeff() > kLeastShareOfRepeats * repeats.total.maxCoeff())) {
+    throw InputError(measurements.source +
+                     ": --noise repeats: the repeats of single points do not vary along every axis; state the noise by "
+                     "--noise-independent");
   }
   NoiseModel noise = options.noise;
   noise.independent = repeats.independent;
@@ -478,7 +486,7 @@ std::optional<LackOfFit> lack_of_fit(const ErrorModel& model, const Measurements
   }
   JointOptions whitened = options.joint;
   whitened.residuals.noise = {};
-  whitened.residuals.noise.independent = repeats.independent.cwiseMax(1e-3 * repeats.total.maxCoeff());
+  whitened.residuals.noise.independent = repeats.independent.cwiseMax(kLeastShareOfRepeats * repeats.total.maxCoeff());
   whitened.residuals.noise.common = repeats.common;
   whitened.residuals.noise.orientation = options.joint.residuals.noise.orientation;
   Measurements without_sigma = measurements;
@@ -796,7 +804,11 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   Selection selection = select(model, start.targets, options);
   result.reduction = std::move(selection.reduction);
   result.free = free_parameters(model, start.targets, selection.free);
-
+  if (selection.free.empty()) {
+    throw InputError(
+        "--fix: leaves nothing to estimate of base, targets and geometric errors; kdlcal validate predicts without a "
+        "fit");
+  }
   result.findings = findings(result.model, measurements, start, result.free);
 
   FitOptions fit_options{.loss = options.loss, .joint = {}, .after_fit = counted_fits(measurements, options)};

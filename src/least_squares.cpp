@@ -11,6 +11,7 @@
 
 #include "chain_kernel.hpp"
 #include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -24,6 +25,11 @@ using Eigen::VectorXd;
 
 double row_weight(const ResidualOptions& options, std::size_t row) {
   return options.row_weights.empty() ? 1.0 : options.row_weights[row];
+}
+
+// Rows that are held out, or whose weight is zero, are as good as not there.
+bool is_fitted(const Measurements& measurements, const ResidualOptions& options, std::size_t row) {
+  return measurements.observations[row].split == Split::train && row_weight(options, row) > 0.0;
 }
 
 bool has_orientation(const Measurements& measurements, std::size_t row) {
@@ -261,7 +267,7 @@ bool LeastSquaresProblem::gather_groups(const Measurements& measurements, const 
         if (measurements.observations[row].configuration != configuration) {
           break;
         }
-        if (measurements.observations[row].split == Split::train && weight_of(row) > 0.0) {
+        if (is_fitted(measurements, options, row)) {
           rows.push_back(row);
         }
       }
@@ -364,7 +370,7 @@ void LeastSquaresProblem::gather_isotropic(const Measurements& measurements, con
   std::vector<Point> cells(count * targets);
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& observation = measurements.observations[row];
-    if (observation.split != Split::train) {
+    if (!is_fitted(measurements, options, row)) {
       continue;
     }
     const auto target = static_cast<std::size_t>(observation.target);
@@ -399,12 +405,15 @@ void LeastSquaresProblem::gather_isotropic(const Measurements& measurements, con
   }
 }
 
+// Of the variance of a coordinate, what the others of its repeat do not tell; less has no digits left.
+constexpr double kLeastOwnShare = 1e-12;
+
 // Any covariance: the information of every repeat, a block over its points, is added up per configuration. With
 // W = sum W_r and the mean z = W^-1 sum W_r z_r, sum (z_r - f)^T W_r (z_r - f) = (z - f)^T W (z - f) + constant.
 void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const ResidualOptions& options) {
   std::vector<std::size_t> rows;
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    if (measurements.observations[row].split == Split::train) {
+    if (is_fitted(measurements, options, row)) {
       rows.push_back(row);
     }
   }
@@ -456,7 +465,15 @@ void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const 
           covariance.block<3, 3>(a, b).diagonal() += common;
         }
       }
-      const MatrixXd inverse = covariance.llt().solve(MatrixXd::Identity(z.size(), z.size()));
+      const Eigen::LLT<MatrixXd> root(covariance);
+      const VectorXd own_share = root.matrixLLT().diagonal().cwiseAbs2().cwiseQuotient(covariance.diagonal());
+      if (root.info() != Eigen::Success || !(own_share.minCoeff() > kLeastOwnShare)) {
+        throw InputError(measurements.source + ": configuration '" +
+                         measurements.configurations[static_cast<std::size_t>(c)] +
+                         "': the noise of single points is too small, expected more than a millionth of what they "
+                         "share, along every axis");
+      }
+      const MatrixXd inverse = root.solve(MatrixXd::Identity(z.size(), z.size()));
       information(coordinates, coordinates) += inverse;
       weighted(coordinates) += inverse * z;
       squares += z.dot(inverse * z);

@@ -381,6 +381,7 @@ TEST_F(BadTable, RobotsThatUrdfdomOrTheChainRefuse) {
 TEST_F(BadTable, OptionsOfCalibrateThatContradictEachOther) {
   ASSERT_EQ(run({"simulate", "--configurations", "12", "--noise", "1e-5", "--output", "m.csv"}).status, 0);
   ASSERT_EQ(run({"simulate", "--poses", "--configurations", "12", "--noise", "1e-5", "--output", "p.csv"}).status, 0);
+  ASSERT_EQ(run({"simulate", "--repeats", "2", "--truth", "truth.json", "--output", "same.csv"}).status, 0);
   const auto refused = [&](std::vector<std::string> more, const std::vector<std::string>& facts,
                            const std::string& file = "m.csv") {
     more.insert(more.begin(), {"calibrate", "--measurements", file, "--result", "r.json", "--output", "o.urdf"});
@@ -390,11 +391,18 @@ TEST_F(BadTable, OptionsOfCalibrateThatContradictEachOther) {
   refused({"--noise-tracker", "1,2"}, {"--noise-tracker", "expected 4"});
   refused({"--noise-tracker", "0,0,1e-5,0"}, {"--noise-tracker", "above 0"});
   refused({"--noise-common", "1e-5"}, {"--noise-common", "--noise-independent"});
+  refused({"--noise-independent", "1e-5,0,1e-5"}, {"--noise-independent", "above 0 along each"});
+  refused({"--noise-independent", "1e-5", "--noise-common", "1000"}, {"m.csv", "configuration '1'", "a millionth"});
   refused({"--noise", "repeats"}, {"m.csv", "--noise repeats", "more than once"});
+  refused({"--noise", "repeats"}, {"same.csv", "--noise repeats", "do not vary", "--noise-independent"}, "same.csv");
   refused({"--method", "two-step", "--loss", "huber"}, {"two-step", "losses"});
   refused({"--method", "two-step", "--fix", "base.Tx"}, {"--fix", "base.Tx"});
   refused({"--method", "two-step"}, {"p.csv", "two-step", "orientations"}, "p.csv");
   refused({"--free", "Z*"}, {"--free", "'Z*'"});
+  for (const std::string method : {"joint", "two-step"}) {
+    refused({"--fix", "*", "--known-base", "truth.json", "--known-targets", "truth.json", "--method", method},
+            {"--fix", "nothing to estimate", "validate"});
+  }
   refused({"--fix", std::string(1000, '*') + "?"}, {"base"});
   refused({"--loss", "cauchy"}, {"'cauchy'", "none, huber, tukey"});
   refused({"--prior", "0.1"}, {"'0.1'", "auto"});

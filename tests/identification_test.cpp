@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
@@ -170,6 +171,69 @@ TEST(Identification, TheOrderOfTheRowsDoesNotMatter) {
   EXPECT_LT((a.gradient - b.gradient).norm(), 1e-12 * b.hessian.norm());
   const Eigen::MatrixXd jacobian = problem.whitened(robot.truth).jacobian;
   EXPECT_LT((jacobian.transpose() * jacobian - a.hessian).norm(), 1e-12 * a.hessian.norm());
+}
+
+TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
+  const Experiment experiment;
+  Random random(17);
+  const VirtualRobot robot = experiment.robot(random);
+  const Measurements all = measure(robot, random_configurations(published_ranges(experiment.model), 12, random),
+                                   {.sigma = 0.001, .repeats = 2}, random);
+  const auto left_out = [](const Observation& o) { return o.configuration == 4 || o.configuration % 5 == o.target; };
+  Measurements some = all;
+  std::erase_if(some.observations, left_out);
+  ResidualOptions weighted;
+  for (const Observation& observation : all.observations) {
+    weighted.row_weights.push_back(left_out(observation) ? 0.0 : 1.0);
+  }
+  // Equal weights of configurations that are alike; of ones that are not; with noise shared by a repeat's points.
+  for (const bool alike : {true, false}) {
+    for (const double common : {0.0, 0.002}) {
+      ResidualOptions plain;
+      plain.noise.independent.setConstant(0.001);
+      plain.noise.common.setConstant(common);
+      weighted.noise = plain.noise;
+      Measurements a = all;
+      Measurements b = some;
+      for (Measurements* m : {&a, &b}) {
+        for (Observation& o : m->observations) {
+          o.sigma = alike ? 0.001 : 0.001 + 1e-6 * (3 * o.configuration + o.target);
+        }
+      }
+      const LeastSquaresProblem problem(experiment.model, a, experiment.free, weighted);
+      const LeastSquaresProblem expected(experiment.model, b, experiment.free, plain);
+      const NormalEquations found = problem.linearise(robot.truth);
+      const NormalEquations known = expected.linearise(robot.truth);
+      EXPECT_EQ(problem.equations(), expected.equations());
+      EXPECT_NEAR(problem.total_weight(), expected.total_weight(), 1e-12 * expected.total_weight());
+      EXPECT_NEAR(found.cost, known.cost, 1e-12 * known.cost);
+      EXPECT_LT((found.hessian - known.hessian).norm(), 1e-12 * known.hessian.norm());
+    }
+  }
+}
+
+TEST(Identification, RefusesNoiseThatIsNoCovariance) {
+  const Experiment experiment;
+  Random random(18);
+  const VirtualRobot robot = experiment.robot(random);
+  const Measurements measured =
+      measure(robot, random_configurations(published_ranges(experiment.model), 30, random), {.sigma = 1e-4}, random);
+  const auto equations = [&](const Eigen::Vector3d& independent, double common) {
+    Measurements m = measured;
+    for (Observation& observation : m.observations) {
+      observation.sigma = 0.0;
+    }
+    ResidualOptions options;
+    options.noise.independent = independent;
+    options.noise.common.setConstant(common);
+    return LeastSquaresProblem(experiment.model, m, experiment.free, options).linearise(robot.truth);
+  };
+  EXPECT_THROW(equations({1e-4, 0.0, 1e-4}, 0.0), InputError);
+  EXPECT_THROW(equations({1e-4, 0.0, 1e-4}, 1e-3), InputError);
+  EXPECT_THROW(equations(Eigen::Vector3d::Zero(), 1e-3), InputError);
+  EXPECT_THROW(equations(Eigen::Vector3d::Constant(1e-10), 1e-3), InputError);
+  EXPECT_TRUE(equations(Eigen::Vector3d::Constant(1e-8), 1e-3).hessian.allFinite());
+  EXPECT_TRUE(equations({1e-4, 1e-9, 1e-4}, 0.0).hessian.allFinite());
 }
 
 TEST(Identification, StatedSigmasAreTheCovarianceOfTheirPoints) {

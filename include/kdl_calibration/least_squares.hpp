@@ -104,7 +104,7 @@ WhitenedSummary summarised(const WhitenedSystem& system);
 struct ResidualOptions {
   Priors priors;
   NoiseModel noise;
-  std::vector<double> row_weights;  ///< positive factor on the information of each observation; empty: all 1
+  std::vector<double> row_weights;  ///< factor on the information of each observation, 0 leaves it out; empty: all 1
   /// [m] where orientations have no sigma: an error of one radian counts as much as this error of position.
   double orientation_length = 0.3;
 };

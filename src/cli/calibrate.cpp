@@ -65,6 +65,9 @@ Eigen::Vector3d axis_values(const std::vector<double>& values, const std::string
 NoiseModel noise_model(const Arguments& arguments) {
   NoiseModel noise = arguments.options.noise;
   noise.independent = axis_values(arguments.noise_independent, "--noise-independent");
+  if (!noise.independent.isZero(0.0) && noise.independent.minCoeff() == 0.0) {
+    throw InputError("--noise-independent: is 0 along one axis and not along another, expected above 0 along each");
+  }
   noise.common = axis_values(arguments.noise_common, "--noise-common");
   noise.tracker = tracker_noise(arguments.tracker);
   if (!noise.common.isZero(0.0) && noise.independent.isZero(0.0) && !noise.tracker) {
