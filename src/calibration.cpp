@@ -614,10 +614,10 @@ PredictedAccuracy predicted_accuracy(const Measurements& measurements, const Cal
   }
   result.workspace = error_statistics(listed_values(everywhere));
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, workspace);
-  std::map<std::array<int, 3>, WorkspaceCell> cells;
+  std::map<std::array<double, 3>, WorkspaceCell> cells;  // doubles: a large robot has more cubes than an int counts
   for (Eigen::Index c = 0; c < workspace.cols(); ++c) {
     const Eigen::Vector3d cube = (X_BF[static_cast<std::size_t>(c)].translation() / result.cell).array().floor();
-    WorkspaceCell& cell = cells[{static_cast<int>(cube.x()), static_cast<int>(cube.y()), static_cast<int>(cube.z())}];
+    WorkspaceCell& cell = cells[{cube.x(), cube.y(), cube.z()}];
     cell.centre = (cube.array() + 0.5) * result.cell;
     cell.mean = (cell.mean * cell.count + everywhere.col(c).mean()) / (cell.count + 1);
     cell.max = std::max(cell.max, everywhere.col(c).maxCoeff());
