@@ -236,14 +236,6 @@ bool same_parameters(const FreeParameters& a, const FreeParameters& b) {
   return a.base == b.base && a.geometric == b.geometric && a.deflections == b.deflections && a.targets == b.targets;
 }
 
-// Whether the information leaves no doubt of any column: scaled to unit norm, none has a small pivot.
-bool determines_all(const Eigen::MatrixXd& information) {
-  constexpr double kSmallestPivot = 1e-3;
-  const Eigen::VectorXd scale = information.diagonal().cwiseSqrt().cwiseInverse();
-  const Eigen::LLT<Eigen::MatrixXd> root(scale.asDiagonal() * information * scale.asDiagonal());
-  return scale.allFinite() && root.info() == Eigen::Success && root.matrixLLT().diagonal().minCoeff() > kSmallestPivot;
-}
-
 constexpr int kGaugeRounds = 3;
 
 // Fits what the measurements determine, as judged by the nominal geometry. What the solution shows to be otherwise is
@@ -256,7 +248,7 @@ Fitted identify_in_gauge(const ErrorModel& model, const Measurements& measuremen
     return identify(model, measurements, start, candidates, options, fit_options);
   }
   const auto determined_at = [&](const Estimate& estimate, const FreeParameters& kept) {
-    if (determines_all(problem.linearise(estimate).hessian)) {
+    if (well_conditioned_root(problem.linearise(estimate).hessian)) {
       return candidates;
     }
     const Eigen::MatrixXd triangle = problem.whitened_summary(estimate).triangle;

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <tuple>
 #include <utility>
 
@@ -884,6 +885,20 @@ WhitenedSummary summarised(const WhitenedSystem& system) {
   return summary;
 }
 
+std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
+  constexpr double kSmallestPivot = 1e-3;
+  const VectorXd norms = information.diagonal().cwiseSqrt();
+  if (!(norms.minCoeff() > 0.0)) {
+    return std::nullopt;
+  }
+  const VectorXd inverse = norms.cwiseInverse();
+  const Eigen::LLT<MatrixXd> root(inverse.asDiagonal() * information * inverse.asDiagonal());
+  if (root.info() != Eigen::Success || !(root.matrixLLT().diagonal().minCoeff() > kSmallestPivot)) {
+    return std::nullopt;
+  }
+  return MatrixXd(root.matrixU()) * norms.asDiagonal();
+}
+
 WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) const {
   WhitenedSummary summary;
   return summarise_groups(estimate, summary) ? summary : summarised(whitened(estimate));
@@ -901,17 +916,11 @@ bool LeastSquaresProblem::summarise_groups(const Estimate& estimate, WhitenedSum
   }
   NormalEquations equations;
   linearise(estimate, equations);
-  const VectorXd norms = equations.hessian.diagonal().cwiseSqrt();
-  if (!(norms.minCoeff() > 0.0)) {
+  std::optional<MatrixXd> root = well_conditioned_root(equations.hessian);
+  if (!root) {
     return false;
   }
-  const VectorXd inverse = norms.cwiseInverse();
-  const Eigen::LLT<MatrixXd> root(inverse.asDiagonal() * equations.hessian * inverse.asDiagonal());
-  constexpr double kSmallestPivot = 1e-3;  // of the root: figures keep ten digits
-  if (root.info() != Eigen::Success || !(root.matrixLLT().diagonal().minCoeff() > kSmallestPivot)) {
-    return false;
-  }
-  summary.triangle = MatrixXd(root.matrixU()) * norms.asDiagonal();
+  summary.triangle = std::move(*root);
   summary.priors = VectorXd::Zero(columns_);
   const Index first = chain_columns_ - static_cast<Index>(prior_weights_.size());
   for (std::size_t i = 0; i < prior_weights_.size(); ++i) {

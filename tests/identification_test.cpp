@@ -173,6 +173,28 @@ TEST(Identification, TheOrderOfTheRowsDoesNotMatter) {
   EXPECT_LT((jacobian.transpose() * jacobian - a.hessian).norm(), 1e-12 * a.hessian.norm());
 }
 
+TEST(Identification, RootOfTheInformationIsTriangularOrNotThere) {
+  Random random(19);
+  Eigen::MatrixXd J(20, 4);
+  for (double& element : J.reshaped()) {
+    element = random.normal();
+  }
+  J.col(1) *= 1e-9;  // units of a column do not matter
+  const Eigen::MatrixXd information = J.transpose() * J;
+  const auto root = well_conditioned_root(information);
+  ASSERT_TRUE(root);
+  EXPECT_TRUE(root->isUpperTriangular(0.0));
+  const Eigen::MatrixXd product = root->transpose() * *root;
+  EXPECT_LT((product - information).cwiseQuotient(information).cwiseAbs().maxCoeff(), 1e-12);
+  const Eigen::VectorXd other = J.col(3);
+  for (const double apart : {1e-2, 1e-4}) {
+    J.col(3) = J.col(2) + apart * other;
+    EXPECT_EQ(well_conditioned_root(J.transpose() * J).has_value(), apart == 1e-2) << apart;
+  }
+  J.col(3).setZero();
+  EXPECT_FALSE(well_conditioned_root(J.transpose() * J));
+}
+
 TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
   const Experiment experiment;
   Random random(17);

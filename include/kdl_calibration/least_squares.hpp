@@ -78,6 +78,10 @@ struct NormalEquations {
   double cost = 0.0;         ///< sum e^T W e
 };
 
+/// R of information = R^T R, upper triangular; nothing where the columns, scaled to unit norm, are so close to
+/// depending on each other that a pivot is below 1e-3: figures made from R keep ten digits.
+std::optional<Eigen::MatrixXd> well_conditioned_root(const Eigen::MatrixXd& information);
+
 /// The same before the sum: J and e with W = L L^T multiplied in, J_w = L^T J.
 struct WhitenedSystem {
   Eigen::MatrixXd jacobian;  ///< rows x columns; the priors' rows last
