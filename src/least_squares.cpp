@@ -392,8 +392,7 @@ void LeastSquaresProblem::gather_isotropic(const Measurements& measurements, con
     }
   }
   for (std::size_t c = 0; c < count; ++c) {
-    Configuration configuration{
-        .column = static_cast<Index>(c), .first_point = points_.size(), .end_point = 0, .information = {}};
+    Configuration configuration{.column = static_cast<Index>(c), .first_point = points_.size(), .end_point = 0};
     for (std::size_t k = 0; k < targets; ++k) {
       if (cells[c * targets + k].weight > 0.0) {
         points_.push_back(cells[c * targets + k]);
@@ -406,11 +405,25 @@ void LeastSquaresProblem::gather_isotropic(const Measurements& measurements, con
   }
 }
 
-// Of the variance of a coordinate, what the others of its repeat do not tell; less has no digits left.
-constexpr double kLeastOwnShare = 1e-12;
+namespace {
+
+// Nothing where a coordinate has next to no variance of its own beside what the others of its repeat tell of it: no
+// digits are left then.
+std::optional<MatrixXd> inverse_covariance(const MatrixXd& covariance) {
+  constexpr double kLeastOwnShare = 1e-12;
+  const Eigen::LLT<MatrixXd> root(covariance);
+  const VectorXd own_share = root.matrixLLT().diagonal().cwiseAbs2().cwiseQuotient(covariance.diagonal());
+  if (root.info() != Eigen::Success || !(own_share.minCoeff() > kLeastOwnShare)) {
+    return std::nullopt;
+  }
+  return root.solve(MatrixXd::Identity(covariance.rows(), covariance.cols()));
+}
+
+}  // namespace
 
 // Any covariance: the information of every repeat, a block over its points, is added up per configuration. With
-// W = sum W_r and the mean z = W^-1 sum W_r z_r, sum (z_r - f)^T W_r (z_r - f) = (z - f)^T W (z - f) + constant.
+// W = sum W_r and the mean z = W^-1 sum W_r z_r, sum (z_r - f)^T W_r (z_r - f) = (z - f)^T W (z - f) + constant. All z
+// are counted from the first repeat of their target: the constant is a small difference of squares.
 void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const ResidualOptions& options) {
   std::vector<std::size_t> rows;
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
@@ -424,65 +437,68 @@ void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const 
   };
   std::stable_sort(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) { return key(a) < key(b); });
 
+  // What many repeats and configurations have in common is factorised and stored once.
+  MatrixXd known_covariance;
+  MatrixXd inverse;
+  Eigen::LLT<MatrixXd> root;
+
   const auto targets = static_cast<Index>(measurements.targets.size());
-  for (std::size_t begin = 0; begin < rows.size();) {
-    const std::int32_t c = measurements.observations[rows[begin]].configuration;
+  const Matrix3d common = options.noise.common.cwiseAbs2().asDiagonal();
+  for (auto begin = rows.cbegin(); begin != rows.cend();) {
+    const std::int32_t c = measurements.observations[*begin].configuration;
     MatrixXd information = MatrixXd::Zero(3 * targets, 3 * targets);
     VectorXd weighted = VectorXd::Zero(3 * targets);
     double squares = 0.0;
     std::vector<Point> cells(measurements.targets.size());
     std::vector<bool> seen(measurements.targets.size(), false);
-    std::size_t end = begin;
-    while (end < rows.size() && measurements.observations[rows[end]].configuration == c) {
-      const std::int32_t repeat = measurements.observations[rows[end]].repeat;
+    while (begin != rows.cend() && measurements.observations[*begin].configuration == c) {
+      const std::int32_t repeat = measurements.observations[*begin].repeat;
+      const auto end = std::find_if(begin, rows.cend(), [&](std::size_t row) {
+        return measurements.observations[row].configuration != c || measurements.observations[row].repeat != repeat;
+      });
       std::vector<Index> coordinates;
-      VectorXd z(0);
-      MatrixXd covariance(0, 0);
-      for (; end < rows.size() && measurements.observations[rows[end]].configuration == c &&
-             measurements.observations[rows[end]].repeat == repeat;
-           ++end) {
-        const Observation& observation = measurements.observations[rows[end]];
-        const Index size = z.size();
-        z.conservativeResize(size + 3);
-        z.tail<3>() = observation.position;
-        covariance.conservativeResizeLike(MatrixXd::Zero(size + 3, size + 3));
-        covariance.bottomRightCorner<3, 3>() =
-            point_covariance(options.noise, observation) / row_weight(options, rows[end]);
+      VectorXd z(3 * (end - begin));
+      MatrixXd covariance = common.replicate(end - begin, end - begin);
+      for (auto row = begin; row != end; ++row) {
+        const Observation& observation = measurements.observations[*row];
+        const Matrix3d own = point_covariance(options.noise, observation);
+        const Index i = 3 * (row - begin);
+        const auto target = static_cast<std::size_t>(observation.target);
+        if (!seen[target]) {
+          cells[target].position = observation.position;
+          seen[target] = true;
+        }
+        z.segment<3>(i) = observation.position - cells[target].position;
+        covariance.block<3, 3>(i, i) += own / row_weight(options, *row);
         const Index first = 3 * observation.target;
         coordinates.insert(coordinates.end(), {first, first + 1, first + 2});
-        const auto target = static_cast<std::size_t>(observation.target);
-        seen[target] = true;
         equations_ += 3;
         points_measured_ += 1;
-        if (has_orientation(measurements, rows[end])) {
-          const double mean = 3.0 / point_covariance(options.noise, observation).trace();
-          add_orientation(measurements, rows[end], row_weight(options, rows[end]) * orientation_weight(options, mean),
+        if (has_orientation(measurements, *row)) {
+          const double mean = 3.0 / own.trace();
+          add_orientation(measurements, *row, row_weight(options, *row) * orientation_weight(options, mean),
                           cells[target]);
         }
       }
-      const Vector3d common = options.noise.common.cwiseAbs2();
-      for (Index a = 0; a < z.size(); a += 3) {
-        for (Index b = 0; b < z.size(); b += 3) {
-          covariance.block<3, 3>(a, b).diagonal() += common;
+      begin = end;
+      if (covariance.size() != known_covariance.size() || covariance != known_covariance) {
+        std::optional<MatrixXd> found = inverse_covariance(covariance);
+        if (!found) {
+          throw InputError(measurements.source + ": configuration '" +
+                           measurements.configurations[static_cast<std::size_t>(c)] +
+                           "': the noise of single points is too small, expected more than a millionth of what they "
+                           "share, along every axis");
         }
+        inverse = std::move(*found);
+        known_covariance = covariance;
       }
-      const Eigen::LLT<MatrixXd> root(covariance);
-      const VectorXd own_share = root.matrixLLT().diagonal().cwiseAbs2().cwiseQuotient(covariance.diagonal());
-      if (root.info() != Eigen::Success || !(own_share.minCoeff() > kLeastOwnShare)) {
-        throw InputError(measurements.source + ": configuration '" +
-                         measurements.configurations[static_cast<std::size_t>(c)] +
-                         "': the noise of single points is too small, expected more than a millionth of what they "
-                         "share, along every axis");
-      }
-      const MatrixXd inverse = root.solve(MatrixXd::Identity(z.size(), z.size()));
       information(coordinates, coordinates) += inverse;
       weighted(coordinates) += inverse * z;
       squares += z.dot(inverse * z);
       total_weight_ += inverse.trace() / 3.0;
     }
-    begin = end;
 
-    Configuration configuration{.column = c, .first_point = points_.size(), .end_point = 0, .information = {}};
+    Configuration configuration{.column = c, .first_point = points_.size(), .end_point = 0};
     std::vector<Index> measured;
     for (std::size_t k = 0; k < seen.size(); ++k) {
       if (seen[k]) {
@@ -493,13 +509,19 @@ void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const 
       }
     }
     configuration.end_point = points_.size();
-    configuration.information = information(measured, measured);
-    const VectorXd mean = configuration.information.llt().solve(VectorXd(weighted(measured)));
+    const MatrixXd of_measured = information(measured, measured);
+    if (informations_.empty() || of_measured.size() != informations_.back().size() ||
+        of_measured != informations_.back()) {
+      informations_.push_back(of_measured);
+      root.compute(of_measured);
+    }
+    configuration.information = informations_.size() - 1;
+    const VectorXd mean = root.solve(VectorXd(weighted(measured)));
     cost_of_repeats_ += squares - mean.dot(weighted(measured));
     for (std::size_t i = configuration.first_point; i < configuration.end_point; ++i) {
-      points_[i].position = mean.segment<3>(static_cast<Index>(3 * (i - configuration.first_point)));
+      points_[i].position += mean.segment<3>(static_cast<Index>(3 * (i - configuration.first_point)));
     }
-    configurations_.push_back(std::move(configuration));
+    configurations_.push_back(configuration);
   }
 }
 
@@ -571,11 +593,12 @@ void LeastSquaresProblem::visit(const Estimate& estimate, Visitor visitor) const
         orientation_row += 3;
       }
     }
-    if (configuration.information.size() > 0) {  // given in W, needed in F
+    if (!informations_.empty()) {  // given in W, needed in F
+      const MatrixXd& given = informations_[configuration.information];
       for (Index a = 0; a < points; ++a) {
         for (Index b = 0; b < points; ++b) {
           block.information.block<3, 3>(3 * a, 3 * b) =
-              X_FW.linear() * configuration.information.block<3, 3>(3 * a, 3 * b) * X_FW.linear().transpose();
+              X_FW.linear() * given.block<3, 3>(3 * a, 3 * b) * X_FW.linear().transpose();
         }
       }
     }
@@ -583,7 +606,7 @@ void LeastSquaresProblem::visit(const Estimate& estimate, Visitor visitor) const
   };
   for (const Group& group : groups_) {
     std::vector<Point> points(group.targets.size());
-    const Configuration configuration{.column = 0, .first_point = 0, .end_point = points.size(), .information = {}};
+    const Configuration configuration{.column = 0, .first_point = 0, .end_point = points.size()};
     const std::size_t joints = model_.joints.size();
     MatrixXd q(joints, 1);
     for (std::size_t c = 0; c < group.configurations; ++c) {
@@ -653,7 +676,7 @@ void LeastSquaresProblem::linearise(const Estimate& estimate, bool cost_only, No
       sum_group(group, estimate, cost_only, equations);
     }
   } else {
-    sum_blocks(estimate, equations);
+    sum_blocks(estimate, cost_only, equations);
   }
   add_priors(estimate, equations);
   equations.hessian.bottomLeftCorner(columns_ - chain_columns_, chain_columns_) =
@@ -782,20 +805,23 @@ void LeastSquaresProblem::sum_group(const Group& group, const Estimate& estimate
   }
 }
 
-void LeastSquaresProblem::sum_blocks(const Estimate& estimate, NormalEquations& equations) const {
+void LeastSquaresProblem::sum_blocks(const Estimate& estimate, bool cost_only, NormalEquations& equations) const {
   Eigen::Matrix<double, 6, Eigen::Dynamic>& weighted_rows = workspace_->weighted_rows;
   Eigen::Matrix<double, Eigen::Dynamic, 6>& Jt = workspace_->transposed_jacobian;
   VectorXd& force = workspace_->force;
   auto chain_hessian = equations.hessian.topLeftCorner(chain_columns_, chain_columns_);
   visit(estimate, [&](const Block& block) {
+    force.resize(block.residual.size());
+    force.noalias() = block.information.lazyProduct(block.residual);
+    equations.cost += block.residual.dot(force);
+    if (cost_only) {
+      return;
+    }
     weighted_rows.resize(6, block.residual.size());
     weighted_rows.noalias() = block.twist_rows.transpose().lazyProduct(block.information);
     const Matrix6d flange_information = weighted_rows.lazyProduct(block.twist_rows);
     const Vector6d wrench = weighted_rows.lazyProduct(block.residual);
-    force.resize(block.residual.size());
-    force.noalias() = block.information.lazyProduct(block.residual);
     Jt = block.jacobian.transpose();
-    equations.cost += block.residual.dot(force);
     equations.gradient.head(chain_columns_).noalias() += Jt.lazyProduct(wrench);
     for (Index column = 0; column < chain_columns_; ++column) {  // the upper triangle
       const Vector6d weighted_column = flange_information.lazyProduct(block.jacobian.col(column));
@@ -819,20 +845,36 @@ void LeastSquaresProblem::sum_blocks(const Estimate& estimate, NormalEquations& 
   chain_hessian.triangularView<Eigen::StrictlyLower>() = chain_hessian.transpose();
 }
 
+// Jacobian and, as last column, residual of a configuration, with the root of its information multiplied in.
+void LeastSquaresProblem::whiten(const Block& block, MatrixXd& rows) const {
+  rows.setZero(block.residual.size(), columns_ + 1);
+  rows.leftCols(chain_columns_).noalias() = block.twist_rows * block.jacobian;
+  for (std::size_t a = 0; a < block.columns.size(); ++a) {
+    if (block.columns[a] >= 0) {
+      rows(static_cast<Index>(a), block.columns[a]) += 1.0;
+    }
+  }
+  rows.rightCols<1>() = block.residual;
+  rows = block.information.llt().matrixU() * MatrixXd(rows);
+}
+
+// The rows that the priors add to the Jacobian: one entry each.
+template <class Visitor>
+void LeastSquaresProblem::visit_priors(Visitor visitor) const {
+  const Index first = chain_columns_ - static_cast<Index>(prior_weights_.size());
+  for (std::size_t i = 0; i < prior_weights_.size(); ++i) {
+    if (prior_weights_[i] > 0.0) {
+      visitor(i, first + static_cast<Index>(i), std::sqrt(prior_weights_[i]));
+    }
+  }
+}
+
 WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
-  std::vector<MatrixXd> blocks;  // Jacobian, and the residual as last column
+  std::vector<MatrixXd> blocks;
   Index rows = 0;
   visit(estimate, [&](const Block& block) {
-    MatrixXd& out = blocks.emplace_back(MatrixXd::Zero(block.residual.size(), columns_ + 1));
-    out.leftCols(chain_columns_) = block.twist_rows * block.jacobian;
-    for (std::size_t a = 0; a < block.columns.size(); ++a) {
-      if (block.columns[a] >= 0) {
-        out(static_cast<Index>(a), block.columns[a]) += 1.0;
-      }
-    }
-    out.rightCols<1>() = block.residual;
-    out = block.information.llt().matrixU() * MatrixXd(out);
-    rows += out.rows();
+    whiten(block, blocks.emplace_back());
+    rows += blocks.back().rows();
   });
   const auto priors = std::count_if(prior_weights_.begin(), prior_weights_.end(), [](double w) { return w > 0.0; });
   WhitenedSystem system{
@@ -845,44 +887,91 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
     row += block.rows();
   }
   system.blocks.push_back(row);
-  const Index first = chain_columns_ - static_cast<Index>(prior_weights_.size());
-  for (std::size_t i = 0; i < prior_weights_.size(); ++i) {
-    if (prior_weights_[i] > 0.0) {
-      const double scale = std::sqrt(prior_weights_[i]);
-      const double value = prior_value(estimate, i);
-      system.jacobian(row, first + static_cast<Index>(i)) = scale;
-      system.residual[row++] = -scale * value;
-    }
-  }
+  visit_priors([&](std::size_t i, Index column, double root) {
+    system.jacobian(row, column) = root;
+    system.residual[row++] = -root * prior_value(estimate, i);
+  });
   return system;
 }
 
-WhitenedSummary summarised(const WhitenedSystem& system) {
-  WhitenedSummary summary;
-  const Index columns = system.jacobian.cols();
-  summary.rows = system.jacobian.rows();
-  summary.measured_rows = system.blocks.back();
-  summary.triangle = system.jacobian;
-  if (summary.rows > columns) {
-    summary.triangle =
-        Eigen::HouseholderQR<MatrixXd>(system.jacobian).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
+namespace {
+
+// Sums up rows that come configuration by configuration. Some hundred at a time are made a triangle, together with the
+// triangle of those before them, so that the memory is constant.
+class RowSummary {
+public:
+  explicit RowSummary(Index columns) : columns_(columns), rows_(columns + kRowsAtOnce, columns), sum_(3, columns) {
+    summary_.priors = VectorXd::Zero(columns);
+    summary_.sums = MatrixXd::Zero(columns, columns);
   }
-  summary.priors = system.jacobian.bottomRows(summary.rows - summary.measured_rows).colwise().squaredNorm();
-  summary.sums = MatrixXd::Zero(columns, columns);
-  MatrixXd sum(3, columns);
-  for (std::size_t b = 0; b + 1 < system.blocks.size(); ++b) {
-    const Index points = (system.blocks[b + 1] - system.blocks[b]) / 3;
-    sum.setZero();
+
+  void add_configuration(const Eigen::Ref<const MatrixXd>& jacobian, const Eigen::Ref<const VectorXd>& residual) {
+    append(jacobian);
+    const Index points = residual.size() / 3;
+    sum_.setZero();
     for (Index i = 0; i < points; ++i) {
-      sum += system.jacobian.middleRows<3>(system.blocks[b] + 3 * i);
+      sum_ += jacobian.middleRows<3>(3 * i);
     }
-    summary.sums.noalias() += sum.transpose() * sum;
-    const Eigen::Map<const Matrix3Xd> e(system.residual.data() + system.blocks[b], 3, points);
-    summary.squares += e.squaredNorm();
-    summary.squares_of_sums += e.rowwise().sum().squaredNorm();
-    summary.pairs += 3.0 * static_cast<double>(points * (points - 1)) / 2.0;
+    summary_.sums.noalias() += sum_.transpose() * sum_;
+    const Eigen::Map<const Matrix3Xd> e(residual.data(), 3, points);
+    summary_.squares += e.squaredNorm();
+    summary_.squares_of_sums += e.rowwise().sum().squaredNorm();
+    summary_.pairs += 3.0 * static_cast<double>(points * (points - 1)) / 2.0;
+    summary_.measured_rows += residual.size();
   }
-  return summary;
+
+  void add_prior(const Eigen::Ref<const MatrixXd>& row) {
+    append(row);
+    summary_.priors += row.transpose().cwiseAbs2();
+  }
+
+  WhitenedSummary finish() {
+    make_triangle();
+    summary_.triangle = rows_.topRows(filled_);
+    return std::move(summary_);
+  }
+
+private:
+  static constexpr Index kRowsAtOnce = 512;
+
+  void append(const Eigen::Ref<const MatrixXd>& rows) {
+    if (filled_ + rows.rows() > rows_.rows()) {
+      make_triangle();
+      rows_.conservativeResize(std::max(rows_.rows(), filled_ + rows.rows()), Eigen::NoChange);
+    }
+    rows_.middleRows(filled_, rows.rows()) = rows;
+    filled_ += rows.rows();
+    summary_.rows += rows.rows();
+  }
+
+  void make_triangle() {
+    if (filled_ > columns_) {
+      const Eigen::HouseholderQR<MatrixXd> factors(rows_.topRows(filled_));
+      rows_.topRows(columns_) = MatrixXd(factors.matrixQR().topRows(columns_).triangularView<Eigen::Upper>());
+      filled_ = columns_;
+    }
+  }
+
+  Index columns_;
+  MatrixXd rows_;
+  Index filled_ = 0;
+  MatrixXd sum_;
+  WhitenedSummary summary_;
+};
+
+}  // namespace
+
+WhitenedSummary summarised(const WhitenedSystem& system) {
+  RowSummary summary(system.jacobian.cols());
+  for (std::size_t b = 0; b + 1 < system.blocks.size(); ++b) {
+    const Index first = system.blocks[b];
+    const Index count = system.blocks[b + 1] - first;
+    summary.add_configuration(system.jacobian.middleRows(first, count), system.residual.segment(first, count));
+  }
+  for (Index row = system.blocks.back(); row < system.jacobian.rows(); ++row) {
+    summary.add_prior(system.jacobian.row(row));
+  }
+  return summary.finish();
 }
 
 std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
@@ -900,8 +989,20 @@ std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
 }
 
 WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) const {
-  WhitenedSummary summary;
-  return summarise_groups(estimate, summary) ? summary : summarised(whitened(estimate));
+  WhitenedSummary of_groups;
+  if (summarise_groups(estimate, of_groups)) {
+    return of_groups;
+  }
+  RowSummary summary(columns_);
+  MatrixXd rows;
+  visit(estimate, [&](const Block& block) {
+    whiten(block, rows);
+    summary.add_configuration(rows.leftCols(columns_), rows.col(columns_));
+  });
+  visit_priors([&](std::size_t, Index column, double root) {
+    summary.add_prior(root * Eigen::RowVectorXd::Unit(columns_, column));
+  });
+  return summary.finish();
 }
 
 // False where there are few configurations, or where the information is too badly conditioned for its root.

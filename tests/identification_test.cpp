@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <map>
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -193,6 +194,76 @@ TEST(Identification, RootOfTheInformationIsTriangularOrNotThere) {
   }
   J.col(3).setZero();
   EXPECT_FALSE(well_conditioned_root(J.transpose() * J));
+}
+
+// Every repeat with its whole covariance, in W, without gathering anything.
+NormalEquations written_out(const ErrorModel& model, const Measurements& measured, const FreeParameters& free,
+                            const NoiseModel& noise, const Estimate& estimate) {
+  const PositionPredictor predictor(model, estimate, free);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measured.joint_values);
+  std::map<std::pair<int, int>, std::vector<Observation>> repeats;
+  for (const Observation& o : measured.observations) {
+    repeats[{o.configuration, o.repeat}].push_back(o);
+  }
+  NormalEquations sums;
+  for (const auto& [key, points] : repeats) {
+    const auto jacobians = predictor.jacobians(measured.joint_values.col(key.first));
+    const auto n = 3 * static_cast<Eigen::Index>(points.size());
+    Eigen::MatrixXd J(n, jacobians[0].cols());
+    Eigen::VectorXd e(n);
+    Eigen::MatrixXd covariance(n, n);
+    for (Eigen::Index i = 0; i < n; i += 3) {
+      const Observation& o = points[static_cast<std::size_t>(i / 3)];
+      const auto target = static_cast<std::size_t>(o.target);
+      J.middleRows<3>(i) = jacobians[target];
+      e.segment<3>(i) = o.position - estimate.X_WB * X_BF[static_cast<std::size_t>(o.configuration)] *
+                                         estimate.targets[target].X_FT.translation();
+      for (Eigen::Index j = 0; j < n; j += 3) {
+        covariance.block<3, 3>(i, j) = noise.common.cwiseAbs2().asDiagonal();
+      }
+      covariance.block<3, 3>(i, i) += point_covariance(noise, o);
+    }
+    const Eigen::MatrixXd weighted = covariance.fullPivLu().solve(J);
+    if (sums.hessian.size() == 0) {
+      sums.hessian.setZero(J.cols(), J.cols());
+      sums.gradient.setZero(J.cols());
+    }
+    sums.hessian += J.transpose() * weighted;
+    sums.gradient += weighted.transpose() * e;
+    sums.cost += e.dot(covariance.fullPivLu().solve(e));
+  }
+  return sums;
+}
+
+TEST(Identification, CorrelatedNoiseOfEveryKindIsThatOfTheWholeCovariance) {
+  const Experiment experiment;
+  Random random(20);
+  const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
+  Measurements measured = measure(robot, random_configurations(published_ranges(experiment.model), 15, random),
+                                  {.sigma = 0.0002, .repeats = 2}, random);
+  std::erase_if(measured.observations, [](const Observation& o) {
+    return (o.configuration % 4 == 1 && o.repeat == 2) || (o.configuration % 5 == 2 && o.target == o.repeat);
+  });
+  NoiseModel constant;
+  constant.independent = Eigen::Vector3d(1e-4, 2e-4, 3e-4);
+  constant.common = Eigen::Vector3d(3e-4, 0.0, 1e-4);
+  NoiseModel of_tracker;
+  of_tracker.tracker = TrackerNoise{.range = 1e-4, .transverse = 1e-4, .transverse_per_metre = 2e-4};
+  of_tracker.common.setConstant(1e-4);
+  const Estimate estimate = nominal_start(experiment.model, measured);
+  for (const NoiseModel& noise : {constant, of_tracker}) {
+    for (const bool own_sigmas : {false, true}) {
+      for (Observation& o : measured.observations) {
+        o.sigma = own_sigmas && o.configuration % 3 == 0 ? 1e-4 * (1 + o.target + o.repeat) : 0.0;
+      }
+      const NormalEquations found =
+          LeastSquaresProblem(experiment.model, measured, experiment.free, {.noise = noise}).linearise(estimate);
+      const NormalEquations expected = written_out(experiment.model, measured, experiment.free, noise, estimate);
+      EXPECT_NEAR(found.cost, expected.cost, 1e-11 * expected.cost);
+      EXPECT_LT((found.gradient - expected.gradient).norm(), 1e-11 * expected.gradient.norm());
+      EXPECT_LT((found.hessian - expected.hessian).norm(), 1e-11 * expected.hessian.norm());
+    }
+  }
 }
 
 TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {

@@ -258,6 +258,65 @@ TEST(Uncertainty, SummaryOfManyConfigurationsIsThatOfTheStackedJacobian) {
   EXPECT_LT((found.triangle.transpose() * found.triangle - information).norm(), 1e-12 * information.norm());
 }
 
+// The rows of 400 configurations, of correlated noise and with priors, do not fit into one triangle's turn.
+TEST(Uncertainty, SummaryOfManyRowsIsThatOfTheStackedJacobian) {
+  const Experiment experiment;
+  Random random(9);
+  const VirtualRobot robot = experiment.robot(random);
+  const Measurements all =
+      measure(robot, random_configurations(experiment.ranges, 400, random), {.sigma = 0.0001}, random);
+  const Measurements measured = subset(all, [](const Observation& o) { return o.configuration % 7 != o.target; });
+  ResidualOptions options{.priors = {.length = 0.001}};
+  options.noise.common.setConstant(0.0002);
+  const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options);
+  const Estimate estimate = nominal_start(experiment.model, measured);
+  const WhitenedSystem system = problem.whitened(estimate);
+  const WhitenedSummary found = problem.whitened_summary(estimate);
+
+  const Eigen::Index measured_rows = system.blocks.back();
+  ASSERT_EQ(measured_rows, 3 * static_cast<Eigen::Index>(measured.observations.size()));
+  EXPECT_EQ(found.measured_rows, measured_rows);
+  EXPECT_EQ(found.rows, system.jacobian.rows());
+  EXPECT_TRUE(found.triangle.isUpperTriangular(0.0));
+  const Eigen::MatrixXd information = system.jacobian.transpose() * system.jacobian;
+  EXPECT_LT((found.triangle.transpose() * found.triangle - information).norm(), 1e-12 * information.norm());
+  const Eigen::VectorXd priors =
+      system.jacobian.bottomRows(system.jacobian.rows() - measured_rows).colwise().squaredNorm();
+  EXPECT_GT(priors.norm(), 0.0);
+  EXPECT_LT((found.priors - priors).norm(), 1e-12 * priors.norm());
+  EXPECT_NEAR(found.squares, system.residual.head(measured_rows).squaredNorm(), 1e-12 * found.squares);
+  Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(system.jacobian.cols(), system.jacobian.cols());
+  double pairs = 0.0;
+  for (std::size_t b = 0; b + 1 < system.blocks.size(); ++b) {
+    for (int axis = 0; axis < 3; ++axis) {
+      Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(system.jacobian.cols());
+      for (Eigen::Index row = system.blocks[b] + axis; row < system.blocks[b + 1]; row += 3) {
+        sum += system.jacobian.row(row);
+        pairs += static_cast<double>(row - system.blocks[b] - axis) / 3.0;
+      }
+      sums += sum.transpose() * sum;
+    }
+  }
+  EXPECT_LT((found.sums - sums).norm(), 1e-12 * sums.norm());
+  EXPECT_EQ(found.pairs, pairs);
+}
+
+TEST(Uncertainty, SummaryTakesConfigurationsOfAnySize) {
+  Random random(10);
+  Eigen::MatrixXd rows(1500 + 3, 5);
+  for (double& element : rows.reshaped()) {
+    element = random.normal();
+  }
+  for (const Eigen::Index first : {3, 600, 1200}) {
+    const WhitenedSystem system{
+        .jacobian = rows, .residual = Eigen::VectorXd::Zero(rows.rows()), .blocks = {0, first, 1500}};
+    const Eigen::MatrixXd triangle = summarised(system).triangle;
+    EXPECT_LT((triangle.transpose() * triangle - rows.transpose() * rows).norm(), 1e-10);
+  }
+  const WhitenedSystem few{.jacobian = rows.topRows(4), .residual = Eigen::VectorXd::Zero(4), .blocks = {0, 3}};
+  EXPECT_EQ(summarised(few).triangle, few.jacobian);
+}
+
 // Exact refit of the rows that `keep` leaves, Cook's distance as defined.
 double cook_by_refit(const Experiment& experiment, const Measurements& measured, const Identification& full,
                      const ResidualOptions& residuals, const std::function<bool(const Observation&)>& keep) {

@@ -91,8 +91,8 @@ struct WhitenedSystem {
   std::vector<Eigen::Index> blocks;
 };
 
-/// What the uncertainty needs of a whitened system, in constant memory. With J_c and e_c the rows of configuration c
-/// and s(.) the sum over its points (three rows):
+/// What the uncertainty needs of a whitened system, of a size that the data do not change. With J_c and e_c the rows of
+/// configuration c and s(.) the sum over its points (three rows):
 struct WhitenedSummary {
   Eigen::MatrixXd triangle;  ///< R of the Jacobian, the priors' rows included; the Jacobian where that has few rows
   Eigen::Index rows = 0;     ///< of the Jacobian, the priors' rows included
@@ -129,8 +129,9 @@ public:
   /// The cost alone. Not for several threads at once.
   double cost(const Estimate& estimate) const;
   WhitenedSystem whitened(const Estimate& estimate) const;
-  /// As summarised(whitened(estimate)). Above kManyConfigurations configurations that are alike the triangle is the
-  /// Cholesky factor of the information where its condition allows that. Not for several threads at once.
+  /// As summarised(whitened(estimate)), in constant memory. Above kManyConfigurations configurations that are alike the
+  /// triangle is the Cholesky factor of the information where its condition allows that. Not for several threads at
+  /// once.
   WhitenedSummary whitened_summary(const Estimate& estimate) const;
   static constexpr std::size_t kManyConfigurations = 3000;
   /// The estimate moved by a step in the columns' coordinates.
@@ -155,7 +156,7 @@ private:
     Eigen::Index column = 0;  // of the joint values
     std::size_t first_point = 0;
     std::size_t end_point = 0;
-    Eigen::MatrixXd information;  // 3 points x 3 points in W where it is not isotropic; else empty
+    std::size_t information = 0;  // index into informations_, where there are any
   };
   struct Block;
   struct Group;      // configurations in which the same points were measured with the same isotropic weights
@@ -167,13 +168,16 @@ private:
   bool summarise_groups(const Estimate& estimate, WhitenedSummary& summary) const;
   void add_sums(const Group& group, const Estimate& estimate, WhitenedSummary& summary) const;
   void linearise(const Estimate& estimate, bool cost_only, NormalEquations& equations) const;
-  void sum_blocks(const Estimate& estimate, NormalEquations& equations) const;
+  void sum_blocks(const Estimate& estimate, bool cost_only, NormalEquations& equations) const;
+  void whiten(const Block& block, Eigen::MatrixXd& rows) const;
   void gather(const Measurements& measurements, const ResidualOptions& options);
   void gather_isotropic(const Measurements& measurements, const ResidualOptions& options);
   void gather_blocks(const Measurements& measurements, const ResidualOptions& options);
   void add_orientation(const Measurements& measurements, std::size_t row, double weight, Point& point);
   template <class Visitor>
   void visit(const Estimate& estimate, Visitor visitor) const;
+  template <class Visitor>
+  void visit_priors(Visitor visitor) const;
   double prior_value(const Estimate& estimate, std::size_t i) const;
   void add_priors(const Estimate& estimate, NormalEquations& equations) const;
 
@@ -184,6 +188,7 @@ private:
   Eigen::MatrixXd joint_values_;
   Eigen::MatrixXd deflection_basis_;
   std::vector<Configuration> configurations_;
+  std::vector<Eigen::MatrixXd> informations_;  // 3 points x 3 points in W each; none where the points' weights say all
   std::vector<Point> points_;
   std::vector<double> prior_weights_;               // per geometric and deflection column
   std::vector<std::array<int, 6>> target_columns_;  // -1 where fixed
