@@ -637,15 +637,24 @@ double LeastSquaresProblem::prior_value(const Estimate& estimate, std::size_t i)
   return estimate.deflections.size() == 0 ? 0.0 : estimate.deflections[static_cast<Index>(deflection)];
 }
 
-void LeastSquaresProblem::add_priors(const Estimate& estimate, NormalEquations& equations) const {
+// Calls visitor(index among the priors, column, weight) for each that there is.
+template <class Visitor>
+void LeastSquaresProblem::visit_priors(Visitor visitor) const {
   const Index first = chain_columns_ - static_cast<Index>(prior_weights_.size());
   for (std::size_t i = 0; i < prior_weights_.size(); ++i) {
-    const Index column = first + static_cast<Index>(i);
-    const double value = prior_value(estimate, i);
-    equations.hessian(column, column) += prior_weights_[i];
-    equations.gradient[column] -= prior_weights_[i] * value;
-    equations.cost += prior_weights_[i] * value * value;
+    if (prior_weights_[i] > 0.0) {
+      visitor(i, first + static_cast<Index>(i), prior_weights_[i]);
+    }
   }
+}
+
+void LeastSquaresProblem::add_priors(const Estimate& estimate, NormalEquations& equations) const {
+  visit_priors([&](std::size_t i, Index column, double weight) {
+    const double value = prior_value(estimate, i);
+    equations.hessian(column, column) += weight;
+    equations.gradient[column] -= weight * value;
+    equations.cost += weight * value * value;
+  });
 }
 
 NormalEquations LeastSquaresProblem::linearise(const Estimate& estimate) const {
@@ -858,17 +867,6 @@ void LeastSquaresProblem::whiten(const Block& block, MatrixXd& rows) const {
   rows = block.information.llt().matrixU() * MatrixXd(rows);
 }
 
-// The rows that the priors add to the Jacobian: one entry each.
-template <class Visitor>
-void LeastSquaresProblem::visit_priors(Visitor visitor) const {
-  const Index first = chain_columns_ - static_cast<Index>(prior_weights_.size());
-  for (std::size_t i = 0; i < prior_weights_.size(); ++i) {
-    if (prior_weights_[i] > 0.0) {
-      visitor(i, first + static_cast<Index>(i), std::sqrt(prior_weights_[i]));
-    }
-  }
-}
-
 WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
   std::vector<MatrixXd> blocks;
   Index rows = 0;
@@ -876,7 +874,8 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
     whiten(block, blocks.emplace_back());
     rows += blocks.back().rows();
   });
-  const auto priors = std::count_if(prior_weights_.begin(), prior_weights_.end(), [](double w) { return w > 0.0; });
+  Index priors = 0;
+  visit_priors([&](std::size_t, Index, double) { ++priors; });
   WhitenedSystem system{
       .jacobian = MatrixXd::Zero(rows + priors, columns_), .residual = VectorXd::Zero(rows + priors), .blocks = {}};
   Index row = 0;
@@ -887,9 +886,9 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
     row += block.rows();
   }
   system.blocks.push_back(row);
-  visit_priors([&](std::size_t i, Index column, double root) {
-    system.jacobian(row, column) = root;
-    system.residual[row++] = -root * prior_value(estimate, i);
+  visit_priors([&](std::size_t i, Index column, double weight) {
+    system.jacobian(row, column) = std::sqrt(weight);
+    system.residual[row++] = -std::sqrt(weight) * prior_value(estimate, i);
   });
   return system;
 }
@@ -999,8 +998,8 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
     whiten(block, rows);
     summary.add_configuration(rows.leftCols(columns_), rows.col(columns_));
   });
-  visit_priors([&](std::size_t, Index column, double root) {
-    summary.add_prior(root * Eigen::RowVectorXd::Unit(columns_, column));
+  visit_priors([&](std::size_t, Index column, double weight) {
+    summary.add_prior(std::sqrt(weight) * Eigen::RowVectorXd::Unit(columns_, column));
   });
   return summary.finish();
 }
@@ -1023,11 +1022,10 @@ bool LeastSquaresProblem::summarise_groups(const Estimate& estimate, WhitenedSum
   }
   summary.triangle = std::move(*root);
   summary.priors = VectorXd::Zero(columns_);
-  const Index first = chain_columns_ - static_cast<Index>(prior_weights_.size());
-  for (std::size_t i = 0; i < prior_weights_.size(); ++i) {
-    summary.priors[first + static_cast<Index>(i)] = prior_weights_[i];
-    summary.rows += prior_weights_[i] > 0.0 ? 1 : 0;
-  }
+  visit_priors([&](std::size_t, Index column, double weight) {
+    summary.priors[column] = weight;
+    summary.rows += 1;
+  });
   summary.sums = MatrixXd::Zero(columns_, columns_);
   for (const Group& group : groups_) {
     NormalEquations own{.hessian = MatrixXd::Zero(columns_, columns_), .gradient = VectorXd::Zero(columns_)};
