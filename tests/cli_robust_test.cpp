@@ -164,6 +164,7 @@ TEST_F(Signals, KilledAtAnyMomentEachFileIsTheOldOrTheNewOne) {
   std::printf("%d runs, %d killed, %d times the file was replaced, %d temporary files left by SIGKILL\n", runs, killed,
               replaced, left_behind);
   EXPECT_EQ(killed, kills);
+  EXPECT_GT(replaced, 0);
 }
 
 // ---- Files that cannot be written ----------------------------------------------------------------------------------
