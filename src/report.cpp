@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <set>
 
 namespace kdl_calibration {
@@ -374,19 +375,41 @@ void add_predictions(const std::vector<PredictedPoint>& points, std::string& tex
   }
 }
 
-std::string parameter_line(const ParameterEstimate& parameter) {
-  const bool length = parameter.kind == "translation";
+// How people read a parameter.
+struct DisplayUnit {
+  double per_si;      // how many of it are one metre, one radian or 1
+  const char* value;  // formats of the value and of its 1 sigma, down to some tenths of a micrometre or microradian
+  const char* sigma;
+  const char* name;
+};
+constexpr DisplayUnit kMillimetres{.per_si = 1e3, .value = "%10.4f", .sigma = "  +- %.4f", .name = " mm "};
+constexpr DisplayUnit kDegrees{
+    .per_si = 180.0 / std::numbers::pi, .value = "%10.5f", .sigma = "  +- %.5f", .name = " deg"};
+constexpr DisplayUnit kPercent{.per_si = 100.0, .value = "%10.5f", .sigma = "  +- %.5f", .name = " %  "};
+
+// A prismatic joint's offset and its deflection are lengths, and a gain is neither length nor angle.
+const DisplayUnit& unit_of(const ErrorModel& model, const std::string& name) {
+  const auto is_it = [&](const auto& entry) { return entry.name == name; };
+  const auto deflection = std::find_if(model.deflections.begin(), model.deflections.end(), is_it);
+  if (deflection != model.deflections.end()) {
+    const bool slides = model.joints[static_cast<std::size_t>(deflection->index)].type == JointType::prismatic;
+    return deflection->gain ? kPercent : slides ? kMillimetres : kDegrees;
+  }
+  return is_length(model, model.parameters[parameter_index(model, name)]) ? kMillimetres : kDegrees;
+}
+
+std::string parameter_line(const ErrorModel& model, const ParameterEstimate& parameter) {
   const std::size_t width = std::max<std::size_t>(6, parameter.name.size() + 1);
-  const double unit = length ? 1e3 : 180.0 / 3.14159265358979323846;
-  std::string line = "  " + padded(parameter.name, width) + padded(parameter.joint, 22) +
-                     format(length ? "%10.4f" : "%10.5f", parameter.error * unit) + (length ? " mm " : " deg");
+  const DisplayUnit& unit = unit_of(model, parameter.name);
+  const std::string line = "  " + padded(parameter.name, width) + padded(parameter.joint, 22) +
+                           format(unit.value, parameter.error * unit.per_si) + unit.name;
   if (parameter.gauge && !parameter.identifiable) {
     return line + "   zero by choice of gauge\n";
   }
   if (!parameter.identifiable) {
     return line + "   not determined\n";
   }
-  return line + format(length ? "  +- %.4f" : "  +- %.5f", parameter.std * unit) + "\n";
+  return line + format(unit.sigma, parameter.std * unit.per_si) + "\n";
 }
 
 }  // namespace
@@ -505,7 +528,7 @@ std::string result_table(const Measurements& measurements, const Calibration& ca
   text += "\ngeometric errors (+- 1 sigma)\n";
   for (const ParameterEstimate& parameter : calibration.parameters) {
     if (parameter.name.find('.') == std::string::npos) {
-      text += parameter_line(parameter);
+      text += parameter_line(calibration.model, parameter);
     }
   }
   add_most_influential(measurements, calibration.influence, text);
