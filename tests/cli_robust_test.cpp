@@ -1,5 +1,6 @@
 // Interrupted, full, hostile: what kdlcal answers, and what it leaves behind.
 
+#include <gtest/gtest-spi.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -21,57 +22,6 @@ namespace {
 using ::testing::HasSubstr;
 using Clock = std::chrono::steady_clock;
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized = true;
-#else
-constexpr bool kSanitized = false;
-#endif
-
-/// A kdlcal that runs beside the test.
-class Running {
-public:
-  Running(const std::filesystem::path& directory, std::vector<std::string> arguments, unsigned user = 0) {
-    arguments.insert(arguments.begin(), KDLCAL_EXECUTABLE);
-    std::vector<char*> argv;
-    std::transform(arguments.begin(), arguments.end(), std::back_inserter(argv),
-                   [](auto& word) { return word.data(); });
-    argv.push_back(nullptr);
-    child_ = ::fork();
-    if (child_ == 0) {
-      const int null = ::open("/dev/null", O_WRONLY);
-      ::dup2(null, STDOUT_FILENO);
-      ::dup2(null, STDERR_FILENO);
-      std::signal(SIGINT, SIG_DFL);  // which a shell's background jobs ignore
-      if (::chdir(directory.c_str()) != 0 || (user != 0 && ::setuid(user) != 0)) {
-        ::_exit(126);
-      }
-      ::execv(argv[0], argv.data());
-      ::_exit(127);
-    }
-  }
-
-  void send(int signal) const { ::kill(child_, signal); }
-
-  /// The status that waitpid gives.
-  int wait() {
-    int status = 0;
-    ::wait4(child_, &status, 0, &usage_);
-    return status;
-  }
-
-  /// Largest resident memory [bytes], once it was waited for.
-  double peak() const { return 1024.0 * static_cast<double>(usage_.ru_maxrss); }
-
-  bool ended() const {
-    siginfo_t info{};
-    return ::waitid(P_PID, static_cast<id_t>(child_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 && info.si_pid != 0;
-  }
-
-private:
-  pid_t child_ = -1;
-  rusage usage_{};
-};
-
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 // ---- Signals -------------------------------------------------------------------------------------------------------
@@ -81,7 +31,7 @@ protected:
   /// `arguments` is work for minutes.
   void expect_ended(const std::vector<std::string>& arguments, int signal, double after) {
     const auto before = files();
-    Running process(directory, arguments);
+    Process process(directory, arguments);
     std::this_thread::sleep_for(std::chrono::duration<double>(after));
     ASSERT_FALSE(process.ended()) << ::testing::PrintToString(arguments) << " was done before the signal";
     const auto start = Clock::now();
@@ -140,7 +90,7 @@ TEST_F(Signals, KilledAtAnyMomentEachFileIsTheOldOrTheNewOne) {
   std::string last = text_of("b");
   int runs = 0;
   for (; killed < kills && runs < 10 * kills; ++runs) {                 // some are done before the signal
-    Running process(directory, commands[last == whole[0][1] ? 1 : 0]);  // to replace what is there
+    Process process(directory, commands[last == whole[0][1] ? 1 : 0]);  // to replace what is there
     // Half of them over the whole run, half towards its end, where the files are written.
     const double share = runs % 4 < 2 ? random.uniform(0.0, 1.0) : random.uniform(0.8, 1.0);
     std::this_thread::sleep_for(std::chrono::duration<double>(duration * share));
@@ -176,7 +126,7 @@ TEST_F(Signals, AFolderWithoutWritePermissionIsRefusedAndUntouched) {
   std::filesystem::permissions(directory / "old.csv", std::filesystem::perms(0444));
   const auto before = files();
   for (const std::string name : {"new.csv", "old.csv"}) {
-    Running process(directory, {"simulate", "--output", name, "--force"}, ::getuid() == 0 ? kNobody : 0);
+    Process process(directory, {"simulate", "--output", name, "--force"}, {.user = ::getuid() == 0 ? kNobody : 0});
     const int status = process.wait();
     if (WIFEXITED(status) && WEXITSTATUS(status) >= 126) {
       GTEST_SKIP() << "another user cannot run kdlcal here";
@@ -212,13 +162,24 @@ protected:
   const std::string header = "configuration,target,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,x,y,z\n";
 };
 
+TEST_F(Limits, OfTheTestsThemselvesEndARunThatTakesTooMuch) {
+  const std::vector<std::string> for_minutes = {"simulate", "--monte-carlo", "1000000"};
+  EXPECT_NONFATAL_FAILURE(run(for_minutes, {.seconds = 1}), "at most 1 s on the clock");
+  EXPECT_NONFATAL_FAILURE(run(for_minutes, {.cpu_seconds = 1}), "at most 1 s of processor");
+  if (kSanitized) {
+    GTEST_SKIP() << "a sanitizer's memory is its own";
+  }
+  EXPECT_NONFATAL_FAILURE(run({"simulate", "--configurations", "100000"}, {.memory = rlim_t{16} << 20U}),
+                          "at most 16777216 bytes");
+}
+
 TEST_F(Limits, MemoryGrowsWithTheDataAlone) {
   if (kSanitized) {
     GTEST_SKIP() << "a sanitizer's memory is its own";
   }
   const auto peak = [&](const std::string& configurations) {
     EXPECT_EQ(run({"simulate", "--configurations", configurations, "--output", "m.csv", "--force"}).status, 0);
-    Running process(directory, {"calibrate", "--measurements", "m.csv", "--result", "r.json", "--force"});
+    Process process(directory, {"calibrate", "--measurements", "m.csv", "--result", "r.json", "--force"});
     EXPECT_EQ(process.wait(), 0);
     return process.peak();
   };

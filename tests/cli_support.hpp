@@ -8,15 +8,143 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <csignal>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace kdl_calibration::testing {
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kSanitized = true;
+#else
+constexpr bool kSanitized = false;
+#endif
+
+/// What surrounds a run of kdlcal. No run may take more than this: one that does is ended and fails its test, so that
+/// a limit which no longer works does not fill the machine.
+struct Surroundings {
+  std::string out = "/dev/null";  ///< where standard output goes
+  std::string err = "/dev/null";  ///< where standard error goes
+  rlim_t largest_file = 0;        ///< bytes that a file may have; 0: no limit
+  unsigned user = 0;              ///< who runs it; 0: the one who runs the test
+  rlim_t cpu_seconds = kSanitized ? 600 : 60;
+  unsigned seconds = kSanitized ? 1200 : 300;  ///< on the clock, of a machine that has other work
+  rlim_t memory = rlim_t{2} << 30U;            ///< bytes of data; not under the thread sanitizer
+};
+
+/// A kdlcal that runs beside the test.
+class Process {
+public:
+  Process(const std::filesystem::path& directory, std::vector<std::string> arguments, Surroundings surroundings = {})
+      : surroundings_(std::move(surroundings)) {
+    arguments.insert(arguments.begin(), KDLCAL_EXECUTABLE);
+    command_ = ::testing::PrintToString(arguments);
+    std::vector<char*> argv;
+    std::transform(arguments.begin(), arguments.end(), std::back_inserter(argv),
+                   [](std::string& word) { return word.data(); });
+    argv.push_back(nullptr);
+    child_ = ::fork();
+    if (child_ == 0) {
+      become_kdlcal(directory, argv);
+    }
+  }
+  ~Process() {
+    if (child_ > 0 && !waited_for_) {
+      send(SIGKILL);
+      ::waitpid(child_, nullptr, 0);
+    }
+  }
+  Process(const Process&) = delete;
+  Process& operator=(const Process&) = delete;
+
+  void send(int signal) const { ::kill(child_, signal); }
+
+  bool ended() const {
+    siginfo_t info{};
+    return ::waitid(P_PID, static_cast<id_t>(child_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 && info.si_pid != 0;
+  }
+
+  /// The status that waitpid gives. The test fails where time ended the process.
+  int wait() {
+    int status = 0;
+    ::wait4(child_, &status, 0, &usage_);
+    waited_for_ = true;
+    const int signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+    if (signal == SIGALRM) {
+      ADD_FAILURE() << command_ << " was ended: expected at most " << surroundings_.seconds << " s on the clock";
+    } else if (signal == SIGXCPU) {
+      ADD_FAILURE() << command_ << " was ended: expected at most " << surroundings_.cpu_seconds << " s of processor";
+    }
+    return status;
+  }
+
+  /// Fails the test where what kdlcal said on standard error shows that the memory ended it.
+  void expect_memory_sufficed(const std::string& err) const {
+    const bool exhausted = err.find("the memory does not suffice") != std::string::npos ||
+                           err.find("hard rss limit exhausted") != std::string::npos;
+    EXPECT_FALSE(exhausted) << command_ << " was ended: expected at most " << surroundings_.memory << " bytes";
+  }
+
+  /// Largest resident memory [bytes], once it was waited for.
+  double peak() const { return 1024.0 * static_cast<double>(usage_.ru_maxrss); }
+
+private:
+  [[noreturn]] void become_kdlcal(const std::filesystem::path& directory, const std::vector<char*>& argv) const {
+    redirect(surroundings_.out, STDOUT_FILENO);
+    redirect(surroundings_.err, STDERR_FILENO);
+    std::signal(SIGINT, SIG_DFL);  // which a shell's background jobs ignore
+    set_limits();
+    if (::chdir(directory.c_str()) != 0 || (surroundings_.user != 0 && ::setuid(surroundings_.user) != 0)) {
+      ::_exit(126);
+    }
+    ::execv(argv[0], argv.data());
+    ::_exit(127);
+  }
+
+  // The alarm and the limits stay with the process when it becomes kdlcal.
+  void set_limits() const {
+    std::signal(SIGALRM, SIG_DFL);
+    std::signal(SIGXCPU, SIG_DFL);
+    ::alarm(surroundings_.seconds);
+    limit(RLIMIT_CPU, surroundings_.cpu_seconds, surroundings_.cpu_seconds + 5);
+    limit(RLIMIT_CORE, 0, 0);
+    if (surroundings_.largest_file > 0) {
+      limit(RLIMIT_FSIZE, surroundings_.largest_file, surroundings_.largest_file);
+    }
+    if (kSanitized) {  // whose shadow memory counts as data; the address sanitizer limits what is resident
+      const char* given = std::getenv("ASAN_OPTIONS");
+      const std::string megabytes = std::to_string(4 * (surroundings_.memory >> 20U));
+      ::setenv("ASAN_OPTIONS",
+               ((given == nullptr ? "" : std::string(given) + ":") + "hard_rss_limit_mb=" + megabytes).c_str(), 1);
+    } else {
+      limit(RLIMIT_DATA, surroundings_.memory, surroundings_.memory);
+    }
+  }
+
+  static void limit(decltype(RLIMIT_CPU) resource, rlim_t soft, rlim_t hard) {
+    const rlimit limits{.rlim_cur = soft, .rlim_max = hard};
+    ::setrlimit(resource, &limits);
+  }
+
+  static void redirect(const std::string& file, int descriptor) {
+    const int opened = ::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+    ::dup2(opened, descriptor);
+    ::close(opened);
+  }
+
+  Surroundings surroundings_;
+  std::string command_;
+  pid_t child_ = -1;
+  bool waited_for_ = false;
+  rusage usage_{};
+};
 
 struct Outcome {
   int status = -1;
@@ -37,34 +165,20 @@ protected:
     std::filesystem::remove_all(directory.string() + ".streams");
   }
 
-  /// Runs kdlcal in the test's directory. `largest_file`: bytes that a file may have, 0 for no limit.
-  Outcome run(const std::vector<std::string>& arguments, rlim_t largest_file = 0) {
+  /// Runs kdlcal in the test's directory. Its streams are kept where `surroundings` send them nowhere.
+  Outcome run(const std::vector<std::string>& arguments, Surroundings surroundings = {}) {
     const std::filesystem::path streams = directory.string() + ".streams";
     std::filesystem::create_directory(streams);
-    const std::string out = streams / "out";
-    const std::string err = streams / "err";
-    std::vector<std::string> words = {KDLCAL_EXECUTABLE};
-    words.insert(words.end(), arguments.begin(), arguments.end());
-    std::vector<char*> argv;
-    std::transform(words.begin(), words.end(), std::back_inserter(argv), [](std::string& word) { return word.data(); });
-    argv.push_back(nullptr);
-    const pid_t child = ::fork();
-    if (child == 0) {
-      redirect(out, STDOUT_FILENO);
-      redirect(err, STDERR_FILENO);
-      if (::chdir(directory.c_str()) != 0) {
-        ::_exit(126);
-      }
-      if (largest_file > 0) {
-        const rlimit limit{.rlim_cur = largest_file, .rlim_max = largest_file};
-        ::setrlimit(RLIMIT_FSIZE, &limit);
-      }
-      ::execv(argv[0], argv.data());
-      ::_exit(127);
-    }
-    int status = 0;
-    ::waitpid(child, &status, 0);
-    return {.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1, .out = content(out), .err = content(err)};
+    const Surroundings nowhere;
+    surroundings.out = surroundings.out == nowhere.out ? (streams / "out").string() : surroundings.out;
+    surroundings.err = surroundings.err == nowhere.err ? (streams / "err").string() : surroundings.err;
+    Process process(directory, arguments, surroundings);
+    const int status = process.wait();
+    Outcome outcome{.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1,
+                    .out = content(surroundings.out),
+                    .err = content(surroundings.err)};
+    process.expect_memory_sufficed(outcome.err);
+    return outcome;
   }
 
   nlohmann::json run_json(const std::vector<std::string>& arguments) {
@@ -94,10 +208,10 @@ protected:
   /// Bad usage or bad input: status 2, nothing on standard output, one line on standard error with all these facts in
   /// it, no file written or changed.
   void expect_refused(const std::vector<std::string>& arguments, const std::vector<std::string>& facts,
-                      rlim_t largest_file = 0) {
+                      const Surroundings& surroundings = {}) {
     const std::string command = ::testing::PrintToString(arguments);
     const auto before = files();
-    const Outcome outcome = run(arguments, largest_file);
+    const Outcome outcome = run(arguments, surroundings);
     EXPECT_EQ(outcome.status, 2) << command << outcome.err;
     EXPECT_EQ(outcome.out, "") << command;
     EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << command << outcome.err;
@@ -109,18 +223,14 @@ protected:
   }
 
   static std::string content(const std::filesystem::path& file) {
+    if (!std::filesystem::is_regular_file(file)) {  // /dev/full can be read without end
+      return {};
+    }
     std::ifstream stream(file, std::ios::binary);
     return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
   }
 
   std::filesystem::path directory;
-
-private:
-  static void redirect(const std::string& file, int descriptor) {
-    const int opened = ::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    ::dup2(opened, descriptor);
-    ::close(opened);
-  }
 };
 
 }  // namespace kdl_calibration::testing

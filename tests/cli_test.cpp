@@ -119,12 +119,9 @@ TEST_F(Usage, RefusesAnOptionFileThatItDoesNotUnderstand) {
 }
 
 TEST_F(Usage, StandardOutputThatIsFullIsAnError) {
-  std::filesystem::create_directory(directory.string() + ".streams");
-  const std::string command =
-      "'" + std::string(KDLCAL_EXECUTABLE) + "' model > /dev/full 2> '" + directory.string() + ".streams/err'";
-  const int status = std::system(command.c_str());
-  EXPECT_EQ(WEXITSTATUS(status), 2);
-  EXPECT_THAT(content(directory.string() + ".streams/err"), HasSubstr("standard output"));
+  const Outcome outcome = run({"model"}, {.out = "/dev/full"});
+  EXPECT_EQ(outcome.status, 2);
+  EXPECT_THAT(outcome.err, HasSubstr("standard output"));
 }
 
 // ---- Bad robots ----------------------------------------------------------------------------------------------------
@@ -743,14 +740,14 @@ TEST_F(OutputFiles, BehindALinkAreReplacedThere) {
 }
 
 TEST_F(OutputFiles, LeaveNothingBehindOnAFullDisk) {
-  constexpr rlim_t kLittle = 4096;
-  expect_refused(simulate("m.csv", "t.json"), {"--output", "'m.csv'", "cannot be written"}, kLittle);
+  const Surroundings little = {.largest_file = 4096};
+  expect_refused(simulate("m.csv", "t.json"), {"--output", "'m.csv'", "cannot be written"}, little);
   // The first file fits, the second does not: neither appears.
   expect_refused(simulate("m.csv", "t.json", {"--configurations", "2"}), {"--truth", "'t.json'", "cannot be written"},
-                 kLittle);
+                 little);
   write("m.csv", "old");
   write("t.json", "old");
-  expect_refused(simulate("m.csv", "t.json", {"--force"}), {"--output", "cannot be written"}, kLittle);
+  expect_refused(simulate("m.csv", "t.json", {"--force"}), {"--output", "cannot be written"}, little);
   EXPECT_EQ(text_of("m.csv"), "old");
 }
 
