@@ -522,8 +522,9 @@ std::string result_table(const Measurements& measurements, const Calibration& ca
   add_iso_table(calibration, text);
   if (!calibration.tried.empty()) {
     const ModelOption& chosen = calibration.tried.front();
-    text += format("chosen by cross-validation: priors %.3g mm and mrad,", chosen.priors.length * 1e3) + " gravity " +
-            (chosen.gravity ? "yes" : "no") + ", joint gain " + (chosen.gain ? "yes" : "no") + "\n";
+    text += format("chosen by cross-validation: priors %.3g mm", chosen.priors.length * 1e3) +
+            format(" and %.3g mrad,", chosen.priors.angle * 1e3) + " gravity " + (chosen.gravity ? "yes" : "no") +
+            ", joint gain " + (chosen.gain ? "yes" : "no") + "\n";
   }
   text += "\ngeometric errors (+- 1 sigma)\n";
   for (const ParameterEstimate& parameter : calibration.parameters) {
