@@ -1,10 +1,25 @@
+// Every number that result.json, the table and the model's JSON show, against what it was made from: each test walks
+// the whole output, so that a field or a line without an expectation fails.
+
 #include "kdl_calibration/report.hpp"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <nlohmann/json.hpp>
 #include <numbers>
+#include <regex>
+#include <set>
 
 #include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "printed_text.hpp"
 #include "support.hpp"
@@ -12,10 +27,1306 @@
 namespace kdl_calibration {
 namespace {
 
+using Json = nlohmann::json;
 using testing::decimals;
 using testing::fanuc;
 using testing::kOddArm;
 using testing::squeezed;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
+
+// ---- calibrations of every sort ------------------------------------------------------------------------------------
+
+struct Case {
+  std::string name;
+  Robot robot;
+  Measurements measurements;
+  CalibrationOptions options;
+  Calibration calibration;
+  Json result;
+};
+
+Json rendered(const Case& c) { return Json::parse(result_json(c.robot, c.measurements, c.options, c.calibration)); }
+
+/// A robot with errors of a millimetre and a milliradian, measured by a tracker a few metres away.
+struct Setup {
+  Robot robot;
+  ErrorModel model;
+  VirtualRobot truth;
+  Random random;
+
+  Setup(Robot of, const std::vector<TargetFrame>& targets, std::uint64_t seed)
+      : robot(std::move(of)), model(complete_model(robot)), random(seed) {
+    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+    Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+    X_WB.linear() = Eigen::AngleAxisd(2.5, Eigen::Vector3d(0.3, -0.2, 0.9).normalized()).toRotationMatrix();
+    X_WB.translation() = Eigen::Vector3d(2.0, -1.5, 0.4);
+    truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
+  }
+
+  Eigen::MatrixXd configurations(int count) { return random_configurations(limits_of(model), count, random); }
+
+  /// Without stated sigmas.
+  Measurements measured(const Eigen::MatrixXd& q, MeasuringNoise noise, Split split = Split::train) {
+    Measurements result = measure(truth, q, noise, random, split);
+    for (Observation& observation : result.observations) {
+      observation.sigma = 0.0;
+    }
+    return result;
+  }
+
+  Case calibrated(const std::string& name, const Measurements& measurements, const CalibrationOptions& options = {}) {
+    Case result{name, robot, measurements, options, calibrate(model, measurements, options), {}};
+    result.result = rendered(result);
+    return result;
+  }
+};
+
+std::vector<TargetFrame> with_orientation(std::vector<TargetFrame> targets) {
+  for (TargetFrame& target : targets) {
+    target.with_orientation = true;
+    target.X_FT.linear() = Eigen::AngleAxisd(2.0, Eigen::Vector3d(1.0, 0.5, -0.3).normalized()).toRotationMatrix();
+  }
+  return targets;
+}
+
+const MeasuringNoise kPoints{.sigma = 3e-5};
+const MeasuringNoise kRepeats{.sigma = 1e-5, .repeats = 3, .common = Eigen::Vector3d(4e-5, 3e-5, 2e-5)};
+
+void add_cases_of_points(std::vector<Case>& cases) {
+  Setup s(fanuc(), published_targets(), 1);
+  const Eigen::MatrixXd q = s.configurations(25);
+  const Measurements plain = s.measured(q, kPoints);
+  const Measurements with_test = joined(plain, s.measured(s.configurations(6), kPoints, Split::test));
+  cases.push_back(s.calibrated("plain", plain));
+  cases.push_back(s.calibrated("test rows, leave-one-out, k-fold", with_test, {.leave_one_out = true, .k_fold = 5}));
+  cases.push_back(s.calibrated("two-step", plain, {.method = Method::two_step}));
+  cases.push_back(s.calibrated("complete model", plain, {.model = ModelChoice::complete}));
+  cases.push_back(s.calibrated("known base", plain, {.known_base = s.truth.truth.X_WB}));
+  cases.push_back(s.calibrated("known targets", plain, {.known_targets = s.truth.truth.targets}));
+  cases.push_back(s.calibrated("hardly enough", s.measured(s.configurations(5), kPoints)));
+  Measurements mistyped = plain;
+  mistyped.observations[40].position.y() += 0.01;
+  cases.push_back(s.calibrated("robust loss", mistyped, {.loss = Loss::tukey}));
+  CalibrationOptions stated{.predict_at = {{"first", "second"}, s.configurations(2)}};
+  stated.noise.independent = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
+  stated.noise.common = Eigen::Vector3d(3e-5, 2e-5, 1e-5);
+  cases.push_back(s.calibrated("noise that is stated, predictions", with_test, stated));
+  Eigen::MatrixXd held = q;
+  held.row(3).setConstant(0.6);
+  Eigen::MatrixXd asked = s.configurations(2);
+  asked(3, 0) = 0.6;
+  cases.push_back(s.calibrated("a joint that never moves", s.measured(held, kPoints),
+                               {.predict_at = {{"measured there", "not there"}, asked}}));
+}
+
+void add_cases_of_repeats(std::vector<Case>& cases) {
+  Setup s(fanuc(), published_targets(2), 2);
+  const Measurements repeats =
+      joined(s.measured(s.configurations(20), kRepeats), s.measured(s.configurations(4), kRepeats, Split::test));
+  cases.push_back(s.calibrated("repeats", repeats));
+  cases.push_back(s.calibrated("noise from repeats", repeats, {.noise_from_repeats = true}));
+  Setup poses(fanuc(), with_orientation(published_targets(2)), 3);
+  MeasuringNoise noise = kRepeats;
+  noise.orientation_sigma = 1e-4;
+  cases.push_back(
+      poses.calibrated("orientations", poses.measured(poses.configurations(15), noise), {.noise_from_repeats = true}));
+}
+
+void add_cases_of_deflections(std::vector<Case>& cases) {
+  Setup s(fanuc(), published_targets(), 4);
+  s.truth.model.deflections = gravity_deflections(s.model);
+  const auto count = static_cast<Eigen::Index>(s.truth.model.deflections.size());
+  s.truth.truth.deflections = Eigen::VectorXd::LinSpaced(count, 4e-4, 8e-4);
+  const Measurements sagging =
+      joined(s.measured(s.configurations(24), kPoints), s.measured(s.configurations(5), kPoints, Split::test));
+  cases.push_back(s.calibrated("gravity and gains", sagging,
+                               {.priors = {.length = 1e-3, .angle = 2e-3, .deflection = 3e-3},
+                                .gravity = Use::yes,
+                                .joint_gain = Use::yes,
+                                .leave_one_out = true}));
+  const Measurements few = subset(sagging, [](const Observation& o) { return o.configuration < 9; });
+  cases.push_back(s.calibrated(
+      "automatic choice, nested", few,
+      {.priors = {.length = 1e-3, .angle = 2e-3}, .gravity = Use::automatic, .leave_one_out = true, .nested = true}));
+  Setup odd(parse_robot(kOddArm), testing::targets_at({{0.1, 0.0, 0.05}, {0.0, 0.12, 0.0}}), 5);
+  cases.push_back(
+      odd.calibrated("odd arm", odd.measured(odd.configurations(30), kPoints),
+                     {.gravity = Use::yes, .joint_gain = Use::yes, .predict_at = {{"here"}, odd.configurations(1)}}));
+}
+
+const std::vector<Case>& cases() {
+  static const std::vector<Case> all = [] {
+    std::vector<Case> result;
+    add_cases_of_points(result);
+    add_cases_of_repeats(result);
+    add_cases_of_deflections(result);
+    return result;
+  }();
+  return all;
+}
+
+const Case& case_of(const std::string& name) {
+  const auto found = std::find_if(cases().begin(), cases().end(), [&](const Case& c) { return c.name == name; });
+  EXPECT_NE(found, cases().end()) << "no case " << name;
+  return *found;
+}
+
+// ---- a calibration in which no two numbers are alike
+// -----------------------------------------------------------------
+
+/// Gives each number a value of its own, different from all others by more than the table's last digit.
+class Painter {
+public:
+  void paint(double& value) { value = 0.001 + 1.7e-5 * ++count_; }
+  void paint(int& value) { value = 100 + ++count_; }
+  void paint(long& value) { value = 100 + ++count_; }
+  template <class Matrix>
+  void paint_all(Matrix&& values) {
+    for (auto& value : values.reshaped()) {
+      paint(value);
+    }
+  }
+  void paint(ErrorStatistics& s) {
+    paint(s.count);
+    for (double* value : {&s.mean, &s.rms, &s.p95, &s.max, &s.std}) {
+      paint(*value);
+    }
+  }
+  void paint(BeforeAfter& pair) {
+    paint(pair.before);
+    paint(pair.after);
+    paint(pair.rigid.emplace());
+  }
+  void paint(Iso9283& iso) {
+    paint(iso.accuracy);
+    paint(iso.repeatability);
+  }
+  template <class Entry>
+  void paint_influence(Entry& entry) {
+    paint(entry.leverage);
+    paint(entry.cook);
+    entry.high_leverage = ++count_ % 3 == 0;
+    entry.influential = count_ % 2 == 0;
+  }
+
+private:
+  int count_ = 0;
+};
+
+void paint_accuracy(Painter& p, Calibration& c) {
+  p.paint(c.train);
+  p.paint(c.test.emplace());
+  p.paint(c.leave_one_out.emplace());
+  p.paint(c.nested_leave_one_out.emplace());
+  p.paint(c.k_fold.emplace());
+  p.paint(c.iso_before);
+  p.paint(c.iso_after);
+  p.paint(c.iso_test_before.emplace());
+  p.paint(c.iso_test_after.emplace());
+  p.paint(c.predicted.measured);
+  p.paint(c.predicted.workspace);
+  p.paint(c.predicted.cell);
+  c.predicted.cells.resize(3);
+  for (WorkspaceCell& cell : c.predicted.cells) {
+    p.paint_all(cell.centre);
+    p.paint(cell.count);
+    p.paint(cell.mean);
+    p.paint(cell.max);
+  }
+  for (PredictedPoint& point : c.predicted.asked) {
+    for (Eigen::Vector3d* values : {&point.position, &point.position_W, &point.std}) {
+      p.paint_all(*values);
+    }
+    p.paint(point.sigma);
+    p.paint(point.radius_95);
+  }
+}
+
+void paint_noise(Painter& p, NoiseReport& noise) {
+  RepeatNoise& repeats = noise.repeats.emplace();
+  for (Eigen::Vector3d* values :
+       {&noise.independent, &noise.common, &repeats.independent, &repeats.common, &repeats.total}) {
+    p.paint_all(*values);
+  }
+  for (double* value : {&noise.sigma, &noise.degrees_of_freedom, &noise.variance_factor, &repeats.degrees_of_freedom,
+                        &repeats.orientation, &repeats.orientation_degrees_of_freedom}) {
+    p.paint(*value);
+  }
+}
+
+void paint_judgement(Painter& p, Calibration& c) {
+  p.paint(c.identification.iterations);
+  p.paint(c.identification.convergence_factor);
+  p.paint(c.identifiability.rank);
+  p.paint(c.identifiability.columns);
+  p.paint(c.identifiability.condition);
+  p.paint_all(c.identifiability.singular_values);
+  c.identifiability.tied = {{"dq2"}, {"Tx1", "Ry1"}};
+  c.identifiability.weak = {{"Rz3", "A.x"}, {"base.Tx"}};
+  c.fixed_by_gauge = {"Tz3", "base.Ry"};
+  for (double* value : {&c.observability.O1, &c.observability.O2, &c.observability.O3, &c.observability.O4,
+                        &c.observability.O5, &c.priors.length, &c.priors.angle, &c.priors.deflection}) {
+    p.paint(*value);
+  }
+  c.tried.resize(2);
+  for (ModelOption& option : c.tried) {
+    for (double* value :
+         {&option.priors.length, &option.priors.angle, &option.priors.deflection, &option.held_out_rms}) {
+      p.paint(*value);
+    }
+  }
+  c.tried[0].gravity = true;
+  c.tried[1].gain = true;
+  c.findings = {{.kind = QualityKind::mistyped_coordinate,
+                 .configuration = "7",
+                 .repeat = 2,
+                 .targets = {"B"},
+                 .axis = 'y',
+                 .amount = 0.01,
+                 .message = "what is said of B"},
+                {.kind = QualityKind::swapped_targets,
+                 .configuration = "9",
+                 .targets = {"A", "C"},
+                 .amount = 0.1,
+                 .message = "what is said of A and C"}};
+  LackOfFit& lack = c.lack_of_fit.emplace();
+  for (double* value : {&lack.f, &lack.degrees_of_freedom, &lack.repeat_degrees_of_freedom, &lack.p_value}) {
+    p.paint(*value);
+  }
+  lack.explained_by_joint = {0.11, 0.22, 0.33};
+  for (double* value : {&c.influence.leverage_limit, &c.influence.cook_limit, &c.influence.point_cook_limit}) {
+    p.paint(*value);
+  }
+  for (ConfigurationInfluence& entry : c.influence.configurations) {
+    p.paint_influence(entry);
+    for (PointInfluence& point : entry.points) {
+      p.paint_influence(point);
+    }
+  }
+  c.influence.configurations[3].cook = kInfinity;
+  c.influence.configurations[2].points[1].cook = kInfinity;
+  c.weights = {0.25, 0.5, 1.0};
+  p.paint(c.difference_to_kdl);
+  c.warnings = {"one", "another"};
+}
+
+/// The calibration of the odd arm with gravity, gains and predictions, each number replaced.
+Case painted() {
+  Case result = case_of("odd arm");
+  result.name = "painted";
+  Calibration& c = result.calibration;
+  Painter p;
+  paint_accuracy(p, c);
+  paint_noise(p, c.noise);
+  paint_judgement(p, c);
+  p.paint_all(c.identification.estimate.X_WB.translation());
+  for (TargetFrame& target : c.identification.estimate.targets) {
+    p.paint_all(target.X_FT.translation());
+  }
+  for (ParameterEstimate& parameter : c.parameters) {
+    for (double* value : {&parameter.nominal, &parameter.value, &parameter.error, &parameter.std}) {
+      p.paint(*value);
+    }
+  }
+  c.parameters[0].std = kInfinity;
+  c.parameters[0].identifiable = false;
+  c.parameters[8].std = kInfinity;
+  c.predicted.asked.back().sigma = kInfinity;
+  c.predicted.asked.back().radius_95 = kInfinity;
+  c.predicted.asked.back().std.setConstant(kInfinity);
+  result.robot.source = "robot.urdf";
+  result.robot.urdf = "abc";
+  result.measurements.source = "points.csv";
+  result.result = rendered(result);
+  return result;
+}
+
+// ---- result.json ---------------------------------------------------------------------------------------------------
+
+/// Every number, text and empty container of a JSON document by the way to it.
+void collect(const Json& json, const std::string& path, std::map<std::string, Json>& leaves) {
+  if (!json.is_structured() || json.empty()) {
+    leaves[path] = json;
+    return;
+  }
+  for (const auto& [key, value] : json.items()) {
+    collect(value, path + "/" + key, leaves);
+  }
+}
+
+/// What a JSON document must hold. All of it must have been expected, and nothing else.
+class Expected {
+public:
+  void is(const std::string& path, const Json& value) { expected_[path] = value; }
+  /// JSON knows neither infinity nor NaN.
+  void number(const std::string& path, double value) {
+    expected_[path] = std::isfinite(value) ? Json(value) : Json(nullptr);
+  }
+  template <class Numbers>
+  void numbers(const std::string& path, const Numbers& values) {
+    std::size_t i = 0;
+    for (const double value : values) {
+      number(path + "/" + std::to_string(i++), value);
+    }
+    if (i == 0) {
+      is(path, Json::array());
+    }
+  }
+  void texts(const std::string& path, const std::vector<std::string>& values) {
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      is(path + "/" + std::to_string(i), values[i]);
+    }
+    if (values.empty()) {
+      is(path, Json::array());
+    }
+  }
+  void statistics(const std::string& path, const ErrorStatistics& s) {
+    is(path + "/count", s.count);
+    number(path + "/mean", s.mean);
+    number(path + "/rms", s.rms);
+    number(path + "/p95", s.p95);
+    number(path + "/max", s.max);
+    number(path + "/std", s.std);
+  }
+
+  void compare(const Json& got, const std::string& what) const {
+    std::map<std::string, Json> leaves;
+    collect(got, "", leaves);
+    for (const auto& [path, value] : leaves) {
+      EXPECT_EQ(expected_.count(path), 1U) << what << ": nothing is expected at " << path << ", got " << value;
+    }
+    for (const auto& [path, value] : expected_) {
+      const auto found = leaves.find(path);
+      if (found == leaves.end()) {
+        ADD_FAILURE() << what << ": expected " << value << " at " << path << ", got nothing";
+        continue;
+      }
+      const bool close = is_computed(path) && value.is_number() && found->second.is_number() &&
+                         std::abs(value.get<double>() - found->second.get<double>()) <= 1e-12;
+      EXPECT_TRUE(found->second == value || close)
+          << what << ": expected " << value << " at " << path << ", got " << found->second;
+    }
+  }
+
+private:
+  /// What the report computes itself may differ by rounding; all else is handed through to the last bit.
+  static bool is_computed(const std::string& path) {
+    return path.find("/interval_95") != std::string::npos || path.find("/quaternion_wxyz") != std::string::npos;
+  }
+  std::map<std::string, Json> expected_;
+};
+
+/// Half the width of the 95 % interval of a standard normal value: where its distribution is at 97.5 %.
+double normal_quantile() {
+  double lower = 0.0;
+  double upper = 10.0;
+  for (int i = 0; i < 100; ++i) {
+    const double middle = 0.5 * (lower + upper);
+    (0.5 * std::erfc(-middle / std::numbers::sqrt2) < 0.975 ? lower : upper) = middle;
+  }
+  return lower;
+}
+
+void expect_interval(Expected& expected, const std::string& path, double value, double std, bool known = true) {
+  if (!known || !std::isfinite(std)) {
+    expected.is(path, nullptr);
+    return;
+  }
+  expected.number(path + "/0", value - normal_quantile() * std);
+  expected.number(path + "/1", value + normal_quantile() * std);
+}
+
+/// By KDL's conversion, with w not negative.
+void expect_quaternion(Expected& expected, const std::string& path, const Eigen::Matrix3d& R) {
+  double x = 0.0;
+  double y = 0.0;
+  double z = 0.0;
+  double w = 0.0;
+  KDL::Rotation(R(0, 0), R(0, 1), R(0, 2), R(1, 0), R(1, 1), R(1, 2), R(2, 0), R(2, 1), R(2, 2))
+      .GetQuaternion(x, y, z, w);
+  const double sign = w < 0.0 ? -1.0 : 1.0;
+  expected.numbers(path, std::vector<double>{sign * w, sign * x, sign * y, sign * z});
+}
+
+const ParameterEstimate& parameter_of(const Calibration& calibration, const std::string& name) {
+  return *std::find_if(calibration.parameters.begin(), calibration.parameters.end(),
+                       [&](const ParameterEstimate& parameter) { return parameter.name == name; });
+}
+
+/// As CMakeLists.txt states it.
+std::string version_of_the_project() {
+  std::ifstream stream(std::string(URDF_DIR) + "/../CMakeLists.txt");
+  const std::string text{std::istreambuf_iterator<char>(stream), {}};
+  std::smatch found;
+  std::regex_search(text, found, std::regex(R"(project\(\s*kdl_calibration\s+VERSION\s+([0-9.]+))"));
+  return found.size() == 2 ? found[1].str() : "no version in CMakeLists.txt";
+}
+
+void expect_input(Expected& expected, const Case& c) {
+  expected.is("/software/name", "kdl_calibration");
+  expected.is("/software/version", version_of_the_project());
+  expected.is("/input/urdf", c.robot.source);
+  expected.is("/input/base", c.robot.base);
+  expected.is("/input/tip", c.robot.tip);
+  expected.is("/input/measurements", c.measurements.source);
+  expected.is("/input/configurations", c.measurements.configurations.size());
+  expected.is("/input/observations", c.measurements.observations.size());
+  expected.is("/input/method", c.options.method == Method::two_step ? "two-step" : "joint");
+  expected.is("/input/model", c.options.model == ModelChoice::complete ? "complete" : "irreducible");
+}
+
+void expect_fit(Expected& expected, const Case& c) {
+  const Calibration& found = c.calibration;
+  expected.is("/termination", to_string(found.identification.termination));
+  expected.is("/message", found.identification.message);
+  expected.is("/iterations", found.identification.iterations);
+  expected.is("/rank", found.identifiability.rank);
+  expected.number("/condition", found.identifiability.condition);
+  if (c.options.method == Method::two_step) {
+    expected.number("/convergence_factor", found.identification.convergence_factor);
+  }
+  expected.numbers("/singular_values", found.identifiability.singular_values);
+  expected.texts("/fixed_by_gauge", found.fixed_by_gauge);
+  const auto groups = [&](const std::string& path, const std::vector<std::vector<std::string>>& names) {
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      expected.texts(path + "/" + std::to_string(i), names[i]);
+    }
+    if (names.empty()) {
+      expected.is(path, Json::array());
+    }
+  };
+  groups("/tied", found.identifiability.tied);
+  groups("/weak", found.identifiability.weak);
+  const ObservabilityIndices& o = found.observability;
+  expected.number("/observability/O1", o.O1);
+  expected.number("/observability/O2", o.O2);
+  expected.number("/observability/O3", o.O3);
+  expected.number("/observability/O4", o.O4);
+  expected.number("/observability/O5", o.O5);
+  expected.number("/difference_to_kdl", found.difference_to_kdl);
+  expected.texts("/warnings", found.warnings);
+  if (!found.weights.empty()) {
+    expected.numbers("/weights", found.weights);
+  }
+}
+
+void expect_parameters(Expected& expected, const Calibration& found) {
+  for (std::size_t i = 0; i < found.parameters.size(); ++i) {
+    const ParameterEstimate& parameter = found.parameters[i];
+    const std::string path = "/parameters/" + std::to_string(i);
+    expected.is(path + "/name", parameter.name);
+    expected.is(path + "/joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint));
+    expected.is(path + "/kind", parameter.kind);
+    expected.is(path + "/axis", parameter.axis);
+    expected.number(path + "/nominal", parameter.nominal);
+    expected.number(path + "/value", parameter.value);
+    expected.number(path + "/error", parameter.error);
+    expected.number(path + "/std", parameter.std);
+    expect_interval(expected, path + "/interval_95", parameter.value, parameter.std, parameter.identifiable);
+    expected.is(path + "/identifiable", parameter.identifiable);
+    expected.is(path + "/gauge", parameter.gauge);
+  }
+}
+
+void expect_frames(Expected& expected, const Calibration& found) {
+  const Estimate& estimate = found.identification.estimate;
+  expected.numbers("/base/position", Eigen::Vector3d(estimate.X_WB.translation()));
+  expect_quaternion(expected, "/base/quaternion_wxyz", estimate.X_WB.linear());
+  const std::vector<std::string> axes = {"Tx", "Ty", "Tz", "Rx", "Ry", "Rz"};
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    expected.number("/base/std/" + std::to_string(i), parameter_of(found, "base." + axes[i]).std);
+  }
+  for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
+    const TargetFrame& target = estimate.targets[k];
+    const std::string path = "/targets/" + std::to_string(k);
+    expected.is(path + "/name", target.name);
+    expected.numbers(path + "/position", Eigen::Vector3d(target.X_FT.translation()));
+    std::vector<std::string> names = {"x", "y", "z"};
+    if (target.with_orientation) {
+      expect_quaternion(expected, path + "/quaternion_wxyz", target.X_FT.linear());
+      names.insert(names.end(), {"Rx", "Ry", "Rz"});
+    }
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      expected.number(path + "/std/" + std::to_string(i), parameter_of(found, target.name + "." + names[i]).std);
+    }
+  }
+}
+
+void expect_reduction(Expected& expected, const std::string& path, const Reduction& reduction) {
+  expected.is(path + "/candidates", reduction.candidates);
+  expected.is(path + "/rank", reduction.rank);
+  for (std::size_t i = 0; i < reduction.dropped.size(); ++i) {
+    const std::string at = path + "/dropped/" + std::to_string(i);
+    expected.is(at + "/name", reduction.dropped[i].name);
+    for (const auto& [name, coefficient] : reduction.dropped[i].replaced_by) {
+      expected.number(at + "/replaced_by/" + name, coefficient);
+    }
+    if (reduction.dropped[i].replaced_by.empty()) {
+      expected.is(at + "/replaced_by", Json::object());
+    }
+  }
+  for (std::size_t i = 0; i < reduction.gauge.size(); ++i) {
+    const std::string at = path + "/gauge/" + std::to_string(i);
+    expected.is(at + "/name", reduction.gauge[i].name);
+    expected.texts(at + "/tied_to", reduction.gauge[i].tied_to);
+  }
+  for (const auto& [list, empty] :
+       {std::pair{"/dropped", reduction.dropped.empty()}, std::pair{"/gauge", reduction.gauge.empty()}}) {
+    if (empty) {
+      expected.is(path + list, Json::array());
+    }
+  }
+}
+
+void expect_accuracy(Expected& expected, const Calibration& found) {
+  const auto pair = [&](const std::string& path, const BeforeAfter& errors) {
+    expected.statistics(path + "/before", errors.before);
+    expected.statistics(path + "/after", errors.after);
+    if (errors.rigid) {
+      expected.statistics(path + "/exported_urdf", *errors.rigid);
+    }
+  };
+  pair("/position_error/train", found.train);
+  if (found.test) {
+    pair("/position_error/test", *found.test);
+  }
+  if (found.leave_one_out) {
+    pair("/position_error/leave_one_out", *found.leave_one_out);
+  }
+  if (found.nested_leave_one_out) {
+    expected.statistics("/position_error/nested_leave_one_out", *found.nested_leave_one_out);
+  }
+  if (found.k_fold) {
+    expected.statistics("/position_error/k_fold", *found.k_fold);
+  }
+  const auto iso = [&](const std::string& path, const Iso9283& figures) {
+    expected.statistics(path + "/accuracy", figures.accuracy);
+    expected.statistics(path + "/repeatability", figures.repeatability);
+  };
+  iso("/iso_9283/before", found.iso_before);
+  iso("/iso_9283/after", found.iso_after);
+  if (found.iso_test_before) {
+    iso("/iso_9283/test/before", *found.iso_test_before);
+    iso("/iso_9283/test/after", *found.iso_test_after);
+  }
+}
+
+void expect_noise(Expected& expected, const Calibration& found) {
+  const NoiseReport& noise = found.noise;
+  expected.is("/noise/model", noise.model);
+  expected.number("/noise/sigma", noise.sigma);
+  expected.numbers("/noise/independent", noise.independent);
+  expected.numbers("/noise/common", noise.common);
+  expected.number("/noise/degrees_of_freedom", noise.degrees_of_freedom);
+  expected.number("/noise/variance_factor", noise.variance_factor);
+  if (noise.repeats) {
+    expected.numbers("/noise/repeats/independent", noise.repeats->independent);
+    expected.numbers("/noise/repeats/common", noise.repeats->common);
+    expected.numbers("/noise/repeats/total", noise.repeats->total);
+    expected.number("/noise/repeats/degrees_of_freedom", noise.repeats->degrees_of_freedom);
+    if (noise.repeats->orientation_degrees_of_freedom > 0.0) {
+      expected.number("/noise/repeats/orientation", noise.repeats->orientation);
+    }
+  }
+  if (found.lack_of_fit) {
+    expected.number("/lack_of_fit/F", found.lack_of_fit->f);
+    expected.number("/lack_of_fit/degrees_of_freedom", found.lack_of_fit->degrees_of_freedom);
+    expected.number("/lack_of_fit/repeat_degrees_of_freedom", found.lack_of_fit->repeat_degrees_of_freedom);
+    expected.number("/lack_of_fit/p_value", found.lack_of_fit->p_value);
+    expected.numbers("/lack_of_fit/explained_by_joint", found.lack_of_fit->explained_by_joint);
+  }
+}
+
+void expect_choices(Expected& expected, const Calibration& found) {
+  const auto priors = [&](const std::string& path, const Priors& p) {
+    expected.number(path + "/length", p.length);
+    expected.number(path + "/angle", p.angle);
+    expected.number(path + "/deflection", p.deflection);
+  };
+  priors("/priors", found.priors);
+  for (std::size_t i = 0; i < found.tried.size(); ++i) {
+    const std::string path = "/tried/" + std::to_string(i);
+    priors(path + "/priors", found.tried[i].priors);
+    expected.is(path + "/gravity", found.tried[i].gravity);
+    expected.is(path + "/joint_gain", found.tried[i].gain);
+    expected.number(path + "/held_out_rms", found.tried[i].held_out_rms);
+  }
+  if (found.tried.empty()) {
+    expected.is("/tried", Json::array());
+  }
+  for (std::size_t i = 0; i < found.findings.size(); ++i) {
+    const QualityFinding& finding = found.findings[i];
+    const std::string path = "/findings/" + std::to_string(i);
+    expected.is(path + "/kind", to_string(finding.kind));
+    expected.is(path + "/configuration", finding.configuration);
+    expected.is(path + "/repeat", finding.repeat);
+    expected.texts(path + "/targets", finding.targets);
+    expected.is(path + "/axis", finding.axis == ' ' ? Json(nullptr) : Json(std::string{finding.axis}));
+    expected.number(path + "/amount", finding.amount);
+    expected.is(path + "/message", finding.message);
+  }
+  if (found.findings.empty()) {
+    expected.is("/findings", Json::array());
+  }
+}
+
+void expect_predictions(Expected& expected, const Calibration& found) {
+  const PredictedAccuracy& predicted = found.predicted;
+  expected.statistics("/predicted_accuracy/measured", predicted.measured);
+  expected.statistics("/predicted_accuracy/workspace", predicted.workspace);
+  expected.number("/predicted_accuracy/cell", predicted.cell);
+  for (std::size_t i = 0; i < predicted.cells.size(); ++i) {
+    const std::string path = "/predicted_accuracy/cells/" + std::to_string(i);
+    expected.numbers(path + "/centre", predicted.cells[i].centre);
+    expected.is(path + "/count", predicted.cells[i].count);
+    expected.number(path + "/mean", predicted.cells[i].mean);
+    expected.number(path + "/max", predicted.cells[i].max);
+  }
+  if (predicted.cells.empty()) {
+    expected.is("/predicted_accuracy/cells", Json::array());
+  }
+  for (std::size_t i = 0; i < predicted.asked.size(); ++i) {
+    const PredictedPoint& point = predicted.asked[i];
+    const std::string path = "/predicted_accuracy/asked/" + std::to_string(i);
+    expected.is(path + "/configuration", point.configuration);
+    expected.is(path + "/target", point.target);
+    expected.numbers(path + "/position", point.position);
+    expected.numbers(path + "/position_measured_frame", point.position_W);
+    expected.numbers(path + "/std", point.std);
+    for (int axis = 0; axis < 3; ++axis) {
+      expect_interval(expected, path + "/interval_95/" + std::to_string(axis), point.position_W[axis], point.std[axis]);
+    }
+    expected.number(path + "/sigma", point.sigma);
+    expected.number(path + "/radius_95", point.radius_95);
+  }
+}
+
+void expect_influence(Expected& expected, const Case& c) {
+  const Influence& influence = c.calibration.influence;
+  if (influence.configurations.empty()) {
+    return;
+  }
+  const auto add = [&](const std::string& path, const auto& entry) {
+    expected.number(path + "/leverage", entry.leverage);
+    expected.is(path + "/high_leverage", entry.high_leverage);
+    expected.number(path + "/cook", entry.cook);
+    expected.is(path + "/influential", entry.influential);
+  };
+  expected.number("/influence/leverage_limit", influence.leverage_limit);
+  expected.number("/influence/cook_limit", influence.cook_limit);
+  expected.number("/influence/point_cook_limit", influence.point_cook_limit);
+  for (std::size_t i = 0; i < influence.configurations.size(); ++i) {
+    const ConfigurationInfluence& entry = influence.configurations[i];
+    const std::string path = "/influence/configurations/" + std::to_string(i);
+    expected.is(path + "/configuration",
+                c.measurements.configurations.at(static_cast<std::size_t>(entry.configuration)));
+    add(path, entry);
+    for (std::size_t k = 0; k < entry.points.size(); ++k) {
+      const std::string at = path + "/points/" + std::to_string(k);
+      expected.is(at + "/target", c.measurements.targets.at(static_cast<std::size_t>(entry.points[k].target)));
+      add(at, entry.points[k]);
+    }
+  }
+}
+
+Expected expected_result(const Case& c) {
+  Expected expected;
+  expect_input(expected, c);
+  expect_fit(expected, c);
+  expect_parameters(expected, c.calibration);
+  expect_frames(expected, c.calibration);
+  expect_reduction(expected, "/model", c.calibration.reduction);
+  expect_accuracy(expected, c.calibration);
+  expect_noise(expected, c.calibration);
+  expect_choices(expected, c.calibration);
+  expect_predictions(expected, c.calibration);
+  expect_influence(expected, c);
+  return expected;
+}
+
+TEST(ReportJson, EveryFieldIsThatOfTheCalibration) {
+  std::vector<Case> all = cases();
+  all.push_back(painted());
+  for (const Case& c : all) {
+    Expected expected = expected_result(c);
+    const Json& result = c.result;
+    const Json hash = result["input"]["sha256"];
+    ASSERT_TRUE(hash.is_string()) << c.name;
+    EXPECT_EQ(hash.get<std::string>().find_first_not_of("0123456789abcdef"), std::string::npos) << c.name << hash;
+    EXPECT_EQ(hash.get<std::string>().size(), 64U) << c.name << hash;
+    expected.is("/input/sha256", hash);
+    expected.compare(result, c.name);
+  }
+}
+
+// FIPS 180-4: the digest of "abc" is among its examples.
+TEST(ReportJson, TheHashIsSha256OfTheUrdf) {
+  EXPECT_EQ(painted().result["input"]["sha256"], "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+}
+
+TEST(ReportJson, ACalibrationOfEachSortHasTheFieldsOfThatSort) {
+  const auto has = [](const std::string& name, const char* pointer) {
+    return case_of(name).result.contains(Json::json_pointer(pointer));
+  };
+  const std::vector<std::pair<const char*, std::set<std::string>>> only_in = {
+      {"/convergence_factor", {"two-step"}},
+      {"/weights", {"robust loss"}},
+      {"/position_error/test",
+       {"test rows, leave-one-out, k-fold", "noise that is stated, predictions", "repeats", "noise from repeats",
+        "gravity and gains"}},
+      {"/position_error/leave_one_out",
+       {"test rows, leave-one-out, k-fold", "gravity and gains", "automatic choice, nested"}},
+      {"/position_error/nested_leave_one_out", {"automatic choice, nested"}},
+      {"/position_error/k_fold", {"test rows, leave-one-out, k-fold"}},
+      {"/noise/repeats", {"repeats", "noise from repeats", "orientations"}},
+      {"/noise/repeats/orientation", {"orientations"}},
+      {"/lack_of_fit", {"repeats", "noise from repeats", "orientations"}},
+      {"/targets/0/quaternion_wxyz", {"orientations"}},
+      {"/tried/0", {"automatic choice, nested"}},
+      {"/findings/0", {"robust loss"}},
+      {"/fixed_by_gauge/0", {"complete model", "a joint that never moves"}},
+      {"/predicted_accuracy/asked", {"noise that is stated, predictions", "a joint that never moves", "odd arm"}}};
+  for (const auto& [pointer, names] : only_in) {
+    for (const Case& c : cases()) {
+      EXPECT_EQ(has(c.name, pointer), names.count(c.name) == 1) << pointer << " in " << c.name;
+    }
+  }
+  for (const Case& c : cases()) {
+    EXPECT_EQ(has(c.name, "/position_error/train/exported_urdf"), !c.calibration.free.deflections.empty()) << c.name;
+  }
+}
+
+// ---- where the calibration's own figures come from
+// -------------------------------------------------------------------
+
+/// KDL's pose of the flange for each configuration.
+std::vector<KDL::Frame> kdl_poses(const ErrorModel& model, const Estimate& estimate, const Eigen::MatrixXd& q) {
+  const KDL::Chain chain = error_chain(model, estimate.errors);
+  const Eigen::MatrixXd there = deflected(model, estimate.deflections, q);
+  std::vector<KDL::Frame> poses;
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    poses.push_back(testing::kdl_pose(chain, there.col(c)));
+  }
+  return poses;
+}
+
+KDL::Vector predicted_point(const KDL::Frame& X_BF, const Estimate& estimate, int target) {
+  const Eigen::Vector3d point = estimate.targets[static_cast<std::size_t>(target)].X_FT.translation();
+  return to_kdl(estimate.X_WB) * (X_BF * KDL::Vector(point.x(), point.y(), point.z()));
+}
+
+std::vector<double> distances_by_hand(const ErrorModel& model, const Estimate& estimate,
+                                      const Measurements& measurements, Split split) {
+  const std::vector<KDL::Frame> poses = kdl_poses(model, estimate, measurements.joint_values);
+  std::vector<double> distances;
+  for (const Observation& o : measurements.observations) {
+    if (o.split == split) {
+      const KDL::Vector p = predicted_point(poses[static_cast<std::size_t>(o.configuration)], estimate, o.target);
+      distances.push_back(std::hypot(o.position.x() - p.x(), o.position.y() - p.y(), o.position.z() - p.z()));
+    }
+  }
+  return distances;
+}
+
+/// The formulas written out. The 95th percentile lies 0.95 of the way from the first to the last of the sorted values.
+Json statistics_by_hand(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const auto n = static_cast<double>(values.size());
+  double sum = 0.0;
+  double squares = 0.0;
+  for (const double value : values) {
+    sum += value;
+    squares += value * value;
+  }
+  double deviations = 0.0;
+  for (const double value : values) {
+    deviations += (value - sum / n) * (value - sum / n);
+  }
+  const double place = 0.95 * (n - 1.0);
+  const auto below = static_cast<std::size_t>(place);
+  const double above = values[std::min(below + 1, values.size() - 1)];
+  return {{"count", values.size()},
+          {"mean", sum / n},
+          {"rms", std::sqrt(squares / n)},
+          {"p95", values[below] + (place - static_cast<double>(below)) * (above - values[below])},
+          {"max", values.back()},
+          {"std", std::sqrt(deviations / (n - 1.0))}};
+}
+
+void expect_statistics(const Json& got, const std::vector<double>& distances, const std::string& what) {
+  const Json wanted = statistics_by_hand(distances);
+  ASSERT_EQ(got.size(), wanted.size()) << what << got;
+  for (const auto& [key, value] : wanted.items()) {
+    EXPECT_NEAR(got[key].get<double>(), value.get<double>(), 2e-11) << what << ", " << key;
+  }
+}
+
+Estimate start_of(const Case& c) {
+  return nominal_start(c.calibration.model, c.measurements,
+                       {.known_base = c.options.known_base, .known_targets = c.options.known_targets});
+}
+
+TEST(ReportJson, PositionErrorsAreTheDistancesToKdlsPrediction) {
+  for (const Case& c : cases()) {
+    const ErrorModel& model = c.calibration.model;
+    const Json& errors = c.result["position_error"];
+    for (const auto& [key, split] : {std::pair{"train", Split::train}, std::pair{"test", Split::test}}) {
+      if (errors.contains(key)) {
+        const auto distances = [&](const Estimate& e) { return distances_by_hand(model, e, c.measurements, split); };
+        expect_statistics(errors[key]["before"], distances(start_of(c)), c.name + ", before");
+        expect_statistics(errors[key]["after"], distances(c.calibration.identification.estimate), c.name + ", after");
+      }
+    }
+  }
+}
+
+// The rigid robot's base and targets are not part of the result, but they are the best for its errors.
+TEST(ReportJson, TheExportedUrdfIsJudgedWithItsOwnBaseAndTargets) {
+  for (const Case& c : cases()) {
+    const Json& errors = c.result["position_error"];
+    if (!errors["train"].contains("exported_urdf")) {
+      continue;
+    }
+    const ErrorModel& model = c.calibration.model;
+    Estimate start = start_of(c);
+    start.errors = c.calibration.rigid_errors;
+    FreeParameters frames = c.calibration.free;
+    frames.geometric.clear();
+    frames.deflections.clear();
+    const Estimate rigid = identify_jointly(model, c.measurements, start, frames).estimate;
+    for (const auto& [key, split] : {std::pair{"train", Split::train}, std::pair{"test", Split::test}}) {
+      if (errors.contains(key)) {
+        expect_statistics(errors[key]["exported_urdf"], distances_by_hand(model, rigid, c.measurements, split),
+                          c.name + ", exported");
+      }
+    }
+  }
+}
+
+/// Mean and distances of the repeats of each target in each configuration.
+struct Repeated {
+  std::vector<Eigen::Vector3d> positions;
+  Eigen::Vector3d mean() const {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    for (const Eigen::Vector3d& position : positions) {
+      sum += position;
+    }
+    return sum / static_cast<double>(positions.size());
+  }
+};
+
+TEST(ReportJson, FiguresOfIso9283AreThoseOfTheMeansAndTheirRepeats) {
+  for (const Case& c : cases()) {
+    const Json& iso = c.result["iso_9283"];
+    const auto check = [&](const Json& got, const Estimate& estimate, Split split) {
+      const std::vector<KDL::Frame> poses = kdl_poses(c.calibration.model, estimate, c.measurements.joint_values);
+      std::map<std::pair<int, int>, Repeated> points;
+      for (const Observation& o : c.measurements.observations) {
+        if (o.split == split) {
+          points[{o.configuration, o.target}].positions.push_back(o.position);
+        }
+      }
+      std::vector<double> accuracies;
+      std::vector<double> repeatabilities;
+      for (const auto& [key, point] : points) {
+        const KDL::Vector p = predicted_point(poses[static_cast<std::size_t>(key.first)], estimate, key.second);
+        accuracies.push_back((point.mean() - Eigen::Vector3d(p.x(), p.y(), p.z())).norm());
+        std::vector<double> distances;
+        for (const Eigen::Vector3d& position : point.positions) {
+          distances.push_back((position - point.mean()).norm());
+        }
+        if (distances.size() > 1) {
+          const Json l = statistics_by_hand(distances);
+          repeatabilities.push_back(l["mean"].get<double>() + 3.0 * l["std"].get<double>());
+        }
+      }
+      expect_statistics(got["accuracy"], accuracies, c.name);
+      if (repeatabilities.empty()) {
+        EXPECT_EQ(got["repeatability"]["count"], 0) << c.name;
+      } else {
+        expect_statistics(got["repeatability"], repeatabilities, c.name);
+      }
+    };
+    check(iso["before"], start_of(c), Split::train);
+    check(iso["after"], c.calibration.identification.estimate, Split::train);
+    if (iso.contains("test")) {
+      check(iso["test"]["before"], start_of(c), Split::test);
+      check(iso["test"]["after"], c.calibration.identification.estimate, Split::test);
+    }
+  }
+}
+
+/// What must stand in the result of one parameter.
+struct Wanted {
+  std::string name;
+  std::string joint;
+  std::string kind;
+  std::string axis;
+  double nominal = 0.0;
+  double error = 0.0;
+  bool frame = false;  // of base or target: its value has no nominal part
+  double value = 0.0;
+};
+
+void want_frame(const std::string& name, const Eigen::Isometry3d& X, bool base, bool rotations,
+                std::vector<Wanted>& wanted) {
+  const KDL::Vector turn = to_kdl(X).M.GetRot();
+  for (int i = 0; i < (rotations ? 6 : 3); ++i) {
+    const std::string axis(1, "xyz"[i % 3]);
+    const std::string letter = i < 3 ? (base ? "T" : "") : "R";
+    wanted.push_back({.name = name + "." + letter + axis,
+                      .joint = "",
+                      .kind = i < 3 ? "translation" : "rotation",
+                      .axis = axis,
+                      .frame = true,
+                      .value = i < 3 ? X.translation()[i] : turn[i - 3]});
+  }
+}
+
+std::vector<Wanted> wanted_parameters(const Calibration& found) {
+  const Estimate& estimate = found.identification.estimate;
+  std::vector<Wanted> wanted;
+  want_frame("base", estimate.X_WB, true, true, wanted);
+  for (const TargetFrame& target : estimate.targets) {
+    want_frame(target.name, target.X_FT, false, target.with_orientation, wanted);
+  }
+  for (std::size_t p = 0; p < found.model.parameters.size(); ++p) {
+    const ErrorParameter& parameter = found.model.parameters[p];
+    wanted.push_back({.name = parameter.name,
+                      .joint = parameter.joint,
+                      .kind = parameter.kind == ParameterKind::joint_offset  ? "joint_offset"
+                              : parameter.kind == ParameterKind::translation ? "translation"
+                                                                             : "rotation",
+                      .axis = parameter.axis == 'q' ? "" : std::string{parameter.axis},
+                      .nominal = parameter.nominal,
+                      .error = estimate.errors[static_cast<Eigen::Index>(p)]});
+  }
+  for (std::size_t d = 0; d < found.model.deflections.size(); ++d) {
+    wanted.push_back({.name = found.model.deflections[d].name,
+                      .joint = found.model.deflections[d].joint,
+                      .kind = "deflection",
+                      .axis = "",
+                      .error = estimate.deflections[static_cast<Eigen::Index>(d)]});
+  }
+  return wanted;
+}
+
+TEST(ReportJson, ParametersAreThoseOfTheEstimateAndItsCovariance) {
+  for (const Case& c : cases()) {
+    const Calibration& found = c.calibration;
+    const std::vector<std::string> columns =
+        column_names(found.model, found.identification.estimate.targets, found.free);
+    std::set<std::string> gauge(found.fixed_by_gauge.begin(), found.fixed_by_gauge.end());
+    for (const GaugeParameter& parameter : found.reduction.gauge) {
+      gauge.insert(parameter.name);
+    }
+    const std::set<std::string> kept(found.reduction.kept.begin(), found.reduction.kept.end());
+    std::map<std::string, Json> printed;
+    for (const Json& parameter : c.result["parameters"]) {
+      printed[parameter["name"]] = parameter;
+    }
+    for (const Wanted& wanted : wanted_parameters(found)) {
+      const std::string what = c.name + ", " + wanted.name;
+      const auto column = std::find(columns.begin(), columns.end(), wanted.name);
+      const bool estimated = column != columns.end();
+      const bool shown = estimated || wanted.frame || gauge.count(wanted.name) > 0 || kept.count(wanted.name) > 0;
+      ASSERT_EQ(printed.count(wanted.name), shown ? 1U : 0U) << what;
+      if (!shown) {
+        EXPECT_EQ(wanted.error, 0.0) << what << ": not shown and not zero";
+        continue;
+      }
+      const Json& got = printed[wanted.name];
+      EXPECT_EQ(got["joint"], wanted.joint.empty() ? Json(nullptr) : Json(wanted.joint)) << what;
+      EXPECT_EQ(got["kind"], wanted.kind) << what;
+      EXPECT_EQ(got["axis"], wanted.axis) << what;
+      EXPECT_EQ(got["nominal"], wanted.nominal) << what;
+      EXPECT_EQ(got["error"], wanted.error) << what;
+      EXPECT_NEAR(got["value"], wanted.frame ? wanted.value : wanted.nominal + wanted.error, 1e-12) << what;
+      EXPECT_EQ(got["gauge"], gauge.count(wanted.name) > 0) << what;
+      const auto at = column - columns.begin();
+      const double std = estimated ? std::sqrt(found.covariance(at, at)) : 0.0;
+      EXPECT_EQ(got["std"], std::isfinite(std) ? Json(std) : Json(nullptr)) << what;
+      EXPECT_EQ(got["identifiable"], estimated && std::isfinite(std)) << what;
+      printed.erase(wanted.name);
+    }
+    EXPECT_TRUE(printed.empty()) << c.name << ": unexpected " << printed.begin()->first;
+  }
+}
+
+TEST(ReportJson, PredictionsAreThoseOfKdlAndOfThePropagatedCovariance) {
+  for (const char* name : {"noise that is stated, predictions", "odd arm"}) {
+    const Case& c = case_of(name);
+    const Estimate& estimate = c.calibration.identification.estimate;
+    const Eigen::MatrixXd& q = c.options.predict_at.joint_values;
+    const std::vector<KDL::Frame> poses = kdl_poses(c.calibration.model, estimate, q);
+    const Json& asked = c.result["predicted_accuracy"]["asked"];
+    ASSERT_EQ(asked.size(), c.options.predict_at.names.size() * estimate.targets.size()) << name;
+    for (std::size_t i = 0; i < asked.size(); ++i) {
+      const std::size_t configuration = i / estimate.targets.size();
+      const auto target = static_cast<int>(i % estimate.targets.size());
+      const Json& point = asked[i];
+      EXPECT_EQ(point["configuration"], c.options.predict_at.names[configuration]);
+      EXPECT_EQ(point["target"], estimate.targets[static_cast<std::size_t>(target)].name);
+      const KDL::Vector p_W = predicted_point(poses[configuration], estimate, target);
+      const KDL::Vector p_B = to_kdl(estimate.X_WB).Inverse() * p_W;
+      const Eigen::Matrix3d C =
+          predicted_covariance(c.calibration.model, estimate, c.calibration.free, c.calibration.covariance,
+                               q.col(static_cast<Eigen::Index>(configuration)), static_cast<std::size_t>(target));
+      for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        EXPECT_NEAR(point["position"][a], p_B[axis], 1e-12) << name;
+        EXPECT_NEAR(point["position_measured_frame"][a], p_W[axis], 1e-12) << name;
+        EXPECT_NEAR(point["std"][a], std::sqrt(C(axis, axis)), 1e-12) << name;
+      }
+      EXPECT_NEAR(point["sigma"], std::sqrt(C(0, 0) + C(1, 1) + C(2, 2)), 1e-12) << name;
+      EXPECT_NEAR(point["radius_95"], radius_of_probability(C, 0.95), 1e-12) << name;
+    }
+  }
+}
+
+TEST(ReportJson, WhatIsNotDeterminedIsNullAndTheRestIsNot) {
+  const Json& asked = case_of("a joint that never moves").result["predicted_accuracy"]["asked"];
+  ASSERT_EQ(asked.size(), 6U);
+  for (std::size_t i = 0; i < 6; ++i) {
+    const bool determined = i < 3;  // where joint 4 stood
+    EXPECT_EQ(asked[i]["sigma"].is_number(), determined) << asked[i];
+    EXPECT_EQ(asked[i]["radius_95"].is_number(), determined) << asked[i];
+    EXPECT_EQ(asked[i]["std"][0].is_number(), determined) << asked[i];
+    EXPECT_EQ(asked[i]["interval_95"][2].is_array(), determined) << asked[i];
+    EXPECT_TRUE(asked[i]["position"][0].is_number()) << asked[i];
+  }
+  EXPECT_TRUE(case_of("complete model").result["condition"].is_null());
+  EXPECT_TRUE(case_of("plain").result["condition"].is_number());
+  const Json& few = case_of("hardly enough").result["influence"]["configurations"];
+  EXPECT_TRUE(few[0]["cook"].is_null()) << few[0];
+  EXPECT_TRUE(case_of("plain").result["influence"]["configurations"][0]["cook"].is_number());
+}
+
+// ---- the table -----------------------------------------------------------------------------------------------------
+
+std::string mm(double metres, int count = 3) { return decimals(metres * 1e3, count); }
+
+std::string row(const std::string& label, const ErrorStatistics& s) {
+  return label + " " + mm(s.rms) + " " + mm(s.mean) + " " + mm(s.p95) + " " + mm(s.max) + " " + std::to_string(s.count);
+}
+
+void expect_rows(std::vector<std::string>& lines, const std::string& what, const BeforeAfter& errors) {
+  lines.push_back(row(what + ", nominal", errors.before));
+  lines.push_back(row(what + ", calibrated", errors.after));
+  if (errors.rigid) {
+    lines.push_back(row(what + ", URDF alone", *errors.rigid));
+  }
+}
+
+std::string iso_row(const std::string& label, const ErrorStatistics& accuracy, const ErrorStatistics& repeatability) {
+  const std::string second =
+      repeatability.count > 0 ? mm(repeatability.mean) + " " + mm(repeatability.max) : std::string("- -");
+  return label + " " + mm(accuracy.mean) + " " + mm(accuracy.max) + " " + second + " " + std::to_string(accuracy.count);
+}
+
+/// "1.2e-03"
+std::string scientific(double value) {
+  std::array<char, 64> text{};
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::scientific, 1).ptr;
+  return {text.data(), end};
+}
+
+/// "0.3", "12": up to three digits that count.
+std::string three_digits(double value) {
+  std::array<char, 64> text{};
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, 3).ptr;
+  return {text.data(), end};
+}
+
+void expect_head(std::vector<std::string>& lines, const Calibration& found) {
+  const Identification& fit = found.identification;
+  lines.push_back(to_string(fit.termination) + " after " + std::to_string(fit.iterations) +
+                  " iterations: " + fit.message);
+  const double condition = found.identifiability.condition;
+  lines.push_back("rank " + std::to_string(found.identifiability.rank) + " of " +
+                  std::to_string(found.identifiability.columns) + " parameters, condition number " +
+                  (std::isfinite(condition) ? decimals(condition, 0) : "inf") + ", noise " + mm(found.noise.sigma, 4) +
+                  " mm per coordinate (" + (found.noise.model == "residuals" ? "from the residuals" : "as stated") +
+                  ")");
+  if (fit.convergence_factor > 0.0) {
+    lines.push_back("each round left " + decimals(fit.convergence_factor, 3) + " of the error of the round before");
+  }
+  lines.push_back("flange poses agree with the KDL solver to " + scientific(found.difference_to_kdl) + " m");
+}
+
+void expect_accuracies(std::vector<std::string>& lines, const Calibration& found) {
+  lines.insert(lines.end(), {"", "position error [mm] rms mean p95 max points"});
+  expect_rows(lines, "fitted", found.train);
+  if (found.test) {
+    expect_rows(lines, "held out", *found.test);
+  }
+  if (found.leave_one_out) {
+    expect_rows(lines, "leave-one-out", *found.leave_one_out);
+  }
+  if (found.nested_leave_one_out) {
+    lines.push_back(row("leave-one-out, nested", *found.nested_leave_one_out));
+  }
+  if (found.k_fold) {
+    lines.push_back(row("k-fold, calibrated", *found.k_fold));
+  }
+  if (found.predicted.workspace.count > 0) {
+    lines.push_back("predicted 1 sigma of a point: " + mm(found.predicted.measured.rms) +
+                    " mm at the measured configurations, " + mm(found.predicted.workspace.rms) +
+                    " mm over the workspace");
+  }
+  lines.insert(lines.end(), {"", "ISO 9283 [mm] AP mean AP max RP mean RP max points"});
+  const auto iso = [&](const std::string& what, const Iso9283& before, const Iso9283& after) {
+    lines.push_back(iso_row(what + ", nominal", before.accuracy, before.repeatability));
+    lines.push_back(iso_row(what + ", calibrated", after.accuracy, after.repeatability));
+  };
+  iso("fitted", found.iso_before, found.iso_after);
+  if (found.iso_test_before) {
+    iso("held out", *found.iso_test_before, *found.iso_test_after);
+  }
+  if (found.leave_one_out) {
+    lines.push_back(iso_row("leave-one-out, nominal", found.leave_one_out->before, {}));
+    lines.push_back(iso_row("leave-one-out, calibrated", found.leave_one_out->after, {}));
+  }
+  if (!found.tried.empty()) {
+    const ModelOption& chosen = found.tried[0];
+    lines.push_back("chosen by cross-validation: priors " + three_digits(chosen.priors.length * 1e3) + " mm and " +
+                    three_digits(chosen.priors.angle * 1e3) + " mrad, gravity " + (chosen.gravity ? "yes" : "no") +
+                    ", joint gain " + (chosen.gain ? "yes" : "no"));
+  }
+}
+
+/// Of joints and links by the joint's type in the URDF, of deflections by their name.
+std::string unit_by_hand(const Case& c, const ParameterEstimate& parameter) {
+  if (parameter.name.rfind("gain", 0) == 0) {
+    return "%";
+  }
+  const auto slide = std::find_if(c.robot.joints.begin(), c.robot.joints.end(), [&](const MovingJoint& joint) {
+    return joint.name == parameter.joint && joint.type == JointType::prismatic;
+  });
+  const bool of_joint = parameter.kind == "joint_offset" || parameter.kind == "deflection";
+  return parameter.kind == "translation" || (of_joint && slide != c.robot.joints.end()) ? "mm" : "deg";
+}
+
+void expect_errors(std::vector<std::string>& lines, const Case& c) {
+  lines.insert(lines.end(), {"", "geometric errors (+- 1 sigma)"});
+  for (const ParameterEstimate& parameter : c.calibration.parameters) {
+    if (parameter.name.find('.') != std::string::npos) {
+      continue;  // of base and targets
+    }
+    const std::string unit = unit_by_hand(c, parameter);
+    const double factor = unit == "mm" ? 1e3 : unit == "%" ? 100.0 : kDegreesPerRadian;
+    const int digits = unit == "mm" ? 4 : 5;
+    std::string line =
+        parameter.name + " " + parameter.joint + " " + decimals(parameter.error * factor, digits) + " " + unit + " ";
+    if (parameter.identifiable) {
+      line += "+- " + decimals(parameter.std * factor, digits);
+    } else {
+      line += parameter.gauge ? "zero by choice of gauge" : "not determined";
+    }
+    lines.push_back(line);
+  }
+}
+
+void expect_most_influential(std::vector<std::string>& lines, const Case& c) {
+  std::vector<ConfigurationInfluence> left = c.calibration.influence.configurations;
+  if (left.empty()) {
+    return;
+  }
+  int influential = 0;
+  int high = 0;
+  for (const ConfigurationInfluence& entry : left) {
+    influential += entry.influential ? 1 : 0;
+    high += entry.high_leverage ? 1 : 0;
+  }
+  lines.insert(lines.end(),
+               {"",
+                "most influential: " + std::to_string(influential) + " of " + std::to_string(left.size()) +
+                    " configurations have a Cook's distance above " + decimals(c.calibration.influence.cook_limit, 3) +
+                    ", " + std::to_string(high) + " a high leverage (*)",
+                "configuration Cook's leverage"});
+  for (int shown = 0; shown < 5 && !left.empty(); ++shown) {
+    auto most = left.begin();
+    for (auto entry = left.begin(); entry != left.end(); ++entry) {
+      most = entry->cook > most->cook ? entry : most;
+    }
+    lines.push_back(c.measurements.configurations[static_cast<std::size_t>(most->configuration)] + " " +
+                    (std::isfinite(most->cook) ? decimals(most->cook, 3) : "not without") + " " +
+                    decimals(most->leverage, 3) + (most->high_leverage ? " *" : ""));
+    left.erase(most);
+  }
+}
+
+void expect_points(std::vector<std::string>& lines, const Calibration& found) {
+  if (!found.predicted.asked.empty()) {
+    lines.insert(lines.end(), {"", "predicted, in the base [mm] x y z 3D sigma 95 %"});
+  }
+  for (const PredictedPoint& point : found.predicted.asked) {
+    const std::string accuracy = std::isfinite(point.sigma) ? mm(point.sigma, 4) + " " + mm(point.radius_95, 4)
+                                                            : std::string("not determined by these measurements");
+    lines.push_back(point.configuration + " " + point.target + " " + mm(point.position.x(), 4) + " " +
+                    mm(point.position.y(), 4) + " " + mm(point.position.z(), 4) + " " + accuracy);
+  }
+  lines.insert(lines.end(), {"", "targets on the flange [mm]"});
+  for (const TargetFrame& target : found.identification.estimate.targets) {
+    const Eigen::Vector3d p = target.X_FT.translation();
+    lines.push_back(target.name + " " + mm(p.x(), 4) + " " + mm(p.y(), 4) + " " + mm(p.z(), 4));
+  }
+}
+
+std::vector<std::string> expected_table(const Case& c) {
+  std::vector<std::string> lines;
+  expect_head(lines, c.calibration);
+  expect_accuracies(lines, c.calibration);
+  expect_errors(lines, c);
+  expect_most_influential(lines, c);
+  expect_points(lines, c.calibration);
+  return lines;
+}
+
+TEST(ReportTable, EveryLineShowsTheCalibrationsOwnNumbers) {
+  std::vector<Case> all = cases();
+  all.push_back(painted());
+  for (const Case& c : all) {
+    testing::expect_lines(result_table(c.measurements, c.calibration), expected_table(c), c.name);
+  }
+}
+
+TEST(ReportTable, NumbersStandBelowTheirHeadings) {
+  const Case c = painted();
+  const std::vector<std::string> lines = testing::lines_of(result_table(c.measurements, c.calibration));
+  const auto column = [](const std::string& line, const std::string& word) { return line.find(word) + word.size(); };
+  std::size_t errors = 0;
+  std::size_t iso = 0;
+  while (errors < lines.size() && lines[errors].rfind("position error", 0) != 0) {
+    ++errors;
+  }
+  while (iso < lines.size() && lines[iso].rfind("ISO 9283", 0) != 0) {
+    ++iso;
+  }
+  ASSERT_LT(iso + 6, lines.size());
+  const auto expect_ends = [&](std::size_t heading, std::size_t count, const std::vector<std::string>& names) {
+    for (std::size_t i = heading + 1; i <= heading + count; ++i) {
+      std::vector<std::size_t> ends = testing::word_ends(lines[i], names.size() + 1);
+      ends.pop_back();  // the number of points starts below its heading
+      for (std::size_t k = 0; k < names.size(); ++k) {
+        EXPECT_EQ(ends.at(k), column(lines[heading], names[k])) << names[k] << " in: " << lines[i];
+      }
+    }
+  };
+  expect_ends(errors, 11, {"rms", "mean", "p95", "max"});
+  expect_ends(iso, 6, {"AP mean", "AP max", "RP mean", "RP max"});
+}
+
+TEST(ReportTable, NamesTheChosenPriorsInMillimetresAndMilliradians) {
+  Calibration found;
+  found.tried.push_back({.priors = {.length = 3e-4, .angle = 1e-3}, .gain = true});
+  const std::string table = result_table({}, found);
+  EXPECT_NE(table.find("chosen by cross-validation: priors 0.3 mm and 1 mrad, gravity no, joint gain yes\n"),
+            std::string::npos)
+      << table;
+}
 
 // ---- units of the table --------------------------------------------------------------------------------------------
 
@@ -41,21 +1352,59 @@ TEST(ReportUnits, EachParameterIsPrintedInTheUnitOfItsKind) {
   model.deflections = gain_deflections(model);
   model.deflections.push_back({.name = "gravity1_6", .joint = "turn", .index = 0, .masses = {}});
   model.deflections.push_back({.name = "gravity2_6", .joint = "slide", .index = 1, .masses = {}});
-  const double degree = std::numbers::pi / 180.0;
-  struct Case {
+  const double degree = 1.0 / kDegreesPerRadian;
+  struct Printed {
     const char* name;
     double per_unit;  // SI
     const char* printed;
   };
   // Joint 2 is prismatic; gains have no dimension on any joint.
-  for (const Case& c :
-       {Case{"dq1", degree, "1.25000 deg +- 0.50000"}, Case{"dq2", 1e-3, "1.2500 mm +- 0.5000"},
-        Case{"dq3", degree, "1.25000 deg +- 0.50000"}, Case{"Tx1", 1e-3, "1.2500 mm +- 0.5000"},
-        Case{"Ry3", degree, "1.25000 deg +- 0.50000"}, Case{"gain1", 1e-2, "1.25000 % +- 0.50000"},
-        Case{"gain2", 1e-2, "1.25000 % +- 0.50000"}, Case{"gravity1_6", degree, "1.25000 deg +- 0.50000"},
-        Case{"gravity2_6", 1e-3, "1.2500 mm +- 0.5000"}}) {
+  for (const Printed& c :
+       {Printed{"dq1", degree, "1.25000 deg +- 0.50000"}, Printed{"dq2", 1e-3, "1.2500 mm +- 0.5000"},
+        Printed{"dq3", degree, "1.25000 deg +- 0.50000"}, Printed{"Tx1", 1e-3, "1.2500 mm +- 0.5000"},
+        Printed{"Ry3", degree, "1.25000 deg +- 0.50000"}, Printed{"gain1", 1e-2, "1.25000 % +- 0.50000"},
+        Printed{"gain2", 1e-2, "1.25000 % +- 0.50000"}, Printed{"gravity1_6", degree, "1.25000 deg +- 0.50000"},
+        Printed{"gravity2_6", 1e-3, "1.2500 mm +- 0.5000"}}) {
     const Calibration found = with_one_parameter(model, c.name, 1.25 * c.per_unit, 0.5 * c.per_unit);
     EXPECT_EQ(line_of(found, c.name), std::string(c.name) + " j " + c.printed);
+  }
+}
+
+// ---- the model's JSON ----------------------------------------------------------------------------------------------
+
+TEST(ReportModel, ListsWhatIsKeptAndTheGaugeInDeclaredOrder) {
+  for (const bool poses : {false, true}) {
+    for (const Robot& robot : {fanuc(), parse_robot(kOddArm)}) {
+      const ErrorModel model = complete_model(robot);
+      const std::vector<TargetFrame> targets =
+          poses ? with_orientation(generic_targets(1)) : std::vector<TargetFrame>(generic_targets(2));
+      const Reduction reduction = reduced_model(model, targets);
+      const std::set<std::string> kept(reduction.kept.begin(), reduction.kept.end());
+      Estimate estimate{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+                        .targets = targets};
+      Calibration nominal;
+      nominal.model = model;
+      nominal.identification.estimate = estimate;
+      Expected expected;
+      std::size_t i = 0;
+      for (const Wanted& wanted : wanted_parameters(nominal)) {
+        const bool gauge = std::any_of(reduction.gauge.begin(), reduction.gauge.end(),
+                                       [&](const GaugeParameter& g) { return g.name == wanted.name; });
+        if (kept.count(wanted.name) > 0 || gauge) {
+          const std::string path = "/parameters/" + std::to_string(i++);
+          expected.is(path + "/name", wanted.name);
+          expected.is(path + "/joint", wanted.joint.empty() ? Json(nullptr) : Json(wanted.joint));
+          expected.is(path + "/kind", wanted.kind);
+          expected.is(path + "/axis", wanted.axis);
+          expected.number(path + "/nominal", wanted.nominal);
+          expected.is(path + "/identifiable", !gauge);
+          expected.is(path + "/gauge", gauge);
+        }
+      }
+      EXPECT_EQ(i, kept.size() + reduction.gauge.size());
+      expect_reduction(expected, "", reduction);
+      expected.compare(Json::parse(model_json(model, targets, reduction)), robot.name);
+    }
   }
 }
 
