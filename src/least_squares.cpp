@@ -358,7 +358,9 @@ void LeastSquaresProblem::add_orientation(const Measurements& measurements, std:
     point.orientation = Z;
   } else {
     const double share = weight / (point.orientation_weight + weight);
-    point.orientation = point.orientation * rotation_exp(share * rotation_log(point.orientation.transpose() * Z));
+    const Vector3d deviation = rotation_log(point.orientation.transpose() * Z);
+    cost_of_repeats_ += deviation.squaredNorm() * share * point.orientation_weight;
+    point.orientation = point.orientation * rotation_exp(share * deviation);
   }
   point.orientation_weight += weight;
   equations_ += 3;
@@ -377,7 +379,8 @@ void LeastSquaresProblem::gather_isotropic(const Measurements& measurements, con
     const auto target = static_cast<std::size_t>(observation.target);
     Point& cell = cells[static_cast<std::size_t>(observation.configuration) * targets + target];
     const double sigma = observation.sigma > 0.0 ? observation.sigma : options.noise.independent.x();
-    const double weight = row_weight(options, row) * (sigma > 0.0 ? 1.0 / (sigma * sigma) : 1.0);
+    const double information = sigma > 0.0 ? 1.0 / (sigma * sigma) : 1.0;
+    const double weight = row_weight(options, row) * information;
     // Running weighted mean and sum of squares about it (West 1979).
     const Vector3d deviation = observation.position - cell.position;
     cell.target = target;
@@ -388,7 +391,7 @@ void LeastSquaresProblem::gather_isotropic(const Measurements& measurements, con
     points_measured_ += 1;
     total_weight_ += weight;
     if (has_orientation(measurements, row)) {
-      add_orientation(measurements, row, row_weight(options, row) * orientation_weight(options, weight), cell);
+      add_orientation(measurements, row, row_weight(options, row) * orientation_weight(options, information), cell);
     }
   }
   for (std::size_t c = 0; c < count; ++c) {
