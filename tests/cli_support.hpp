@@ -35,8 +35,9 @@ struct Surroundings {
   rlim_t largest_file = 0;        ///< bytes that a file may have; 0: no limit
   unsigned user = 0;              ///< who runs it; 0: the one who runs the test
   rlim_t cpu_seconds = kSanitized ? 600 : 60;
-  unsigned seconds = kSanitized ? 1200 : 300;  ///< on the clock, of a machine that has other work
-  rlim_t memory = rlim_t{2} << 30U;            ///< bytes of data; not under the thread sanitizer
+  unsigned seconds = kSanitized ? 1200 : 300;                    ///< on the clock, of a machine that has other work
+  rlim_t memory = rlim_t{2} << 30U;                              ///< bytes of data; not under the thread sanitizer
+  std::vector<std::pair<std::string, std::string>> environment;  ///< what is set beside the test's own
 };
 
 /// A kdlcal that runs beside the test.
@@ -100,6 +101,9 @@ private:
     redirect(surroundings_.out, STDOUT_FILENO);
     redirect(surroundings_.err, STDERR_FILENO);
     std::signal(SIGINT, SIG_DFL);  // which a shell's background jobs ignore
+    for (const auto& [name, value] : surroundings_.environment) {
+      ::setenv(name.c_str(), value.c_str(), 1);
+    }
     set_limits();
     if (::chdir(directory.c_str()) != 0 || (surroundings_.user != 0 && ::setuid(surroundings_.user) != 0)) {
       ::_exit(126);
