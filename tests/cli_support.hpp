@@ -158,6 +158,15 @@ struct Outcome {
 
 /// A directory of its own for every test, in which kdlcal runs.
 class CommandLine : public ::testing::Test {
+public:
+  static std::string content(const std::filesystem::path& file) {
+    if (!std::filesystem::is_regular_file(file)) {  // /dev/full can be read without end
+      return {};
+    }
+    std::ifstream stream(file, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+  }
+
 protected:
   void SetUp() override {
     std::string pattern = (std::filesystem::temp_directory_path() / "kdlcal_test_XXXXXX").string();
@@ -224,14 +233,6 @@ protected:
       EXPECT_THAT(outcome.err, ::testing::HasSubstr(fact)) << command;
     }
     EXPECT_TRUE(files() == before) << command << " wrote or changed a file";
-  }
-
-  static std::string content(const std::filesystem::path& file) {
-    if (!std::filesystem::is_regular_file(file)) {  // /dev/full can be read without end
-      return {};
-    }
-    std::ifstream stream(file, std::ios::binary);
-    return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
   }
 
   std::filesystem::path directory;

@@ -1,0 +1,267 @@
+#pragma once
+
+// Options of kdlcal have effects.
+//
+// How to add a test of an option: add one row to the table of its subcommand (model_options(), fk_options() ... in
+// cli_options_test.cpp, cli_simulate_options_test.cpp, cli_calibrate_options_test.cpp, cli_plan_options_test.cpp). A
+// row is the behaviour (the test's name), the option as it stands on the command line and a check, which gets what the
+// subcommand did without the option and with it, and says what must differ and what must not. `base` holds further
+// words where the option needs company. An option may have several rows; one without any fails
+// `EveryOptionOfTheHelpHasATest`. Each row is also run with the option in a file (--config), which must do the same.
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "cli_support.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::testing {
+
+using Json = nlohmann::json;
+using Words = std::vector<std::string>;
+
+const std::string kFanuc = std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf";
+
+inline Words operator+(Words left, const Words& right) {
+  left.insert(left.end(), right.begin(), right.end());
+  return left;
+}
+
+/// What one run gave.
+struct Answer {
+  Outcome outcome;
+  Json json;                                 ///< standard output; null where it is no JSON
+  std::map<std::string, std::string> files;  ///< that it wrote or changed
+
+  Json file(const std::string& name) const { return Json::parse(files.at(name)); }
+};
+
+/// The runs without and with an option.
+struct Effect {
+  Answer without;
+  Answer with;
+  std::filesystem::path directory;  ///< with the inputs of both
+};
+
+using Check = std::function<void(const Effect& effect)>;
+
+struct OptionCase {
+  std::string behaviour;
+  Words option;
+  Check check;
+  Words base = {};
+};
+// What gtest prints of a row.
+inline void PrintTo(const OptionCase& row, std::ostream* stream) { *stream << ::testing::PrintToString(row.option); }
+
+inline std::string behaviour_of(const ::testing::TestParamInfo<OptionCase>& info) { return info.param.behaviour; }
+
+// ---- What differs --------------------------------------------------------------------------------------------------
+
+inline void collect_differences(const Json& a, const Json& b, const std::string& path, std::set<std::string>& result) {
+  const std::string inside = path.empty() ? "" : path + "/";
+  if (a.is_object() && b.is_object()) {
+    std::set<std::string> keys;
+    for (const Json* side : {&a, &b}) {
+      for (const auto& entry : side->items()) {
+        keys.insert(entry.key());
+      }
+    }
+    for (const std::string& key : keys) {
+      collect_differences(a.value(key, Json()), b.value(key, Json()), inside + key, result);
+    }
+  } else if (a.is_array() && b.is_array() && a.size() == b.size()) {
+    for (std::size_t i = 0; i < a.size(); ++i) {
+      collect_differences(a[i], b[i], inside + "*", result);
+    }
+  } else if (a != b) {
+    result.insert(path);
+  }
+}
+
+/// Where two documents differ: "parameters/*/std". A key that is absent counts as null.
+inline std::set<std::string> differences(const Json& a, const Json& b) {
+  std::set<std::string> result;
+  collect_differences(a, b, "", result);
+  return result;
+}
+
+/// Standard output differs in just these places, status and files not at all.
+inline Check changes_only(const std::vector<std::string>& places) {
+  return [places](const Effect& effect) {
+    EXPECT_THAT(differences(effect.without.json, effect.with.json), ::testing::UnorderedElementsAreArray(places));
+    EXPECT_EQ(effect.with.outcome.status, effect.without.outcome.status) << effect.with.outcome.err;
+    EXPECT_TRUE(effect.with.files == effect.without.files);
+  };
+}
+
+inline Check both_checks(const Check& first, const Check& second) {
+  return [=](const Effect& effect) {
+    first(effect);
+    second(effect);
+  };
+}
+
+inline Check changes_nothing() { return changes_only({}); }
+
+/// Standard output is a table for people without the option, JSON with it.
+inline Check turns_the_table_into_json() {
+  return [](const Effect& effect) {
+    EXPECT_TRUE(effect.without.json.is_null()) << "expected a table: " << effect.without.outcome.out;
+    EXPECT_TRUE(effect.with.json.is_object()) << "expected JSON: " << effect.with.outcome.out;
+    EXPECT_EQ(effect.with.outcome.err, effect.without.outcome.err);
+    EXPECT_EQ(effect.with.outcome.status, effect.without.outcome.status);
+    EXPECT_TRUE(effect.with.files == effect.without.files);
+  };
+}
+
+/// Numbers of two documents agree to this, everything else exactly.
+inline void expect_near(const Json& a, const Json& b, double tolerance, const std::string& path = "") {
+  ASSERT_TRUE(a.type() == b.type() || (a.is_number() && b.is_number())) << path << ": " << a << " and " << b;
+  if (a.is_number()) {
+    EXPECT_NEAR(a.get<double>(), b.get<double>(), tolerance * std::max(1.0, std::abs(a.get<double>()))) << path;
+  } else if (a.is_structured()) {
+    ASSERT_EQ(a.size(), b.size()) << path;
+    for (const auto& [key, value] : a.items()) {
+      const Json& other = a.is_object() ? b.value(key, Json()) : b[static_cast<std::size_t>(std::stoul(key))];
+      expect_near(value, other, tolerance, path + "/" + key);
+    }
+  } else {
+    EXPECT_EQ(a, b) << path;
+  }
+}
+
+// ---- Inputs --------------------------------------------------------------------------------------------------------
+
+/// q = M c + o of the FANUC with signs, couplings, a factor and offsets; the controller counts from the flange.
+inline constexpr const char* kFanucCoupled = R"({"controller_joints": ["A6", "A5", "A4", "A3", "A2", "A1"],
+  "urdf_joints": ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"],
+  "matrix": [[0,0,0,0,0,1], [0,0,0,0,-1,0], [0,0,0,1,1,0], [0,0,-1,0,0,0], [0,1,0.5,0,0,0], [-2,0,0,0,0,0]],
+  "offset": [0.1, -0.2, 0.3, -0.4, 0.5, -0.6]})";
+
+/// Twelve configurations of a FANUC with errors of a millimetre and a milliradian to fit, four to test, three targets,
+/// seen from W, in which the base stands turned.
+inline Measurements measured_fanuc(const MeasuringNoise& noise, bool poses) {
+  const ErrorModel model = complete_model(fanuc());
+  std::vector<TargetFrame> targets = published_targets(3);
+  for (TargetFrame& target : targets) {
+    target.with_orientation = poses;
+  }
+  std::vector<std::size_t> with_errors;
+  for (const char* name : {"dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Tz2", "Tz3", "Rz3", "Tz4", "Tz5"}) {
+    with_errors.push_back(parameter_index(model, name));
+  }
+  Random random(7);
+  const Eigen::Isometry3d X_WB = Eigen::Translation3d(2.0, 1.0, 0.5) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8);
+  const VirtualRobot robot = virtual_robot(model, with_errors, targets, {.length = 1e-3, .angle = 1e-3}, random, X_WB);
+  const Eigen::MatrixXd train = random_configurations(limits_of(model), 12, random);
+  const Eigen::MatrixXd test = random_configurations(limits_of(model), 4, random);
+  return joined(measure(robot, train, noise, random), measure(robot, test, noise, random, Split::test));
+}
+
+/// The robot on a foot, 0.3 m below its base.
+inline std::string with_foot(std::string urdf) {
+  return urdf.insert(urdf.find("<link"), R"(<link name="foot"/><joint name="screws" type="fixed"><parent link="foot"/>
+    <child link="base_link"/><origin xyz="0 0 0.3" rpy="0 0 0"/></joint>)");
+}
+
+/// The robot with a hand, 0.2 m along the flange's y.
+inline std::string with_hand(std::string urdf) {
+  return urdf.insert(urdf.find("<link"), R"(<link name="hand"/><joint name="grip" type="fixed"><parent link="flange"/>
+    <child link="hand"/><origin xyz="0 0.2 0" rpy="0 0 0"/></joint>)");
+}
+
+/// The measurements with the joint columns of a controller, whose convention this is.
+inline std::string in_controller_joints(Measurements measurements, const std::string& convention) {
+  const JointConvention matched = matched_convention(parse_joint_convention(convention), measurements.joints);
+  measurements.joint_values = matched.matrix.inverse() * (measurements.joint_values.colwise() - matched.offset);
+  measurements.joints = matched.controller_joints;
+  return measurements_csv(measurements);
+}
+
+// ---- Runs ----------------------------------------------------------------------------------------------------------
+
+/// "--a 1 --b --a 2" as lines of a TOML file: "a = ["1", "2"]", "b = true".
+inline std::string as_config(const Words& option) {
+  std::vector<std::pair<std::string, std::string>> keys;  // in order, with their values
+  std::map<std::string, int> counts;
+  for (std::size_t i = 0; i < option.size(); ++i) {
+    const std::string key = option[i].substr(2);
+    const bool has_value = i + 1 < option.size() && option[i + 1].rfind("--", 0) != 0;
+    const std::string value = has_value ? Json(option[++i]).dump() : "true";
+    if (counts[key]++ == 0) {
+      keys.emplace_back(key, value);
+    } else {
+      std::find_if(keys.begin(), keys.end(), [&](const auto& entry) { return entry.first == key; })->second +=
+          ", " + value;
+    }
+  }
+  std::string text;
+  for (const auto& [key, value] : keys) {
+    text += key + " = " + (counts[key] > 1 ? "[" + value + "]" : value) + "\n";
+  }
+  return text;
+}
+
+class OptionsOfKdlcal : public CommandLine {
+protected:
+  /// Runs kdlcal and takes away again what it wrote.
+  Answer run_and_tidy(const Words& arguments) {
+    const auto before = files();
+    Answer result{.outcome = run(arguments), .json = nullptr, .files = {}};
+    result.json = Json::parse(result.outcome.out, nullptr, false);
+    result.json = result.json.is_discarded() ? Json() : result.json;
+    for (const auto& [name, text] : files()) {
+      const auto old = before.find(name);
+      if (old == before.end() || old->second != text) {
+        result.files[name] = text;
+        old == before.end() ? void(std::filesystem::remove(directory / name)) : void(write(name, old->second));
+      }
+    }
+    return result;
+  }
+
+  void check_effect(const Words& command, const OptionCase& row) {
+    const Words words = command + row.base;
+    Effect effect{.without = run_and_tidy(words), .with = run_and_tidy(words + row.option), .directory = directory};
+    ASSERT_NE(effect.with.outcome.status, 2) << effect.with.outcome.err;
+    row.check(effect);
+    write("options.toml", "[" + command.front() + "]\n" + as_config(row.option));
+    const Answer from_file = run_and_tidy(words + Words{"--config", "options.toml"});
+    EXPECT_EQ(from_file.outcome.status, effect.with.outcome.status) << from_file.outcome.err;
+    EXPECT_EQ(from_file.outcome.out, effect.with.outcome.out) << "from a file " << text_of("options.toml");
+    EXPECT_EQ(from_file.outcome.err, effect.with.outcome.err);
+    EXPECT_TRUE(from_file.files == effect.with.files);
+  }
+
+  /// Every option in the help stands in the table, and none that it does not show.
+  void expect_a_test_of_every_option(const std::string& subcommand, const std::vector<OptionCase>& table) {
+    std::set<std::string> known;
+    std::istringstream help(run({subcommand, "--help"}).out);
+    for (std::string line; std::getline(help, line);) {
+      if (line.rfind("  --", 0) == 0) {
+        known.insert(line.substr(2, line.find(' ', 2) - 2));
+      }
+    }
+    EXPECT_GE(known.size(), 5U);
+    std::set<std::string> tested;
+    for (const OptionCase& row : table) {
+      tested.insert(row.option.front());
+    }
+    EXPECT_EQ(tested, known) << "options of kdlcal " << subcommand << ": see cli_options_support.hpp";
+  }
+};
+
+class OptionEffect : public OptionsOfKdlcal, public ::testing::WithParamInterface<OptionCase> {};
+
+}  // namespace kdl_calibration::testing
