@@ -3,7 +3,10 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <cmath>
+#include <iomanip>
 #include <kdl/chainfksolverpos_recursive.hpp>
+#include <sstream>
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
@@ -110,6 +113,109 @@ TEST(ArmBody, EnclosesTheShapes) {
     EXPECT_LE(outside(body.capsules[1], -rim), 1e-12);
   }
   EXPECT_DOUBLE_EQ(body.capsules[2].radius, 0.25);
+}
+
+// A capsule along the axis needs at least the radius `reach`. With its ends drawn in by half of that, or to the middle
+// of a flat shape, it needs an eighth more and stands out less far beyond the ends.
+void expect_tight(const Capsule& capsule, const Eigen::Isometry3d& X, const Vector3d& axis, double half_length,
+                  double reach) {
+  const Vector3d local_a = X.inverse() * capsule.a;
+  const Vector3d local_b = X.inverse() * capsule.b;
+  EXPECT_LT((local_a + local_b).norm(), 1e-12) << "off centre";
+  EXPECT_LT(local_a.cross(axis).norm(), 1e-12) << "off the axis";
+  const double drawn_in = std::min(half_length, 0.5 * reach);
+  const double needed = std::sqrt(reach * reach + drawn_in * drawn_in);
+  EXPECT_NEAR(capsule.radius, needed, 1e-12);
+  EXPECT_NEAR(0.5 * (local_b - local_a).norm() + capsule.radius - half_length, needed - drawn_in, 1e-12);
+  EXPECT_LE(capsule.radius, 1.1181 * reach);
+}
+
+// Of the farthest of these points: 0 where the capsule touches the shape.
+double farthest_outside(const Capsule& capsule, const Eigen::Isometry3d& X, const std::vector<Vector3d>& points) {
+  double farthest = -1e9;
+  for (const Vector3d& p : points) {
+    farthest = std::max(farthest, outside(capsule, X * p));
+  }
+  return farthest;
+}
+
+std::string number(double value) {
+  std::ostringstream text;
+  text << std::setprecision(17) << value;
+  return text.str();
+}
+
+std::string numbers(const Vector3d& v) { return number(v.x()) + " " + number(v.y()) + " " + number(v.z()); }
+
+TEST(ArmBody, CapsulesTouchTheShapesThatTheyEnclose) {
+  Random random(11);
+  for (int trial = 0; trial < 60; ++trial) {
+    SCOPED_TRACE(trial);
+    const Vector3d xyz = random_point(random);
+    const Vector3d rpy = random_point(random, 1.5);
+    Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
+    X.linear() = (Eigen::AngleAxisd(rpy.z(), Vector3d::UnitZ()) * Eigen::AngleAxisd(rpy.y(), Vector3d::UnitY()) *
+                  Eigen::AngleAxisd(rpy.x(), Vector3d::UnitX()))
+                     .toRotationMatrix();
+    X.translation() = xyz;
+    const Vector3d half(random.uniform(0.05, 1.0), random.uniform(0.05, 1.0), random.uniform(0.05, 1.0));
+    const double radius = random.uniform(0.05, 0.5);
+    const double length = random.uniform(0.05, 2.0);
+    const std::string origin = "<origin xyz='" + numbers(xyz) + "' rpy='" + numbers(rpy) + "'/>";
+    const ArmBody body = body_from_urdf(
+        with_shapes("<collision>" + origin + "<geometry><box size='" + numbers(2.0 * half) +
+                    "'/></geometry></collision>" + "<collision>" + origin + "<geometry><cylinder radius='" +
+                    number(radius) + "' length='" + number(length) + "'/></geometry></collision>" + "<collision>" +
+                    origin + "<geometry><sphere radius='0.375'/></geometry></collision>"));
+    ASSERT_EQ(body.capsules.size(), 3U);
+    std::vector<Vector3d> corners;
+    for (int corner = 0; corner < 8; ++corner) {
+      corners.push_back(half.cwiseProduct(Vector3d(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1)));
+    }
+    EXPECT_NEAR(farthest_outside(body.capsules[0], X, corners), 0.0, 1e-12);
+    Eigen::Index longest = 0;
+    half.maxCoeff(&longest);
+    const double reach = std::hypot(half[(longest + 1) % 3], half[(longest + 2) % 3]);
+    expect_tight(body.capsules[0], X, Vector3d::Unit(longest), half[longest], reach);
+    std::vector<Vector3d> rims;
+    for (int k = 0; k < 24; ++k) {
+      rims.emplace_back(radius * std::cos(k), radius * std::sin(k), (k % 2 == 0 ? 0.5 : -0.5) * length);
+    }
+    EXPECT_NEAR(farthest_outside(body.capsules[1], X, rims), 0.0, 1e-12);
+    expect_tight(body.capsules[1], X, Vector3d::UnitZ(), 0.5 * length, radius);
+    EXPECT_LT((body.capsules[2].a - xyz).norm() + (body.capsules[2].b - xyz).norm(), 1e-15);
+    EXPECT_EQ(body.capsules[2].radius, 0.375);
+  }
+}
+
+TEST(ArmBody, CapsulesOfOneRadiusEndAtTheNextJoint) {
+  for (const Robot& robot : {testing::fanuc(), parse_robot(testing::kOddArm)}) {
+    const std::vector<Capsule> capsules = body_with_radius(robot, 0.125).capsules;
+    const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot.joints.size()));
+    const std::vector<Eigen::Isometry3d> frames = link_frames(robot, zero);
+    ASSERT_EQ(capsules.size() + 1, frames.size());
+    for (std::size_t i = 0; i < capsules.size(); ++i) {
+      EXPECT_EQ(capsules[i].frame, i);
+      EXPECT_EQ(capsules[i].radius, 0.125);
+      EXPECT_FALSE(capsules[i].tool);
+      EXPECT_EQ(capsules[i].a, Vector3d::Zero());
+      EXPECT_LT((frames[i] * capsules[i].b - frames[i + 1].translation()).norm(), 1e-12) << capsules[i].link;
+    }
+  }
+}
+
+TEST(ArmBody, TheToolReachesFromTheFlangeToEachTarget) {
+  const Robot robot = testing::fanuc();
+  const std::vector<TargetFrame> targets = testing::targets_at({{0.1, 0.2, 0.3}, {-0.1, 0.0, 0.5}});
+  const std::vector<Capsule> tool = tool_body(robot, targets, 0.03);
+  ASSERT_EQ(tool.size(), 2U);
+  for (std::size_t k = 0; k < 2; ++k) {
+    EXPECT_EQ(tool[k].frame, robot.chain.getNrOfSegments());
+    EXPECT_EQ(tool[k].a, Vector3d::Zero());
+    EXPECT_EQ(tool[k].b, targets[k].X_FT.translation());
+    EXPECT_EQ(tool[k].radius, 0.03);
+    EXPECT_TRUE(tool[k].tool);
+  }
 }
 
 TEST(ArmBody, SaysWhichLinksHaveNoShapeItKnows) {

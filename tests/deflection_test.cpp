@@ -73,6 +73,60 @@ TEST(Deflection, WithLinkMassesTheTorqueIsThatOfTheKdlSolver) {
   }
 }
 
+// The odd arm with masses on every link, on those behind fixed joints as well.
+Robot heavy_odd_arm() {
+  std::string urdf = testing::kOddArm;
+  double mass = 3.0;
+  for (const std::string link : {"world", "a", "b", "bracket", "c", "d", "e", "tool"}) {
+    const std::string tag = "<link name=\"" + link + "\"/>";
+    const auto at = urdf.find(tag);
+    const std::string inertial = "<inertial><origin xyz='0.1 " + std::to_string(0.02 * mass) + " -0.05' rpy='0 0 0'/>" +
+                                 "<mass value='" + std::to_string(mass) +
+                                 "'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>";
+    urdf.replace(at, tag.size(), "<link name=\"" + link + "\">" + inertial + "</link>");
+    mass += 2.0;
+  }
+  return parse_robot(urdf);
+}
+
+TEST(Deflection, MassesBehindFixedJointsPullAsTheKdlSolverSays) {
+  const Robot robot = heavy_odd_arm();
+  ErrorModel model = complete_model(robot);
+  ASSERT_EQ(model.link_masses.size(), 7U);  // all but the base link's
+  for (const Eigen::Vector3d& down : {Eigen::Vector3d(0.0, 0.0, -1.0), Eigen::Vector3d(0.48, -0.6, -0.64)}) {
+    model.gravity = KDL::Vector(down.x(), down.y(), down.z());
+    model.deflections = gravity_deflections(model);
+    std::vector<int> joints;
+    for (const Deflection& deflection : model.deflections) {
+      joints.push_back(deflection.index);
+    }
+    EXPECT_THAT(joints, ::testing::IsSupersetOf({0, 2, 3}));
+    KDL::ChainDynParam solver(robot.chain, model.gravity);
+    Random random(4);
+    for (int i = 0; i < 50; ++i) {
+      const Eigen::VectorXd q = testing::random_joints(model, random);
+      KDL::JntArray values(5);
+      KDL::JntArray torque(5);
+      values.data = q;
+      ASSERT_EQ(solver.JntToGravity(values, torque), 0);
+      const Eigen::MatrixXd basis = deflection_basis(model, q);
+      for (std::size_t d = 0; d < model.deflections.size(); ++d) {
+        const int joint = model.deflections[d].index;
+        EXPECT_NEAR(basis(static_cast<Eigen::Index>(d), 0) * model.deflections[d].largest,
+                    -torque(static_cast<unsigned>(joint)), 1e-9)
+            << model.deflections[d].name;
+      }
+      // What bends the joints: each by its value times its basis, and only its own.
+      Eigen::VectorXd values_of = Eigen::VectorXd::LinSpaced(static_cast<Eigen::Index>(joints.size()), 0.001, 0.004);
+      Eigen::VectorXd expected = q;
+      for (std::size_t d = 0; d < joints.size(); ++d) {
+        expected[joints[d]] += values_of[static_cast<Eigen::Index>(d)] * basis(static_cast<Eigen::Index>(d), 0);
+      }
+      EXPECT_LT((deflected(model, values_of, q) - expected).norm(), 1e-15);
+    }
+  }
+}
+
 TEST(Deflection, IsIdentifiedFromMeasurements) {
   ErrorModel model = complete_model(fanuc());
   model.deflections = gravity_deflections(model);

@@ -70,6 +70,73 @@ TEST(MeasuringPlan, TakesAsLongAsTheSlowestJoint) {
   EXPECT_DOUBLE_EQ(travel_time(robot.joints, from, to), 2.0);
 }
 
+// Joints of different velocities, a slide among them; the last one states none.
+constexpr const char* kUnevenArm = R"(<robot name="uneven">
+  <link name="rail"/><link name="carriage"/><link name="arm"/><link name="hand"/><link name="tip"/>
+  <joint name="slide" type="prismatic"><parent link="rail"/><child link="carriage"/><axis xyz="1 0 0"/>
+    <limit lower="-2" upper="2" velocity="0.25" effort="1"/></joint>
+  <joint name="shoulder" type="revolute"><parent link="carriage"/><child link="arm"/><origin xyz="0 0 0.5"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
+  <joint name="elbow" type="revolute"><parent link="arm"/><child link="hand"/><origin xyz="0.5 0 0"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="4" effort="1"/></joint>
+  <joint name="wrist" type="continuous"><parent link="hand"/><child link="tip"/><origin xyz="0.5 0 0"/>
+    <axis xyz="0 1 0"/></joint>
+</robot>)";
+
+// max |to - from| / velocity.
+double seconds(const Eigen::VectorXd& from, const Eigen::VectorXd& to) {
+  const Eigen::Vector4d velocities(0.25, 2.0, 4.0, 1.0);
+  return (to - from).cwiseAbs().cwiseQuotient(velocities).maxCoeff();
+}
+
+TEST(MeasuringPlan, EveryJointDrivesAtItsOwnVelocity) {
+  const Robot robot = parse_robot(kUnevenArm);
+  const Eigen::Vector4d home(0.5, -0.5, 1.0, -2.0);
+  for (int joint = 0; joint < 4; ++joint) {  // each alone, there and back
+    const Eigen::Vector4d to = home + 0.75 * Eigen::Vector4d::Unit(joint);
+    EXPECT_DOUBLE_EQ(travel_time(robot.joints, home, to), seconds(home, to)) << "joint " << joint;
+    EXPECT_DOUBLE_EQ(travel_time(robot.joints, to, home), seconds(home, to)) << "joint " << joint;
+  }
+  Random random(4);
+  const MatrixXd q = random_configurations(limits_of(complete_model(robot)), 20, random);
+  double total = seconds(home, q.col(0));
+  for (Index c = 1; c < q.cols(); ++c) {
+    const double time = seconds(q.col(c - 1), q.col(c));
+    EXPECT_DOUBLE_EQ(travel_time(robot.joints, q.col(c - 1), q.col(c)), time);
+    total += time;
+  }
+  EXPECT_NEAR(way_time(robot.joints, home, q), total, 1e-12);
+  EXPECT_EQ(way_time(robot.joints, home, MatrixXd(4, 0)), 0.0);
+}
+
+TEST(MeasuringPlan, OrdersByTimeAndNotByDistance) {
+  const Robot robot = parse_robot(kUnevenArm);
+  // The elbow is far but fast, the slide near but slow.
+  MatrixXd q = MatrixXd::Zero(4, 2);
+  q(2, 0) = 3.0;
+  q(0, 1) = 0.5;
+  const Eigen::VectorXd home = Eigen::VectorXd::Zero(4);
+  EXPECT_EQ(short_way(robot.joints, home, q), (std::vector<Index>{0, 1}));
+  EXPECT_DOUBLE_EQ(way_time(robot.joints, home, q), 0.75 + 2.0);
+  // At one velocity for all it is the other way round.
+  std::vector<MovingJoint> even = robot.joints;
+  for (MovingJoint& joint : even) {
+    joint.velocity = 1.0;
+  }
+  EXPECT_EQ(short_way(even, home, q), (std::vector<Index>{1, 0}));
+  EXPECT_DOUBLE_EQ(way_time(even, home, q), 3.0 + 3.0);
+}
+
+TEST(MeasuringPlan, WritesSlidesInMillimetresAndTurnsInDegrees) {
+  const Robot robot = parse_robot(kUnevenArm);
+  Eigen::VectorXd q(4);
+  q << -0.125, 30 * testing::kDegree, -45 * testing::kDegree, 0.0;
+  const std::string csv = plan_csv(plan_of(q), robot.joints);
+  EXPECT_THAT(csv, ::testing::HasSubstr("slide[mm],shoulder[deg],elbow[deg],wrist[deg],x[m]"));
+  EXPECT_THAT(csv, ::testing::HasSubstr("1,A,-125,30,-45,0,,,\n"));
+  EXPECT_LT((parse_configurations(csv, joint_names(robot)).joint_values - q).cwiseAbs().maxCoeff(), 1e-15);
+}
+
 TEST(MeasuringPlan, ComesBackFromItsFile) {
   const Robot robot = testing::fanuc();
   const ErrorModel model = complete_model(robot);

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -359,6 +360,57 @@ TEST(UrdfExport, StaysNearTheOldAngles) {
   EXPECT_NEAR(std::stod(rpy[1]), 0.5, 0.01);
   EXPECT_NEAR(std::stod(rpy[2]), 2.0, 0.01);
   EXPECT_NEAR(std::stod(rpy[3]), 5.0, 0.01);
+}
+
+std::array<std::string, 3> rpy_texts(const std::string& urdf) {
+  std::smatch rpy;
+  EXPECT_TRUE(std::regex_search(urdf, rpy, std::regex("rpy='(\\S+) (\\S+) (\\S+)'"))) << urdf;
+  return {rpy[1], rpy[2], rpy[3]};
+}
+
+TEST(UrdfExport, InGimbalLockTheYawStaysAndTheRollTakesTheChange) {
+  Random random(12);
+  for (int i = 0; i < 200; ++i) {
+    const double pitch = i % 2 == 0 ? std::numbers::pi / 2 : -std::numbers::pi / 2;
+    const std::array<double, 3> old = {random.uniform(-7, 7), pitch, random.uniform(-7, 7)};
+    const double change = random.uniform(-0.01, 0.01);
+    const std::string before = robot_with_rpy(old);
+    const std::array<std::string, 3> then = rpy_texts(before);
+    const std::array<std::string, 3> now = rpy_texts(corrected_urdf(before, {turn("j", KDL::Rotation::RotX(change))}));
+    EXPECT_EQ(std::stod(now[2]), std::stod(then[2])) << before;
+    EXPECT_NEAR(std::stod(now[1]), pitch, 1e-15) << before;
+    EXPECT_NEAR(std::stod(now[0]), std::stod(then[0]) + change, 1e-14) << before;
+  }
+}
+
+TEST(UrdfExport, OfAllEquivalentAnglesItWritesThoseNearestToTheOldText) {
+  Random random(13);
+  constexpr double kTurn = 2.0 * std::numbers::pi;
+  for (int i = 0; i < 500; ++i) {
+    const double near_lock = i % 2 == 0 ? random.uniform(-6, 6) : std::numbers::pi / 2 + random.uniform(-1e-3, 1e-3);
+    const std::array<double, 3> old = {random.uniform(-6, 6), near_lock, random.uniform(-6, 6)};
+    const std::string before = robot_with_rpy(old);
+    const std::string after = corrected_urdf(before, {turn("j", random_rotation(random, random.uniform(0.0, 0.2)))});
+    const std::array<std::string, 3> texts = rpy_texts(after);
+    const std::array<double, 3> rpy = {std::stod(texts[0]), std::stod(texts[1]), std::stod(texts[2])};
+    const auto distance = [&](const std::array<double, 3>& angles) {
+      return std::abs(angles[0] - old[0]) + std::abs(angles[1] - old[1]) + std::abs(angles[2] - old[2]);
+    };
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const bool flipped : {false, true}) {
+      const double half = flipped ? std::numbers::pi : 0.0;
+      for (int a = -2; a <= 2; ++a) {
+        for (int b = -2; b <= 2; ++b) {
+          for (int c = -2; c <= 2; ++c) {
+            const double pitch = flipped ? std::numbers::pi - rpy[1] : rpy[1];
+            nearest =
+                std::min(nearest, distance({rpy[0] + half + a * kTurn, pitch + b * kTurn, rpy[2] + half + c * kTurn}));
+          }
+        }
+      }
+    }
+    EXPECT_LE(distance(rpy), nearest + 1e-12) << before << "\n" << after;
+  }
 }
 
 TEST(UrdfExport, AnglesOfManyTurnsLoseNoDigits) {
