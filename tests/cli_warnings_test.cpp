@@ -1,0 +1,258 @@
+// Standard error and exit status of each subcommand that can doubt: all lines of each case are expected, so that each
+// warning appears in its own case and in no other.
+
+#include <algorithm>
+#include <regex>
+
+#include "cli_support.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "printed_text.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::testing {
+namespace {
+
+using ::testing::ElementsAreArray;
+using ::testing::MatchesRegex;
+using Arguments = std::vector<std::string>;
+
+const std::string kWarning = "kdlcal: warning: ";
+const std::string kSerial = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_serial.json";
+const std::string kPendant = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_pendant.json";
+
+class CommandLineWarnings : public CommandLine {
+protected:
+  CommandLineWarnings() {
+    const std::vector<TargetFrame> targets = published_targets();
+    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+    truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
+    measured = at(random_configurations(limits_of(model), 20, random));
+  }
+
+  Measurements at(const Eigen::MatrixXd& q, const MeasuringNoise& noise = {.sigma = 3e-5}) {
+    return without_sigma(measure(truth, q, noise, random));
+  }
+
+  static Measurements without_sigma(Measurements measurements) {
+    for (Observation& observation : measurements.observations) {
+      observation.sigma = 0.0;
+    }
+    return measurements;
+  }
+
+  /// With the joint values that a controller of this convention shows, under its names J1 to J6.
+  std::string controller_csv(Measurements measurements, const std::string& convention) const {
+    const JointConvention shown = matched_convention(read_joint_convention(convention), measurements.joints);
+    measurements.joint_values = shown.matrix.inverse() * measurements.joint_values;
+    return std::regex_replace(measurements_csv(measurements), std::regex("joint_([1-6])\\[rad\\]"), "J$1[rad]");
+  }
+
+  /// `warnings`: extended regular expressions of what follows "kdlcal: warning: " on each line.
+  Outcome expect(const Arguments& arguments, int status, const std::vector<std::string>& warnings) {
+    const Outcome outcome = run(arguments);
+    const std::string command = ::testing::PrintToString(arguments);
+    EXPECT_EQ(outcome.status, status) << command << outcome.err;
+    std::vector<::testing::Matcher<std::string>> lines;
+    for (const std::string& warning : warnings) {
+      lines.push_back(MatchesRegex(kWarning + warning));
+    }
+    EXPECT_THAT(lines_of(outcome.err), ElementsAreArray(lines)) << command;
+    EXPECT_NE(outcome.out, "") << command;
+    return outcome;
+  }
+
+  ErrorModel model = complete_model(fanuc());
+  Random random{1};
+  VirtualRobot truth;
+  Measurements measured;
+};
+
+// ---- calibrate -----------------------------------------------------------------------------------------------------
+
+const std::string kNotTrusted = "the answer is not to be trusted: ";
+const std::string kFileDoesNotSaySo =
+    R"(c\.urdf comes from an answer that is not to be trusted; the file itself does not say so)";
+const std::string kHint =
+    R"( the joint values leave a misfit of [0-9.]+ mm; the convention fanuc_r2000ic_165f_serial\.json fits, )"
+    R"(with 0\.[0-9]+ mm; nothing was switched)";
+
+TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
+  write("m.csv", measurements_csv(measured));
+  expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--leave-one-out"}, 0, {});
+  write("serial.csv", controller_csv(measured, kSerial));
+  expect({"calibrate", "--measurements", "serial.csv", "--joint-convention", kSerial}, 0, {});
+}
+
+TEST_F(CommandLineWarnings, CalibrateDoubtsAFitThatDidNotConverge) {
+  write("m.csv", measurements_csv(measured));
+  const Arguments command = {"calibrate", "--measurements", "m.csv", "--iterations", "1"};
+  expect(command, 1, {kNotTrusted + "still moving after 1 iterations"});
+  Arguments with_file = command;
+  with_file.insert(with_file.end(), {"--output", "c.urdf", "--result", "r.json"});
+  expect(with_file, 1, {kNotTrusted + "still moving after 1 iterations", kFileDoesNotSaySo});
+  EXPECT_EQ(json_of("r.json")["warnings"].size(), 1U);
+  EXPECT_TRUE(std::filesystem::exists(directory / "c.urdf"));
+}
+
+TEST_F(CommandLineWarnings, CalibrateDoubtsWhatTheMeasurementsDoNotDetermine) {
+  Eigen::MatrixXd q = measured.joint_values;
+  q.row(3).setConstant(0.6);
+  write("m.csv", measurements_csv(at(q)));
+  const Outcome outcome =
+      expect({"calibrate", "--measurements", "m.csv", "--json"}, 1,
+             {kNotTrusted + "converged, but .* were fixed by gauge", "the measurements cannot tell apart: .*",
+              "fixed by gauge: .* \\(errors at zero, .*"});
+  EXPECT_EQ(nlohmann::json::parse(outcome.out)["termination"], "rank_deficient");
+}
+
+TEST_F(CommandLineWarnings, CalibrateDoubtsAMisfitThatNoGeometryExplains) {
+  Eigen::MatrixXd off = measured.joint_values;
+  off.row(2).array() += 0.05 * (2.0 * off.row(2).array()).sin();
+  Measurements misfit = at(off);
+  misfit.joint_values = measured.joint_values;
+  write("m.csv", measurements_csv(misfit));
+  expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf"}, 1,
+         {"a misfit of [0-9.]+ mm is more than geometric errors explain; is the joint convention right\\?",
+          kFileDoesNotSaySo});
+}
+
+TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
+  write("serial.csv", controller_csv(measured, kSerial));
+  const Outcome outcome = run({"calibrate", "--measurements", "serial.csv", "--joint-convention", kPendant, "--output",
+                               "c.urdf", "--result", "r.json"});
+  EXPECT_EQ(outcome.status, 1) << outcome.err;
+  const std::vector<std::string> lines = lines_of(outcome.err);
+  ASSERT_GE(lines.size(), 3U) << outcome.err;
+  EXPECT_THAT(lines[lines.size() - 2], MatchesRegex(kWarning + "with the joint convention " + kPendant + kHint));
+  EXPECT_THAT(lines.back(), MatchesRegex(kWarning + kFileDoesNotSaySo));
+  // All but what concerns the other file stands in the result.
+  const nlohmann::json warnings = json_of("r.json")["warnings"];
+  ASSERT_EQ(warnings.size(), lines.size() - 1);
+  for (std::size_t i = 0; i < warnings.size(); ++i) {
+    EXPECT_EQ(kWarning + warnings[i].get<std::string>(), lines[i]);
+  }
+}
+
+TEST_F(CommandLineWarnings, CalibrateNamesNoConventionWhereTheMeasurementsAreToBlame) {
+  Eigen::MatrixXd q = measured.joint_values;
+  q.row(3).setConstant(0.6);
+  write("serial.csv", controller_csv(at(q), kSerial));
+  const Outcome outcome = run({"calibrate", "--measurements", "serial.csv", "--joint-convention", kSerial});
+  EXPECT_EQ(outcome.status, 1);
+  EXPECT_THAT(outcome.err, ::testing::Not(::testing::HasSubstr("nothing was switched")));
+}
+
+TEST_F(CommandLineWarnings, CalibrateStatesSingleFindingsWithoutDoubt) {
+  const auto calibrated = [&](const Measurements& measurements) {
+    write("m.csv", measurements_csv(measurements));
+    return Arguments{"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--force"};
+  };
+  Measurements mistyped = measured;
+  mistyped.observations[40].position.y() += 0.01;
+  expect(calibrated(mistyped), 0, {"measurements: target B in configuration 14, repeat 1: y is off by about 10.0 mm"});
+
+  Measurements precise = measured;
+  for (Observation& observation : precise.observations) {
+    observation.sigma = 1e-5;
+  }
+  expect(calibrated(precise), 0, {"the residuals are [0-9.]+ times the stated noise; .* scaled up by that"});
+
+  Eigen::MatrixXd outside = measured.joint_values;
+  outside(1, 4) = *model.joints[1].upper + 0.1;
+  expect(calibrated(at(outside)), 0, {"1 of 20 configurations have joint values outside the limits of the URDF"});
+
+  Eigen::MatrixXd off = measured.joint_values;
+  off.row(2).array() += 0.001 * (2.0 * off.row(2).array()).sin();
+  Measurements misfit = at(off, {.sigma = 1e-5, .repeats = 3});
+  misfit.joint_values = measured.joint_values;
+  expect(calibrated(misfit), 0, {"lack of fit: the residuals are larger than the scatter of the repeats explains"});
+}
+
+// ---- validate ------------------------------------------------------------------------------------------------------
+
+TEST_F(CommandLineWarnings, ValidateIsSilentAboutTheNominalRobot) {
+  write("m.csv", measurements_csv(measured));
+  expect({"validate", "--measurements", "m.csv"}, 0, {});
+  write("serial.csv", controller_csv(measured, kSerial));
+  expect({"validate", "--measurements", "serial.csv", "--joint-convention", kSerial, "--json"}, 0, {});
+}
+
+TEST_F(CommandLineWarnings, ValidateSaysThatItRegistersToTestRows) {
+  Measurements tests = measured;
+  for (Observation& observation : tests.observations) {
+    observation.split = Split::test;
+  }
+  write("m.csv", measurements_csv(tests));
+  expect({"validate", "--measurements", "m.csv"}, 0,
+         {"m\\.csv: no train rows, base and targets are registered to the test rows"});
+  for (Observation& observation : tests.observations) {
+    observation.split = observation.configuration < 2 ? Split::train : Split::test;
+  }
+  write("m.csv", measurements_csv(tests));
+  EXPECT_THAT(run({"validate", "--measurements", "m.csv"}).err, ::testing::Not(::testing::HasSubstr("no train rows")));
+}
+
+TEST_F(CommandLineWarnings, ValidateSaysWhereTheBaseIsLeftOpen) {
+  Eigen::MatrixXd q = measured.joint_values.col(0).replicate(1, 12);
+  q.row(0).setLinSpaced(-1.0, 1.0);
+  const Measurements circle = subset(at(q, {.sigma = 0.0}), [](const Observation& o) { return o.target == 0; });
+  write("m.csv", measurements_csv(circle));
+  expect({"validate", "--measurements", "m.csv"}, 0,
+         {"registration: the configurations leave a rotation of the base undetermined"});
+}
+
+TEST_F(CommandLineWarnings, ValidateDoubtsAnotherJointConvention) {
+  write("serial.csv", controller_csv(measured, kSerial));
+  expect({"validate", "--measurements", "serial.csv", "--joint-convention", kPendant}, 1,
+         {"with the joint convention " + kPendant +
+          R"( the joint values leave a misfit of [0-9.]+ mm; the convention fanuc_r2000ic_165f_serial\.json fits, )"
+          R"(with [0-9]\.[0-9]+ mm; nothing was switched)"});
+  Measurements flipped = measured;
+  flipped.joint_values.row(1) *= -1.0;
+  write("flipped.csv", measurements_csv(flipped));
+  expect({"validate", "--measurements", "flipped.csv"}, 1,
+         {"as they were read the joint values leave a misfit of [0-9.]+ mm; joint_2 with the opposite sign fits, "
+          "with [0-9.]+ mm; nothing was switched"});
+  for (Observation& observation : flipped.observations) {
+    observation.split = Split::test;
+  }
+  write("flipped.csv", measurements_csv(flipped));
+  expect({"validate", "--measurements", "flipped.csv", "--json"}, 1,
+         {"flipped\\.csv: no train rows, .*", "as they were read .* joint_2 with the opposite sign fits, .*"});
+}
+
+// ---- fk, jacobian, plan --------------------------------------------------------------------------------------------
+
+TEST_F(CommandLineWarnings, KinematicsNameTheJointsOutsideTheirLimits) {
+  const auto joints = [&](double beyond) {
+    return nlohmann::json(*model.joints[1].upper + beyond).dump() + "," +
+           nlohmann::json(*model.joints[2].lower - beyond).dump();
+  };
+  for (const char* subcommand : {"fk", "jacobian"}) {
+    expect({subcommand, "--joints", "0," + joints(0.0) + ",0,0,0"}, 0, {});
+    expect({subcommand, "--joints", "0," + joints(0.01) + ",0,0,0"}, 0,
+           {"joint values outside the limits of the URDF \\(2 of 6\\): joint_2, joint_3"});
+  }
+}
+
+TEST_F(CommandLineWarnings, PlanNamesTheLinksThatNothingIsKeptClearOf) {
+  std::string urdf = kOddArm;
+  urdf.replace(urdf.find("<link name=\"c\"/>"), 16,
+               R"(<link name="c"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>)");
+  write("arm.urdf", urdf);
+  const Arguments plan = {"plan",  "--urdf",       "arm.urdf", "--configurations", "15",       "--clearance",
+                          "0.001", "--candidates", "60",       "--output",         "plan.csv", "--force"};
+  const Outcome outcome = run(plan);
+  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_EQ(outcome.err,
+            kWarning +
+                "links without boxes, cylinders or spheres are not kept clear of anything: world, a, b, bracket, "
+                "d, e; --arm-radius gives all links a shape\n");
+  Arguments with_radius = plan;
+  with_radius.insert(with_radius.end(), {"--arm-radius", "0.01"});
+  EXPECT_EQ(run(with_radius).err, "");
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing
