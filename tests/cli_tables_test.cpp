@@ -1,0 +1,381 @@
+// Every number that validate, model, fk and jacobian print, as a table and as JSON, against the library, KDL or the
+// formula written out.
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <kdl/chainjnttojacsolver.hpp>
+
+#include "cli_support.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/validation.hpp"
+#include "printed_text.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::testing {
+namespace {
+
+using Json = nlohmann::json;
+
+/// Both documents hold the same, numbers to within `tolerance`.
+void expect_near(const Json& got, const Json& expected, const std::string& where, double tolerance = 1e-12) {
+  if (expected.is_number() && got.is_number()) {
+    EXPECT_NEAR(got.get<double>(), expected.get<double>(), tolerance) << where;
+    return;
+  }
+  if (!expected.is_structured() || got.type() != expected.type() || got.size() != expected.size()) {
+    EXPECT_EQ(got, expected) << where;
+    return;
+  }
+  for (const auto& [key, value] : expected.items()) {
+    if (expected.is_object() && !got.contains(key)) {
+      ADD_FAILURE() << where << ": expected the key " << key << ", got " << got;
+      continue;
+    }
+    expect_near(expected.is_object() ? got.at(key) : got.at(std::stoul(key)), value, where + "/" + key, tolerance);
+  }
+}
+
+Json frame_json(const Eigen::Isometry3d& X) {
+  const KDL::Frame frame = to_kdl(X);
+  double x = 0.0;
+  double y = 0.0;
+  double z = 0.0;
+  double w = 0.0;
+  frame.M.GetQuaternion(x, y, z, w);
+  const double sign = w < 0.0 ? -1.0 : 1.0;
+  return {{"position", {frame.p.x(), frame.p.y(), frame.p.z()}},
+          {"quaternion_wxyz", {sign * w, sign * x, sign * y, sign * z}}};
+}
+
+/// The last `count` words of each of these lines end below those of the heading.
+void expect_columns(const std::vector<std::string>& lines, std::size_t heading, std::size_t end, std::size_t count) {
+  ASSERT_LE(end, lines.size());
+  for (std::size_t i = heading + 1; i < end; ++i) {
+    EXPECT_EQ(word_ends(lines[i], count), word_ends(lines[heading], count)) << lines[heading] << "\n" << lines[i];
+  }
+}
+
+class Tables : public CommandLine {
+protected:
+  /// Expects this standard output, word by word, and nothing on standard error.
+  std::vector<std::string> expect_table(const std::vector<std::string>& arguments,
+                                        const std::vector<std::string>& lines) {
+    const Outcome outcome = run(arguments);
+    EXPECT_EQ(outcome.status, 0) << outcome.err;
+    EXPECT_EQ(outcome.err, "");
+    expect_lines(outcome.out, lines, ::testing::PrintToString(arguments));
+    return lines_of(outcome.out);
+  }
+};
+
+// ---- validate ------------------------------------------------------------------------------------------------------
+
+class ValidateTable : public Tables {
+protected:
+  ValidateTable() {
+    Random random(11);
+    std::vector<TargetFrame> targets = published_targets(2);
+    targets[1].with_orientation = true;
+    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+    Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+    X_WB.linear() = Eigen::AngleAxisd(3.0, Eigen::Vector3d(0.2, -0.3, 0.9).normalized()).toRotationMatrix();
+    X_WB.translation() = Eigen::Vector3d(2.0, -1.5, 0.4);
+    const VirtualRobot truth =
+        virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
+    const auto measured_rows = [&](int count, Split split) {
+      return measure(truth, random_configurations(limits_of(model), count, random), {.sigma = 3e-5}, random, split);
+    };
+    measured = joined(measured_rows(12, Split::train), measured_rows(5, Split::test));
+    const Eigen::Quaterniond none = Eigen::Quaterniond(Eigen::Vector4d::Constant(std::nan("")));
+    for (std::size_t row = 0; row < measured.observations.size(); ++row) {
+      measured.observations[row].sigma = 0.0;
+      measured.orientations[row] = measured.observations[row].target == 0 ? none : measured.orientations[row];
+    }
+  }
+
+  ErrorStatistics errors(const Estimate& estimate, Rows rows) const {
+    return error_statistics(position_errors(model, estimate, measured, rows));
+  }
+
+  static std::string line(const std::string& label, const ErrorStatistics& s) {
+    std::string text = label + " " + std::to_string(s.count);
+    for (const double value : {s.mean, s.rms, s.p95, s.max, s.std}) {
+      text += " " + decimals(value * 1e3, 4);
+    }
+    return text;
+  }
+
+  static std::string place(const std::string& label, const Eigen::Vector3d& p) {
+    return label + " " + decimals(p.x() * 1e3, 4) + " " + decimals(p.y() * 1e3, 4) + " " + decimals(p.z() * 1e3, 4);
+  }
+
+  ErrorModel model = complete_model(fanuc());
+  Measurements measured;
+};
+
+TEST_F(ValidateTable, ShowsEachStatisticInMillimetres) {
+  write("m.csv", measurements_csv(measured));
+  const Estimate found = nominal_start(model, read_measurements(directory / "m.csv", joint_names(fanuc())));
+  const std::string urdf = std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf";
+  const std::vector<std::string> lines = expect_table(
+      {"validate", "--urdf", urdf, "--measurements", "m.csv"},
+      {"position error of " + urdf + ", base and targets registered [mm]", "rows count mean rms p95 max std",
+       line("all", errors(found, Rows::all)), line("train", errors(found, Rows::train)),
+       line("test", errors(found, Rows::test)), place("base, measured", found.X_WB.translation()),
+       place("target A", found.targets[0].X_FT.translation()), place("target B", found.targets[1].X_FT.translation())});
+  expect_columns(lines, 1, 5, 6);
+  EXPECT_EQ(word_ends(lines.at(5), 3), word_ends(lines.at(6), 3));
+  EXPECT_EQ(word_ends(lines.at(5), 3), word_ends(lines.at(7), 3));
+}
+
+TEST_F(ValidateTable, JsonHoldsEachStatisticInMetresAndTheFrames) {
+  write("m.csv", measurements_csv(measured));
+  const Estimate found = nominal_start(model, read_measurements(directory / "m.csv", joint_names(fanuc())));
+  const auto statistics = [&](Rows rows) -> Json {
+    const ErrorStatistics s = errors(found, rows);
+    return {{"count", s.count}, {"mean", s.mean}, {"rms", s.rms}, {"p95", s.p95}, {"max", s.max}, {"std", s.std}};
+  };
+  Json a = {{"name", "A"}, {"position", frame_json(found.targets[0].X_FT)["position"]}};
+  Json b = frame_json(found.targets[1].X_FT);
+  b["name"] = "B";
+  expect_near(run_json({"validate", "--measurements", "m.csv", "--json"}),
+              {{"position_error",
+                {{"all", statistics(Rows::all)}, {"train", statistics(Rows::train)}, {"test", statistics(Rows::test)}}},
+               {"base", frame_json(found.X_WB)},
+               {"targets", Json::array({a, b})}},
+              "validate");
+}
+
+TEST_F(ValidateTable, LeavesOutRowsThatTheMeasurementsDoNotHave) {
+  const Measurements train = subset(measured, [](const Observation& o) { return o.split == Split::train; });
+  write("m.csv", measurements_csv(train));
+  const Estimate found = nominal_start(model, train);
+  const Outcome outcome = run({"validate", "--measurements", "m.csv"});
+  const std::vector<std::string> lines = lines_of(outcome.out);
+  ASSERT_EQ(lines.size(), 7U) << outcome.out;
+  EXPECT_EQ(squeezed(lines[2]), line("all", errors(found, Rows::train)));
+  EXPECT_EQ(squeezed(lines[3]), line("train", errors(found, Rows::train)));
+  EXPECT_TRUE(run_json({"validate", "--measurements", "m.csv", "--json"})["position_error"]["test"].is_null());
+}
+
+// ---- model ---------------------------------------------------------------------------------------------------------
+
+/// "0.500 dq2 - 1.000 base.Tx" of what replaces a dropped parameter.
+std::string sum_of(const std::map<std::string, double>& terms) {
+  std::string text;
+  for (const auto& [name, coefficient] : terms) {
+    if (coefficient < 0.0) {
+      text += " - ";
+    } else if (!text.empty()) {
+      text += " + ";
+    }
+    text += decimals(std::abs(coefficient), 3) + " " + name;
+  }
+  return terms.empty() ? "nothing: it has no effect" : text;
+}
+
+std::string words(const std::vector<std::string>& names, const std::string& between) {
+  std::string text;
+  for (const std::string& name : names) {
+    text += text.empty() ? name : between + name;
+  }
+  return text;
+}
+
+TEST_F(Tables, ModelListsWhatIsKeptTheGaugeAndWhatReplacesTheRest) {
+  write("odd.urdf", kOddArm);
+  struct Case {
+    std::vector<std::string> options;
+    Robot robot;
+    int targets;
+    bool poses;
+  };
+  for (const Case& c : {Case{{}, fanuc(), 3, false}, Case{{"--targets", "1"}, fanuc(), 1, false},
+                        Case{{"--urdf", "odd.urdf", "--targets", "2", "--poses"}, parse_robot(kOddArm), 2, true}}) {
+    const ErrorModel model = complete_model(c.robot);
+    std::vector<TargetFrame> targets = generic_targets(c.targets);
+    for (TargetFrame& target : targets) {
+      target.with_orientation = c.poses;
+    }
+    const Reduction reduction = reduced_model(model, targets);
+    std::vector<std::string> names;
+    for (const ErrorParameter& parameter : model.parameters) {
+      names.push_back(parameter.name);
+    }
+    std::vector<std::string> lines = {
+        c.robot.name + ": " + c.robot.base + " to " + c.robot.tip + ", " + std::to_string(c.robot.joints.size()) +
+            " joints, " + std::to_string(c.targets) + " measured " + (c.poses ? "poses" : "points") + " on the tool",
+        "complete model, " + std::to_string(names.size()) + " geometric parameters:",
+        words(names, " "),
+        "irreducible model, rank " + std::to_string(reduction.rank) + " of " + std::to_string(reduction.candidates) +
+            " candidates:",
+        words(reduction.kept, " "),
+        "gauge, held at zero:"};
+    for (const GaugeParameter& gauge : reduction.gauge) {
+      lines.push_back(gauge.name + " tied to " + words(gauge.tied_to, ", "));
+    }
+    lines.emplace_back("dropped, replaced to first order by:");
+    for (const DroppedParameter& dropped : reduction.dropped) {
+      lines.push_back(dropped.name + " " + sum_of(dropped.replaced_by));
+    }
+    std::vector<std::string> arguments = {"model"};
+    arguments.insert(arguments.end(), c.options.begin(), c.options.end());
+    expect_table(arguments, lines);
+  }
+}
+
+// ---- fk and jacobian -----------------------------------------------------------------------------------------------
+
+const std::vector<double> kOddJoints = {0.7, 0.25, -1.1, 0.9, -0.4};
+const std::string kOddJointsText = "0.7,0.25,-1.1,0.9,-0.4";
+
+KDL::JntArray odd_joints() {
+  KDL::JntArray q(5);
+  for (unsigned i = 0; i < 5; ++i) {
+    q(i) = kOddJoints[i];
+  }
+  return q;
+}
+
+/// Position in millimetres, then roll, pitch and yaw in degrees: R = Rz(yaw) Ry(pitch) Rx(roll).
+std::string pose_line(const std::string& name, const KDL::Frame& X) {
+  const KDL::Rotation& R = X.M;
+  std::string text = name;
+  for (int i = 0; i < 3; ++i) {
+    text += " " + decimals(X.p[i] * 1e3, 4);
+  }
+  for (const double angle : {std::atan2(R(2, 1), R(2, 2)), std::atan2(-R(2, 0), std::hypot(R(0, 0), R(1, 0))),
+                             std::atan2(R(1, 0), R(0, 0))}) {
+    text += " " + decimals(angle / kDegree, 5);
+  }
+  return text;
+}
+
+TEST_F(Tables, FkShowsMillimetresAndDegreesOfEveryFrame) {
+  write("odd.urdf", kOddArm);
+  const Robot robot = parse_robot(kOddArm);
+  KDL::ChainFkSolverPos_recursive solver(robot.chain);
+  const std::string heading = "in world x[mm] y[mm] z[mm] roll[deg] pitch[deg] yaw[deg]";
+  std::vector<std::string> lines = {heading};
+  for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
+    KDL::Frame frame;
+    solver.JntToCart(odd_joints(), frame, static_cast<int>(s) + 1);
+    lines.push_back(pose_line(robot.chain.getSegment(s).getName(), frame));
+  }
+  const std::vector<std::string> arguments = {"fk", "--urdf", "odd.urdf", "--joints", kOddJointsText};
+  expect_table(arguments, {heading, lines.back()});
+  std::vector<std::string> every = arguments;
+  every.emplace_back("--frames");
+  const std::vector<std::string> printed = expect_table(every, lines);
+  expect_columns(printed, 0, printed.size(), 6);
+}
+
+TEST_F(Tables, NothingIsPrintedAsMinusZero) {
+  const std::string out = run({"fk", "--joints", "0,0,0,0,0,0", "--frames"}).out +
+                          run({"fk", "--joints=-1e-12,-1e-12,-1e-12,-1e-12,-1e-12,-1e-12", "--frames"}).out +
+                          run({"jacobian", "--joints", "0,0,0,0,0,0"}).out;
+  EXPECT_NE(out.find(" 0.0000 "), std::string::npos) << out;
+  EXPECT_NE(out.find(" 0.0000000"), std::string::npos) << out;
+  for (const char* zero : {"-0.0000 ", "-0.00000 ", "-0.00000\n", "-0.0000000"}) {
+    EXPECT_EQ(out.find(zero), std::string::npos) << out;
+  }
+}
+
+TEST_F(Tables, FkOfAResultIsTheCalibratedRobot) {
+  write("odd.urdf", kOddArm);
+  write("r.json", R"({"parameters": [{"name": "dq2", "error": 0.002}, {"name": "dq3", "error": -0.01},
+                                     {"name": "Tx1", "error": 0.003}, {"name": "base.Tx", "error": 7.0}]})");
+  const ErrorModel model = complete_model(parse_robot(kOddArm));
+  Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  errors[static_cast<Eigen::Index>(parameter_index(model, "dq2"))] = 0.002;
+  errors[static_cast<Eigen::Index>(parameter_index(model, "dq3"))] = -0.01;
+  errors[static_cast<Eigen::Index>(parameter_index(model, "Tx1"))] = 0.003;
+  const KDL::Frame tip = kdl_pose(error_chain(model, errors), odd_joints().data);
+  const std::vector<std::string> rest = {"--urdf", "odd.urdf", "--joints", kOddJointsText, "--result", "r.json"};
+  std::vector<std::string> fk = {"fk"};
+  fk.insert(fk.end(), rest.begin(), rest.end());
+  expect_table(fk, {"in world x[mm] y[mm] z[mm] roll[deg] pitch[deg] yaw[deg]", pose_line("tool", tip)});
+
+  std::vector<std::string> jacobian = {"jacobian", "--json"};
+  jacobian.insert(jacobian.end(), rest.begin(), rest.end());
+  const Json got = run_json(jacobian);
+  KDL::Jacobian expected(5);
+  KDL::ChainJntToJacSolver(folded_chain(model, errors)).JntToJac(odd_joints(), expected);
+  for (unsigned r = 0; r < 6; ++r) {
+    for (unsigned c = 0; c < 5; ++c) {
+      EXPECT_NEAR(got["kdl"][r][c].get<double>(), expected(r, c), 1e-9) << r << ", " << c;
+    }
+  }
+}
+
+TEST_F(Tables, JacobianShowsARowForEachVelocityAndAColumnForEachJoint) {
+  write("odd.urdf", kOddArm);
+  const Robot robot = parse_robot(kOddArm);
+  KDL::Jacobian J(5);
+  KDL::ChainJntToJacSolver(robot.chain).JntToJac(odd_joints(), J);
+  std::vector<std::string> lines = {"tool in world, per rad (or m) of each joint; m/rad above, rad/rad below",
+                                    "turn slide skew elbow wrist"};
+  const std::vector<std::string> labels = {"v_x", "v_y", "v_z", "omega_x", "omega_y", "omega_z"};
+  for (unsigned r = 0; r < 6; ++r) {
+    std::string line = labels[r];
+    for (unsigned c = 0; c < 5; ++c) {
+      const std::string number = decimals(J(r, c), 7);
+      line += " " + (number == "-0.0000000" ? "0.0000000" : number);
+    }
+    lines.push_back(line);
+  }
+  const std::vector<std::string> arguments = {"jacobian", "--urdf", "odd.urdf", "--joints", kOddJointsText};
+  std::vector<std::string> as_json = arguments;
+  as_json.emplace_back("--json");
+  lines.push_back("largest difference between KDL's solver, matrix derivatives and cross products: " +
+                  run_json(as_json)["largest_difference"].dump());
+  const std::vector<std::string> printed = expect_table(arguments, lines);
+  expect_columns(printed, 1, 8, 5);
+}
+
+TEST_F(Tables, LongNamesOfJointsKeepTheirColumns) {
+  std::string urdf = kOddArm;
+  for (const auto& [from, to] : {std::pair<std::string, std::string>{"\"skew\"", "\"a_joint_with_a_long_name\""},
+                                 std::pair<std::string, std::string>{"\"tool\"", "\"a_tool_with_a_long_name\""}}) {
+    for (std::size_t at = urdf.find(from); at != std::string::npos; at = urdf.find(from, at + to.size())) {
+      urdf.replace(at, from.size(), to);
+    }
+  }
+  write("odd.urdf", urdf);
+  const std::vector<std::string> jacobian =
+      lines_of(run({"jacobian", "--urdf", "odd.urdf", "--joints", kOddJointsText}).out);
+  ASSERT_EQ(jacobian.size(), 9U);
+  expect_columns(jacobian, 1, 8, 5);
+  const std::vector<std::string> fk =
+      lines_of(run({"fk", "--urdf", "odd.urdf", "--frames", "--joints", kOddJointsText}).out);
+  ASSERT_EQ(fk.size(), 8U);
+  expect_columns(fk, 0, fk.size(), 6);
+}
+
+// ---- text ----------------------------------------------------------------------------------------------------------
+
+TEST_F(Tables, WarningsStayOnOneLineWhateverNamesHold) {
+  const std::string name = "test\nrows\t.csv";
+  write(name,
+        "configuration,target,split,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,x,y,z\n"
+        "1,A,test,0,0,0,0,0,0,1,2,3\n2,A,test,0.1,0.2,0.3,0.4,0.5,0.6,1,2,4\n");
+  const Outcome outcome = run({"validate", "--measurements", name});
+  EXPECT_EQ(outcome.err.rfind("kdlcal: warning: test rows .csv: no train rows, ", 0), 0U) << outcome.err;
+  for (const std::string& line : lines_of(outcome.err)) {
+    EXPECT_EQ(line.rfind("kdlcal: warning: ", 0), 0U) << outcome.err;
+  }
+}
+
+TEST_F(Tables, NumbersOnTheCommandLineMayHaveAPlusSign) {
+  const auto tip = [&](const std::string& joints) { return run({"fk", "--joints", joints}).out; };
+  EXPECT_EQ(tip("+0.1,+0.2,+3e-1,0,0,0"), tip("0.1,0.2,0.3,0,0,0"));
+  for (const char* wrong : {"+-0.1", "++0.1", "+", "0.1x", "nan", "inf", "1e999", "0,1"}) {
+    EXPECT_EQ(run({"fk", "--joints", std::string(wrong) + ",0,0,0,0,0"}).status, 2) << wrong;
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing
