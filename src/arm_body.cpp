@@ -293,7 +293,8 @@ double segment_distance(const Vector3d& a, const Vector3d& b, const Box& box) {
     const double t = 0.5 * (lower + upper);
     (outside(t).dot(u) > 0.0 ? upper : lower) = t;
   }
-  return std::min({outside(0.5 * (lower + upper)).norm(), outside(0.0).norm(), outside(1.0).norm()});
+  // Where the segment goes through the box, `lower` is inside to the last digit: the distance is exactly 0.
+  return std::min({outside(lower).norm(), outside(upper).norm(), outside(0.0).norm(), outside(1.0).norm()});
 }
 
 std::vector<std::pair<std::size_t, std::size_t>> pairs_to_keep_apart(const Robot& robot,

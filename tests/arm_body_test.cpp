@@ -60,6 +60,18 @@ TEST(ArmBody, MeasuresDistancesAsDensePointsDo) {
   }
 }
 
+TEST(ArmBody, SegmentsThroughABoxHaveNoDistanceFromIt) {
+  Random random(4);
+  for (int trial = 0; trial < 500; ++trial) {
+    const Vector3d corner = random_point(random);
+    const Vector3d other = random_point(random);
+    const Box box{.lower = corner.cwiseMin(other), .upper = corner.cwiseMax(other)};
+    const Vector3d inside = box.lower + random.uniform(0.01, 0.99) * (box.upper - box.lower);
+    const Vector3d way = random_point(random, 4.0);
+    EXPECT_EQ(segment_distance(inside - random.uniform(0.0, 1.0) * way, inside + way, box), 0.0) << trial;
+  }
+}
+
 TEST(ArmBody, PutsLinkFramesWhereKdlDoes) {
   for (const Robot& robot : {testing::fanuc(), parse_robot(testing::kOddArm)}) {
     const ErrorModel model = complete_model(robot);
