@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <kdl/chainfksolverpos_recursive.hpp>
 
@@ -253,6 +254,261 @@ TEST(Workspace, SaysWhichConstraintRemovesHowMany) {
     EXPECT_THAT(error.what(), ::testing::HasSubstr("least radius 4000 mm removes 2000 (" + std::to_string(2000 - low)));
     EXPECT_THAT(error.what(), ::testing::Not(::testing::HasSubstr("\n")));
   }
+}
+
+// ---- Limits at their exact value ------------------------------------------------------------------------------------
+
+// Three slides along x, y and z: the flange stands where the joint values say, to the last bit.
+Robot gantry() {
+  std::string urdf = "<robot name='gantry'><link name='l0'/><link name='l1'/><link name='l2'/><link name='l3'/>";
+  const std::array<std::string, 3> axes = {"1 0 0", "0 1 0", "0 0 1"};
+  for (int i = 0; i < 3; ++i) {
+    const std::string from = std::to_string(i);
+    const std::string to = std::to_string(i + 1);
+    urdf += "<joint name='j" + to + "' type='prismatic'><parent link='l" + from + "'/><child link='l" + to +
+            "'/><axis xyz='" + axes[static_cast<std::size_t>(i)] +
+            "'/><limit lower='-8' upper='8' velocity='1' effort='1'/></joint>";
+  }
+  return parse_robot(urdf + "</robot>");
+}
+
+// One target at the flange's origin.
+struct Gantry {
+  Robot robot = gantry();
+  std::vector<TargetFrame> targets = testing::targets_at({Vector3d::Zero()});
+  Cell cell;
+
+  Gantry() { cell.ranges = limits_of(complete_model(robot)); }
+
+  std::vector<std::string> at(double x, double y, double z) const {
+    return violated(robot, targets, cell, Vector3d(x, y, z));
+  }
+  void expect_holds(double x, double y, double z) const {
+    EXPECT_THAT(at(x, y, z), ::testing::IsEmpty()) << "at " << x << ", " << y << ", " << z;
+  }
+  void expect_violates(const std::string& name, double x, double y, double z) const {
+    EXPECT_THAT(at(x, y, z), ::testing::ElementsAre(name)) << "at " << x << ", " << y << ", " << z;
+  }
+};
+
+double just_above(double x) { return std::nextafter(x, 1e9); }
+double just_below(double x) { return std::nextafter(x, -1e9); }
+
+TEST(WorkspaceLimits, SumsHoldAtBothOfTheirBounds) {
+  Gantry g;
+  g.cell.sums.push_back(
+      {.name = "diagonal", .weights = Vector3d(1.0, -2.0, 0.0), .offset = 0.25, .lower = -0.5, .upper = 1.5});
+  g.expect_holds(1.25, 0.0, 3.0);
+  g.expect_violates("range of diagonal", 1.25 + 1e-14, 0.0, 3.0);
+  g.expect_holds(0.25, 0.5, 3.0);
+  g.expect_violates("range of diagonal", 0.25 - 1e-14, 0.5, 3.0);
+}
+
+TEST(WorkspaceLimits, BoxHeightAndRadiusHoldOnTheirBoundary) {
+  Gantry box;
+  box.cell.box = {.lower = {-1.0, -0.5, 0.25}, .upper = {1.5, 2.0, 0.75}};
+  for (int axis = 0; axis < 3; ++axis) {
+    Vector3d p(0.0, 0.0, 0.5);
+    for (const bool upper : {false, true}) {
+      const double bound = upper ? box.cell.box.upper[axis] : box.cell.box.lower[axis];
+      p[axis] = bound;
+      box.expect_holds(p.x(), p.y(), p.z());
+      p[axis] = upper ? just_above(bound) : just_below(bound);
+      box.expect_violates("workspace box", p.x(), p.y(), p.z());
+    }
+  }
+  Gantry open;  // a box of one side alone
+  open.cell.box.upper.y() = 1.0;
+  open.expect_holds(-7.0, 1.0, 7.0);
+  open.expect_violates("workspace box", -7.0, just_above(1.0), 7.0);
+  Gantry high;
+  high.cell.height = 0.5;
+  high.expect_holds(0.0, 0.0, 0.5);
+  high.expect_violates("least height 500 mm", 0.0, 0.0, just_below(0.5));
+  Gantry round;
+  round.cell.radius = 5.0;  // from the first axis, which lies along x
+  round.expect_holds(7.0, 3.0, -4.0);
+  round.expect_violates("least radius 5000 mm", 7.0, 3.0, 4.0 - 1e-14);
+}
+
+TEST(WorkspaceLimits, ZonesMayNotEvenBeTouched) {
+  Gantry sphere;
+  sphere.cell.out_spheres = {{.center = {2.0, 0.0, 0.0}, .radius = 0.5}};
+  sphere.expect_violates("keep-out sphere 1", 1.5, 0.0, 0.0);
+  sphere.expect_holds(just_below(1.5), 0.0, 0.0);
+  Gantry box;
+  box.cell.out_boxes = {{.lower = {1.0, -1.0, -1.0}, .upper = {2.0, 1.0, 1.0}}};
+  box.expect_violates("keep-out box 1", 1.0, 0.0, 1.0);
+  box.expect_holds(just_below(1.0), 0.0, 1.0);
+  box.expect_violates("keep-out box 1", 2.0, 0.0, 0.0);
+  box.expect_holds(just_above(2.0), 0.0, 0.0);
+  // The body too, by its radius.
+  for (Gantry* g : {&sphere, &box}) {
+    g->cell.body = {{.link = "l3", .frame = 3, .b = {0.0, 0.0, 0.25}, .radius = 0.25}};
+  }
+  sphere.expect_violates("keep-out sphere 1", 1.25, 0.0, 0.0);
+  sphere.expect_holds(just_below(1.25), 0.0, 0.0);
+  box.expect_violates("keep-out box 1", 0.75, 0.0, 0.0);
+  box.expect_holds(just_below(0.75), 0.0, 0.0);
+}
+
+TEST(WorkspaceLimits, ClearanceHoldsAtItsValue) {
+  Gantry g;
+  g.cell.body = {{.link = "l0", .frame = 0, .b = {0.0, 0.0, 1.0}, .radius = 0.25},
+                 {.link = "l3", .frame = 3, .b = {0.0, 0.0, 0.5}, .radius = 0.125}};
+  g.cell.clearance = 0.5;
+  g.expect_holds(0.875, 0.0, 0.25);
+  g.expect_violates("clearance 500 mm", just_below(0.875), 0.0, 0.25);
+  g.expect_holds(0.0, 0.0, 1.875);
+  g.expect_violates("clearance 500 mm", 0.0, 0.0, just_below(1.875));
+}
+
+TEST(WorkspaceLimits, TheTrackersDistanceHoldsAtBothOfItsBounds) {
+  Gantry g;
+  g.cell.tracker = Tracker{.position = {0.0, 0.0, 1.0}, .least_distance = 1.5, .greatest_distance = 4.0};
+  g.expect_holds(1.5, 0.0, 1.0);
+  g.expect_violates("distance from the tracker", just_below(1.5), 0.0, 1.0);
+  g.expect_holds(0.0, -4.0, 1.0);
+  g.expect_violates("distance from the tracker", 0.0, just_below(-4.0), 1.0);
+}
+
+TEST(WorkspaceLimits, FacingAnglesHoldUpToTheAcceptance) {
+  Gantry g;
+  g.cell.facing = {Vector3d(0.0, 0.0, 2.0)};  // of any length
+  g.cell.tracker = Tracker{.position = Vector3d::Zero(), .acceptance = 40 * kDegree};
+  for (const double around : {0.0, 1.0, 2.5, 4.0}) {
+    for (const double beyond : {-1e-9, 1e-9}) {
+      const double angle = 40 * kDegree + beyond;
+      // Below the tracker, so that the beam leaves the target at this angle to z.
+      const Vector3d p =
+          -2.0 * Vector3d(std::sin(angle) * std::cos(around), std::sin(angle) * std::sin(around), std::cos(angle));
+      if (beyond < 0.0) {
+        g.expect_holds(p.x(), p.y(), p.z());
+      } else {
+        g.expect_violates("acceptance angle 40 deg", p.x(), p.y(), p.z());
+      }
+    }
+  }
+}
+
+TEST(WorkspaceLimits, BeamsMayGrazeTheBodyAndSpheresButNoBox) {
+  Gantry g;  // the target at the origin, the tracker at x = 4
+  g.cell.tracker = Tracker{.position = {4.0, 0.0, 0.0}};
+  const auto blocked = [&] { return !g.at(0.0, 0.0, 0.0).empty(); };
+  g.cell.body = {{.link = "l0", .frame = 0, .a = {2.0, 0.5, -1.0}, .b = {2.0, 0.5, 1.0}, .radius = 0.5}};
+  EXPECT_FALSE(blocked());
+  g.cell.body.front().radius = 0.5 + 1e-12;
+  EXPECT_TRUE(blocked());
+  g.cell.body.clear();
+  g.cell.out_spheres = {{.center = {2.0, 0.5, 0.0}, .radius = 0.5}};
+  EXPECT_FALSE(blocked());
+  g.cell.out_spheres.front().radius = 0.5 + 1e-12;
+  EXPECT_TRUE(blocked());
+  g.cell.out_spheres.front() = {.center = {4.0, 0.5, 0.0}, .radius = 1.0};  // the tracker stands in it
+  EXPECT_FALSE(blocked());
+  g.cell.out_spheres.clear();
+  g.cell.out_boxes = {{.lower = {1.0, 0.0, -1.0}, .upper = {2.0, 1.0, 1.0}}};
+  EXPECT_TRUE(blocked());
+  g.cell.out_boxes.front().lower.y() = 1e-12;
+  EXPECT_FALSE(blocked());
+  g.cell.out_boxes.front() = {.lower = {3.0, -1.0, -1.0}, .upper = {4.0, 1.0, 1.0}};  // the tracker stands on it
+  EXPECT_FALSE(blocked());
+  g.cell.out_boxes.front().upper.x() = just_below(4.0);
+  EXPECT_TRUE(blocked());
+}
+
+TEST(WorkspaceLimits, RangesAreKeptWhenJointValuesAreRounded) {
+  Gantry g;
+  g.cell.ranges = {{-0.13, 0.27}, {0.5, 0.5}, {-0.33, -0.11}};
+  const CandidateOptions options{.count = 300, .length_step = 0.1};
+  const Eigen::MatrixXd q = candidates(g.robot, g.targets, g.cell, options).joint_values;
+  // Multiples of the step, but for what would lie beyond a bound: that is the bound itself.
+  const Vector3d least(-0.1, 0.5, -0.3);
+  const Vector3d most(0.27, 0.5, -0.11);
+  EXPECT_LT((q.rowwise().minCoeff() - least).cwiseAbs().maxCoeff(), 1e-15);
+  EXPECT_EQ(q.rowwise().maxCoeff(), most);
+}
+
+// ---- Line of sight by link ------------------------------------------------------------------------------------------
+
+// Which capsules the segment goes through, by points strewn over both.
+std::vector<std::size_t> in_the_way(const Cell& cell, const Scene& now, const Vector3d& from, const Vector3d& to,
+                                    double margin) {
+  std::vector<std::size_t> found;
+  for (std::size_t c = 0; c < cell.body.size(); ++c) {
+    double nearest = 1e9;
+    for (const Vector3d& axis : now.axes[c]) {
+      for (int i = 0; i <= 80; ++i) {
+        nearest = std::min(nearest, (from + (to - from) * (i / 80.0) - axis).norm());
+      }
+    }
+    if (nearest < cell.body[c].radius + margin) {
+      found.push_back(c);
+    }
+  }
+  return found;
+}
+
+TEST(Workspace, EachLinkAloneStopsTheBeam) {
+  const Robot robot = testing::fanuc();
+  Cell cell;
+  cell.ranges = limits_of(complete_model(robot));
+  // A bar on each link, beside its axis: the shapes of a wrist enclose each other.
+  for (std::size_t frame = 0; frame <= robot.chain.getNrOfSegments(); ++frame) {
+    cell.body.push_back({.link = "frame " + std::to_string(frame),
+                         .frame = frame,
+                         .a = {0.25, 0.0, 0.0},
+                         .b = {0.25, 0.1, 0.3},
+                         .radius = 0.05});
+  }
+  std::vector<bool> tested(cell.body.size(), false);
+  Random random(6);
+  for (int trial = 0; trial < 4000 && std::find(tested.begin(), tested.end(), false) != tested.end(); ++trial) {
+    Eigen::VectorXd q(6);
+    for (std::size_t i = 0; i < 6; ++i) {
+      q[static_cast<Eigen::Index>(i)] = random.uniform(cell.ranges[i].first, cell.ranges[i].second);
+    }
+    const Scene now = scene(robot, cell, q);
+    const std::size_t wanted = random.bits() % cell.body.size();
+    const std::vector<TargetFrame> targets =
+        testing::targets_at({{random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6)}});
+    const Vector3d target = to_eigen(now.flange) * targets[0].X_FT.translation();
+    // A tracker behind the middle of this link.
+    const Vector3d middle = now.axes[wanted][20];
+    const Vector3d tracker = middle + 3.0 * (middle - target).normalized();
+    if (tested[wanted]) {
+      continue;
+    }
+    const auto near = in_the_way(cell, now, tracker, target, 0.03);
+    if (near != std::vector<std::size_t>{wanted} || (target - middle).norm() < 1.5 * cell.body[wanted].radius) {
+      continue;
+    }
+    tested[wanted] = true;
+    cell.tracker = Tracker{.position = tracker};
+    EXPECT_THAT(violated(robot, targets, cell, q), ::testing::ElementsAre("line of sight"))
+        << cell.body[wanted].link << " does not stop the beam";
+    Cell without = cell;
+    without.body.erase(without.body.begin() + static_cast<std::ptrdiff_t>(wanted));
+    EXPECT_THAT(violated(robot, targets, without, q), ::testing::IsEmpty())
+        << "something beside " << cell.body[wanted].link;
+    Cell as_tool = cell;
+    as_tool.body[wanted].tool = true;  // which is left to the facing directions
+    EXPECT_THAT(violated(robot, targets, as_tool, q), ::testing::IsEmpty()) << cell.body[wanted].link;
+  }
+  for (std::size_t c = 0; c < tested.size(); ++c) {
+    EXPECT_TRUE(tested[c]) << cell.body[c].link << " was never alone in the way";
+  }
+}
+
+TEST(Workspace, WhatCarriesTheTargetMayEncloseItButOthersMayNot) {
+  Gantry g;
+  g.cell.tracker = Tracker{.position = {4.0, 0.0, 0.0}};
+  g.cell.body = {{.link = "l3", .frame = 3, .radius = 0.5}};  // around the target at the flange's origin
+  g.expect_holds(0.0, 0.0, 0.0);
+  g.cell.body.front().a = g.cell.body.front().b = Vector3d(1.0, 0.0, 0.0);  // of the flange's link, but beside it
+  g.expect_violates("line of sight", 0.0, 0.0, 0.0);
+  g.cell.body.front() = {.link = "l2", .frame = 2, .radius = 0.5};  // moves against the flange
+  g.expect_violates("line of sight", 0.0, 0.0, 0.0);
 }
 
 TEST(Workspace, RefusesCellsThatDoNotFit) {
