@@ -1,0 +1,382 @@
+// Each option of calibrate changes what it should and nothing else; see cli_options_support.hpp.
+
+#include <Eigen/Geometry>
+
+#include "cli_options_support.hpp"
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/report.hpp"
+
+namespace kdl_calibration::testing {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+using Set = std::function<void(CalibrationOptions& options)>;
+
+std::string library_result(const std::filesystem::path& directory, const std::string& file,
+                           const CalibrationOptions& options) {
+  const Robot robot = load_robot(kFanuc);
+  const Measurements measurements =
+      parse_measurements(CommandLine::content(directory / file), joint_names(robot), nullptr, file);
+  return result_json(robot, measurements, options, calibrate(complete_model(robot), measurements, options));
+}
+
+/// The result is the one of the library with this option set, to the last digit, and another one than without it.
+Check is_library(const Set& set, const std::string& file = "m.csv") {
+  return [=](const Effect& effect) {
+    CalibrationOptions options;
+    options.threads = 1;
+    set(options);
+    const Json expected = Json::parse(library_result(effect.directory, file, options));
+    EXPECT_THAT(differences(expected, effect.with.json), ::testing::IsEmpty());
+    EXPECT_NE(effect.with.json, effect.without.json);
+    EXPECT_TRUE(effect.with.files.empty());
+  };
+}
+
+/// The result differs at least here, and not there.
+Check changes(const std::vector<std::string>& here, const std::vector<std::string>& not_there) {
+  return [=](const Effect& effect) {
+    const std::set<std::string> found = differences(effect.without.json, effect.with.json);
+    for (const std::string& place : here) {
+      EXPECT_EQ(found.count(place), 1U) << place << " did not change, but " << ::testing::PrintToString(found);
+    }
+    for (const std::string& place : found) {
+      for (const std::string& fixed : not_there) {
+        EXPECT_NE(place.rfind(fixed, 0), 0U) << place << " changed";
+      }
+    }
+  };
+}
+
+const Words kMeasured = {"--measurements", "m.csv"};
+const Words kPoses = {"--measurements", "poses.csv"};
+const Words kStated = kMeasured + Words{"--noise-independent", "2e-5"};
+
+Eigen::Isometry3d known_base() {
+  return Eigen::Translation3d(2.001, 1.0, 0.502) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8);
+}
+
+std::vector<OptionCase> geometry_options() {
+  const auto error_of = [](const Answer& run, const std::string& name) {
+    for (const Json& parameter : run.json["parameters"]) {
+      if (parameter["name"] == name) {
+        return parameter["error"].get<double>();
+      }
+    }
+    return std::numeric_limits<double>::quiet_NaN();
+  };
+  return {
+      {"MethodTwoStepIsTheOther",
+       {"--method", "two-step"},
+       is_library([](auto& o) {
+         o.method = Method::two_step;
+         o.iterations = 5;
+       }),
+       kMeasured + Words{"--iterations", "5"}},
+      {"IterationsAreTheLimit",
+       {"--iterations", "2"},
+       both_checks(is_library([](auto& o) { o.iterations = 2; }),
+                   [](const Effect& effect) {
+                     EXPECT_EQ(effect.with.json["iterations"], 2);
+                     EXPECT_EQ(effect.with.json["termination"], "iteration_limit");
+                     EXPECT_EQ(effect.with.outcome.status, 1);
+                     EXPECT_EQ(effect.without.outcome.status, 0);
+                   }),
+       kMeasured},
+      {"ModelCompleteHasEveryParameter",
+       {"--model", "complete"},
+       is_library([](auto& o) { o.model = ModelChoice::complete; }),
+       kMeasured},
+      {"FixHoldsParametersAtZero",
+       {"--fix", "dq2,*3"},
+       both_checks(is_library([](auto& o) {
+                     o.fix = {"dq2", "*3"};
+                   }),
+                   [=](const Effect& effect) {
+                     for (const char* name : {"dq2", "dq3", "Tz3", "Ty3", "Rz3"}) {
+                       EXPECT_NE(error_of(effect.without, name), 0.0) << name;
+                       EXPECT_FALSE(error_of(effect.with, name) != 0.0 && !std::isnan(error_of(effect.with, name)))
+                           << name;
+                     }
+                     EXPECT_NE(error_of(effect.with, "dq4"), 0.0);
+                   }),
+       kMeasured},
+      {"FreeAddsParameters", {"--free", "Rx1"}, is_library([](auto& o) { o.free = {"Rx1"}; }), kMeasured},
+      {"PriorLengthIsOfLengths",
+       {"--prior-length", "0.0005"},
+       both_checks(is_library([](auto& o) { o.priors.length = 5e-4; }),
+                   changes({"priors/length"}, {"priors/angle", "input"})),
+       kMeasured},
+      {"PriorAngleIsOfAngles",
+       {"--prior-angle", "0.0007"},
+       both_checks(is_library([](auto& o) { o.priors.angle = 7e-4; }),
+                   changes({"priors/angle"}, {"priors/length", "input"})),
+       kMeasured},
+      {"PriorDeflectionIsOfDeflections",
+       {"--prior-deflection", "1e-5"},
+       both_checks(is_library([](auto& o) {
+                     o.gravity = Use::yes;
+                     o.priors.deflection = 1e-5;
+                   }),
+                   changes({"priors/deflection"}, {"priors/length", "priors/angle", "input"})),
+       kMeasured + Words{"--gravity"}},
+      {"PriorAutoChoosesTheSize",
+       {"--prior", "auto"},
+       is_library([](auto& o) { o.automatic_priors = true; }),
+       kMeasured},
+      {"GravityIsCompliance", {"--gravity"}, is_library([](auto& o) { o.gravity = Use::yes; }), kMeasured},
+      {"JointGainIsAGain", {"--joint-gain"}, is_library([](auto& o) { o.joint_gain = Use::yes; }), kMeasured},
+      {"ExtrasAutoChoosesBoth",
+       {"--extras", "auto"},
+       is_library([](auto& o) {
+         o.gravity = Use::automatic;
+         o.joint_gain = Use::automatic;
+       }),
+       kMeasured},
+      {"KnownBaseIsHeld",
+       {"--known-base", "known.json"},
+       is_library([](auto& o) { o.known_base = known_base(); }),
+       kMeasured},
+      {"KnownTargetsAreHeldAndOthersFree",
+       {"--known-targets", "known.json"},
+       is_library([](auto& o) {
+         o.known_targets = targets_at({Eigen::Vector3d(0.1, 0.001, 0.0), Eigen::Vector3d(0.0, 0.0, 0.1)});
+       }),
+       kMeasured},
+  };
+}
+
+std::vector<OptionCase> noise_options() {
+  const auto stated = [](auto& o) { o.noise.independent = Eigen::Vector3d::Constant(2e-5); };
+  return {
+      {"LossHuberWeighsOutliersDown",
+       {"--loss", "huber"},
+       is_library([](auto& o) { o.loss = Loss::huber; }),
+       kMeasured},
+      {"LossTukeyWeighsOutliersDown",
+       {"--loss", "tukey"},
+       is_library([](auto& o) { o.loss = Loss::tukey; }),
+       kMeasured},
+      {"NoiseRepeatsIsTheirScatter",
+       {"--noise", "repeats"},
+       is_library([](auto& o) { o.noise_from_repeats = true; }),
+       kMeasured},
+      {"NoiseIndependentIsOneSigmaOfEveryAxis",
+       {"--noise-independent", "3e-5"},
+       both_checks(is_library([](auto& o) { o.noise.independent = Eigen::Vector3d::Constant(3e-5); }),
+                   [](const Effect& effect) { EXPECT_EQ(effect.with.json["noise"]["model"], "stated"); }),
+       kMeasured},
+      {"NoiseIndependentIsOneSigmaForEachAxis",
+       {"--noise-independent", "1e-5,2e-5,4e-5"},
+       both_checks(is_library([](auto& o) {
+                     o.noise.independent = {1e-5, 2e-5, 4e-5};
+                   }),
+                   [](const Effect& effect) {
+                     const Json ratio = effect.with.json["noise"]["independent"];
+                     EXPECT_NEAR(ratio[1].get<double>() / ratio[0].get<double>(), 2.0, 1e-9);
+                     EXPECT_NEAR(ratio[2].get<double>() / ratio[0].get<double>(), 4.0, 1e-9);
+                   }),
+       kMeasured},
+      {"NoiseCommonIsSharedAlongEachAxis",
+       {"--noise-common", "1e-5,2e-5,3e-5"},
+       is_library([=](auto& o) {
+         stated(o);
+         o.noise.common = {1e-5, 2e-5, 3e-5};
+       }),
+       kStated},
+      {"NoiseTrackerIsRangeThenTransverse",
+       {"--noise-tracker", "1e-5,1e-6,2e-5,3e-6"},
+       is_library([](auto& o) {
+         o.noise.tracker =
+             TrackerNoise{.range = 1e-5, .range_per_metre = 1e-6, .transverse = 2e-5, .transverse_per_metre = 3e-6};
+       }),
+       kMeasured},
+      {"OrientationSigmaIsOfMeasuredPoses",
+       {"--orientation-sigma", "3e-4"},
+       is_library(
+           [=](auto& o) {
+             stated(o);
+             o.noise.orientation = 3e-4;
+           },
+           "poses.csv"),
+       kPoses + Words{"--noise-independent", "2e-5"}},
+      {"LeaveOneOutAddsAPrediction",
+       {"--leave-one-out"},
+       both_checks(is_library([](auto& o) { o.leave_one_out = true; }), changes_only({"position_error/leave_one_out"})),
+       kMeasured},
+      {"NestedAddsOneWithTheChoicesMadeAnew",
+       {"--nested"},
+       both_checks(is_library([](auto& o) {
+                     o.leave_one_out = true;
+                     o.nested = true;
+                     o.automatic_priors = true;
+                   }),
+                   changes_only({"position_error/nested_leave_one_out"})),
+       kMeasured + Words{"--leave-one-out", "--prior", "auto"}},
+      {"KFoldAddsAPrediction",
+       {"--k-fold", "2"},
+       both_checks(is_library([](auto& o) { o.k_fold = 2; }), changes_only({"position_error/k_fold"})),
+       kMeasured},
+      {"KFoldOfEveryConfigurationIsLeaveOneOut",
+       {"--k-fold", "12"},
+       [](const Effect& effect) {
+         expect_near(effect.with.json["position_error"]["leave_one_out"]["after"],
+                     effect.with.json["position_error"]["k_fold"], 1e-12);
+       },
+       kMeasured + Words{"--leave-one-out"}},
+      {"ThreadsChangeNothing", {"--threads", "3"}, changes_nothing(), kMeasured + Words{"--leave-one-out"}},
+  };
+}
+
+std::vector<OptionCase> file_options() {
+  const Words threads = {"--threads", "1"};
+  return {
+      {"MeasurementsAreFitted", {"--measurements", "m.csv"}, is_library([](auto&) {})},
+      {"JointConventionReadsTheControllersValues",
+       {"--joint-convention", "coupled.json"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         CalibrationOptions options;
+         options.threads = 1;
+         Json expected = Json::parse(library_result(effect.directory, "m.csv", options));
+         expected["input"]["measurements"] = "controller.csv";
+         for (const char* part : {"parameters", "base", "targets", "position_error", "input", "rank"}) {
+           expect_near(expected[part], effect.with.json[part], 1e-9, part);
+         }
+       },
+       {"--measurements", "controller.csv"}},
+      {"PredictAtIsWhereTheAccuracyIsAsked",
+       {"--predict-at", "asked.csv"},
+       both_checks(is_library([](auto& o) {
+                     o.predict_at.names = {"first", "second"};
+                     o.predict_at.joint_values = Eigen::MatrixXd::Zero(6, 2);
+                     o.predict_at.joint_values.col(0) << 0.1, 0.2, 0.3, 0.4, 0.5, 0.6;
+                     o.predict_at.joint_values.col(1) << -0.1, 0.0, 0.3, 0.0, 0.5, 1.0;
+                   }),
+                   changes_only({"predicted_accuracy/asked"})),
+       kMeasured},
+      {"OutputIsTheCalibratedUrdf",
+       {"--output", "c.urdf"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.json, effect.without.json);
+         ASSERT_EQ(effect.with.files.size(), 1U);
+         const ErrorModel model = complete_model(fanuc());
+         Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+         for (const Json& parameter : effect.with.json["parameters"]) {
+           const std::string name = parameter["name"];
+           if (name.find('.') == std::string::npos) {
+             errors[static_cast<Eigen::Index>(parameter_index(model, name))] = parameter["error"];
+           }
+         }
+         const Eigen::VectorXd q = Eigen::Matrix<double, 6, 1>(0.3, -0.2, 0.5, 1.0, -1.0, 2.0);
+         const Robot written = parse_robot(effect.with.files.at("c.urdf"));
+         EXPECT_LT(difference(kdl_pose(written.chain, q), kdl_pose(error_chain(model, errors), q)), 1e-12);
+       },
+       kMeasured},
+      {"ResultIsWhatJsonPrints",
+       {"--result", "r.json"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         ASSERT_EQ(effect.with.files.size(), 1U);
+         EXPECT_EQ(effect.with.files.at("r.json"), effect.with.outcome.out);
+       },
+       kMeasured},
+      {"ForceOverwrites",
+       {"--force"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_TRUE(effect.without.files.empty());
+         EXPECT_EQ(effect.with.outcome.status, 0);
+         EXPECT_EQ(effect.with.files.at("old.json"), effect.with.outcome.out);
+       },
+       kMeasured + Words{"--result", "old.json"}},
+      {"UrdfIsTheRobot",
+       {"--urdf", "longer.urdf"},
+       [](const Effect& effect) {  // what is longer in the file is found the shorter
+         const auto find = [](const Json& parameters) {
+           return *std::find_if(parameters.begin(), parameters.end(), [](const Json& p) { return p["name"] == "Tz2"; });
+         };
+         const Json without = find(effect.without.json["parameters"]);
+         const Json with = find(effect.with.json["parameters"]);
+         EXPECT_NEAR(without["nominal"], 1.075, 1e-15);
+         EXPECT_NEAR(with["nominal"], 1.076, 1e-15);
+         EXPECT_NEAR(with["value"], without["value"], 1e-8);
+         EXPECT_NE(effect.with.json["input"]["sha256"], effect.without.json["input"]["sha256"]);
+       },
+       kMeasured},
+      {"BaseIsTheFirstLink",
+       {"--base", "base_link"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.json["input"]["base"], "foot");
+         EXPECT_EQ(effect.with.json["input"]["base"], "base_link");
+         expect_near(effect.without.json["position_error"]["train"], effect.with.json["position_error"]["train"], 1e-9);
+         const Json& foot = effect.without.json["base"]["position"];
+         const Json& base = effect.with.json["base"]["position"];
+         EXPECT_NEAR(
+             std::hypot(foot[0].get<double>() - base[0].get<double>(), foot[1].get<double>() - base[1].get<double>(),
+                        foot[2].get<double>() - base[2].get<double>()),
+             0.3, 1e-7);
+       },
+       kMeasured + Words{"--urdf", "foot.urdf"}},
+      {"TipIsTheLastLink",
+       {"--tip", "flange"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.json["input"]["tip"], "hand");
+         EXPECT_EQ(effect.with.json["input"]["tip"], "flange");
+         EXPECT_NEAR(effect.with.json["targets"][0]["position"][1].get<double>() -
+                         effect.without.json["targets"][0]["position"][1].get<double>(),
+                     0.2, 1e-7);
+       },
+       kMeasured + Words{"--urdf", "hand.urdf"}},
+      {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json(), kMeasured},
+  };
+}
+
+std::vector<OptionCase> calibrate_options() {
+  std::vector<OptionCase> rows = geometry_options();
+  for (const auto& more : {noise_options(), file_options()}) {
+    rows.insert(rows.end(), more.begin(), more.end());
+  }
+  return rows;
+}
+
+class CalibrateOption : public OptionEffect {
+protected:
+  void SetUp() override {
+    OptionEffect::SetUp();
+    const Measurements points = measured_fanuc({.sigma = 2e-5, .repeats = 2, .common = {1e-5, 1e-5, 1e-5}}, false);
+    write("m.csv", measurements_csv(points));
+    write("controller.csv", in_controller_joints(points, kFanucCoupled));
+    write("coupled.json", kFanucCoupled);
+    write("poses.csv", measurements_csv(measured_fanuc({.sigma = 2e-5, .orientation_sigma = 1e-4}, true)));
+    write("known.json", R"({"base": {"position": [2.001, 1.0, 0.502], "quaternion_wxyz": [0.6, 0, 0, 0.8]},
+      "targets": [{"name": "A", "position": [0.1, 0.001, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})");
+    write("asked.csv",
+          "joint_6,configuration,joint_1,joint_2,joint_3,joint_4,joint_5\n0.6,first,0.1,0.2,0.3,0.4,0.5\n"
+          "1,second,-0.1,0,0.3,0,0.5\n");
+    write("old.json", "old");
+    const std::string text = content(kFanuc);
+    write("longer.urdf", std::string(text).replace(text.rfind("0 0 1.075"), 9, "0 0 1.076"));
+    write("foot.urdf", with_foot(text));
+    write("hand.urdf", with_hand(text));
+  }
+};
+
+TEST_P(CalibrateOption, HasItsEffectAndNoOther) {
+  const std::string& option = GetParam().option.front();
+  Words command = {"calibrate"};
+  command = option == "--threads" ? command : command + Words{"--threads", "1"};
+  command = option == "--json" ? command : command + Words{"--json"};
+  const Words& base = GetParam().base;
+  const bool other_robot = option == "--urdf" || std::find(base.begin(), base.end(), "--urdf") != base.end();
+  check_effect(other_robot ? command : command + Words{"--urdf", kFanuc}, GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Options, CalibrateOption, ::testing::ValuesIn(calibrate_options()), behaviour_of);
+
+TEST_F(OptionsOfKdlcal, OfCalibrateAreAllTested) { expect_a_test_of_every_option("calibrate", calibrate_options()); }
+
+}  // namespace
+}  // namespace kdl_calibration::testing

@@ -1,0 +1,349 @@
+// Each option of simulate changes what it should and nothing else; see cli_options_support.hpp.
+
+#include <Eigen/Geometry>
+
+#include "cli_options_support.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
+
+namespace kdl_calibration::testing {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+using ::testing::UnorderedElementsAre;
+
+Measurements rows_of(const Answer& answer) {
+  return parse_measurements(answer.files.at("m.csv"), joint_names(fanuc()));
+}
+
+/// The truth differs in just these places; what was measured is checked by `then`.
+Check truth_changes(const std::vector<std::string>& places, const Check& then) {
+  return [=](const Effect& effect) {
+    EXPECT_EQ(effect.with.outcome.status, 0) << effect.with.outcome.err;
+    EXPECT_THAT(differences(effect.without.file("t.json"), effect.with.file("t.json")),
+                ::testing::UnorderedElementsAreArray(places));
+    then(effect);
+  };
+}
+
+/// The same joint values, and coordinates that differ by normal numbers of this sigma.
+Check scatters(double sigma) {
+  return [=](const Effect& effect) {
+    const Measurements without = rows_of(effect.without);
+    const Measurements with = rows_of(effect.with);
+    EXPECT_EQ(with.joint_values, without.joint_values);
+    ASSERT_EQ(with.observations.size(), without.observations.size());
+    double sum = 0.0;
+    for (std::size_t i = 0; i < with.observations.size(); ++i) {
+      sum += (with.observations[i].position - without.observations[i].position).squaredNorm() / 3.0;
+    }
+    const double found = std::sqrt(sum / static_cast<double>(with.observations.size()));
+    EXPECT_NEAR(found, sigma, 0.25 * sigma);  // 108 numbers: four times the 1 sigma of their scatter
+  };
+}
+
+/// The errors of these kinds are `factor` times what they were, the others as they were.
+Check errors_grow(bool lengths, double factor) {
+  return [=](const Effect& effect) {
+    const Json without = effect.without.file("t.json")["parameters"];
+    const Json with = effect.with.file("t.json")["parameters"];
+    ASSERT_EQ(with.size(), 20U);
+    for (std::size_t p = 0; p < with.size(); ++p) {
+      const bool of_them = (with[p]["kind"] == "translation") == lengths;
+      const double expected = without[p]["error"].get<double>() * (of_them ? factor : 1.0);
+      EXPECT_NEAR(with[p]["error"], expected, 1e-15) << with[p];
+    }
+  };
+}
+
+Check has_configurations(const std::string& key, int count, std::size_t rows) {
+  return [=](const Effect& effect) {
+    EXPECT_EQ(effect.with.file("t.json")[key], count);
+    EXPECT_EQ(rows_of(effect.with).observations.size(), rows);
+  };
+}
+
+Check nothing_more() {
+  return [](const Effect&) {};
+}
+
+std::vector<OptionCase> draw_options() {
+  return {
+      {"NoiseIsOfEveryCoordinate", {"--noise", "1e-4"}, truth_changes({"noise"}, scatters(1e-4))},
+      {"OrientationNoiseIsOfOrientationsAlone",
+       {"--orientation-noise", "1e-3"},
+       truth_changes({"orientation_noise"},
+                     [](const Effect& effect) {
+                       const Measurements without = rows_of(effect.without);
+                       const Measurements with = rows_of(effect.with);
+                       double sum = 0.0;
+                       for (std::size_t i = 0; i < 36; ++i) {
+                         EXPECT_EQ(with.observations[i].position, without.observations[i].position);
+                         const double angle = with.orientations[i].angularDistance(without.orientations[i]);
+                         sum += angle * angle / 3.0;
+                       }
+                       EXPECT_NEAR(std::sqrt(sum / 36.0), 1e-3, 0.25e-3);
+                     }),
+       {"--poses"}},
+      {"LengthSigmaIsOfLengths",
+       {"--length-sigma", "0.005"},
+       truth_changes({"parameters/*/error", "parameters/*/value"}, errors_grow(true, 2.0))},
+      {"AngleSigmaIsOfAngles",
+       {"--angle-sigma", "0.01"},
+       truth_changes({"parameters/*/error", "parameters/*/value"}, errors_grow(false, 0.01 / (3.0 * kDegree)))},
+      {"AngleSigmaInDegreesIsOfAngles",
+       {"--angle-sigma-deg", "1.5"},
+       truth_changes({"parameters/*/error", "parameters/*/value"}, errors_grow(false, 0.5))},
+      {"BaseSigmaIsOfTheBase",
+       {"--base-sigma", "0.004"},
+       truth_changes({"base/position/*"},
+                     [](const Effect& effect) {
+                       for (std::size_t i = 0; i < 3; ++i) {
+                         EXPECT_NEAR(effect.with.file("t.json")["base"]["position"][i].get<double>(),
+                                     2.0 * effect.without.file("t.json")["base"]["position"][i].get<double>(), 1e-15);
+                       }
+                     })},
+      {"TargetSigmaIsOfTheLengthOfTools",
+       {"--target-sigma", "0.005"},
+       truth_changes({"targets/*/position/*"},
+                     [](const Effect& effect) {
+                       const auto length = [](const Answer& answer, std::size_t t) {
+                         const Json p = answer.file("t.json")["targets"][t]["position"];
+                         return Eigen::Vector3d(p[0], p[1], p[2]).norm();
+                       };
+                       for (std::size_t t = 0; t < 3; ++t) {
+                         const double nominal = t < 2 ? 0.1 : std::hypot(0.0707, 0.0707);
+                         EXPECT_NEAR(length(effect.with, t) - nominal, 2.0 * (length(effect.without, t) - nominal),
+                                     1e-12);
+                       }
+                     })},
+      {"ModelCompleteHasErrorsEverywhere",
+       {"--model", "complete"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.file("t.json")["parameters"].size(), 20U);
+         EXPECT_EQ(effect.with.file("t.json")["parameters"].size(), 30U);
+       }},
+      {"SeedDrawsOthers",
+       {"--seed", "2"},
+       truth_changes({"seed", "base/position/*", "parameters/*/error", "parameters/*/value", "targets/*/position/*"},
+                     [](const Effect& effect) {
+                       EXPECT_NE(rows_of(effect.with).joint_values, rows_of(effect.without).joint_values);
+                     })},
+      {"SeedDrawsOtherRobotsInMonteCarlo",
+       {"--seed", "2"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.json["runs"], 3);
+         EXPECT_NE(effect.with.json["held_out_error"]["all"]["rms"],
+                   effect.without.json["held_out_error"]["all"]["rms"]);
+         EXPECT_EQ(effect.with.json["held_out_error"]["all"]["count"],
+                   effect.without.json["held_out_error"]["all"]["count"]);
+       },
+       {"--monte-carlo", "3", "--noise", "1e-5", "--threads", "1", "--json"}},
+      {"ThreadsChangeNothing",
+       {"--threads", "3"},
+       changes_nothing(),
+       {"--monte-carlo", "3", "--noise", "1e-5", "--json"}},
+      {"MonteCarloStatesHeldOutErrors",
+       {"--monte-carlo", "2"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);  // --json alone
+         EXPECT_EQ(effect.with.json["runs"], 2);
+         EXPECT_EQ(effect.with.json["held_out_error"]["all"]["count"], 2 * 5 * 3);
+         EXPECT_GT(effect.with.json["held_out_error"]["all"]["rms"], 1e-6);
+         EXPECT_LT(effect.with.json["held_out_error"]["all"]["rms"], 1e-3);
+       },
+       {"--json", "--noise", "1e-5", "--test-configurations", "5", "--threads", "1"}},
+  };
+}
+
+std::vector<OptionCase> experiment_options() {
+  return {
+      {"ConfigurationsAreToFit",
+       {"--configurations", "7"},
+       truth_changes({"configurations"}, has_configurations("configurations", 7, 21))},
+      {"TestConfigurationsAreMarkedSo",
+       {"--test-configurations", "4"},
+       truth_changes({"test_configurations"},
+                     [](const Effect& effect) {
+                       const Measurements with = rows_of(effect.with);
+                       ASSERT_EQ(with.observations.size(), 36U + 12U);
+                       for (std::size_t i = 0; i < 48; ++i) {
+                         EXPECT_EQ(with.observations[i].split == Split::test, i >= 36) << i;
+                       }
+                       EXPECT_EQ(with.joint_values.leftCols(12), rows_of(effect.without).joint_values);
+                     })},
+      {"RepeatsAreRows", {"--repeats", "3"}, truth_changes({"repeats"}, has_configurations("repeats", 3, 108))},
+      {"TargetsAreCounted",
+       {"--targets", "5"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.file("t.json")["targets"].size(), 5U);
+         EXPECT_EQ(rows_of(effect.with).observations.size(), 60U);
+       }},
+      {"TargetFileHasTheTargets",
+       {"--target-file", "targets.json"},
+       [](const Effect& effect) {
+         const Json targets = effect.with.file("t.json")["targets"];
+         ASSERT_EQ(targets.size(), 2U);
+         EXPECT_EQ(targets[0]["name"], "P");
+         EXPECT_EQ(targets[1]["name"], "Q");
+         EXPECT_NEAR(targets[1]["position"][0].get<double>(), 0.3, 1e-15);
+         EXPECT_NEAR(targets[1]["position"][2].get<double>(), -0.4, 1e-15);
+       },
+       {"--target-sigma", "0"}},
+      {"PosesHaveOrientations",
+       {"--poses"},
+       [](const Effect& effect) {
+         EXPECT_TRUE(rows_of(effect.without).orientations.empty());
+         EXPECT_EQ(rows_of(effect.with).orientations.size(), 36U);
+         EXPECT_EQ(rows_of(effect.with).joint_values.cols(), 12);
+       }},
+      {"PlanIsMeasured",
+       {"--plan", "plan.csv"},
+       [](const Effect& effect) {
+         const Eigen::MatrixXd q = rows_of(effect.with).joint_values;
+         ASSERT_EQ(q.cols(), 2);
+         const Eigen::VectorXd second = Eigen::Matrix<double, 6, 1>(10.0, -20.0, 30.0, -40.0, 50.0, -60.0) * kDegree;
+         EXPECT_LT((q.col(1) - second).cwiseAbs().maxCoeff(), 1e-15);
+         EXPECT_EQ(effect.with.file("t.json")["configurations"], 2);
+       }},
+      {"JointConventionIsThatOfThePlan",
+       {"--joint-convention", "coupled.json"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         const Eigen::MatrixXd q = rows_of(effect.with).joint_values;
+         // By hand: A6 ... A1 are 0.1 0.2 0.3 0.4 0.5 0.6.
+         const Eigen::VectorXd expected = Eigen::Matrix<double, 6, 1>(0.6 + 0.1, -0.5 - 0.2, 0.4 + 0.5 + 0.3,
+                                                                      -0.3 - 0.4, 0.2 + 0.15 + 0.5, -0.2 - 0.6);
+         EXPECT_LT((q.col(0) - expected).cwiseAbs().maxCoeff(), 1e-15) << q.transpose();
+       },
+       {"--plan", "controller.csv"}},
+      {"JointRangesAreDrawnFrom",
+       {"--joint-ranges", "10:20,-5:5,1:2,3:4,-8:-7,90:100"},
+       truth_changes({"joint_ranges/*/lower", "joint_ranges/*/upper"},
+                     [](const Effect& effect) {
+                       const Eigen::MatrixXd q = rows_of(effect.with).joint_values / kDegree;
+                       const std::vector<std::pair<double, double>> expected = {{10, 20}, {-5, 5},  {1, 2},
+                                                                                {3, 4},   {-8, -7}, {90, 100}};
+                       for (std::size_t i = 0; i < 6; ++i) {
+                         EXPECT_GE(q.row(static_cast<Eigen::Index>(i)).minCoeff(), expected[i].first);
+                         EXPECT_LE(q.row(static_cast<Eigen::Index>(i)).maxCoeff(), expected[i].second);
+                         EXPECT_NEAR(effect.with.file("t.json")["joint_ranges"][i]["lower"].get<double>(),
+                                     expected[i].first * kDegree, 1e-15);
+                       }
+                     })},
+      {"JointRangesOfASlideAreInMillimetres",
+       {"--joint-ranges", "0:90,-100:250,0:0,0:1,0:1"},
+       truth_changes({"joint_ranges/*/lower", "joint_ranges/*/upper"},
+                     [](const Effect& effect) {
+                       const Json ranges = effect.with.file("t.json")["joint_ranges"];
+                       EXPECT_EQ(ranges[1]["joint"], "slide");
+                       EXPECT_NEAR(ranges[1]["lower"], -0.1, 1e-15);
+                       EXPECT_NEAR(ranges[1]["upper"], 0.25, 1e-15);
+                       const Robot odd = parse_robot(kOddArm);
+                       const Measurements with = parse_measurements(effect.with.files.at("m.csv"), joint_names(odd));
+                       EXPECT_GE(with.joint_values.row(1).minCoeff(), -0.1);
+                       EXPECT_LE(with.joint_values.row(1).maxCoeff(), 0.25);
+                       EXPECT_GT(with.joint_values.row(1).maxCoeff(), 0.1);
+                     }),
+       {"--urdf", "odd.urdf"}},
+  };
+}
+
+std::vector<OptionCase> simulate_file_options() {
+  return {
+      {"UrdfIsTheRobot",
+       {"--urdf", "odd.urdf"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.file("t.json")["urdf"], "odd.urdf");
+         EXPECT_THAT(effect.with.files.at("m.csv"), HasSubstr("slide"));
+       }},
+      {"BaseIsTheFirstLink",
+       {"--base", "a"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.file("t.json")["base_link"], "a");
+         EXPECT_THAT(effect.without.files.at("m.csv"), HasSubstr("turn"));
+         EXPECT_THAT(effect.with.files.at("m.csv"), Not(HasSubstr("turn")));
+       },
+       {"--urdf", "odd.urdf"}},
+      {"TipIsTheLastLink",
+       {"--tip", "d"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.file("t.json")["tip_link"], "d");
+         EXPECT_THAT(effect.without.files.at("m.csv"), HasSubstr("wrist"));
+         EXPECT_THAT(effect.with.files.at("m.csv"), Not(HasSubstr("wrist")));
+       },
+       {"--urdf", "odd.urdf"}},
+      {"TruthIsWritten",
+       {"--truth", "other.json"},
+       [](const Effect& effect) {
+         ASSERT_EQ(effect.without.files.size(), 1U);
+         ASSERT_EQ(effect.with.files.size(), 2U);
+         EXPECT_EQ(effect.with.file("other.json")["seed"], 1);
+         EXPECT_EQ(effect.with.files.at("m.csv"), effect.without.files.at("m.csv"));
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+       },
+       {"--output", "m.csv"}},
+      {"OutputHasTheMeasurementsInsteadOfStandardOutput",
+       {"--output", "other.csv"},
+       [](const Effect& effect) {
+         EXPECT_TRUE(effect.without.files.empty());
+         EXPECT_EQ(effect.with.files.at("other.csv"), effect.without.outcome.out);
+         EXPECT_THAT(effect.with.outcome.out, HasSubstr("12 configurations"));
+       }},
+      {"ForceOverwrites",
+       {"--force"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_TRUE(effect.without.files.empty());
+         EXPECT_THAT(effect.with.files.at("old.csv"), HasSubstr("configuration,"));
+       },
+       {"--output", "old.csv"}},
+      {"JsonPrintsTheTruth",
+       {"--json"},
+       [](const Effect& effect) {
+         EXPECT_TRUE(effect.with.files == effect.without.files);
+         EXPECT_EQ(effect.with.outcome.out, effect.with.files.at("t.json"));
+         EXPECT_TRUE(effect.without.json.is_null());
+       },
+       {"--output", "m.csv", "--truth", "t.json"}},
+  };
+}
+
+std::vector<OptionCase> simulate_options() {
+  std::vector<OptionCase> rows = draw_options();
+  for (const auto& more : {experiment_options(), simulate_file_options()}) {
+    rows.insert(rows.end(), more.begin(), more.end());
+  }
+  return rows;
+}
+
+class SimulateOption : public OptionEffect {};
+
+TEST_P(SimulateOption, HasItsEffectAndNoOther) {
+  write("odd.urdf", kOddArm);
+  write("old.csv", "old");
+  write("coupled.json", kFanucCoupled);
+  write("targets.json", R"({"targets": [{"name": "P", "position": [0, 0.2, 0]},
+    {"name": "Q", "position": [0.3, 0, -0.4]}]})");
+  write("plan.csv",
+        "joint_1[deg],joint_2[deg],joint_3[deg],joint_4[deg],joint_5[deg],joint_6[deg]\n0,0,0,0,0,0\n"
+        "10,-20,30,-40,50,-60\n");
+  write("controller.csv", "A1,A2,A3,A4,A5,A6\n0.6,0.5,0.4,0.3,0.2,0.1\n");
+  const std::string& option = GetParam().option.front();
+  const Words& base = GetParam().base;
+  const auto given = [&](const std::string& word) {
+    return option == word || std::find(base.begin(), base.end(), word) != base.end();
+  };
+  Words command = {"simulate"};
+  command = option == "--configurations" ? command : command + Words{"--configurations", "12"};
+  const bool files = !given("--output") && !given("--truth") && !given("--monte-carlo");
+  check_effect(files ? command + Words{"--output", "m.csv", "--truth", "t.json"} : command, GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Options, SimulateOption, ::testing::ValuesIn(simulate_options()), behaviour_of);
+
+TEST_F(OptionsOfKdlcal, OfSimulateAreAllTested) { expect_a_test_of_every_option("simulate", simulate_options()); }
+
+}  // namespace
+}  // namespace kdl_calibration::testing
