@@ -89,7 +89,7 @@ public:
     if (descriptor_ >= 0) {
       ::close(descriptor_);
     }
-    if (!renamed_) {
+    if (state_ == State::temporary || state_ == State::exchanged) {
       ::unlink(path_.c_str());
     }
     for (std::atomic<const char*>& path : temporaries_at_risk) {
@@ -122,23 +122,36 @@ public:
     }
   }
 
-  void rename(const fs::path& target, bool force) {
-    const unsigned no_replace = force ? 0U : RENAME_NOREPLACE;
-    int status = ::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), no_replace);
-    if (status != 0 && (errno == EINVAL || errno == ENOSYS)) {  // a file system that knows no flags
-      status = ::rename(path_.c_str(), target.c_str());
+  // The file takes the target's name. One that it replaces takes the temporary's, so that there is a way back.
+  void rename(const fs::path& target, bool replaces, bool force) {
+    const unsigned flags = replaces ? RENAME_EXCHANGE : force ? 0U : RENAME_NOREPLACE;
+    if (::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), flags) == 0) {
+      state_ = replaces ? State::exchanged : State::renamed;
+      return;
     }
-    if (status != 0) {
+    const bool unknown = errno == EINVAL || errno == ENOSYS;  // a file system that knows no flags
+    const bool vanished = errno == ENOENT && replaces;
+    if (!(unknown || vanished) || ::rename(path_.c_str(), target.c_str()) != 0) {
       fail_to_write(file_, errno);
     }
-    renamed_ = true;
+    state_ = replaces ? State::replaced : State::renamed;
+  }
+
+  // The target as it was before the renaming, if there is a way back.
+  void undo(const fs::path& target) {
+    const bool undone = (state_ == State::exchanged &&
+                         ::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), RENAME_EXCHANGE) == 0) ||
+                        (state_ == State::renamed && ::rename(target.c_str(), path_.c_str()) == 0);
+    state_ = undone ? State::temporary : state_;
   }
 
 private:
+  enum class State { temporary, renamed, exchanged, replaced };
+
   const OutputFile& file_;
   fs::path path_;
   int descriptor_ = -1;
-  bool renamed_ = false;
+  State state_ = State::temporary;
 };
 
 // Where the file goes, behind symbolic links, and the permissions of the file it replaces (0 where there is none).
@@ -146,6 +159,7 @@ struct Target {
   fs::path path;
   fs::path directory;
   mode_t mode = 0;
+  bool exists = false;
 };
 
 Target checked_target(const OutputFile& file, bool force) {
@@ -167,7 +181,7 @@ Target checked_target(const OutputFile& file, bool force) {
   if (!fs::is_directory(parent, error)) {
     fail(file, "cannot be written: '" + parent.string() + "' is no directory that exists");
   }
-  Target target{.path = path, .directory = parent, .mode = 0};
+  Target target{.path = path, .directory = parent};
   struct stat status = {};
   if (::lstat(path.c_str(), &status) != 0) {
     if (errno != ENOENT) {
@@ -182,6 +196,7 @@ Target checked_target(const OutputFile& file, bool force) {
     fail(file, "exists, expected a new file name or --force to overwrite it");
   }
   target.mode = status.st_mode & 07777U;
+  target.exists = true;
   return target;
 }
 
@@ -226,10 +241,19 @@ void write_whole(const std::vector<OutputFile>& files, bool force) {
     temporaries.back()->write(targets[i].mode);
   }
   const SignalsHeld held;  // all the files or none
-  for (std::size_t i = 0; i < files.size(); ++i) {
-    temporaries[i]->rename(targets[i].path, force);
+  try {
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      temporaries[i]->rename(targets[i].path, targets[i].exists, force);
+    }
+  } catch (...) {
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      temporaries[i]->undo(targets[i].path);
+    }
+    throw;
+  }
+  for (const Target& target : targets) {
     // The name, too, should survive a power cut; not every file system can promise that.
-    const int directory = ::open(targets[i].directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const int directory = ::open(target.directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (directory >= 0) {
       ::fsync(directory);
       ::close(directory);
