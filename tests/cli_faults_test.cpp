@@ -1,0 +1,226 @@
+// System calls that fail while kdlcal writes, and where its progress shows (see faults.cpp, which is preloaded).
+#include <pty.h>
+
+#include <cerrno>
+#include <regex>
+
+#include "cli_support.hpp"
+
+namespace kdl_calibration::testing {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+
+struct Fault {
+  std::string call;
+  std::string number;  ///< which of the calls, "2+" from the second on
+  int error = 0;
+  std::string path = ".kdlcal-";  ///< part of the name of the files concerned: the temporary ones
+};
+
+class Faults : public CommandLine {
+protected:
+  static Surroundings with_library() {
+    Surroundings surroundings;
+    surroundings.environment = {{"LD_PRELOAD", FAULTS_LIBRARY}};
+    if (kSanitized) {  // which otherwise insists on being loaded first
+      const char* given = std::getenv("ASAN_OPTIONS");
+      surroundings.environment.emplace_back(
+          "ASAN_OPTIONS", (given == nullptr ? "" : std::string(given) + ":") + "verify_asan_link_order=0");
+    }
+    return surroundings;
+  }
+
+  static Surroundings with(const Fault& fault) {
+    Surroundings surroundings = with_library();
+    surroundings.environment.insert(surroundings.environment.end(), {{"FAULT_CALL", fault.call},
+                                                                     {"FAULT_NUMBER", fault.number},
+                                                                     {"FAULT_ERROR", std::to_string(fault.error)},
+                                                                     {"FAULT_PATH", fault.path}});
+    return surroundings;
+  }
+
+  static std::vector<std::string> simulate(const std::vector<std::string>& more = {}) {
+    std::vector<std::string> words = {"simulate", "--configurations", "40", "--seed", "7", "--noise", "0.00003"};
+    words.insert(words.end(), {"--output", "m.csv", "--truth", "t.json"});
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  }
+
+  static std::string words_for(int error) { return std::generic_category().message(error); }
+
+  // Status 2 and one line that names option, file and error; every file as it was before, none left behind.
+  void expect_nothing_written(const std::vector<std::string>& arguments, const Fault& fault, const std::string& option,
+                              const std::string& file) {
+    SCOPED_TRACE("call " + fault.number + " of " + fault.call + ": " + words_for(fault.error));
+    expect_refused(arguments, {option + ": '" + file + "' cannot be written: " + words_for(fault.error)}, with(fault));
+  }
+};
+
+// The calls on the temporary files of two outputs: a file each is opened and closed to see whether that is possible,
+// then each is opened, written, flushed, closed; then both are renamed.
+struct Place {
+  std::string call;
+  std::string of_first;
+  std::string of_second;
+};
+const std::vector<Place> kPlaces = {
+    {"open", "1", "2"},  {"open", "3", "4"},  {"write", "1", "2"},
+    {"fsync", "1", "2"}, {"close", "3", "4"}, {"rename", "1", "2"},
+};
+
+TEST_F(Faults, NewFilesAreBothThereOrNone) {
+  for (const Place& place : kPlaces) {
+    for (const int error : {ENOSPC, EIO, EACCES}) {
+      expect_nothing_written(simulate(), {place.call, place.of_first, error}, "--output", "m.csv");
+      expect_nothing_written(simulate(), {place.call, place.of_second, error}, "--truth", "t.json");
+    }
+  }
+  EXPECT_THAT(files(), IsEmpty());
+}
+
+TEST_F(Faults, OldFilesStayBothAsTheyWere) {
+  write("m.csv", "old measurements");
+  write("t.json", "old truth");
+  for (const Place& place : kPlaces) {
+    expect_nothing_written(simulate({"--force"}), {place.call, place.of_first, ENOSPC}, "--output", "m.csv");
+    expect_nothing_written(simulate({"--force"}), {place.call, place.of_second, EIO}, "--truth", "t.json");
+  }
+  EXPECT_EQ(files().size(), 2U);
+  EXPECT_EQ(text_of("m.csv"), "old measurements");
+  EXPECT_EQ(text_of("t.json"), "old truth");
+}
+
+TEST_F(Faults, OfAnOldAndANewFileTheOldOneStaysAndTheNewOneDoesNotCome) {
+  write("m.csv", "old measurements");
+  expect_nothing_written(simulate({"--force"}), {"rename", "2", EIO}, "--truth", "t.json");
+  std::filesystem::rename(directory / "m.csv", directory / "t.json");
+  expect_nothing_written(simulate({"--force"}), {"rename", "2", EIO}, "--truth", "t.json");
+  EXPECT_EQ(text_of("t.json"), "old measurements");
+}
+
+TEST_F(Faults, ACalibrationThatCannotBeWrittenLeavesTheOldOne) {
+  ASSERT_EQ(run(simulate()).status, 0);
+  write("robot.urdf", "old robot");
+  write("result.json", "old result");
+  const std::vector<std::string> calibrate = {"calibrate",  "--measurements", "m.csv",       "--output",
+                                              "robot.urdf", "--result",       "result.json", "--force"};
+  for (const Place& place : kPlaces) {
+    expect_nothing_written(calibrate, {place.call, place.of_first, ENOSPC}, "--output", "robot.urdf");
+    expect_nothing_written(calibrate, {place.call, place.of_second, ENOSPC}, "--result", "result.json");
+  }
+}
+
+TEST_F(Faults, WritesThatAreInterruptedOrShortGoOn) {
+  ASSERT_EQ(run(simulate()).status, 0);
+  const auto expected = files();
+  const std::vector<std::pair<std::string, int>> faults = {{"1", EINTR}, {"2", EINTR}, {"1", 0}, {"1+", 0}};
+  for (const auto& [number, error] : faults) {
+    const Outcome outcome = run(simulate({"--force"}), with({"write", number, error}));
+    EXPECT_EQ(outcome.status, 0) << outcome.err;
+    EXPECT_TRUE(files() == expected) << "write " << number << " with error " << error;
+  }
+}
+
+TEST_F(Faults, ADirectoryThatCannotBeFlushedIsNoFailure) {
+  std::vector<std::string> arguments = simulate({"--force"});
+  for (std::string& word : arguments) {  // so that the directory has a name
+    word = word == "m.csv" || word == "t.json" ? (directory / word).string() : word;
+  }
+  ASSERT_EQ(run(arguments).status, 0);
+  const auto expected = files();
+  // Behind the probes and the temporary files; the second of these finds the first one's name taken.
+  for (const auto& [call, number] : std::vector<std::pair<std::string, std::string>>{{"open", "6"}, {"fsync", "3"}}) {
+    const Outcome outcome = run(arguments, with({call, number, EINVAL, directory.filename()}));
+    EXPECT_EQ(outcome.status, 0) << call << ": " << outcome.err;
+    EXPECT_TRUE(files() == expected) << call;
+  }
+}
+
+TEST_F(Faults, AFileSystemWithoutFlagsOfRenamingIsRenamedOnPlainly) {
+  for (const int error : {EINVAL, ENOSYS}) {
+    const Outcome outcome = run(simulate({"--force"}), with({"rename", "1", error}));
+    EXPECT_EQ(outcome.status, 0) << outcome.err;
+    EXPECT_EQ(files().size(), 2U);
+  }
+}
+
+// ---- Progress -------------------------------------------------------------------------------------------------------
+
+// Work that takes long by a clock that runs fast.
+class ProgressBar : public Faults {
+protected:
+  static Surroundings hurried() {
+    Surroundings surroundings = with_library();
+    surroundings.environment.emplace_back("CLOCK_RATE", "100000");
+    return surroundings;
+  }
+
+  std::vector<std::string> calibrate_long() {
+    EXPECT_EQ(run(simulate()).status, 0);
+    return {"calibrate", "--measurements", "m.csv", "--leave-one-out", "--threads", "1"};
+  }
+
+  // What a terminal gets to see of it.
+  std::string seen_on_a_terminal(const std::vector<std::string>& arguments, Surroundings surroundings) {
+    int terminal = -1;
+    int other = -1;
+    std::array<char, 256> name{};
+    EXPECT_EQ(::openpty(&terminal, &other, name.data(), nullptr, nullptr), 0);
+    surroundings.err = name.data();
+    Process process(directory, arguments, surroundings);
+    ::close(other);
+    std::string text;
+    std::array<char, 4096> part{};
+    for (ssize_t count = 0; (count = ::read(terminal, part.data(), part.size())) > 0;) {  // fails once kdlcal is gone
+      text.append(part.data(), static_cast<std::size_t>(count));
+    }
+    ::close(terminal);
+    const int status = process.wait();
+    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << text;
+    return text;
+  }
+};
+
+TEST_F(ProgressBar, GoesNeitherIntoAFileNorToStandardOutput) {
+  const std::vector<std::string> arguments = calibrate_long();
+  const Outcome usual = run(arguments);
+  const Outcome outcome = run(arguments, hurried());
+  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_EQ(outcome.err, usual.err);
+  EXPECT_EQ(outcome.out, usual.out);
+  EXPECT_THAT(outcome.err + outcome.out, Not(HasSubstr("\r")));
+  EXPECT_THAT(outcome.err + outcome.out, Not(HasSubstr("refits")));
+}
+
+TEST_F(ProgressBar, GrowsOnATerminalAndIsWipedAway) {
+  const std::string text = seen_on_a_terminal(calibrate_long(), hurried());
+  const std::regex bar("\r([^\\[\r]*) \\[(#*)( *)\\] (\\d+) %");
+  int last = -1;
+  int bars = 0;
+  for (std::sregex_iterator at(text.begin(), text.end(), bar), end; at != end; ++at, ++bars) {
+    const int percent = std::stoi((*at)[4]);
+    EXPECT_EQ((*at)[1], "refits");
+    EXPECT_GT(percent, last) << "goes back or repeats itself";
+    EXPECT_LE(percent, 100);
+    EXPECT_EQ((*at)[2].length(), percent * 40 / 100) << at->str();
+    EXPECT_EQ((*at)[2].length() + (*at)[3].length(), 40) << at->str();
+    last = percent;
+  }
+  EXPECT_GE(bars, 20) << text;
+  EXPECT_EQ(last, 100);
+  const std::size_t wiped = text.find("\r\033[K");
+  ASSERT_NE(wiped, std::string::npos) << text;
+  EXPECT_THAT(text.substr(wiped), Not(HasSubstr("refits"))) << "wiped before its end";
+}
+
+TEST_F(ProgressBar, DoesNotShowForWorkOfLessThanASecond) {
+  Surroundings stopped = with_library();
+  stopped.environment.emplace_back("CLOCK_RATE", "0");
+  EXPECT_THAT(seen_on_a_terminal(calibrate_long(), stopped), Not(HasSubstr("refits")));
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing
