@@ -91,8 +91,8 @@ std::vector<std::string> messages(const std::vector<QualityFinding>& findings) {
 
 // ---- no false alarms -----------------------------------------------------------------------------------------------
 
-TEST(DataQuality, FindsNothingInCleanData) {
-  for (std::uint64_t seed = 1; seed <= 200; ++seed) {
+void expect_nothing_in_clean_data(std::uint64_t seeds) {
+  for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
     for (const ErrorSizes& sizes : {kSmall, kPublished}) {
       const Measurements measured = experiment().measured(seed, sizes, kNoise);
       ASSERT_THAT(messages(experiment().findings(measured)), IsEmpty()) << seed;
@@ -100,11 +100,23 @@ TEST(DataQuality, FindsNothingInCleanData) {
   }
 }
 
-TEST(DataQuality, FindsNothingInCleanRepeatsNorInDataWithoutNoise) {
-  for (std::uint64_t seed = 1; seed <= 200; ++seed) {
+void expect_nothing_in_clean_repeats_nor_without_noise(std::uint64_t seeds) {
+  for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
     ASSERT_THAT(messages(experiment().findings(experiment().measured(seed, kSmall, kNoise, 10))), IsEmpty()) << seed;
     ASSERT_THAT(messages(experiment().findings(experiment().measured(seed, kPublished, 0.0))), IsEmpty()) << seed;
   }
+}
+
+TEST(DataQuality, FindsNothingInCleanData) { expect_nothing_in_clean_data(30); }
+
+TEST(DataQualityLongRun, FindsNothingInCleanData) { expect_nothing_in_clean_data(200); }
+
+TEST(DataQuality, FindsNothingInCleanRepeatsNorInDataWithoutNoise) {
+  expect_nothing_in_clean_repeats_nor_without_noise(30);
+}
+
+TEST(DataQualityLongRun, FindsNothingInCleanRepeatsNorInDataWithoutNoise) {
+  expect_nothing_in_clean_repeats_nor_without_noise(200);
 }
 
 TEST(DataQuality, FindsNothingInAFewConfigurations) {
