@@ -64,13 +64,10 @@ struct Named {
   double offset = 0.0;
 };
 
+// The controller's names come first: where both sides use a name, it means the controller's value, as in files.
 std::vector<Named> named_values(const Robot& robot, const JointConvention* convention) {
   const auto count = static_cast<Eigen::Index>(robot.joints.size());
   std::vector<Named> result;
-  for (Eigen::Index i = 0; i < count; ++i) {
-    result.push_back(
-        {.name = robot.joints[static_cast<std::size_t>(i)].name, .weights = Eigen::VectorXd::Unit(count, i)});
-  }
   if (convention != nullptr) {
     const Eigen::MatrixXd inverse = convention->matrix.inverse();
     const Eigen::VectorXd offset = -inverse * convention->offset;
@@ -79,6 +76,10 @@ std::vector<Named> named_values(const Robot& robot, const JointConvention* conve
                         .weights = inverse.row(i).transpose(),
                         .offset = offset[i]});
     }
+  }
+  for (Eigen::Index i = 0; i < count; ++i) {
+    result.push_back(
+        {.name = robot.joints[static_cast<std::size_t>(i)].name, .weights = Eigen::VectorXd::Unit(count, i)});
   }
   return result;
 }

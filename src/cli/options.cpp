@@ -22,21 +22,6 @@ std::string refused(const std::string& value, const std::string& expected) {
   return "'" + value + "' is not accepted, expected " + expected;
 }
 
-// The matrix of a convention turns angles into angles and lengths into lengths: a controller's value is a length where
-// all that it moves is prismatic.
-bool is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value) {
-  bool any = false;
-  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    const bool depends = convention == nullptr ? row == value : convention->matrix(row, value) != 0.0;
-    any = any || depends;
-    if (depends && robot.joints[i].type != JointType::prismatic) {
-      return false;
-    }
-  }
-  return any;
-}
-
 Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments, const JointConvention* convention) {
   const std::vector<std::string> names = convention == nullptr ? joint_names(robot) : convention->controller_joints;
   if (arguments.joints.size() != names.size()) {
@@ -47,7 +32,7 @@ Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments
   for (std::size_t i = 0; i < names.size(); ++i) {
     const std::optional<double> value = parsed_number(arguments.joints[i]);
     const auto index = static_cast<Eigen::Index>(i);
-    const bool length = is_length(robot, convention, index);
+    const bool length = value_is_length(robot, convention, index);
     if (!value) {
       const std::string unit = length ? "metres" : arguments.degrees ? "degrees" : "radians";
       throw InputError("--joints: '" + arguments.joints[i] + "' for " + names[i] + " is no number, expected " + unit);
@@ -157,6 +142,19 @@ void add_robot_options(CLI::App& app, RobotArguments& arguments) {
 Robot load(const RobotArguments& arguments) {
   return load_robot(arguments.urdf.empty() ? default_urdf_path() : std::filesystem::path(arguments.urdf),
                     {.base = arguments.base, .tip = arguments.tip});
+}
+
+bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value) {
+  bool any = false;
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    const bool depends = convention == nullptr ? row == value : convention->matrix(row, value) != 0.0;
+    any = any || depends;
+    if (depends && robot.joints[i].type != JointType::prismatic) {
+      return false;
+    }
+  }
+  return any;
 }
 
 void add_joint_options(CLI::App& app, JointArguments& arguments) {

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration::cli {
@@ -54,6 +55,10 @@ struct JointArguments {
   bool degrees = false;
 };
 void add_joint_options(CLI::App& app, JointArguments& arguments);
+/// Whether the value that stands in this place, counted as the URDF or behind a convention as the controller counts, is
+/// a length. The matrix of a convention turns angles into angles and lengths into lengths: a controller's value is a
+/// length where all that it moves is prismatic.
+bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value);
 /// The URDF's joint values [rad] or [m]; warns of values outside the limits.
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
 

@@ -107,8 +107,9 @@ Eigen::VectorXd home(const Arguments& arguments, const Setting& setting) {
   }
   const std::vector<double> given =
       numbers("--home", arguments.home, count, std::to_string(count) + " joint values in degrees (mm for lengths)");
+  const JointConvention* convention = setting.convention ? &*setting.convention : nullptr;
   for (std::size_t i = 0; i < count; ++i) {
-    const bool length = setting.robot.joints[i].type == JointType::prismatic;
+    const bool length = value_is_length(setting.robot, convention, static_cast<Index>(i));
     values[static_cast<Index>(i)] = given[i] * (length ? 1e-3 : kDegree);
   }
   if (setting.convention) {
