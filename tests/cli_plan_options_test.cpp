@@ -1,0 +1,471 @@
+// Each option of plan changes what it should and nothing else; see cli_options_support.hpp.
+
+#include <Eigen/Geometry>
+#include <numeric>
+
+#include "cli_options_support.hpp"
+#include "kdl_calibration/experiment.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
+
+namespace kdl_calibration::testing {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+
+/// Chosen joint values, one column each.
+Eigen::MatrixXd chosen(const Answer& answer) {
+  const Json& configurations = answer.json["configurations"];
+  Eigen::MatrixXd q(static_cast<Eigen::Index>(configurations.at(0)["joints"].size()),
+                    static_cast<Eigen::Index>(configurations.size()));
+  for (std::size_t c = 0; c < configurations.size(); ++c) {
+    const std::vector<double> joints = configurations[c]["joints"];
+    q.col(static_cast<Eigen::Index>(c)) = Eigen::Map<const Eigen::VectorXd>(joints.data(), q.rows());
+  }
+  return q;
+}
+
+/// The published targets in the base frame, in every chosen configuration of the FANUC.
+std::vector<Eigen::Vector3d> target_points(const Answer& answer) {
+  const Robot robot = fanuc();
+  const Eigen::MatrixXd q = chosen(answer);
+  std::vector<Eigen::Vector3d> points;
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    const Eigen::Isometry3d X_BF = to_eigen(kdl_pose(robot.chain, q.col(c)));
+    for (const TargetFrame& target : published_targets(3)) {
+      points.push_back(X_BF * target.X_FT.translation());
+    }
+  }
+  return points;
+}
+
+/// All targets of the plan satisfy the rule, not all of those without the option, and the plan says what was refused.
+Check keeps(const std::string& constraint, const std::function<bool(const Eigen::Vector3d& point)>& rule) {
+  return [=](const Effect& effect) {
+    const std::vector<Eigen::Vector3d> with = target_points(effect.with);
+    const std::vector<Eigen::Vector3d> without = target_points(effect.without);
+    EXPECT_TRUE(std::all_of(with.begin(), with.end(), rule)) << "not kept: " << constraint;
+    EXPECT_FALSE(std::all_of(without.begin(), without.end(), rule)) << "kept without the option: " << constraint;
+    const Json& refused = effect.with.json["candidates"]["refused"];
+    ASSERT_EQ(refused.size(), effect.without.json["candidates"]["refused"].size() + 1);
+    const bool named = std::any_of(refused.begin(), refused.end(), [&](const Json& entry) {
+      return entry["constraint"] == constraint && entry["samples"] > 0;
+    });
+    EXPECT_TRUE(named) << refused;
+    EXPECT_EQ(effect.with.json["configurations"].size(), effect.without.json["configurations"].size());
+  };
+}
+
+/// More, or other, samples are refused by the constraint of this name than without the option.
+Check refuses_more(const std::string& constraint) {
+  return [=](const Effect& effect) {
+    const auto share = [&](const Answer& answer) {
+      for (const Json& entry : answer.json["candidates"]["refused"]) {
+        if (entry["constraint"] == constraint) {
+          return entry["samples"].get<double>() / answer.json["candidates"]["samples"].get<double>();
+        }
+      }
+      return 0.0;
+    };
+    EXPECT_GT(share(effect.with), share(effect.without)) << effect.with.json["candidates"];
+    EXPECT_EQ(effect.with.json["candidates"]["count"], effect.without.json["candidates"]["count"]);
+  };
+}
+
+/// A row of joint values, or a sum of them, stays in a range [deg or m] that it leaves without the option.
+Check stays(const Eigen::RowVectorXd& weights, double lower, double upper) {
+  return [=](const Effect& effect) {
+    const Eigen::RowVectorXd with = weights * chosen(effect.with);
+    const Eigen::RowVectorXd without = weights * chosen(effect.without);
+    EXPECT_GE(with.minCoeff(), lower - 1e-9);
+    EXPECT_LE(with.maxCoeff(), upper + 1e-9);
+    EXPECT_GT(with.maxCoeff() - with.minCoeff(), 0.5 * (upper - lower)) << "the range is used";
+    EXPECT_TRUE(without.minCoeff() < lower && without.maxCoeff() > upper);
+  };
+}
+
+Eigen::MatrixXd tasks() {
+  Eigen::MatrixXd q(6, 2);
+  q.col(0) << 10.0, 20.0, -30.0, 40.0, 50.0, 60.0;
+  q.col(1) << -20.0, 0.0, 10.0, -10.0, 70.0, 0.0;
+  return q * kDegree;
+}
+
+/// The promised sigma is what the library predicts at the tasks for the chosen configurations, noise and priors.
+Check promises(const PointNoise& noise, const Priors& priors = {}) {
+  return [=](const Effect& effect) {
+    const Experiment experiment = nominal_experiment(complete_model(fanuc()), published_targets(3), noise, priors);
+    const Eigen::MatrixXd total = prior_information(experiment) + information(experiment, chosen(effect.with));
+    const Prediction expected = predicted(experiment, total, tasks(), 1);
+    const Json& found = effect.with.json["sigma"]["plan"];
+    EXPECT_NEAR(found["mean"], expected.sigma.mean, 1e-9 * expected.sigma.mean);
+    EXPECT_NEAR(found["p95"], expected.sigma.p95, 1e-9 * expected.sigma.p95);
+    EXPECT_NEAR(found["max"], expected.sigma.max, 1e-9 * expected.sigma.max);
+    EXPECT_NE(found["mean"], effect.without.json["sigma"]["plan"]["mean"]);
+  };
+}
+
+/// Seconds from home through the plan as it stands, the slowest joint each time.
+double seconds(const Robot& robot, const Eigen::VectorXd& home, const Eigen::MatrixXd& q) {
+  double sum = 0.0;
+  Eigen::VectorXd at = home;
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    double longest = 0.0;
+    for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+      const auto row = static_cast<Eigen::Index>(i);
+      longest = std::max(longest, std::abs(q(row, c) - at[row]) / robot.joints[i].velocity.value_or(1.0));
+    }
+    sum += longest;
+    at = q.col(c);
+  }
+  return sum;
+}
+
+/// The way starts there: the same configurations in another order.
+Check starts_at(const Robot& robot, const Eigen::VectorXd& home) {
+  return [=](const Effect& effect) {
+    const Eigen::VectorXd zero = Eigen::VectorXd::Zero(home.size());
+    EXPECT_NEAR(effect.without.json["travel_seconds"], seconds(robot, zero, chosen(effect.without)), 1e-9);
+    EXPECT_NEAR(effect.with.json["travel_seconds"], seconds(robot, home, chosen(effect.with)), 1e-9);
+    EXPECT_NE(effect.with.json["travel_seconds"], effect.without.json["travel_seconds"]);
+    EXPECT_NEAR(chosen(effect.with).sum(), chosen(effect.without).sum(), 1e-9);
+    for (const std::string& place : differences(effect.without.json, effect.with.json)) {
+      EXPECT_TRUE(place == "travel_seconds" || place.rfind("configurations", 0) == 0 ||
+                  place.rfind("observability", 0) == 0)
+          << place;
+    }
+  };
+}
+
+const Words kTasks = {"--tasks", "tasks.csv"};
+const Words kTracker = {"--tracker", "4,2,1"};
+const Eigen::Vector3d kStand(4.0, 2.0, 1.0);
+const Words kTable = {"--arm-radius", "0.1", "--keep-out-box", "1,-3,-1,3,3,0.8"};
+
+std::vector<OptionCase> number_options() {
+  return {
+      {"ConfigurationsAreChosen",
+       {"--configurations", "9"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.json["configurations"].size(), 30U);
+         EXPECT_EQ(effect.with.json["configurations"].size(), 9U);
+         EXPECT_EQ(effect.with.json["candidates"], effect.without.json["candidates"]);
+       }},
+      {"MeasuredIsPlannedOn",
+       {"--measured", "m.csv"},
+       [](const Effect& effect) {
+         EXPECT_LT(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
+         EXPECT_TRUE(effect.with.json["sigma"]["floor"].is_null());
+         EXPECT_FALSE(effect.without.json["sigma"]["floor"].is_null());
+         std::set<std::string> labels;
+         for (const Json& configuration : effect.with.json["configurations"]) {
+           labels.insert(configuration["configuration"]);
+         }
+         EXPECT_EQ(labels.size(), 12U);
+         const Measurements measured = read_measurements(effect.directory / "m.csv", joint_names(fanuc()));
+         for (const std::string& taken : measured.configurations) {
+           EXPECT_EQ(labels.count(taken), 0U) << taken;
+         }
+       }},
+      {"AddIsHowManyMore",
+       {"--add", "5"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.json["configurations"].size(), 30U);
+         EXPECT_EQ(effect.with.json["configurations"].size(), 5U);
+       },
+       {"--measured", "m.csv"}},
+      {"AccuracyIsReachedWithAsFewAsPossible",
+       {"--accuracy", "0.05"},
+       [](const Effect& effect) {
+         EXPECT_LE(effect.with.json["sigma"]["plan"]["mean"], 5e-5);
+         EXPECT_GT(effect.with.json["sigma"]["plan"]["mean"], 4e-5) << "more than were needed";
+         EXPECT_LT(effect.with.json["configurations"].size(), 12U);
+       }},
+      {"AccuracyOfTheWorst",
+       {"--accuracy-of", "max"},
+       [](const Effect& effect) {
+         EXPECT_GT(effect.without.json["sigma"]["plan"]["max"], 5e-5);
+         EXPECT_LE(effect.with.json["sigma"]["plan"]["max"], 5e-5);
+         EXPECT_GT(effect.with.json["sigma"]["plan"]["max"], 4e-5);
+       },
+       {"--accuracy", "0.05"}},
+      {"AccuracyOfNearlyAll",
+       {"--accuracy-of", "p95"},
+       [](const Effect& effect) {
+         EXPECT_GT(effect.without.json["sigma"]["plan"]["p95"], 5e-5);
+         EXPECT_LE(effect.with.json["sigma"]["plan"]["p95"], 5e-5);
+         EXPECT_GT(effect.with.json["sigma"]["plan"]["p95"], 4e-5);
+       },
+       {"--accuracy", "0.05"}},
+      {"CandidatesAreChosenFrom",
+       {"--candidates", "500"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.json["candidates"]["count"], 500);
+         EXPECT_EQ(effect.without.json["candidates"]["count"], 5000);
+         EXPECT_LT(effect.with.json["candidates"]["samples"], effect.without.json["candidates"]["samples"]);
+         EXPECT_EQ(effect.with.json["configurations"].size(), 12U);
+       }},
+      {"WorkspaceIsWhereToPredict",
+       {"--workspace", "150"},
+       [](const Effect& effect) {
+         EXPECT_EQ(chosen(effect.with), chosen(effect.without));
+         EXPECT_NE(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
+         EXPECT_EQ(effect.with.json["d_efficiency"], effect.without.json["d_efficiency"]);
+         EXPECT_EQ(effect.with.json["candidates"]["count"], 300);
+       }},
+      {"TasksAreWhereToPredict",
+       {"--tasks", "tasks.csv"},
+       both_checks(promises({}),
+                   [](const Effect& effect) {
+                     EXPECT_EQ(chosen(effect.with), chosen(effect.without));
+                     EXPECT_EQ(effect.with.json["observability"], effect.without.json["observability"]);
+                   })},
+      {"CriterionGIsTheWorstVariance",
+       {"--criterion", "G"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.json["criterion"], "G");
+         EXPECT_EQ(effect.without.json["criterion"], "D");
+         EXPECT_LT(effect.with.json["sigma"]["plan"]["max"], effect.without.json["sigma"]["plan"]["max"]);
+       },
+       kTasks},
+      {"CriterionIIsTheMeanVariance",
+       {"--criterion", "I"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.json["criterion"], "I");
+         EXPECT_LT(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
+       },
+       kTasks},
+      {"StartsAreSearched",
+       {"--starts", "4"},
+       [](const Effect& effect) {
+         EXPECT_LE(effect.with.json["d_efficiency"], effect.without.json["d_efficiency"]);  // of 8 starts
+         EXPECT_NE(effect.with.json["exchanges"], effect.without.json["exchanges"]);
+         EXPECT_EQ(effect.with.json["candidates"], effect.without.json["candidates"]);
+       }},
+      {"SeedDrawsOtherCandidates",
+       {"--seed", "2"},
+       [](const Effect& effect) {
+         EXPECT_NE(chosen(effect.with).sum(), chosen(effect.without).sum());
+         EXPECT_EQ(effect.with.json["candidates"]["count"], 300);
+       }},
+      {"ThreadsChangeNothing", {"--threads", "3"}, changes_nothing()},
+      {"MonteCarloTriesThePlan",
+       {"--monte-carlo", "2"},
+       both_checks(changes_only({"monte_carlo"}),
+                   [](const Effect& effect) {
+                     EXPECT_EQ(effect.with.json["monte_carlo"]["runs"], 2);
+                     EXPECT_GT(effect.with.json["monte_carlo"]["held_out_error"]["mean"], 1e-5);
+                     EXPECT_LT(effect.with.json["monte_carlo"]["held_out_error"]["mean"], 1e-4);
+                   })},
+  };
+}
+
+std::vector<OptionCase> promise_options() {
+  const PointNoise tracker{
+      .tracker = TrackerNoise{.range = 1e-5, .range_per_metre = 2e-6, .transverse = 4e-5, .transverse_per_metre = 5e-6},
+      .tracker_position = kStand};
+  return {
+      {"TargetsAreCounted",
+       {"--targets", "2"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.json["targets"], 2);
+         EXPECT_EQ(effect.with.json["parameters"], 30);
+         EXPECT_EQ(effect.without.json["targets"], 3);
+       }},
+      {"TargetFileHasTheTargets",
+       {"--target-file", "targets.json"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.json["targets"], 2);
+         EXPECT_GT(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
+       }},
+      {"NoiseIsOfEveryCoordinate", {"--noise", "6e-5"}, promises({.sigma = 6e-5}), kTasks},
+      {"ConfigurationNoiseIsShared",
+       {"--configuration-noise", "5e-5"},
+       both_checks(promises({.configuration_sigma = 5e-5}),
+                   [](const Effect& effect) { EXPECT_TRUE(effect.with.json["sigma"]["floor"].is_null()); }),
+       kTasks},
+      {"NoiseTrackerIsRangeThenTransverseFromWhereItStands",
+       {"--noise-tracker", "1e-5,2e-6,4e-5,5e-6"},
+       promises(tracker),
+       kTasks + kTracker},
+      {"PriorLengthIsOfLengths", {"--prior-length", "0.0002"}, promises({}, {.length = 2e-4}), kTasks},
+      {"PriorAngleIsOfAngles", {"--prior-angle", "0.0001"}, promises({}, {.angle = 1e-4}), kTasks},
+  };
+}
+
+std::vector<OptionCase> cell_options() {
+  const Eigen::RowVectorXd first = Eigen::RowVectorXd::Unit(6, 0) / kDegree;
+  const Eigen::RowVectorXd sum = (Eigen::RowVectorXd::Unit(6, 1) + Eigen::RowVectorXd::Unit(6, 2)) / kDegree;
+  const auto distance = [](const Eigen::Vector3d& point) { return (point - kStand).norm(); };
+  return {
+      {"JointRangeIsInDegrees", {"--joint-range", "joint_1=-20:30"}, stays(first, -20.0, 30.0)},
+      {"JointRangeOfASumIsRefusedOutside", {"--joint-range", "joint_2+joint_3=-70:40"}, stays(sum, -70.0, 40.0)},
+      {"JointRangeOfADifferenceIsRefusedOutside",
+       {"--joint-range", "joint_2-joint_3=-40:70"},
+       stays((Eigen::RowVectorXd::Unit(6, 1) - Eigen::RowVectorXd::Unit(6, 2)) / kDegree, -40.0, 70.0)},
+      {"JointRangeOfASlideIsInMillimetres",
+       {"--joint-range", "slide=-100:250"},
+       stays(Eigen::RowVectorXd::Unit(5, 1), -0.1, 0.25),
+       {"--urdf", "odd.urdf"}},
+      {"BoxHoldsTheTargets",
+       {"--box", "-2.5,-2,0.1,2,2.5,3"},
+       keeps("workspace box",
+             [](const Eigen::Vector3d& p) {
+               return p.x() >= -2.5 && p.x() <= 2.0 && p.y() >= -2.0 && p.y() <= 2.5 && p.z() >= 0.1 && p.z() <= 3.0;
+             })},
+      {"LeastHeightIsOfTheTargets",
+       {"--least-height", "0.4"},
+       keeps("least height 400 mm", [](const Eigen::Vector3d& p) { return p.z() >= 0.4; })},
+      {"LeastRadiusIsFromTheFirstAxis",
+       {"--least-radius", "1.2"},
+       keeps("least radius 1200 mm", [](const Eigen::Vector3d& p) { return std::hypot(p.x(), p.y()) >= 1.2; })},
+      {"KeepOutSphereIsLeftFree",
+       {"--keep-out-sphere", "0.8,1.4,2,0.4"},
+       keeps("keep-out sphere 1",
+             [](const Eigen::Vector3d& p) { return (p - Eigen::Vector3d(0.8, 1.4, 2.0)).norm() >= 0.4; })},
+      {"KeepOutBoxIsLeftFree",
+       {"--keep-out-box", "0.5,-3,0,3,3,1.5"},
+       keeps("keep-out box 1",
+             [](const Eigen::Vector3d& p) {
+               return p.x() < 0.5 || p.x() > 3.0 || p.y() < -3.0 || p.y() > 3.0 || p.z() < 0.0 || p.z() > 1.5;
+             })},
+      {"ClearanceIsKeptByTheArm", {"--clearance", "0.2"}, refuses_more("clearance 200 mm")},
+      {"ArmRadiusMakesTheArmThick",
+       {"--arm-radius", "0.5"},
+       refuses_more("keep-out box 1"),
+       {"--keep-out-box", "1,-3,-1,3,3,0.8"}},
+      {"ToolRadiusMakesTheToolThick", {"--tool-radius", "0.4"}, refuses_more("keep-out box 1"), kTable},
+      {"TrackerSeesEveryTarget", {"--tracker", "4,2,1"}, refuses_more("line of sight")},
+      {"DistanceRangeIsFromTheTracker",
+       {"--distance-range", "2:4.5"},
+       keeps("distance from the tracker",
+             [distance](const Eigen::Vector3d& p) { return distance(p) >= 2.0 && distance(p) <= 4.5; }),
+       kTracker},
+      {"AcceptanceAngleIsBetweenBeamAndFacing",
+       {"--acceptance-angle", "50"},
+       [](const Effect& effect) {
+         const auto largest = [](const Answer& answer) {
+           const Eigen::MatrixXd q = chosen(answer);
+           double angle = 0.0;
+           for (Eigen::Index c = 0; c < q.cols(); ++c) {
+             const Eigen::Isometry3d X_BF = to_eigen(kdl_pose(fanuc().chain, q.col(c)));
+             const Eigen::Vector3d beam = kStand - X_BF * Eigen::Vector3d(0.1, 0.2, 0.0);
+             const Eigen::Vector3d facing = X_BF.linear() * Eigen::Vector3d::UnitY();
+             angle = std::max(angle, std::acos(beam.normalized().dot(facing)) / kDegree);
+           }
+           return angle;
+         };
+         EXPECT_LE(largest(effect.with), 50.0);
+         EXPECT_GT(largest(effect.with), 35.0) << "the angle is used";
+         EXPECT_GT(largest(effect.without), 50.0);
+       },
+       kTracker + Words{"--target-file", "targets.json"}},
+  };
+}
+
+std::vector<OptionCase> robot_options() {
+  const Eigen::VectorXd home = Eigen::Matrix<double, 6, 1>(90.0, 30.0, -20.0, 10.0, -90.0, 170.0) * kDegree;
+  Eigen::VectorXd odd_home(5);
+  odd_home << 60.0 * kDegree, 0.4, 0.5 * kDegree, 10.0 * kDegree, -20.0 * kDegree;
+  return {
+      {"UrdfIsTheRobot",
+       {"--urdf", "odd.urdf"},
+       [](const Effect& effect) {
+         EXPECT_EQ(chosen(effect.with).rows(), 5);
+         EXPECT_EQ(chosen(effect.without).rows(), 6);
+       }},
+      {"BaseIsWhereHeightsAreMeasured",
+       {"--base", "base_link"},
+       [](const Effect& effect) {
+         const auto lowest = [](const Answer& answer) {
+           double z = 10.0;
+           for (const Eigen::Vector3d& point : target_points(answer)) {
+             z = std::min(z, point.z());
+           }
+           return z;
+         };
+         EXPECT_GE(lowest(effect.with), 1.0);
+         EXPECT_GE(lowest(effect.without), 0.7);
+         EXPECT_LT(lowest(effect.without), 1.0);
+       },
+       {"--urdf", "foot.urdf", "--least-height", "1"}},
+      {"TipIsTheLastLink",
+       {"--tip", "d"},
+       [](const Effect& effect) { EXPECT_EQ(chosen(effect.with).rows(), 4); },
+       {"--urdf", "odd.urdf"}},
+      {"HomeIsWhereTheWayStarts", {"--home", "90,30,-20,10,-90,170"}, starts_at(fanuc(), home)},
+      {"HomeOfASlideIsInMillimetres",
+       {"--home", "60,400,0.5,10,-20"},
+       starts_at(parse_robot(kOddArm), odd_home),
+       {"--urdf", "odd.urdf"}},
+      {"JointConventionIsThatOfFiles",
+       {"--joint-convention", "coupled.json"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.json, effect.without.json);
+         EXPECT_THAT(effect.with.files.at("p.csv"), HasSubstr("configuration,target,A6[deg],A5[deg]"));
+         const JointConvention convention = parse_joint_convention(kFanucCoupled);
+         const Measurements read =
+             parse_configurations(effect.with.files.at("p.csv"), joint_names(fanuc()), &convention);
+         EXPECT_LT((read.joint_values - chosen(effect.with)).cwiseAbs().maxCoeff(), 1e-10);
+       },
+       {"--output", "p.csv"}},
+      {"OutputIsThePlan",
+       {"--output", "p.csv"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         const Measurements read = parse_configurations(effect.with.files.at("p.csv"), joint_names(fanuc()));
+         EXPECT_LT((read.joint_values - chosen(effect.with)).cwiseAbs().maxCoeff(), 1e-10);
+         EXPECT_EQ(read.targets.size(), 3U);
+       }},
+      {"ForceOverwrites",
+       {"--force"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_TRUE(effect.without.files.empty());
+         EXPECT_THAT(effect.with.files.at("old.csv"), HasSubstr("configuration,target"));
+       },
+       {"--output", "old.csv"}},
+      {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json()},
+  };
+}
+
+std::vector<OptionCase> plan_options() {
+  std::vector<OptionCase> rows = number_options();
+  for (const auto& more : {promise_options(), cell_options(), robot_options()}) {
+    rows.insert(rows.end(), more.begin(), more.end());
+  }
+  return rows;
+}
+
+class PlanOption : public OptionEffect {};
+
+TEST_P(PlanOption, HasItsEffectAndNoOther) {
+  write("odd.urdf", kOddArm);
+  write("foot.urdf", with_foot(content(kFanuc)));
+  write("old.csv", "old");
+  write("coupled.json", kFanucCoupled);
+  write("m.csv", measurements_csv(measured_fanuc({.sigma = 3e-5}, false)));
+  write("targets.json", R"({"targets": [{"name": "P", "position": [0.1, 0.2, 0], "facing": [0, 1, 0]},
+    {"name": "Q", "position": [-0.1, 0.2, 0.1]}]})");
+  write("tasks.csv",
+        "joint_1[deg],joint_2[deg],joint_3[deg],joint_4[deg],joint_5[deg],joint_6[deg]\n10,20,-30,40,50,60\n"
+        "-20,0,10,-10,70,0\n");
+  const std::string& option = GetParam().option.front();
+  Words command = {"plan"};
+  for (const auto& [name, value] : std::vector<std::pair<std::string, std::string>>{{"--configurations", "12"},
+                                                                                    {"--candidates", "300"},
+                                                                                    {"--workspace", "100"},
+                                                                                    {"--starts", "1"},
+                                                                                    {"--threads", "1"}}) {
+    const bool counts = option == "--add" && name == "--configurations";
+    command = option == name || counts ? command : command + Words{name, value};
+  }
+  check_effect(option == "--json" ? command : command + Words{"--json"}, GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Options, PlanOption, ::testing::ValuesIn(plan_options()), behaviour_of);
+
+TEST_F(OptionsOfKdlcal, OfPlanAreAllTested) { expect_a_test_of_every_option("plan", plan_options()); }
+
+}  // namespace
+}  // namespace kdl_calibration::testing
