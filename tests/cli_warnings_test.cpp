@@ -222,6 +222,20 @@ TEST_F(CommandLineWarnings, ValidateDoubtsAnotherJointConvention) {
          {"flipped\\.csv: no train rows, .*", "as they were read .* joint_2 with the opposite sign fits, .*"});
 }
 
+TEST_F(CommandLineWarnings, ValidateStatesTheMisfitOfBothReadings) {
+  write("m.csv", measurements_csv(measured));
+  const double right = run_json({"validate", "--measurements", "m.csv", "--json"})["position_error"]["all"]["rms"];
+  measured.joint_values.row(1) *= -1.0;
+  write("flipped.csv", measurements_csv(measured));
+  const Outcome flipped = run({"validate", "--measurements", "flipped.csv", "--json"});
+  const double wrong = nlohmann::json::parse(flipped.out)["position_error"]["all"]["rms"];
+  std::smatch numbers;
+  ASSERT_TRUE(std::regex_search(flipped.err, numbers, std::regex("a misfit of ([0-9.]+) mm; .* with ([0-9.]+) mm;")))
+      << flipped.err;
+  EXPECT_NEAR(std::stod(numbers[1]), wrong * 1e3, 0.01 * wrong * 1e3);
+  EXPECT_NEAR(std::stod(numbers[2]), right * 1e3, 0.01 * right * 1e3);
+}
+
 // ---- fk, jacobian, plan --------------------------------------------------------------------------------------------
 
 TEST_F(CommandLineWarnings, KinematicsNameTheJointsOutsideTheirLimits) {
