@@ -35,6 +35,7 @@ def arguments():
     parser.add_argument("--first", type=int, metavar="N", help="only the first N of them, a sample of all sources")
     parser.add_argument("--only", metavar="RE", default="", help="only where file, kind or text match")
     parser.add_argument("--jobs", type=int, default=2, help="defects tried side by side [2]")
+    parser.add_argument("--nice", type=int, default=10, help="priority, as of the command nice [10]")
     parser.add_argument("--least", type=float, help="percent that must be caught [90; 95 with --list]")
     parser.add_argument("--real-data", action="store_true", help="run the suites on real data too, where present")
     parser.add_argument("--log", type=Path, help="what was found, a line of JSON each [build/mutation/seed-N.jsonl]")
@@ -200,7 +201,7 @@ def chosen(given, clean, log_path):
 
 def main():
     given = arguments()
-    os.nice(10)
+    os.nice(given.nice)
     directory = given.root / "build" / "mutation"
     directory.mkdir(parents=True, exist_ok=True)
     clean = CleanTree(directory / "clean", given.root)

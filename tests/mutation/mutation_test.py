@@ -38,6 +38,7 @@ class Operators(unittest.TestCase):
         self.assertEqual({"x = f(b, a);"}, drawn("x = f(a, b);", "swapped arguments"))
         self.assertEqual(set(), drawn("double f(const A& a, const B& b);", "swapped arguments"))
         self.assertEqual({"g({.a = y, .b = x});"}, drawn("g({.a = x, .b = y});", "swapped arguments"))
+        self.assertIn('x = {{"a", d}, {"c", b}};', drawn('x = {{"a", b}, {"c", d}};', "swapped arguments"))
 
     def test_drops_statements_but_not_declarations(self):
         self.assertIn("void f() { ; }", drawn("void f() { g(1); }", "dropped statement"))

@@ -152,6 +152,14 @@ def _declares(source, parts):
     return False
 
 
+# {"key", value}
+def _is_keyed(source, first, last):
+    tokens = source.tokens
+    return tokens[first].text == "{" and tokens[first + 1].kind == "string" and tokens[first + 2].text == "," and (
+        tokens[first].partner == last
+    )
+
+
 def swapped_arguments(source):
     tokens = source.tokens
     for i, before, token, _ in _neighbours(source):
@@ -167,6 +175,8 @@ def swapped_arguments(source):
         for (a, b), (c, d) in zip(parts, parts[1:]):
             while tokens[a].text == "." and tokens[c].text == "." and tokens[a + 2].text == tokens[c + 2].text == "=":
                 a, c = a + 3, c + 3  # designated initialisers: the values change places
+            if _is_keyed(source, a, b) and _is_keyed(source, c, d):
+                a, b, c, d = a + 3, b - 1, c + 3, d - 1
             first, second = source.between(a, b), source.between(c, d)
             if first == second or (tokens[a].kind == "string") != (tokens[c].kind == "string"):
                 continue
