@@ -82,7 +82,7 @@ configure_and_build() {
   (cd "$root" && cmake --preset "$preset" "$@" && cmake --build "build/$preset" -j "$jobs")
 }
 
-# run_tests <preset>
+# run_tests <preset>: those that take long come last.
 run_tests() {
-  (cd "$root/build/$1" && ctest --output-on-failure -j 2)
+  (cd "$root/build/$1" && ctest --output-on-failure -j 2 -LE long && ctest --output-on-failure -j 2 -L long)
 }

@@ -3,13 +3,14 @@ set -euo pipefail
 # shellcheck source-path=SCRIPTDIR source=common.sh
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
-read_options "Installs what is missing, builds in build/coverage, runs every test and prints the coverage of src/.
+read_options "Installs what is missing, builds in build/coverage, runs the tests (without the long ones, which have
+short versions) and prints the coverage of src/.
 Branches that only an exception takes, and those that the compiler makes in unreachable places, are not counted." "$@"
 install_missing "${build_packages[@]}" "${test_packages[@]}" gcovr
 configure_and_build coverage
 find "$root/build/coverage" -name '*.gcda' -delete
 # With a full disk the counters cannot be written either, and say so.
-(cd "$root/build/coverage" && ctest --output-on-failure -j 2 --exclude-regex OnAFullDisk)
+(cd "$root/build/coverage" && ctest --output-on-failure -j 2 -LE long --exclude-regex OnAFullDisk)
 
 build=$root/build/coverage
 gcovr --root "$root" --filter "$root/src/" --exclude-throw-branches --exclude-unreachable-branches \
