@@ -54,7 +54,7 @@ struct JointArguments {
   bool degrees = false;
 };
 void add_joint_options(CLI::App& app, JointArguments& arguments);
-/// The URDF's joint values [rad] or [m]; warns of values outside the limits.
+/// The URDF's values of all joints [rad] or [m]; warns of values outside the limits.
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
 
 /// The arm, nominal or calibrated, at given joint values: the options above with --result and --json.
