@@ -15,6 +15,7 @@
 #include <system_error>
 
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
 #include "urdf_reading.hpp"
 
@@ -165,6 +166,7 @@ Eigen::VectorXd anywhere(const Robot& robot, std::uint64_t stream) {
     const double whole = joint.type == JointType::prismatic ? 1.0 : std::numbers::pi;
     q[static_cast<Eigen::Index>(i)] = random.uniform(joint.lower.value_or(-whole), joint.upper.value_or(whole));
   }
+  follow(robot.joints, q);
   return q;
 }
 

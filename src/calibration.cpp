@@ -587,7 +587,7 @@ PredictedAccuracy predicted_accuracy(const Measurements& measurements, const Cal
                                      const Eigen::MatrixXd& triangle_of_candidates, const Calibration& calibration) {
   const ErrorModel& model = calibration.model;
   Random random(1);
-  const Eigen::MatrixXd workspace = random_configurations(limits_of(model), kWorkspaceSamples, random);
+  const Eigen::MatrixXd workspace = random_configurations(model, limits_of(model), kWorkspaceSamples, random);
   PredictedAccuracy result;
   const UncertainPredictor predictor(calibration, triangle_of_candidates);
   result.asked = predictor.points(options.predict_at);

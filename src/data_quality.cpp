@@ -16,6 +16,7 @@
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "median.hpp"
 #include "parallel.hpp"
 
@@ -1000,18 +1001,17 @@ bool same_reading(const ConventionTrial& a, const ConventionTrial& b) {
   return (a.joint_values - b.joint_values).isZero(1e-12);
 }
 
-// The convention's rows as the measurements' joints, its columns as those of `used`; nothing for other joints.
-std::optional<Reading> reading_of(const JointConvention& convention, const Measurements& measurements,
+// The convention's rows as the independent joints, its columns as those of `used`; nothing for other joints.
+std::optional<Reading> reading_of(const JointConvention& convention, const std::vector<std::string>& joints,
                                   const JointConvention* used) {
   const auto known = [&](const std::string& name) {
     return std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), name) !=
            convention.urdf_joints.end();
   };
-  if (convention.urdf_joints.size() != measurements.joints.size() ||
-      !std::all_of(measurements.joints.begin(), measurements.joints.end(), known)) {
+  if (convention.urdf_joints.size() != joints.size() || !std::all_of(joints.begin(), joints.end(), known)) {
     return std::nullopt;
   }
-  const JointConvention ordered = matched_convention(convention, measurements.joints);
+  const JointConvention ordered = matched_convention(convention, joints);
   Reading reading{.matrix = ordered.matrix, .offset = ordered.offset};
   if (used != nullptr) {
     for (std::size_t j = 0; j < used->controller_joints.size(); ++j) {
@@ -1026,15 +1026,15 @@ std::optional<Reading> reading_of(const JointConvention& convention, const Measu
   return reading;
 }
 
-std::vector<ConventionTrial> readings(const Measurements& measurements, const JointConvention* used,
-                                      const std::vector<JointConvention>& others) {
-  const auto joints = static_cast<Index>(measurements.joints.size());
+std::vector<ConventionTrial> readings(const std::vector<std::string>& names, const MatrixXd& joint_values,
+                                      const JointConvention* used, const std::vector<JointConvention>& others) {
+  const auto joints = static_cast<Index>(names.size());
   Reading present{.matrix = MatrixXd::Identity(joints, joints), .offset = VectorXd::Zero(joints)};
   if (used != nullptr) {
-    const JointConvention ordered = matched_convention(*used, measurements.joints);
+    const JointConvention ordered = matched_convention(*used, names);
     present = {.matrix = ordered.matrix, .offset = ordered.offset};
   }
-  const MatrixXd controller = present.matrix.partialPivLu().solve(measurements.joint_values.colwise() - present.offset);
+  const MatrixXd controller = present.matrix.partialPivLu().solve(joint_values.colwise() - present.offset);
   std::vector<ConventionTrial> trials = {
       trial(used != nullptr ? named(*used) : "the joint values as they are", controller, present)};
   trials.front().present = true;
@@ -1044,7 +1044,7 @@ std::vector<ConventionTrial> readings(const Measurements& measurements, const Jo
     }
   };
   for (const JointConvention& other : others) {
-    if (const auto reading = reading_of(other, measurements, used)) {
+    if (const auto reading = reading_of(other, names, used)) {
       consider(trial(named(other), controller, *reading));
     }
   }
@@ -1055,7 +1055,7 @@ std::vector<ConventionTrial> readings(const Measurements& measurements, const Jo
   for (Index j = 0; j < joints; ++j) {
     Reading flipped = present;
     flipped.matrix.row(j) *= -1.0;
-    consider(trial(measurements.joints[static_cast<std::size_t>(j)] + " with the opposite sign", controller, flipped));
+    consider(trial(names[static_cast<std::size_t>(j)] + " with the opposite sign", controller, flipped));
   }
   for (Index j = 0; used != nullptr && j < joints; ++j) {
     Reading flipped = present;
@@ -1104,9 +1104,12 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
                                              const FreeParameters& free, const JointConvention* used,
                                              const std::vector<JointConvention>& others,
                                              const ConventionOptions& options) {
-  std::vector<ConventionTrial> trials = readings(measurements, used, others);
+  std::vector<ConventionTrial> trials =
+      readings(independent_joint_names(model.joints), independent_joint_values(model.joints, measurements.joint_values),
+               used, others);
   parallel_for(trials.size(), options.threads, [&](std::size_t i) {
     Measurements reread = measurements;
+    trials[i].joint_values = all_joint_values(model.joints, trials[i].joint_values);
     reread.joint_values = trials[i].joint_values;
     const Estimate start = nominal_start(model, reread, options.registration);
     trials[i].rms = rms_of(model, reread, start);

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
 
 namespace kdl_calibration {
@@ -64,6 +65,7 @@ MatrixXd generic_configurations(const ErrorModel& model) {
       q(i, c) = random.uniform(-range, range);
     }
   }
+  follow(model.joints, q);
   return q;
 }
 

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
 
 namespace kdl_calibration {
@@ -131,10 +132,15 @@ public:
         Eigen::MatrixXd::Zero(rows_each * options_.configurations, static_cast<Eigen::Index>(names_.size()));
     Random random(options_.seed);
     KDL::JntArray q(chain_.chain.getNrOfJoints());
+    Eigen::VectorXd values(static_cast<Eigen::Index>(model_.joints.size()));
     for (int c = 0; c < options_.configurations; ++c) {
       for (std::size_t i = 0; i < model_.joints.size(); ++i) {
         const double range = model_.joints[i].type == JointType::prismatic ? 1.0 : std::numbers::pi;
-        q(chain_.joint_index[i]) = random.uniform(-range, range);
+        values[static_cast<Eigen::Index>(i)] = random.uniform(-range, range);
+      }
+      follow(model_.joints, values);
+      for (std::size_t i = 0; i < model_.joints.size(); ++i) {
+        q(chain_.joint_index[i]) = values[static_cast<Eigen::Index>(i)];
       }
       fill(q, stack.middleRows(rows_each * c, rows_each));
     }

@@ -289,9 +289,11 @@ RobustIdentification identify_robustly(const ErrorModel& model, const Measuremen
       for (double& weight : reweighted.residuals.row_weights) {
         weight = std::max(weight, 1e-9);
       }
-      const int iterations = result.fit.iterations;
-      result.fit = identify_jointly(model, measurements, result.fit.estimate, free, reweighted);
-      result.fit.iterations += iterations;
+      const Identification before = std::move(result.fit);
+      result.fit = identify_jointly(model, measurements, before.estimate, free, reweighted);
+      result.fit.iterations += before.iterations;
+      result.fit.rms_history.insert(result.fit.rms_history.begin(), before.rms_history.begin(),
+                                    before.rms_history.end());
     }
   }
   if (loss == Loss::none) {
@@ -320,10 +322,7 @@ void update_base_and_tools(const std::vector<Eigen::Isometry3d>& T_robot, const 
       continue;
     }
     const Eigen::Isometry3d& pose = T_robot[static_cast<std::size_t>(observation.configuration)];
-    MatrixXd A = MatrixXd::Zero(3, unknowns);
-    A.middleCols<3>(0).setIdentity();
-    A.middleCols<3>(3) = skew(pose.translation()).transpose();
-    A.middleCols<3>(6 + 3 * observation.target) = pose.linear();
+    const Matrix3Xd A = base_and_tool_rows(pose, observation.target, tools);
     const Vector3d dp = X_BW * observation.position - pose.translation();
     AtA += A.transpose() * A;
     Atp += A.transpose() * dp;
@@ -374,20 +373,26 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
   return update;
 }
 
-// Geometric mean of the ratios of successive effects, without the first round (far from linear) and without what has
-// reached rounding.
-double observed_factor(const std::vector<double>& effects) {
-  std::size_t last = effects.size();
-  while (last > 0 && effects[last - 1] < 1e-12) {
+}  // namespace
+
+Eigen::Matrix3Xd base_and_tool_rows(const Eigen::Isometry3d& T_robot, Index tool, Index tools) {
+  Eigen::Matrix3Xd A = Eigen::Matrix3Xd::Zero(3, 6 + 3 * tools);
+  A.middleCols<3>(0).setIdentity();
+  A.middleCols<3>(3) = skew(T_robot.translation()).transpose();
+  A.middleCols<3>(6 + 3 * tool) = T_robot.linear();
+  return A;
+}
+
+double convergence_factor(const std::vector<double>& changes, double least_change) {
+  std::size_t last = changes.size();
+  while (last > 0 && changes[last - 1] < least_change) {
     --last;
   }
   if (last < 3) {
     return 0.0;
   }
-  return std::pow(effects[last - 1] / effects[1], 1.0 / static_cast<double>(last - 2));
+  return std::pow(changes[last - 1] / changes[1], 1.0 / static_cast<double>(last - 2));
 }
-
-}  // namespace
 
 Identification identify_in_two_steps(const ErrorModel& model,
                                      const std::function<Measurements(int)>& measurements_of_round,
@@ -417,13 +422,16 @@ Identification identify_in_two_steps(const ErrorModel& model,
       estimate.errors[static_cast<Index>(geometric[i])] += update.step[static_cast<Index>(i)];
     }
     effects.push_back(update.effect);
+    if (options.after_round) {
+      options.after_round({.number = result.iterations, .change = update.effect, .misfit = update.rms}, estimate);
+    }
     if (update.effect <= options.step_tolerance) {
       result.termination = Termination::converged;
       result.message = "the last round moved the predicted points by less than the tolerance";
       break;
     }
   }
-  result.convergence_factor = observed_factor(effects);
+  result.convergence_factor = convergence_factor(effects);
   return result;
 }
 

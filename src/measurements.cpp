@@ -23,6 +23,7 @@
 
 #include "json_reading.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "number_range.hpp"
 #include "number_text.hpp"
 #include "text_file.hpp"
@@ -39,6 +40,7 @@ constexpr std::size_t kMostColumns = 10'000;
 constexpr std::int32_t kMostTargets = 100;
 constexpr std::size_t kMostConventionJoints = 1'000;
 constexpr double kQuaternionTolerance = 1e-3;
+constexpr double kRoundedJointValue = 1e-5;  // [rad] or [m] that rounding may cost: half of 0.001 deg, of 0.01 mm
 constexpr std::size_t kAbsent = std::numeric_limits<std::size_t>::max();
 
 // ---- Text ----------------------------------------------------------------------------------------------------------
@@ -276,6 +278,9 @@ double to_si(double value, Unit unit) {
   return value;
 }
 
+/// The SI value as a text in the unit, without the last digits that the conversion costs.
+std::string in_unit(double value, Unit unit) { return shortest(std::round(value / to_si(1.0, unit) * 1e9) / 1e9); }
+
 /// Where a quantity stands in a row.
 struct Column {
   std::size_t index = kAbsent;
@@ -293,13 +298,16 @@ struct Header {
   std::array<Column, 3> position;
   std::array<Column, 4> quaternion;  ///< w, x, y, z
   std::vector<Column> joints;        ///< in the order of the expected names
+  std::vector<Column> followers;     ///< in the order of ExpectedJoints::followers; absent ones as well
 };
 
 /// The joint names that the header must bear.
 struct ExpectedJoints {
   const std::vector<std::string>& names;       ///< the controller's with a convention, else the URDF's
-  const std::vector<std::string>& urdf_names;  ///< base to tip
+  const std::vector<std::string>& urdf_names;  ///< of the independent joints, base to tip
   const JointConvention* convention;
+  const std::vector<MovingJoint>& joints;  ///< of the chain, base to tip
+  std::vector<std::size_t> followers;      ///< those of them that mimic another
 };
 
 struct FixedColumn {
@@ -341,8 +349,11 @@ std::pair<std::string_view, std::optional<std::string_view>> name_and_unit(std::
 }
 
 std::string expected_columns(const ExpectedJoints& joints) {
+  std::vector<std::string> followers;
+  for (const std::size_t i : joints.followers) followers.push_back(joints.joints[i].name);
   return "expected configuration, target, x, y, z and the joints " + joined(joints.names) +
-         ", optionally split, repeat, qw, qx, qy, qz, sigma";
+         ", optionally split, repeat, qw, qx, qy, qz, sigma" +
+         (followers.empty() ? "" : " and the joints that mimic others: " + joined(followers));
 }
 
 [[noreturn]] void fail_unknown_column(const Place& place, std::string_view cell, std::string_view name,
@@ -364,9 +375,13 @@ public:
       : joints_(joints), place_(place), fixed_(fixed_columns(header_)) {
     header_.line = place.line;
     header_.joints.resize(joints.names.size());
-    for (std::size_t i = 0; i < joints.names.size(); ++i) joint_index_.emplace(joints.names[i], i);
+    header_.followers.resize(joints.followers.size());
+    for (std::size_t i = 0; i < joints.names.size(); ++i) joint_columns_.emplace(joints.names[i], &header_.joints[i]);
+    for (std::size_t i = 0; i < joints.followers.size(); ++i) {
+      joint_columns_.emplace(joints.joints[joints.followers[i]].name, &header_.followers[i]);
+    }
     for (const FixedColumn& column : fixed_) {
-      if (joint_index_.contains(column.name)) {
+      if (joint_columns_.contains(column.name)) {
         fail(place.source, "joint " + shown(column.name) +
                                " is named like a column of the measurements: give a joint convention with other names");
       }
@@ -400,14 +415,14 @@ private:
     if (cell.empty()) fail(place_, "column " + std::to_string(index + 1) + " has no name");
     header_.names.emplace_back(printable(cell));
     auto [name, unit] = name_and_unit(cell);
-    if (joint_index_.contains(cell)) {  // a joint's own name may end in brackets
+    if (joint_columns_.contains(cell)) {  // a joint's own name may end in brackets
       name = cell;
       unit.reset();
     }
     Column* column = nullptr;
     std::vector<std::string_view> units;
-    if (const auto joint = joint_index_.find(name); joint != joint_index_.end()) {
-      column = &header_.joints[joint->second];
+    if (const auto joint = joint_columns_.find(name); joint != joint_columns_.end()) {
+      column = joint->second;
       units = {"rad", "deg", "m", "mm"};
     }
     for (const FixedColumn& fixed : fixed_) {
@@ -456,7 +471,7 @@ private:
   Place place_;
   Header header_;
   std::array<FixedColumn, 12> fixed_;
-  std::unordered_map<std::string_view, std::size_t> joint_index_;
+  std::unordered_map<std::string_view, Column*> joint_columns_;
 };
 
 // ---- Rows ----------------------------------------------------------------------------------------------------------
@@ -633,8 +648,10 @@ void drop_unused_orientations(std::vector<Eigen::Quaterniond>& orientations) {
 /// Gathers the rows of one file.
 class Collector {
 public:
-  Collector(const Header& header, const std::string& source) : header_(header), source_(source) {
-    joint_row_.resize(header.joints.size());
+  Collector(const Header& header, const std::string& source)
+      : header_(header), source_(source), joint_columns_(header.joints) {
+    std::copy_if(header.followers.begin(), header.followers.end(), std::back_inserter(joint_columns_), present);
+    joint_row_.resize(joint_columns_.size());
   }
 
   void reserve(std::size_t rows) {
@@ -665,9 +682,9 @@ public:
     check_duplicates();
     Measurements result;
     result.source = source_;
-    result.joints = joints.urdf_names;
+    for (const MovingJoint& joint : joints.joints) result.joints.push_back(joint.name);
     if (joints.convention == nullptr) {
-      result.joint_units = joint_units();
+      result.joint_units = joint_units(joints);
     } else {
       convert_joints(*joints.convention);
     }
@@ -676,11 +693,20 @@ public:
     result.observations = std::move(observations_);
     drop_unused_orientations(orientations_);
     result.orientations = std::move(orientations_);
-    std::exchange(lines_, {});  // before the joint values are there twice
-    std::exchange(first_rows_, {});
-    const auto rows = static_cast<Eigen::Index>(header_.joints.size());
+    if (joints.followers.empty()) {
+      std::exchange(lines_, {});  // before the joint values are there twice
+      std::exchange(first_rows_, {});
+    }
+    const auto rows = static_cast<Eigen::Index>(joint_columns_.size());
     const auto columns = static_cast<Eigen::Index>(result.configurations.size());
-    result.joint_values = Eigen::Map<const Eigen::MatrixXd>(joint_values_.data(), rows, columns);
+    const Eigen::Map<const Eigen::MatrixXd> read(joint_values_.data(), rows, columns);
+    if (joints.followers.empty()) {
+      result.joint_values = read;
+    } else {
+      const auto independent = static_cast<Eigen::Index>(header_.joints.size());
+      result.joint_values = all_joint_values(joints.joints, read.topRows(independent));
+      check_followers(joints, read.bottomRows(rows - independent), result.joint_values);
+    }
     return result;
   }
 
@@ -699,7 +725,7 @@ private:
     const std::int32_t count = configurations_.size();
     const std::int32_t number = label(configurations_, row, header_.configuration);
     const std::size_t joints = joint_row_.size();
-    for (std::size_t j = 0; j < joints; ++j) joint_row_[j] = row.number(header_.joints[j]);
+    for (std::size_t j = 0; j < joints; ++j) joint_row_[j] = row.number(joint_columns_[j]);
     if (number == count) {
       joint_values_.insert(joint_values_.end(), joint_row_.begin(), joint_row_.end());
       first_rows_.push_back(observations_.size());
@@ -709,7 +735,7 @@ private:
     const double* first_values = joint_values_.data() + index * joints;
     const std::size_t first_row = first_rows_[index];
     for (std::size_t j = 0; j < joints; ++j) {
-      if (joint_row_[j] != first_values[j]) fail_inconsistent(row, header_.joints[j], "joint values", first_row);
+      if (joint_row_[j] != first_values[j]) fail_inconsistent(row, joint_columns_[j], "joint values", first_row);
     }
     if (split != observations_[first_row].split) fail_inconsistent(row, header_.split, "split", first_row);
     return number;
@@ -745,7 +771,7 @@ private:
 
   /// One configuration after the other, so that its values do not depend on where it stands.
   void convert_joints(const JointConvention& convention) {
-    const auto size = static_cast<Eigen::Index>(joint_row_.size());
+    const auto size = static_cast<Eigen::Index>(header_.joints.size());
     for (std::size_t c = 0; c < first_rows_.size(); ++c) {
       Eigen::Map<Eigen::VectorXd> values(joint_values_.data() + c * joint_row_.size(), size);
       values = (convention.matrix * values + convention.offset).eval();
@@ -756,9 +782,36 @@ private:
     }
   }
 
-  std::vector<JointUnit> joint_units() const {
+  /// Throws where the column of a follower says otherwise than its leader's: `read` has one row for each column.
+  void check_followers(const ExpectedJoints& joints, const Eigen::Ref<const Eigen::MatrixXd>& read,
+                       const Eigen::MatrixXd& joint_values) const {
+    Eigen::Index row = 0;
+    for (std::size_t i = 0; i < joints.followers.size(); ++i) {
+      const Column& column = header_.followers[i];
+      if (!present(column)) continue;
+      const MovingJoint& joint = joints.joints[joints.followers[i]];
+      const auto expected = joint_values.row(static_cast<Eigen::Index>(joints.followers[i]));
+      const double tolerance = kRoundedJointValue * (1.0 + std::abs(joint.mimic->multiplier));
+      for (Eigen::Index c = 0; c < read.cols(); ++c) {
+        if (std::abs(read(row, c) - expected[c]) <= tolerance) continue;
+        const std::string& leader = joints.joints[joint.mimic->leader].name;
+        fail(Place{source_, lines_[first_rows_[static_cast<std::size_t>(c)]]},
+             header_.names[column.index] + " " + shown(in_unit(read(row, c), column.unit)) +
+                 " contradicts the URDF, where the joint mimics " + shown(leader) + ": expected " +
+                 in_unit(expected[c], column.unit) + " (" + shortest(joint.mimic->multiplier) + " times that of " +
+                 shown(leader) + " plus " + in_unit(joint.mimic->offset, column.unit) + ")");
+      }
+      ++row;
+    }
+  }
+
+  std::vector<JointUnit> joint_units(const ExpectedJoints& joints) const {
+    std::vector<Column> columns(joints.joints.size());
+    const std::vector<std::size_t> independent = independent_joints(joints.joints);
+    for (std::size_t i = 0; i < independent.size(); ++i) columns[independent[i]] = header_.joints[i];
+    for (std::size_t i = 0; i < joints.followers.size(); ++i) columns[joints.followers[i]] = header_.followers[i];
     std::vector<JointUnit> units;
-    for (const Column& column : header_.joints) {
+    for (const Column& column : columns) {
       const bool angle = column.unit == Unit::rad || column.unit == Unit::deg;
       units.push_back(column.unit == Unit::none ? JointUnit::unstated : angle ? JointUnit::radian : JointUnit::metre);
     }
@@ -768,6 +821,7 @@ private:
 
   const Header& header_;
   const std::string& source_;
+  std::vector<Column> joint_columns_;  ///< the expected ones, then those of followers that the file has
   LabelTable configurations_;
   LabelTable targets_;
   std::vector<double> joint_values_;     ///< as the file has them but in SI, configuration by configuration
@@ -778,12 +832,15 @@ private:
   std::vector<std::size_t> lines_;  ///< of each observation
 };
 
-Measurements collect(LineReader& lines, const std::vector<std::string>& urdf_joints,
-                     const JointConvention* convention) {
+Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, const JointConvention* convention) {
+  const std::vector<std::string> urdf_joints = independent_joint_names(chain);
   std::optional<JointConvention> matched;
   if (convention != nullptr) matched = matched_convention(*convention, urdf_joints);
-  const ExpectedJoints joints{matched ? matched->controller_joints : urdf_joints, urdf_joints,
-                              matched ? &*matched : nullptr};
+  ExpectedJoints joints{
+      matched ? matched->controller_joints : urdf_joints, urdf_joints, matched ? &*matched : nullptr, chain, {}};
+  for (std::size_t i = 0; i < chain.size(); ++i) {
+    if (chain[i].mimic) joints.followers.push_back(i);
+  }
   std::string_view line;
   if (!next_record(lines, line)) fail(lines.source(), "empty: " + expected_columns(joints));
   const Header header = HeaderParser(joints, lines.place()).parse(line);
@@ -796,6 +853,13 @@ Measurements collect(LineReader& lines, const std::vector<std::string>& urdf_joi
     if (first) collector.reserve(lines.size_hint() / line.size() + 1);
   }
   return std::move(collector).finish(joints);
+}
+
+/// Joints that follow none, of which only the names are known.
+std::vector<MovingJoint> joints_named(const std::vector<std::string>& names) {
+  std::vector<MovingJoint> joints(names.size());
+  for (std::size_t i = 0; i < names.size(); ++i) joints[i].name = names[i];
+  return joints;
 }
 
 // ---- Joint convention ----------------------------------------------------------------------------------------------
@@ -1028,13 +1092,25 @@ JointConvention matched_convention(const JointConvention& convention, const std:
 Measurements parse_measurements(std::string_view csv, const std::vector<std::string>& urdf_joints,
                                 const JointConvention* convention, const std::string& source) {
   LineReader lines(csv, source);
-  return collect(lines, urdf_joints, convention);
+  return collect(lines, joints_named(urdf_joints), convention);
+}
+
+Measurements parse_measurements(const Robot& robot, std::string_view csv, const JointConvention* convention,
+                                const std::string& source) {
+  LineReader lines(csv, source);
+  return collect(lines, robot.joints, convention);
 }
 
 Measurements read_measurements(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                const JointConvention* convention) {
   LineReader lines(file);
-  return collect(lines, urdf_joints, convention);
+  return collect(lines, joints_named(urdf_joints), convention);
+}
+
+Measurements read_measurements(const Robot& robot, const std::filesystem::path& file,
+                               const JointConvention* convention) {
+  LineReader lines(file);
+  return collect(lines, robot.joints, convention);
 }
 
 std::string measurements_csv(const Measurements& measurements) {

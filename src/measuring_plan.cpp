@@ -7,7 +7,9 @@
 #include <numbers>
 #include <optional>
 
+#include "csv_cell.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "text_file.hpp"
 #include "urdf_reading.hpp"
 
@@ -88,9 +90,10 @@ struct JointColumn {
 // Columns for joint values, the URDF's or the controller's.
 std::vector<JointColumn> joint_columns(const std::vector<MovingJoint>& joints, const JointConvention* convention) {
   std::vector<JointColumn> columns;
+  const std::vector<std::size_t> independent = independent_joints(joints);
   if (convention == nullptr) {
-    for (const MovingJoint& joint : joints) {
-      columns.push_back({.name = joint.name, .length = joint.type == JointType::prismatic});
+    for (const std::size_t i : independent) {
+      columns.push_back({.name = joints[i].name, .length = joints[i].type == JointType::prismatic});
     }
     return columns;
   }
@@ -100,7 +103,8 @@ std::vector<JointColumn> joint_columns(const std::vector<MovingJoint>& joints, c
     bool any_angle = false;
     for (Index r = 0; r < convention->matrix.rows(); ++r) {
       if (convention->matrix(r, c) != 0.0) {
-        (joints[static_cast<std::size_t>(r)].type == JointType::prismatic ? any_length : any_angle) = true;
+        const MovingJoint& joint = joints[independent[static_cast<std::size_t>(r)]];
+        (joint.type == JointType::prismatic ? any_length : any_angle) = true;
       }
     }
     if (any_length && any_angle) {
@@ -110,19 +114,6 @@ std::vector<JointColumn> joint_columns(const std::vector<MovingJoint>& joints, c
     columns.push_back({.name = name, .length = any_length});
   }
   return columns;
-}
-
-std::string cell(const std::string& text) {
-  const bool plain = !text.empty() && text.front() != '#' && text.find_first_of(",;\"") == std::string::npos &&
-                     text.front() != ' ' && text.back() != ' ';
-  if (plain) {
-    return text;
-  }
-  std::string quoted = "\"";
-  for (const char c : text) {
-    quoted += c == '"' ? "\"\"" : std::string(1, c);
-  }
-  return quoted + "\"";
 }
 
 void require_label(const std::string& text) {
@@ -218,6 +209,27 @@ private:
   int rows_ = 0;
 };
 
+// The file as one of measurements.
+std::string completed(std::string_view csv) {
+  std::string text;
+  std::optional<Completion> completion;
+  while (!csv.empty()) {
+    const std::size_t end = std::min(csv.find('\n'), csv.size());
+    std::string_view line = csv.substr(0, end);
+    line.remove_suffix(!line.empty() && line.back() == '\r' ? 1 : 0);
+    const bool content = line.find_first_not_of(" \t\r,;") != std::string_view::npos && line.front() != '#';
+    if (content && !completion) {
+      completion.emplace(line, line.find(';') != std::string_view::npos ? ';' : ',');
+      text += completion->header(line);
+    } else {
+      text += content ? completion->row(line) : std::string(line);
+    }
+    text += "\n";
+    csv.remove_prefix(std::min(end + 1, csv.size()));
+  }
+  return text;
+}
+
 }  // namespace
 
 double travel_time(const std::vector<MovingJoint>& joints, const Eigen::Ref<const VectorXd>& from,
@@ -261,12 +273,12 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
   }
   csv += "configuration,target";
   for (const JointColumn& column : columns) {
-    csv += "," + cell(column.name + (column.length ? "[mm]" : "[deg]"));
+    csv += "," + csv_cell(column.name + (column.length ? "[mm]" : "[deg]"));
   }
   csv += ",x[m],y[m],z[m]\n";
-  MatrixXd values = plan.joint_values;
+  MatrixXd values = independent_joint_values(joints, plan.joint_values);
   if (convention != nullptr) {
-    values = convention->matrix.partialPivLu().solve(plan.joint_values.colwise() - convention->offset);
+    values = convention->matrix.partialPivLu().solve(values.colwise() - convention->offset).eval();
   }
   for (Index c = 0; c < values.cols(); ++c) {
     const std::string& label = plan.configurations[static_cast<std::size_t>(c)];
@@ -278,7 +290,7 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
     }
     for (const std::string& target : plan.targets) {
       require_label(target);
-      csv += cell(label) + "," + cell(target) + joint_cells + ",,,\n";
+      csv += csv_cell(label) + "," + csv_cell(target) + joint_cells + ",,,\n";
     }
   }
   return csv;
@@ -286,28 +298,17 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
 
 Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,
                                   const JointConvention* convention, const std::string& source) {
-  std::string text;
-  std::optional<Completion> completion;
-  while (!csv.empty()) {
-    const std::size_t end = std::min(csv.find('\n'), csv.size());
-    std::string_view line = csv.substr(0, end);
-    line.remove_suffix(!line.empty() && line.back() == '\r' ? 1 : 0);
-    const bool content = line.find_first_not_of(" \t\r,;") != std::string_view::npos && line.front() != '#';
-    if (content && !completion) {
-      completion.emplace(line, line.find(';') != std::string_view::npos ? ';' : ',');
-      text += completion->header(line);
-    } else {
-      text += content ? completion->row(line) : std::string(line);
-    }
-    text += "\n";
-    csv.remove_prefix(std::min(end + 1, csv.size()));
-  }
-  return parse_measurements(text, urdf_joints, convention, source);
+  return parse_measurements(completed(csv), urdf_joints, convention, source);
 }
 
 Measurements read_configurations(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                  const JointConvention* convention) {
   return parse_configurations(read_text_file(file), urdf_joints, convention, one_line(file.string()));
+}
+
+Measurements read_configurations(const Robot& robot, const std::filesystem::path& file,
+                                 const JointConvention* convention) {
+  return parse_measurements(robot, completed(read_text_file(file)), convention, one_line(file.string()));
 }
 
 }  // namespace kdl_calibration

@@ -435,6 +435,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
                  {"termination", to_string(found.termination)},
                  {"message", found.message},
                  {"iterations", found.iterations},
+                 {"history", found.rms_history},
                  {"rank", calibration.identifiability.rank},
                  {"condition", finite_or_null(calibration.identifiability.condition)}};
   if (options.method == Method::two_step) {

@@ -251,10 +251,6 @@ MovingJoint moving_joint(const urdf::Joint& joint, const std::string& where) {
       throw InputError(where + " is " + type + ", expected fixed, revolute, continuous or prismatic in the chain");
     }
   }
-  if (joint.mimic) {
-    throw InputError(where + " mimics joint " + in_quotes(joint.mimic->joint_name) +
-                     ", expected no mimic joint in the chain");
-  }
   const double norm = std::hypot(joint.axis.x, joint.axis.y, joint.axis.z);
   if (!(norm > 0.0) || !std::isfinite(norm)) {
     throw InputError(where + ": axis of length " + shortest(norm) + ", expected a direction");
@@ -262,6 +258,73 @@ MovingJoint moving_joint(const urdf::Joint& joint, const std::string& where) {
   moving.axis = KDL::Vector(joint.axis.x / norm, joint.axis.y / norm, joint.axis.z / norm);
   read_limits(joint, moving, where);
   return moving;
+}
+
+/// The joint's mimic through those of the joints that its leader follows in turn; none for an independent joint.
+std::optional<Mimic> resolved_mimic(const urdf::ModelInterface& model, const Robot& robot,
+                                    const MovingJoint& follower) {
+  const std::string where = robot.source + ": joint " + in_quotes(follower.name);
+  const auto is_in_range = [](double value) { return std::abs(value) <= kLargestNumber; };
+  Mimic mimic;
+  std::string name = follower.name;
+  for (std::size_t step = 0; step <= robot.joints.size(); ++step) {
+    const auto found = std::find_if(robot.joints.begin(), robot.joints.end(),
+                                    [&](const MovingJoint& joint) { return joint.name == name; });
+    if (found == robot.joints.end()) {
+      throw InputError(where + " mimics joint " + in_quotes(name) + ", which is no moving joint between base link " +
+                       in_quotes(robot.base) + " and tip link " + in_quotes(robot.tip) + ", expected one of the chain");
+    }
+    mimic.leader = static_cast<std::size_t>(found - robot.joints.begin());
+    const urdf::JointMimicSharedPtr& next = model.getJoint(name)->mimic;
+    if (!next) {
+      return step == 0 ? std::nullopt : std::optional<Mimic>(mimic);
+    }
+    mimic.offset += mimic.multiplier * next->offset;
+    mimic.multiplier *= next->multiplier;
+    if (!is_in_range(mimic.multiplier) || !is_in_range(mimic.offset)) {
+      throw InputError(where + ": multiplier or offset of its mimic is not finite or out of range, expected numbers " +
+                       "up to 1e12");
+    }
+    name = next->joint_name;
+  }
+  throw InputError(where + ": what it mimics forms a loop through joint " + in_quotes(robot.joints[mimic.leader].name) +
+                   ", expected a leader that follows none");
+}
+
+/// Narrows the leader's limits to those of its follower, of which urdfdom knows nothing.
+void narrow_limits(const MovingJoint& follower, MovingJoint& leader, const std::string& source) {
+  const double multiplier = follower.mimic->multiplier;
+  const double offset = follower.mimic->offset;
+  const std::string where = source + ": joint " + in_quotes(follower.name);
+  if (multiplier == 0.0) {
+    if (offset < follower.lower.value_or(offset) || offset > follower.upper.value_or(offset)) {
+      throw InputError(where + ": the value " + shortest(offset) + " that its mimic gives is outside its limits");
+    }
+    return;
+  }
+  const std::optional<double>& lower = multiplier < 0.0 ? follower.upper : follower.lower;
+  const std::optional<double>& upper = multiplier < 0.0 ? follower.lower : follower.upper;
+  if (lower && (*lower - offset) / multiplier > -kLargestNumber) {
+    leader.lower = std::max(leader.lower.value_or(-kLargestNumber), (*lower - offset) / multiplier);
+  }
+  if (upper && (*upper - offset) / multiplier < kLargestNumber) {
+    leader.upper = std::min(leader.upper.value_or(kLargestNumber), (*upper - offset) / multiplier);
+  }
+  if (!(leader.lower.value_or(-kLargestNumber) <= leader.upper.value_or(kLargestNumber))) {
+    throw InputError(where + ": no value of joint " + in_quotes(leader.name) + ", which it mimics, keeps both within " +
+                     "their limits");
+  }
+}
+
+void resolve_mimics(const urdf::ModelInterface& model, Robot& robot) {
+  for (MovingJoint& joint : robot.joints) {
+    joint.mimic = resolved_mimic(model, robot, joint);
+  }
+  for (const MovingJoint& joint : robot.joints) {
+    if (joint.mimic) {
+      narrow_limits(joint, robot.joints[joint.mimic->leader], robot.source);
+    }
+  }
 }
 
 /// Appends the URDF joint to the chain and to the joints or to the fixed part behind them.
@@ -327,6 +390,7 @@ Robot parse_robot(std::string_view urdf, const RobotOptions& options, const std:
     throw InputError(source + ": no moving joint between base link " + in_quotes(robot.base) + " and tip link " +
                      in_quotes(robot.tip) + ", expected at least one");
   }
+  resolve_mimics(*model, robot);
   return robot;
 }
 

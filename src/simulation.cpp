@@ -6,6 +6,7 @@
 
 #include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/mimic.hpp"
 
 namespace kdl_calibration {
 
@@ -57,10 +58,10 @@ JointRanges limits_of(const ErrorModel& model) {
 }
 
 JointRanges published_ranges(const ErrorModel& model) {
-  JointRanges ranges;
-  for (std::size_t i = 0; i < model.joints.size(); ++i) {
-    const double range = i < 4 ? std::numbers::pi / 2.0 : std::numbers::pi;
-    ranges.emplace_back(-range, range);
+  JointRanges ranges(model.joints.size(), {-std::numbers::pi, std::numbers::pi});
+  const std::vector<std::size_t> independent = independent_joints(model.joints);
+  for (std::size_t i = 0; i < std::min<std::size_t>(4, independent.size()); ++i) {
+    ranges[independent[i]] = {-std::numbers::pi / 2.0, std::numbers::pi / 2.0};
   }
   return ranges;
 }
@@ -72,6 +73,12 @@ Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Rand
       joint_values(static_cast<Eigen::Index>(i), c) = random.uniform(ranges[i].first, ranges[i].second);
     }
   }
+  return joint_values;
+}
+
+Eigen::MatrixXd random_configurations(const ErrorModel& model, const JointRanges& ranges, int count, Random& random) {
+  Eigen::MatrixXd joint_values = random_configurations(ranges, count, random);
+  follow(model.joints, joint_values);
   return joint_values;
 }
 

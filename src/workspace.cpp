@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
 #include "parallel.hpp"
 #include "urdf_reading.hpp"
@@ -280,6 +281,7 @@ VectorXd sample(const Robot& robot, const JointRanges& ranges, const CandidateOp
     }
     q[static_cast<Eigen::Index>(i)] = value;
   }
+  follow(robot.joints, q);
   return q;
 }
 

@@ -165,11 +165,11 @@ TEST_F(BadRobot, HasNoMovingJoint) {
   refuse(text, {"--tip", "tool"}, {"no moving joint", "'base'", "'tool'"});
 }
 
-TEST_F(BadRobot, HasAMimicJointInTheChain) {
+TEST_F(BadRobot, HasALeaderBesideTheChain) {
   const std::string text =
-      urdf(joint("j", "revolute", "base", "arm") + joint("m", "revolute", "arm", "tool", "<mimic joint=\"j\"/>") +
-           joint("g", "fixed", "base", "aside"));
-  refuse(text, {"--tip", "tool"}, {"'m'", "mimic"});
+      urdf(joint("j", "revolute", "base", "arm") + joint("m", "revolute", "arm", "tool", "<mimic joint=\"g\"/>") +
+           joint("g", "revolute", "base", "aside"));
+  refuse(text, {"--tip", "tool"}, {"'m'", "mimics", "'g'"});
 }
 
 // ---- Bad measurements ----------------------------------------------------------------------------------------------

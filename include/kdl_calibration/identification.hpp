@@ -29,7 +29,7 @@ struct Identification {
   int iterations = 0;
   Estimate estimate;
   double rms = 0.0;                 ///< [m] weighted 3D residual over the fitted points, repeats included
-  std::vector<double> rms_history;  ///< before each iteration
+  std::vector<double> rms_history;  ///< [m] before each iteration; of each round of the two-step procedure its misfit
   /// Two-step only: the observed ratio of successive parameter changes (geometric mean), the factor of linear
   /// convergence; 0 where fewer than three rounds were run.
   double convergence_factor = 0.0;
@@ -69,10 +69,28 @@ struct RobustIdentification {
 RobustIdentification identify_robustly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                        const FreeParameters& free, Loss loss, const JointOptions& options = {});
 
+/// What one round of the two-step procedure did.
+struct TwoStepRound {
+  int number = 1;
+  double change = 0.0;  ///< [m] RMS motion of the predicted points by the step of the geometric errors
+  double misfit = 0.0;  ///< [m] 3D RMS over the round's points before that step, base and tools fitted to them
+};
+
 struct TwoStepOptions {
   int rounds = 10;
   double step_tolerance = 1e-11;  ///< [m] as for the joint estimator
+  /// Called after every round with the estimate that it left.
+  std::function<void(const TwoStepRound&, const Estimate&)> after_round = {};
 };
+
+/// The rows that a point of tool j adds to the matrix A of the published linear least squares problem for base and
+/// tools, y - p = A [p_base; phi_base; u_1; …; u_m] in the base frame: [I [~p]^T 0 … R … 0] (3 x 6 + 3 m), with R and p
+/// the orientation and position of the flange pose `T_robot`. Three tools make the 9 x 15 matrix of the publication.
+Eigen::Matrix3Xd base_and_tool_rows(const Eigen::Isometry3d& T_robot, Eigen::Index tool, Eigen::Index tools);
+
+/// The factor of linear convergence that successive changes show: the geometric mean of their ratios, without the first
+/// one (far from linear) and without what is below `least_change`; 0 where fewer than three changes remain.
+double convergence_factor(const std::vector<double>& changes, double least_change = 1e-12);
 
 /// The published two-step procedure (see the README): in every round base and targets by linear least squares with the
 /// geometry held, then the geometric errors with base and targets held. `measurements_of_round` gives fresh

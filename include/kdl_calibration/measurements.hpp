@@ -9,6 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "kdl_calibration/robot.hpp"
+
 namespace kdl_calibration {
 
 enum class Split : std::uint8_t { train, test };
@@ -75,6 +77,15 @@ Measurements read_measurements(const std::filesystem::path& file, const std::vec
                                const JointConvention* convention = nullptr);
 Measurements parse_measurements(std::string_view csv, const std::vector<std::string>& urdf_joints,
                                 const JointConvention* convention = nullptr,
+                                const std::string& source = "measurements");
+
+/// The same for a robot some of whose joints mimic others: the columns of followers (see Mimic), under the URDF's names
+/// even behind a convention, are optional, and the convention is one of the independent joints alone. A follower's
+/// column that differs from what its leader says by more than 1e-5 (1 + |multiplier|) rad or m (two values rounded to
+/// the third decimal of a degree or the fifth of a metre) is refused, too.
+Measurements read_measurements(const Robot& robot, const std::filesystem::path& file,
+                               const JointConvention* convention = nullptr);
+Measurements parse_measurements(const Robot& robot, std::string_view csv, const JointConvention* convention = nullptr,
                                 const std::string& source = "measurements");
 
 /// The CSV that read_measurements reads back to the same doubles; joint values in the URDF's convention. Columns

@@ -35,7 +35,7 @@ struct MeasuringPlan {
 
 /// A measurements file (CSV) whose coordinates are still to be filled in: one row for each configuration and target,
 /// joints in degrees or millimetres under the URDF's names or, behind a convention, the controller's, to 1e-9 of the
-/// unit. read_measurements refuses it until no coordinate is empty.
+/// unit, joints that mimic others left out. read_measurements refuses it until no coordinate is empty.
 /// Throws InputError for a name that the format cannot hold and for a convention that mixes angles with lengths.
 std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& joints,
                      const JointConvention* convention = nullptr);
@@ -47,5 +47,8 @@ Measurements read_configurations(const std::filesystem::path& file, const std::v
                                  const JointConvention* convention = nullptr);
 Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,
                                   const JointConvention* convention = nullptr, const std::string& source = "plan");
+/// The same for a robot some of whose joints may mimic others, see read_measurements.
+Measurements read_configurations(const Robot& robot, const std::filesystem::path& file,
+                                 const JointConvention* convention = nullptr);
 
 }  // namespace kdl_calibration

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <kdl/chain.hpp>
 #include <kdl/frames.hpp>
@@ -12,6 +13,13 @@ namespace kdl_calibration {
 
 enum class JointType { revolute, continuous, prismatic };
 
+/// How a joint follows another one of the chain (URDF <mimic>): its value is multiplier * the leader's + offset.
+struct Mimic {
+  std::size_t leader = 0;  ///< index of a joint of the chain that follows none
+  double multiplier = 1.0;
+  double offset = 0.0;  ///< [rad] or [m]
+};
+
 /// A moving joint of the chain. Units: metres and radians (per second).
 struct MovingJoint {
   std::string name;
@@ -21,9 +29,12 @@ struct MovingJoint {
   KDL::Frame origin;
   /// Unit axis in the joint's own frame.
   KDL::Vector axis;
-  std::optional<double> lower;  ///< none where the URDF states no limit (or zero for both) or the joint is continuous
+  /// None where the URDF states no limit (or zero for both) or the joint is continuous. A leader's are narrowed to
+  /// what its followers' limits leave.
+  std::optional<double> lower;
   std::optional<double> upper;
   std::optional<double> velocity;
+  std::optional<Mimic> mimic;  ///< none for an independent joint
 };
 
 /// The nominal robot: one serial chain of a URDF, from `base` to `tip`.
@@ -44,14 +55,16 @@ struct RobotOptions {
   std::string tip;   ///< link; empty: the only leaf, else `tool0`, else `flange`
 };
 
-/// Names of the moving joints, base to tip.
+/// Names of the moving joints, base to tip, followers included (see mimic.hpp).
 std::vector<std::string> joint_names(const Robot& robot);
 
 /// Builds the nominal chain from URDF text. `source` names the text in messages.
 /// Throws InputError: malformed XML (with its line), unknown base or tip (the message lists the links), base and tip
-/// not connected, no moving joint, a mimic, floating or planar joint in the chain, a zero axis, an ambiguous tip, a
-/// lower limit above the upper, links that form no tree, and whatever urdfdom rejects (such as a revolute joint with no
-/// <limit>), with urdfdom's words. Limits: 64 MiB, 100 nested levels, 2,000 joints, 100 moving ones in the chain.
+/// not connected, no moving joint, a floating or planar joint in the chain, a zero axis, an ambiguous tip, a lower
+/// limit above the upper, a joint that mimics itself or one that does not move in the chain, limits of a leader and its
+/// follower that exclude each other, links that form no tree, and whatever urdfdom rejects (such as a revolute joint
+/// with no <limit>), with urdfdom's words. Limits: 64 MiB, 100 nested levels, 2,000 joints, 100 moving ones in the
+/// chain.
 Robot parse_robot(std::string_view urdf, const RobotOptions& options = {}, const std::string& source = "URDF");
 
 /// Reads the file and builds the nominal chain. Throws InputError as parse_robot does, and for an unreadable file.

@@ -43,11 +43,13 @@ using JointRanges = std::vector<std::pair<double, double>>;
 
 /// The joints' limits; ±pi (±1 m for a prismatic joint) where there are none.
 JointRanges limits_of(const ErrorModel& model);
-/// ±90 degrees for the first four joints and ±180 degrees for the others; for a chain of six revolute joints.
+/// ±90 degrees for the first four independent joints and ±180 degrees for the others; for six revolute joints.
 JointRanges published_ranges(const ErrorModel& model);
 
 /// Configurations uniform in the ranges: joints x count.
 Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Random& random);
+/// The same for a chain with joints that mimic others: what is drawn for a follower gives way to what it follows.
+Eigen::MatrixXd random_configurations(const ErrorModel& model, const JointRanges& ranges, int count, Random& random);
 
 struct MeasuringNoise {
   double sigma = 0.0;              ///< [m] of every coordinate, independent

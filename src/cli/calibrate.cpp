@@ -100,7 +100,7 @@ Configurations configurations_of(const std::string& file, const MeasurementArgum
   if (!arguments.joint_convention.empty()) {
     convention = read_joint_convention(arguments.joint_convention);
   }
-  const Measurements asked = read_configurations(file, joint_names(robot), convention ? &*convention : nullptr);
+  const Measurements asked = read_configurations(robot, file, convention ? &*convention : nullptr);
   return {.names = asked.configurations, .joint_values = asked.joint_values};
 }
 

@@ -8,6 +8,7 @@
 
 #include "frames.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "options.hpp"
 #include "text.hpp"
 
@@ -69,17 +70,24 @@ std::vector<Named> named_values(const Robot& robot, const JointConvention* conve
   const auto count = static_cast<Eigen::Index>(robot.joints.size());
   std::vector<Named> result;
   if (convention != nullptr) {
+    const std::vector<std::size_t> independent = independent_joints(robot.joints);
     const Eigen::MatrixXd inverse = convention->matrix.inverse();
     const Eigen::VectorXd offset = -inverse * convention->offset;
-    for (Eigen::Index i = 0; i < count; ++i) {
+    for (Eigen::Index i = 0; i < inverse.rows(); ++i) {
+      Eigen::VectorXd weights = Eigen::VectorXd::Zero(count);
+      weights(independent) = inverse.row(i).transpose();
       result.push_back({.name = convention->controller_joints[static_cast<std::size_t>(i)],
-                        .weights = inverse.row(i).transpose(),
+                        .weights = weights,
                         .offset = offset[i]});
     }
   }
-  for (Eigen::Index i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {  // a follower's value is its leader's, times and plus
+    const Mimic itself{.leader = i};
+    const Mimic& mimic = robot.joints[i].mimic ? *robot.joints[i].mimic : itself;
     result.push_back(
-        {.name = robot.joints[static_cast<std::size_t>(i)].name, .weights = Eigen::VectorXd::Unit(count, i)});
+        {.name = robot.joints[i].name,
+         .weights = mimic.multiplier * Eigen::VectorXd::Unit(count, static_cast<Eigen::Index>(mimic.leader)),
+         .offset = mimic.offset});
   }
   return result;
 }

@@ -140,6 +140,44 @@ Eigen::VectorXd errors_of(const Json& json, const std::string& source, const Err
   return errors;
 }
 
+void require_same_nominal(const Json& json, const std::string& source, const ErrorModel& model) {
+  constexpr double kRounding = 1e-9;  // [m]
+  for (const Node& node : elements(member({.json = json, .where = source}, "parameters"))) {
+    const std::string parameter = name(member(node, "name"));
+    const auto known = std::find_if(model.parameters.begin(), model.parameters.end(),
+                                    [&](const ErrorParameter& candidate) { return candidate.name == parameter; });
+    if (known != model.parameters.end() && has(node, "nominal") &&
+        std::abs(number(member(node, "nominal")) - known->nominal) > kRounding) {
+      throw InputError(node.where + ": nominal " + node.json["nominal"].dump() + " of '" + parameter + "' is " +
+                       Json(known->nominal).dump() + " in this URDF, expected the URDF, base and tip that " +
+                       "the file comes from");
+    }
+  }
+}
+
+std::vector<std::optional<std::pair<double, double>>> ranges_of(const Json& json, const std::string& source,
+                                                                const ErrorModel& model) {
+  std::vector<std::optional<std::pair<double, double>>> ranges(model.joints.size());
+  const Node top{.json = json, .where = source};
+  if (!has(top, "joint_ranges")) {
+    return ranges;
+  }
+  for (const Node& node : elements(member(top, "joint_ranges"))) {
+    const std::string joint = name(member(node, "joint"));
+    const double lower = number(member(node, "lower"));
+    const double upper = number(member(node, "upper"));
+    if (!(lower <= upper)) {
+      fail(node, "lower <= upper");
+    }
+    for (std::size_t i = 0; i < model.joints.size(); ++i) {
+      if (model.joints[i].name == joint) {
+        ranges[i] = {lower, upper};
+      }
+    }
+  }
+  return ranges;
+}
+
 Json read_json(const std::filesystem::path& file) { return json_of(read_text_file(file), file.string()); }
 
 Eigen::Isometry3d read_base(const std::filesystem::path& file) { return base_of(read_json(file), file.string()); }

@@ -4,8 +4,10 @@
 #include <Eigen/Geometry>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
@@ -25,6 +27,13 @@ std::vector<TargetFrame> targets_of(const Json& json, const std::string& source)
 
 /// The errors of the model's parameters in a result or a truth; zero for those that it does not name.
 Eigen::VectorXd errors_of(const Json& json, const std::string& source, const ErrorModel& model);
+
+/// Throws InputError where a parameter's "nominal" is not the model's: the file comes from another robot.
+void require_same_nominal(const Json& json, const std::string& source, const ErrorModel& model);
+
+/// "joint_ranges": [{"joint", "lower", "upper"}] [rad] or [m] of a truth; none for the joints that it does not name.
+std::vector<std::optional<std::pair<double, double>>> ranges_of(const Json& json, const std::string& source,
+                                                                const ErrorModel& model);
 
 /// The same from a file of at most 64 MiB.
 Json read_json(const std::filesystem::path& file);

@@ -1,8 +1,15 @@
 #include <memory>
+#include <numeric>
+#include <optional>
 
 #include "frames.hpp"
+#include "identification_csv.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/simulation.hpp"
 #include "options.hpp"
+#include "output_files.hpp"
 #include "subcommands.hpp"
 #include "text.hpp"
 
@@ -50,15 +57,117 @@ std::string table(const Robot& robot, const ManipulatorJacobians& jacobians) {
          Json(jacobians.largest_difference).dump() + "\n";
 }
 
-ExitStatus run(const ArmAtJoints& arguments) {
-  const Robot robot = load(arguments.robot);
-  const ErrorModel model = complete_model(robot);
-  Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  if (!arguments.result.empty()) {
-    errors = read_errors(arguments.result, model);
+struct Arguments {
+  ArmAtJoints arm;
+  bool identification = false;
+  std::string configuration_file;
+  int targets = 3;
+  std::string target_file;
+  std::string model = "irreducible";
+  std::string output;
+  bool force = false;
+};
+
+Eigen::VectorXd errors_at(const Arguments& arguments, const ErrorModel& model) {
+  return arguments.arm.result.empty()
+             ? Eigen::VectorXd(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())))
+             : read_errors(arguments.arm.result, model);
+}
+
+// Base and targets as the result has them; else W is the base frame, and the targets are the published ones.
+Estimate estimate_at(const Arguments& arguments, const ErrorModel& model) {
+  Estimate estimate{.errors = errors_at(arguments, model), .targets = published_targets(arguments.targets)};
+  if (!arguments.arm.result.empty()) {
+    estimate.X_WB = read_base(arguments.arm.result);
+    estimate.targets = read_targets(arguments.arm.result);
   }
-  const ManipulatorJacobians jacobians = manipulator_jacobians(model, errors, joint_values(robot, arguments.joints));
-  print(arguments.json ? json(jacobians) : table(robot, jacobians));
+  if (!arguments.target_file.empty()) {
+    estimate.targets = read_targets(arguments.target_file);
+  }
+  for (TargetFrame& target : estimate.targets) {
+    target.with_orientation = false;  // the published matrices are those of points
+  }
+  return estimate;
+}
+
+FreeParameters free_at(const Arguments& arguments, const ErrorModel& model, const std::vector<TargetFrame>& targets) {
+  FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+  if (arguments.model == "complete") {
+    free.geometric.resize(model.parameters.size());
+    std::iota(free.geometric.begin(), free.geometric.end(), std::size_t{0});
+  }
+  return free;
+}
+
+void take_configurations(const Arguments& arguments, const Robot& robot, IdentificationAt& at) {
+  if (arguments.configuration_file.empty()) {
+    at.configurations = {"1"};
+    at.joint_values = joint_values(robot, arguments.arm.joints);
+    return;
+  }
+  std::optional<JointConvention> convention;
+  if (!arguments.arm.joints.joint_convention.empty()) {
+    convention = read_joint_convention(arguments.arm.joints.joint_convention);
+  }
+  const Measurements read =
+      read_configurations(robot, arguments.configuration_file, convention ? &*convention : nullptr);
+  at.configurations = read.configurations;
+  at.joint_values = read.joint_values;
+}
+
+ExitStatus run_identification(const Arguments& arguments) {
+  std::vector<OutputFile> files;
+  if (!arguments.output.empty()) {
+    files.push_back({.option = "--output", .path = arguments.output, .text = {}});
+  }
+  require_writable(files, arguments.force);
+  const Robot robot = load(arguments.arm.robot);
+  IdentificationAt at{.model = complete_model(robot)};
+  at.estimate = estimate_at(arguments, at.model);
+  at.free = free_at(arguments, at.model, at.estimate.targets);
+  take_configurations(arguments, robot, at);
+  const std::string csv = identification_csv(at);
+  for (OutputFile& file : files) {
+    file.text = csv;
+  }
+  write_whole(files, arguments.force);
+  if (arguments.arm.json) {
+    print(json_text(identification_json(at)));
+  } else if (files.empty()) {
+    print(csv);
+  } else {
+    const std::size_t targets = at.estimate.targets.size();
+    print(std::to_string(at.configurations.size()) + " configurations, in each the identification Jacobian, " +
+          std::to_string(3 * targets) + " x " +
+          std::to_string(column_names(at.model, at.estimate.targets, at.free).size()) + ", and A, " +
+          std::to_string(3 * targets) + " x " + std::to_string(6 + 3 * targets) + "\n");
+  }
+  return done;
+}
+
+void require_sound(const Arguments& arguments) {
+  const bool joints = !arguments.arm.joints.joints.empty();
+  if (!arguments.identification && (!arguments.configuration_file.empty() || !arguments.output.empty())) {
+    throw InputError(std::string("jacobian: ") + (arguments.output.empty() ? "--configuration-file" : "--output") +
+                     " needs --identification");
+  }
+  if (joints == !arguments.configuration_file.empty()) {
+    throw InputError(std::string("jacobian: --joints is required") +
+                     (arguments.identification ? ", or --configuration-file, one of the two" : "") +
+                     ", see kdlcal jacobian --help");
+  }
+}
+
+ExitStatus run(const Arguments& arguments) {
+  require_sound(arguments);
+  if (arguments.identification) {
+    return run_identification(arguments);
+  }
+  const Robot robot = load(arguments.arm.robot);
+  const ErrorModel model = complete_model(robot);
+  const ManipulatorJacobians jacobians =
+      manipulator_jacobians(model, errors_at(arguments, model), joint_values(robot, arguments.arm.joints));
+  print(arguments.arm.json ? json(jacobians) : table(robot, jacobians));
   return done;
 }
 
@@ -66,9 +175,25 @@ ExitStatus run(const ArmAtJoints& arguments) {
 
 Subcommand add_jacobian(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("jacobian", "The manipulator Jacobian at joint values, by three routes");
-  const auto arguments = std::make_shared<ArmAtJoints>();
-  add_arm_at_joints(*app, *arguments);
-  add_example(*app, "kdlcal jacobian --joints 0,10,-20,0,45,0 --degrees");
+  const auto arguments = std::make_shared<Arguments>();
+  add_arm_at_joints(*app, arguments->arm);
+  app->get_option("--joints")->required(false);
+  app->add_flag("--identification", arguments->identification,
+                "The identification Jacobian and the matrix A of the two-step procedure instead (CSV)");
+  add_file(*app, "--configuration-file", arguments->configuration_file,
+           "With it: at these configurations (CSV like a plan or measurements) instead of --joints");
+  add_count(*app, "--targets", arguments->targets, 1, 100, "With it: published targets on the tool");
+  add_file(*app, "--target-file", arguments->target_file,
+           "With it: targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} [those of --result]");
+  app->add_option("--model", arguments->model, "With it: parameters, irreducible or complete")
+      ->type_name("NAME")
+      ->check(one_of({"irreducible", "complete"}))
+      ->capture_default_str();
+  add_file(*app, "--output", arguments->output, "With it: write the CSV [standard output]");
+  app->add_flag("--force", arguments->force, "Overwrite files that exist");
+  add_example(*app,
+              "kdlcal jacobian --joints 0,10,-20,0,45,0 --degrees\n"
+              "  kdlcal jacobian --identification --configuration-file plan.csv --output matrices.csv");
   return {.app = app, .run = [arguments] { return run(*arguments); }};
 }
 

@@ -60,10 +60,10 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
 
 Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
   if (arguments.joint_convention.empty()) {
-    return read_measurements(arguments.measurements, joint_names(robot));
+    return read_measurements(robot, arguments.measurements);
   }
   const JointConvention convention = read_joint_convention(arguments.joint_convention);
-  return read_measurements(arguments.measurements, joint_names(robot), &convention);
+  return read_measurements(robot, arguments.measurements, &convention);
 }
 
 void add_tracker_noise(CLI::App& app, std::vector<double>& values) {

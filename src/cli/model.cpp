@@ -26,6 +26,18 @@ std::string combination(const DroppedParameter& dropped) {
   return text.empty() ? "nothing: it has no effect" : text;
 }
 
+// " (joint_3 = -1.0 joint_2 + 0.1)"
+std::string followers(const Robot& robot) {
+  std::string text;
+  for (const MovingJoint& joint : robot.joints) {
+    if (joint.mimic) {
+      text += (text.empty() ? "" : ", ") + joint.name + " = " + Json(joint.mimic->multiplier).dump() + " " +
+              robot.joints[joint.mimic->leader].name + " + " + Json(joint.mimic->offset).dump();
+    }
+  }
+  return text.empty() ? "" : " (" + text + ")";
+}
+
 std::string table(const Robot& robot, const ErrorModel& model, const Arguments& arguments, const Reduction& reduction) {
   std::string complete;
   for (const ErrorParameter& parameter : model.parameters) {
@@ -36,7 +48,7 @@ std::string table(const Robot& robot, const ErrorModel& model, const Arguments& 
     kept += (kept.empty() ? "" : " ") + name;
   }
   std::string text = robot.name + ": " + robot.base + " to " + robot.tip + ", " + std::to_string(robot.joints.size()) +
-                     " joints, " + std::to_string(arguments.targets) + " measured " +
+                     " joints" + followers(robot) + ", " + std::to_string(arguments.targets) + " measured " +
                      (arguments.poses ? "poses" : "points") + " on the tool\n";
   text += "complete model, " + std::to_string(model.parameters.size()) + " geometric parameters:\n  " + complete + "\n";
   text += "irreducible model, rank " + std::to_string(reduction.rank) + " of " + std::to_string(reduction.candidates) +

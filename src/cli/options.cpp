@@ -10,6 +10,7 @@
 #include "data_dir.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "text.hpp"
 
 namespace kdl_calibration::cli {
@@ -23,7 +24,8 @@ std::string refused(const std::string& value, const std::string& expected) {
 }
 
 Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments, const JointConvention* convention) {
-  const std::vector<std::string> names = convention == nullptr ? joint_names(robot) : convention->controller_joints;
+  const std::vector<std::string> names =
+      convention == nullptr ? independent_joint_names(robot.joints) : convention->controller_joints;
   if (arguments.joints.size() != names.size()) {
     throw InputError("--joints: has " + std::to_string(arguments.joints.size()) + " values, expected " +
                      std::to_string(names.size()) + ": " + listed(names));
@@ -146,19 +148,21 @@ Robot load(const RobotArguments& arguments) {
 
 bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value) {
   bool any = false;
-  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
+  Eigen::Index row = 0;
+  for (const std::size_t i : independent_joints(robot.joints)) {
     const bool depends = convention == nullptr ? row == value : convention->matrix(row, value) != 0.0;
     any = any || depends;
     if (depends && robot.joints[i].type != JointType::prismatic) {
       return false;
     }
+    ++row;
   }
   return any;
 }
 
 void add_joint_options(CLI::App& app, JointArguments& arguments) {
-  add_list(app, "--joints", arguments.joints, "Joint values from base to tip, separated by commas, rad or m")
+  add_list(app, "--joints", arguments.joints,
+           "Joint values from base to tip, separated by commas, rad or m; none for joints that mimic others")
       ->type_name("q1,...,qn")
       ->required();
   app.add_flag("--degrees", arguments.degrees, "Joint angles are in degrees");
@@ -179,9 +183,10 @@ Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments
     q = given_values(robot, arguments, nullptr);
   } else {
     const JointConvention convention =
-        matched_convention(read_joint_convention(arguments.joint_convention), joint_names(robot));
+        matched_convention(read_joint_convention(arguments.joint_convention), independent_joint_names(robot.joints));
     q = convention.matrix * given_values(robot, arguments, &convention) + convention.offset;
   }
+  q = all_joint_values(robot.joints, q);
   warn_outside_limits(robot, q);
   return q;
 }

@@ -59,7 +59,7 @@ void add_joint_options(CLI::App& app, JointArguments& arguments);
 /// a length. The matrix of a convention turns angles into angles and lengths into lengths: a controller's value is a
 /// length where all that it moves is prismatic.
 bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value);
-/// The URDF's joint values [rad] or [m]; warns of values outside the limits.
+/// The URDF's values of all joints [rad] or [m]; warns of values outside the limits.
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
 
 /// The arm, nominal or calibrated, at given joint values: the options above with --result and --json.

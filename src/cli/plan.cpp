@@ -10,6 +10,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/monte_carlo.hpp"
 #include "kdl_calibration/pose_selection.hpp"
 #include "kdl_calibration/workspace.hpp"
@@ -100,10 +101,12 @@ FacingTargets targets(const Arguments& arguments, const ErrorModel& model,
 }
 
 Eigen::VectorXd home(const Arguments& arguments, const Setting& setting) {
-  const std::size_t count = setting.robot.joints.size();
+  const std::vector<MovingJoint>& joints = setting.robot.joints;
+  const std::vector<std::size_t> independent = independent_joints(joints);
+  const std::size_t count = independent.size();
   Eigen::VectorXd values = Eigen::VectorXd::Zero(static_cast<Index>(count));
   if (arguments.home.empty()) {
-    return values;
+    return all_joint_values(joints, values);
   }
   const std::vector<double> given =
       numbers("--home", arguments.home, count, std::to_string(count) + " joint values in degrees (mm for lengths)");
@@ -113,9 +116,9 @@ Eigen::VectorXd home(const Arguments& arguments, const Setting& setting) {
     values[static_cast<Index>(i)] = given[i] * (length ? 1e-3 : kDegree);
   }
   if (setting.convention) {
-    return setting.convention->matrix * values + setting.convention->offset;
+    values = (setting.convention->matrix * values + setting.convention->offset).eval();
   }
-  return values;
+  return all_joint_values(joints, values);
 }
 
 PointNoise noise(const Arguments& arguments, const Cell& cell) {
@@ -133,13 +136,13 @@ PointNoise noise(const Arguments& arguments, const Cell& cell) {
 Setting setting(const Arguments& arguments) {
   Setting result{.robot = load(arguments.robot)};
   result.model = complete_model(result.robot);
-  const std::vector<std::string> names = joint_names(result.robot);
   if (!arguments.joint_convention.empty()) {
-    result.convention = matched_convention(read_joint_convention(arguments.joint_convention), names);
+    result.convention = matched_convention(read_joint_convention(arguments.joint_convention),
+                                           independent_joint_names(result.robot.joints));
   }
   const JointConvention* convention = result.convention ? &*result.convention : nullptr;
   if (!arguments.measured.empty()) {
-    result.measured = read_measurements(arguments.measured, names, convention);
+    result.measured = read_measurements(result.robot, arguments.measured, convention);
   }
   result.targets = targets(arguments, result.model, result.measured);
   const Cell limits = cell(arguments.cell, result.robot, result.model, result.targets, convention);
@@ -158,7 +161,7 @@ Setting setting(const Arguments& arguments) {
                              .length_step = 1e-6});
   result.candidates = result.drawn.joint_values.leftCols(arguments.candidates);
   result.tasks = arguments.tasks.empty() ? MatrixXd(result.drawn.joint_values.rightCols(arguments.workspace))
-                                         : read_configurations(arguments.tasks, names, convention).joint_values;
+                                         : read_configurations(result.robot, arguments.tasks, convention).joint_values;
   result.home = home(arguments, result);
   return result;
 }
@@ -307,7 +310,8 @@ std::string json(const Arguments& arguments, const Setting& setting, const Plan&
   }
   Json configurations = Json::array();
   for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
-    const Eigen::VectorXd q = plan.sheet.joint_values.col(static_cast<Index>(c));
+    const Eigen::VectorXd q =
+        independent_joint_values(setting.robot.joints, plan.sheet.joint_values.col(static_cast<Index>(c)));
     configurations.push_back(
         {{"configuration", plan.sheet.configurations[c]}, {"joints", std::vector<double>(q.begin(), q.end())}});
   }

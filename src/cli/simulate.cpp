@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <numbers>
 #include <optional>
@@ -10,18 +11,21 @@
 #include "frames.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/monte_carlo.hpp"
 #include "options.hpp"
 #include "output_files.hpp"
 #include "progress.hpp"
 #include "subcommands.hpp"
 #include "text.hpp"
+#include "truth_report.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr int kTestsOfMonteCarlo = 100;  // configurations
+constexpr int kHeldOutOfTwoStep = 1000;
 
 struct Arguments {
   RobotArguments robot;
@@ -38,6 +42,8 @@ struct Arguments {
   std::string model = "irreducible";
   std::vector<std::string> joint_ranges = {"limits"};
   int monte_carlo = 0;
+  int two_step = 0;  // rounds
+  bool recorded = false;
   int threads = 0;
   std::uint64_t seed = 1;
   std::string output;
@@ -61,13 +67,13 @@ std::pair<double, double> parsed_range(const std::string& text, const MovingJoin
 }
 
 JointRanges joint_ranges(const ErrorModel& model, const std::vector<std::string>& given) {
-  const std::vector<MovingJoint>& joints = model.joints;
+  const std::vector<std::size_t> joints = independent_joints(model.joints);
   if (given.size() == 1 && given.front() == "limits") {
     return limits_of(model);
   }
   if (given.size() == 1 && given.front() == "published") {
-    const bool six_revolute = joints.size() == 6 && std::none_of(joints.begin(), joints.end(), [](const auto& joint) {
-                                return joint.type == JointType::prismatic;
+    const bool six_revolute = joints.size() == 6 && std::none_of(joints.begin(), joints.end(), [&](std::size_t i) {
+                                return model.joints[i].type == JointType::prismatic;
                               });
     if (!six_revolute) {
       throw InputError("--joint-ranges: 'published' is for six revolute joints, expected limits or lower:upper of " +
@@ -79,9 +85,9 @@ JointRanges joint_ranges(const ErrorModel& model, const std::vector<std::string>
     throw InputError("--joint-ranges: has " + std::to_string(given.size()) +
                      " entries, expected limits, published or " + std::to_string(joints.size()) + " times lower:upper");
   }
-  JointRanges ranges;
+  JointRanges ranges = limits_of(model);
   for (std::size_t i = 0; i < joints.size(); ++i) {
-    ranges.push_back(parsed_range(given[i], joints[i]));
+    ranges[joints[i]] = parsed_range(given[i], model.joints[joints[i]]);
   }
   return ranges;
 }
@@ -125,7 +131,7 @@ Json parameters_json(const VirtualRobot& robot, const std::vector<std::size_t>& 
 
 Json ranges_json(const ErrorModel& model, const JointRanges& ranges) {
   Json list = Json::array();
-  for (std::size_t i = 0; i < ranges.size(); ++i) {
+  for (const std::size_t i : independent_joints(model.joints)) {
     list.push_back({{"joint", model.joints[i].name}, {"lower", ranges[i].first}, {"upper", ranges[i].second}});
   }
   return list;
@@ -175,13 +181,34 @@ Setup setup(const Robot& robot, const Arguments& arguments) {
       convention = read_joint_convention(arguments.joint_convention);
     }
     const JointConvention* behind = convention ? &*convention : nullptr;
-    result.plan = read_configurations(arguments.plan, joint_names(robot), behind).joint_values;
+    result.plan = read_configurations(robot, arguments.plan, behind).joint_values;
   }
   return result;
 }
 
 Eigen::MatrixXd to_fit(const Arguments& arguments, const Setup& set, Random& random) {
-  return set.plan ? *set.plan : random_configurations(set.ranges, arguments.configurations, random);
+  return set.plan ? *set.plan : random_configurations(set.model, set.ranges, arguments.configurations, random);
+}
+
+// What the virtual robot is, beside what was drawn for one set of measurements.
+Json truth_of(const Robot& robot, const Arguments& arguments, const Setup& set, const VirtualRobot& virtual_one) {
+  Json target_list = Json::array();
+  for (const TargetFrame& target : virtual_one.truth.targets) {
+    target_list.push_back(target_json(target));
+  }
+  return {{"seed", arguments.seed},
+          {"urdf", robot.source},
+          {"base_link", robot.base},
+          {"tip_link", robot.tip},
+          {"configurations", set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations}},
+          {"test_configurations", arguments.test_configurations},
+          {"repeats", arguments.noise.repeats},
+          {"noise", arguments.noise.sigma},
+          {"orientation_noise", arguments.noise.orientation_sigma},
+          {"joint_ranges", ranges_json(set.model, set.ranges)},
+          {"parameters", parameters_json(virtual_one, set.with_errors, set.reduction)},
+          {"base", frame_json(virtual_one.truth.X_WB)},
+          {"targets", target_list}};
 }
 
 Simulation simulation(const Robot& robot, const Arguments& arguments) {
@@ -192,27 +219,11 @@ Simulation simulation(const Robot& robot, const Arguments& arguments) {
   const Eigen::MatrixXd train = to_fit(arguments, set, random);
   result.measurements = measure(result.robot, train, arguments.noise, random);
   if (arguments.test_configurations > 0) {
-    const Eigen::MatrixXd test = random_configurations(set.ranges, arguments.test_configurations, random);
+    const Eigen::MatrixXd test = random_configurations(set.model, set.ranges, arguments.test_configurations, random);
     result.measurements =
         joined(result.measurements, measure(result.robot, test, arguments.noise, random, Split::test));
   }
-  Json target_list = Json::array();
-  for (const TargetFrame& target : result.robot.truth.targets) {
-    target_list.push_back(target_json(target));
-  }
-  result.truth = {{"seed", arguments.seed},
-                  {"urdf", robot.source},
-                  {"base_link", robot.base},
-                  {"tip_link", robot.tip},
-                  {"configurations", train.cols()},
-                  {"test_configurations", arguments.test_configurations},
-                  {"repeats", arguments.noise.repeats},
-                  {"noise", arguments.noise.sigma},
-                  {"orientation_noise", arguments.noise.orientation_sigma},
-                  {"joint_ranges", ranges_json(set.model, set.ranges)},
-                  {"parameters", parameters_json(result.robot, set.with_errors, set.reduction)},
-                  {"base", frame_json(result.robot.truth.X_WB)},
-                  {"targets", target_list}};
+  result.truth = truth_of(robot, arguments, set, result.robot);
   return result;
 }
 
@@ -225,11 +236,6 @@ std::string summary(const Arguments& arguments, const Simulation& simulation) {
          fixed(arguments.noise.sigma * 1e3, 4) + " mm; " + std::to_string(simulation.truth["parameters"].size()) +
          " true errors, lengths " + fixed(arguments.sizes.length * 1e3, 3) + " mm, angles " +
          fixed(arguments.sizes.angle / kDegree, 4) + " deg (1 sigma); seed " + std::to_string(arguments.seed) + "\n";
-}
-
-Json statistics_json(const ErrorStatistics& statistics) {
-  return {{"count", statistics.count}, {"mean", statistics.mean}, {"rms", statistics.rms},
-          {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
 }
 
 std::string statistics_line(const std::string& label, const ErrorStatistics& statistics) {
@@ -248,19 +254,19 @@ ExitStatus run_many(const Arguments& arguments) {
   const Setup set = setup(robot, arguments);
   const int test = arguments.test_configurations > 0 ? arguments.test_configurations : kTestsOfMonteCarlo;
   Progress progress("simulating");
-  const MonteCarloResult result =
-      run_monte_carlo({.model = set.model,
-                       .with_errors = set.with_errors,
-                       .targets = set.targets,
-                       .sizes = arguments.sizes,
-                       .noise = arguments.noise,
-                       .train = [&](Random& random) { return to_fit(arguments, set, random); },
-                       .test = [&](Random& random) { return random_configurations(set.ranges, test, random); },
-                       .calibration = {},
-                       .runs = arguments.monte_carlo,
-                       .seed = arguments.seed,
-                       .threads = arguments.threads,
-                       .progress = [&](double share) { progress(share); }});
+  const MonteCarloResult result = run_monte_carlo(
+      {.model = set.model,
+       .with_errors = set.with_errors,
+       .targets = set.targets,
+       .sizes = arguments.sizes,
+       .noise = arguments.noise,
+       .train = [&](Random& random) { return to_fit(arguments, set, random); },
+       .test = [&](Random& random) { return random_configurations(set.model, set.ranges, test, random); },
+       .calibration = {},
+       .runs = arguments.monte_carlo,
+       .seed = arguments.seed,
+       .threads = arguments.threads,
+       .progress = [&](double share) { progress(share); }});
   if (arguments.json) {
     print(json_text({{"runs", result.runs},
                      {"not_trusted", result.not_trusted},
@@ -280,9 +286,73 @@ ExitStatus run_many(const Arguments& arguments) {
   return done;
 }
 
+void require_two_step(const Arguments& arguments) {
+  if (arguments.monte_carlo > 0) {
+    throw InputError("--two-step: is one robot, expected it without --monte-carlo");
+  }
+  if (arguments.poses) {
+    throw InputError("--two-step: estimates from points, expected it without --poses");
+  }
+  if (!arguments.output.empty()) {
+    throw InputError("--two-step: measures anew in every round, expected it without --output");
+  }
+}
+
+std::string two_step_heading(const Arguments& arguments, const Setup& set, Eigen::Index held_out) {
+  const std::string count = std::to_string(set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations});
+  return "the two-step procedure against a virtual robot: in every round " +
+         (arguments.recorded ? "the same " + count : count + " fresh") + " configurations, " +
+         std::to_string(set.targets.size()) + " targets, noise " + fixed(arguments.noise.sigma * 1e3, 4) +
+         " mm; held out " + std::to_string(held_out) + " configurations; seed " + std::to_string(arguments.seed) + "\n";
+}
+
+ExitStatus run_two_step(const Arguments& arguments) {
+  require_two_step(arguments);
+  std::vector<OutputFile> files;
+  if (!arguments.truth.empty()) {
+    files.push_back({.option = "--truth", .path = arguments.truth, .text = {}});
+  }
+  require_writable(files, arguments.force);
+  const Robot robot = load(arguments.robot);
+  const Setup set = setup(robot, arguments);
+  Random random(arguments.seed);
+  Random elsewhere(arguments.seed, 1);
+  Progress progress("rounds");
+  const int held_out = arguments.test_configurations > 0 ? arguments.test_configurations : kHeldOutOfTwoStep;
+  const TwoStepTrial trial{.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random),
+                           .configurations = [&](Random& numbers) { return to_fit(arguments, set, numbers); },
+                           .noise = arguments.noise,
+                           .rounds = arguments.two_step,
+                           .recorded = arguments.recorded,
+                           .held_out = random_configurations(set.model, set.ranges, held_out, elsewhere),
+                           .progress = std::ref(progress)};
+  const TwoStepTrialResult result = run_two_step_trial(trial, random);
+  const Estimate& estimate = result.identification.estimate;
+  for (OutputFile& file : files) {
+    file.text = json_text(truth_of(robot, arguments, set, trial.robot));
+  }
+  write_whole(files, arguments.force);
+  if (arguments.json) {
+    Json json = rounds_json(result);
+    json.update({{"recorded", arguments.recorded}, {"seed", arguments.seed}});
+    json.update(truth_json(set.model, estimate, trial.robot.truth, result.truth));
+    print(json_text(json));
+  } else {
+    print(two_step_heading(arguments, set, trial.held_out.cols()) + rounds_table(result) + "\n" +
+          truth_table(set.model, estimate, result.truth));
+  }
+  return result.settled && result.truth.comparable() ? done : not_to_be_trusted;
+}
+
 ExitStatus run(Arguments arguments) {
   if (arguments.angle_sigma_deg) {
     arguments.sizes.angle = *arguments.angle_sigma_deg * kDegree;
+  }
+  if (arguments.two_step > 0) {
+    return run_two_step(arguments);
+  }
+  if (arguments.recorded) {
+    throw InputError("--recorded: says how --two-step measures, expected --two-step ROUNDS beside it");
   }
   if (arguments.monte_carlo > 0) {
     return run_many(arguments);
@@ -361,6 +431,9 @@ Subcommand add_simulate(CLI::App& parser) {
   add_count(*app, "--monte-carlo", arguments->monte_carlo, 0, 1'000'000,
             "Draw, measure and calibrate this many robots and state the held-out errors");
   add_count(*app, "--threads", arguments->threads, 0, 1'024, "Threads for that; 0: one per core");
+  add_count(*app, "--two-step", arguments->two_step, 0, 100'000,
+            "Run the published procedure for up to this many rounds, measuring fresh configurations in each");
+  app->add_flag("--recorded", arguments->recorded, "With --two-step: the same measurements in every round");
   add_seed(*app, arguments->seed);
   add_file(*app, "--output", arguments->output, "Write the measurements (CSV) [standard output]");
   add_file(*app, "--truth", arguments->truth, "Write the true errors, base and targets (JSON)");
@@ -368,7 +441,8 @@ Subcommand add_simulate(CLI::App& parser) {
   add_json_flag(*app, arguments->json);
   add_example(*app,
               "kdlcal simulate --configurations 30 --targets 3 --noise 0.00003 --seed 1 --output measurements.csv"
-              " --truth truth.json");
+              " --truth truth.json\n"
+              "  kdlcal simulate --joint-ranges published --two-step 10");
   return {.app = app, .run = [arguments] { return run(*arguments); }};
 }
 

@@ -35,6 +35,13 @@ std::string fixed(double value, int decimals) {
   return negative_zero ? text.substr(1) : text;
 }
 
+std::string scientific(double value, int decimals) {
+  std::array<char, 64> buffer{};
+  const auto result =
+      std::to_chars(buffer.data(), buffer.data() + buffer.size(), value + 0.0, std::chars_format::scientific, decimals);
+  return {buffer.data(), result.ptr};
+}
+
 std::string padded(const std::string& text, int width) {
   const auto wanted = static_cast<std::size_t>(std::abs(width));
   const std::string blanks(wanted - std::min(wanted, text.size()), ' ');

@@ -13,6 +13,9 @@ std::optional<double> parsed_number(std::string_view text);
 /// "12.346" for 12.34567 with 3 decimals.
 std::string fixed(double value, int decimals);
 
+/// "1.23e-05" for 0.000012345 with 2 decimals.
+std::string scientific(double value, int decimals);
+
 /// The text with blanks in front (or behind, for a negative width) up to this many characters.
 std::string padded(const std::string& text, int width);
 

@@ -2,19 +2,28 @@
 #include <memory>
 
 #include "frames.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "measurement_options.hpp"
 #include "options.hpp"
 #include "subcommands.hpp"
 #include "text.hpp"
+#include "truth_report.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
 
+constexpr int kConfigurationsOfTruth = 1000;
+
 struct Arguments {
   RobotArguments robot;
   MeasurementArguments measurements;
+  std::string result;
+  std::string truth;
+  std::uint64_t seed = 1;
   bool json = false;
 };
 
@@ -49,14 +58,6 @@ FreeParameters frames_only(const ErrorModel& model, const std::vector<TargetFram
   return free_parameters(model, targets, names);
 }
 
-Json statistics_json(const ErrorStatistics& statistics) {
-  if (statistics.count == 0) {
-    return nullptr;
-  }
-  return {{"count", statistics.count}, {"mean", statistics.mean}, {"rms", statistics.rms},
-          {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
-}
-
 std::string json(const Errors& errors, const Registration& registration) {
   Json targets = Json::array();
   for (const TargetFrame& target : registration.targets) {
@@ -89,13 +90,17 @@ std::string point(const std::string& label, const Eigen::Vector3d& position) {
   return text + "\n";
 }
 
-std::string table(const Robot& robot, const Errors& errors, const Registration& registration) {
-  std::string text = "position error of " + robot.source + ", base and targets registered [mm]\n" +
-                     padded("rows", -10) + padded("count", 8);
-  for (const char* heading : {"mean", "rms", "p95", "max", "std"}) {
-    text += padded(heading, 12);
+std::string heading(const std::string& label) {
+  std::string text = padded(label, -10) + padded("count", 8);
+  for (const char* column : {"mean", "rms", "p95", "max", "std"}) {
+    text += padded(column, 12);
   }
-  text += "\n" + line("all", errors.all) + line("train", errors.train) + line("test", errors.test);
+  return text + "\n";
+}
+
+std::string table(const Robot& robot, const Errors& errors, const Registration& registration) {
+  std::string text = "position error of " + robot.source + ", base and targets registered [mm]\n" + heading("rows");
+  text += line("all", errors.all) + line("train", errors.train) + line("test", errors.test);
   text += point("base, measured", registration.X_WB.translation());
   for (const TargetFrame& target : registration.targets) {
     text += point("target " + target.name, target.X_FT.translation());
@@ -103,7 +108,66 @@ std::string table(const Robot& robot, const Errors& errors, const Registration& 
   return text;
 }
 
+// Errors, base and targets of a result or a truth.
+Estimate estimate_of(const Json& json, const std::string& source, const ErrorModel& model) {
+  require_same_nominal(json, source, model);
+  return {.errors = errors_of(json, source, model),
+          .X_WB = base_of(json, source),
+          .targets = targets_of(json, source),
+          .deflections = {}};
+}
+
+// Those that the truth was measured in, or within the limits.
+JointRanges ranges_to_compare_in(const Json& truth, const std::string& source, const ErrorModel& model) {
+  JointRanges ranges = limits_of(model);
+  const auto given = ranges_of(truth, source, model);
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    ranges[i] = given[i].value_or(ranges[i]);
+  }
+  return ranges;
+}
+
+ExitStatus run_against_truth(const Arguments& arguments) {
+  if (arguments.result.empty() || arguments.truth.empty()) {
+    throw InputError("validate: --result and --truth belong together, expected both");
+  }
+  if (!arguments.measurements.measurements.empty()) {
+    throw InputError("validate: --measurements beside --result and --truth, expected one of the two");
+  }
+  const Robot robot = load(arguments.robot);
+  const ErrorModel model = complete_model(robot);
+  const Json truth_file = read_json(arguments.truth);
+  const Estimate estimate = estimate_of(read_json(arguments.result), arguments.result, model);
+  const Estimate truth = estimate_of(truth_file, arguments.truth, model);
+  Random random(arguments.seed);
+  const Eigen::MatrixXd joint_values = random_configurations(
+      model, ranges_to_compare_in(truth_file, arguments.truth, model), kConfigurationsOfTruth, random);
+  const TruthComparison comparison = compare_with_truth(model, estimate, truth, joint_values);
+  if (arguments.json) {
+    Json json = truth_json(model, estimate, truth, comparison);
+    json.update({{"position_error", {{"all", statistics_json(comparison.points)}}},
+                 {"configurations", joint_values.cols()},
+                 {"seed", arguments.seed}});
+    print(json_text(json));
+  } else {
+    print("distance of predicted from true points at " + std::to_string(joint_values.cols()) +
+          " configurations [mm]\n" + heading("targets") + line("all", comparison.points) + "\n" +
+          truth_table(model, estimate, comparison));
+  }
+  if (!comparison.comparable()) {
+    warn("the parameters that can be told apart here cannot say what the truth is (" +
+         scientific(comparison.gauge_misfit * 1e3, 1) + " mm remain): compare points, not parameters");
+  }
+  return comparison.comparable() ? done : not_to_be_trusted;
+}
+
 ExitStatus run(const Arguments& arguments) {
+  if (!arguments.result.empty() || !arguments.truth.empty()) {
+    return run_against_truth(arguments);
+  }
+  if (arguments.measurements.measurements.empty()) {
+    throw InputError("validate: --measurements is required, or --result and --truth, see kdlcal validate --help");
+  }
   const Robot robot = load(arguments.robot);
   const ErrorModel model = complete_model(robot);
   const Measurements measurements = read(arguments.measurements, robot);
@@ -138,12 +202,19 @@ ExitStatus run(const Arguments& arguments) {
 }  // namespace
 
 Subcommand add_validate(CLI::App& parser) {
-  CLI::App* app = parser.add_subcommand("validate", "The position error of a URDF against measurements");
+  CLI::App* app = parser.add_subcommand(
+      "validate", "The position error of a URDF against measurements, or of a result against the truth");
   const auto arguments = std::make_shared<Arguments>();
   add_robot_options(*app, arguments->robot);
   add_measurement_options(*app, arguments->measurements);
+  app->get_option("--measurements")->required(false);
+  add_file(*app, "--result", arguments->result, "Compare this result of calibrate with --truth instead");
+  add_file(*app, "--truth", arguments->truth, "The true errors, base and targets that simulate wrote (JSON)");
+  add_seed(*app, arguments->seed);
   add_json_flag(*app, arguments->json);
-  add_example(*app, "kdlcal validate --urdf calibrated.urdf --measurements other.csv");
+  add_example(*app,
+              "kdlcal validate --urdf calibrated.urdf --measurements other.csv\n"
+              "  kdlcal validate --result result.json --truth truth.json");
   return {.app = app, .run = [arguments] { return run(*arguments); }};
 }
 

@@ -1,0 +1,162 @@
+#include "truth_report.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "text.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+Json vector_json(const Eigen::Ref<const Eigen::VectorXd>& vector) {
+  return Json(std::vector<double>(vector.begin(), vector.end()));
+}
+
+Json parameter_json(const ErrorModel& model, const ComparedParameter& compared) {
+  const ErrorParameter& parameter = model.parameters[compared.index];
+  return {{"name", parameter.name},
+          {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
+          {"kind", to_string(parameter.kind)},
+          {"axis", parameter.axis == 'q' ? "" : std::string(1, parameter.axis)},
+          {"nominal", parameter.nominal},
+          {"estimated", compared.estimated},
+          {"true", compared.truth},
+          {"true_in_gauge", compared.truth_in_gauge},
+          {"difference", compared.gauge ? Json(nullptr) : Json(compared.estimated - compared.truth_in_gauge)},
+          {"gauge", compared.gauge}};
+}
+
+Json targets_json(const Estimate& estimate, const Estimate& truth, const Estimate& truth_in_gauge) {
+  Json list = Json::array();
+  for (std::size_t t = 0; t < estimate.targets.size(); ++t) {
+    const Eigen::Vector3d estimated = estimate.targets[t].X_FT.translation();
+    const Eigen::Vector3d in_gauge = truth_in_gauge.targets[t].X_FT.translation();
+    const auto drawn = std::find_if(truth.targets.begin(), truth.targets.end(),
+                                    [&](const TargetFrame& target) { return target.name == estimate.targets[t].name; });
+    list.push_back({{"name", estimate.targets[t].name},
+                    {"estimated", position_json(estimated)},
+                    {"true", position_json(drawn->X_FT.translation())},
+                    {"true_in_gauge", position_json(in_gauge)},
+                    {"difference", position_json(estimated - in_gauge)}});
+  }
+  return list;
+}
+
+// The value in mm or degrees.
+double shown(double value, bool length) { return length ? value * 1e3 : value / kDegree; }
+
+std::string parameter_line(const ErrorModel& model, const ComparedParameter& compared, int joint_width) {
+  const ErrorParameter& parameter = model.parameters[compared.index];
+  const bool length = is_length(model, parameter);
+  std::string text =
+      "  " + padded(parameter.name, -6) + padded(parameter.joint, -joint_width) + (length ? "mm " : "deg");
+  for (const double value : {compared.estimated, compared.truth, compared.truth_in_gauge}) {
+    text += padded(fixed(shown(value, length), 6), 15);
+  }
+  return text +
+         padded(compared.gauge ? "gauge" : scientific(shown(compared.estimated - compared.truth_in_gauge, length), 2),
+                13) +
+         "\n";
+}
+
+std::string differences_line(const std::string& label, const Eigen::Ref<const Eigen::VectorXd>& differences,
+                             bool length) {
+  std::string text = "  " + padded(label, -28) + (length ? "mm " : "deg");
+  for (const double value : differences) {
+    text += padded(scientific(shown(value, length), 2), 13);
+  }
+  return text + "\n";
+}
+
+}  // namespace
+
+Json statistics_json(const ErrorStatistics& statistics) {
+  if (statistics.count == 0) {
+    return nullptr;
+  }
+  return {{"count", statistics.count}, {"mean", statistics.mean}, {"rms", statistics.rms},
+          {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
+}
+
+Json truth_json(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
+                const TruthComparison& comparison) {
+  Json parameters = Json::array();
+  for (const ComparedParameter& parameter : comparison.parameters) {
+    parameters.push_back(parameter_json(model, parameter));
+  }
+  return {{"parameters", parameters},
+          {"base",
+           {{"estimated", frame_json(estimate.X_WB)},
+            {"true", frame_json(truth.X_WB)},
+            {"true_in_gauge", frame_json(comparison.truth_in_gauge.X_WB)},
+            {"difference", vector_json(comparison.base_difference)}}},
+          {"targets", targets_json(estimate, truth, comparison.truth_in_gauge)},
+          {"largest_difference", {{"length", comparison.largest_length}, {"angle", comparison.largest_angle}}},
+          {"gauge_misfit", comparison.gauge_misfit},
+          {"comparable", comparison.comparable()}};
+}
+
+std::string truth_table(const ErrorModel& model, const Estimate& estimate, const TruthComparison& comparison) {
+  int joint_width = 7;
+  for (const ComparedParameter& parameter : comparison.parameters) {
+    joint_width = std::max(joint_width, static_cast<int>(model.parameters[parameter.index].joint.size()) + 2);
+  }
+  std::string text = "  " + padded("", -(joint_width + 9)) + padded("estimated", 15) + padded("true", 15) +
+                     padded("true in gauge", 15) + padded("difference", 13) + "\n";
+  for (const ComparedParameter& parameter : comparison.parameters) {
+    text += parameter_line(model, parameter, joint_width);
+  }
+  text += "differences along x, y and z\n";
+  text += differences_line("base, position", comparison.base_difference.head<3>(), true);
+  text += differences_line("base, orientation", comparison.base_difference.tail<3>(), false);
+  for (std::size_t t = 0; t < estimate.targets.size(); ++t) {
+    const Eigen::Vector3d difference =
+        estimate.targets[t].X_FT.translation() - comparison.truth_in_gauge.targets[t].X_FT.translation();
+    text += differences_line("target " + estimate.targets[t].name, difference, true);
+  }
+  return text + "largest difference up to the gauge: " + scientific(comparison.largest_length * 1e3, 2) + " mm and " +
+         scientific(comparison.largest_angle / kDegree, 2) + " deg\n";
+}
+
+Json rounds_json(const TwoStepTrialResult& result) {
+  Json rounds = Json::array();
+  for (const TwoStepTrialRound& entry : result.rounds) {
+    rounds.push_back({{"round", entry.round.number},
+                      {"change", entry.round.change},
+                      {"misfit", entry.round.misfit},
+                      {"held_out", statistics_json(entry.held_out)}});
+  }
+  return {{"termination", to_string(result.identification.termination)},
+          {"message", result.identification.message},
+          {"settled", result.settled},
+          {"convergence_factor", result.factor > 0.0 ? Json(result.factor) : Json(nullptr)},
+          {"rounds", rounds}};
+}
+
+std::string rounds_table(const TwoStepTrialResult& result) {
+  std::string text = padded("round", -7);
+  for (const char* heading : {"change [mm]", "misfit [mm]", "held out, rms", "max [mm]"}) {
+    text += padded(heading, 15);
+  }
+  text += "\n";
+  for (const TwoStepTrialRound& entry : result.rounds) {
+    text += padded(std::to_string(entry.round.number), 5) + "  ";
+    for (const double metres : {entry.round.change, entry.round.misfit, entry.held_out.rms, entry.held_out.max}) {
+      text += padded(scientific(metres * 1e3, 4), 15);
+    }
+    text += "\n";
+  }
+  text += to_string(result.identification.termination) + ": " + result.identification.message + "\n";
+  if (result.settled && result.identification.termination != Termination::converged) {
+    text += "the last change is what noise alone causes, " + scientific(result.floor * 1e3, 2) + " mm a round\n";
+  }
+  if (result.factor > 0.0) {
+    text += "each round left " + fixed(result.factor, 3) + " of the change of the round before\n";
+  }
+  return text;
+}
+
+}  // namespace kdl_calibration::cli

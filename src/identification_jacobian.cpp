@@ -1,0 +1,77 @@
+#include "kdl_calibration/identification_jacobian.hpp"
+
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+}  // namespace
+
+MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
+                                 const Eigen::VectorXd& q) {
+  if (!free.deflections.empty()) {
+    throw InputError("the published identification Jacobian has no columns for deflections, expected none to be free");
+  }
+  const auto columns = static_cast<Index>(column_names(model, estimate.targets, free).size());
+  const Eigen::Isometry3d X_BF = flange_pose(folded(model, estimate.errors), q);
+  const Eigen::Matrix3d R_WB = estimate.X_WB.linear();
+  MatrixXd J = MatrixXd::Zero(3 * static_cast<Index>(estimate.targets.size()), columns);
+  for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
+    const Eigen::Vector3d p_F = estimate.targets[k].X_FT.translation();
+    const Eigen::Vector3d p_B = X_BF * p_F;
+    auto rows = J.middleRows<3>(3 * static_cast<Index>(k));
+    Index column = 0;
+    for (int i = 0; i < 6; ++i) {  // the base, right-multiplied by a small motion in its own frame
+      if (free.base[static_cast<std::size_t>(i)]) {
+        const Eigen::Vector3d axis = Eigen::Vector3d::Unit(i % 3);
+        rows.col(column++) = R_WB * (i < 3 ? axis : Eigen::Vector3d(axis.cross(p_B)));
+      }
+    }
+    const auto geometric = static_cast<Index>(free.geometric.size());
+    rows.middleCols(column, geometric) =
+        position_jacobian_by_matrix_derivatives(model, estimate.errors, free.geometric, estimate.X_WB, q, p_F);
+    column += geometric;
+    for (std::size_t t = 0; t < free.targets.size(); ++t) {
+      for (int i = 0; i < 6; ++i) {
+        if (free.targets[t][static_cast<std::size_t>(i)]) {
+          if (t == k && i < 3) {
+            rows.col(column) = R_WB * X_BF.linear().col(i);
+          }
+          ++column;  // a target's own rotation does not move its point
+        }
+      }
+    }
+  }
+  return J;
+}
+
+MatrixXd base_and_tool_matrix(const ErrorModel& model, const Estimate& estimate, const Eigen::VectorXd& q) {
+  const auto tools = static_cast<Index>(estimate.targets.size());
+  const Eigen::Isometry3d T_robot = flange_pose(folded(model, estimate.errors), q);
+  MatrixXd A(3 * tools, 6 + 3 * tools);
+  for (Index j = 0; j < tools; ++j) {
+    A.middleRows<3>(3 * j) = base_and_tool_rows(T_robot, j, tools);
+  }
+  return A;
+}
+
+std::vector<std::string> base_and_tool_names(const std::vector<TargetFrame>& targets) {
+  std::vector<std::string> vectors = {"p_base", "phi_base"};
+  for (const TargetFrame& target : targets) {
+    vectors.push_back("u_" + target.name);
+  }
+  std::vector<std::string> names;
+  for (const std::string& vector : vectors) {
+    for (const char* axis : {".x", ".y", ".z"}) {
+      names.push_back(vector + axis);
+    }
+  }
+  return names;
+}
+
+}  // namespace kdl_calibration

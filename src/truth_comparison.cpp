@@ -1,0 +1,123 @@
+#include "kdl_calibration/truth_comparison.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/simulation.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+
+constexpr Index kConfigurationsOfGauge = 60;  // as many as the reduction looks at
+
+// The truth with the estimate's targets alone, in their order.
+Estimate with_targets_of(const Estimate& estimate, Estimate truth) {
+  std::vector<TargetFrame> targets;
+  for (const TargetFrame& target : estimate.targets) {
+    const auto found = std::find_if(truth.targets.begin(), truth.targets.end(),
+                                    [&](const TargetFrame& other) { return other.name == target.name; });
+    if (found == truth.targets.end()) {
+      throw InputError("target '" + target.name + "' of the result is not in the truth, expected the truth of the " +
+                       "robot that was measured");
+    }
+    targets.push_back(*found);
+    targets.back().with_orientation = target.with_orientation;
+  }
+  truth.targets = std::move(targets);
+  return truth;
+}
+
+double rms(const std::vector<double>& distances) { return error_statistics(distances).rms; }
+
+// Those that were estimated, are gauge, or differ from nominal in the estimate or the truth.
+std::vector<ComparedParameter> compared_parameters(const ErrorModel& model, const Reduction& reduction,
+                                                   const Estimate& estimate, const Estimate& truth,
+                                                   const Estimate& truth_in_gauge) {
+  const std::set<std::string> kept(reduction.kept.begin(), reduction.kept.end());
+  std::vector<ComparedParameter> result;
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    const ErrorParameter& parameter = model.parameters[p];
+    const auto i = static_cast<Index>(p);
+    const bool free = kept.count(parameter.name) > 0;
+    if (free || estimate.errors[i] != 0.0 || truth.errors[i] != 0.0) {
+      result.push_back({.index = p,
+                        .estimated = parameter.nominal + estimate.errors[i],
+                        .truth = parameter.nominal + truth.errors[i],
+                        .truth_in_gauge = parameter.nominal + truth_in_gauge.errors[i],
+                        .gauge = !free});
+    }
+  }
+  return result;
+}
+
+void take_largest_differences(const ErrorModel& model, const Estimate& estimate, TruthComparison& result) {
+  double length = result.base_difference.head<3>().cwiseAbs().maxCoeff();
+  double angle = result.base_difference.tail<3>().cwiseAbs().maxCoeff();
+  for (const ComparedParameter& parameter : result.parameters) {
+    if (!parameter.gauge) {
+      double& largest = is_length(model, model.parameters[parameter.index]) ? length : angle;
+      largest = std::max(largest, std::abs(parameter.estimated - parameter.truth_in_gauge));
+    }
+  }
+  for (std::size_t t = 0; t < estimate.targets.size(); ++t) {
+    const Eigen::Isometry3d& estimated = estimate.targets[t].X_FT;
+    const Eigen::Isometry3d& truth = result.truth_in_gauge.targets[t].X_FT;
+    length = std::max(length, (estimated.translation() - truth.translation()).cwiseAbs().maxCoeff());
+    if (estimate.targets[t].with_orientation) {
+      angle = std::max(angle, rotation_log(truth.linear().transpose() * estimated.linear()).cwiseAbs().maxCoeff());
+    }
+  }
+  result.largest_length = length;
+  result.largest_angle = angle;
+}
+
+}  // namespace
+
+std::vector<double> distances_from_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
+                                         const Eigen::MatrixXd& joint_values) {
+  const std::vector<Eigen::Isometry3d> estimated = flange_poses(folded(model, estimate.errors), joint_values);
+  const std::vector<Eigen::Isometry3d> true_poses = flange_poses(folded(model, truth.errors), joint_values);
+  std::vector<double> distances;
+  distances.reserve(estimated.size() * estimate.targets.size());
+  for (std::size_t c = 0; c < estimated.size(); ++c) {
+    for (std::size_t t = 0; t < estimate.targets.size(); ++t) {
+      const Eigen::Vector3d predicted = estimate.X_WB * (estimated[c] * estimate.targets[t].X_FT.translation());
+      const Eigen::Vector3d position = truth.X_WB * (true_poses[c] * truth.targets[t].X_FT.translation());
+      distances.push_back((predicted - position).norm());
+    }
+  }
+  return distances;
+}
+
+Estimate truth_in_gauge_of(const ErrorModel& model, const Reduction& reduction, const Estimate& estimate,
+                           const Estimate& truth, const Eigen::MatrixXd& joint_values) {
+  Random none(0);  // nothing is drawn: the predictions are exact
+  const Measurements predictions = measure({.model = model, .truth = truth}, joint_values, {}, none);
+  const FreeParameters free = free_parameters(model, estimate.targets, reduction.kept);
+  return identify_jointly(model, predictions, estimate, free, {.step_tolerance = 1e-13}).estimate;
+}
+
+TruthComparison compare_with_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
+                                   const Eigen::MatrixXd& joint_values) {
+  const Estimate matched = with_targets_of(estimate, truth);
+  const Reduction reduction = reduced_model(model, estimate.targets);
+  const Eigen::MatrixXd few = joint_values.leftCols(std::min(kConfigurationsOfGauge, joint_values.cols()));
+  TruthComparison result;
+  result.truth_in_gauge = truth_in_gauge_of(model, reduction, estimate, matched, few);
+  result.gauge_misfit = rms(distances_from_truth(model, result.truth_in_gauge, matched, joint_values));
+  result.parameters = compared_parameters(model, reduction, estimate, matched, result.truth_in_gauge);
+  const Eigen::Isometry3d base = result.truth_in_gauge.X_WB.inverse() * estimate.X_WB;
+  result.base_difference << base.translation(), rotation_log(base.linear());
+  take_largest_differences(model, estimate, result);
+  result.points = error_statistics(distances_from_truth(model, estimate, matched, joint_values));
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,59 @@
+#include "kdl_calibration/two_step_trial.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace kdl_calibration {
+namespace {
+
+// [m] Far below the motion of a point that a parameter 1e-10 m or rad away from the truth makes.
+constexpr double kStepTolerance = 1e-13;
+
+// With measurements that are noise alone, the step x = (J^T J)^-1 J^T e moves the points by the projection of e onto
+// the columns of J: of the 3N coordinates with variance sigma^2, as many as there are columns. Over N points that is
+// an RMS of sigma · sqrt(columns / N).
+double change_by_noise_alone(const Measurements& measurements, double sigma, std::size_t columns) {
+  return sigma * std::sqrt(static_cast<double>(columns) / static_cast<double>(measurements.observations.size()));
+}
+
+std::vector<double> changes_of(const std::vector<TwoStepTrialRound>& rounds) {
+  std::vector<double> changes;
+  for (const TwoStepTrialRound& round : rounds) {
+    changes.push_back(round.round.change);
+  }
+  return changes;
+}
+
+}  // namespace
+
+TwoStepTrialResult run_two_step_trial(const TwoStepTrial& trial, Random& random) {
+  const ErrorModel& model = trial.robot.model;
+  const auto fresh = [&] { return measure(trial.robot, trial.configurations(random), trial.noise, random); };
+  const Measurements first = fresh();
+  const Estimate start = nominal_start(model, first);
+  const Reduction reduction = reduced_model(model, start.targets);
+  const FreeParameters free = free_parameters(model, start.targets, reduction.kept);
+
+  TwoStepTrialResult result;
+  result.identification = identify_in_two_steps(
+      model, [&](int round) { return round == 0 || trial.recorded ? first : fresh(); }, start, free.geometric,
+      {.rounds = trial.rounds,
+       .step_tolerance = kStepTolerance,
+       .after_round = [&](const TwoStepRound& round, const Estimate& estimate) {
+         const ErrorStatistics held_out =
+             error_statistics(distances_from_truth(model, estimate, trial.robot.truth, trial.held_out));
+         result.rounds.push_back({.round = round, .held_out = held_out});
+         if (trial.progress) {
+           trial.progress(static_cast<double>(round.number) / static_cast<double>(trial.rounds));
+         }
+       }});
+  result.floor = trial.recorded ? 0.0 : change_by_noise_alone(first, trial.noise.sigma, free.geometric.size());
+  const std::vector<double> changes = changes_of(result.rounds);
+  result.settled = result.identification.termination == Termination::converged ||
+                   (!changes.empty() && result.floor > 0.0 && changes.back() <= 2.0 * result.floor);
+  result.factor = convergence_factor(changes, std::max(1e-12, 5.0 * result.floor));
+  result.truth = compare_with_truth(model, result.identification.estimate, trial.robot.truth, trial.held_out);
+  return result;
+}
+
+}  // namespace kdl_calibration

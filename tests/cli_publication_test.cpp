@@ -1,0 +1,383 @@
+#include <Eigen/Core>
+#include <cmath>
+#include <sstream>
+
+#include "cli_support.hpp"
+#include "kdl_calibration/identification_jacobian.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::testing {
+namespace {
+
+using Json = nlohmann::json;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+// ---- simulate --two-step -------------------------------------------------------------------------------------------
+
+class TwoStep : public CommandLine {};
+
+TEST_F(TwoStep, ReachesTheTruthUpToTheGauge) {
+  const Json found = run_json({"simulate", "--joint-ranges", "published", "--two-step", "200", "--json"});
+  EXPECT_EQ(found["termination"], "converged");
+  EXPECT_EQ(found["settled"], true);
+  EXPECT_EQ(found["recorded"], false);
+  EXPECT_LT(found["largest_difference"]["length"], 1e-10);
+  EXPECT_LT(found["largest_difference"]["angle"], 1e-10);
+  const double factor = found["convergence_factor"];
+  EXPECT_GT(factor, 0.55);
+  EXPECT_LT(factor, 0.75);
+  const Json& last = found["rounds"].back();
+  EXPECT_EQ(last["round"], found["rounds"].size());
+  EXPECT_LT(last["change"], 1e-12);
+  EXPECT_LT(last["held_out"]["max"], 1e-10);
+  EXPECT_EQ(last["held_out"]["count"], 3000);
+  EXPECT_GT(found["rounds"][0]["misfit"], 1e-3);
+  int gauge = 0;
+  int compared = 0;
+  for (const Json& parameter : found["parameters"]) {
+    if (parameter["gauge"]) {
+      EXPECT_TRUE(parameter["difference"].is_null()) << parameter;
+      ++gauge;
+    } else {
+      EXPECT_NEAR(parameter["estimated"], parameter["true"], 1e-10) << parameter;
+      EXPECT_NEAR(parameter["difference"], 0.0, 1e-10) << parameter;
+      ++compared;
+    }
+  }
+  EXPECT_EQ(gauge, 2);
+  EXPECT_EQ(compared, 18);
+}
+
+TEST_F(TwoStep, TakesTheOptionsOfSimulate) {
+  write("odd.urdf", kOddArm);
+  const std::vector<std::string> base = {
+      "simulate",   "--urdf",         "odd.urdf", "--configurations", "40",      "--targets",
+      "4",          "--seed",         "7",        "--noise",          "0.00002", "--truth",
+      "truth.json", "--length-sigma", "0.001",    "--angle-sigma",    "0.005",   "--test-configurations",
+      "50",         "--two-step",     "25",       "--recorded",       "--json",  "--force"};
+  const Outcome once = run(base);
+  const Json found = Json::parse(once.out);
+  EXPECT_EQ(found["recorded"], true);
+  EXPECT_EQ(found["rounds"][0]["held_out"]["count"], 200);
+  EXPECT_EQ(found["targets"].size(), 4U);
+  EXPECT_LT(found["rounds"].back()["held_out"]["rms"], found["rounds"][0]["held_out"]["rms"]);
+  EXPECT_EQ(run(base).out, once.out) << "the same seed, the same numbers";
+  const Json truth = json_of("truth.json");
+  for (const Json& parameter : truth["parameters"]) {
+    for (const Json& beside : found["parameters"]) {
+      if (beside["name"] == parameter["name"]) {
+        EXPECT_EQ(beside["true"], parameter["value"]) << parameter;
+      }
+    }
+  }
+}
+
+TEST_F(TwoStep, TooFewRoundsAreNotToBeTrusted) {
+  const Outcome outcome = run({"simulate", "--joint-ranges", "published", "--two-step", "5"});
+  EXPECT_EQ(outcome.status, 1);
+  EXPECT_THAT(outcome.out, AllOf(HasSubstr("iteration_limit"), HasSubstr("    5  "), HasSubstr("30 fresh"),
+                                 HasSubstr("dq6"), HasSubstr("gauge"), HasSubstr("largest difference")));
+}
+
+TEST_F(TwoStep, SettlesWithNoise) {
+  const Outcome outcome =
+      run({"simulate", "--joint-ranges", "published", "--noise", "0.00003", "--two-step", "40", "--seed", "2"});
+  EXPECT_EQ(outcome.status, 0) << outcome.out;
+  EXPECT_THAT(outcome.out, HasSubstr("noise alone"));
+}
+
+TEST_F(TwoStep, RefusesWhatDoesNotGoWithIt) {
+  expect_refused({"simulate", "--two-step", "5", "--output", "m.csv"}, {"--two-step", "--output"});
+  expect_refused({"simulate", "--two-step", "5", "--monte-carlo", "5"}, {"--two-step", "--monte-carlo"});
+  expect_refused({"simulate", "--two-step", "5", "--poses"}, {"--two-step", "--poses"});
+  expect_refused({"simulate", "--two-step", "-1"}, {"--two-step"});
+  expect_refused({"simulate", "--recorded"}, {"--recorded", "--two-step"});
+}
+
+// ---- validate --truth ----------------------------------------------------------------------------------------------
+
+class Truth : public CommandLine {
+protected:
+  void calibrate(const std::vector<std::string>& options = {}) {
+    std::vector<std::string> simulate = {"simulate", "--joint-ranges", "published", "--output", "m.csv",
+                                         "--truth",  "truth.json",     "--seed",    "4",        "--force"};
+    simulate.insert(simulate.end(), options.begin(), options.end());
+    ASSERT_EQ(run(simulate).status, 0);
+    ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "result.json", "--force"}).status, 0);
+  }
+  // Where target `t` is in W according to a result or a truth.
+  static Eigen::Vector3d point(const ErrorModel& model, const Json& json, const Eigen::VectorXd& q, std::size_t t) {
+    Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+    for (const Json& parameter : json["parameters"]) {
+      const std::string name = parameter["name"];
+      if (name.find('.') == std::string::npos) {
+        errors[static_cast<Eigen::Index>(parameter_index(model, name))] = parameter["error"];
+      }
+    }
+    const auto vector = [](const Json& v) { return Eigen::Vector3d(v[0], v[1], v[2]); };
+    const Json& wxyz = json["base"]["quaternion_wxyz"];
+    const Eigen::Quaterniond R(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
+    const Eigen::Isometry3d X_BF = to_eigen(kdl_pose(error_chain(model, errors), q));
+    return R * (X_BF * vector(json["targets"][t]["position"])) + vector(json["base"]["position"]);
+  }
+};
+
+TEST_F(Truth, AnExactResultDiffersInNothing) {
+  for (const char* model : {"irreducible", "complete"}) {
+    calibrate({"--model", model});
+    const Json found = run_json({"validate", "--result", "result.json", "--truth", "truth.json", "--json"});
+    EXPECT_LT(found["largest_difference"]["length"], 1e-10) << model;
+    EXPECT_LT(found["largest_difference"]["angle"], 1e-10) << model;
+    EXPECT_EQ(found["comparable"], true);
+    EXPECT_EQ(found["position_error"]["all"]["count"], 3000);
+    EXPECT_LT(found["position_error"]["all"]["max"], 1e-10);
+  }
+}
+
+TEST_F(Truth, StatesTheDistancesOfPointsThatKdlGives) {
+  calibrate({"--noise", "0.0001"});
+  const Json found =
+      run_json({"validate", "--result", "result.json", "--truth", "truth.json", "--seed", "9", "--json"});
+  const ErrorModel model = complete_model(fanuc());
+  Random random(9);
+  const Eigen::MatrixXd q = random_configurations(published_ranges(model), 1000, random);
+  const Json result = json_of("result.json");
+  const Json truth = json_of("truth.json");
+  double sum = 0.0;
+  double largest = 0.0;
+  for (const auto& column : q.colwise()) {
+    for (std::size_t t = 0; t < 3; ++t) {
+      const double distance = (point(model, result, column, t) - point(model, truth, column, t)).norm();
+      sum += distance * distance;
+      largest = std::max(largest, distance);
+    }
+  }
+  EXPECT_NEAR(found["position_error"]["all"]["rms"], std::sqrt(sum / 3000.0), 1e-12);
+  EXPECT_NEAR(found["position_error"]["all"]["max"], largest, 1e-12);
+  for (const Json& parameter : found["parameters"]) {  // the irreducible truth differs in base and targets alone
+    EXPECT_NEAR(parameter["true_in_gauge"], parameter["gauge"] ? parameter["estimated"] : parameter["true"], 1e-10)
+        << parameter;
+  }
+  const Outcome table = run({"validate", "--result", "result.json", "--truth", "truth.json"});
+  EXPECT_EQ(table.status, 0);
+  EXPECT_THAT(table.out, AllOf(HasSubstr("1000 configurations"), HasSubstr("estimated"), HasSubstr("true in gauge"),
+                               HasSubstr("joint_2"), HasSubstr("target C")));
+}
+
+TEST_F(Truth, RefusesWhatDoesNotBelongTogether) {
+  calibrate();
+  expect_refused({"validate", "--result", "result.json"}, {"--truth"});
+  expect_refused({"validate", "--truth", "truth.json"}, {"--result"});
+  expect_refused({"validate"}, {"--measurements"});
+  expect_refused({"validate", "--result", "result.json", "--truth", "truth.json", "--measurements", "m.csv"},
+                 {"--measurements", "--truth"});
+  expect_refused({"validate", "--result", "result.json", "--truth", "m.csv"}, {"m.csv"});
+  write("odd.urdf", kOddArm);
+  expect_refused({"validate", "--urdf", "odd.urdf", "--result", "result.json", "--truth", "truth.json"},
+                 {"result.json"});
+  Json truth = json_of("truth.json");
+  truth["targets"].erase(1);
+  write("fewer.json", truth.dump());
+  expect_refused({"validate", "--result", "result.json", "--truth", "fewer.json"}, {"target 'B'"});
+  truth = json_of("truth.json");
+  truth["parameters"][1]["nominal"] = 0.5;
+  write("other.json", truth.dump());
+  expect_refused({"validate", "--result", "result.json", "--truth", "other.json"}, {"other.json", "nominal 0.5"});
+}
+
+// ---- jacobian --identification -------------------------------------------------------------------------------------
+
+class Matrices : public CommandLine {
+protected:
+  static std::vector<std::vector<std::string>> cells(const std::string& csv) {
+    std::vector<std::vector<std::string>> rows;
+    std::istringstream lines(csv);
+    for (std::string line; std::getline(lines, line);) {
+      rows.emplace_back();
+      std::istringstream fields(line);
+      for (std::string field; std::getline(fields, field, ',');) {
+        rows.back().push_back(field);
+      }
+    }
+    return rows;
+  }
+};
+
+TEST_F(Matrices, StandSideBySideInOneTable) {
+  const Outcome outcome = run({"jacobian", "--identification", "--joints", "10,20,-30,40,50,60", "--degrees"});
+  ASSERT_EQ(outcome.status, 0) << outcome.err;
+  const auto rows = cells(outcome.out);
+  ASSERT_EQ(rows.size(), 10U);
+  ASSERT_EQ(rows[0].size(), 3U + 33U + 15U);
+  EXPECT_THAT(outcome.out.substr(0, outcome.out.find('\n')),
+              AllOf(HasSubstr("configuration,target,axis,base.Tx[m/m],"), HasSubstr(",base.Rz[m/rad],"),
+                    HasSubstr(",dq2[m/rad],"), HasSubstr(",Tz2[m/m],"), HasSubstr(",A.x[m/m],"),
+                    HasSubstr(",p_base.x[m/m],"), HasSubstr(",phi_base.z[m/rad],u_A.x[m/m],")));
+  const ErrorModel model = complete_model(fanuc());
+  Estimate estimate{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+                    .targets = published_targets()};
+  Eigen::VectorXd q(6);
+  q << 10, 20, -30, 40, 50, 60;
+  q *= kDegree;
+  const FreeParameters free = free_parameters(model, estimate.targets, reduced_model(model, estimate.targets).kept);
+  Eigen::MatrixXd expected(9, 48);
+  expected << identification_jacobian(model, estimate, free, q), base_and_tool_matrix(model, estimate, q);
+  for (Eigen::Index r = 0; r < 9; ++r) {
+    const auto& row = rows[static_cast<std::size_t>(r) + 1];
+    EXPECT_EQ(row[1], std::string(1, static_cast<char>('A' + r / 3)));
+    EXPECT_EQ(row[2], std::string(1, static_cast<char>('x' + r % 3)));
+    for (Eigen::Index c = 0; c < 48; ++c) {
+      EXPECT_NEAR(std::stod(row[static_cast<std::size_t>(c) + 3]), expected(r, c), 1e-12) << rows[0][c + 3];
+    }
+  }
+}
+
+TEST_F(Matrices, AreWrittenForEveryConfigurationOfAFile) {
+  ASSERT_EQ(run({"simulate", "--configurations", "7", "--targets", "2", "--output", "m.csv"}).status, 0);
+  const std::vector<std::string> command = {
+      "jacobian", "--identification", "--configuration-file", "m.csv", "--targets", "4", "--model", "complete"};
+  std::vector<std::string> to_file = command;
+  to_file.insert(to_file.end(), {"--output", "j.csv", "--json"});
+  const Json json = run_json(to_file);
+  EXPECT_EQ(text_of("j.csv"), run(command).out);
+  const auto rows = cells(text_of("j.csv"));
+  const std::size_t columns = 6 + complete_model(fanuc()).parameters.size() + 12;
+  ASSERT_EQ(rows.size(), 1U + 7U * 12U);
+  EXPECT_EQ(rows[0].size(), 3U + columns + 18U);
+  EXPECT_EQ(rows.back()[0], "7");
+  EXPECT_EQ(json["columns"].size(), columns);
+  EXPECT_EQ(json["A_columns"].size(), 18U);
+  ASSERT_EQ(json["configurations"].size(), 7U);
+  EXPECT_EQ(json["configurations"][6]["jacobian"].size(), 12U);
+  EXPECT_NEAR(json["configurations"][6]["A"][11][17].get<double>(), std::stod(rows.back().back()), 0.0);
+}
+
+TEST_F(Matrices, AreThoseOfAResult) {
+  ASSERT_EQ(run({"simulate", "--output", "m.csv"}).status, 0);
+  ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "r.json"}).status, 0);
+  const std::vector<std::string> command = {"jacobian", "--identification", "--joints", "0,0,0,0,1,0", "--json"};
+  std::vector<std::string> calibrated = command;
+  calibrated.insert(calibrated.end(), {"--result", "r.json"});
+  const Json result = run_json(calibrated);
+  EXPECT_EQ(result["targets"][0]["position"], json_of("r.json")["targets"][0]["position"]);
+  EXPECT_NE(result["configurations"], run_json(command)["configurations"]);
+}
+
+TEST_F(Matrices, RefuseBadUsage) {
+  write("m.csv", "configuration,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n1,0,0,0,0,0,0\n");
+  expect_refused({"jacobian"}, {"--joints is required"});
+  expect_refused({"jacobian", "--identification"}, {"--joints is required", "--configuration-file"});
+  expect_refused({"jacobian", "--configuration-file", "m.csv"}, {"--identification"});
+  expect_refused({"jacobian", "--joints", "0,0,0,0,0,0", "--output", "j.csv"}, {"--output", "--identification"});
+  expect_refused({"jacobian", "--identification", "--joints", "0,0,0,0,0,0", "--configuration-file", "m.csv"},
+                 {"one of the two"});
+  expect_refused({"jacobian", "--identification", "--configuration-file", "m.csv", "--output", "m.csv"},
+                 {"m.csv", "exists"});
+}
+
+// ---- history -------------------------------------------------------------------------------------------------------
+
+class History : public CommandLine {};
+
+TEST_F(History, OfTheMisfitStandsInTheResultOfBothEstimators) {
+  ASSERT_EQ(run({"simulate", "--joint-ranges", "published", "--noise", "0.00003", "--output", "m.csv"}).status, 0);
+  const std::vector<std::vector<std::string>> variants = {
+      {"--method", "joint"}, {"--method", "two-step", "--iterations", "40"}, {"--loss", "huber"}};
+  for (const auto& options : variants) {
+    std::vector<std::string> command = {"calibrate", "--measurements", "m.csv", "--json"};
+    command.insert(command.end(), options.begin(), options.end());
+    const Json result = Json::parse(run(command).out);
+    const std::vector<double> history = result["history"];
+    const std::string what = ::testing::PrintToString(options);
+    ASSERT_EQ(history.size(), result["iterations"].get<std::size_t>()) << what;
+    EXPECT_GT(history.front(), 1e-3) << what << " starts with nominal geometry";
+    EXPECT_LT(history.back(), history.front()) << what;
+    EXPECT_NEAR(history.back(), result["position_error"]["train"]["after"]["rms"], 2e-6) << what;
+  }
+}
+
+// ---- mimic joints --------------------------------------------------------------------------------------------------
+
+/// joint_3 keeps the upper arm's angle against the horizontal, as a parallelogram does.
+class MimicCommands : public CommandLine {
+protected:
+  void SetUp() override {
+    CommandLine::SetUp();
+    std::string text = content(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf");
+    const std::size_t joint = text.find("<joint name=\"joint_3\"");
+    ASSERT_NE(joint, std::string::npos);
+    text.insert(text.find("</joint>", joint), "<mimic joint=\"joint_2\" multiplier=\"-1\" offset=\"0.1\"/>");
+    write("p.urdf", text);
+  }
+};
+
+TEST_F(MimicCommands, TakeTheIndependentJointsAlone) {
+  const Json tip = run_json({"fk", "--urdf", "p.urdf", "--joints", "0.1,0.2,0.3,0.4,0.5", "--json"})["frames"].back();
+  const Json same = run_json({"fk", "--joints", "0.1,0.2,-0.1,0.3,0.4,0.5", "--json"})["frames"].back();
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_NEAR(tip["position"][i], same["position"][i], 1e-14);
+  }
+  const Json jacobian = run_json({"jacobian", "--urdf", "p.urdf", "--joints", "0.1,0.2,0.3,0.4,0.5", "--json"});
+  EXPECT_EQ(jacobian["kdl"][0].size(), 6U) << "every joint has its column";
+  expect_refused({"fk", "--urdf", "p.urdf", "--joints", "0,0,0,0,0,0"},
+                 {"expected 5", "joint_1, joint_2, joint_4, joint_5, joint_6"});
+  EXPECT_THAT(run({"model", "--urdf", "p.urdf"}).out, HasSubstr("joint_3 = -1.0 joint_2 + 0.1"));
+}
+
+TEST_F(MimicCommands, CalibrateValidateAndExport) {
+  ASSERT_EQ(run({"simulate", "--urdf", "p.urdf", "--configurations", "40", "--test-configurations", "20", "--output",
+                 "m.csv", "--truth", "truth.json"})
+                .status,
+            0);
+  const Outcome calibrated =
+      run({"calibrate", "--urdf", "p.urdf", "--measurements", "m.csv", "--output", "c.urdf", "--result", "r.json"});
+  EXPECT_EQ(calibrated.status, 0) << calibrated.err;
+  EXPECT_LT(json_of("r.json")["position_error"]["test"]["after"]["max"], 1e-9);
+  EXPECT_THAT(text_of("c.urdf"), HasSubstr("<mimic joint=\"joint_2\" multiplier=\"-1\" offset=\"0.1\"/>"));
+  const Json exported = run_json({"validate", "--urdf", "c.urdf", "--measurements", "m.csv", "--json"});
+  EXPECT_LT(exported["position_error"]["all"]["max"], 1e-9);
+  const Json compared =
+      run_json({"validate", "--urdf", "p.urdf", "--result", "r.json", "--truth", "truth.json", "--json"});
+  EXPECT_LT(compared["position_error"]["all"]["max"], 1e-9);
+  EXPECT_LT(compared["largest_difference"]["angle"], 1e-9);
+}
+
+TEST_F(MimicCommands, RefuseAContradictingColumn) {
+  ASSERT_EQ(run({"simulate", "--urdf", "p.urdf", "--output", "m.csv"}).status, 0);
+  std::string text = text_of("m.csv");
+  EXPECT_THAT(text, HasSubstr("joint_3[rad]"));
+  ASSERT_EQ(run({"simulate", "--output", "free.csv"}).status, 0);
+  expect_refused({"calibrate", "--urdf", "p.urdf", "--measurements", "free.csv", "--result", "r.json"},
+                 {"free.csv:2: joint_3[rad]", "mimics 'joint_2'", "expected"});
+}
+
+TEST_F(MimicCommands, PlanConfigurationsThatTheArmCanTake) {
+  const Outcome planned = run({"plan", "--urdf", "p.urdf", "--configurations", "20", "--candidates", "300",
+                               "--workspace", "100", "--joint-range", "joint_3=-30:20", "--output", "plan.csv"});
+  ASSERT_EQ(planned.status, 0) << planned.err;
+  EXPECT_THAT(text_of("plan.csv"), HasSubstr("joint_2[deg],joint_4[deg]"));
+  std::istringstream lines(text_of("plan.csv"));
+  int rows = 0;
+  for (std::string line; std::getline(lines, line);) {
+    if (line.find_first_of("#c") == 0) {
+      continue;
+    }
+    std::istringstream fields(line);
+    std::string field;
+    for (int i = 0; i < 4; ++i) {
+      std::getline(fields, field, ',');
+    }
+    const double follower = -std::stod(field) + 0.1 / kDegree;
+    EXPECT_GE(follower, -30.001);
+    EXPECT_LE(follower, 20.001);
+    ++rows;
+  }
+  EXPECT_EQ(rows, 60);
+  EXPECT_EQ(run({"simulate", "--urdf", "p.urdf", "--plan", "plan.csv", "--output", "m.csv"}).status, 0);
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing

@@ -1,0 +1,331 @@
+#include "kdl_calibration/mimic.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/SVD>
+#include <fstream>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/workspace.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+constexpr double kDegree = testing::kDegree;
+
+struct Follows {
+  std::string forearm = R"(<mimic joint="elbow" multiplier="-0.5" offset="0.2"/>)";
+  std::string hand = R"(<mimic joint="forearm" multiplier="2" offset="0.1"/>)";
+};
+
+/// turn, forearm (follows elbow, which stands behind it), slide, elbow, roll, hand (follows forearm), tool.
+std::string mimic_urdf(const Follows& follows = {}, const std::string& forearm_limit = "-2.9:2.9") {
+  const auto joint = [](const std::string& name, const std::string& type, const std::string& parent,
+                        const std::string& child, const std::string& content) {
+    return "<joint name='" + name + "' type='" + type + "'><parent link='" + parent + "'/><child link='" + child +
+           "'/>" + content + "</joint>\n";
+  };
+  const auto limit = [](const std::string& range) {
+    const std::size_t colon = range.find(':');
+    return "<limit lower='" + range.substr(0, colon) + "' upper='" + range.substr(colon + 1) +
+           "' velocity='1' effort='1'/>";
+  };
+  std::string text = "<robot name='follower'>";
+  for (const char* link : {"base", "l1", "l2", "l3", "l4", "l5", "l6", "tool"}) {
+    text += "<link name='" + std::string(link) + "'/>";
+  }
+  text += joint("turn", "revolute", "base", "l1", "<origin xyz='0 0 0.5'/><axis xyz='0 0 1'/>" + limit("-3:3"));
+  text +=
+      joint("forearm", "revolute", "l1", "l2",
+            "<origin xyz='0.3 0 0.2' rpy='0.1 0 0.2'/><axis xyz='0 1 0'/>" + limit(forearm_limit) + follows.forearm);
+  text += joint("slide", "prismatic", "l2", "l3", "<origin xyz='0 0.1 0.6'/><axis xyz='0 0 1'/>" + limit("-0.2:0.3"));
+  text += joint("elbow", "revolute", "l3", "l4", "<origin xyz='0.4 0 0.1'/><axis xyz='0 1 0.2'/>" + limit("-2.5:2.5"));
+  text += joint("roll", "continuous", "l4", "l5", "<origin xyz='0.3 0 0'/><axis xyz='1 0 0'/>");
+  text += joint("hand", "continuous", "l5", "l6", "<origin xyz='0.2 0.05 0'/><axis xyz='0 1 0'/>" + follows.hand);
+  text += joint("mount", "fixed", "l6", "tool", "<origin xyz='0.1 0 0.05'/>");
+  return text + "</robot>";
+}
+
+Robot mimic_robot() { return parse_robot(mimic_urdf()); }
+
+/// What the URDF says, by hand: forearm = -0.5 elbow + 0.2, hand = 2 forearm + 0.1.
+VectorXd expanded(double turn, double slide, double elbow, double roll) {
+  const double forearm = -0.5 * elbow + 0.2;
+  VectorXd q(6);
+  q << turn, forearm, slide, elbow, roll, 2.0 * forearm + 0.1;
+  return q;
+}
+
+std::string refusal(const std::string& urdf, const RobotOptions& options = {}) {
+  try {
+    (void)parse_robot(urdf, options, "r.urdf");
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no InputError";
+}
+
+TEST(Mimic, ResolvesALeaderBehindTheFollowerAndAChainOfFollowers) {
+  const Robot robot = mimic_robot();
+  EXPECT_THAT(joint_names(robot), ElementsAre("turn", "forearm", "slide", "elbow", "roll", "hand"));
+  EXPECT_THAT(independent_joint_names(robot.joints), ElementsAre("turn", "slide", "elbow", "roll"));
+  ASSERT_TRUE(robot.joints[1].mimic && robot.joints[5].mimic);
+  EXPECT_EQ(robot.joints[1].mimic->leader, 3U);
+  EXPECT_EQ(robot.joints[5].mimic->leader, 3U);
+  EXPECT_DOUBLE_EQ(robot.joints[5].mimic->multiplier, -1.0);
+  EXPECT_DOUBLE_EQ(robot.joints[5].mimic->offset, 0.5);
+  const MatrixXd all = all_joint_values(robot.joints, Eigen::Vector4d(0.3, 0.1, -0.7, 1.2));
+  EXPECT_LT((all - expanded(0.3, 0.1, -0.7, 1.2)).cwiseAbs().maxCoeff(), 1e-15) << all.transpose();
+  EXPECT_EQ(independent_joint_values(robot.joints, all), Eigen::Vector4d(0.3, 0.1, -0.7, 1.2));
+}
+
+TEST(Mimic, DefaultsToTheLeadersOwnValue) {
+  const Robot robot = parse_robot(mimic_urdf({.forearm = "<mimic joint='elbow'/>", .hand = ""}));
+  ASSERT_TRUE(robot.joints[1].mimic);
+  EXPECT_EQ(robot.joints[1].mimic->multiplier, 1.0);
+  EXPECT_EQ(robot.joints[1].mimic->offset, 0.0);
+  EXPECT_FALSE(robot.joints[5].mimic);
+}
+
+TEST(Mimic, NarrowsTheLeadersLimitsToThoseOfTheFollower) {
+  // forearm = -0.5 elbow + 0.2 in [-0.3, 0.7] leaves elbow in [-1, 1].
+  const Robot robot = parse_robot(mimic_urdf({}, "-0.3:0.7"));
+  EXPECT_NEAR(robot.joints[3].lower.value(), -1.0, 1e-12);
+  EXPECT_NEAR(robot.joints[3].upper.value(), 1.0, 1e-12);
+  EXPECT_EQ(mimic_robot().joints[3].lower.value(), -2.5);
+  const std::string nothing = refusal(mimic_urdf({}, "2:2.9"));  // elbow below -3.6
+  EXPECT_THAT(nothing, AllOf(HasSubstr("joint 'forearm'"), HasSubstr("'elbow'"), HasSubstr("limits")));
+  const std::string fixed = refusal(mimic_urdf({.forearm = "<mimic joint='elbow' multiplier='0' offset='3'/>"}));
+  EXPECT_THAT(fixed, AllOf(HasSubstr("joint 'forearm'"), HasSubstr("value 3"), HasSubstr("limits")));
+}
+
+TEST(MimicBadInput, LeadersThatCannotLeadAreNamed) {
+  EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='nobody'/>"})),
+              AllOf(HasSubstr("joint 'forearm' mimics joint 'nobody'"), HasSubstr("'base'"), HasSubstr("'tool'")));
+  EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='mount'/>"})), HasSubstr("no moving joint"));
+  EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='forearm'/>"})), HasSubstr("loop"));
+  EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='hand'/>"})), HasSubstr("loop"));
+  EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='elbow' multiplier='1e200'/>"})), HasSubstr("range"));
+  // The leader is in the tree, but the chain ends in front of it.
+  EXPECT_THAT(refusal(mimic_urdf(), {.base = "", .tip = "l3"}),
+              AllOf(HasSubstr("joint 'forearm' mimics joint 'elbow'"), HasSubstr("'l3'")));
+}
+
+TEST(Mimic, PosesOfTheModelAreThoseOfKdlAtExpandedValues) {
+  const Robot robot = mimic_robot();
+  const ErrorModel model = complete_model(robot);
+  Random random(1);
+  for (int i = 0; i < 20; ++i) {
+    const VectorXd errors = testing::random_errors(model, random, 0.002, 0.01);
+    const Eigen::Vector4d given(random.uniform(-3, 3), random.uniform(-0.2, 0.3), random.uniform(-2.5, 2.5),
+                                random.uniform(-3, 3));
+    const KDL::Frame expected =
+        testing::kdl_pose(error_chain(model, errors), expanded(given[0], given[1], given[2], given[3]));
+    const KDL::Frame found = to_kdl(flange_pose(folded(model, errors), all_joint_values(robot.joints, given).col(0)));
+    EXPECT_LT(testing::difference(expected, found), 1e-12);
+  }
+}
+
+TEST(Mimic, EveryDrawnConfigurationObeysIt) {
+  const Robot robot = mimic_robot();
+  const ErrorModel model = complete_model(robot);
+  Random random(2);
+  MatrixXd drawn = random_configurations(model, limits_of(model), 50, random);
+  const auto expect_obeyed = [](const MatrixXd& q, const char* what) {
+    for (const auto& column : q.colwise()) {
+      ASSERT_LT((column - expanded(column[0], column[2], column[3], column[4])).cwiseAbs().maxCoeff(), 1e-12) << what;
+    }
+  };
+  expect_obeyed(drawn, "random configurations");
+  Cell cell;
+  cell.ranges = limits_of(model);
+  const Candidates chosen = candidates(robot, published_targets(), cell,
+                                       {.count = 50, .seed = 3, .threads = 1, .angle_step = 1e-3 * kDegree});
+  expect_obeyed(chosen.joint_values, "candidates of a plan");
+}
+
+// The oracle: central differences of target positions from KDL, at configurations that the robot can take.
+TEST(Mimic, TheReductionKeepsAsManyParametersAsTheReachableConfigurationsTell) {
+  const Robot robot = mimic_robot();
+  const ErrorModel model = complete_model(robot);
+  const std::vector<TargetFrame> targets = published_targets();
+  const VectorXd none = VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  Random random(4);
+  const auto generic = static_cast<Eigen::Index>(targets.size() * 3);
+  MatrixXd stacked(40 * generic, 6 + generic + none.size());
+  for (Eigen::Index c = 0; c < 40; ++c) {
+    const VectorXd q =
+        expanded(random.uniform(-3, 3), random.uniform(-1, 1), random.uniform(-3, 3), random.uniform(-3, 3));
+    const auto points = [&](const VectorXd& errors) {
+      const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(error_chain(model, errors), q));
+      VectorXd result(generic);
+      for (std::size_t t = 0; t < targets.size(); ++t) {
+        result.segment<3>(3 * static_cast<Eigen::Index>(t)) = X_BF * targets[t].X_FT.translation();
+      }
+      return result;
+    };
+    auto rows = stacked.middleRows(c * generic, generic);
+    const VectorXd at = points(none);
+    const Eigen::Matrix3d R_BF = to_eigen(testing::kdl_pose(robot.chain, q)).linear();
+    rows.leftCols(6 + generic).setZero();
+    for (Eigen::Index t = 0; t < generic / 3; ++t) {
+      for (int axis = 0; axis < 3; ++axis) {
+        rows.block<3, 1>(3 * t, axis) = Eigen::Vector3d::Unit(axis);
+        rows.block<3, 1>(3 * t, 3 + axis) = Eigen::Vector3d::Unit(axis).cross(Eigen::Vector3d(at.segment<3>(3 * t)));
+        rows.block<3, 1>(3 * t, 6 + 3 * t + axis) = R_BF.col(axis);
+      }
+    }
+    for (Eigen::Index p = 0; p < none.size(); ++p) {
+      const VectorXd step = 1e-5 * VectorXd::Unit(none.size(), p);
+      rows.col(6 + generic + p) = (points(step) - points(-step)) / 2e-5;
+    }
+  }
+  const Eigen::JacobiSVD<MatrixXd> svd(stacked);
+  const VectorXd& s = svd.singularValues();
+  const auto rank = (s.array() > 1e-6 * s[0]).count();
+  const Reduction reduction = reduced_model(model, targets);
+  EXPECT_EQ(reduction.rank, rank) << s.transpose();
+  EXPECT_EQ(static_cast<Eigen::Index>(reduction.kept.size()), rank);
+}
+
+TEST(Mimic, CalibratesAndExportsARobotThatStillMimics) {
+  const Robot robot = mimic_robot();
+  const ErrorModel model = complete_model(robot);
+  Random random(5);
+  const Reduction reduction = reduced_model(model, published_targets());
+  const FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
+  const VirtualRobot truth =
+      virtual_robot(model, free.geometric, published_targets(), {.length = 0.001, .angle = 0.005}, random);
+  const Measurements measured = measure(truth, random_configurations(model, limits_of(model), 40, random), {}, random);
+  const Calibration found = calibrate(model, measured);
+  EXPECT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
+  const MatrixXd fresh = random_configurations(model, limits_of(model), 100, random);
+  const Measurements held_out = measure(truth, fresh, {}, random);
+  EXPECT_LT(error_statistics(position_errors(model, found.identification.estimate, held_out)).max, 1e-9);
+
+  const Robot exported = parse_robot(calibrated_urdf(robot, model, found.identification.estimate.errors));
+  ASSERT_TRUE(exported.joints[5].mimic);
+  const FoldedChain chain = folded(model, found.identification.estimate.errors);
+  for (const auto& q : fresh.colwise()) {
+    const VectorXd own = all_joint_values(exported.joints, independent_joint_values(robot.joints, q));
+    EXPECT_LT(testing::difference(testing::kdl_pose(exported.chain, own), to_kdl(flange_pose(chain, q))), 1e-12);
+  }
+}
+
+// ---- Files ---------------------------------------------------------------------------------------------------------
+
+const std::string kRow = ",1,2,3\n";
+
+std::string csv_of(const std::string& joints, const std::string& values) {
+  return "configuration,target," + joints + ",x,y,z\nc,A," + values + kRow;
+}
+
+std::string reading_fault(const std::string& csv, const JointConvention* convention = nullptr) {
+  try {
+    (void)parse_measurements(mimic_robot(), csv, convention, "m.csv");
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no InputError";
+}
+
+TEST(Mimic, MeasurementsNeedTheIndependentJointsAlone) {
+  const Measurements m =
+      parse_measurements(mimic_robot(), csv_of("turn[deg],slide[mm],elbow[deg],roll", "10,100,-30,0.5"));
+  EXPECT_THAT(m.joints, ElementsAre("turn", "forearm", "slide", "elbow", "roll", "hand"));
+  EXPECT_LT((m.joint_values.col(0) - expanded(10 * kDegree, 0.1, -30 * kDegree, 0.5)).cwiseAbs().maxCoeff(), 1e-15);
+  EXPECT_THAT(m.joint_units, ElementsAre(JointUnit::radian, JointUnit::unstated, JointUnit::metre, JointUnit::radian,
+                                         JointUnit::unstated, JointUnit::unstated));
+}
+
+TEST(Mimic, AFollowersColumnIsCheckedAndMayBeRounded) {
+  const double forearm = (-0.5 * -30.0 * kDegree + 0.2) / kDegree;
+  const auto csv = [&](double value) {
+    return csv_of("hand,turn[deg],forearm[deg],slide[mm],elbow[deg],roll",
+                  std::to_string((2.0 * forearm * kDegree) + 0.1) + ",10," + std::to_string(value) + ",100,-30,0.5");
+  };
+  const VectorXd expected = expanded(10 * kDegree, 0.1, -30 * kDegree, 0.5);
+  for (const double rounding : {0.0, 0.0005, -0.0005}) {
+    const Measurements m = parse_measurements(mimic_robot(), csv(forearm + rounding));
+    EXPECT_LT((m.joint_values.col(0) - expected).cwiseAbs().maxCoeff(), 1e-15) << "the leader's value counts";
+  }
+  const std::string fault = reading_fault(csv(forearm + 0.01));
+  EXPECT_THAT(fault, AllOf(HasSubstr("m.csv:2: forearm[deg] '26.46"), HasSubstr("mimics 'elbow'"),
+                           HasSubstr("expected 26.459"), HasSubstr("-0.5 times")));
+  EXPECT_THAT(reading_fault(csv_of("turn,slide,elbow,roll,hand", "0,0,0,0,-0.1")),
+              AllOf(HasSubstr("hand '-0.1'"), HasSubstr("expected 0.5")));
+}
+
+TEST(Mimic, AMissingLeaderIsMissedAndFollowersAreOffered) {
+  EXPECT_THAT(reading_fault(csv_of("turn,slide,forearm,roll", "0,0,0,0")),
+              AllOf(HasSubstr("missing column elbow"), HasSubstr("mimic others: forearm, hand")));
+  EXPECT_THAT(reading_fault(csv_of("turn,slide,elbow,roll,forearm,forearm[rad]", "0,0,0,0,0.2,0.2")),
+              HasSubstr("repeats"));
+}
+
+TEST(Mimic, AConventionIsOneOfTheIndependentJoints) {
+  JointConvention convention{.name = "c.json",
+                             .controller_joints = {"J1", "J2", "J3", "J4"},
+                             .urdf_joints = {"elbow", "turn", "slide", "roll"},
+                             .matrix = MatrixXd::Identity(4, 4),
+                             .offset = VectorXd::Zero(4)};
+  convention.matrix(0, 0) = -1.0;  // elbow = -J1 + 0.1
+  convention.offset[0] = 0.1;
+  const VectorXd expected = expanded(0.3, 0.05, -0.4, 0.2);
+  const std::string row = "0.5,0.3,0.05,0.2";
+  const Measurements m = parse_measurements(mimic_robot(), csv_of("J1,J2,J3,J4", row), &convention);
+  EXPECT_LT((m.joint_values.col(0) - expected).cwiseAbs().maxCoeff(), 1e-15) << m.joint_values.transpose();
+  EXPECT_EQ(reading_fault(csv_of("J1,J2,J3,J4,forearm", row + ",0.4"), &convention), "no InputError");
+  EXPECT_THAT(reading_fault(csv_of("J1,J2,J3,J4,forearm", row + ",0.5"), &convention), HasSubstr("expected 0.4"));
+  convention.urdf_joints[1] = "forearm";
+  EXPECT_THAT(reading_fault(csv_of("J1,J2,J3,J4", row), &convention), HasSubstr("urdf_joints"));
+}
+
+TEST(Mimic, WrittenMeasurementsAndPlansAreReadBack) {
+  const Robot robot = mimic_robot();
+  const ErrorModel model = complete_model(robot);
+  Random random(6);
+  const VirtualRobot truth = virtual_robot(model, {}, published_targets(), {}, random);
+  const Measurements m = measure(truth, random_configurations(model, limits_of(model), 5, random), {}, random);
+  const Measurements read = parse_measurements(robot, measurements_csv(m));
+  EXPECT_EQ(read.joint_values, m.joint_values);
+
+  const MeasuringPlan plan{
+      .configurations = {"1", "2", "3", "4", "5"}, .joint_values = m.joint_values, .targets = {"A"}, .notes = {}};
+  const std::string csv = plan_csv(plan, robot.joints);
+  EXPECT_THAT(csv, AllOf(HasSubstr("configuration,target,turn[deg],slide[mm],elbow[deg],roll[deg],x[m]")));
+  const std::string file = ::testing::TempDir() + "mimic_plan.csv";
+  std::ofstream(file) << csv;
+  EXPECT_LT((read_configurations(robot, file).joint_values - m.joint_values).cwiseAbs().maxCoeff(), 1e-8);
+}
+
+TEST(Mimic, TheOppositeSignOfALeaderMovesItsFollowersToo) {
+  const Robot robot = mimic_robot();
+  const ErrorModel model = complete_model(robot);
+  Random random(7);
+  const Reduction reduction = reduced_model(model, published_targets());
+  const FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
+  const VirtualRobot truth = virtual_robot(model, {}, published_targets(), {}, random);
+  const Measurements right = measure(truth, random_configurations(model, limits_of(model), 30, random), {}, random);
+  Measurements wrong = right;
+  wrong.joint_values.row(3) *= -1.0;
+  follow(robot.joints, wrong.joint_values);
+  const auto better = better_convention(try_conventions(model, wrong, free, nullptr, {}));
+  ASSERT_TRUE(better);
+  EXPECT_EQ(better->description, "elbow with the opposite sign");
+  EXPECT_LT((better->joint_values - right.joint_values).cwiseAbs().maxCoeff(), 1e-15);
+}
+
+}  // namespace
+}  // namespace kdl_calibration

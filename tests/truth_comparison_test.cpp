@@ -1,0 +1,102 @@
+#include "kdl_calibration/truth_comparison.hpp"
+
+#include <gmock/gmock.h>
+
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+/// A virtual R-2000iC/165F whose every parameter, gauge included, is off, and the exact estimate in another gauge.
+class TruthComparison : public ::testing::Test {
+protected:
+  void SetUp() override {
+    std::vector<std::size_t> all;
+    for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+      if (model.parameters[p].frame > 0 || model.parameters[p].kind == ParameterKind::joint_offset) {
+        all.push_back(p);
+      }
+    }
+    truth = virtual_robot(model, all, published_targets(), {.length = 0.001, .angle = 0.005}, random).truth;
+    const Measurements exact = measure({.model = model, .truth = truth}, configurations(40), {}, random);
+    const Reduction reduction = reduced_model(model, truth.targets);
+    estimate = identify_jointly(model, exact, nominal_start(model, exact),
+                                free_parameters(model, truth.targets, reduction.kept))
+                   .estimate;
+  }
+  MatrixXd configurations(int count) { return random_configurations(published_ranges(model), count, random); }
+
+  const ComparedParameter& of(const kdl_calibration::TruthComparison& comparison, const std::string& name) {
+    const std::size_t index = parameter_index(model, name);
+    for (const ComparedParameter& parameter : comparison.parameters) {
+      if (parameter.index == index) {
+        return parameter;
+      }
+    }
+    throw std::logic_error(name + " is not compared");
+  }
+
+  ErrorModel model = complete_model(testing::fanuc());
+  Random random{11};
+  Estimate truth;
+  Estimate estimate;
+};
+
+TEST_F(TruthComparison, AnExactEstimateInAnotherGaugeDiffersInNothing) {
+  const auto found = compare_with_truth(model, estimate, truth, configurations(200));
+  EXPECT_TRUE(found.comparable()) << found.gauge_misfit;
+  EXPECT_LT(found.largest_length, 1e-10);
+  EXPECT_LT(found.largest_angle, 1e-10);
+  EXPECT_EQ(found.points.count, 600);
+  EXPECT_LT(found.points.max, 1e-10);
+  for (const char* gauge : {"dq1", "dq6", "Rx1"}) {
+    EXPECT_TRUE(of(found, gauge).gauge) << gauge;
+  }
+  EXPECT_FALSE(of(found, "Tx1").gauge);
+  // The drawn values stand beside it as they are: with the complete model's errors they are others.
+  EXPECT_EQ(of(found, "dq1").truth, truth.errors[static_cast<Eigen::Index>(parameter_index(model, "dq1"))]);
+  EXPECT_GT(std::abs(of(found, "dq2").truth - of(found, "dq2").truth_in_gauge), 1e-4);
+}
+
+TEST_F(TruthComparison, ADifferenceOfOneParameterIsFoundAsWhatItIs) {
+  const auto index = static_cast<Eigen::Index>(parameter_index(model, "Tz2"));
+  estimate.errors[index] += 2e-4;
+  estimate.X_WB = estimate.X_WB * Eigen::Translation3d(0.0, 3e-4, 0.0);
+  const MatrixXd q = configurations(100);
+  const auto found = compare_with_truth(model, estimate, truth, q);
+  const ComparedParameter& shifted = of(found, "Tz2");
+  EXPECT_NEAR(shifted.estimated - shifted.truth_in_gauge, 2e-4, 1e-10);
+  EXPECT_NEAR(found.base_difference[1], 3e-4, 1e-10);
+  EXPECT_NEAR(found.largest_length, 3e-4, 1e-10);
+  EXPECT_LT(found.largest_angle, 1e-10);
+
+  // The points, by hand through KDL.
+  double largest = 0.0;
+  for (const auto& column : q.colwise()) {
+    const Eigen::Isometry3d estimated = to_eigen(testing::kdl_pose(error_chain(model, estimate.errors), column));
+    const Eigen::Isometry3d exact = to_eigen(testing::kdl_pose(error_chain(model, truth.errors), column));
+    for (std::size_t t = 0; t < 3; ++t) {
+      const Eigen::Vector3d a = estimate.X_WB * (estimated * estimate.targets[t].X_FT.translation());
+      const Eigen::Vector3d b = truth.X_WB * (exact * truth.targets[t].X_FT.translation());
+      largest = std::max(largest, (a - b).norm());
+    }
+  }
+  EXPECT_NEAR(found.points.max, largest, 1e-12);
+}
+
+TEST_F(TruthComparison, TargetsAreMatchedByName) {
+  std::swap(truth.targets[0], truth.targets[2]);
+  truth.targets.push_back({.name = "unmeasured"});
+  EXPECT_LT(compare_with_truth(model, estimate, truth, configurations(50)).points.max, 1e-10);
+  truth.targets.erase(truth.targets.begin());
+  EXPECT_THROW(compare_with_truth(model, estimate, truth, configurations(50)), InputError);
+}
+
+}  // namespace
+}  // namespace kdl_calibration

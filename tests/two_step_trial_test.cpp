@@ -1,0 +1,86 @@
+#include "kdl_calibration/two_step_trial.hpp"
+
+#include <gmock/gmock.h>
+
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+/// The published experiment, drawn anew for each seed.
+class TwoStepTrialTest : public ::testing::Test {
+protected:
+  TwoStepTrialResult run(std::uint64_t seed, int rounds, bool recorded = false, double noise = 0.0) {
+    Random random(seed);
+    const std::vector<TargetFrame> targets = published_targets();
+    const std::vector<std::size_t> errors =
+        free_parameters(model, targets, reduced_model(model, targets).kept).geometric;
+    TwoStepTrial trial{.robot = virtual_robot(model, errors, targets, {}, random),
+                       .configurations = [&](Random& r) { return random_configurations(ranges, 30, r); },
+                       .noise = {.sigma = noise},
+                       .rounds = rounds,
+                       .recorded = recorded};
+    trial.configurations = [this, configurations = trial.configurations](Random& r) {
+      ++drawn;
+      return configurations(r);
+    };
+    Random elsewhere(seed, 1);
+    trial.held_out = random_configurations(ranges, 200, elsewhere);
+    drawn = 0;
+    return run_two_step_trial(trial, random);
+  }
+
+  ErrorModel model = complete_model(testing::fanuc());
+  JointRanges ranges = published_ranges(model);
+  int drawn = 0;
+};
+
+TEST_F(TwoStepTrialTest, ArrivesAtTheTruthUpToTheGaugeWithThePublishedFactor) {
+  double log_factor = 0.0;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    const TwoStepTrialResult result = run(seed, 200);
+    EXPECT_TRUE(result.settled) << seed << ": " << result.identification.message;
+    EXPECT_EQ(drawn, result.identification.iterations) << "fresh configurations in every round";
+    EXPECT_TRUE(result.truth.comparable());
+    EXPECT_LT(result.truth.largest_length, 1e-10) << seed;
+    EXPECT_LT(result.truth.largest_angle, 1e-10) << seed;
+    EXPECT_LT(result.rounds.back().held_out.max, 1e-10) << seed;
+    ASSERT_EQ(result.rounds.size(), result.identification.rms_history.size());
+    EXPECT_EQ(result.rounds[3].round.misfit, result.identification.rms_history[3]);
+    log_factor += std::log(result.factor) / 6.0;
+  }
+  std::cout << "factor with fresh configurations " << std::exp(log_factor) << "\n";
+  EXPECT_GT(std::exp(log_factor), 0.6);
+  EXPECT_LT(std::exp(log_factor), 0.7);
+}
+
+TEST_F(TwoStepTrialTest, WithRecordedConfigurationsMeasuresOnceAndIsSlower) {
+  const TwoStepTrialResult result = run(3, 600, true);
+  EXPECT_EQ(drawn, 1);
+  EXPECT_TRUE(result.settled) << result.identification.message;
+  EXPECT_GT(result.factor, 0.65);
+  EXPECT_LT(result.factor, 1.0);
+  EXPECT_LT(result.truth.points.max, 1e-10);
+}
+
+TEST_F(TwoStepTrialTest, TenRoundsWithoutNoiseAreNotEnough) {
+  const TwoStepTrialResult result = run(1, 10);
+  EXPECT_EQ(result.rounds.size(), 10U);
+  EXPECT_FALSE(result.settled);
+  EXPECT_GT(result.truth.points.max, 1e-6);
+}
+
+TEST_F(TwoStepTrialTest, WithNoiseItSettlesWhereNoiseAloneMovesIt) {
+  const double sigma = 3e-5;
+  const TwoStepTrialResult result = run(2, 60, false, sigma);
+  EXPECT_EQ(result.rounds.size(), 60U);
+  EXPECT_TRUE(result.settled) << result.rounds.back().round.change << " " << result.floor;
+  EXPECT_DOUBLE_EQ(result.floor, sigma * std::sqrt(18.0 / 90.0));
+  EXPECT_GT(result.factor, 0.5);
+  EXPECT_LT(result.factor, 0.8);
+  EXPECT_LT(result.truth.points.rms, 2e-4);
+  EXPECT_FALSE(run(2, 5, false, sigma).settled);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
