@@ -11,6 +11,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/monte_carlo.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "options.hpp"
 #include "output_files.hpp"
 #include "progress.hpp"
