@@ -148,6 +148,10 @@ bool is_length(const ErrorModel& model, const ErrorParameter& parameter) {
           model.joints[static_cast<std::size_t>(parameter.frame)].type == JointType::prismatic);
 }
 
+double usual_error(const ErrorModel& model, const ErrorParameter& parameter) {
+  return is_length(model, parameter) ? 0.003 : 0.005;
+}
+
 KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter) {
   return parameter.kind == ParameterKind::joint_offset ? model.joints[static_cast<std::size_t>(parameter.frame)].axis
                                                        : unit(parameter.axis);

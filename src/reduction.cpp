@@ -46,6 +46,9 @@ public:
         Eigen::MatrixXd::Zero(rows_each * options_.configurations, static_cast<Eigen::Index>(names_.size()));
     Random random(options_.seed);
     KDL::JntArray q(chain_.chain.getNrOfJoints());
+    for (Eigen::Index p = 0; p < options_.errors.size(); ++p) {
+      q(chain_.parameter_index[static_cast<std::size_t>(p)]) = options_.errors[p];
+    }
     for (int c = 0; c < options_.configurations; ++c) {
       for (std::size_t i = 0; i < model_.joints.size(); ++i) {
         const double range = model_.joints[i].type == JointType::prismatic ? 1.0 : std::numbers::pi;
@@ -112,9 +115,11 @@ bool without_effect(const Eigen::MatrixXd& columns, Eigen::Index column) {
 
 using Combination = std::map<std::string, double>;
 
-// Coefficients of `column` over the columns in `among`; empty where they do not span it.
+constexpr double kSpanned = 1e-7;  // of a column's norm: what may be left of it
+
+// Coefficients of `column` over the columns in `among`; empty where more than `left` of its norm is left.
 Combination combination(const Eigen::MatrixXd& columns, Eigen::Index column, const std::vector<Eigen::Index>& among,
-                        const std::vector<std::string>& names) {
+                        const std::vector<std::string>& names, double left = kSpanned) {
   Combination result;
   if (among.empty()) {
     return result;
@@ -122,7 +127,7 @@ Combination combination(const Eigen::MatrixXd& columns, Eigen::Index column, con
   const Eigen::MatrixXd basis = columns(Eigen::all, among);
   const Eigen::VectorXd coefficients = basis.colPivHouseholderQr().solve(columns.col(column));
   const double norm = columns.col(column).norm();
-  if ((basis * coefficients - columns.col(column)).norm() > 1e-7 * norm) {
+  if ((basis * coefficients - columns.col(column)).norm() > left * norm) {
     return result;
   }
   for (std::size_t i = 0; i < among.size(); ++i) {
@@ -138,28 +143,102 @@ Combination combination(const Eigen::MatrixXd& columns, Eigen::Index column, con
 
 }  // namespace
 
-// Modified Gram-Schmidt with one repetition, which keeps the basis orthogonal to rounding.
-std::vector<bool> columns_that_raise_the_rank(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
-                                              double tolerance) {
-  std::vector<bool> raises(static_cast<std::size_t>(columns.cols()), false);
-  Eigen::MatrixXd basis(columns.rows(), columns.cols());
-  Eigen::Index rank = 0;
+namespace {
+
+// What is left of unit columns outside the span of those taken: modified Gram-Schmidt, column by column.
+class Remainders {
+public:
+  Remainders(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate)
+      : norms_(columns.colwise().norm()), rest_(columns) {
+    const double rounding = kRounding * std::max(1.0, norms_.maxCoeff());
+    for (Eigen::Index c = 0; c < rest_.cols(); ++c) {
+      const bool usable = candidate[static_cast<std::size_t>(c)] && norms_[c] > rounding;
+      rest_.col(c) *= usable ? 1.0 / norms_[c] : 0.0;
+    }
+    basis_.resize(rest_.rows(), rest_.cols());
+  }
+
+  double sine(Eigen::Index column) const { return rest_.col(column).norm(); }
+  double norm(Eigen::Index column) const { return norms_[column]; }
+
+  void take(Eigen::Index column) {
+    // Once more against all: what is left of a column is much smaller than the column was.
+    Eigen::VectorXd direction = rest_.col(column).normalized();
+    direction -= basis_.leftCols(taken_) * (basis_.leftCols(taken_).transpose() * direction);
+    direction.normalize();
+    const Eigen::RowVectorXd shares = direction.transpose() * rest_;
+    rest_.noalias() -= direction * shares;
+    rest_.col(column).setZero();
+    basis_.col(taken_++) = direction;
+  }
+
+private:
+  static constexpr double kRounding = 1e-12;
+  Eigen::RowVectorXd norms_;
+  Eigen::MatrixXd rest_;
+  Eigen::MatrixXd basis_;
+  Eigen::Index taken_ = 0;
+};
+
+}  // namespace
+
+std::vector<bool> independent_columns(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
+                                      const ColumnLimits& limits, std::vector<bool>* faint) {
+  std::vector<bool> kept(static_cast<std::size_t>(columns.cols()), false);
+  if (faint != nullptr) {
+    *faint = kept;
+  }
+  if (columns.size() == 0) {
+    return kept;
+  }
+  Remainders remainders(columns, candidate);
+  const auto keep = [&](Eigen::Index column) {
+    kept[static_cast<std::size_t>(column)] = true;
+    remainders.take(column);
+  };
   for (Eigen::Index c = 0; c < columns.cols(); ++c) {
-    if (!candidate[static_cast<std::size_t>(c)]) {
-      continue;
-    }
-    Eigen::VectorXd rest = columns.col(c);
-    const double norm = rest.norm();
-    for (int pass = 0; pass < 2; ++pass) {
-      rest -= basis.leftCols(rank) * (basis.leftCols(rank).transpose() * rest);
-    }
-    if (rest.norm() > tolerance * norm && !without_effect(columns, c)) {
-      basis.col(rank++) = rest.normalized();
-      raises[static_cast<std::size_t>(c)] = true;
+    if (remainders.sine(c) >= limits.clear) {
+      keep(c);
     }
   }
-  return raises;
+  while (true) {
+    std::vector<Eigen::Index> open;
+    double largest = 0.0;
+    for (Eigen::Index c = 0; c < columns.cols(); ++c) {
+      const double sine = remainders.sine(c);
+      if (sine > limits.least && (limits.seen.size() == 0 || sine * remainders.norm(c) >= limits.seen[c])) {
+        open.push_back(c);
+        largest = std::max(largest, sine);
+      }
+    }
+    if (open.empty()) {
+      return kept;
+    }
+    const Eigen::Index next =
+        *std::find_if(open.begin(), open.end(), [&](Eigen::Index c) { return remainders.sine(c) >= 0.5 * largest; });
+    keep(next);
+    if (faint != nullptr) {
+      (*faint)[static_cast<std::size_t>(next)] = true;
+    }
+  }
 }
+
+namespace {
+
+// Norms that the remainders of the columns must have to be seen in noise: see reduced_model.
+Eigen::VectorXd visible_norms(const ErrorModel& model, const Eigen::MatrixXd& columns, double noise) {
+  constexpr double kShareOfNoise = 0.1;
+  Eigen::VectorXd norms = Eigen::VectorXd::Zero(columns.cols());
+  const Eigen::Index frames = columns.cols() - static_cast<Eigen::Index>(model.parameters.size());
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    norms[frames + static_cast<Eigen::Index>(p)] = kShareOfNoise * noise *
+                                                   std::sqrt(static_cast<double>(columns.rows())) /
+                                                   usual_error(model, model.parameters[p]);
+  }
+  return norms;
+}
+
+}  // namespace
 
 Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
                         const ReductionOptions& options) {
@@ -170,7 +249,9 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
   for (std::size_t c = 0; c < names.size(); ++c) {
     candidate[c] = std::find(options.fixed.begin(), options.fixed.end(), names[c]) == options.fixed.end();
   }
-  const std::vector<bool> raises = columns_that_raise_the_rank(columns, candidate, options.tolerance);
+  std::vector<bool> faint;
+  const std::vector<bool> raises =
+      independent_columns(columns, candidate, {.seen = visible_norms(model, columns, options.noise)}, &faint);
 
   Reduction reduction;
   reduction.candidates = static_cast<int>(std::count(candidate.begin(), candidate.end(), true));
@@ -180,6 +261,9 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
     if (raises[c]) {
       kept.push_back(static_cast<Eigen::Index>(c));
       reduction.kept.push_back(names[c]);
+      if (faint[c]) {
+        reduction.faint.push_back(names[c]);
+      }
       if (c < candidates.first_geometric()) {
         frames.push_back(static_cast<Eigen::Index>(c));
       }
@@ -214,7 +298,7 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
       }
     }
     if (replacement.empty()) {
-      replacement = combination(columns, column, kept, names);
+      replacement = combination(columns, column, kept, names, 1.0);  // what the noise hides included
     }
     reduction.dropped.push_back({.name = names[c], .replaced_by = std::move(replacement)});
   }

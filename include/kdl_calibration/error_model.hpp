@@ -71,6 +71,9 @@ ErrorModel complete_model(const Robot& robot);
 /// Whether the parameter is a length [m] rather than an angle [rad].
 bool is_length(const ErrorModel& model, const ErrorParameter& parameter);
 
+/// 1 sigma of such an error of an arm before anything is measured: 3 mm or 5 mrad.
+double usual_error(const ErrorModel& model, const ErrorParameter& parameter);
+
 /// Unit axis of its motion, in the frame of the joint's origin.
 KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter);
 
