@@ -16,36 +16,13 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/random.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "parameter_choice.hpp"
+#include "whole_fit.hpp"
 
 namespace kdl_calibration {
 namespace {
-
-constexpr int kTwoStepRounds = 1000;
-
-// Shell pattern with * and ?. Only the last * may ever have to take one character more.
-bool matches(std::string_view pattern, std::string_view name) {
-  constexpr std::size_t kNone = std::string_view::npos;
-  std::size_t p = 0;
-  std::size_t n = 0;
-  std::size_t star = kNone;  // behind the last one
-  std::size_t taken = 0;     // where the name goes on behind what it took
-  while (n < name.size()) {
-    if (p < pattern.size() && pattern[p] == '*') {
-      star = ++p;
-      taken = n;
-    } else if (p < pattern.size() && (pattern[p] == '?' || pattern[p] == name[n])) {
-      ++p;
-      ++n;
-    } else if (star != kNone) {
-      p = star;
-      n = ++taken;
-    } else {
-      return false;
-    }
-  }
-  return pattern.find_first_not_of('*', p) == kNone;
-}
 
 std::string rounded(double value) {
   std::array<char, 32> text{};  // in any locale
@@ -61,214 +38,12 @@ std::string listed(const std::vector<std::string>& names) {
   return text;
 }
 
-std::set<std::string> matching(const std::vector<std::string>& patterns, const std::vector<std::string>& names,
-                               const std::string& option) {
-  std::set<std::string> result;
-  for (const std::string& pattern : patterns) {
-    bool any = false;
-    for (const std::string& name : names) {
-      if (matches(pattern, name)) {
-        result.insert(name);
-        any = true;
-      }
-    }
-    if (!any) {
-      throw InputError(option + ": '" + pattern + "' matches no parameter; there are " + listed(names));
-    }
-  }
-  return result;
-}
-
-std::vector<std::string> all_names(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
-  std::vector<std::string> names = base_parameter_names();
-  for (const TargetFrame& target : targets) {
-    const auto own = target_parameter_names(target);
-    names.insert(names.end(), own.begin(), own.end());
-  }
-  for (const ErrorParameter& parameter : model.parameters) {
-    names.push_back(parameter.name);
-  }
-  return names;
-}
-
-bool is_known_target(const CalibrationOptions& options, const std::string& name) {
-  return std::any_of(options.known_targets.begin(), options.known_targets.end(),
-                     [&](const TargetFrame& target) { return target.name == name; });
-}
-
-// Base and target coordinates that are not estimated because they are known or because --fix says so.
-std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, const CalibrationOptions& options,
-                                      const std::set<std::string>& fixed, const std::set<std::string>& freed) {
-  std::vector<std::string> result;
-  const auto consider = [&](const std::string& name, bool known, const std::string& option) {
-    if (fixed.count(name) > 0 && !known) {
-      throw InputError("--fix: " + name + " can only be fixed where " + option + " gives its value");
-    }
-    if ((known && freed.count(name) == 0) || fixed.count(name) > 0) {
-      result.push_back(name);
-    }
-  };
-  for (const std::string& name : base_parameter_names()) {
-    consider(name, options.known_base.has_value(), "--known-base");
-  }
-  for (const TargetFrame& target : targets) {
-    for (const std::string& name : target_parameter_names(target)) {
-      consider(name, is_known_target(options, target.name), "--known-targets");
-    }
-  }
-  return result;
-}
-
-struct Selection {
-  Reduction reduction;
-  std::vector<std::string> free;
-};
-
-Selection select(const ErrorModel& model, const std::vector<TargetFrame>& targets, const CalibrationOptions& options) {
-  const std::vector<std::string> names = all_names(model, targets);
-  const std::set<std::string> fixed = matching(options.fix, names, "--fix");
-  const std::set<std::string> freed = matching(options.free, names, "--free");
-  ReductionOptions reduction_options;
-  reduction_options.fixed = fixed_frames(targets, options, fixed, freed);
-  Selection selection{.reduction = reduced_model(model, targets, reduction_options), .free = {}};
-  const std::set<std::string> kept(selection.reduction.kept.begin(), selection.reduction.kept.end());
-  const std::set<std::string> held(reduction_options.fixed.begin(), reduction_options.fixed.end());
-  for (const std::string& name : names) {
-    const bool wanted = options.model == ModelChoice::complete || kept.count(name) > 0 || freed.count(name) > 0;
-    if (wanted && fixed.count(name) == 0 && held.count(name) == 0) {
-      selection.free.push_back(name);
-    }
-  }
-  return selection;
-}
-
 void require_training_rows(const Measurements& measurements) {
   const bool any = std::any_of(measurements.observations.begin(), measurements.observations.end(),
                                [](const Observation& observation) { return observation.split == Split::train; });
   if (!any) {
     throw InputError(measurements.source + ": no rows to fit; expected rows whose split is 'train'");
   }
-}
-
-void require_two_step_data(const FreeParameters& free, const Measurements& measurements,
-                           const CalibrationOptions& options) {
-  const bool free_base = std::all_of(free.base.begin(), free.base.end(), [](bool f) { return f; });
-  const bool free_targets = std::all_of(free.targets.begin(), free.targets.end(),
-                                        [](const auto& target) { return target[0] && target[1] && target[2]; });
-  if (!free_base || !free_targets) {
-    throw InputError("--method two-step: base and targets are part of the procedure and cannot be known or fixed");
-  }
-  if (!measurements.orientations.empty()) {
-    throw InputError(measurements.source +
-                     ": --method two-step fits points; measured orientations need --method joint");
-  }
-  const bool priors = options.automatic_priors || options.priors.length > 0.0 || options.priors.angle > 0.0;
-  const bool deflections = options.gravity != Use::no || options.joint_gain != Use::no;
-  if (priors || deflections || options.loss != Loss::none || options.noise_from_repeats) {
-    throw InputError("--method two-step: the published procedure has no priors, deflections, losses or noise model");
-  }
-}
-
-struct Fitted {
-  Identification identification;
-  std::vector<double> weights;
-};
-
-Fitted identify(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                const FreeParameters& free, const CalibrationOptions& options, const FitOptions& fit_options) {
-  if (options.method == Method::two_step) {
-    require_two_step_data(free, measurements, options);
-    const TwoStepOptions two_step{.rounds = options.iterations > 0 ? options.iterations : kTwoStepRounds};
-    return {identify_in_two_steps(
-                model, [&](int) { return measurements; }, start, free.geometric, two_step),
-            {}};
-  }
-  if (fit_options.loss == Loss::none) {
-    return {identify_jointly(model, measurements, start, free, fit_options.joint), {}};
-  }
-  RobustIdentification robust =
-      identify_robustly(model, measurements, start, free, fit_options.loss, fit_options.joint);
-  return {std::move(robust.fit), std::move(robust.weights)};
-}
-
-// Of the columns those that raise the rank: those of `kept`, then the others in the order of the reduction: base,
-// targets, geometric errors, then deflections. Where something is kept, what is weak beside it is no reason to add it.
-FreeParameters determined(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                          const FreeParameters& candidates, const FreeParameters& kept,
-                          const Eigen::MatrixXd& triangle) {
-  const std::vector<std::string> names = column_names(model, targets, candidates);
-  const std::vector<std::string> first = column_names(model, targets, kept);
-  const auto base = static_cast<Eigen::Index>(std::count(candidates.base.begin(), candidates.base.end(), true));
-  const Eigen::Index chain =
-      base + static_cast<Eigen::Index>(candidates.geometric.size() + candidates.deflections.size());
-  std::vector<Eigen::Index> order;
-  const auto add = [&](Eigen::Index begin, Eigen::Index end) {
-    for (Eigen::Index c = begin; c < end; ++c) {
-      order.push_back(c);
-    }
-  };
-  add(0, base);
-  add(chain, triangle.cols());
-  add(base, chain);
-  const auto others = std::stable_partition(order.begin(), order.end(), [&](Eigen::Index c) {
-    return std::find(first.begin(), first.end(), names[static_cast<std::size_t>(c)]) != first.end();
-  });
-  const auto known = static_cast<std::size_t>(others - order.begin());
-  const Eigen::MatrixXd columns = triangle(Eigen::all, order) / std::max(triangle.cwiseAbs().maxCoeff(), 1e-300);
-  const std::vector<bool> raises =
-      columns_that_raise_the_rank(columns, std::vector<bool>(order.size(), true), ReductionOptions{}.tolerance);
-  const Eigen::HouseholderQR<Eigen::MatrixXd> basis(columns.leftCols(static_cast<Eigen::Index>(known)));
-  const auto is_weak = [&](Eigen::Index c) {
-    const Eigen::VectorXd turned = basis.householderQ().transpose() * columns.col(c);
-    return turned.tail(turned.size() - static_cast<Eigen::Index>(known)).norm() <
-           IdentifiabilityOptions{}.weak * turned.norm();
-  };
-  std::vector<std::string> result;
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    if (raises[i] && (i < known || known == 0 || !is_weak(static_cast<Eigen::Index>(i)))) {
-      result.push_back(names[static_cast<std::size_t>(order[i])]);
-    }
-  }
-  return free_parameters(model, targets, result);
-}
-
-bool same_parameters(const FreeParameters& a, const FreeParameters& b) {
-  return a.base == b.base && a.geometric == b.geometric && a.deflections == b.deflections && a.targets == b.targets;
-}
-
-constexpr int kGaugeRounds = 3;
-
-// Fits what the measurements determine, as judged by the nominal geometry. What the solution shows to be otherwise is
-// taken out or, unless it is weak, added.
-Fitted identify_in_gauge(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                         const CalibrationOptions& options, const FitOptions& fit_options, FreeParameters& free) {
-  const FreeParameters candidates = free;
-  const LeastSquaresProblem problem(model, measurements, candidates, fit_options.joint.residuals);
-  if (options.method == Method::two_step || problem.equations() < problem.columns()) {
-    return identify(model, measurements, start, candidates, options, fit_options);
-  }
-  const auto determined_at = [&](const Estimate& estimate, const FreeParameters& kept) {
-    if (well_conditioned_root(problem.linearise(estimate).hessian)) {
-      return candidates;
-    }
-    const Eigen::MatrixXd triangle = problem.whitened_summary(estimate).triangle;
-    return triangle.allFinite() ? determined(model, start.targets, candidates, kept, triangle) : free;
-  };
-  FreeParameters nothing;
-  nothing.targets.resize(candidates.targets.size());
-  free = determined_at(start, nothing);
-  Fitted fitted;
-  for (int round = 0; round < kGaugeRounds; ++round) {
-    const int iterations = fitted.identification.iterations;
-    fitted = identify(model, measurements, start, free, options, fit_options);
-    fitted.identification.iterations += iterations;
-    const FreeParameters there = determined_at(fitted.identification.estimate, free);
-    if (same_parameters(there, free) || round + 1 == kGaugeRounds) {
-      break;
-    }
-    free = there;
-  }
-  return fitted;
 }
 
 bool any_sigma(const Measurements& measurements) {
@@ -793,10 +568,9 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
       .X_WB = registration.X_WB,
       .targets = registration.targets,
       .deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(result.model.deflections.size()))};
-  Selection selection = select(model, start.targets, options);
-  result.reduction = std::move(selection.reduction);
-  result.free = free_parameters(model, start.targets, selection.free);
-  if (selection.free.empty()) {
+  ParameterChoice choice = choose_parameters(model, start.targets, options);
+  result.free = free_parameters(model, start.targets, choice.free);
+  if (choice.free.empty()) {
     throw InputError(
         "--fix: leaves nothing to estimate of base, targets and geometric errors; kdlcal validate predicts without a "
         "fit");
@@ -820,10 +594,17 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   result.priors = chosen.priors;
   result.free = with_deflections(result.model, result.free, chosen);
   fit_options = with_priors(fit_options, chosen.priors);
-  result.candidates = result.free;
-  Fitted fitted = identify_in_gauge(result.model, measurements, start, options, fit_options, result.free);
+  WholeFit fitted = fit_whole({.model = result.model,
+                               .measurements = measurements,
+                               .start = start,
+                               .options = options,
+                               .fit_options = fit_options},
+                              choice, result.free);
   result.identification = std::move(fitted.identification);
   result.weights = std::move(fitted.weights);
+  result.reduction = std::move(fitted.reduction);
+  result.candidates = std::move(fitted.candidates);
+  result.free = std::move(fitted.free);
 
   const Estimate& estimate = result.identification.estimate;
   ResidualOptions residuals = fit_options.joint.residuals;

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/registration.hpp"
 #include "parallel.hpp"
 #include "point_rows.hpp"

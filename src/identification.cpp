@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "descent.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "median.hpp"
@@ -49,89 +50,6 @@ Estimate nominal_start(const ErrorModel& model, const Measurements& measurements
 
 namespace {
 
-// Steps of (H + damping diag(H)) x = g, solved with the columns scaled to unit norm.
-class DampedSolver {
-public:
-  void solve(const NormalEquations& equations, double damping) {
-    const Index n = equations.gradient.size();
-    scale_ = equations.hessian.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
-    scaled_.resize(n, n);
-    const auto scale_lower = [&] {
-      for (Index c = 0; c < n; ++c) {
-        scaled_.col(c).tail(n - c) = scale_[c] * scale_.tail(n - c).cwiseProduct(equations.hessian.col(c).tail(n - c));
-        scaled_(c, c) = 1.0 + damping;
-      }
-    };
-    scale_lower();
-    step_ = scale_.cwiseProduct(equations.gradient);
-    // Without pivoting the pivots are the squared distances of the columns from the span of those before them: only
-    // where one of them is small is there a reason to pivot.
-    factorise();
-    if (smallest_pivot_ > kPivotInDoubt) {
-      scaled_.triangularView<Eigen::Lower>().solveInPlace(step_);
-      scaled_.triangularView<Eigen::Lower>().adjoint().solveInPlace(step_);
-    } else {
-      scale_lower();
-      const Eigen::LDLT<MatrixXd> pivoted(scaled_);
-      step_ = pivoted.solve(step_);
-      smallest_pivot_ = pivoted.vectorD().minCoeff();
-    }
-    step_.array() *= scale_.array();
-  }
-
-  const VectorXd& step() const { return step_; }
-  // Of the scaled, undamped-as-can-be matrix: near zero means rank deficient.
-  double smallest_pivot() const { return smallest_pivot_; }
-
-private:
-  // scaled_ = L L^T in place, four columns at a time, for matrices too small for Eigen's blocks; stops at a small
-  // pivot.
-  void factorise() {
-    const Index n = scaled_.cols();
-    smallest_pivot_ = 1.0;
-    for (Index first = 0; first < n; first += 4) {
-      const Index end = std::min(first + 4, n);
-      for (Index j = first; j < end; ++j) {
-        for (Index k = first; k < j; ++k) {
-          scaled_.col(j).tail(n - j) -= scaled_(j, k) * scaled_.col(k).tail(n - j);
-        }
-        smallest_pivot_ = std::min(smallest_pivot_, scaled_(j, j));
-        if (!(smallest_pivot_ > kPivotInDoubt)) {
-          smallest_pivot_ = 0.0;
-          return;
-        }
-        scaled_.col(j).tail(n - j) /= std::sqrt(scaled_(j, j));
-      }
-      for (Index c = end; c < n; ++c) {  // only reached behind four full columns
-        const auto part = [&](Index k) { return scaled_(c, first + k) * scaled_.col(first + k).tail(n - c); };
-        scaled_.col(c).tail(n - c) -= (part(0) + part(1)) + (part(2) + part(3));
-      }
-    }
-  }
-
-  static constexpr double kPivotInDoubt = 1e-9;
-  VectorXd scale_;
-  VectorXd step_;
-  MatrixXd scaled_;
-  double smallest_pivot_ = 0.0;
-};
-
-// Errors beyond any robot's: the fit has run away.
-bool beyond_reason(const ErrorModel& model, const VectorXd& errors) {
-  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-    const double value = std::abs(errors[static_cast<Index>(p)]);
-    if (!is_length(model, model.parameters[p]) && value > 1.0) {
-      return true;
-    }
-  }
-  return !errors.allFinite();
-}
-
-constexpr double kSmallestDamping = 1e-12;
-constexpr double kFirstRescue = 1e-4;
-constexpr double kLargestDamping = 1e8;
-constexpr double kDeficientPivot = 1e-11;
-
 void require_enough_equations(const LeastSquaresProblem& problem, const std::string& source) {
   if (problem.equations() < problem.columns()) {
     throw InputError(source + ": too few measurements: " + std::to_string(problem.equations()) +
@@ -147,66 +65,7 @@ Identification identify_jointly(const ErrorModel& model, const Measurements& mea
                                 const FreeParameters& free, const JointOptions& options) {
   const LeastSquaresProblem problem(model, measurements, free, options.residuals);
   require_enough_equations(problem, measurements.source);
-  const auto rms = [&](double cost) { return std::sqrt(cost / problem.total_weight()); };
-
-  Identification result;
-  result.estimate = start;
-  result.rms_history.reserve(static_cast<std::size_t>(std::max(options.max_iterations, 0)));
-  NormalEquations equations;
-  NormalEquations moved_equations;
-  Estimate moved;
-  DampedSolver solver;
-  VectorXd effect_of_step;
-  problem.linearise(start, equations);
-  double damping = kSmallestDamping;
-  double smallest_pivot = 1.0;
-  const auto finish = [&](Termination termination, std::string message) {
-    result.termination = termination;
-    result.message = std::move(message);
-  };
-  finish(Termination::iteration_limit, "still moving after " + std::to_string(options.max_iterations) + " iterations");
-  while (result.iterations < options.max_iterations) {
-    ++result.iterations;
-    result.rms_history.push_back(rms(equations.cost));
-    solver.solve(equations, damping);
-    const VectorXd& step = solver.step();
-    effect_of_step.noalias() = equations.hessian * step;
-    const double effect = std::sqrt(std::max(step.dot(effect_of_step), 0.0) / problem.total_weight());
-    if (!std::isfinite(effect) || !std::isfinite(equations.cost)) {
-      finish(Termination::diverged, "the misfit is no longer finite");
-      break;
-    }
-    problem.move(result.estimate, step, moved);
-    const bool no_motion = effect <= options.step_tolerance;
-    if (no_motion) {  // the last look: no step follows
-      smallest_pivot = damping <= kSmallestDamping ? solver.smallest_pivot() : smallest_pivot;
-      equations.cost = problem.cost(moved);
-      std::swap(result.estimate, moved);
-      finish(Termination::converged, "the last step moved the predicted points by less than the tolerance");
-      break;
-    }
-    problem.linearise(moved, moved_equations);
-    if (moved_equations.cost < equations.cost) {
-      smallest_pivot = damping <= kSmallestDamping ? solver.smallest_pivot() : smallest_pivot;
-      std::swap(result.estimate, moved);
-      std::swap(equations, moved_equations);
-      damping = damping > kFirstRescue ? damping * 0.1 : kSmallestDamping;
-    } else {
-      damping = std::max(damping * 10.0, kFirstRescue);
-      if (damping > kLargestDamping) {
-        finish(Termination::stalled, "no step reduces the misfit any more");
-        break;
-      }
-    }
-  }
-  result.rms = rms(equations.cost);
-  if (result.termination == Termination::converged && beyond_reason(model, result.estimate.errors)) {
-    finish(Termination::diverged, "the fit ran away: an angle is off by more than a radian");
-  }
-  if (result.termination == Termination::converged && smallest_pivot < kDeficientPivot) {
-    finish(Termination::rank_deficient, "converged, but the measurements do not determine all parameters");
-  }
-  return result;
+  return descend(model, problem, free, start, options);
 }
 
 // ---- robust estimate -----------------------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ struct TargetSums {
 };
 
 struct Sums {
+  double count = 0.0;  // of the observations
   double weight = 0.0;
   Vector3d z_mean = Vector3d::Zero();
   Vector3d z = Vector3d::Zero();
@@ -97,6 +98,7 @@ Sums accumulate(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& 
     const double w = weight_of(observation);
     const Vector3d z = observation.position - sums.z_mean;
     const Vector3d p = known[k] != nullptr ? Vector3d(pose * known[k]->X_FT.translation()) : pose.translation();
+    sums.count += 1.0;
     sums.weight += w;
     sums.z += w * z;
     sums.zz += w * z * z.transpose();
@@ -121,13 +123,14 @@ Sums accumulate(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& 
 }
 
 // f(A) = vec(A)^T Q vec(A) - 2 b^T vec(A) + constant, after the elimination of c and the targets:
-//   t_k = (Rt_z vec(A) - R^T c - Rt_p) / weight,   c = c_matrix vec(A) + c_vector.
+//   t_k = (Rt_z vec(A) - R^T c - Rt_p) / (weight + ridge),   c = c_matrix vec(A) + c_vector.
 struct RotationForm {
   Matrix9d Q;
   Vector9d b;
   double constant = 0.0;
   Matrix39d c_matrix;
   Vector3d c_vector;
+  double firmness = 1.0;  // least information that c has of its own beside the targets, over what it has with them
 
   double value(const Matrix3d& A) const {
     const Eigen::Map<const Vector9d> theta(A.data());
@@ -135,7 +138,8 @@ struct RotationForm {
   }
 };
 
-RotationForm eliminate(const Sums& sums) {
+// With `ridge` times the squared length of each target added to the sum of squares.
+RotationForm eliminate(const Sums& sums, double ridge) {
   RotationForm form;
   for (Index i = 0; i < 3; ++i) {
     for (Index j = 0; j < 3; ++j) {
@@ -150,7 +154,7 @@ RotationForm eliminate(const Sums& sums) {
   Vector3d c_p = sums.p;
   for (const TargetSums& target : sums.targets) {
     if (target.weight > 0.0) {
-      const double inverse = 1.0 / target.weight;
+      const double inverse = 1.0 / (target.weight + ridge);
       form.Q -= inverse * target.Rt_z.transpose() * target.Rt_z;
       form.b -= inverse * target.Rt_z.transpose() * target.Rt_p;
       form.constant -= inverse * target.Rt_p.squaredNorm();
@@ -163,6 +167,7 @@ RotationForm eliminate(const Sums& sums) {
                 target.Rt_Z.transpose() * target.Rt_Z / target.orientation_weight;
     }
   }
+  form.firmness = Eigen::SelfAdjointEigenSolver<Matrix3d>(C, Eigen::EigenvaluesOnly).eigenvalues()[0] / sums.weight;
   // One configuration alone leaves C singular: the least-norm c is as good as any.
   const Matrix3d C_inverse = C.completeOrthogonalDecomposition().pseudoInverse();
   form.c_matrix = C_inverse * C_theta;
@@ -283,7 +288,46 @@ RotationMinimum minimise(const RotationForm& form) {
   return best;
 }
 
-std::string ambiguity(const RotationForm& form, const RotationMinimum& minimum, double weight) {
+constexpr double kUsualTarget = 0.3;  // [m] distance of a target from the flange, as good as any
+
+// The form with its minimum. Where the tool hardly turns, a place of the base and one of the targets look alike and
+// small misfits move both by kilometres. The targets then have a prior about the flange, in units of the misfit u (mean
+// square of a whitened coordinate): sum w |r|^2 + u |t|^2 / L^2. What the measurements do not determine stays small,
+// and what they do determine is moved by a share of less than u / (L^2 w lambda) for the smallest eigenvalue lambda.
+struct Solution {
+  RotationForm form;
+  RotationMinimum minimum;
+  double ridge = 0.0;
+  bool loose = false;  // base and targets are known to no better than kUsualTarget / 3
+};
+
+Solution solve(const Sums& sums) {
+  constexpr double kFirm = 1e-2;  // of orientations that differ by some six degrees
+  constexpr double kNumerical = 1e-13;
+  Solution solution{.form = eliminate(sums, 0.0), .minimum = {}};
+  if (solution.form.firmness > kFirm) {
+    solution.minimum = minimise(solution.form);
+    return solution;
+  }
+  const double firmness = std::max(solution.form.firmness, 0.0);
+  const double numerical = kNumerical * sums.weight;
+  const RotationForm free = eliminate(sums, numerical);
+  const double u = std::max(minimise(free).value, 0.0) / (3.0 * sums.count);
+  solution.ridge = std::max(u / (kUsualTarget * kUsualTarget), numerical);
+  solution.form = eliminate(sums, solution.ridge);
+  solution.minimum = minimise(solution.form);
+  // What no robot of this kind could tell (a planar one the height of its targets) is no matter of these measurements.
+  solution.loose = firmness > kNumerical && 9.0 * u > kUsualTarget * kUsualTarget * firmness * sums.weight;
+  return solution;
+}
+
+std::string ambiguity(const Solution& solution, double weight) {
+  const RotationForm& form = solution.form;
+  const RotationMinimum& minimum = solution.minimum;
+  if (solution.loose) {
+    return "the tool hardly turns: where base and targets are is not determined along every direction; the "
+           "targets were kept near the flange";
+  }
   const Eigen::Matrix<double, 9, 3> T = tangent(minimum.A);
   const Matrix3d hessian = T.transpose() * form.Q * T;
   const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(hessian);
@@ -316,18 +360,20 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
   Registration result;
   Matrix3d A = Matrix3d::Identity();
   Vector3d c = Vector3d::Zero();  // of the centred measurements
+  double ridge = 0.0;
   if (options.known_base) {
     A = options.known_base->linear().transpose();
     c = A * (options.known_base->translation() - sums.z_mean);
     result.X_WB = *options.known_base;
   } else {
-    const RotationForm form = eliminate(sums);
-    const RotationMinimum minimum = minimise(form);
-    A = minimum.A;
+    const Solution solution = solve(sums);
+    const RotationForm& form = solution.form;
+    ridge = solution.ridge;
+    A = solution.minimum.A;
     c = form.c_matrix * Eigen::Map<const Vector9d>(A.data()) + form.c_vector;
     result.X_WB.linear() = A.transpose();
     result.X_WB.translation() = A.transpose() * c + sums.z_mean;
-    result.message = ambiguity(form, minimum, sums.weight);
+    result.message = ambiguity(solution, sums.weight);
     result.ambiguous = !result.message.empty();
   }
   for (std::size_t k = 0; k < measurements.targets.size(); ++k) {
@@ -339,7 +385,8 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
     } else {
       if (target.weight > 0.0) {
         const Eigen::Map<const Vector9d> theta(A.data());
-        frame.X_FT.translation() = (target.Rt_z * theta - target.R.transpose() * c - target.Rt_p) / target.weight;
+        frame.X_FT.translation() =
+            (target.Rt_z * theta - target.R.transpose() * c - target.Rt_p) / (target.weight + ridge);
       }
       if (frame.with_orientation) {
         frame.X_FT.linear() = target_orientation(target, A);

@@ -7,6 +7,7 @@
 #include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
 

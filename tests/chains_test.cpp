@@ -4,6 +4,7 @@
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 

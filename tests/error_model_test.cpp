@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "kdl_calibration/reduction.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration {

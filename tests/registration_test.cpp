@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 

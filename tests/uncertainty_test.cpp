@@ -8,6 +8,7 @@
 
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/random.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 

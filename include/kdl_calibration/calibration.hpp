@@ -13,6 +13,7 @@
 #include "kdl_calibration/identifiability.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "kdl_calibration/uncertainty.hpp"
 #include "kdl_calibration/urdf_export.hpp"

@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <kdl/chain.hpp>
 #include <kdl/frames.hpp>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -72,6 +71,9 @@ ErrorModel complete_model(const Robot& robot);
 /// Whether the parameter is a length [m] rather than an angle [rad].
 bool is_length(const ErrorModel& model, const ErrorParameter& parameter);
 
+/// 1 sigma of such an error of an arm before anything is measured: 3 mm or 5 mrad.
+double usual_error(const ErrorModel& model, const ErrorParameter& parameter);
+
 /// Unit axis of its motion, in the frame of the joint's origin.
 KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter);
 
@@ -117,48 +119,9 @@ struct TargetFrame {
   bool with_orientation = false;
 };
 
-struct DroppedParameter {
-  std::string name;
-  std::map<std::string, double> replaced_by;  ///< coefficients, m/m, rad/rad, or mixed; to first order at nominal
-};
-
-struct GaugeParameter {
-  std::string name;
-  std::vector<std::string> tied_to;  ///< base or target parameters that do the same
-};
-
-/// What of the complete model can be told apart.
-struct Reduction {
-  std::vector<std::string> kept;      ///< all names in declared order: base, targets, joint offsets, links
-  std::vector<GaugeParameter> gauge;  ///< joint offsets that only move base or targets: zero, exact for finite values
-  std::vector<DroppedParameter> dropped;
-  int candidates = 0;
-  int rank = 0;
-};
-
-struct ReductionOptions {
-  std::vector<std::string> fixed;  ///< names of base and target parameters that are known and so no candidates
-  int configurations = 60;         ///< generic ones, uniform in ±π (±1 m for prismatic joints)
-  std::uint64_t seed = 1;
-  double tolerance = 1e-8;  ///< a column whose part outside the span of those before it is below this is redundant
-};
-
 /// Names "base.Tx" … "base.Rz".
 const std::vector<std::string>& base_parameter_names();
 /// Names "A.x", "A.y", "A.z", and "A.Rx" … where the orientation is measured.
 std::vector<std::string> target_parameter_names(const TargetFrame& target);
-
-/// The irreducible model: keeps, in declared order, each candidate whose column raises the rank of the stacked
-/// Jacobian (from KDL's solver) of the measured positions and orientations over seeded generic configurations.
-Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                        const ReductionOptions& options = {});
-
-/// Which columns raise the rank, taken from left to right: each candidate whose part outside the span of those kept
-/// before it exceeds `tolerance` times its norm. Columns without an entry above 1e-12 have no effect.
-std::vector<bool> columns_that_raise_the_rank(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
-                                              double tolerance);
-
-/// `count` generic targets for use before anything is measured: seeded points some 0.2 m around the flange.
-std::vector<TargetFrame> generic_targets(int count, std::uint64_t seed = 1);
 
 }  // namespace kdl_calibration

@@ -3,6 +3,7 @@
 #include <string>
 
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {

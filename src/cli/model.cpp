@@ -2,6 +2,7 @@
 
 #include "frames.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/report.hpp"
 #include "options.hpp"
 #include "subcommands.hpp"

@@ -13,6 +13,7 @@
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/monte_carlo.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "options.hpp"
 #include "output_files.hpp"
 #include "progress.hpp"

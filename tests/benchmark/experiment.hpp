@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "kdl_calibration/simulation.hpp"
 

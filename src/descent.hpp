@@ -1,0 +1,22 @@
+#pragma once
+
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/least_squares.hpp"
+
+namespace kdl_calibration {
+
+/// What the descent may do. `any`: everything; `plain`: it gives up as stalled where a plain step does not keep its
+/// promise; `prior`: the prior in units of the misfit stays, so that the end is the most probable robot if the
+/// residuals are noise, and the data alone only where the misfit vanishes.
+enum class Steps { any, plain, prior };
+
+/// Minimises the cost of `problem`, whose columns are `free`, from `start`; see identify_jointly.
+Identification descend(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
+                       const Estimate& start, const JointOptions& options, Steps steps = Steps::any);
+
+/// Share of the cost that the first step from `estimate` promises to take off, with the prior in units of the misfit.
+double promised_share(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
+                      const Estimate& estimate);
+
+}  // namespace kdl_calibration

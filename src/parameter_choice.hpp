@@ -1,0 +1,24 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/reduction.hpp"
+
+namespace kdl_calibration {
+
+/// What is estimated as far as the targets could show it.
+struct ParameterChoice {
+  Reduction reduction;
+  std::vector<std::string> free;      ///< names, in the order of all_names
+  std::vector<std::string> complete;  ///< those and every geometric error that is neither fixed nor a gauge freedom
+};
+
+/// The irreducible or complete model with the patterns of --fix and --free and the known frames applied. `reduction`
+/// says at which geometry and noise; what is fixed is added to it.
+/// Throws InputError for a pattern that matches nothing and for a fixed coordinate of a frame that is not known.
+ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                                  const CalibrationOptions& options, ReductionOptions reduction = {});
+
+}  // namespace kdl_calibration

@@ -1,0 +1,327 @@
+#include "kdl_calibration/reduction.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <kdl/chainfksolverpos_recursive.hpp>
+#include <kdl/chainjnttojacsolver.hpp>
+#include <numbers>
+#include <utility>
+
+#include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/random.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+// Stacks the Jacobian columns of base, targets and geometric parameters for one configuration, in the frame B.
+class CandidateJacobian {
+public:
+  CandidateJacobian(const ErrorModel& model, const std::vector<TargetFrame>& targets, const ReductionOptions& options)
+      : model_(model),
+        targets_(targets),
+        options_(options),
+        chain_(parameter_chain(model)),
+        forward_(chain_.chain),
+        jacobian_(chain_.chain) {
+    names_ = base_parameter_names();
+    for (const TargetFrame& target : targets) {
+      const auto target_names = target_parameter_names(target);
+      names_.insert(names_.end(), target_names.begin(), target_names.end());
+    }
+    first_geometric_ = names_.size();
+    for (const ErrorParameter& parameter : model.parameters) {
+      names_.push_back(parameter.name);
+    }
+  }
+
+  const std::vector<std::string>& names() const { return names_; }
+  std::size_t first_geometric() const { return first_geometric_; }
+
+  Eigen::MatrixXd stacked() {
+    Eigen::Index rows_each = 0;
+    for (const TargetFrame& target : targets_) {
+      rows_each += target.with_orientation ? 6 : 3;
+    }
+    Eigen::MatrixXd stack =
+        Eigen::MatrixXd::Zero(rows_each * options_.configurations, static_cast<Eigen::Index>(names_.size()));
+    Random random(options_.seed);
+    KDL::JntArray q(chain_.chain.getNrOfJoints());
+    for (Eigen::Index p = 0; p < options_.errors.size(); ++p) {
+      q(chain_.parameter_index[static_cast<std::size_t>(p)]) = options_.errors[p];
+    }
+    Eigen::VectorXd values(static_cast<Eigen::Index>(model_.joints.size()));
+    for (int c = 0; c < options_.configurations; ++c) {
+      for (std::size_t i = 0; i < model_.joints.size(); ++i) {
+        const double range = model_.joints[i].type == JointType::prismatic ? 1.0 : std::numbers::pi;
+        values[static_cast<Eigen::Index>(i)] = random.uniform(-range, range);
+      }
+      follow(model_.joints, values);
+      for (std::size_t i = 0; i < model_.joints.size(); ++i) {
+        q(chain_.joint_index[i]) = values[static_cast<Eigen::Index>(i)];
+      }
+      fill(q, stack.middleRows(rows_each * c, rows_each));
+    }
+    return stack;
+  }
+
+private:
+  void fill(const KDL::JntArray& q, Eigen::Ref<Eigen::MatrixXd> rows) {
+    KDL::Frame flange;
+    forward_.JntToCart(q, flange);
+    KDL::Jacobian flange_jacobian(chain_.chain.getNrOfJoints());
+    jacobian_.JntToJac(q, flange_jacobian);
+    Eigen::Index row = 0;
+    Eigen::Index target_column = 6;
+    for (const TargetFrame& target : targets_) {
+      const Eigen::Index height = target.with_orientation ? 6 : 3;
+      const KDL::Frame X_FT = to_kdl(target.X_FT);
+      const KDL::Vector lever = flange.M * X_FT.p;
+      auto block = rows.middleRows(row, height);
+      const KDL::Rotation orientation = flange.M * X_FT.M;
+      for (int axis = 0; axis < 3; ++axis) {
+        KDL::Vector e = KDL::Vector::Zero();
+        e[axis] = 1.0;
+        write(block, axis, KDL::Twist(e, KDL::Vector::Zero()));
+        write(block, 3 + axis, KDL::Twist(e * (flange.p + lever), e));
+        write(block, target_column + axis, KDL::Twist(flange.M * e, KDL::Vector::Zero()));
+        if (target.with_orientation) {
+          write(block, target_column + 3 + axis, KDL::Twist(KDL::Vector::Zero(), orientation * e));
+        }
+      }
+      target_column += height;
+      for (std::size_t p = 0; p < model_.parameters.size(); ++p) {
+        const KDL::Twist column = flange_jacobian.getColumn(chain_.parameter_index[p]);
+        write(block, static_cast<Eigen::Index>(first_geometric_ + p), column.RefPoint(lever));
+      }
+      row += height;
+    }
+  }
+
+  static void write(Eigen::Ref<Eigen::MatrixXd> block, Eigen::Index column, const KDL::Twist& twist) {
+    block.col(column).head<3>() = to_eigen(twist.vel);
+    if (block.rows() == 6) {
+      block.col(column).tail<3>() = to_eigen(twist.rot);
+    }
+  }
+
+  const ErrorModel& model_;
+  const std::vector<TargetFrame>& targets_;
+  const ReductionOptions& options_;
+  ParameterChain chain_;
+  KDL::ChainFkSolverPos_recursive forward_;
+  KDL::ChainJntToJacSolver jacobian_;
+  std::vector<std::string> names_;
+  std::size_t first_geometric_ = 0;
+};
+
+bool without_effect(const Eigen::MatrixXd& columns, Eigen::Index column) {
+  return columns.col(column).cwiseAbs().maxCoeff() < 1e-12;  // [m] or [rad] per unit: rounding
+}
+
+using Combination = std::map<std::string, double>;
+
+constexpr double kSpanned = 1e-7;  // of a column's norm: what may be left of it
+
+// Coefficients of `column` over the columns in `among`; empty where more than `left` of its norm is left.
+Combination combination(const Eigen::MatrixXd& columns, Eigen::Index column, const std::vector<Eigen::Index>& among,
+                        const std::vector<std::string>& names, double left = kSpanned) {
+  Combination result;
+  if (among.empty()) {
+    return result;
+  }
+  const Eigen::MatrixXd basis = columns(Eigen::all, among);
+  const Eigen::VectorXd coefficients = basis.colPivHouseholderQr().solve(columns.col(column));
+  const double norm = columns.col(column).norm();
+  if ((basis * coefficients - columns.col(column)).norm() > left * norm) {
+    return result;
+  }
+  for (std::size_t i = 0; i < among.size(); ++i) {
+    const double contribution = coefficients[static_cast<Eigen::Index>(i)];
+    if (std::abs(contribution) * basis.col(static_cast<Eigen::Index>(i)).norm() > 1e-7 * norm) {
+      const double rounded = std::round(contribution * 1e9) * 1e-9;
+      result[names[static_cast<std::size_t>(among[i])]] =
+          std::abs(rounded - std::round(rounded)) < 1e-8 ? std::round(rounded) : contribution;
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+namespace {
+
+// What is left of unit columns outside the span of those taken: modified Gram-Schmidt, column by column.
+class Remainders {
+public:
+  Remainders(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate)
+      : norms_(columns.colwise().norm()), rest_(columns) {
+    const double rounding = kRounding * std::max(1.0, norms_.maxCoeff());
+    for (Eigen::Index c = 0; c < rest_.cols(); ++c) {
+      const bool usable = candidate[static_cast<std::size_t>(c)] && norms_[c] > rounding;
+      rest_.col(c) *= usable ? 1.0 / norms_[c] : 0.0;
+    }
+    basis_.resize(rest_.rows(), rest_.cols());
+  }
+
+  double sine(Eigen::Index column) const { return rest_.col(column).norm(); }
+  double norm(Eigen::Index column) const { return norms_[column]; }
+
+  void take(Eigen::Index column) {
+    // Once more against all: what is left of a column is much smaller than the column was.
+    Eigen::VectorXd direction = rest_.col(column).normalized();
+    direction -= basis_.leftCols(taken_) * (basis_.leftCols(taken_).transpose() * direction);
+    direction.normalize();
+    const Eigen::RowVectorXd shares = direction.transpose() * rest_;
+    rest_.noalias() -= direction * shares;
+    rest_.col(column).setZero();
+    basis_.col(taken_++) = direction;
+  }
+
+private:
+  static constexpr double kRounding = 1e-12;
+  Eigen::RowVectorXd norms_;
+  Eigen::MatrixXd rest_;
+  Eigen::MatrixXd basis_;
+  Eigen::Index taken_ = 0;
+};
+
+}  // namespace
+
+std::vector<bool> independent_columns(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
+                                      const ColumnLimits& limits, std::vector<bool>* faint) {
+  std::vector<bool> kept(static_cast<std::size_t>(columns.cols()), false);
+  if (faint != nullptr) {
+    *faint = kept;
+  }
+  if (columns.size() == 0) {
+    return kept;
+  }
+  Remainders remainders(columns, candidate);
+  const auto keep = [&](Eigen::Index column) {
+    kept[static_cast<std::size_t>(column)] = true;
+    remainders.take(column);
+  };
+  for (Eigen::Index c = 0; c < columns.cols(); ++c) {
+    if (remainders.sine(c) >= limits.clear) {
+      keep(c);
+    }
+  }
+  while (true) {
+    std::vector<Eigen::Index> open;
+    double largest = 0.0;
+    for (Eigen::Index c = 0; c < columns.cols(); ++c) {
+      const double sine = remainders.sine(c);
+      if (sine > limits.least && (limits.seen.size() == 0 || sine * remainders.norm(c) >= limits.seen[c])) {
+        open.push_back(c);
+        largest = std::max(largest, sine);
+      }
+    }
+    if (open.empty()) {
+      return kept;
+    }
+    const Eigen::Index next =
+        *std::find_if(open.begin(), open.end(), [&](Eigen::Index c) { return remainders.sine(c) >= 0.5 * largest; });
+    keep(next);
+    if (faint != nullptr) {
+      (*faint)[static_cast<std::size_t>(next)] = true;
+    }
+  }
+}
+
+namespace {
+
+// Norms that the remainders of the columns must have to be seen in noise: see reduced_model.
+Eigen::VectorXd visible_norms(const ErrorModel& model, const Eigen::MatrixXd& columns, double noise) {
+  constexpr double kShareOfNoise = 0.1;
+  Eigen::VectorXd norms = Eigen::VectorXd::Zero(columns.cols());
+  const Eigen::Index frames = columns.cols() - static_cast<Eigen::Index>(model.parameters.size());
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    norms[frames + static_cast<Eigen::Index>(p)] = kShareOfNoise * noise *
+                                                   std::sqrt(static_cast<double>(columns.rows())) /
+                                                   usual_error(model, model.parameters[p]);
+  }
+  return norms;
+}
+
+}  // namespace
+
+Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                        const ReductionOptions& options) {
+  CandidateJacobian candidates(model, targets, options);
+  const Eigen::MatrixXd columns = candidates.stacked();
+  const std::vector<std::string>& names = candidates.names();
+  std::vector<bool> candidate(names.size());
+  for (std::size_t c = 0; c < names.size(); ++c) {
+    candidate[c] = std::find(options.fixed.begin(), options.fixed.end(), names[c]) == options.fixed.end();
+  }
+  std::vector<bool> faint;
+  const std::vector<bool> raises =
+      independent_columns(columns, candidate, {.seen = visible_norms(model, columns, options.noise)}, &faint);
+
+  Reduction reduction;
+  reduction.candidates = static_cast<int>(std::count(candidate.begin(), candidate.end(), true));
+  std::vector<Eigen::Index> kept;
+  std::vector<Eigen::Index> frames;  // the kept ones of base and targets
+  for (std::size_t c = 0; c < names.size(); ++c) {
+    if (raises[c]) {
+      kept.push_back(static_cast<Eigen::Index>(c));
+      reduction.kept.push_back(names[c]);
+      if (faint[c]) {
+        reduction.faint.push_back(names[c]);
+      }
+      if (c < candidates.first_geometric()) {
+        frames.push_back(static_cast<Eigen::Index>(c));
+      }
+    }
+  }
+  reduction.rank = static_cast<int>(kept.size());
+
+  std::vector<Eigen::Index> gauge;
+  for (std::size_t c = 0; c < names.size(); ++c) {
+    if (raises[c] || !candidate[c]) {
+      continue;
+    }
+    const auto column = static_cast<Eigen::Index>(c);
+    const bool joint_offset = c >= candidates.first_geometric() &&
+                              model.parameters[c - candidates.first_geometric()].kind == ParameterKind::joint_offset;
+    const Combination tied = combination(columns, column, frames, names);
+    if (joint_offset && (without_effect(columns, column) || !tied.empty())) {
+      GaugeParameter parameter{.name = names[c], .tied_to = {}};
+      for (const auto& entry : tied) {
+        parameter.tied_to.push_back(entry.first);
+      }
+      reduction.gauge.push_back(std::move(parameter));
+      gauge.push_back(column);
+      continue;
+    }
+    // A single gauge parameter says it in one word where base or targets would need many.
+    Combination replacement;
+    for (const Eigen::Index g : gauge) {
+      replacement = combination(columns, column, {g}, names);
+      if (!replacement.empty()) {
+        break;
+      }
+    }
+    if (replacement.empty()) {
+      replacement = combination(columns, column, kept, names, 1.0);  // what the noise hides included
+    }
+    reduction.dropped.push_back({.name = names[c], .replaced_by = std::move(replacement)});
+  }
+  return reduction;
+}
+
+std::vector<TargetFrame> generic_targets(int count, std::uint64_t seed) {
+  std::vector<TargetFrame> targets;
+  Random random(seed);
+  for (int k = 0; k < count; ++k) {
+    TargetFrame target{.name = k < 26 ? std::string(1, static_cast<char>('A' + k)) : "T" + std::to_string(k + 1)};
+    for (int axis = 0; axis < 3; ++axis) {
+      target.X_FT.translation()[axis] = random.uniform(-0.2, 0.2);
+    }
+    targets.push_back(std::move(target));
+  }
+  return targets;
+}
+
+}  // namespace kdl_calibration
