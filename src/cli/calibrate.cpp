@@ -4,16 +4,16 @@
 #include <memory>
 #include <optional>
 
-#include "frames.hpp"
+#include "cli/frames.hpp"
+#include "cli/measurement_options.hpp"
+#include "cli/options.hpp"
+#include "cli/output_files.hpp"
+#include "cli/progress.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/report.hpp"
-#include "measurement_options.hpp"
-#include "options.hpp"
-#include "output_files.hpp"
-#include "progress.hpp"
-#include "subcommands.hpp"
-#include "text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

@@ -1,4 +1,4 @@
-#include "cell_options.hpp"
+#include "cli/cell_options.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -6,11 +6,11 @@
 #include <numbers>
 #include <string_view>
 
-#include "frames.hpp"
+#include "cli/frames.hpp"
+#include "cli/options.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/mimic.hpp"
-#include "options.hpp"
-#include "text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

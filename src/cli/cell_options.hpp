@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "frames.hpp"
+#include "cli/frames.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/workspace.hpp"
 

@@ -2,11 +2,11 @@
 #include <memory>
 #include <numbers>
 
-#include "frames.hpp"
+#include "cli/frames.hpp"
+#include "cli/options.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/calibration.hpp"
-#include "options.hpp"
-#include "subcommands.hpp"
-#include "text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

@@ -1,12 +1,12 @@
-#include "frames.hpp"
+#include "cli/frames.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <set>
 
-#include "../json_reading.hpp"
-#include "../number_range.hpp"
-#include "../text_file.hpp"
+#include "base/json_reading.hpp"
+#include "base/number_range.hpp"
+#include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {

@@ -1,7 +1,7 @@
-#include "identification_csv.hpp"
+#include "cli/identification_csv.hpp"
 
-#include "../csv_cell.hpp"
-#include "../number_text.hpp"
+#include "base/csv_cell.hpp"
+#include "base/number_text.hpp"
 #include "kdl_calibration/identification_jacobian.hpp"
 
 namespace kdl_calibration::cli {

@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "frames.hpp"
+#include "cli/frames.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"

@@ -2,16 +2,16 @@
 #include <numeric>
 #include <optional>
 
-#include "frames.hpp"
-#include "identification_csv.hpp"
+#include "cli/frames.hpp"
+#include "cli/identification_csv.hpp"
+#include "cli/options.hpp"
+#include "cli/output_files.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "options.hpp"
-#include "output_files.hpp"
-#include "subcommands.hpp"
-#include "text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

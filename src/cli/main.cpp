@@ -10,10 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "config_file.hpp"
-#include "output_files.hpp"
-#include "subcommands.hpp"
-#include "text.hpp"
+#include "cli/config_file.hpp"
+#include "cli/output_files.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

@@ -1,16 +1,16 @@
-#include "measurement_options.hpp"
+#include "cli/measurement_options.hpp"
 
 #include <algorithm>
 #include <filesystem>
 #include <set>
 
-#include "data_dir.hpp"
-#include "frames.hpp"
+#include "cli/data_dir.hpp"
+#include "cli/frames.hpp"
+#include "cli/options.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
-#include "options.hpp"
-#include "text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

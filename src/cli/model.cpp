@@ -1,12 +1,12 @@
 #include <memory>
 
-#include "frames.hpp"
+#include "cli/frames.hpp"
+#include "cli/options.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/report.hpp"
-#include "options.hpp"
-#include "subcommands.hpp"
-#include "text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

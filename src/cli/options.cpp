@@ -1,4 +1,4 @@
-#include "options.hpp"
+#include "cli/options.hpp"
 
 #include <algorithm>
 #include <charconv>
@@ -6,12 +6,12 @@
 #include <numbers>
 #include <optional>
 
-#include "../number_range.hpp"
-#include "data_dir.hpp"
+#include "base/number_range.hpp"
+#include "cli/data_dir.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/mimic.hpp"
-#include "text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

@@ -5,8 +5,14 @@
 #include <optional>
 #include <set>
 
-#include "cell_options.hpp"
-#include "frames.hpp"
+#include "cli/cell_options.hpp"
+#include "cli/frames.hpp"
+#include "cli/measurement_options.hpp"
+#include "cli/options.hpp"
+#include "cli/output_files.hpp"
+#include "cli/progress.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
@@ -14,12 +20,6 @@
 #include "kdl_calibration/monte_carlo.hpp"
 #include "kdl_calibration/pose_selection.hpp"
 #include "kdl_calibration/workspace.hpp"
-#include "measurement_options.hpp"
-#include "options.hpp"
-#include "output_files.hpp"
-#include "progress.hpp"
-#include "subcommands.hpp"
-#include "text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

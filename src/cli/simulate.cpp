@@ -8,18 +8,18 @@
 #include <optional>
 #include <set>
 
-#include "frames.hpp"
+#include "cli/frames.hpp"
+#include "cli/options.hpp"
+#include "cli/output_files.hpp"
+#include "cli/progress.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
+#include "cli/truth_report.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/monte_carlo.hpp"
 #include "kdl_calibration/reduction.hpp"
-#include "options.hpp"
-#include "output_files.hpp"
-#include "progress.hpp"
-#include "subcommands.hpp"
-#include "text.hpp"
-#include "truth_report.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

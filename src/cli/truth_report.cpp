@@ -1,10 +1,10 @@
-#include "truth_report.hpp"
+#include "cli/truth_report.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
-#include "text.hpp"
+#include "cli/text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

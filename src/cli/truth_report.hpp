@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "frames.hpp"
+#include "cli/frames.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/two_step_trial.hpp"
 

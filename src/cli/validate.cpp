@@ -1,17 +1,17 @@
 #include <algorithm>
 #include <memory>
 
-#include "frames.hpp"
+#include "cli/frames.hpp"
+#include "cli/measurement_options.hpp"
+#include "cli/options.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
+#include "cli/truth_report.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/validation.hpp"
-#include "measurement_options.hpp"
-#include "options.hpp"
-#include "subcommands.hpp"
-#include "text.hpp"
-#include "truth_report.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

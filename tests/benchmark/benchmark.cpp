@@ -4,11 +4,11 @@
 #include <filesystem>
 #include <fstream>
 
+#include "base/parallel.hpp"
 #include "experiment.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/registration.hpp"
-#include "parallel.hpp"
 
 namespace kdl_calibration::benchmarks {
 namespace {

@@ -1,8 +1,8 @@
 #include <sstream>
 
-#include "../../src/cli/cell_options.hpp"
-#include "../../src/cli/config_file.hpp"
-#include "../../src/cli/frames.hpp"
+#include "cli/cell_options.hpp"
+#include "cli/config_file.hpp"
+#include "cli/frames.hpp"
 #include "promise.hpp"
 #include "targets.hpp"
 

@@ -1,0 +1,306 @@
+#include "kdl_calibration/validation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <kdl/chainfksolverpos_recursive.hpp>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "base/parallel.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/random.hpp"
+
+namespace kdl_calibration {
+
+ErrorStatistics error_statistics(std::vector<double> distances) {
+  ErrorStatistics statistics;
+  statistics.count = static_cast<long>(distances.size());
+  if (distances.empty()) {
+    return statistics;
+  }
+  const Eigen::Map<const Eigen::ArrayXd> d(distances.data(), static_cast<Eigen::Index>(distances.size()));
+  const double n = static_cast<double>(distances.size());
+  statistics.mean = d.mean();
+  statistics.rms = std::sqrt(d.square().mean());
+  statistics.max = d.maxCoeff();
+  const double position = 0.95 * (n - 1.0);
+  const auto below = static_cast<std::size_t>(position);
+  statistics.std = distances.size() > 1 ? std::sqrt((d - statistics.mean).square().sum() / (n - 1.0)) : 0.0;
+  const auto lower = distances.begin() + static_cast<std::ptrdiff_t>(below);
+  std::nth_element(distances.begin(), lower, distances.end());
+  const double upper = lower + 1 == distances.end() ? *lower : *std::min_element(lower + 1, distances.end());
+  statistics.p95 = *lower + (position - std::floor(position)) * (upper - *lower);
+  return statistics;
+}
+
+std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
+                                    Rows rows) {
+  return position_errors(flange_poses(model, estimate, measurements.joint_values), estimate, measurements, rows);
+}
+
+std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
+                                    const Measurements& measurements, Rows rows) {
+  std::vector<double> distances;
+  for (const Observation& observation : measurements.observations) {
+    const bool train = observation.split == Split::train;
+    if ((rows == Rows::train && !train) || (rows == Rows::test && train)) {
+      continue;
+    }
+    const Eigen::Vector3d predicted =
+        estimate.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
+                         estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
+    distances.push_back((observation.position - predicted).norm());
+  }
+  return distances;
+}
+
+Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, const Measurements& measurements,
+                    const RegistrationOptions& options) {
+  const Registration registration =
+      register_base_and_targets(flange_poses(folded(model, errors), measurements.joint_values), measurements, options);
+  return {.errors = errors, .X_WB = registration.X_WB, .targets = registration.targets, .deflections = {}};
+}
+
+Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements, Rows rows) {
+  return iso_9283(flange_poses(model, estimate, measurements.joint_values), estimate, measurements, rows);
+}
+
+Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
+                 Rows rows) {
+  const Measurements means = averaged(measurements);
+  Iso9283 result;
+  result.accuracy = error_statistics(position_errors(X_BF, estimate, means, rows));
+  const auto selected = [&](const Observation& o) {
+    return rows == Rows::all || (o.split == Split::train) == (rows == Rows::train);
+  };
+  const auto cell_of = [&](const Observation& o) {
+    return static_cast<std::size_t>(o.configuration) * measurements.targets.size() + static_cast<std::size_t>(o.target);
+  };
+  std::vector<int> repeats(static_cast<std::size_t>(measurements.joint_values.cols()) * measurements.targets.size(), 0);
+  for (const Observation& o : measurements.observations) {
+    repeats[cell_of(o)] += selected(o) ? 1 : 0;
+  }
+  std::map<std::size_t, Eigen::Vector3d> mean_of;  // only where there are repeats
+  for (const Observation& o : means.observations) {
+    if (repeats[cell_of(o)] > 1) {
+      mean_of[cell_of(o)] = o.position;
+    }
+  }
+  std::map<std::size_t, std::vector<double>> scatter;
+  for (const Observation& o : measurements.observations) {
+    if (selected(o) && repeats[cell_of(o)] > 1) {
+      scatter[cell_of(o)].push_back((o.position - mean_of[cell_of(o)]).norm());
+    }
+  }
+  std::vector<double> repeatabilities;
+  for (const auto& [cell, distances] : scatter) {
+    const ErrorStatistics l = error_statistics(distances);
+    repeatabilities.push_back(l.mean + 3.0 * l.std);
+  }
+  result.repeatability = error_statistics(repeatabilities);
+  return result;
+}
+
+Identification fit(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                   const FreeParameters& free, const FitOptions& options) {
+  Identification found = options.loss == Loss::none
+                             ? identify_jointly(model, measurements, start, free, options.joint)
+                             : identify_robustly(model, measurements, start, free, options.loss, options.joint).fit;
+  if (options.after_fit) {
+    options.after_fit();
+  }
+  return found;
+}
+
+std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
+  std::vector<bool> trained(static_cast<std::size_t>(measurements.joint_values.cols()), false);
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      trained[static_cast<std::size_t>(observation.configuration)] = true;
+    }
+  }
+  std::vector<Eigen::Index> configurations;
+  for (std::size_t c = 0; c < trained.size(); ++c) {
+    if (trained[c]) {
+      configurations.push_back(static_cast<Eigen::Index>(c));
+    }
+  }
+  const std::size_t count = configurations.size();
+  const bool one_each = folds <= 0 || static_cast<std::size_t>(folds) >= count;
+  if (!one_each) {  // Fisher-Yates
+    Random random(seed);
+    for (std::size_t i = count; i > 1; --i) {
+      std::swap(configurations[i - 1], configurations[random.bits() % i]);
+    }
+  }
+  std::vector<std::vector<Eigen::Index>> result(one_each ? count : static_cast<std::size_t>(folds));
+  for (std::size_t i = 0; i < count; ++i) {
+    result[i % result.size()].push_back(configurations[i]);
+  }
+  return result;
+}
+
+namespace {
+
+// The training rows, with those of the given configurations marked as test.
+Measurements without(const Measurements& measurements, const std::vector<Eigen::Index>& left_out) {
+  Measurements fold = subset(measurements, [](const Observation& o) { return o.split == Split::train; });
+  // subset drops configurations without rows and renumbers the others; their labels stay.
+  std::set<std::string> labels;
+  for (const Eigen::Index c : left_out) {
+    labels.insert(measurements.configurations[static_cast<std::size_t>(c)]);
+  }
+  for (Observation& observation : fold.observations) {
+    if (labels.count(fold.configurations[static_cast<std::size_t>(observation.configuration)]) > 0) {
+      observation.split = Split::test;
+    }
+  }
+  return fold;
+}
+
+// Fits without each fold in turn and predicts it.
+template <class Fit>
+HoldOut hold_out(const ErrorModel& model, const Measurements& measurements,
+                 const std::vector<std::vector<Eigen::Index>>& folds, int threads, Fit fit_fold) {
+  struct Part {
+    std::vector<double> distances;
+    bool converged = true;
+  };
+  std::vector<Part> parts(folds.size());
+  parallel_for(folds.size(), threads, [&](std::size_t f) {
+    const Measurements fold = without(measurements, folds[f]);
+    const Identification found = fit_fold(fold);
+    parts[f].converged = found.termination == Termination::converged;
+    parts[f].distances = position_errors(model, found.estimate, averaged(fold), Rows::test);
+  });
+  HoldOut result;
+  for (const Part& part : parts) {
+    result.distances.insert(result.distances.end(), part.distances.begin(), part.distances.end());
+    result.not_converged += part.converged ? 0 : 1;
+    ++result.refits;
+  }
+  return result;
+}
+
+constexpr int kMostSingleFolds = 40;  // configurations that are left out one by one where a model is chosen
+constexpr int kFolds = 10;
+constexpr double kWorthwhile = 0.98;
+
+std::vector<std::vector<Eigen::Index>> folds_for_choice(const Measurements& measurements) {
+  const auto all = make_folds(measurements, 0);
+  return all.size() <= static_cast<std::size_t>(kMostSingleFolds) ? all : make_folds(measurements, kFolds);
+}
+
+}  // namespace
+
+HoldOut cross_validate(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                       const FreeParameters& free, const std::vector<std::vector<Eigen::Index>>& folds,
+                       const FitOptions& options, int threads) {
+  return hold_out(model, measurements, folds, threads,
+                  [&](const Measurements& fold) { return fit(model, fold, start, free, options); });
+}
+
+HoldOut leave_one_configuration_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                                    const FreeParameters& free, const FitOptions& options, int threads) {
+  return cross_validate(model, measurements, start, free, make_folds(measurements, 0), options, threads);
+}
+
+HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
+                                            const RegistrationOptions& options) {
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  return hold_out(model, measurements, make_folds(measurements, 0), 0, [&](const Measurements& fold) {
+    Identification found;
+    found.termination = Termination::converged;
+    found.estimate = registered(model, zero, fold, options);
+    return found;
+  });
+}
+
+std::vector<Priors> prior_sizes() {
+  std::vector<Priors> sizes = {{}};
+  for (const double size : {3e-3, 1e-3, 3e-4, 1e-4, 3e-5}) {
+    sizes.push_back({.length = size, .angle = size, .deflection = size});
+  }
+  return sizes;
+}
+
+FreeParameters with_deflections(const ErrorModel& model, const FreeParameters& free, const ModelOption& option) {
+  FreeParameters result = free;
+  result.deflections.clear();
+  for (std::size_t d = 0; d < model.deflections.size(); ++d) {
+    if (model.deflections[d].gain ? option.gain : option.gravity) {
+      result.deflections.push_back(d);
+    }
+  }
+  return result;
+}
+
+FitOptions with_priors(const FitOptions& options, const Priors& priors) {
+  FitOptions result = options;
+  result.joint.residuals.priors = priors;
+  return result;
+}
+
+std::size_t fits_to_choose(const Measurements& measurements, const ModelOptions& options) {
+  return options.priors.size() * options.gravity.size() * options.gain.size() * folds_for_choice(measurements).size();
+}
+
+std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                                      const FreeParameters& free, const ModelOptions& options,
+                                      const FitOptions& fit_options, int threads) {
+  std::vector<ModelOption> tried;
+  for (const Priors& priors : options.priors) {
+    for (const bool gravity : options.gravity) {
+      for (const bool gain : options.gain) {
+        tried.push_back({.priors = priors, .gravity = gravity, .gain = gain});
+      }
+    }
+  }
+  const auto folds = folds_for_choice(measurements);
+  parallel_for(tried.size(), threads, [&](std::size_t i) {
+    const HoldOut held_out = cross_validate(model, measurements, start, with_deflections(model, free, tried[i]), folds,
+                                            with_priors(fit_options, tried[i].priors), 1);
+    tried[i].held_out_rms = error_statistics(held_out.distances).rms;
+  });
+  // What is added must earn its place: each deflection counts as 2 % of held-out error.
+  const auto charged = [](const ModelOption& option) {
+    return option.held_out_rms / std::pow(kWorthwhile, (option.gravity ? 1 : 0) + (option.gain ? 1 : 0));
+  };
+  std::stable_sort(tried.begin(), tried.end(),
+                   [&](const ModelOption& a, const ModelOption& b) { return charged(a) < charged(b); });
+  return tried;
+}
+
+HoldOut nested_leave_one_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                             const FreeParameters& free, const ModelOptions& options, const FitOptions& fit_options,
+                             int threads) {
+  return hold_out(model, measurements, make_folds(measurements, 0), threads, [&](const Measurements& fold) {
+    const ModelOption best = choose_model(model, fold, start, free, options, fit_options, 1).front();
+    return fit(model, fold, start, with_deflections(model, free, best), with_priors(fit_options, best.priors));
+  });
+}
+
+namespace {
+constexpr Eigen::Index kComparedWithKdl = 1000;
+}  // namespace
+
+double difference_to_kdl(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::MatrixXd& joint_values) {
+  const KDL::Chain chain = error_chain(model, errors);
+  KDL::ChainFkSolverPos_recursive solver(chain);
+  const FoldedChain ours = folded(model, errors);
+  KDL::JntArray q(chain.getNrOfJoints());
+  double largest = 0.0;
+  const Eigen::Index compared = std::min<Eigen::Index>(joint_values.cols(), kComparedWithKdl);
+  for (Eigen::Index i = 0; i < compared; ++i) {
+    const Eigen::Index c = i * joint_values.cols() / compared;  // evenly spaced
+    q.data = joint_values.col(c);
+    KDL::Frame expected;
+    solver.JntToCart(q, expected);
+    const Eigen::Matrix4d difference = flange_pose(ours, joint_values.col(c)).matrix() - to_eigen(expected).matrix();
+    largest = std::max(largest, difference.cwiseAbs().maxCoeff());
+  }
+  return largest;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,49 @@
+#include "base/text_file.hpp"
+
+#include <array>
+#include <cerrno>
+#include <system_error>
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+constexpr std::size_t kLargestFile = std::size_t{64} << 20U;
+
+[[noreturn]] void fail(const std::string& source, const std::string& what, int error) {
+  throw InputError(source + ": " + what + ": " + std::generic_category().message(error));
+}
+
+}  // namespace
+
+File open_file(const std::filesystem::path& path) {
+  File file(std::fopen(path.c_str(), "rb"));
+  if (!file) {
+    fail(path.string(), "cannot be opened", errno);
+  }
+  return file;
+}
+
+std::size_t read_bytes(std::FILE* file, char* bytes, std::size_t count, const std::string& source) {
+  const std::size_t read = std::fread(bytes, 1, count, file);
+  if (std::ferror(file) != 0) {
+    fail(source, "cannot be read", errno);
+  }
+  return read;
+}
+
+std::string read_text_file(const std::filesystem::path& path) {
+  const File file = open_file(path);
+  std::string text;
+  std::array<char, 65536> buffer{};
+  while (const std::size_t read = read_bytes(file.get(), buffer.data(), buffer.size(), path.string())) {
+    text.append(buffer.data(), read);
+    if (text.size() > kLargestFile) {
+      throw InputError(path.string() + ": larger than the limit of 64 MiB");
+    }
+  }
+  return text;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,134 @@
+#include "calibration/parameter_choice.hpp"
+
+#include <algorithm>
+#include <set>
+#include <string_view>
+#include <utility>
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+// Shell pattern with * and ?. Only the last * may ever have to take one character more.
+bool matches(std::string_view pattern, std::string_view name) {
+  constexpr std::size_t kNone = std::string_view::npos;
+  std::size_t p = 0;
+  std::size_t n = 0;
+  std::size_t star = kNone;  // behind the last one
+  std::size_t taken = 0;     // where the name goes on behind what it took
+  while (n < name.size()) {
+    if (p < pattern.size() && pattern[p] == '*') {
+      star = ++p;
+      taken = n;
+    } else if (p < pattern.size() && (pattern[p] == '?' || pattern[p] == name[n])) {
+      ++p;
+      ++n;
+    } else if (star != kNone) {
+      p = star;
+      n = ++taken;
+    } else {
+      return false;
+    }
+  }
+  return pattern.find_first_not_of('*', p) == kNone;
+}
+
+std::string listed(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) {
+    text += (text.empty() ? "" : ", ") + name;
+  }
+  return text;
+}
+
+std::set<std::string> matching(const std::vector<std::string>& patterns, const std::vector<std::string>& names,
+                               const std::string& option) {
+  std::set<std::string> result;
+  for (const std::string& pattern : patterns) {
+    bool any = false;
+    for (const std::string& name : names) {
+      if (matches(pattern, name)) {
+        result.insert(name);
+        any = true;
+      }
+    }
+    if (!any) {
+      throw InputError(option + ": '" + pattern + "' matches no parameter; there are " + listed(names));
+    }
+  }
+  return result;
+}
+
+std::vector<std::string> all_names(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
+  std::vector<std::string> names = base_parameter_names();
+  for (const TargetFrame& target : targets) {
+    const auto own = target_parameter_names(target);
+    names.insert(names.end(), own.begin(), own.end());
+  }
+  for (const ErrorParameter& parameter : model.parameters) {
+    names.push_back(parameter.name);
+  }
+  return names;
+}
+
+bool is_known_target(const CalibrationOptions& options, const std::string& name) {
+  return std::any_of(options.known_targets.begin(), options.known_targets.end(),
+                     [&](const TargetFrame& target) { return target.name == name; });
+}
+
+// Base and target coordinates that are not estimated because they are known or because --fix says so.
+std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, const CalibrationOptions& options,
+                                      const std::set<std::string>& fixed, const std::set<std::string>& freed) {
+  std::vector<std::string> result;
+  const auto consider = [&](const std::string& name, bool known, const std::string& option) {
+    if (fixed.count(name) > 0 && !known) {
+      throw InputError("--fix: " + name + " can only be fixed where " + option + " gives its value");
+    }
+    if ((known && freed.count(name) == 0) || fixed.count(name) > 0) {
+      result.push_back(name);
+    }
+  };
+  for (const std::string& name : base_parameter_names()) {
+    consider(name, options.known_base.has_value(), "--known-base");
+  }
+  for (const TargetFrame& target : targets) {
+    for (const std::string& name : target_parameter_names(target)) {
+      consider(name, is_known_target(options, target.name), "--known-targets");
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                                  const CalibrationOptions& options, ReductionOptions reduction) {
+  const std::vector<std::string> names = all_names(model, targets);
+  const std::set<std::string> fixed = matching(options.fix, names, "--fix");
+  const std::set<std::string> freed = matching(options.free, names, "--free");
+  reduction.fixed = fixed_frames(targets, options, fixed, freed);
+  ParameterChoice choice{.reduction = reduced_model(model, targets, reduction), .free = {}, .complete = {}};
+  const std::set<std::string> kept(choice.reduction.kept.begin(), choice.reduction.kept.end());
+  const std::set<std::string> held(reduction.fixed.begin(), reduction.fixed.end());
+  std::set<std::string> gauge;
+  for (const GaugeParameter& parameter : choice.reduction.gauge) {
+    gauge.insert(parameter.name);
+  }
+  for (const std::string& name : names) {
+    if (fixed.count(name) > 0 || held.count(name) > 0) {
+      continue;
+    }
+    const bool wanted = options.model == ModelChoice::complete || kept.count(name) > 0 || freed.count(name) > 0;
+    const bool geometric = name.find('.') == std::string::npos;
+    if (wanted) {
+      choice.free.push_back(name);
+    }
+    if (wanted || (geometric && gauge.count(name) == 0)) {
+      choice.complete.push_back(name);
+    }
+  }
+  return choice;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <vector>
+
+#include "calibration/parameter_choice.hpp"
+#include "kdl_calibration/calibration.hpp"
+
+namespace kdl_calibration {
+
+/// What a fit needs to know; keeps references.
+struct FitTask {
+  const ErrorModel& model;
+  const Measurements& measurements;
+  const Estimate& start;
+  const CalibrationOptions& options;
+  const FitOptions& fit_options;
+};
+
+struct WholeFit {
+  Identification identification;
+  std::vector<double> weights;  ///< of each observation, where a robust loss was used
+  Reduction reduction;
+  FreeParameters candidates;  ///< what the targets could show
+  FreeParameters free;        ///< what the measurements tell of it, and was estimated
+};
+
+/// Fits what the measurements determine of `candidates`, which are those of `choice`, from `task.start`. Where that set
+/// of parameters does not lead to the noise, the complete set with the errors that are usual of an arm goes on, and a
+/// set chosen at its end finishes: two parameters that are the same at the nominal geometry may differ at the true one.
+/// Parameters that only a measurement without noise could tell are held where the residuals show that there is noise.
+WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const FreeParameters& candidates);
+
+bool same_parameters(const FreeParameters& a, const FreeParameters& b);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,106 @@
+#include "estimation/chain_kernel.hpp"
+
+#include <algorithm>
+#include <array>
+
+namespace kdl_calibration {
+
+namespace {
+
+constexpr std::size_t kBlocksInCache = 16;
+
+// The sums over the lanes of `rows`, which hold them part by part, each of `at_once` lanes. Two lanes at a time, for
+// every part has an even number of them, and in an order that does not depend on the parts.
+void add_lanes(const std::vector<LaneRow>& rows, std::size_t at_once, ChainKernelSums& sums) {
+  using Pair = double __attribute__((vector_size(16)));
+  std::array<const double*, kLanes / 2> pairs{};
+  for (std::size_t lane = 0; lane < kLanes; lane += 2) {
+    pairs[lane / 2] =
+        reinterpret_cast<const double*>(rows.data()) + lane / at_once * rows.size() * at_once + lane % at_once;
+  }
+  std::size_t row = 0;
+  const auto next = [&] {
+    const auto pair = [&](std::size_t i) { return Pair{pairs[i][row * at_once], pairs[i][row * at_once + 1]}; };
+    const Pair sum = (pair(0) + pair(1)) + (pair(2) + pair(3));
+    ++row;
+    return sum[0] + sum[1];
+  };
+  sums.cost = next();
+  for (std::vector<double>* part : {&sums.gradient, &sums.twist, &sums.force, &sums.gram}) {
+    std::generate(part->begin(), part->end(), next);
+  }
+}
+
+}  // namespace
+
+// The same source for every instruction set: without fused multiplication and addition the results are the same.
+namespace baseline {
+#define KDL_CALIBRATION_AT_ONCE 2
+#include "estimation/chain_kernel_body.hpp"
+#undef KDL_CALIBRATION_AT_ONCE
+}  // namespace baseline
+
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define KDL_CALIBRATION_WIDE_KERNELS
+#pragma GCC push_options
+#pragma GCC target("avx2")
+namespace avx2 {
+#define KDL_CALIBRATION_AT_ONCE 4
+#include "estimation/chain_kernel_body.hpp"
+#undef KDL_CALIBRATION_AT_ONCE
+}  // namespace avx2
+#pragma GCC pop_options
+#pragma GCC push_options
+#pragma GCC target("avx512f,avx512dq,avx512vl,prefer-vector-width=512")
+namespace avx512 {
+#define KDL_CALIBRATION_AT_ONCE 8
+#include "estimation/chain_kernel_body.hpp"
+#undef KDL_CALIBRATION_AT_ONCE
+}  // namespace avx512
+#pragma GCC pop_options
+#endif
+
+std::vector<InstructionSet> instruction_sets() {
+  std::vector<InstructionSet> sets = {InstructionSet::baseline};
+#ifdef KDL_CALIBRATION_WIDE_KERNELS
+  if (__builtin_cpu_supports("avx2")) {
+    sets.push_back(InstructionSet::avx2);
+  }
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
+    sets.push_back(InstructionSet::avx512);
+  }
+#endif
+  return sets;
+}
+
+void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& sums) {
+  static const InstructionSet widest = instruction_sets().back();
+  sum_chain(input, cost_only, sums, widest);
+}
+
+void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& sums, InstructionSet set) {
+  const std::size_t joints = input.prismatic.size();
+  const std::size_t columns = input.columns.size();
+  sums.gradient.resize(columns);
+  sums.twist.resize(6 * columns);
+  sums.force.resize(3 * input.points.size());
+  sums.gram.resize(columns * (columns + 1) / 2);
+  sums.lanes.assign(1 + sums.gradient.size() + sums.twist.size() + sums.force.size() + sums.gram.size(), {});
+  sums.turns.resize(2 * joints);
+  sums.poses.resize(15 * (joints + 2));
+  sums.jacobian.resize(2 * 6 * columns);
+  switch (set) {
+#ifdef KDL_CALIBRATION_WIDE_KERNELS
+    case InstructionSet::avx512:
+      avx512::sum(input, cost_only, sums);
+      return;
+    case InstructionSet::avx2:
+      avx2::sum(input, cost_only, sums);
+      return;
+#endif
+    default:
+      baseline::sum(input, cost_only, sums);
+  }
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,352 @@
+#include "estimation/descent.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// Steps of H x = g, solved with the columns scaled to unit norm.
+class Solver {
+public:
+  // With what keeps a singular H from being one.
+  void solve(const NormalEquations& equations) {
+    diagonal_ = equations.hessian.diagonal();
+    solve(equations.hessian, equations.gradient, kSmallestDamping);
+  }
+
+  // Of (H + diag(weights)) x = gradient.
+  void solve(const NormalEquations& equations, const VectorXd& weights, const VectorXd& gradient) {
+    diagonal_ = equations.hessian.diagonal() + weights;
+    solve(equations.hessian, gradient, kSmallestDamping);
+  }
+
+  const VectorXd& step() const { return step_; }
+  // Of the scaled matrix: near zero means rank deficient.
+  double smallest_pivot() const { return smallest_pivot_; }
+
+private:
+  void solve(const MatrixXd& hessian, const VectorXd& gradient, double damping) {
+    const Index n = gradient.size();
+    scale_ = diagonal_.unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
+    scaled_.resize(n, n);
+    const auto scale_lower = [&] {
+      for (Index c = 0; c < n; ++c) {
+        scaled_.col(c).tail(n - c) = scale_[c] * scale_.tail(n - c).cwiseProduct(hessian.col(c).tail(n - c));
+        scaled_(c, c) = 1.0 + damping;
+      }
+    };
+    scale_lower();
+    step_ = scale_.cwiseProduct(gradient);
+    // Without pivoting the pivots are the squared distances of the columns from the span of those before them: only
+    // where one of them is small is there a reason to pivot.
+    factorise();
+    if (smallest_pivot_ > kPivotInDoubt) {
+      scaled_.triangularView<Eigen::Lower>().solveInPlace(step_);
+      scaled_.triangularView<Eigen::Lower>().adjoint().solveInPlace(step_);
+    } else {
+      scale_lower();
+      const Eigen::LDLT<MatrixXd> pivoted(scaled_);
+      step_ = pivoted.solve(step_);
+      smallest_pivot_ = pivoted.vectorD().minCoeff();
+    }
+    step_.array() *= scale_.array();
+  }
+
+  // scaled_ = L L^T in place, four columns at a time, for matrices too small for Eigen's blocks; stops at a small
+  // pivot.
+  void factorise() {
+    const Index n = scaled_.cols();
+    smallest_pivot_ = 1.0;
+    for (Index first = 0; first < n; first += 4) {
+      const Index end = std::min(first + 4, n);
+      for (Index j = first; j < end; ++j) {
+        for (Index k = first; k < j; ++k) {
+          scaled_.col(j).tail(n - j) -= scaled_(j, k) * scaled_.col(k).tail(n - j);
+        }
+        smallest_pivot_ = std::min(smallest_pivot_, scaled_(j, j));
+        if (!(smallest_pivot_ > kPivotInDoubt)) {
+          smallest_pivot_ = 0.0;
+          return;
+        }
+        scaled_.col(j).tail(n - j) /= std::sqrt(scaled_(j, j));
+      }
+      for (Index c = end; c < n; ++c) {  // only reached behind four full columns
+        const auto part = [&](Index k) { return scaled_(c, first + k) * scaled_.col(first + k).tail(n - c); };
+        scaled_.col(c).tail(n - c) -= (part(0) + part(1)) + (part(2) + part(3));
+      }
+    }
+  }
+
+  static constexpr double kPivotInDoubt = 1e-9;
+  static constexpr double kSmallestDamping = 1e-12;
+  VectorXd diagonal_;
+  VectorXd scale_;
+  VectorXd step_;
+  MatrixXd scaled_;
+  double smallest_pivot_ = 0.0;
+};
+
+// Errors beyond any robot's: the fit has run away.
+bool beyond_reason(const ErrorModel& model, const VectorXd& errors) {
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    const double value = std::abs(errors[static_cast<Index>(p)]);
+    if (!is_length(model, model.parameters[p]) && value > 1.0) {
+      return true;
+    }
+  }
+  return !errors.allFinite();
+}
+
+constexpr double kDeficientPivot = 1e-11;
+
+constexpr double kUsualDeflection = 0.005;  // [rad], [m] or per unit
+constexpr double kUsualFrame = 0.3;         // [m] and [rad] about where it was registered
+
+// Per column: the inverse square of the size that is usual.
+VectorXd usual_information(const ErrorModel& model, const FreeParameters& free, Index columns) {
+  VectorXd information = VectorXd::Constant(columns, 1.0 / (kUsualFrame * kUsualFrame));
+  Index column = std::count(free.base.begin(), free.base.end(), true);
+  for (const std::size_t p : free.geometric) {
+    const double sigma = usual_error(model, model.parameters[p]);
+    information[column++] = 1.0 / (sigma * sigma);
+  }
+  const auto deflections = static_cast<Index>(free.deflections.size());
+  information.segment(column, deflections).setConstant(1.0 / (kUsualDeflection * kUsualDeflection));
+  return information;
+}
+
+// Gauss-Newton steps, plain ones as long as they do what they promise. Where one does not, the errors have a prior:
+// with H, g of the data, s^2 the mean square of the whitened residuals, x the errors and D what is usual of them,
+//   (H + s^2 (fade + brake) D) step = g - s^2 fade D x.
+// With fade = 1 and brake = 0 this is the most probable robot if the residuals were noise: what the misfit leaves open
+// stays near nominal, whatever it is measured in, and becomes free as the misfit falls. Towards the end fade goes to
+// zero, so that the optimum is that of the data alone. A brake about the present estimate is a trust region.
+class Descent {
+public:
+  Descent(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
+          const Estimate& start, const JointOptions& options, Steps steps)
+      : model_(model),
+        problem_(problem),
+        options_(options),
+        steps_(steps),
+        usual_(usual_information(model, free, problem.columns())),
+        errors_(VectorXd::Zero(problem.columns())),
+        plain_(steps != Steps::prior) {
+    Index column = std::count(free.base.begin(), free.base.end(), true);
+    for (const std::size_t p : free.geometric) {
+      errors_[column++] = start.errors[static_cast<Index>(p)];
+    }
+    result_.estimate = start;
+    result_.rms_history.reserve(static_cast<std::size_t>(std::max(options.max_iterations, 0)));
+    finish(Termination::iteration_limit,
+           "still moving after " + std::to_string(options.max_iterations) + " iterations");
+  }
+
+  Identification run() {
+    problem_.linearise(result_.estimate, equations_);
+    for (bool going = true; going && result_.iterations < options_.max_iterations;) {
+      ++result_.iterations;
+      result_.rms_history.push_back(rms());
+      going = iterate();
+    }
+    result_.rms = rms();
+    if (result_.termination == Termination::converged && beyond_reason(model_, result_.estimate.errors)) {
+      finish(Termination::diverged, "the fit ran away: an angle is off by more than a radian");
+    }
+    if (result_.termination == Termination::converged && smallest_pivot_ < kDeficientPivot) {
+      finish(Termination::rank_deficient, "converged, but the measurements do not determine all parameters");
+    }
+    return std::move(result_);
+  }
+
+  double promised_share() {
+    problem_.linearise(result_.estimate, equations_);
+    propose();
+    return promise_ / equations_.cost;
+  }
+
+private:
+  static constexpr double kKept = 0.5;       // a plain step must keep this share of its promise
+  static constexpr double kWorth = 0.02;     // share of the cost below which the prior stands in the way
+  static constexpr double kPlain = 1e-6;     // fade below which it matters no more
+  static constexpr double kFarthest = 50.0;  // plain step, in usual errors
+  static constexpr double kStandstill = 1e15;
+  static constexpr double kRoundingOfPoints = 2e-14;  // [m] twice that of predicted points some metres away
+  static constexpr double kSettled = 1e-4;            // share of the cost that is not worth a step with a prior
+  static constexpr double kFirstBrake = 1e-3;
+  static constexpr double kLeastGain = 0.1;
+  static constexpr double kGoodGain = 0.7;
+  static constexpr int kRefusals = 3;  // of plain steps, before they are left for the end
+
+  bool iterate() {
+    propose();
+    if (!std::isfinite(effect_) || !std::isfinite(equations_.cost)) {
+      finish(Termination::diverged, "the misfit is no longer finite");
+      return false;
+    }
+    if (steps_ == Steps::prior && brake_ == 0.0 &&
+        (effect_ <= options_.step_tolerance || promise_ < kSettled * equations_.cost)) {
+      smallest_pivot_ = solver_.smallest_pivot();
+      finish(Termination::converged, "the errors that are usual of an arm explain no more");
+      return false;
+    }
+    problem_.move(result_.estimate, solver_.step(), moved_);
+    if (plain_ && effect_ <= options_.step_tolerance) {  // the last look: no step follows
+      smallest_pivot_ = solver_.smallest_pivot();
+      if (const double cost = problem_.cost(moved_); cost <= equations_.cost) {
+        equations_.cost = cost;
+        std::swap(result_.estimate, moved_);
+      }
+      finish(Termination::converged, "the last step moved the predicted points by less than the tolerance");
+      return false;
+    }
+    problem_.linearise(moved_, moved_equations_);
+    const double gain = (equations_.cost - moved_equations_.cost) / promise_;
+    return plain_ ? judge_plain(gain) : judge(gain);
+  }
+
+  void propose() {
+    plain_ = plain_ || (brake_ == 0.0 && fade_ < kPlain);
+    while (!plain_) {
+      const double s2 = equations_.cost / static_cast<double>(problem_.equations());
+      weights_ = s2 * (fade_ + brake_) * usual_;
+      gradient_ = equations_.gradient - s2 * fade_ * usual_.cwiseProduct(errors_);
+      solver_.solve(equations_, weights_, gradient_);
+      measure_step();
+      if (steps_ == Steps::prior) {
+        return;
+      }
+      if (effect_ <= options_.step_tolerance) {  // what holds it back may be all that is left
+        plain_ = true;
+        break;
+      }
+      if (brake_ > 0.0 || promise_ >= kWorth * equations_.cost) {
+        return;
+      }
+      fade_ *= 0.1;
+      plain_ = fade_ < kPlain;
+    }
+    solver_.solve(equations_);
+    measure_step();
+  }
+
+  // What the step promises to take off the cost, and how far it moves the points.
+  void measure_step() {
+    const VectorXd& step = solver_.step();
+    curvature_.noalias() = equations_.hessian * step;
+    const double squares = std::max(step.dot(curvature_), 0.0);
+    promise_ = 2.0 * step.dot(equations_.gradient) - squares;
+    effect_ = std::sqrt(squares / problem_.total_weight());
+  }
+
+  bool judge_plain(double gain) {
+    const double farthest = solver_.step().cwiseAbs2().cwiseProduct(usual_).maxCoeff();
+    const bool better = moved_equations_.cost < equations_.cost && gain > kKept;
+    if (better && farthest < kFarthest * kFarthest) {
+      smallest_pivot_ = solver_.smallest_pivot();
+      accept();
+      return true;
+    }
+    // So close to the end the costs differ by their rounding alone, and what the next step promises is the judge.
+    const double rounding = kRoundingOfPoints * std::sqrt(equations_.cost * problem_.total_weight());
+    if (promise_ <= rounding && moved_equations_.cost <= equations_.cost + rounding) {
+      smallest_pivot_ = solver_.smallest_pivot();
+      if (promise_ < 0.25 * last_promise_) {
+        last_promise_ = promise_;
+        accept();
+        return true;
+      }
+      finish(Termination::converged, "no step can reduce the misfit by more than its rounding");
+      return false;
+    }
+    if (steps_ == Steps::plain) {
+      finish(Termination::stalled, "a step did not reduce the misfit as it should");
+      return false;
+    }
+    plain_ = false;
+    ++refused_;
+    brake_ = fade_ < kPlain ? kFirstBrake : 0.0;
+    return true;
+  }
+
+  bool judge(double gain) {
+    if (!(moved_equations_.cost < equations_.cost && gain > kLeastGain)) {
+      brake_ = std::max(10.0 * brake_, fade_);
+      if (brake_ > kStandstill) {
+        finish(Termination::stalled, "no step reduces the misfit any more");
+        return false;
+      }
+      return true;
+    }
+    const bool much = moved_equations_.cost < 0.1 * equations_.cost;
+    accept();
+    if (gain > kGoodGain) {
+      brake_ = brake_ > kFirstBrake * fade_ ? 0.1 * brake_ : 0.0;
+      if (steps_ == Steps::any && brake_ == 0.0) {
+        fade_ *= 0.1;
+        plain_ = much && refused_ < kRefusals;
+      }
+    }
+    return true;
+  }
+
+  void accept() {
+    errors_ += solver_.step();
+    std::swap(result_.estimate, moved_);
+    std::swap(equations_, moved_equations_);
+  }
+
+  double rms() const { return std::sqrt(equations_.cost / problem_.total_weight()); }
+
+  void finish(Termination termination, std::string message) {
+    result_.termination = termination;
+    result_.message = std::move(message);
+  }
+
+  const ErrorModel& model_;
+  const LeastSquaresProblem& problem_;
+  const JointOptions& options_;
+  const Steps steps_;
+  const VectorXd usual_;
+  VectorXd errors_;  // per column: from nominal, frames from the start
+  bool plain_;
+  Identification result_;
+  NormalEquations equations_;
+  NormalEquations moved_equations_;
+  Estimate moved_;
+  Solver solver_;
+  VectorXd weights_;
+  VectorXd gradient_;
+  VectorXd curvature_;
+  double effect_ = 0.0;
+  double promise_ = 0.0;
+  double smallest_pivot_ = 1.0;
+  double fade_ = 1.0;
+  double brake_ = 0.0;
+  int refused_ = 0;
+  double last_promise_ = std::numeric_limits<double>::infinity();
+};
+
+}  // namespace
+
+Identification descend(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
+                       const Estimate& start, const JointOptions& options, Steps steps) {
+  return Descent(model, problem, free, start, options, steps).run();
+}
+
+double promised_share(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
+                      const Estimate& estimate) {
+  const JointOptions options;
+  return Descent(model, problem, free, estimate, options, Steps::prior).promised_share();
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,297 @@
+#include "kdl_calibration/identification.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "base/median.hpp"
+#include "estimation/descent.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+}  // namespace
+
+std::string to_string(Termination termination) {
+  switch (termination) {
+    case Termination::converged:
+      return "converged";
+    case Termination::iteration_limit:
+      return "iteration_limit";
+    case Termination::stalled:
+      return "stalled";
+    case Termination::rank_deficient:
+      return "rank_deficient";
+    case Termination::diverged:
+      return "diverged";
+  }
+  return "unknown";
+}
+
+Estimate nominal_start(const ErrorModel& model, const Measurements& measurements, const RegistrationOptions& options) {
+  Estimate start;
+  start.errors = VectorXd::Zero(static_cast<Index>(model.parameters.size()));
+  const Registration registration = register_base_and_targets(
+      flange_poses(folded(model, start.errors), measurements.joint_values), measurements, options);
+  start.X_WB = registration.X_WB;
+  start.targets = registration.targets;
+  return start;
+}
+
+namespace {
+
+void require_enough_equations(const LeastSquaresProblem& problem, const std::string& source) {
+  if (problem.equations() < problem.columns()) {
+    throw InputError(source + ": too few measurements: " + std::to_string(problem.equations()) +
+                     " measured coordinates for " + std::to_string(problem.columns()) + " unknowns; at least " +
+                     std::to_string(problem.columns()) + " are needed (" + std::to_string((problem.columns() + 2) / 3) +
+                     " points)");
+  }
+}
+
+}  // namespace
+
+Identification identify_jointly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                                const FreeParameters& free, const JointOptions& options) {
+  const LeastSquaresProblem problem(model, measurements, free, options.residuals);
+  require_enough_equations(problem, measurements.source);
+  return descend(model, problem, free, start, options);
+}
+
+// ---- robust estimate -----------------------------------------------------------------------------------------------
+
+namespace {
+
+constexpr double kHuber = 2.5;
+constexpr double kTukey = 7.0;
+constexpr double kMedianChi3 = 1.5381722544550522;  // of the chi distribution with three degrees of freedom
+constexpr int kReweightings = 50;
+
+double robust_weight(Loss loss, double r) {
+  switch (loss) {
+    case Loss::none:
+      return 1.0;
+    case Loss::huber:
+      return r <= kHuber ? 1.0 : kHuber / r;
+    case Loss::tukey: {
+      const double t = 1.0 - (r / kTukey) * (r / kTukey);
+      return r < kTukey ? t * t : 0.0;
+    }
+  }
+  return 1.0;
+}
+
+// Position residual of every row, in units of its own sigma (or in metres where none is stated).
+std::vector<double> row_distances(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
+                                  const NoiseModel& noise) {
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
+  std::vector<double> distances;
+  distances.reserve(measurements.observations.size());
+  for (const Observation& o : measurements.observations) {
+    const Vector3d predicted =
+        estimate.X_WB * (X_BF[static_cast<std::size_t>(o.configuration)] *
+                         estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation());
+    const Eigen::Matrix3d information =
+        (point_covariance(noise, o) + Eigen::Matrix3d(noise.common.cwiseAbs2().asDiagonal())).inverse();
+    const Vector3d e = o.position - predicted;
+    distances.push_back(information.allFinite() ? std::sqrt(e.dot(information * e)) : e.norm());
+  }
+  return distances;
+}
+
+}  // namespace
+
+RobustIdentification identify_robustly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
+                                       const FreeParameters& free, Loss loss, const JointOptions& options) {
+  RobustIdentification result;
+  result.fit = identify_jointly(model, measurements, start, free, options);
+  result.weights.assign(measurements.observations.size(), 1.0);
+  JointOptions reweighted = options;
+  const auto update = [&](Loss current) {
+    result.distances = row_distances(model, measurements, result.fit.estimate, options.residuals.noise);
+    std::vector<double> train;
+    for (std::size_t row = 0; row < result.distances.size(); ++row) {
+      if (measurements.observations[row].split == Split::train) {
+        train.push_back(result.distances[row]);
+      }
+    }
+    result.scale = std::max(median(train) / kMedianChi3, 1e-12);
+    double change = 0.0;
+    for (std::size_t row = 0; row < result.weights.size(); ++row) {
+      result.distances[row] /= result.scale;
+      const bool fitted = measurements.observations[row].split == Split::train;
+      const double weight = fitted ? robust_weight(current, result.distances[row]) : 1.0;
+      change = std::max(change, std::abs(weight - result.weights[row]));
+      result.weights[row] = weight;
+    }
+    return change;
+  };
+  const std::vector<Loss> stages =
+      loss == Loss::tukey ? std::vector<Loss>{Loss::huber, Loss::tukey} : std::vector<Loss>{loss};
+  for (const Loss stage : stages) {
+    for (int round = 0; round < kReweightings && loss != Loss::none; ++round) {
+      if (update(stage) < 1e-6) {
+        break;
+      }
+      // A row without weight keeps a trace of it, so that a target seen nowhere else stays determined.
+      reweighted.residuals.row_weights = result.weights;
+      for (double& weight : reweighted.residuals.row_weights) {
+        weight = std::max(weight, 1e-9);
+      }
+      const Identification before = std::move(result.fit);
+      result.fit = identify_jointly(model, measurements, before.estimate, free, reweighted);
+      result.fit.iterations += before.iterations;
+      result.fit.rms_history.insert(result.fit.rms_history.begin(), before.rms_history.begin(),
+                                    before.rms_history.end());
+    }
+  }
+  if (loss == Loss::none) {
+    update(loss);
+  }
+  return result;
+}
+
+// ---- the published procedure ---------------------------------------------------------------------------------------
+
+namespace {
+
+// Step 5: base and tools for the current geometry. With T_robot(q_i) = (R_i, p_i) and points y in the current base
+// frame, y_ij - p_i = A_i [p_base; phi_base; u_1; …; u_m] with
+//     A_i = [I  [~p_i]^T  R_i  0  0;  I  [~p_i]^T  0  R_i  0;  I  [~p_i]^T  0  0  R_i]    (9 x 15 for three tools),
+// where [~p]^T phi = phi x p is the small rotation of the base and u_j the tool.
+void update_base_and_tools(const std::vector<Eigen::Isometry3d>& T_robot, const Measurements& measurements,
+                           Estimate& estimate) {
+  const Index tools = static_cast<Index>(estimate.targets.size());
+  const Index unknowns = 6 + 3 * tools;
+  MatrixXd AtA = MatrixXd::Zero(unknowns, unknowns);
+  VectorXd Atp = VectorXd::Zero(unknowns);
+  const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split != Split::train) {
+      continue;
+    }
+    const Eigen::Isometry3d& pose = T_robot[static_cast<std::size_t>(observation.configuration)];
+    const Matrix3Xd A = base_and_tool_rows(pose, observation.target, tools);
+    const Vector3d dp = X_BW * observation.position - pose.translation();
+    AtA += A.transpose() * A;
+    Atp += A.transpose() * dp;
+  }
+  const VectorXd solution = AtA.ldlt().solve(Atp);
+  estimate.X_WB.translation() += estimate.X_WB.linear() * solution.head<3>();
+  estimate.X_WB.linear() = estimate.X_WB.linear() * rotation_exp(solution.segment<3>(3));
+  for (Index j = 0; j < tools; ++j) {
+    estimate.targets[static_cast<std::size_t>(j)].X_FT.translation() = solution.segment<3>(6 + 3 * j);
+  }
+}
+
+// Steps 6 and 7: dPi = (sum J^T J)^-1 sum J^T dp with base and tools held. Gives dPi and the RMS motion of the points
+// that it stands for.
+struct GeometryUpdate {
+  VectorXd step;
+  double effect = 0.0;
+  double rms = 0.0;
+};
+
+GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen::Isometry3d>& T_robot,
+                               const Measurements& measurements, const Estimate& estimate,
+                               const std::vector<std::size_t>& geometric) {
+  const auto unknowns = static_cast<Index>(geometric.size());
+  MatrixXd JtJ = MatrixXd::Zero(unknowns, unknowns);
+  VectorXd Jtp = VectorXd::Zero(unknowns);
+  double sum = 0.0;
+  double count = 0.0;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split != Split::train) {
+      continue;
+    }
+    const Vector3d tool = estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
+    const Vector3d expected = estimate.X_WB * (T_robot[static_cast<std::size_t>(observation.configuration)] * tool);
+    const Vector3d dp = observation.position - expected;
+    const Matrix3Xd J =
+        position_jacobian_by_matrix_derivatives(model, estimate.errors, geometric, estimate.X_WB,
+                                                measurements.joint_values.col(observation.configuration), tool);
+    JtJ += J.transpose() * J;
+    Jtp += J.transpose() * dp;
+    sum += dp.squaredNorm();
+    count += 1.0;
+  }
+  GeometryUpdate update;
+  update.step = JtJ.ldlt().solve(Jtp);
+  update.effect = std::sqrt(std::max(update.step.dot(JtJ * update.step), 0.0) / count);
+  update.rms = std::sqrt(sum / count);
+  return update;
+}
+
+}  // namespace
+
+Eigen::Matrix3Xd base_and_tool_rows(const Eigen::Isometry3d& T_robot, Index tool, Index tools) {
+  Eigen::Matrix3Xd A = Eigen::Matrix3Xd::Zero(3, 6 + 3 * tools);
+  A.middleCols<3>(0).setIdentity();
+  A.middleCols<3>(3) = skew(T_robot.translation()).transpose();
+  A.middleCols<3>(6 + 3 * tool) = T_robot.linear();
+  return A;
+}
+
+double convergence_factor(const std::vector<double>& changes, double least_change) {
+  std::size_t last = changes.size();
+  while (last > 0 && changes[last - 1] < least_change) {
+    --last;
+  }
+  if (last < 3) {
+    return 0.0;
+  }
+  return std::pow(changes[last - 1] / changes[1], 1.0 / static_cast<double>(last - 2));
+}
+
+Identification identify_in_two_steps(const ErrorModel& model,
+                                     const std::function<Measurements(int)>& measurements_of_round,
+                                     const Estimate& start, const std::vector<std::size_t>& geometric,
+                                     const TwoStepOptions& options) {
+  Identification result;
+  result.estimate = start;  // (i) all errors zero, unless the caller knows better
+  result.termination = Termination::iteration_limit;
+  result.message = "still moving after " + std::to_string(options.rounds) + " rounds";
+  Estimate& estimate = result.estimate;
+  std::vector<double> effects;
+  for (int round = 0; round < options.rounds; ++round) {             // (viii)
+    const Measurements measurements = measurements_of_round(round);  // (ii), (iii)
+    const std::vector<Eigen::Isometry3d> T_robot =
+        flange_poses(folded(model, estimate.errors), measurements.joint_values);                       // (iii), (iv)
+    update_base_and_tools(T_robot, measurements, estimate);                                            // (v)
+    const GeometryUpdate update = geometry_update(model, T_robot, measurements, estimate, geometric);  // (vi)
+    ++result.iterations;
+    result.rms_history.push_back(update.rms);
+    result.rms = update.rms;
+    if (!update.step.allFinite() || !std::isfinite(update.rms)) {
+      result.termination = Termination::diverged;
+      result.message = "the misfit is no longer finite";
+      break;
+    }
+    for (std::size_t i = 0; i < geometric.size(); ++i) {  // (vii)
+      estimate.errors[static_cast<Index>(geometric[i])] += update.step[static_cast<Index>(i)];
+    }
+    effects.push_back(update.effect);
+    if (options.after_round) {
+      options.after_round({.number = result.iterations, .change = update.effect, .misfit = update.rms}, estimate);
+    }
+    if (update.effect <= options.step_tolerance) {
+      result.termination = Termination::converged;
+      result.message = "the last round moved the predicted points by less than the tolerance";
+      break;
+    }
+  }
+  result.convergence_factor = convergence_factor(effects);
+  return result;
+}
+
+}  // namespace kdl_calibration

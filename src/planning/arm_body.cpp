@@ -1,0 +1,338 @@
+#include "kdl_calibration/arm_body.hpp"
+
+#include <tinyxml2.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <numbers>
+#include <optional>
+#include <string_view>
+#include <system_error>
+
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/random.hpp"
+#include "robot/urdf_reading.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Isometry3d;
+using Eigen::Vector3d;
+
+constexpr std::uint64_t kConfigurationsOfPairs = 500;
+
+// Numbers separated by blanks, in any locale.
+template <int kSize>
+Eigen::Matrix<double, kSize, 1> numbers(const char* text, const std::string& where) {
+  std::string_view rest = text == nullptr ? "" : text;
+  Eigen::Matrix<double, kSize, 1> values;
+  for (int i = 0; i < kSize; ++i) {
+    rest.remove_prefix(std::min(rest.find_first_not_of(" \t\r\n+"), rest.size()));
+    const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), values[i]);
+    if (error != std::errc() || !std::isfinite(values[i])) {
+      throw InputError(where + ": expected " + std::to_string(kSize) + " finite numbers");
+    }
+    rest.remove_prefix(static_cast<std::size_t>(end - rest.data()));
+  }
+  return values;
+}
+
+Isometry3d origin_of(const tinyxml2::XMLElement& shape, const std::string& where) {
+  Isometry3d X = Isometry3d::Identity();
+  if (const tinyxml2::XMLElement* origin = shape.FirstChildElement("origin")) {
+    if (const char* xyz = origin->Attribute("xyz")) {
+      X.translation() = numbers<3>(xyz, where + ": xyz");
+    }
+    if (const char* rpy = origin->Attribute("rpy")) {
+      const Vector3d angles = numbers<3>(rpy, where + ": rpy");
+      X.linear() = (Eigen::AngleAxisd(angles.z(), Vector3d::UnitZ()) *
+                    Eigen::AngleAxisd(angles.y(), Vector3d::UnitY()) * Eigen::AngleAxisd(angles.x(), Vector3d::UnitX()))
+                       .toRotationMatrix();
+    }
+  }
+  return X;
+}
+
+// A capsule along `axis` around everything within `half_length` of the origin along it and within `reach` across it.
+// Drawing the ends in by half the reach costs an eighth more radius and saves a third of the overshoot.
+Capsule around(const Vector3d& axis, double half_length, double reach) {
+  const double drawn_in = std::min(half_length, 0.5 * reach);
+  const Vector3d end = axis * (half_length - drawn_in);
+  return {.link = {}, .a = -end, .b = end, .radius = std::hypot(reach, drawn_in)};
+}
+
+Capsule around_box(const Vector3d& half) {
+  Eigen::Index longest = 0;
+  half.maxCoeff(&longest);
+  const double reach = std::sqrt(half.squaredNorm() - half[longest] * half[longest]);
+  return around(Vector3d::Unit(longest), half[longest], reach);
+}
+
+// None for a mesh.
+std::optional<Capsule> capsule_around(const tinyxml2::XMLElement& shape, const std::string& where) {
+  const tinyxml2::XMLElement* geometry = shape.FirstChildElement("geometry");
+  if (geometry == nullptr) {
+    return std::nullopt;
+  }
+  const auto positive = [&](const auto& values) {
+    if (!(values.array() > 0.0).all()) {
+      throw InputError(where + ": expected a shape with positive sizes");
+    }
+    return values;
+  };
+  std::optional<Capsule> capsule;
+  if (const auto* box = geometry->FirstChildElement("box")) {
+    capsule = around_box(0.5 * positive(numbers<3>(box->Attribute("size"), where + ": box size")));
+  } else if (const auto* cylinder = geometry->FirstChildElement("cylinder")) {
+    const double radius = positive(numbers<1>(cylinder->Attribute("radius"), where + ": cylinder radius"))[0];
+    const double length = positive(numbers<1>(cylinder->Attribute("length"), where + ": cylinder length"))[0];
+    capsule = around(Vector3d::UnitZ(), 0.5 * length, radius);
+  } else if (const auto* sphere = geometry->FirstChildElement("sphere")) {
+    capsule = Capsule{.link = {}};
+    capsule->radius = positive(numbers<1>(sphere->Attribute("radius"), where + ": sphere radius"))[0];
+  }
+  if (capsule) {
+    const Isometry3d X = origin_of(shape, where);
+    capsule->a = X * capsule->a;
+    capsule->b = X * capsule->b;
+  }
+  return capsule;
+}
+
+std::vector<std::string> link_names(const Robot& robot) {
+  std::vector<std::string> names = {robot.base};
+  for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
+    names.push_back(robot.chain.getSegment(s).getName());
+  }
+  return names;
+}
+
+// Number of moving joints in front of each link's frame.
+std::vector<std::size_t> joints_in_front(const Robot& robot) {
+  std::vector<std::size_t> counts = {0};
+  for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
+    const bool moves = robot.chain.getSegment(s).getJoint().getType() != KDL::Joint::Fixed;
+    counts.push_back(counts.back() + (moves ? 1 : 0));
+  }
+  return counts;
+}
+
+struct Line {
+  Vector3d point;
+  Vector3d direction;
+  bool turns = true;
+};
+
+// The joints' axes at zero, in the base frame.
+std::vector<Line> axes_at_zero(const Robot& robot) {
+  std::vector<Line> axes;
+  Isometry3d X = Isometry3d::Identity();
+  for (const MovingJoint& joint : robot.joints) {
+    X = X * to_eigen(joint.origin);
+    axes.push_back({.point = X.translation(),
+                    .direction = X.linear() * to_eigen(joint.axis),
+                    .turns = joint.type != JointType::prismatic});
+  }
+  return axes;
+}
+
+// Whether the axes are of revolute joints and go through one point, which they then do in every configuration.
+bool meet_in_one_point(const std::vector<Line>& axes, std::size_t first, std::size_t end) {
+  constexpr double kTolerance = 1e-6;
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();  // of the least squares point closest to all axes
+  Vector3d right = Vector3d::Zero();
+  for (std::size_t i = first; i < end; ++i) {
+    const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - axes[i].direction * axes[i].direction.transpose();
+    normal += across;
+    right += across * axes[i].point;
+  }
+  const Vector3d point = normal.completeOrthogonalDecomposition().solve(right);
+  return std::all_of(
+      axes.begin() + static_cast<std::ptrdiff_t>(first), axes.begin() + static_cast<std::ptrdiff_t>(end),
+      [&](const Line& axis) { return axis.turns && (point - axis.point).cross(axis.direction).norm() < kTolerance; });
+}
+
+Eigen::VectorXd anywhere(const Robot& robot, std::uint64_t stream) {
+  Random random(1, stream);
+  Eigen::VectorXd q(static_cast<Eigen::Index>(robot.joints.size()));
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    const MovingJoint& joint = robot.joints[i];
+    const double whole = joint.type == JointType::prismatic ? 1.0 : std::numbers::pi;
+    q[static_cast<Eigen::Index>(i)] = random.uniform(joint.lower.value_or(-whole), joint.upper.value_or(whole));
+  }
+  follow(robot.joints, q);
+  return q;
+}
+
+}  // namespace
+
+ArmBody body_from_urdf(const Robot& robot) {
+  tinyxml2::XMLDocument document;
+  parse_xml(document, robot.urdf, robot.source);
+  const std::vector<std::string> names = link_names(robot);
+  ArmBody body;
+  std::map<std::string, bool> has_shape;
+  for (const auto* link = document.FirstChildElement("robot")->FirstChildElement("link"); link != nullptr;
+       link = link->NextSiblingElement("link")) {
+    const std::string name = link->Attribute("name") == nullptr ? "" : link->Attribute("name");
+    const auto frame = std::find(names.begin(), names.end(), name);
+    if (frame == names.end()) {
+      continue;
+    }
+    const char* kind = link->FirstChildElement("collision") != nullptr ? "collision" : "visual";
+    std::string where = robot.source;
+    where.append(": ").append(kind).append(" of link ").append(in_quotes(name));
+    bool all_known = link->FirstChildElement(kind) != nullptr;
+    for (const auto* shape = link->FirstChildElement(kind); shape != nullptr; shape = shape->NextSiblingElement(kind)) {
+      std::optional<Capsule> capsule = capsule_around(*shape, where);
+      all_known = all_known && capsule;
+      if (capsule) {
+        capsule->link = name;
+        capsule->frame = static_cast<std::size_t>(frame - names.begin());
+        body.capsules.push_back(*capsule);
+      }
+    }
+    if (!all_known) {
+      body.without_shape.push_back(name);
+    }
+  }
+  return body;
+}
+
+ArmBody body_with_radius(const Robot& robot, double radius) {
+  const std::vector<std::string> names = link_names(robot);
+  ArmBody body;
+  for (std::size_t frame = 0; frame + 1 < names.size(); ++frame) {
+    // Where the next link's joint sits in this link.
+    const KDL::Segment& next = robot.chain.getSegment(static_cast<unsigned>(frame));
+    const bool fixed = next.getJoint().getType() == KDL::Joint::Fixed;
+    const Vector3d end = to_eigen(fixed ? next.getFrameToTip().p : next.getJoint().JointOrigin());
+    body.capsules.push_back({.link = names[frame], .frame = frame, .b = end, .radius = radius});
+  }
+  return body;
+}
+
+std::vector<Capsule> tool_body(const Robot& robot, const std::vector<TargetFrame>& targets, double radius) {
+  std::vector<Capsule> capsules;
+  capsules.reserve(targets.size());
+  for (const TargetFrame& target : targets) {
+    capsules.push_back({.link = "the tool to target " + target.name,
+                        .frame = robot.chain.getNrOfSegments(),
+                        .b = target.X_FT.translation(),
+                        .radius = radius,
+                        .tool = true});
+  }
+  return capsules;
+}
+
+// Not by KDL's moving segments: they remember their last pose, so threads could not share them.
+std::vector<Isometry3d> link_frames(const Robot& robot, const Eigen::Ref<const Eigen::VectorXd>& q) {
+  std::vector<Isometry3d> frames = {Isometry3d::Identity()};
+  Isometry3d moving = Isometry3d::Identity();  // the last link that a joint moves
+  std::size_t j = 0;
+  for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
+    const KDL::Segment& segment = robot.chain.getSegment(s);
+    if (segment.getJoint().getType() == KDL::Joint::Fixed) {
+      frames.push_back(frames.back() * to_eigen(segment.getFrameToTip()));
+      continue;
+    }
+    const MovingJoint& joint = robot.joints[j];
+    const double value = q[static_cast<Eigen::Index>(j++)];
+    moving = moving * to_eigen(joint.origin);
+    if (joint.type == JointType::prismatic) {
+      moving.translate(value * to_eigen(joint.axis));
+    } else {
+      moving.rotate(Eigen::AngleAxisd(value, to_eigen(joint.axis)));
+    }
+    frames.push_back(moving);
+  }
+  return frames;
+}
+
+double segment_distance(const Vector3d& a1, const Vector3d& b1, const Vector3d& a2, const Vector3d& b2) {
+  const Vector3d u = b1 - a1;
+  const Vector3d v = b2 - a2;
+  const Vector3d w = a1 - a2;
+  const double uu = u.squaredNorm();
+  const double vv = v.squaredNorm();
+  const double uv = u.dot(v);
+  const double determinant = uu * vv - uv * uv;
+  // Inside both segments where the lines' closest points are; otherwise an end is the closest point of one of them.
+  if (determinant > 1e-12 * uu * vv) {
+    const double s = (uv * v.dot(w) - vv * u.dot(w)) / determinant;
+    const double t = (uu * v.dot(w) - uv * u.dot(w)) / determinant;
+    if (s >= 0.0 && s <= 1.0 && t >= 0.0 && t <= 1.0) {
+      return (w + s * u - t * v).norm();
+    }
+  }
+  return std::min({segment_distance(a1, b1, a2), segment_distance(a1, b1, b2), segment_distance(a2, b2, a1),
+                   segment_distance(a2, b2, b1)});
+}
+
+double segment_distance(const Vector3d& a, const Vector3d& b, const Vector3d& point) {
+  const Vector3d u = b - a;
+  const double length = u.squaredNorm();
+  const double t = length > 0.0 ? std::clamp((point - a).dot(u) / length, 0.0, 1.0) : 0.0;
+  return (a + t * u - point).norm();
+}
+
+double segment_distance(const Vector3d& a, const Vector3d& b, const Box& box) {
+  const Vector3d u = b - a;
+  const auto outside = [&](double t) {
+    const Vector3d p = a + t * u;
+    return Vector3d(p - p.cwiseMax(box.lower).cwiseMin(box.upper));
+  };
+  // The squared distance is convex along the segment: bisect its derivative.
+  double lower = 0.0;
+  double upper = 1.0;
+  for (int i = 0; i < 50; ++i) {
+    const double t = 0.5 * (lower + upper);
+    (outside(t).dot(u) > 0.0 ? upper : lower) = t;
+  }
+  // Where the segment goes through the box, `lower` is inside to the last digit: the distance is exactly 0.
+  return std::min({outside(lower).norm(), outside(upper).norm(), outside(0.0).norm(), outside(1.0).norm()});
+}
+
+std::vector<std::pair<std::size_t, std::size_t>> pairs_to_keep_apart(const Robot& robot,
+                                                                     const std::vector<Capsule>& capsules,
+                                                                     double clearance) {
+  const std::vector<std::size_t> joints = joints_in_front(robot);
+  const std::vector<Line> axes = axes_at_zero(robot);
+  std::vector<std::pair<std::size_t, std::size_t>> candidates;
+  for (std::size_t i = 0; i < capsules.size(); ++i) {
+    for (std::size_t j = i + 1; j < capsules.size(); ++j) {
+      const auto [first, end] = std::minmax(joints[capsules[i].frame], joints[capsules[j].frame]);
+      const bool tool = capsules[i].tool || capsules[j].tool;
+      if (end - first >= 2 && (tool || !meet_in_one_point(axes, first, end))) {
+        candidates.emplace_back(i, j);
+      }
+    }
+  }
+  std::vector<bool> ever_apart(candidates.size(), false);
+  for (std::uint64_t k = 0; k < kConfigurationsOfPairs; ++k) {
+    const std::vector<Isometry3d> frames = link_frames(robot, anywhere(robot, k));
+    for (std::size_t p = 0; p < candidates.size(); ++p) {
+      const Capsule& first = capsules[candidates[p].first];
+      const Capsule& second = capsules[candidates[p].second];
+      const Isometry3d& X = frames[first.frame];
+      const Isometry3d& Y = frames[second.frame];
+      ever_apart[p] = ever_apart[p] || segment_distance(X * first.a, X * first.b, Y * second.a, Y * second.b) >=
+                                           first.radius + second.radius + clearance;
+    }
+  }
+  std::vector<std::pair<std::size_t, std::size_t>> pairs;
+  for (std::size_t p = 0; p < candidates.size(); ++p) {
+    if (ever_apart[p]) {
+      pairs.push_back(candidates[p]);
+    }
+  }
+  return pairs;
+}
+
+}  // namespace kdl_calibration

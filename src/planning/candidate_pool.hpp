@@ -1,0 +1,61 @@
+#pragma once
+
+// Many configurations, packed so that a design's neighbours can be ranked fast. Not installed.
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "planning/point_rows.hpp"
+
+namespace kdl_calibration {
+
+/// Ranking needs no more than single precision in a basis of the parameters in which nothing is nearly singular.
+using RowMajorXf = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// The candidates. Keeps a reference to their joint values.
+class CandidatePool {
+public:
+  /// Throws InputError where all candidates and what is `given` together do not determine the parameters.
+  CandidatePool(const Experiment& experiment, const Eigen::MatrixXd& joint_values, const Eigen::MatrixXd& given,
+                int threads);
+
+  Eigen::Index size() const { return joint_values_.cols(); }
+  const PointRows& rows() const { return rows_; }
+  const RowMajorXf& features() const { return features_; }
+  const Eigen::MatrixXd& mean_information() const { return mean_; }  ///< of one candidate, in the basis
+
+  /// Whitened rows A of candidate i in the basis.
+  Eigen::MatrixXd block(Eigen::Index i) const { return rows_.whitened(joint_values_.col(i)); }
+
+  /// tr(A C A^T) of the first `count` candidates, a column for each C.
+  Eigen::MatrixXf traces(const std::vector<Eigen::MatrixXd>& forms, Eigen::Index count, int threads) const;
+
+private:
+  PointRows rows_;
+  const Eigen::MatrixXd& joint_values_;
+  RowMajorXf features_;
+  Eigen::MatrixXd mean_;
+};
+
+/// Where predictions matter. Keeps a reference to the rows, in whose basis covariances C and weights B are.
+class Tasks {
+public:
+  /// `worst`: ready for worst() and power_mean(), which look at the first 5,000 of them.
+  Tasks(const PointRows& rows, const Eigen::MatrixXd& joint_values, bool worst, int threads);
+
+  /// B, so that tr(C B) is the mean variance of a target [m^2].
+  const Eigen::MatrixXd& mean() const { return mean_; }
+  /// The largest variance of a target for covariance C [m^2].
+  double worst(const Eigen::MatrixXd& C) const { return variances(C).maxCoeff(); }
+  /// (mean of v^power)^(1/power) of the variances v, and B whose tr(C B) has the same derivative.
+  double power_mean(const Eigen::MatrixXd& C, double power, Eigen::MatrixXd& B) const;
+
+private:
+  Eigen::MatrixXd variances(const Eigen::MatrixXd& C) const;
+
+  const PointRows& rows_;
+  std::vector<RowMajorXf> packed_;  // for each target
+  Eigen::MatrixXd mean_;
+};
+
+}  // namespace kdl_calibration

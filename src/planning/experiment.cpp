@@ -1,0 +1,215 @@
+#include "kdl_calibration/experiment.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "base/parallel.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/registration.hpp"
+#include "planning/point_rows.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr std::size_t kBlock = 64;  // configurations whose features fit the cache
+
+MatrixXd symmetric(const MatrixXd& matrix) { return 0.5 * (matrix + matrix.transpose()); }
+
+// Whether all of it is positive definite beyond rounding, and its inverse.
+bool invert(const MatrixXd& information, MatrixXd& covariance) {
+  const VectorXd scale = information.diagonal().cwiseSqrt().cwiseInverse();
+  if (!scale.allFinite()) {
+    return false;
+  }
+  const Eigen::LLT<MatrixXd> llt(scale.asDiagonal() * information * scale.asDiagonal());
+  if (llt.info() != Eigen::Success || llt.matrixLLT().diagonal().cwiseAbs2().minCoeff() < 1e-13) {
+    return false;
+  }
+  covariance = scale.asDiagonal() * llt.solve(MatrixXd::Identity(scale.size(), scale.size())) * scale.asDiagonal();
+  return true;
+}
+
+}  // namespace
+
+NoiseModel noise_model(const PointNoise& noise) {
+  return {.independent = Eigen::Vector3d::Constant(noise.sigma),
+          .tracker = noise.tracker,
+          .common = Eigen::Vector3d::Constant(noise.configuration_sigma)};
+}
+
+Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetFrame>& targets, const PointNoise& noise,
+                              const Priors& priors, const std::vector<std::string>& fixed) {
+  Experiment experiment{.model = model, .errors = {}, .targets = targets, .free = {}, .noise = noise, .priors = priors};
+  if (targets.empty()) {
+    throw InputError("no targets to measure, expected at least one");
+  }
+  if (!(noise.sigma > 0.0) || !(noise.configuration_sigma >= 0.0)) {
+    throw InputError("the noise of a measured coordinate must be positive");
+  }
+  for (TargetFrame& target : experiment.targets) {
+    target.with_orientation = false;
+  }
+  experiment.errors = VectorXd::Zero(static_cast<Index>(model.parameters.size()));
+  const Reduction reduction = reduced_model(model, experiment.targets, {.fixed = fixed});
+  experiment.free = free_parameters(model, experiment.targets, reduction.kept);
+  return experiment;
+}
+
+Index columns(const Experiment& experiment) {
+  return static_cast<Index>(column_names(experiment.model, experiment.targets, experiment.free).size());
+}
+
+MatrixXd point_jacobian(const Experiment& experiment, const Eigen::Ref<const VectorXd>& q) {
+  const PointRows rows(experiment);
+  return rows.rows(rows.points(), q);
+}
+
+MatrixXd prior_information(const Experiment& experiment) {
+  MatrixXd M = MatrixXd::Zero(columns(experiment), columns(experiment));
+  Index column = std::count(experiment.free.base.begin(), experiment.free.base.end(), true);
+  for (const std::size_t p : experiment.free.geometric) {
+    const bool length = is_length(experiment.model, experiment.model.parameters[p]);
+    const double sigma = length ? experiment.priors.length : experiment.priors.angle;
+    M(column, column) = sigma > 0.0 ? 1.0 / (sigma * sigma) : 0.0;
+    ++column;
+  }
+  return M;
+}
+
+MatrixXd information(const Experiment& experiment, const MatrixXd& joint_values) {
+  const PointRows rows(experiment);
+  MatrixXd M = MatrixXd::Zero(rows.columns(), rows.columns());
+  for (Index c = 0; c < joint_values.cols(); ++c) {
+    const MatrixXd A = rows.whitened(joint_values.col(c));
+    M.noalias() += A.transpose() * A;
+  }
+  return symmetric(M);
+}
+
+MatrixXd information(const Experiment& experiment, const Measurements& measurements) {
+  Measurements matched = measurements;
+  matched.orientations.clear();
+  std::vector<std::int32_t> target_of;
+  for (const std::string& name : measurements.targets) {
+    const auto found = std::find_if(experiment.targets.begin(), experiment.targets.end(),
+                                    [&](const TargetFrame& target) { return target.name == name; });
+    if (found == experiment.targets.end()) {
+      throw InputError(measurements.source + ": target '" + name + "' is none of those that are planned for");
+    }
+    target_of.push_back(static_cast<std::int32_t>(found - experiment.targets.begin()));
+  }
+  for (Observation& observation : matched.observations) {
+    observation.target = target_of[static_cast<std::size_t>(observation.target)];
+  }
+  matched.targets.clear();
+  for (const TargetFrame& target : experiment.targets) {
+    matched.targets.push_back(target.name);
+  }
+  Estimate estimate{.errors = experiment.errors, .targets = experiment.targets};
+  if (experiment.noise.tracker) {
+    estimate.X_WB =
+        register_base_and_targets(flange_poses(folded(experiment.model, experiment.errors), matched.joint_values),
+                                  matched, {.known_targets = experiment.targets})
+            .X_WB;
+  }
+  const LeastSquaresProblem problem(experiment.model, matched, experiment.free,
+                                    {.noise = noise_model(experiment.noise)});
+  return symmetric(problem.linearise(estimate).hessian);
+}
+
+std::vector<Prediction> predicted(const Experiment& experiment, const std::vector<MatrixXd>& informations,
+                                  const MatrixXd& joint_values, int threads) {
+  PointRows rows(experiment);
+  std::vector<Prediction> predictions(informations.size());
+  std::vector<std::size_t> regular;
+  std::vector<MatrixXd> covariances;
+  bool changed = false;
+  for (std::size_t k = 0; k < informations.size(); ++k) {
+    MatrixXd covariance;
+    // The first regular one gives the basis, so that packing loses no digits to nearly dependent columns.
+    changed = changed || rows.change_basis(informations[k]);
+    if (changed && invert(rows.in_basis(informations[k]), covariance)) {
+      regular.push_back(k);
+      covariances.push_back(covariance);
+    } else {
+      const double none = std::numeric_limits<double>::infinity();
+      predictions[k] = {.sigma = {.mean = none, .rms = none, .p95 = none, .max = none}, .worst_configuration = none};
+    }
+  }
+  const Index T = rows.targets();
+  const auto K = static_cast<Index>(regular.size());
+  const Index features = feature_count(rows.chain_columns());
+  std::vector<MatrixXd> weights;
+  MatrixXd constants(T, K);
+  for (Index t = 0; t < T; ++t) {
+    MatrixXd& of_target = weights.emplace_back(features, K);
+    for (Index k = 0; k < K; ++k) {
+      const PackedForm form = packed_form(rows.by_target()[static_cast<std::size_t>(t)],
+                                          covariances[static_cast<std::size_t>(k)], rows.chain_columns());
+      of_target.col(k) = form.weights;
+      constants(t, k) = form.constant;
+    }
+  }
+  const auto count = static_cast<std::size_t>(joint_values.cols());
+  std::vector<MatrixXd> variances(static_cast<std::size_t>(T), MatrixXd(joint_values.cols(), K));
+  parallel_blocks(count, kBlock, threads, [&](std::size_t first, std::size_t end) {
+    const auto n = static_cast<Index>(end - first);
+    std::vector<Matrix6Xd> jacobians;
+    for (std::size_t i = first; i < end; ++i) {
+      jacobians.push_back(rows.jacobian(joint_values.col(static_cast<Index>(i))));
+    }
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> packed(n, features);
+    for (std::size_t t = 0; t < variances.size(); ++t) {
+      const MatrixXd& S = rows.by_target()[t].S;
+      const Matrix6d P = S.transpose() * S;
+      for (Index i = 0; i < n; ++i) {
+        pack_features(jacobians[static_cast<std::size_t>(i)], P, packed.row(i));
+      }
+      variances[t].middleRows(static_cast<Index>(first), n).noalias() = packed * weights[t];
+      variances[t].middleRows(static_cast<Index>(first), n).rowwise() += constants.row(static_cast<Index>(t));
+    }
+  });
+  parallel_for(regular.size(), threads, [&](std::size_t k) {
+    std::vector<double> sigmas;
+    VectorXd mean = VectorXd::Zero(joint_values.cols());
+    for (const MatrixXd& of_target : variances) {
+      const VectorXd variance = of_target.col(static_cast<Index>(k)).cwiseMax(0.0);
+      mean += variance / static_cast<double>(T);
+      for (const double v : variance) {
+        sigmas.push_back(std::sqrt(v));
+      }
+    }
+    predictions[regular[k]] = {.sigma = error_statistics(std::move(sigmas)),
+                               .worst_configuration = std::sqrt(mean.size() > 0 ? mean.maxCoeff() : 0.0)};
+  });
+  return predictions;
+}
+
+Prediction predicted(const Experiment& experiment, const MatrixXd& information, const MatrixXd& joint_values,
+                     int threads) {
+  return predicted(experiment, std::vector<MatrixXd>{information}, joint_values, threads).front();
+}
+
+double floor_of_worst_configuration(const Experiment& experiment, int count) {
+  const auto points = static_cast<double>(experiment.targets.size()) * count;
+  return experiment.noise.sigma * std::sqrt(static_cast<double>(columns(experiment)) / points);
+}
+
+ObservabilityIndices observability_indices(const Experiment& experiment, const MatrixXd& joint_values) {
+  const PointRows rows(experiment);
+  const Index height = rows.points().S.rows();
+  MatrixXd stacked(height * joint_values.cols(), rows.columns());
+  for (Index c = 0; c < joint_values.cols(); ++c) {
+    stacked.middleRows(c * height, height) = rows.rows(rows.points(), joint_values.col(c));
+  }
+  return observability_indices(stacked, joint_values.cols());
+}
+
+}  // namespace kdl_calibration

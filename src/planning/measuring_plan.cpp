@@ -1,0 +1,314 @@
+#include "kdl_calibration/measuring_plan.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include "base/csv_cell.hpp"
+#include "base/text_file.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/mimic.hpp"
+#include "robot/urdf_reading.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+// ---- Order ---------------------------------------------------------------------------------------------------------
+
+// Times between all configurations; row and column 0 are home.
+MatrixXd travel_times(const std::vector<MovingJoint>& joints, const VectorXd& home, const MatrixXd& joint_values) {
+  MatrixXd stops(joint_values.rows(), joint_values.cols() + 1);
+  stops << home, joint_values;
+  MatrixXd times = MatrixXd::Zero(stops.cols(), stops.cols());
+  for (Index i = 0; i < stops.cols(); ++i) {
+    for (Index j = 0; j < i; ++j) {
+      times(i, j) = times(j, i) = travel_time(joints, stops.col(i), stops.col(j));
+    }
+  }
+  return times;
+}
+
+std::vector<Index> nearest_neighbours(const MatrixXd& times) {
+  std::vector<Index> way = {0};
+  std::vector<bool> visited(static_cast<std::size_t>(times.cols()), false);
+  visited[0] = true;
+  while (static_cast<Index>(way.size()) < times.cols()) {
+    Index nearest = -1;
+    for (Index i = 1; i < times.cols(); ++i) {
+      const bool closer = nearest < 0 || times(way.back(), i) < times(way.back(), nearest);
+      if (!visited[static_cast<std::size_t>(i)] && closer) {
+        nearest = i;
+      }
+    }
+    visited[static_cast<std::size_t>(nearest)] = true;
+    way.push_back(nearest);
+  }
+  return way;
+}
+
+// Seconds saved by reversing way[first … last].
+double saved(const MatrixXd& times, const std::vector<Index>& way, std::size_t first, std::size_t last) {
+  double gain = times(way[first - 1], way[first]) - times(way[first - 1], way[last]);
+  if (last + 1 < way.size()) {
+    gain += times(way[last], way[last + 1]) - times(way[first], way[last + 1]);
+  }
+  return gain;
+}
+
+void untangle(const MatrixXd& times, std::vector<Index>& way) {
+  constexpr double kLeast = 1e-9;
+  for (bool improved = true; improved;) {
+    improved = false;
+    for (std::size_t first = 1; first + 1 < way.size(); ++first) {
+      for (std::size_t last = first + 1; last < way.size(); ++last) {
+        if (saved(times, way, first, last) > kLeast) {
+          std::reverse(way.begin() + static_cast<std::ptrdiff_t>(first),
+                       way.begin() + static_cast<std::ptrdiff_t>(last) + 1);
+          improved = true;
+        }
+      }
+    }
+  }
+}
+
+// ---- File ----------------------------------------------------------------------------------------------------------
+
+struct JointColumn {
+  std::string name;
+  bool length = false;
+};
+
+// Columns for joint values, the URDF's or the controller's.
+std::vector<JointColumn> joint_columns(const std::vector<MovingJoint>& joints, const JointConvention* convention) {
+  std::vector<JointColumn> columns;
+  const std::vector<std::size_t> independent = independent_joints(joints);
+  if (convention == nullptr) {
+    for (const std::size_t i : independent) {
+      columns.push_back({.name = joints[i].name, .length = joints[i].type == JointType::prismatic});
+    }
+    return columns;
+  }
+  for (Index c = 0; c < convention->matrix.cols(); ++c) {
+    const std::string& name = convention->controller_joints[static_cast<std::size_t>(c)];
+    bool any_length = false;
+    bool any_angle = false;
+    for (Index r = 0; r < convention->matrix.rows(); ++r) {
+      if (convention->matrix(r, c) != 0.0) {
+        const MovingJoint& joint = joints[independent[static_cast<std::size_t>(r)]];
+        (joint.type == JointType::prismatic ? any_length : any_angle) = true;
+      }
+    }
+    if (any_length && any_angle) {
+      throw InputError(convention->name + ": controller joint " + in_quotes(name) +
+                       " moves angles and lengths, expected one of the two");
+    }
+    columns.push_back({.name = name, .length = any_length});
+  }
+  return columns;
+}
+
+void require_label(const std::string& text) {
+  const bool control = std::any_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 32; });
+  if (text.empty() || control) {
+    throw InputError("name " + in_quotes(text) + " cannot stand in a plan, expected one without control characters");
+  }
+}
+
+// The line with 0 in those of the columns that are empty. Lines with quotes are split as if commas in quotes were not
+// there, which is right as long as the quotes stand behind none of the columns; others are left to the reader.
+std::string filled(std::string_view line, char separator, const std::vector<std::size_t>& columns) {
+  std::string result;
+  std::size_t column = 0;
+  bool quoted = false;
+  std::string field;
+  const auto finish = [&] {
+    const bool blank = field.find_first_not_of(" \t\r") == std::string::npos;
+    if (blank && std::find(columns.begin(), columns.end(), column) != columns.end()) {
+      field = "0" + field;
+    }
+    result += field;
+    field.clear();
+    ++column;
+  };
+  for (const char c : line) {
+    quoted = c == '"' ? !quoted : quoted;
+    if (c == separator && !quoted) {
+      finish();
+      result += c;
+    } else {
+      field += c;
+    }
+  }
+  finish();
+  return result;
+}
+
+// The columns' names without units.
+std::vector<std::string> bare_names(std::string_view header, char separator) {
+  std::vector<std::string> names;
+  while (true) {
+    const std::size_t end = std::min(header.find(separator), header.size());
+    std::string_view name = header.substr(0, end);
+    name.remove_prefix(std::min(name.find_first_not_of(" \t\"\xEF\xBB\xBF"), name.size()));
+    names.emplace_back(name.substr(0, name.find_first_of(" \t\r\"[")));
+    if (end == header.size()) {
+      return names;
+    }
+    header.remove_prefix(end + 1);
+  }
+}
+
+// What a file of configurations may lack of a file of measurements.
+class Completion {
+public:
+  Completion(std::string_view header, char separator) : separator_(separator) {
+    const std::vector<std::string> names = bare_names(header, separator);
+    for (const char* name : {"configuration", "target", "x", "y", "z"}) {
+      if (std::find(names.begin(), names.end(), name) == names.end()) {
+        absent_.emplace_back(name);
+      }
+    }
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      if (names[i] == "x" || names[i] == "y" || names[i] == "z") {
+        coordinates_.push_back(i);
+      }
+    }
+  }
+
+  std::string header(std::string_view line) const {
+    std::string result(line);
+    for (const std::string& name : absent_) {
+      result += separator_ + name;
+    }
+    return result;
+  }
+
+  // Zeros for coordinates; configurations are counted.
+  std::string row(std::string_view line) {
+    ++rows_;
+    std::string result = filled(line, separator_, coordinates_);
+    for (const std::string& name : absent_) {
+      result += separator_ + (name == "configuration" ? std::to_string(rows_) : name == "target" ? "1" : "0");
+    }
+    return result;
+  }
+
+private:
+  char separator_;
+  std::vector<std::string> absent_;
+  std::vector<std::size_t> coordinates_;
+  int rows_ = 0;
+};
+
+// The file as one of measurements.
+std::string completed(std::string_view csv) {
+  std::string text;
+  std::optional<Completion> completion;
+  while (!csv.empty()) {
+    const std::size_t end = std::min(csv.find('\n'), csv.size());
+    std::string_view line = csv.substr(0, end);
+    line.remove_suffix(!line.empty() && line.back() == '\r' ? 1 : 0);
+    const bool content = line.find_first_not_of(" \t\r,;") != std::string_view::npos && line.front() != '#';
+    if (content && !completion) {
+      completion.emplace(line, line.find(';') != std::string_view::npos ? ';' : ',');
+      text += completion->header(line);
+    } else {
+      text += content ? completion->row(line) : std::string(line);
+    }
+    text += "\n";
+    csv.remove_prefix(std::min(end + 1, csv.size()));
+  }
+  return text;
+}
+
+}  // namespace
+
+double travel_time(const std::vector<MovingJoint>& joints, const Eigen::Ref<const VectorXd>& from,
+                   const Eigen::Ref<const VectorXd>& to) {
+  double slowest = 0.0;
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    const auto k = static_cast<Index>(i);
+    const double velocity = joints[i].velocity.value_or(1.0);
+    slowest = std::max(slowest, std::abs(to[k] - from[k]) / (velocity > 0.0 ? velocity : 1.0));
+  }
+  return slowest;
+}
+
+double way_time(const std::vector<MovingJoint>& joints, const VectorXd& home, const MatrixXd& joint_values) {
+  double total = 0.0;
+  for (Index c = 0; c < joint_values.cols(); ++c) {
+    total += c == 0 ? travel_time(joints, home, joint_values.col(0))
+                    : travel_time(joints, joint_values.col(c - 1), joint_values.col(c));
+  }
+  return total;
+}
+
+std::vector<Index> short_way(const std::vector<MovingJoint>& joints, const VectorXd& home,
+                             const MatrixXd& joint_values) {
+  const MatrixXd times = travel_times(joints, home, joint_values);
+  std::vector<Index> way = nearest_neighbours(times);
+  untangle(times, way);
+  way.erase(way.begin());
+  for (Index& stop : way) {
+    --stop;
+  }
+  return way;
+}
+
+std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& joints,
+                     const JointConvention* convention) {
+  const std::vector<JointColumn> columns = joint_columns(joints, convention);
+  std::string csv;
+  for (const std::string& note : plan.notes) {
+    csv += "# " + one_line(note) + "\n";
+  }
+  csv += "configuration,target";
+  for (const JointColumn& column : columns) {
+    csv += "," + csv_cell(column.name + (column.length ? "[mm]" : "[deg]"));
+  }
+  csv += ",x[m],y[m],z[m]\n";
+  MatrixXd values = independent_joint_values(joints, plan.joint_values);
+  if (convention != nullptr) {
+    values = convention->matrix.partialPivLu().solve(values.colwise() - convention->offset).eval();
+  }
+  for (Index c = 0; c < values.cols(); ++c) {
+    const std::string& label = plan.configurations[static_cast<std::size_t>(c)];
+    require_label(label);
+    std::string joint_cells;
+    for (std::size_t i = 0; i < columns.size(); ++i) {
+      const double value = values(static_cast<Index>(i), c) * (columns[i].length ? 1e3 : 1.0 / kDegree);
+      joint_cells += "," + shortest(std::round(value * 1e9) / 1e9);
+    }
+    for (const std::string& target : plan.targets) {
+      require_label(target);
+      csv += csv_cell(label) + "," + csv_cell(target) + joint_cells + ",,,\n";
+    }
+  }
+  return csv;
+}
+
+Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,
+                                  const JointConvention* convention, const std::string& source) {
+  return parse_measurements(completed(csv), urdf_joints, convention, source);
+}
+
+Measurements read_configurations(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
+                                 const JointConvention* convention) {
+  return parse_configurations(read_text_file(file), urdf_joints, convention, one_line(file.string()));
+}
+
+Measurements read_configurations(const Robot& robot, const std::filesystem::path& file,
+                                 const JointConvention* convention) {
+  return parse_measurements(robot, completed(read_text_file(file)), convention, one_line(file.string()));
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,80 @@
+#include "kdl_calibration/monte_carlo.hpp"
+
+#include <algorithm>
+#include <mutex>
+#include <utility>
+
+#include "base/parallel.hpp"
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+struct Run {
+  std::vector<double> distances;  // configuration by configuration
+  bool trusted = false;
+};
+
+Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
+  Random random(experiment.seed, stream);
+  const VirtualRobot robot = virtual_robot(experiment.model, experiment.with_errors, experiment.targets,
+                                           experiment.sizes, random, experiment.X_WB);
+  const Eigen::MatrixXd train = experiment.train(random);
+  const Eigen::MatrixXd test = experiment.test(random);
+  const Measurements measurements = measure(robot, train, experiment.noise, random);
+  const Calibration calibration = calibrate(experiment.model, measurements, experiment.calibration);
+  const Measurements truth = measure(robot, test, {}, random, Split::test);
+  return {.distances = position_errors(experiment.model, calibration.identification.estimate, truth, Rows::test),
+          .trusted = calibration.trusted()};
+}
+
+}  // namespace
+
+MonteCarloResult run_monte_carlo(const MonteCarlo& experiment) {
+  if (experiment.runs < 1) {
+    throw InputError("the number of Monte Carlo runs must be positive");
+  }
+  std::vector<Run> runs(static_cast<std::size_t>(experiment.runs));
+  std::mutex mutex;
+  std::size_t done = 0;
+  parallel_for(runs.size(), experiment.threads, [&](std::size_t r) {
+    runs[r] = one_run(experiment, r);
+    const std::lock_guard lock(mutex);
+    ++done;
+    if (experiment.progress) {
+      experiment.progress(static_cast<double>(done) / static_cast<double>(runs.size()));
+    }
+  });
+
+  MonteCarloResult result{.runs = experiment.runs};
+  std::vector<double> all;
+  std::vector<double> means;
+  std::vector<double> maxima;
+  const std::size_t points = runs.front().distances.size();
+  bool same_size = true;
+  for (const Run& run : runs) {
+    const ErrorStatistics statistics = error_statistics(run.distances);
+    all.insert(all.end(), run.distances.begin(), run.distances.end());
+    means.push_back(statistics.mean);
+    maxima.push_back(statistics.max);
+    same_size = same_size && run.distances.size() == points;
+    result.not_trusted += run.trusted ? 0 : 1;
+  }
+  if (same_size) {
+    const auto targets = static_cast<Eigen::Index>(experiment.targets.size());
+    result.rms = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(points) / targets, targets);
+    for (const Run& run : runs) {
+      for (std::size_t i = 0; i < points; ++i) {
+        const auto row = static_cast<Eigen::Index>(i) / targets;
+        result.rms(row, static_cast<Eigen::Index>(i) % targets) += run.distances[i] * run.distances[i];
+      }
+    }
+    result.rms = (result.rms / static_cast<double>(experiment.runs)).cwiseSqrt();
+  }
+  result.all = error_statistics(std::move(all));
+  result.means = error_statistics(std::move(means));
+  result.maxima = error_statistics(std::move(maxima));
+  return result;
+}
+
+}  // namespace kdl_calibration

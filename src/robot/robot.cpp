@@ -1,0 +1,401 @@
+#include "kdl_calibration/robot.hpp"
+
+#include <console_bridge/console.h>
+#include <urdf_parser/urdf_parser.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <mutex>
+#include <set>
+#include <utility>
+
+#include "base/number_range.hpp"
+#include "base/text_file.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "robot/urdf_reading.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+constexpr std::size_t kLargestText = std::size_t{64} << 20U;
+constexpr std::size_t kMostJoints = 2'000;      // in the URDF
+constexpr std::size_t kMostMovingJoints = 100;  // in the chain
+
+std::string listed(const std::vector<std::string>& names) {
+  constexpr std::size_t kMostShown = 50;
+  std::string list;
+  for (std::size_t i = 0; i < std::min(names.size(), kMostShown); ++i) {
+    list += (list.empty() ? "" : ", ") + one_line(names[i]);
+  }
+  return names.size() > kMostShown ? list + ", ... (" + std::to_string(names.size()) + " in all)" : list;
+}
+
+/// Keeps urdfdom's messages from the console while it lives, and remembers its errors.
+class UrdfdomErrors : public console_bridge::OutputHandler {
+public:
+  UrdfdomErrors()
+      : lock_(mutex()), previous_(console_bridge::getOutputHandler()), level_(console_bridge::getLogLevel()) {
+    console_bridge::useOutputHandler(this);
+    console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_ERROR);
+  }
+  ~UrdfdomErrors() override {
+    console_bridge::useOutputHandler(previous_);
+    console_bridge::setLogLevel(level_);
+  }
+  UrdfdomErrors(const UrdfdomErrors&) = delete;
+  UrdfdomErrors& operator=(const UrdfdomErrors&) = delete;
+  UrdfdomErrors(UrdfdomErrors&&) = delete;
+  UrdfdomErrors& operator=(UrdfdomErrors&&) = delete;
+
+  void log(const std::string& text, console_bridge::LogLevel level, const char* /*file*/, int /*line*/) override {
+    if (level >= console_bridge::CONSOLE_BRIDGE_LOG_ERROR) {
+      text_ += (text_.empty() ? "" : "; ") + one_line(text);
+    }
+  }
+  const std::string& text() const { return text_; }
+
+private:
+  static std::mutex& mutex() {
+    static std::mutex instance;
+    return instance;
+  }
+
+  std::lock_guard<std::mutex> lock_;
+  console_bridge::OutputHandler* previous_;
+  console_bridge::LogLevel level_;
+  std::string text_;
+};
+
+/// Prints elements and attributes alone: all that a URDF consists of, in the form in which urdfdom's own XML parser
+/// cannot read it differently.
+class ElementPrinter : public tinyxml2::XMLPrinter {
+public:
+  ElementPrinter() : tinyxml2::XMLPrinter(nullptr, true) { PushHeader(false, true); }
+  using tinyxml2::XMLPrinter::Visit;
+  bool Visit(const tinyxml2::XMLText& /*text*/) override { return true; }
+  bool Visit(const tinyxml2::XMLComment& /*comment*/) override { return true; }
+  bool Visit(const tinyxml2::XMLDeclaration& /*declaration*/) override { return true; }
+  bool Visit(const tinyxml2::XMLUnknown& /*unknown*/) override { return true; }
+};
+
+std::string link_of(const tinyxml2::XMLElement& joint, const char* end) {
+  const tinyxml2::XMLElement* element = joint.FirstChildElement(end);
+  const char* link = element == nullptr ? nullptr : element->Attribute("link");
+  return link == nullptr ? std::string() : std::string(link);
+}
+
+/// Throws InputError where a link has two parents or is its own ancestor. urdfdom accepts both in places.
+void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
+  std::map<std::string, std::pair<std::string, std::string>> parents;  // child link -> parent link, joint
+  const char* tag = "joint";
+  std::size_t count = 0;
+  for (auto* joint = robot.FirstChildElement(tag); joint != nullptr; joint = joint->NextSiblingElement(tag)) {
+    const char* attribute = joint->Attribute("name");
+    const std::string name = attribute == nullptr ? "" : attribute;
+    const std::string child = link_of(*joint, "child");
+    if (++count > kMostJoints) {
+      throw InputError(source + ": more joints than the limit of " + std::to_string(kMostJoints));
+    }
+    const auto [other, fresh] = parents.try_emplace(child, link_of(*joint, "parent"), name);
+    if (!fresh && !child.empty() && other->second.second != name) {
+      throw InputError(source + ": link " + in_quotes(child) + " is the child of joints " +
+                       in_quotes(other->second.second) + " and " + in_quotes(name) +
+                       ", expected one joint per child link");
+    }
+  }
+  std::set<std::string> sound;
+  for (const auto& entry : parents) {
+    std::set<std::string> path;
+    std::string link = entry.first;
+    while (!sound.contains(link) && parents.contains(link)) {
+      if (!path.insert(link).second) {
+        throw InputError(source + ": the joints above link " + in_quotes(link) + " form a loop, expected a tree");
+      }
+      link = parents.at(link).first;
+    }
+    sound.merge(path);
+  }
+}
+
+urdf::ModelInterfaceSharedPtr parse_model(std::string_view text, const std::string& source) {
+  if (text.size() > kLargestText) {
+    throw InputError(source + ": larger than the limit of 64 MiB");
+  }
+  tinyxml2::XMLDocument document;
+  parse_xml(document, text, source);
+  const tinyxml2::XMLElement* robot = document.FirstChildElement("robot");
+  if (robot == nullptr) {
+    throw InputError(source + ": no <robot> element, expected a URDF");
+  }
+  check_tree(*robot, source);
+  ElementPrinter printer;
+  robot->Accept(&printer);
+
+  UrdfdomErrors errors;
+  try {
+    if (urdf::ModelInterfaceSharedPtr model = urdf::parseURDF(printer.CStr())) {
+      return model;
+    }
+  } catch (const std::exception& error) {
+    throw InputError(source + ": not a valid URDF: " + one_line(error.what()));
+  }
+  throw InputError(source + ": not a valid URDF: " + errors.text());
+}
+
+void collect_leaves(const urdf::ModelInterface& model, const std::string& base, std::vector<std::string>& leaves,
+                    std::set<std::string>& links) {
+  std::vector<urdf::LinkConstSharedPtr> open{model.getLink(base)};
+  while (!open.empty()) {
+    const urdf::LinkConstSharedPtr link = open.back();
+    open.pop_back();
+    links.insert(link->name);
+    if (link->child_links.empty()) {
+      leaves.push_back(link->name);
+    }
+    open.insert(open.end(), link->child_links.rbegin(), link->child_links.rend());
+  }
+}
+
+std::string default_tip(const urdf::ModelInterface& model, const std::string& base, const std::string& source) {
+  std::vector<std::string> leaves;
+  std::set<std::string> links;
+  collect_leaves(model, base, leaves, links);
+  if (leaves.size() == 1) {
+    return leaves.front();
+  }
+  for (const char* name : {"tool0", "flange"}) {
+    if (links.contains(name)) {
+      return name;
+    }
+  }
+  throw InputError(source + ": the tip is ambiguous, expected one of the links at the ends: " + listed(leaves));
+}
+
+void require_link(const urdf::ModelInterface& model, const std::string& name, const std::string& role,
+                  const std::string& source) {
+  if (model.getLink(name)) {
+    return;
+  }
+  std::vector<std::string> links;
+  for (const auto& link : model.links_) {
+    links.push_back(link.first);
+  }
+  throw InputError(source + ": no " + role + " link " + in_quotes(name) + ", the links are: " + listed(links));
+}
+
+/// URDF joints from base to tip.
+std::vector<urdf::JointConstSharedPtr> path_joints(const urdf::ModelInterface& model, const Robot& robot) {
+  std::vector<urdf::JointConstSharedPtr> path;
+  for (urdf::LinkConstSharedPtr link = model.getLink(robot.tip); link->name != robot.base;) {
+    if (!link->parent_joint) {
+      throw InputError(robot.source + ": base link " + in_quotes(robot.base) + " and tip link " + in_quotes(robot.tip) +
+                       " are not connected, expected the tip below the base in the tree");
+    }
+    path.push_back(link->parent_joint);
+    link = model.getLink(link->parent_joint->parent_link_name);
+  }
+  return {path.rbegin(), path.rend()};
+}
+
+KDL::RigidBodyInertia link_inertia(const urdf::LinkConstSharedPtr& link) {
+  if (!link->inertial) {
+    return KDL::RigidBodyInertia::Zero();
+  }
+  const urdf::Inertial& i = *link->inertial;
+  const KDL::RotationalInertia about_cog(i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz);
+  return to_kdl(i.origin) * KDL::RigidBodyInertia(i.mass, KDL::Vector::Zero(), about_cog);
+}
+
+bool in_range(const KDL::Vector& v) {
+  return std::abs(v.x()) <= kLargestNumber && std::abs(v.y()) <= kLargestNumber && std::abs(v.z()) <= kLargestNumber;
+}
+
+void read_limits(const urdf::Joint& joint, MovingJoint& moving, const std::string& where) {
+  if (!joint.limits) {
+    return;
+  }
+  const urdf::JointLimits& limits = *joint.limits;
+  if (limits.velocity > 0.0) {
+    moving.velocity = limits.velocity;
+  }
+  // urdfdom gives zero for an absent lower or upper; a joint that may not move at all means that neither is stated.
+  if (moving.type == JointType::continuous || (limits.lower == 0.0 && limits.upper == 0.0)) {
+    return;
+  }
+  if (!(limits.lower <= limits.upper)) {
+    throw InputError(where + ": lower limit " + shortest(limits.lower) + " is above upper limit " +
+                     shortest(limits.upper) + ", expected lower <= upper");
+  }
+  moving.lower = limits.lower;
+  moving.upper = limits.upper;
+}
+
+MovingJoint moving_joint(const urdf::Joint& joint, const std::string& where) {
+  MovingJoint moving;
+  moving.name = joint.name;
+  switch (joint.type) {
+    case urdf::Joint::REVOLUTE:
+      moving.type = JointType::revolute;
+      break;
+    case urdf::Joint::CONTINUOUS:
+      moving.type = JointType::continuous;
+      break;
+    case urdf::Joint::PRISMATIC:
+      moving.type = JointType::prismatic;
+      break;
+    default: {
+      const std::string type = joint.type == urdf::Joint::FLOATING ? "floating"
+                               : joint.type == urdf::Joint::PLANAR ? "planar"
+                                                                   : "of unknown type";
+      throw InputError(where + " is " + type + ", expected fixed, revolute, continuous or prismatic in the chain");
+    }
+  }
+  const double norm = std::hypot(joint.axis.x, joint.axis.y, joint.axis.z);
+  if (!(norm > 0.0) || !std::isfinite(norm)) {
+    throw InputError(where + ": axis of length " + shortest(norm) + ", expected a direction");
+  }
+  moving.axis = KDL::Vector(joint.axis.x / norm, joint.axis.y / norm, joint.axis.z / norm);
+  read_limits(joint, moving, where);
+  return moving;
+}
+
+/// The joint's mimic through those of the joints that its leader follows in turn; none for an independent joint.
+std::optional<Mimic> resolved_mimic(const urdf::ModelInterface& model, const Robot& robot,
+                                    const MovingJoint& follower) {
+  const std::string where = robot.source + ": joint " + in_quotes(follower.name);
+  const auto is_in_range = [](double value) { return std::abs(value) <= kLargestNumber; };
+  Mimic mimic;
+  std::string name = follower.name;
+  for (std::size_t step = 0; step <= robot.joints.size(); ++step) {
+    const auto found = std::find_if(robot.joints.begin(), robot.joints.end(),
+                                    [&](const MovingJoint& joint) { return joint.name == name; });
+    if (found == robot.joints.end()) {
+      throw InputError(where + " mimics joint " + in_quotes(name) + ", which is no moving joint between base link " +
+                       in_quotes(robot.base) + " and tip link " + in_quotes(robot.tip) + ", expected one of the chain");
+    }
+    mimic.leader = static_cast<std::size_t>(found - robot.joints.begin());
+    const urdf::JointMimicSharedPtr& next = model.getJoint(name)->mimic;
+    if (!next) {
+      return step == 0 ? std::nullopt : std::optional<Mimic>(mimic);
+    }
+    mimic.offset += mimic.multiplier * next->offset;
+    mimic.multiplier *= next->multiplier;
+    if (!is_in_range(mimic.multiplier) || !is_in_range(mimic.offset)) {
+      throw InputError(where + ": multiplier or offset of its mimic is not finite or out of range, expected numbers " +
+                       "up to 1e12");
+    }
+    name = next->joint_name;
+  }
+  throw InputError(where + ": what it mimics forms a loop through joint " + in_quotes(robot.joints[mimic.leader].name) +
+                   ", expected a leader that follows none");
+}
+
+/// Narrows the leader's limits to those of its follower, of which urdfdom knows nothing.
+void narrow_limits(const MovingJoint& follower, MovingJoint& leader, const std::string& source) {
+  const double multiplier = follower.mimic->multiplier;
+  const double offset = follower.mimic->offset;
+  const std::string where = source + ": joint " + in_quotes(follower.name);
+  if (multiplier == 0.0) {
+    if (offset < follower.lower.value_or(offset) || offset > follower.upper.value_or(offset)) {
+      throw InputError(where + ": the value " + shortest(offset) + " that its mimic gives is outside its limits");
+    }
+    return;
+  }
+  const std::optional<double>& lower = multiplier < 0.0 ? follower.upper : follower.lower;
+  const std::optional<double>& upper = multiplier < 0.0 ? follower.lower : follower.upper;
+  if (lower && (*lower - offset) / multiplier > -kLargestNumber) {
+    leader.lower = std::max(leader.lower.value_or(-kLargestNumber), (*lower - offset) / multiplier);
+  }
+  if (upper && (*upper - offset) / multiplier < kLargestNumber) {
+    leader.upper = std::min(leader.upper.value_or(kLargestNumber), (*upper - offset) / multiplier);
+  }
+  if (!(leader.lower.value_or(-kLargestNumber) <= leader.upper.value_or(kLargestNumber))) {
+    throw InputError(where + ": no value of joint " + in_quotes(leader.name) + ", which it mimics, keeps both within " +
+                     "their limits");
+  }
+}
+
+void resolve_mimics(const urdf::ModelInterface& model, Robot& robot) {
+  for (MovingJoint& joint : robot.joints) {
+    joint.mimic = resolved_mimic(model, robot, joint);
+  }
+  for (const MovingJoint& joint : robot.joints) {
+    if (joint.mimic) {
+      narrow_limits(joint, robot.joints[joint.mimic->leader], robot.source);
+    }
+  }
+}
+
+/// Appends the URDF joint to the chain and to the joints or to the fixed part behind them.
+void append_joint(const urdf::Joint& joint, const urdf::ModelInterface& model, Robot& robot) {
+  const std::string where = robot.source + ": joint " + in_quotes(joint.name);
+  const KDL::Frame origin = to_kdl(joint.parent_to_joint_origin_transform);
+  const KDL::Frame behind_last = robot.tip_origin * origin;
+  if (!in_range(origin.p) || !in_range(behind_last.p) || !in_range(origin.M.UnitX())) {
+    throw InputError(where + ": origin is not finite or out of range, expected numbers up to 1e12");
+  }
+  const urdf::LinkConstSharedPtr link = model.getLink(joint.child_link_name);
+  const KDL::RigidBodyInertia inertia = link_inertia(link);
+  if (!(std::abs(inertia.getMass()) <= kLargestNumber) || !in_range(inertia.getCOG())) {
+    throw InputError(robot.source + ": link " + in_quotes(link->name) +
+                     ": mass or its centre is not finite or out of range, expected numbers up to 1e12");
+  }
+  if (joint.type == urdf::Joint::FIXED) {
+    const KDL::Joint fixed(joint.name, KDL::Joint::Fixed);
+    robot.chain.addSegment(KDL::Segment(joint.child_link_name, fixed, origin, inertia));
+    robot.tip_origin = behind_last;
+    robot.tip_joint = joint.name;
+    return;
+  }
+  MovingJoint moving = moving_joint(joint, where);
+  moving.origin = behind_last;
+  const auto type = moving.type == JointType::prismatic ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
+  const KDL::Joint kdl_joint(joint.name, origin.p, origin.M * moving.axis, type);
+  robot.chain.addSegment(KDL::Segment(joint.child_link_name, kdl_joint, origin, inertia));
+  robot.joints.push_back(std::move(moving));
+  robot.tip_origin = KDL::Frame::Identity();
+  robot.tip_joint.clear();
+}
+
+}  // namespace
+
+std::vector<std::string> joint_names(const Robot& robot) {
+  std::vector<std::string> names;
+  for (const MovingJoint& joint : robot.joints) {
+    names.push_back(joint.name);
+  }
+  return names;
+}
+
+Robot parse_robot(std::string_view urdf, const RobotOptions& options, const std::string& source) {
+  const urdf::ModelInterfaceSharedPtr model = parse_model(urdf, source);
+  Robot robot;
+  robot.name = model->getName();
+  robot.source = source;
+  robot.urdf = urdf;
+  robot.base = options.base.empty() ? model->getRoot()->name : options.base;
+  require_link(*model, robot.base, "base", source);
+  robot.tip = options.tip.empty() ? default_tip(*model, robot.base, source) : options.tip;
+  require_link(*model, robot.tip, "tip", source);
+  for (const urdf::JointConstSharedPtr& joint : path_joints(*model, robot)) {
+    append_joint(*joint, *model, robot);
+  }
+  if (robot.joints.size() > kMostMovingJoints) {
+    throw InputError(source + ": " + std::to_string(robot.joints.size()) + " moving joints between base link " +
+                     in_quotes(robot.base) + " and tip link " + in_quotes(robot.tip) + ", expected at most " +
+                     std::to_string(kMostMovingJoints));
+  }
+  if (robot.joints.empty()) {
+    throw InputError(source + ": no moving joint between base link " + in_quotes(robot.base) + " and tip link " +
+                     in_quotes(robot.tip) + ", expected at least one");
+  }
+  resolve_mimics(*model, robot);
+  return robot;
+}
+
+Robot load_robot(const std::filesystem::path& file, const RobotOptions& options) {
+  return parse_robot(read_text_file(file), options, one_line(file.string()));
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,61 @@
+#pragma once
+
+// What reading and rewriting a URDF have in common. Not installed.
+
+#include <tinyxml2.h>
+#include <urdf_model/pose.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cstddef>
+#include <kdl/frames.hpp>
+#include <string>
+#include <string_view>
+
+#include "base/number_text.hpp"
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+
+/// The text with every control character turned into a blank, so that a message stays on one line.
+inline std::string one_line(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20U; }, ' ');
+  return text;
+}
+
+inline std::string in_quotes(const std::string& name) { return "'" + one_line(name) + "'"; }
+
+/// Parses into `document`; tinyxml2 bounds the depth. Throws InputError with the line of the first mistake.
+inline void parse_xml(tinyxml2::XMLDocument& document, std::string_view text, const std::string& source) {
+  if (const std::size_t zero = text.find('\0'); zero != std::string_view::npos) {
+    const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(zero), '\n');
+    throw InputError(source + ":" + std::to_string(line) + ": zero byte, expected XML in UTF-8");
+  }
+  if (document.Parse(text.data(), text.size()) == tinyxml2::XML_SUCCESS) {
+    return;
+  }
+  if (document.ErrorID() == tinyxml2::XML_ERROR_EMPTY_DOCUMENT) {
+    throw InputError(source + ": empty, expected a URDF");
+  }
+  const char* rule = document.ErrorID() == tinyxml2::XML_ELEMENT_DEPTH_EXCEEDED
+                         ? "elements are nested too deeply, expected at most 100 levels"
+                         : "malformed XML";
+  const std::string name = document.ErrorName();
+  throw InputError(source + ":" + std::to_string(document.ErrorLineNum()) + ": " + rule + " (" + name + ")");
+}
+
+inline KDL::Vector to_kdl(const urdf::Vector3& v) { return {v.x, v.y, v.z}; }
+
+/// Exact zeros and ones of a turn about x, y or z are kept. One Newton step towards the nearest orthogonal matrix takes
+/// away what the quaternion's rounding leaves, so that the result is orthonormal to 1e-15.
+inline KDL::Rotation to_kdl(const urdf::Rotation& q) {
+  Eigen::Matrix3d m = Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix();
+  const Eigen::Matrix3d error = Eigen::Matrix3d::Identity() - m.transpose() * m;
+  m += (0.5 * m * error).eval();
+  return {m(0, 0), m(0, 1), m(0, 2), m(1, 0), m(1, 1), m(1, 2), m(2, 0), m(2, 1), m(2, 2)};
+}
+
+inline KDL::Frame to_kdl(const urdf::Pose& pose) { return {to_kdl(pose.rotation), to_kdl(pose.position)}; }
+
+}  // namespace kdl_calibration
