@@ -107,4 +107,7 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
 /// (Markley, Cheng, Crassidis and Oshman 2007, eq. 13), on the side of the first.
 Measurements averaged(const Measurements& measurements);
 
+/// The measurements of `second` behind those of `first`; same joints and targets.
+Measurements joined(const Measurements& first, const Measurements& second);
+
 }  // namespace kdl_calibration

@@ -4,11 +4,11 @@
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/random.hpp"
 
@@ -38,19 +38,6 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
                            const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random,
                            const Eigen::Isometry3d& X_WB = Eigen::Isometry3d::Identity());
 
-/// Lower and upper bound of every joint.
-using JointRanges = std::vector<std::pair<double, double>>;
-
-/// The joints' limits; ±pi (±1 m for a prismatic joint) where there are none.
-JointRanges limits_of(const ErrorModel& model);
-/// ±90 degrees for the first four independent joints and ±180 degrees for the others; for six revolute joints.
-JointRanges published_ranges(const ErrorModel& model);
-
-/// Configurations uniform in the ranges: joints x count.
-Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Random& random);
-/// The same for a chain with joints that mimic others: what is drawn for a follower gives way to what it follows.
-Eigen::MatrixXd random_configurations(const ErrorModel& model, const JointRanges& ranges, int count, Random& random);
-
 struct MeasuringNoise {
   double sigma = 0.0;              ///< [m] of every coordinate, independent
   double orientation_sigma = 0.0;  ///< [rad] of every component of a measured orientation
@@ -62,8 +49,5 @@ struct MeasuringNoise {
 /// What a tracker would measure: every target in every configuration.
 Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
                      Random& random, Split split = Split::train);
-
-/// The measurements of `second` behind those of `first`; same joints and targets.
-Measurements joined(const Measurements& first, const Measurements& second);
 
 }  // namespace kdl_calibration

@@ -13,13 +13,14 @@
 #include <set>
 #include <utility>
 
+#include "base/text.hpp"
 #include "calibration/parameter_choice.hpp"
 #include "calibration/whole_fit.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -28,14 +29,6 @@ std::string rounded(double value) {
   std::array<char, 32> text{};  // in any locale
   const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, 4);
   return {text.data(), result.ptr};
-}
-
-std::string listed(const std::vector<std::string>& names) {
-  std::string text;
-  for (const std::string& name : names) {
-    text += (text.empty() ? "" : ", ") + name;
-  }
-  return text;
 }
 
 void require_training_rows(const Measurements& measurements) {
@@ -362,7 +355,8 @@ PredictedAccuracy predicted_accuracy(const Measurements& measurements, const Cal
                                      const Eigen::MatrixXd& triangle_of_candidates, const Calibration& calibration) {
   const ErrorModel& model = calibration.model;
   Random random(1);
-  const Eigen::MatrixXd workspace = random_configurations(model, limits_of(model), kWorkspaceSamples, random);
+  const Eigen::MatrixXd workspace =
+      random_configurations(model.joints, limits_of(model.joints), kWorkspaceSamples, random);
   PredictedAccuracy result;
   const UncertainPredictor predictor(calibration, triangle_of_candidates);
   result.asked = predictor.points(options.predict_at);
@@ -405,10 +399,10 @@ void add_warnings(const ErrorModel& model, const Measurements& measurements, con
   }
   for (const std::vector<std::string>& group : calibration.identifiability.tied) {
     warnings.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
-                                         : "the measurements cannot tell apart: " + listed(group));
+                                         : "the measurements cannot tell apart: " + comma_separated(group));
   }
   if (!calibration.fixed_by_gauge.empty()) {
-    warnings.push_back("fixed by gauge: " + listed(calibration.fixed_by_gauge) +
+    warnings.push_back("fixed by gauge: " + comma_separated(calibration.fixed_by_gauge) +
                        " (errors at zero, frames as registered); predictions hold where it was measured, single "
                        "parameters do not");
   }

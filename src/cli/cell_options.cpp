@@ -6,6 +6,7 @@
 #include <numbers>
 #include <string_view>
 
+#include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/text.hpp"
@@ -189,8 +190,8 @@ std::vector<Capsule> body(const CellArguments& arguments, const Robot& robot, co
   body.without_shape.erase(std::remove(body.without_shape.begin(), body.without_shape.end(), robot.tip),
                            body.without_shape.end());
   if (!body.without_shape.empty()) {
-    warn("links without boxes, cylinders or spheres are not kept clear of anything: " + listed(body.without_shape) +
-         "; --arm-radius gives all links a shape");
+    warn("links without boxes, cylinders or spheres are not kept clear of anything: " +
+         comma_separated(body.without_shape) + "; --arm-radius gives all links a shape");
   }
   for (Capsule& capsule : tool_body(robot, targets, arguments.tool_radius)) {
     body.capsules.push_back(std::move(capsule));
@@ -285,7 +286,7 @@ Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& 
           const JointConvention* convention) {
   require_tracker(arguments);
   Cell cell;
-  cell.ranges = limits_of(model);
+  cell.ranges = limits_of(model.joints);
   const std::vector<Named> known = named_values(robot, convention);
   for (const std::string& text : arguments.joint_ranges) {
     add_joint_range(robot, known, text, cell);

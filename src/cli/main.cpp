@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "base/text.hpp"
 #include "cli/config_file.hpp"
 #include "cli/output_files.hpp"
 #include "cli/subcommands.hpp"
@@ -28,12 +29,12 @@ std::string subcommand_names(const CLI::App& parser) {
   for (const CLI::App* subcommand : parser.get_subcommands([](const CLI::App*) { return true; })) {
     names.push_back(subcommand->get_name());
   }
-  return listed(names);
+  return comma_separated(names);
 }
 
 // Says on one line why nothing was done.
 int refuse(const std::string& message) {
-  const std::string line = on_one_line(message) + "\n";
+  const std::string line = one_line(message) + "\n";
   std::fwrite(line.data(), 1, line.size(), stderr);
   return bad_input;
 }

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <set>
 
+#include "base/text.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
@@ -103,7 +104,7 @@ RegistrationOptions known_frames(const MeasurementArguments& arguments, const Me
     }
     if (options.known_targets.empty()) {
       throw InputError(arguments.known_targets + ": targets: none was measured, expected some of " +
-                       listed(measurements.targets));
+                       comma_separated(measurements.targets));
     }
   }
   return options;

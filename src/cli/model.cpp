@@ -1,5 +1,6 @@
 #include <memory>
 
+#include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/subcommands.hpp"
@@ -56,7 +57,7 @@ std::string table(const Robot& robot, const ErrorModel& model, const Arguments& 
           " candidates:\n  " + kept + "\n";
   text += "gauge, held at zero:\n";
   for (const GaugeParameter& gauge : reduction.gauge) {
-    text += "  " + padded(gauge.name, -8) + "tied to " + listed(gauge.tied_to) + "\n";
+    text += "  " + padded(gauge.name, -8) + "tied to " + comma_separated(gauge.tied_to) + "\n";
   }
   text += "dropped, replaced to first order by:\n";
   for (const DroppedParameter& dropped : reduction.dropped) {

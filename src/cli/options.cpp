@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "base/number_range.hpp"
+#include "base/text.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -28,7 +29,7 @@ Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments
       convention == nullptr ? independent_joint_names(robot.joints) : convention->controller_joints;
   if (arguments.joints.size() != names.size()) {
     throw InputError("--joints: has " + std::to_string(arguments.joints.size()) + " values, expected " +
-                     std::to_string(names.size()) + ": " + listed(names));
+                     std::to_string(names.size()) + ": " + comma_separated(names));
   }
   Eigen::VectorXd values(static_cast<Eigen::Index>(names.size()));
   for (std::size_t i = 0; i < names.size(); ++i) {
@@ -55,7 +56,7 @@ void warn_outside_limits(const Robot& robot, const Eigen::VectorXd& q) {
   }
   if (!outside.empty()) {
     warn("joint values outside the limits of the URDF (" + std::to_string(outside.size()) + " of " +
-         std::to_string(robot.joints.size()) + "): " + listed(outside));
+         std::to_string(robot.joints.size()) + "): " + comma_separated(outside));
   }
 }
 
@@ -96,7 +97,7 @@ CLI::Validator not_empty(const std::string& expected) {
 CLI::Validator one_of(const std::vector<std::string>& words) {
   return {[words](std::string& value) {
             const bool known = std::find(words.begin(), words.end(), value) != words.end();
-            return known ? std::string() : refused(value, "one of " + listed(words));
+            return known ? std::string() : refused(value, "one of " + comma_separated(words));
           },
           "", "word"};
 }

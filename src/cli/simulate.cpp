@@ -70,7 +70,7 @@ std::pair<double, double> parsed_range(const std::string& text, const MovingJoin
 JointRanges joint_ranges(const ErrorModel& model, const std::vector<std::string>& given) {
   const std::vector<std::size_t> joints = independent_joints(model.joints);
   if (given.size() == 1 && given.front() == "limits") {
-    return limits_of(model);
+    return limits_of(model.joints);
   }
   if (given.size() == 1 && given.front() == "published") {
     const bool six_revolute = joints.size() == 6 && std::none_of(joints.begin(), joints.end(), [&](std::size_t i) {
@@ -80,13 +80,13 @@ JointRanges joint_ranges(const ErrorModel& model, const std::vector<std::string>
       throw InputError("--joint-ranges: 'published' is for six revolute joints, expected limits or lower:upper of " +
                        std::to_string(joints.size()) + " joints");
     }
-    return published_ranges(model);
+    return published_ranges(model.joints);
   }
   if (given.size() != joints.size()) {
     throw InputError("--joint-ranges: has " + std::to_string(given.size()) +
                      " entries, expected limits, published or " + std::to_string(joints.size()) + " times lower:upper");
   }
-  JointRanges ranges = limits_of(model);
+  JointRanges ranges = limits_of(model.joints);
   for (std::size_t i = 0; i < joints.size(); ++i) {
     ranges[joints[i]] = parsed_range(given[i], model.joints[joints[i]]);
   }
@@ -188,7 +188,7 @@ Setup setup(const Robot& robot, const Arguments& arguments) {
 }
 
 Eigen::MatrixXd to_fit(const Arguments& arguments, const Setup& set, Random& random) {
-  return set.plan ? *set.plan : random_configurations(set.model, set.ranges, arguments.configurations, random);
+  return set.plan ? *set.plan : random_configurations(set.model.joints, set.ranges, arguments.configurations, random);
 }
 
 // What the virtual robot is, beside what was drawn for one set of measurements.
@@ -220,7 +220,8 @@ Simulation simulation(const Robot& robot, const Arguments& arguments) {
   const Eigen::MatrixXd train = to_fit(arguments, set, random);
   result.measurements = measure(result.robot, train, arguments.noise, random);
   if (arguments.test_configurations > 0) {
-    const Eigen::MatrixXd test = random_configurations(set.model, set.ranges, arguments.test_configurations, random);
+    const Eigen::MatrixXd test =
+        random_configurations(set.model.joints, set.ranges, arguments.test_configurations, random);
     result.measurements =
         joined(result.measurements, measure(result.robot, test, arguments.noise, random, Split::test));
   }
@@ -262,7 +263,7 @@ ExitStatus run_many(const Arguments& arguments) {
        .sizes = arguments.sizes,
        .noise = arguments.noise,
        .train = [&](Random& random) { return to_fit(arguments, set, random); },
-       .test = [&](Random& random) { return random_configurations(set.model, set.ranges, test, random); },
+       .test = [&](Random& random) { return random_configurations(set.model.joints, set.ranges, test, random); },
        .calibration = {},
        .runs = arguments.monte_carlo,
        .seed = arguments.seed,
@@ -325,7 +326,7 @@ ExitStatus run_two_step(const Arguments& arguments) {
                            .noise = arguments.noise,
                            .rounds = arguments.two_step,
                            .recorded = arguments.recorded,
-                           .held_out = random_configurations(set.model, set.ranges, held_out, elsewhere),
+                           .held_out = random_configurations(set.model.joints, set.ranges, held_out, elsewhere),
                            .progress = std::ref(progress)};
   const TwoStepTrialResult result = run_two_step_trial(trial, random);
   const Estimate& estimate = result.identification.estimate;

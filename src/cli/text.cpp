@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <system_error>
 
+#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
@@ -48,20 +49,6 @@ std::string padded(const std::string& text, int width) {
   return width < 0 ? text + blanks : blanks + text;
 }
 
-std::string listed(const std::vector<std::string>& names) {
-  std::string text;
-  for (const std::string& name : names) {
-    text += (text.empty() ? "" : ", ") + name;
-  }
-  return text;
-}
-
-std::string on_one_line(std::string text) {
-  const auto is_control = [](char c) { return static_cast<unsigned char>(c) < 0x20U || c == '\x7f'; };
-  std::replace_if(text.begin(), text.end(), is_control, ' ');
-  return text;
-}
-
 void print(std::string_view text) {
   errno = 0;
   if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size() || std::fflush(stdout) != 0) {
@@ -70,7 +57,7 @@ void print(std::string_view text) {
 }
 
 void warn(const std::string& text) {
-  const std::string line = "kdlcal: warning: " + on_one_line(text) + "\n";
+  const std::string line = "kdlcal: warning: " + one_line(text) + "\n";
   std::fwrite(line.data(), 1, line.size(), stderr);
 }
 

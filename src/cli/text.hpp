@@ -19,12 +19,6 @@ std::string scientific(double value, int decimals);
 /// The text with blanks in front (or behind, for a negative width) up to this many characters.
 std::string padded(const std::string& text, int width);
 
-/// "A, B, C"
-std::string listed(const std::vector<std::string>& names);
-
-/// The text with its line breaks and other control characters turned into blanks.
-std::string on_one_line(std::string text);
-
 /// Writes to standard output. Throws InputError where that fails.
 void print(std::string_view text);
 

@@ -119,7 +119,7 @@ Estimate estimate_of(const Json& json, const std::string& source, const ErrorMod
 
 // Those that the truth was measured in, or within the limits.
 JointRanges ranges_to_compare_in(const Json& truth, const std::string& source, const ErrorModel& model) {
-  JointRanges ranges = limits_of(model);
+  JointRanges ranges = limits_of(model.joints);
   const auto given = ranges_of(truth, source, model);
   for (std::size_t i = 0; i < ranges.size(); ++i) {
     ranges[i] = given[i].value_or(ranges[i]);

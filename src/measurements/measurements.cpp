@@ -24,6 +24,7 @@
 #include "base/json_reading.hpp"
 #include "base/number_range.hpp"
 #include "base/number_text.hpp"
+#include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/mimic.hpp"
@@ -88,14 +89,6 @@ std::string printable(std::string_view value) {
 }
 
 std::string shown(std::string_view value) { return "'" + printable(value) + "'"; }
-
-std::string joined(const std::vector<std::string>& names) {
-  constexpr std::size_t kMostShown = 20;
-  std::string text;
-  for (std::size_t i = 0; i < std::min(names.size(), kMostShown); ++i)
-    text += (i == 0 ? "" : ", ") + printable(names[i]);
-  return names.size() > kMostShown ? text + ", ... (" + std::to_string(names.size()) + " in all)" : text;
-}
 
 /// Where a message points to.
 struct Place {
@@ -351,9 +344,9 @@ std::pair<std::string_view, std::optional<std::string_view>> name_and_unit(std::
 std::string expected_columns(const ExpectedJoints& joints) {
   std::vector<std::string> followers;
   for (const std::size_t i : joints.followers) followers.push_back(joints.joints[i].name);
-  return "expected configuration, target, x, y, z and the joints " + joined(joints.names) +
+  return "expected configuration, target, x, y, z and the joints " + comma_separated(joints.names) +
          ", optionally split, repeat, qw, qx, qy, qz, sigma" +
-         (followers.empty() ? "" : " and the joints that mimic others: " + joined(followers));
+         (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
 }
 
 [[noreturn]] void fail_unknown_column(const Place& place, std::string_view cell, std::string_view name,
@@ -361,7 +354,7 @@ std::string expected_columns(const ExpectedJoints& joints) {
   const auto& urdf = joints.urdf_names;
   if (joints.convention != nullptr && std::find(urdf.begin(), urdf.end(), name) != urdf.end()) {
     fail(place, "column " + shown(cell) + " has the URDF's joint name, but with the joint convention " +
-                    joints.convention->name + " the controller's are expected: " + joined(joints.names));
+                    joints.convention->name + " the controller's are expected: " + comma_separated(joints.names));
   }
   const std::string hint =
       joints.convention == nullptr ? " (where joints bear the controller's names, give --joint-convention)" : "";
@@ -463,7 +456,7 @@ private:
       }
     }
     if (missing.empty()) return;
-    fail(place_, (missing.size() == 1 ? "missing column " : "missing columns ") + joined(missing) + ": " +
+    fail(place_, (missing.size() == 1 ? "missing column " : "missing columns ") + comma_separated(missing) + ": " +
                      expected_columns(joints_) + " (the quaternion's four together)");
   }
 
@@ -1083,8 +1076,8 @@ JointConvention matched_convention(const JointConvention& convention, const std:
     matched.offset[static_cast<Eigen::Index>(i)] = convention.offset[row];
   }
   if (!match) {
-    fail(convention.name, "key 'urdf_joints' names " + joined(convention.urdf_joints) +
-                              ": expected the moving joints of the chain " + joined(urdf_joints));
+    fail(convention.name, "key 'urdf_joints' names " + comma_separated(convention.urdf_joints) +
+                              ": expected the moving joints of the chain " + comma_separated(urdf_joints));
   }
   return matched;
 }
@@ -1198,6 +1191,22 @@ Measurements averaged(const Measurements& measurements) {
     rows.clear();
   }
   return means;
+}
+
+Measurements joined(const Measurements& first, const Measurements& second) {
+  Measurements result = first;
+  const auto offset = static_cast<std::int32_t>(first.joint_values.cols());
+  result.joint_values.resize(first.joint_values.rows(), first.joint_values.cols() + second.joint_values.cols());
+  result.joint_values << first.joint_values, second.joint_values;
+  for (std::size_t c = 0; c < second.configurations.size(); ++c) {
+    result.configurations.push_back(std::to_string(static_cast<std::size_t>(offset) + c + 1));
+  }
+  for (Observation observation : second.observations) {
+    observation.configuration += offset;
+    result.observations.push_back(observation);
+  }
+  result.orientations.insert(result.orientations.end(), second.orientations.begin(), second.orientations.end());
+  return result;
 }
 
 }  // namespace kdl_calibration

@@ -1,23 +1,18 @@
 #include "kdl_calibration/arm_body.hpp"
 
-#include <tinyxml2.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <map>
 #include <numbers>
 #include <optional>
-#include <string_view>
-#include <system_error>
+#include <set>
 
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/link_shapes.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
-#include "robot/urdf_reading.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -26,38 +21,6 @@ using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
 constexpr std::uint64_t kConfigurationsOfPairs = 500;
-
-// Numbers separated by blanks, in any locale.
-template <int kSize>
-Eigen::Matrix<double, kSize, 1> numbers(const char* text, const std::string& where) {
-  std::string_view rest = text == nullptr ? "" : text;
-  Eigen::Matrix<double, kSize, 1> values;
-  for (int i = 0; i < kSize; ++i) {
-    rest.remove_prefix(std::min(rest.find_first_not_of(" \t\r\n+"), rest.size()));
-    const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), values[i]);
-    if (error != std::errc() || !std::isfinite(values[i])) {
-      throw InputError(where + ": expected " + std::to_string(kSize) + " finite numbers");
-    }
-    rest.remove_prefix(static_cast<std::size_t>(end - rest.data()));
-  }
-  return values;
-}
-
-Isometry3d origin_of(const tinyxml2::XMLElement& shape, const std::string& where) {
-  Isometry3d X = Isometry3d::Identity();
-  if (const tinyxml2::XMLElement* origin = shape.FirstChildElement("origin")) {
-    if (const char* xyz = origin->Attribute("xyz")) {
-      X.translation() = numbers<3>(xyz, where + ": xyz");
-    }
-    if (const char* rpy = origin->Attribute("rpy")) {
-      const Vector3d angles = numbers<3>(rpy, where + ": rpy");
-      X.linear() = (Eigen::AngleAxisd(angles.z(), Vector3d::UnitZ()) *
-                    Eigen::AngleAxisd(angles.y(), Vector3d::UnitY()) * Eigen::AngleAxisd(angles.x(), Vector3d::UnitX()))
-                       .toRotationMatrix();
-    }
-  }
-  return X;
-}
 
 // A capsule along `axis` around everything within `half_length` of the origin along it and within `reach` across it.
 // Drawing the ends in by half the reach costs an eighth more radius and saves a third of the overshoot.
@@ -75,42 +38,25 @@ Capsule around_box(const Vector3d& half) {
 }
 
 // None for a mesh.
-std::optional<Capsule> capsule_around(const tinyxml2::XMLElement& shape, const std::string& where) {
-  const tinyxml2::XMLElement* geometry = shape.FirstChildElement("geometry");
-  if (geometry == nullptr) {
-    return std::nullopt;
-  }
-  const auto positive = [&](const auto& values) {
-    if (!(values.array() > 0.0).all()) {
-      throw InputError(where + ": expected a shape with positive sizes");
-    }
-    return values;
-  };
+std::optional<Capsule> capsule_around(const LinkShape& shape) {
   std::optional<Capsule> capsule;
-  if (const auto* box = geometry->FirstChildElement("box")) {
-    capsule = around_box(0.5 * positive(numbers<3>(box->Attribute("size"), where + ": box size")));
-  } else if (const auto* cylinder = geometry->FirstChildElement("cylinder")) {
-    const double radius = positive(numbers<1>(cylinder->Attribute("radius"), where + ": cylinder radius"))[0];
-    const double length = positive(numbers<1>(cylinder->Attribute("length"), where + ": cylinder length"))[0];
-    capsule = around(Vector3d::UnitZ(), 0.5 * length, radius);
-  } else if (const auto* sphere = geometry->FirstChildElement("sphere")) {
-    capsule = Capsule{.link = {}};
-    capsule->radius = positive(numbers<1>(sphere->Attribute("radius"), where + ": sphere radius"))[0];
+  switch (shape.kind) {
+    case LinkShape::Kind::box:
+      capsule = around_box(0.5 * shape.size);
+      break;
+    case LinkShape::Kind::cylinder:
+      capsule = around(Vector3d::UnitZ(), 0.5 * shape.size.z(), shape.size.x());
+      break;
+    case LinkShape::Kind::sphere:
+      capsule = Capsule{.link = {}, .radius = shape.size.x()};
+      break;
+    case LinkShape::Kind::mesh:
+      return std::nullopt;
   }
-  if (capsule) {
-    const Isometry3d X = origin_of(shape, where);
-    capsule->a = X * capsule->a;
-    capsule->b = X * capsule->b;
-  }
+  capsule->link = shape.link;
+  capsule->a = shape.X_LS * capsule->a;
+  capsule->b = shape.X_LS * capsule->b;
   return capsule;
-}
-
-std::vector<std::string> link_names(const Robot& robot) {
-  std::vector<std::string> names = {robot.base};
-  for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
-    names.push_back(robot.chain.getSegment(s).getName());
-  }
-  return names;
 }
 
 // Number of moving joints in front of each link's frame.
@@ -173,32 +119,21 @@ Eigen::VectorXd anywhere(const Robot& robot, std::uint64_t stream) {
 }  // namespace
 
 ArmBody body_from_urdf(const Robot& robot) {
-  tinyxml2::XMLDocument document;
-  parse_xml(document, robot.urdf, robot.source);
   const std::vector<std::string> names = link_names(robot);
+  std::set<std::string> with_shape;
+  std::set<std::string> without_shape;
   ArmBody body;
-  std::map<std::string, bool> has_shape;
-  for (const auto* link = document.FirstChildElement("robot")->FirstChildElement("link"); link != nullptr;
-       link = link->NextSiblingElement("link")) {
-    const std::string name = link->Attribute("name") == nullptr ? "" : link->Attribute("name");
-    const auto frame = std::find(names.begin(), names.end(), name);
-    if (frame == names.end()) {
-      continue;
+  for (const LinkShape& shape : link_shapes(robot)) {
+    if (std::optional<Capsule> capsule = capsule_around(shape)) {
+      capsule->frame = static_cast<std::size_t>(std::find(names.begin(), names.end(), shape.link) - names.begin());
+      body.capsules.push_back(*capsule);
+      with_shape.insert(shape.link);
+    } else {
+      without_shape.insert(shape.link);
     }
-    const char* kind = link->FirstChildElement("collision") != nullptr ? "collision" : "visual";
-    std::string where = robot.source;
-    where.append(": ").append(kind).append(" of link ").append(in_quotes(name));
-    bool all_known = link->FirstChildElement(kind) != nullptr;
-    for (const auto* shape = link->FirstChildElement(kind); shape != nullptr; shape = shape->NextSiblingElement(kind)) {
-      std::optional<Capsule> capsule = capsule_around(*shape, where);
-      all_known = all_known && capsule;
-      if (capsule) {
-        capsule->link = name;
-        capsule->frame = static_cast<std::size_t>(frame - names.begin());
-        body.capsules.push_back(*capsule);
-      }
-    }
-    if (!all_known) {
+  }
+  for (const std::string& name : names) {
+    if (without_shape.count(name) > 0 || with_shape.count(name) == 0) {
       body.without_shape.push_back(name);
     }
   }

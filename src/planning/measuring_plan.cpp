@@ -8,10 +8,11 @@
 #include <optional>
 
 #include "base/csv_cell.hpp"
+#include "base/number_text.hpp"
+#include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/mimic.hpp"
-#include "robot/urdf_reading.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -6,7 +6,6 @@
 
 #include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
@@ -47,40 +46,6 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
     }
   }
   return robot;
-}
-
-JointRanges limits_of(const ErrorModel& model) {
-  JointRanges ranges;
-  for (const MovingJoint& joint : model.joints) {
-    const double whole = joint.type == JointType::prismatic ? 1.0 : std::numbers::pi;
-    ranges.emplace_back(joint.lower.value_or(-whole), joint.upper.value_or(whole));
-  }
-  return ranges;
-}
-
-JointRanges published_ranges(const ErrorModel& model) {
-  JointRanges ranges(model.joints.size(), {-std::numbers::pi, std::numbers::pi});
-  const std::vector<std::size_t> independent = independent_joints(model.joints);
-  for (std::size_t i = 0; i < std::min<std::size_t>(4, independent.size()); ++i) {
-    ranges[independent[i]] = {-std::numbers::pi / 2.0, std::numbers::pi / 2.0};
-  }
-  return ranges;
-}
-
-Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Random& random) {
-  Eigen::MatrixXd joint_values(static_cast<Eigen::Index>(ranges.size()), count);
-  for (Eigen::Index c = 0; c < count; ++c) {
-    for (std::size_t i = 0; i < ranges.size(); ++i) {
-      joint_values(static_cast<Eigen::Index>(i), c) = random.uniform(ranges[i].first, ranges[i].second);
-    }
-  }
-  return joint_values;
-}
-
-Eigen::MatrixXd random_configurations(const ErrorModel& model, const JointRanges& ranges, int count, Random& random) {
-  Eigen::MatrixXd joint_values = random_configurations(ranges, count, random);
-  follow(model.joints, joint_values);
-  return joint_values;
 }
 
 namespace {
@@ -152,22 +117,6 @@ Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_val
       }
     }
   }
-  return result;
-}
-
-Measurements joined(const Measurements& first, const Measurements& second) {
-  Measurements result = first;
-  const auto offset = static_cast<std::int32_t>(first.joint_values.cols());
-  result.joint_values.resize(first.joint_values.rows(), first.joint_values.cols() + second.joint_values.cols());
-  result.joint_values << first.joint_values, second.joint_values;
-  for (std::size_t c = 0; c < second.configurations.size(); ++c) {
-    result.configurations.push_back(std::to_string(static_cast<std::size_t>(offset) + c + 1));
-  }
-  for (Observation observation : second.observations) {
-    observation.configuration += offset;
-    result.observations.push_back(observation);
-  }
-  result.orientations.insert(result.orientations.end(), second.orientations.begin(), second.orientations.end());
   return result;
 }
 

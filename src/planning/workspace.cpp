@@ -7,11 +7,12 @@
 #include <numbers>
 #include <utility>
 
+#include "base/number_text.hpp"
 #include "base/parallel.hpp"
+#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
-#include "robot/urdf_reading.hpp"
 
 namespace kdl_calibration {
 namespace {

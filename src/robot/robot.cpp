@@ -11,6 +11,8 @@
 #include <utility>
 
 #include "base/number_range.hpp"
+#include "base/number_text.hpp"
+#include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "robot/urdf_reading.hpp"

@@ -10,6 +10,8 @@
 #include <set>
 #include <utility>
 
+#include "base/number_text.hpp"
+#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "robot/urdf_reading.hpp"
 

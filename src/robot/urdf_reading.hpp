@@ -12,19 +12,9 @@
 #include <string>
 #include <string_view>
 
-#include "base/number_text.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
-
-/// The text with every control character turned into a blank, so that a message stays on one line.
-inline std::string one_line(std::string text) {
-  std::replace_if(
-      text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20U; }, ' ');
-  return text;
-}
-
-inline std::string in_quotes(const std::string& name) { return "'" + one_line(name) + "'"; }
 
 /// Parses into `document`; tinyxml2 bounds the depth. Throws InputError with the line of the first mistake.
 inline void parse_xml(tinyxml2::XMLDocument& document, std::string_view text, const std::string& source) {

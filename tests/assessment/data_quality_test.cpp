@@ -29,7 +29,7 @@ struct Experiment {
                         int configurations = 30) const {
     Random random(seed);
     const VirtualRobot robot = virtual_robot(model, free.geometric, published_targets(), sizes, random);
-    return measure(robot, random_configurations(published_ranges(model), configurations, random),
+    return measure(robot, random_configurations(published_ranges(model.joints), configurations, random),
                    {.sigma = sigma, .repeats = repeats}, random);
   }
 
@@ -186,7 +186,7 @@ TEST(DataQuality, NamesTheOnlyTargetThatSlipped) {
   const FreeParameters free = free_parameters(e.model, targets, reduced_model(e.model, targets).kept);
   const VirtualRobot robot = virtual_robot(e.model, free.geometric, targets, kSmall, random);
   Measurements measured =
-      measure(robot, random_configurations(published_ranges(e.model), 80, random), {.sigma = kNoise}, random);
+      measure(robot, random_configurations(published_ranges(e.model.joints), 80, random), {.sigma = kNoise}, random);
   slip_target(e.model, robot.truth, measured, 0, 30, {0.0, 0.0006, 0.0008});
   const Estimate estimate =
       identify_robustly(e.model, measured, nominal_start(e.model, measured), free, Loss::tukey).fit.estimate;

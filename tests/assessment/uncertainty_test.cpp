@@ -63,7 +63,7 @@ TEST(Uncertainty, FTailIsThatOfTheTables) {
 struct Experiment {
   ErrorModel model = complete_model(testing::fanuc());
   FreeParameters free = free_parameters(model, published_targets(), reduced_model(model, published_targets()).kept);
-  JointRanges ranges = published_ranges(model);
+  JointRanges ranges = published_ranges(model.joints);
 
   VirtualRobot robot(Random& random) const {
     return virtual_robot(model, free.geometric, published_targets(), {.length = 0.001, .angle = 0.001}, random);

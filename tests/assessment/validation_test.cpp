@@ -33,7 +33,7 @@ struct Fixture {
   explicit Fixture(int repeats = 1) {
     Random random(1);
     robot = virtual_robot(model, free.geometric, published_targets(), {.length = 0.001, .angle = 0.001}, random);
-    measured = measure(robot, random_configurations(limits_of(model), 20, random),
+    measured = measure(robot, random_configurations(limits_of(model.joints), 20, random),
                        {.sigma = 0.00003, .repeats = repeats}, random);
   }
 };
@@ -113,7 +113,7 @@ TEST(Validation, AgreesWithTheKdlSolver) {
   Random random(3);
   for (const ErrorModel& model : {complete_model(fanuc()), complete_model(parse_robot(testing::kOddArm))}) {
     const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * testing::kDegree);
-    const Eigen::MatrixXd q = random_configurations(limits_of(model), 1000, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 1000, random);
     EXPECT_LT(difference_to_kdl(model, errors, q), 1e-12);
   }
 }

@@ -23,8 +23,8 @@ struct Experiment {
   Measurements measurements(int configurations, std::uint64_t seed = 1, double sigma = 0.0) const {
     Random random(seed);
     const VirtualRobot truth = robot(random);
-    return measure(truth, random_configurations(published_ranges(model), configurations, random), {.sigma = sigma},
-                   random);
+    return measure(truth, random_configurations(published_ranges(model.joints), configurations, random),
+                   {.sigma = sigma}, random);
   }
   /// Nominal geometry, base and tools: the start of all that is compared.
   Estimate nominal() const {

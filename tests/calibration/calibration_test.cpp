@@ -33,7 +33,7 @@ struct Simulated {
     const std::vector<TargetFrame> frames = published_targets(targets);
     const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
     truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
-    const Eigen::MatrixXd q = random_configurations(limits_of(model), 30, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
     measured = measure(truth, q, {.sigma = sigma}, random);
   }
 
@@ -173,7 +173,7 @@ struct PartlyMoved {
     const std::vector<TargetFrame> frames = published_targets();
     const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
     truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
-    JointRanges ranges = limits_of(model);
+    JointRanges ranges = limits_of(model.joints);
     for (std::size_t i = 0; i < ranges.size(); ++i) {
       if (std::find(moving.begin(), moving.end(), static_cast<int>(i) + 1) == moving.end()) {
         const double still = 0.2 + 0.1 * static_cast<double>(i);
@@ -269,7 +269,7 @@ void add_asked_errors(std::uint64_t seed, int configurations, AskedErrors& sums)
   const Simulated s(seed, 0.00003);
   Random random(seed);
   CalibrationOptions options;
-  options.predict_at.joint_values = random_configurations(limits_of(s.model), configurations, random);
+  options.predict_at.joint_values = random_configurations(limits_of(s.model.joints), configurations, random);
   for (int c = 0; c < configurations; ++c) {
     options.predict_at.names.push_back("p" + std::to_string(c));
   }
@@ -319,7 +319,7 @@ TEST(Calibration, OrientationsHaveASigmaOfTheirOwn) {
   Random random(45);
   const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
   const VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
-  const Eigen::MatrixXd q = random_configurations(limits_of(model), 40, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 40, random);
   Measurements measured = measure(truth, q, {.sigma = 0.00003, .orientation_sigma = 0.0002, .repeats = 5}, random);
   for (Observation& observation : measured.observations) {
     observation.sigma = 0.0;
@@ -395,7 +395,7 @@ TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
 
 // 3D RMS of what the calibration predicts at fresh configurations against the truth.
 double held_out_rms(const VirtualRobot& truth, const Calibration& found, Random& random) {
-  const Eigen::MatrixXd q = random_configurations(limits_of(truth.model), 200, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(truth.model.joints), 200, random);
   const Estimate& estimate = found.identification.estimate;
   const auto real = flange_poses(truth.model, truth.truth, q);
   const auto ours = flange_poses(truth.model, estimate, q);
@@ -468,7 +468,7 @@ TEST(Calibration, LackOfFitFiresAsOftenAsItsPValueSaysAndNamesTheJoint) {
   for (int run = 0; run < runs; ++run) {
     Random random(300, static_cast<std::uint64_t>(run));
     VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
-    const Eigen::MatrixXd q = random_configurations(limits_of(model), 30, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
     const auto tested = [&](const Measurements& measured) { return *calibrate(model, measured).lack_of_fit; };
     const LackOfFit clean = tested(measure(truth, q, noise, random));
     EXPECT_EQ(clean.degrees_of_freedom, 270 - 33);

@@ -63,7 +63,7 @@ std::string everything() {
   text += nlohmann::json(convention.matrix(2, 1)).dump();
   const VirtualRobot virtual_one = virtual_robot(model, {6, 7, 8}, published_targets(), {}, random);
   const Measurements measurements =
-      measure(virtual_one, random_configurations(limits_of(model), 15, random), {.sigma = 1e-5}, random);
+      measure(virtual_one, random_configurations(limits_of(model.joints), 15, random), {.sigma = 1e-5}, random);
   const std::string csv = measurements_csv(measurements);
   const Measurements read = parse_measurements(csv, joint_names(robot));
   const CalibrationOptions options;

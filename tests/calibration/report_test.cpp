@@ -65,7 +65,7 @@ struct Setup {
     truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
   }
 
-  Eigen::MatrixXd configurations(int count) { return random_configurations(limits_of(model), count, random); }
+  Eigen::MatrixXd configurations(int count) { return random_configurations(limits_of(model.joints), count, random); }
 
   /// Without stated sigmas.
   Measurements measured(const Eigen::MatrixXd& q, MeasuringNoise noise, Split split = Split::train) {

@@ -39,7 +39,7 @@ struct Series {
       : random(seed) {
     const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
     truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
-    measure_at(random_configurations(limits_of(model), 25, random), noise);
+    measure_at(random_configurations(limits_of(model.joints), 25, random), noise);
   }
 
   void measure_at(const Eigen::MatrixXd& q, const MeasuringNoise& noise = {.sigma = kNoise}) {
@@ -265,7 +265,7 @@ TEST(Warnings, NumbersOfMisfitAndNoiseAreThoseOfTheResult) {
 
 TEST(Warnings, LimitsOfJointsAreWithinThem) {
   const Series s;
-  const JointRanges limits = limits_of(s.model);
+  const JointRanges limits = limits_of(s.model.joints);
   Measurements measured = s.measured;
   for (std::size_t joint = 0; joint < 6; ++joint) {
     for (const bool upper : {false, true}) {

@@ -143,7 +143,7 @@ TEST_F(Truth, StatesTheDistancesOfPointsThatKdlGives) {
       run_json({"validate", "--result", "result.json", "--truth", "truth.json", "--seed", "9", "--json"});
   const ErrorModel model = complete_model(fanuc());
   Random random(9);
-  const Eigen::MatrixXd q = random_configurations(published_ranges(model), 1000, random);
+  const Eigen::MatrixXd q = random_configurations(published_ranges(model.joints), 1000, random);
   const Json result = json_of("result.json");
   const Json truth = json_of("truth.json");
   double sum = 0.0;

@@ -86,7 +86,8 @@ protected:
     const VirtualRobot truth =
         virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
     const auto measured_rows = [&](int count, Split split) {
-      return measure(truth, random_configurations(limits_of(model), count, random), {.sigma = 3e-5}, random, split);
+      return measure(truth, random_configurations(limits_of(model.joints), count, random), {.sigma = 3e-5}, random,
+                     split);
     };
     measured = joined(measured_rows(12, Split::train), measured_rows(5, Split::test));
     const Eigen::Quaterniond none = Eigen::Quaterniond(Eigen::Vector4d::Constant(std::nan("")));

@@ -27,7 +27,7 @@ protected:
     const std::vector<TargetFrame> targets = published_targets();
     const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
     truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
-    measured = at(random_configurations(limits_of(model), 20, random));
+    measured = at(random_configurations(limits_of(model.joints), 20, random));
   }
 
   Measurements at(const Eigen::MatrixXd& q, const MeasuringNoise& noise = {.sigma = 3e-5}) {

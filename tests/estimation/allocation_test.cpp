@@ -34,7 +34,7 @@ long allocations_of_a_pass(int configurations, const ResidualOptions& options) {
   Random random(1);
   const VirtualRobot robot = virtual_robot(model, free.geometric, published_targets(), {}, random);
   const Measurements measured =
-      measure(robot, random_configurations(published_ranges(model), configurations, random), {}, random);
+      measure(robot, random_configurations(published_ranges(model.joints), configurations, random), {}, random);
   const LeastSquaresProblem problem(model, measured, free, options);
   const Estimate start{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
                        .targets = published_targets()};

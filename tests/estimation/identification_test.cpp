@@ -61,7 +61,7 @@ TEST(Identification, RecoversThePublishedExperimentToRounding) {
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
     Random random(seed);
     const VirtualRobot robot = experiment.robot(random);
-    const JointRanges ranges = published_ranges(experiment.model);
+    const JointRanges ranges = published_ranges(experiment.model.joints);
     const Measurements measured = measure(robot, random_configurations(ranges, 30, random), {}, random);
     const Identification found =
         identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
@@ -84,7 +84,7 @@ TEST(Identification, AveragesNoiseAsTheoryPredicts) {
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
     Random random(seed);
     const VirtualRobot robot = experiment.robot(random);
-    const JointRanges ranges = published_ranges(experiment.model);
+    const JointRanges ranges = published_ranges(experiment.model.joints);
     const Measurements measured = measure(robot, random_configurations(ranges, 30, random), {.sigma = 0.00003}, random);
     const Identification found =
         identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
@@ -128,8 +128,9 @@ TEST(Identification, GradientAndHessianAreThoseOfTheStackedJacobian) {
   const Experiment experiment;
   Random random(11);
   const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  const Measurements measured = measure(robot, random_configurations(published_ranges(experiment.model), 7, random),
-                                        {.sigma = 0.001, .repeats = 3}, random);
+  const Measurements measured =
+      measure(robot, random_configurations(published_ranges(experiment.model.joints), 7, random),
+              {.sigma = 0.001, .repeats = 3}, random);
   const LeastSquaresProblem problem(experiment.model, measured, experiment.free,
                                     {.priors = {.length = 0.002, .angle = 0.003}});
   Estimate start = nominal_start(experiment.model, measured);
@@ -150,7 +151,7 @@ TEST(Identification, TheOrderOfTheRowsDoesNotMatter) {
   const Experiment experiment;
   Random random(17);
   const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  Measurements sorted = measure(robot, random_configurations(published_ranges(experiment.model), 40, random),
+  Measurements sorted = measure(robot, random_configurations(published_ranges(experiment.model.joints), 40, random),
                                 {.sigma = 0.001, .repeats = 2}, random);
   for (Observation& observation : sorted.observations) {
     observation.split = observation.configuration == 5 ? Split::test : Split::train;
@@ -240,7 +241,7 @@ TEST(Identification, CorrelatedNoiseOfEveryKindIsThatOfTheWholeCovariance) {
   const Experiment experiment;
   Random random(20);
   const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  Measurements measured = measure(robot, random_configurations(published_ranges(experiment.model), 15, random),
+  Measurements measured = measure(robot, random_configurations(published_ranges(experiment.model.joints), 15, random),
                                   {.sigma = 0.0002, .repeats = 2}, random);
   std::erase_if(measured.observations, [](const Observation& o) {
     return (o.configuration % 4 == 1 && o.repeat == 2) || (o.configuration % 5 == 2 && o.target == o.repeat);
@@ -271,7 +272,7 @@ TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
   const Experiment experiment;
   Random random(17);
   const VirtualRobot robot = experiment.robot(random);
-  const Measurements all = measure(robot, random_configurations(published_ranges(experiment.model), 12, random),
+  const Measurements all = measure(robot, random_configurations(published_ranges(experiment.model.joints), 12, random),
                                    {.sigma = 0.001, .repeats = 2}, random);
   const auto left_out = [](const Observation& o) { return o.configuration == 4 || o.configuration % 5 == o.target; };
   Measurements some = all;
@@ -310,8 +311,8 @@ TEST(Identification, RefusesNoiseThatIsNoCovariance) {
   const Experiment experiment;
   Random random(18);
   const VirtualRobot robot = experiment.robot(random);
-  const Measurements measured =
-      measure(robot, random_configurations(published_ranges(experiment.model), 30, random), {.sigma = 1e-4}, random);
+  const Measurements measured = measure(
+      robot, random_configurations(published_ranges(experiment.model.joints), 30, random), {.sigma = 1e-4}, random);
   const auto equations = [&](const Eigen::Vector3d& independent, double common) {
     Measurements m = measured;
     for (Observation& observation : m.observations) {
@@ -345,7 +346,7 @@ TEST(Identification, ResidualAndGradientVanishAtTheTruth) {
   Random random(12);
   const VirtualRobot robot = experiment.robot(random);
   const Measurements measured =
-      measure(robot, random_configurations(published_ranges(experiment.model), 10, random), {}, random);
+      measure(robot, random_configurations(published_ranges(experiment.model.joints), 10, random), {}, random);
   const NormalEquations equations =
       LeastSquaresProblem(experiment.model, measured, experiment.free).linearise(robot.truth);
   EXPECT_LT(equations.cost, 1e-26);
@@ -375,7 +376,7 @@ TEST(Identification, RecoversMeasuredFramesOfAnOddArm) {
     X_WB.translation() = Eigen::Vector3d(5.0, -3.0, 1.0);
     const VirtualRobot robot =
         virtual_robot(model, free.geometric, targets, {.length = 0.0025, .angle = 0.02}, random, X_WB);
-    const JointRanges ranges = limits_of(model);
+    const JointRanges ranges = limits_of(model.joints);
     const Measurements measured = measure(robot, random_configurations(ranges, 40, random), {}, random);
     const Identification found = identify_jointly(model, measured, nominal_start(model, measured), free);
     ASSERT_EQ(found.termination, Termination::converged) << found.message;
@@ -387,7 +388,7 @@ TEST(Identification, RepeatedOrientationsCountWithTheirMean) {
   const auto [model, targets, free] = odd_arm_with_a_measured_frame();
   Random random(16);
   const VirtualRobot robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.01}, random);
-  const Measurements repeated = measure(robot, random_configurations(limits_of(model), 20, random),
+  const Measurements repeated = measure(robot, random_configurations(limits_of(model.joints), 20, random),
                                         {.orientation_sigma = 1e-4, .repeats = 3}, random);
   Measurements apart = repeated;  // every repeat as a configuration of its own
   apart.joint_values.resize(repeated.joint_values.rows(), 60);
@@ -407,7 +408,7 @@ TEST(Identification, SaysWhenTheMeasurementsDoNotDetermineAllParameters) {
   const Experiment experiment;
   Random random(14);
   const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  Eigen::MatrixXd q = random_configurations(published_ranges(experiment.model), 30, random);
+  Eigen::MatrixXd q = random_configurations(published_ranges(experiment.model.joints), 30, random);
   q.row(4).setZero();  // the fifth joint never moves
   const Measurements measured = measure(robot, q, {.sigma = 0.00003}, random);
   const Identification found =
@@ -419,8 +420,9 @@ TEST(Identification, SaysWhenTheMeasurementsDoNotDetermineAllParameters) {
 TEST(Identification, RefusesFewerEquationsThanUnknowns) {
   const Experiment experiment;
   Random random(15);
-  const Measurements measured = measure(
-      experiment.robot(random), random_configurations(published_ranges(experiment.model), 3, random), {}, random);
+  const Measurements measured =
+      measure(experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 3, random), {},
+              random);
   try {
     identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
     FAIL() << "27 coordinates cannot determine 33 unknowns";
@@ -433,8 +435,9 @@ TEST(Identification, RefusesFewerEquationsThanUnknowns) {
 TEST(Identification, StopsAtTheIterationLimit) {
   const Experiment experiment;
   Random random(16);
-  const Measurements measured = measure(
-      experiment.robot(random), random_configurations(published_ranges(experiment.model), 30, random), {}, random);
+  const Measurements measured =
+      measure(experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 30, random),
+              {}, random);
   const Identification found = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
                                                 experiment.free, {.max_iterations = 2});
   EXPECT_EQ(found.termination, Termination::iteration_limit);
@@ -445,8 +448,8 @@ TEST(Identification, StrongPriorsKeepTheNominalGeometry) {
   const Experiment experiment;
   Random random(17);
   const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  const Measurements measured =
-      measure(robot, random_configurations(published_ranges(experiment.model), 30, random), {.sigma = 0.00003}, random);
+  const Measurements measured = measure(
+      robot, random_configurations(published_ranges(experiment.model.joints), 30, random), {.sigma = 0.00003}, random);
   const Estimate start = nominal_start(experiment.model, measured);
   const Identification held = identify_jointly(experiment.model, measured, start, experiment.free,
                                                {.residuals = {.priors = {.length = 1e-12, .angle = 1e-12}}});
@@ -459,7 +462,7 @@ TEST(Identification, StrongPriorsKeepTheNominalGeometry) {
 
 TEST(Identification, TwoStepsWithFreshConfigurationsReachATenthOfAMillimetre) {
   const Experiment experiment;
-  const JointRanges ranges = published_ranges(experiment.model);
+  const JointRanges ranges = published_ranges(experiment.model.joints);
   double log_factor = 0.0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     Random random(seed);
@@ -480,7 +483,7 @@ TEST(Identification, TwoStepsWithFreshConfigurationsReachATenthOfAMillimetre) {
 
 TEST(Identification, TwoStepsWithRecordedConfigurationsConvergeMoreSlowlyToTheTruth) {
   const Experiment experiment;
-  const JointRanges ranges = published_ranges(experiment.model);
+  const JointRanges ranges = published_ranges(experiment.model.joints);
   Random random(3);
   const VirtualRobot robot = experiment.robot(random);
   const Measurements recorded = measure(robot, random_configurations(ranges, 30, random), {}, random);
@@ -500,7 +503,7 @@ TEST(Identification, TwoStepsWithNoiseEndNearTheJointOptimum) {
   Random random(4);
   const double sigma = 0.00003;
   const Measurements recorded =
-      measure(experiment.robot(random), random_configurations(published_ranges(experiment.model), 30, random),
+      measure(experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 30, random),
               {.sigma = sigma}, random);
   const Estimate start = nominal_start(experiment.model, recorded);
   const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return recorded; }, start,

@@ -40,7 +40,7 @@ TEST(Registration, FindsBaseAndTargetsExactlyWhereverTheyAre) {
   for (int trial = 0; trial < 1000; ++trial) {
     const int targets = 1 + trial % 4;
     const VirtualRobot robot = exact_robot(model, targets, random);
-    const Eigen::MatrixXd q = random_configurations(limits_of(model), 12, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 12, random);
     const Measurements measured = measure(robot, q, {}, random);
     const Registration found = register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measured);
     ASSERT_FALSE(found.ambiguous) << trial << ": " << found.message;
@@ -61,7 +61,7 @@ TEST(Registration, StaysInTheRightBasinWithErrorsOfThePublishedSize) {
   for (int trial = 0; trial < 1000; ++trial) {
     const VirtualRobot robot =
         virtual_robot(model, all, random_targets(3, random), {}, random, random_placement(random));
-    const Eigen::MatrixXd q = random_configurations(limits_of(model), 30, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
     const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(robot.truth.errors.size());
     const Registration found =
         register_base_and_targets(flange_poses(folded(model, nominal), q), measure(robot, q, {}, random));
@@ -76,7 +76,7 @@ TEST(Registration, MinimisesTheSumOfSquaredDistances) {
   Random random(3);
   const VirtualRobot robot = virtual_robot(model, {1, 2, 3}, random_targets(2, random),
                                            {.length = 0.001, .angle = 0.01}, random, random_placement(random));
-  const Eigen::MatrixXd q = random_configurations(limits_of(model), 10, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 10, random);
   Measurements measured = measure(robot, q, {.sigma = 0.001}, random);
   for (Observation& observation : measured.observations) {
     observation.sigma = observation.configuration % 2 == 0 ? 0.001 : 0.005;
@@ -114,7 +114,7 @@ TEST(Registration, FindsMeasuredFrames) {
     targets[0].with_orientation = true;
     targets[0].X_FT.linear() = random_placement(random).linear();
     const VirtualRobot robot = virtual_robot(model, {}, targets, kNoErrors, random, random_placement(random));
-    const Eigen::MatrixXd q = random_configurations(limits_of(model), 5, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 5, random);
     const Registration found =
         register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measure(robot, q, {}, random));
     ASSERT_TRUE(found.targets[0].with_orientation);
@@ -127,7 +127,7 @@ TEST(Registration, TakesWhatIsKnown) {
   const ErrorModel model = complete_model(fanuc());
   Random random(5);
   const VirtualRobot robot = exact_robot(model, 3, random);
-  const Eigen::MatrixXd q = random_configurations(limits_of(model), 2, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 2, random);
   const Measurements measured = measure(robot, q, {}, random);
   const auto poses = flange_poses(folded(model, robot.truth.errors), q);
   const Registration with_base = register_base_and_targets(poses, measured, {.known_base = robot.truth.X_WB});
@@ -141,7 +141,7 @@ TEST(Registration, SaysWhenTheConfigurationsLeaveTheBaseOpen) {
   const ErrorModel model = complete_model(fanuc());
   Random random(6);
   const VirtualRobot robot = exact_robot(model, 1, random);
-  Eigen::MatrixXd q = random_configurations(limits_of(model), 1, random).replicate(1, 8);
+  Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 1, random).replicate(1, 8);
   q.row(0).setLinSpaced(-1.0, 1.0);  // one joint alone: the target moves on a circle
   const Registration found =
       register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measure(robot, q, {}, random));
@@ -154,7 +154,7 @@ TEST(Registration, IgnoresHeldOutRows) {
   const ErrorModel model = complete_model(fanuc());
   Random random(7);
   const VirtualRobot robot = exact_robot(model, 2, random);
-  const Eigen::MatrixXd q = random_configurations(limits_of(model), 10, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 10, random);
   Measurements measured = measure(robot, q, {}, random);
   for (Observation& observation : measured.observations) {
     if (observation.configuration == 3) {
@@ -173,7 +173,7 @@ TEST(Registration, SaysWhereSeveralPosesOfTheBaseAreAsGood) {
   int told = 0;
   for (int trial = 0; trial < 20; ++trial) {
     const VirtualRobot robot = exact_robot(model, 1, random);
-    const Eigen::MatrixXd q = random_configurations(limits_of(model), 30, random);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
     Measurements measured = measure(robot, q, {}, random);
     for (Observation& observation : measured.observations) {
       observation.position = Eigen::Vector3d(random.normal(), random.normal(), random.normal());

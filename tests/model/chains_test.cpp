@@ -94,15 +94,15 @@ TEST_P(AnyChain, IsRecoveredToRounding) {
   for (int trial = 0; trial < 10; ++trial) {
     const VirtualRobot truth =
         virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.005}, random, X_WB);
-    const Measurements train = measure(truth, random_configurations(limits_of(model), 60, random), {}, random);
+    const Measurements train = measure(truth, random_configurations(limits_of(model.joints), 60, random), {}, random);
     const Measurements test =
-        measure(truth, random_configurations(limits_of(model), 100, random), {}, random, Split::test);
+        measure(truth, random_configurations(limits_of(model.joints), 100, random), {}, random, Split::test);
     const Calibration found = calibrate(model, joined(train, test));
     ASSERT_TRUE(found.trusted()) << found.identification.message;
     ASSERT_LE(found.test->after.rms, 1e-12);
     ASSERT_LE(found.difference_to_kdl, 1e-12);
     const Robot exported = parse_robot(calibrated_urdf(robot, model, found.rigid_errors));
-    const Eigen::VectorXd q = random_configurations(limits_of(model), 1, random).col(0);
+    const Eigen::VectorXd q = random_configurations(limits_of(model.joints), 1, random).col(0);
     ASSERT_LT(testing::difference(testing::kdl_pose(exported.chain, q),
                                   testing::kdl_pose(error_chain(model, found.rigid_errors), q)),
               1e-12);
@@ -133,7 +133,7 @@ TEST(Chains, MissingTargetsAndManyTargetsAreNormal) {
   const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
   Random random(2);
   const VirtualRobot truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
-  const Measurements all = measure(truth, random_configurations(limits_of(model), 30, random), {}, random);
+  const Measurements all = measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random);
   const Measurements some = subset(all, [](const Observation& o) { return (o.configuration + 3 * o.target) % 4 != 0; });
   const Calibration found = calibrate(model, some);
   ASSERT_TRUE(found.trusted()) << found.identification.message;
@@ -158,7 +158,7 @@ TEST(Chains, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
     Random random(9, static_cast<std::uint64_t>(run));
     const VirtualRobot truth =
         virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
-    Measurements measured = measure(truth, random_configurations(limits_of(model), 30, random), {}, random);
+    Measurements measured = measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random);
     for (Observation& o : measured.observations) {
       const double distance = o.position.norm();
       const Eigen::Vector3d line = o.position / distance;
@@ -169,7 +169,7 @@ TEST(Chains, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
     const Estimate start = nominal_start(model, measured);
     JointOptions whitened;
     whitened.residuals.noise.tracker = tracker;
-    const Eigen::MatrixXd fresh = random_configurations(limits_of(model), 50, random);
+    const Eigen::MatrixXd fresh = random_configurations(limits_of(model.joints), 50, random);
     const auto held_out = [&](const Estimate& estimate) {
       const auto ours = flange_poses(model, estimate, fresh);
       const auto real = flange_poses(model, truth.truth, fresh);

@@ -30,7 +30,7 @@ TEST(Deflection, BasisIsTheHorizontalLeverOverItsLargest) {
   ErrorModel model = complete_model(fanuc());
   model.deflections = gravity_deflections(model);
   Random random(1);
-  const Eigen::MatrixXd q = random_configurations(limits_of(model), 50, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 50, random);
   const Eigen::MatrixXd basis = deflection_basis(model, q);
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
     // Upper arm of 1.075 m along z, turned by q2 about x: horizontal lever 1.075 sin q2.
@@ -60,7 +60,7 @@ TEST(Deflection, WithLinkMassesTheTorqueIsThatOfTheKdlSolver) {
   KDL::ChainDynParam solver(robot.chain, KDL::Vector(0.0, 0.0, -1.0));
   Random random(2);
   for (int i = 0; i < 50; ++i) {
-    const Eigen::VectorXd q = random_configurations(limits_of(model), 1, random).col(0);
+    const Eigen::VectorXd q = random_configurations(limits_of(model.joints), 1, random).col(0);
     KDL::JntArray joints(6);
     KDL::JntArray torque(6);
     joints.data = q;
@@ -140,7 +140,7 @@ TEST(Deflection, IsIdentifiedFromMeasurements) {
   VirtualRobot robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
   robot.truth.deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.deflections.size()));
   robot.truth.deflections.head<4>() << 0.001, -0.0005, 0.0008, 0.0002;
-  const Measurements measured = measure(robot, random_configurations(limits_of(model), 60, random), {}, random);
+  const Measurements measured = measure(robot, random_configurations(limits_of(model.joints), 60, random), {}, random);
   for (std::size_t d = 0; d < model.deflections.size(); ++d) {
     free.deflections.push_back(d);
   }

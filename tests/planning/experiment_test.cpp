@@ -25,7 +25,7 @@ struct Fixture {
   Experiment experiment = nominal_experiment(model, two_targets(), {.sigma = 5e-5});
   Random random{4};
 
-  MatrixXd configurations(int count) { return random_configurations(published_ranges(model), count, random); }
+  MatrixXd configurations(int count) { return random_configurations(published_ranges(model.joints), count, random); }
 
   Measurements measured(const MatrixXd& q, double sigma) {
     VirtualRobot robot{.model = model, .truth = {.errors = experiment.errors, .targets = experiment.targets}};

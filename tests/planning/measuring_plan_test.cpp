@@ -35,7 +35,7 @@ TEST(MeasuringPlan, OrdersTheWayAsWellAsAnyOrderOfAFew) {
   const Eigen::VectorXd home = Eigen::VectorXd::Zero(6);
   int best_found = 0;
   for (int trial = 0; trial < 10; ++trial) {
-    const MatrixXd q = random_configurations(limits_of(model), 7, random);
+    const MatrixXd q = random_configurations(limits_of(model.joints), 7, random);
     std::vector<Index> order(7);
     std::iota(order.begin(), order.end(), Index{0});
     double best = 1e9;
@@ -57,7 +57,7 @@ TEST(MeasuringPlan, IsMuchShorterThanChance) {
   const ErrorModel model = complete_model(robot);
   Random random(3);
   const Eigen::VectorXd home = Eigen::VectorXd::Zero(6);
-  const MatrixXd q = random_configurations(limits_of(model), 40, random);
+  const MatrixXd q = random_configurations(limits_of(model.joints), 40, random);
   const MatrixXd ordered = q(Eigen::all, short_way(robot.joints, home, q));
   EXPECT_LT(way_time(robot.joints, home, ordered), 0.7 * way_time(robot.joints, home, q));
 }
@@ -98,7 +98,7 @@ TEST(MeasuringPlan, EveryJointDrivesAtItsOwnVelocity) {
     EXPECT_DOUBLE_EQ(travel_time(robot.joints, to, home), seconds(home, to)) << "joint " << joint;
   }
   Random random(4);
-  const MatrixXd q = random_configurations(limits_of(complete_model(robot)), 20, random);
+  const MatrixXd q = random_configurations(limits_of(robot.joints), 20, random);
   double total = seconds(home, q.col(0));
   for (Index c = 1; c < q.cols(); ++c) {
     const double time = seconds(q.col(c - 1), q.col(c));
@@ -141,7 +141,7 @@ TEST(MeasuringPlan, ComesBackFromItsFile) {
   const Robot robot = testing::fanuc();
   const ErrorModel model = complete_model(robot);
   Random random(1);
-  const MeasuringPlan plan = plan_of(random_configurations(limits_of(model), 5, random));
+  const MeasuringPlan plan = plan_of(random_configurations(limits_of(model.joints), 5, random));
   const JointConvention convention = pendant(robot);
   for (const JointConvention* behind : {static_cast<const JointConvention*>(nullptr), &convention}) {
     const std::string csv = plan_csv(plan, robot.joints, behind);

@@ -23,10 +23,10 @@ struct Fixture {
 
   Fixture() {
     Random random(9);
-    const MatrixXd all = random_configurations(published_ranges(model), 1000, random);
+    const MatrixXd all = random_configurations(published_ranges(model.joints), 1000, random);
     const MatrixXd none = MatrixXd::Zero(columns(experiment), columns(experiment));
     train = all(Eigen::all, select_configurations(experiment, all, none, {.count = 20, .starts = 2}).chosen);
-    test = random_configurations(published_ranges(model), 60, random);
+    test = random_configurations(published_ranges(model.joints), 60, random);
   }
 
   MonteCarlo runs(int count) {
@@ -63,7 +63,7 @@ TEST(MonteCarloLongRun, AgreesWithThePredictedSigma) { expect_predicted_sigma(20
 TEST(MonteCarlo, GivesTheSameAnswerOnAnyNumberOfThreads) {
   Fixture f;
   MonteCarlo runs = f.runs(6);
-  runs.train = [&](Random& random) { return random_configurations(published_ranges(f.model), 15, random); };
+  runs.train = [&](Random& random) { return random_configurations(published_ranges(f.model.joints), 15, random); };
   runs.threads = 1;
   const MonteCarloResult one = run_monte_carlo(runs);
   runs.threads = 3;

@@ -23,7 +23,7 @@ using testing::kDegree;
 // Elevation of the forearm -80 to 90 degrees with |q3| < 150 degrees, targets above 0.2 m and 0.7 m from axis 1.
 Cell free_space(const ErrorModel& model) {
   Cell cell;
-  cell.ranges = limits_of(model);
+  cell.ranges = limits_of(model.joints);
   cell.ranges[2].second = 150 * kDegree;
   Eigen::VectorXd weights = Eigen::VectorXd::Zero(6);
   weights[1] = 1.0;

@@ -60,7 +60,7 @@ TEST(Simulation, MeasuresWhatTheKdlSolverSays) {
   const ErrorModel model = complete_model(fanuc());
   Random random(2);
   const VirtualRobot robot = virtual_robot(model, all_parameters(model), published_targets(), {}, random);
-  const Eigen::MatrixXd q = random_configurations(limits_of(model), 20, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 20, random);
   const Measurements measured = measure(robot, q, {}, random);
   ASSERT_EQ(measured.observations.size(), 60U);
   const KDL::Chain chain = error_chain(model, robot.truth.errors);
@@ -76,7 +76,7 @@ TEST(Simulation, NoiseHasTheStatedSigmaAndRepeatsDiffer) {
   const ErrorModel model = complete_model(fanuc());
   Random random(3);
   const VirtualRobot robot = virtual_robot(model, {}, published_targets(), {}, random);
-  const Eigen::MatrixXd q = random_configurations(limits_of(model), 50, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 50, random);
   const Measurements exact = measure(robot, q, {.repeats = 20}, random);
   const Measurements noisy = measure(robot, q, {.sigma = 0.001, .repeats = 20}, random);
   ASSERT_EQ(noisy.observations.size(), 3000U);
@@ -91,7 +91,7 @@ TEST(Simulation, NoiseHasTheStatedSigmaAndRepeatsDiffer) {
 
 TEST(Simulation, KeepsTheJointLimits) {
   const ErrorModel model = complete_model(fanuc());
-  const JointRanges limits = limits_of(model);
+  const JointRanges limits = limits_of(model.joints);
   Random random(4);
   const Eigen::MatrixXd q = random_configurations(limits, 2000, random);
   for (Eigen::Index i = 0; i < q.rows(); ++i) {
@@ -100,8 +100,8 @@ TEST(Simulation, KeepsTheJointLimits) {
     EXPECT_LE(q.row(i).maxCoeff(), *joint.upper);
     EXPECT_GT(q.row(i).maxCoeff() - q.row(i).minCoeff(), 0.98 * (*joint.upper - *joint.lower));
   }
-  EXPECT_EQ(published_ranges(model)[3].second, std::numbers::pi / 2.0);
-  EXPECT_EQ(published_ranges(model)[4].first, -std::numbers::pi);
+  EXPECT_EQ(published_ranges(model.joints)[3].second, std::numbers::pi / 2.0);
+  EXPECT_EQ(published_ranges(model.joints)[4].first, -std::numbers::pi);
 }
 
 TEST(Simulation, TheSameSeedGivesTheSameNumbers) {
@@ -109,7 +109,7 @@ TEST(Simulation, TheSameSeedGivesTheSameNumbers) {
   const auto run = [&](std::uint64_t seed) {
     Random random(seed);
     const VirtualRobot robot = virtual_robot(model, {2, 8}, published_targets(), {}, random);
-    return measure(robot, random_configurations(limits_of(model), 3, random), {.sigma = 0.0001}, random)
+    return measure(robot, random_configurations(limits_of(model.joints), 3, random), {.sigma = 0.0001}, random)
         .observations.back()
         .position;
   };
@@ -121,8 +121,9 @@ TEST(Simulation, JoinsTrainingAndHeldOutMeasurements) {
   const ErrorModel model = complete_model(fanuc());
   Random random(5);
   const VirtualRobot robot = virtual_robot(model, {}, published_targets(2), {}, random);
-  const Measurements train = measure(robot, random_configurations(limits_of(model), 4, random), {}, random);
-  const Measurements test = measure(robot, random_configurations(limits_of(model), 3, random), {}, random, Split::test);
+  const Measurements train = measure(robot, random_configurations(limits_of(model.joints), 4, random), {}, random);
+  const Measurements test =
+      measure(robot, random_configurations(limits_of(model.joints), 3, random), {}, random, Split::test);
   const Measurements both = joined(train, test);
   EXPECT_EQ(both.joint_values.cols(), 7);
   EXPECT_EQ(both.observations.size(), 14U);

@@ -30,7 +30,7 @@ protected:
                                 free_parameters(model, truth.targets, reduction.kept))
                    .estimate;
   }
-  MatrixXd configurations(int count) { return random_configurations(published_ranges(model), count, random); }
+  MatrixXd configurations(int count) { return random_configurations(published_ranges(model.joints), count, random); }
 
   const ComparedParameter& of(const kdl_calibration::TruthComparison& comparison, const std::string& name) {
     const std::size_t index = parameter_index(model, name);

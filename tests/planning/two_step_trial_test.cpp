@@ -31,7 +31,7 @@ protected:
   }
 
   ErrorModel model = complete_model(testing::fanuc());
-  JointRanges ranges = published_ranges(model);
+  JointRanges ranges = published_ranges(model.joints);
   int drawn = 0;
 };
 

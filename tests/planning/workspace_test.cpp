@@ -21,7 +21,7 @@ using testing::kDegree;
 Cell full_cell(const Robot& robot) {
   const ErrorModel model = complete_model(robot);
   Cell cell;
-  cell.ranges = limits_of(model);
+  cell.ranges = limits_of(model.joints);
   cell.ranges[0] = {-2.0, 2.5};
   Eigen::VectorXd weights = Eigen::VectorXd::Zero(6);
   weights[1] = 1.0;
@@ -167,7 +167,7 @@ TEST(Workspace, SatisfiesEveryConstraintByIndependentCode) {
 TEST(Workspace, NamesWhatAConfigurationViolates) {
   const Robot robot = testing::fanuc();
   Cell cell;
-  cell.ranges = limits_of(complete_model(robot));
+  cell.ranges = limits_of(robot.joints);
   cell.height = 1.0;
   cell.radius = 5.0;
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(6);
@@ -177,7 +177,7 @@ TEST(Workspace, NamesWhatAConfigurationViolates) {
 TEST(Workspace, MeasuresTheRadiusFromTheFirstAxis) {
   const Robot robot = testing::fanuc();
   Cell cell;
-  cell.ranges = limits_of(complete_model(robot));
+  cell.ranges = limits_of(robot.joints);
   Eigen::VectorXd upright = Eigen::VectorXd::Zero(6);
   upright[2] = 60 * kDegree;
   upright[4] = 30 * kDegree;
@@ -196,7 +196,7 @@ TEST(Workspace, MeasuresTheRadiusFromTheFirstAxis) {
 TEST(Workspace, SumsOfJointsCountTheirOffset) {
   const Robot robot = testing::fanuc();
   Cell cell;
-  cell.ranges = limits_of(complete_model(robot));
+  cell.ranges = limits_of(robot.joints);
   cell.sums.push_back({.name = "elbow", .weights = Eigen::VectorXd::Unit(6, 2), .offset = 0.3, .upper = 0.5});
   EXPECT_TRUE(violated(robot, circle_of_targets(), cell, 0.1 * Eigen::VectorXd::Unit(6, 2)).empty());
   EXPECT_THAT(violated(robot, circle_of_targets(), cell, 0.3 * Eigen::VectorXd::Unit(6, 2)),
@@ -220,7 +220,7 @@ TEST(Workspace, DoesNotDependOnTheThreads) {
 TEST(Workspace, RoundsJointValuesBeforeItChecksThem) {
   const Robot robot = testing::fanuc();
   Cell cell;
-  cell.ranges = limits_of(complete_model(robot));
+  cell.ranges = limits_of(robot.joints);
   cell.height = 0.2;
   const Candidates found = candidates(robot, circle_of_targets(), cell, {.count = 200, .angle_step = 0.1 * kDegree});
   const Eigen::MatrixXd steps = found.joint_values / (0.1 * kDegree);
@@ -230,7 +230,7 @@ TEST(Workspace, RoundsJointValuesBeforeItChecksThem) {
 TEST(Workspace, SaysWhichConstraintRemovesHowMany) {
   const Robot robot = testing::fanuc();
   Cell cell;
-  cell.ranges = limits_of(complete_model(robot));
+  cell.ranges = limits_of(robot.joints);
   cell.height = 0.2;
   cell.radius = 4.0;  // beyond reach
   try {
@@ -278,7 +278,7 @@ struct Gantry {
   std::vector<TargetFrame> targets = testing::targets_at({Vector3d::Zero()});
   Cell cell;
 
-  Gantry() { cell.ranges = limits_of(complete_model(robot)); }
+  Gantry() { cell.ranges = limits_of(robot.joints); }
 
   std::vector<std::string> at(double x, double y, double z) const {
     return violated(robot, targets, cell, Vector3d(x, y, z));
@@ -452,7 +452,7 @@ std::vector<std::size_t> in_the_way(const Cell& cell, const Scene& now, const Ve
 TEST(Workspace, EachLinkAloneStopsTheBeam) {
   const Robot robot = testing::fanuc();
   Cell cell;
-  cell.ranges = limits_of(complete_model(robot));
+  cell.ranges = limits_of(robot.joints);
   // A bar on each link, beside its axis: the shapes of a wrist enclose each other.
   for (std::size_t frame = 0; frame <= robot.chain.getNrOfSegments(); ++frame) {
     cell.body.push_back({.link = "frame " + std::to_string(frame),
@@ -515,7 +515,7 @@ TEST(Workspace, RefusesCellsThatDoNotFit) {
   const Robot robot = testing::fanuc();
   Cell cell;
   EXPECT_THROW(candidates(robot, circle_of_targets(), cell), InputError);
-  cell.ranges = limits_of(complete_model(robot));
+  cell.ranges = limits_of(robot.joints);
   cell.ranges[2] = {1.0, -1.0};
   EXPECT_THROW(candidates(robot, circle_of_targets(), cell), InputError);
   cell.ranges[2] = {-1.0, 1.0};

@@ -141,7 +141,7 @@ TEST(Mimic, EveryDrawnConfigurationObeysIt) {
   const Robot robot = mimic_robot();
   const ErrorModel model = complete_model(robot);
   Random random(2);
-  MatrixXd drawn = random_configurations(model, limits_of(model), 50, random);
+  MatrixXd drawn = random_configurations(model.joints, limits_of(model.joints), 50, random);
   const auto expect_obeyed = [](const MatrixXd& q, const char* what) {
     for (const auto& column : q.colwise()) {
       ASSERT_LT((column - expanded(column[0], column[2], column[3], column[4])).cwiseAbs().maxCoeff(), 1e-12) << what;
@@ -149,7 +149,7 @@ TEST(Mimic, EveryDrawnConfigurationObeysIt) {
   };
   expect_obeyed(drawn, "random configurations");
   Cell cell;
-  cell.ranges = limits_of(model);
+  cell.ranges = limits_of(model.joints);
   const Candidates chosen = candidates(robot, published_targets(), cell,
                                        {.count = 50, .seed = 3, .threads = 1, .angle_step = 1e-3 * kDegree});
   expect_obeyed(chosen.joint_values, "candidates of a plan");
@@ -207,10 +207,11 @@ TEST(Mimic, CalibratesAndExportsARobotThatStillMimics) {
   const FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
   const VirtualRobot truth =
       virtual_robot(model, free.geometric, published_targets(), {.length = 0.001, .angle = 0.005}, random);
-  const Measurements measured = measure(truth, random_configurations(model, limits_of(model), 40, random), {}, random);
+  const Measurements measured =
+      measure(truth, random_configurations(model.joints, limits_of(model.joints), 40, random), {}, random);
   const Calibration found = calibrate(model, measured);
   EXPECT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
-  const MatrixXd fresh = random_configurations(model, limits_of(model), 100, random);
+  const MatrixXd fresh = random_configurations(model.joints, limits_of(model.joints), 100, random);
   const Measurements held_out = measure(truth, fresh, {}, random);
   EXPECT_LT(error_statistics(position_errors(model, found.identification.estimate, held_out)).max, 1e-9);
 
@@ -297,7 +298,8 @@ TEST(Mimic, WrittenMeasurementsAndPlansAreReadBack) {
   const ErrorModel model = complete_model(robot);
   Random random(6);
   const VirtualRobot truth = virtual_robot(model, {}, published_targets(), {}, random);
-  const Measurements m = measure(truth, random_configurations(model, limits_of(model), 5, random), {}, random);
+  const Measurements m =
+      measure(truth, random_configurations(model.joints, limits_of(model.joints), 5, random), {}, random);
   const Measurements read = parse_measurements(robot, measurements_csv(m));
   EXPECT_EQ(read.joint_values, m.joint_values);
 
@@ -317,7 +319,8 @@ TEST(Mimic, TheOppositeSignOfALeaderMovesItsFollowersToo) {
   const Reduction reduction = reduced_model(model, published_targets());
   const FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
   const VirtualRobot truth = virtual_robot(model, {}, published_targets(), {}, random);
-  const Measurements right = measure(truth, random_configurations(model, limits_of(model), 30, random), {}, random);
+  const Measurements right =
+      measure(truth, random_configurations(model.joints, limits_of(model.joints), 30, random), {}, random);
   Measurements wrong = right;
   wrong.joint_values.row(3) *= -1.0;
   follow(robot.joints, wrong.joint_values);

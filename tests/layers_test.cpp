@@ -1,0 +1,172 @@
+// Holds the wings of src/README.md: includes point downwards only, and nobody looks into another wing's private rooms.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <optional>
+#include <regex>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace kdl_calibration::testing {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// From the ground up.
+const std::vector<std::string> kWings = {"base",       "robot",       "measurements", "model", "estimation",
+                                         "assessment", "calibration", "planning",     "cli"};
+
+/// Public headers without a source of their own.
+const std::map<std::string, std::string> kHeadersAlone = {{"input_error", "base"}, {"kdl_calibration", "cli"}};
+
+/// The wing whose private headers are everybody's tools.
+constexpr const char* kToolbox = "base";
+
+struct SourceFile {
+  std::string path;  // relative to the project
+  std::string wing;
+  std::string text;
+};
+
+std::size_t storey(const std::string& wing) {
+  return static_cast<std::size_t>(std::find(kWings.begin(), kWings.end(), wing) - kWings.begin());
+}
+
+std::string stem_of(const std::string& include) { return fs::path(include).stem(); }
+
+/// The wing of a public header is that of the source with its stem.
+std::map<std::string, std::string> wings_of_public_headers(const std::vector<SourceFile>& files) {
+  std::map<std::string, std::string> result = kHeadersAlone;
+  for (const SourceFile& file : files) {
+    if (!file.wing.empty() && fs::path(file.path).extension() == ".cpp") {
+      result.emplace(stem_of(file.path), file.wing);
+    }
+  }
+  return result;
+}
+
+/// What is wrong with one include of a file in `wing`; nothing where it is in order.
+std::optional<std::string> broken_rule(const std::string& wing, const std::string& include,
+                                       const std::map<std::string, std::string>& public_headers) {
+  const std::string folder = fs::path(include).parent_path();
+  const bool is_public = folder == "kdl_calibration";
+  std::string other = folder;
+  if (is_public) {
+    const auto found = public_headers.find(stem_of(include));
+    if (found == public_headers.end()) {
+      return "is the public header of no source, expected src/<wing>/" + stem_of(include) + ".cpp";
+    }
+    other = found->second;
+  }
+  if (storey(other) == kWings.size()) {
+    return "is in no wing, expected kdl_calibration/<stem>.hpp or <wing>/<stem>.hpp";
+  }
+  if (storey(other) > storey(wing)) {
+    return "points upwards from " + wing + " to " + other;
+  }
+  if (!is_public && other != wing && other != kToolbox) {
+    return "is a private header of another wing, " + other;
+  }
+  return std::nullopt;
+}
+
+/// One line for every include that breaks a rule: file, line and rule.
+std::vector<std::string> broken_includes(const std::vector<SourceFile>& files) {
+  static const std::regex include_line(R"re(^\s*#\s*include\s*"([^"]+)")re");
+  const std::map<std::string, std::string> public_headers = wings_of_public_headers(files);
+  std::vector<std::string> broken;
+  for (const SourceFile& file : files) {
+    const auto own = public_headers.find(stem_of(file.path));
+    const std::string wing = !file.wing.empty() ? file.wing : own != public_headers.end() ? own->second : "";
+    const auto complain = [&](int line, const std::string& what) {
+      broken.push_back(file.path + ":" + std::to_string(line) + ": " + what);
+    };
+    if (storey(wing) == kWings.size()) {
+      complain(1, "belongs to no wing");
+      continue;
+    }
+    std::istringstream lines(file.text);
+    std::string line;
+    for (int number = 1; std::getline(lines, line); ++number) {
+      std::smatch match;
+      if (std::regex_search(line, match, include_line)) {
+        if (const auto rule = broken_rule(wing, match[1], public_headers)) {
+          complain(number, match[1].str() + " " + *rule);
+        }
+      }
+    }
+  }
+  return broken;
+}
+
+std::vector<SourceFile> project_files() {
+  const fs::path root = PROJECT_DIR;
+  std::vector<SourceFile> files;
+  for (const char* folder : {"src", "include"}) {
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+      const std::string extension = entry.path().extension();
+      if (extension != ".cpp" && extension != ".hpp") {
+        continue;
+      }
+      const fs::path path = entry.path().lexically_relative(root);
+      std::ifstream stream(entry.path());
+      std::ostringstream text;
+      text << stream.rdbuf();
+      const bool in_wing = folder == std::string("src") && path.has_parent_path() && path.parent_path() != "src";
+      files.push_back({.path = path.string(),
+                       .wing = in_wing ? std::next(path.begin())->string() : std::string(),
+                       .text = text.str()});
+    }
+  }
+  return files;
+}
+
+TEST(Layers, IncludesPointDownwardsOnly) {
+  const std::vector<SourceFile> files = project_files();
+  ASSERT_GT(files.size(), 50U) << "the sources were not found in " << PROJECT_DIR;
+  const std::vector<std::string> broken = broken_includes(files);
+  EXPECT_THAT(broken, ::testing::IsEmpty()) << [&] {
+    std::string text;
+    for (const std::string& line : broken) {
+      text += line + "\n";
+    }
+    return text;
+  }();
+}
+
+TEST(Layers, NoticesWhatIsForbidden) {
+  const auto one = [](const std::string& path, const std::string& wing, const std::string& include) {
+    return SourceFile{.path = path, .wing = wing, .text = "// first line\n#include \"" + include + "\"\n"};
+  };
+  const auto complaints = [&](const SourceFile& file) {
+    return broken_includes({file,
+                            {.path = "src/planning/simulation.cpp", .wing = "planning", .text = ""},
+                            {.path = "src/model/kinematics.cpp", .wing = "model", .text = ""}});
+  };
+  using ::testing::ElementsAre;
+  using ::testing::IsEmpty;
+  EXPECT_THAT(complaints(one("src/model/a.cpp", "model", "kdl_calibration/simulation.hpp")),
+              ElementsAre("src/model/a.cpp:2: kdl_calibration/simulation.hpp points upwards from model to planning"));
+  EXPECT_THAT(
+      complaints(one("include/kdl_calibration/kinematics.hpp", "", "kdl_calibration/simulation.hpp")),
+      ElementsAre("include/kdl_calibration/kinematics.hpp:2: kdl_calibration/simulation.hpp points upwards from model "
+                  "to planning"));
+  EXPECT_THAT(complaints(one("src/planning/a.cpp", "planning", "model/secret.hpp")),
+              ElementsAre("src/planning/a.cpp:2: model/secret.hpp is a private header of another wing, model"));
+  EXPECT_THAT(complaints(one("src/planning/a.cpp", "planning", "kdl_calibration/nothing.hpp")).size(), 1U);
+  EXPECT_THAT(complaints(one("src/planning/a.cpp", "planning", "nothing.hpp")).size(), 1U);
+  EXPECT_THAT(complaints(one("src/stray.cpp", "", "base/median.hpp")),
+              ElementsAre("src/stray.cpp:1: belongs to no wing"));
+  EXPECT_THAT(complaints(one("src/planning/a.cpp", "planning", "planning/own.hpp")), IsEmpty());
+  EXPECT_THAT(complaints(one("src/planning/a.cpp", "planning", "base/median.hpp")), IsEmpty());
+  EXPECT_THAT(complaints(one("src/planning/a.cpp", "planning", "kdl_calibration/kinematics.hpp")), IsEmpty());
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing
