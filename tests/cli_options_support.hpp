@@ -21,7 +21,9 @@
 #include <vector>
 
 #include "cli_support.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/registration.hpp"
 

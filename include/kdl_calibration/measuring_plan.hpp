@@ -6,6 +6,7 @@
 #include <string_view>
 #include <vector>
 
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
 

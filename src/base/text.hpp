@@ -2,28 +2,30 @@
 
 // Words in messages. Not installed.
 
-#include <algorithm>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace kdl_calibration {
 
-/// The text with every control character turned into a blank, so that a message stays on one line.
-inline std::string one_line(std::string text) {
-  const auto is_control = [](char c) { return static_cast<unsigned char>(c) < 0x20U || c == '\x7f'; };
-  std::replace_if(text.begin(), text.end(), is_control, ' ');
-  return text;
-}
+/// Without blanks and tabs at both ends.
+std::string_view trimmed(std::string_view text);
 
-inline std::string in_quotes(const std::string& name) { return "'" + one_line(name) + "'"; }
+bool is_control(char c);
+
+/// Labels end up in JSON results, so what counts is what the JSON writer takes.
+bool is_utf8(std::string_view text);
+
+/// The text with every control character turned into a blank, so that a message stays on one line.
+std::string one_line(std::string text);
+std::string in_quotes(const std::string& name);
+
+/// At most some 40 characters of a text for a message, on one line and printable.
+std::string printable(std::string_view value);
+/// The same in quotes.
+std::string shown(std::string_view value);
 
 /// "a, b, c"
-inline std::string comma_separated(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) {
-    text += (text.empty() ? "" : ", ") + word;
-  }
-  return text;
-}
+std::string comma_separated(const std::vector<std::string>& words);
 
 }  // namespace kdl_calibration

@@ -11,6 +11,7 @@
 #include "cli/options.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/mimic.hpp"
 
 namespace kdl_calibration::cli {

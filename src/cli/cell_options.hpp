@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "cli/frames.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/workspace.hpp"
 

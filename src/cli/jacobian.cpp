@@ -9,6 +9,7 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/simulation.hpp"

@@ -11,7 +11,9 @@
 #include "cli/text.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

@@ -11,6 +11,7 @@
 #include "cli/data_dir.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/mimic.hpp"
 

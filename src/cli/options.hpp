@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
 

@@ -1,4 +1,6 @@
 #include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

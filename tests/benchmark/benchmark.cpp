@@ -8,6 +8,7 @@
 #include "experiment.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/registration.hpp"
 
 namespace kdl_calibration::benchmarks {

@@ -8,6 +8,8 @@
 #include "german_locale.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/report.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"

@@ -4,6 +4,7 @@
 
 #include "cli_options_support.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/report.hpp"
 

@@ -6,7 +6,9 @@
 #include <set>
 
 #include "cli_support.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing {

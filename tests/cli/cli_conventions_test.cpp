@@ -5,6 +5,7 @@
 #include <charconv>
 
 #include "cli_options_support.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 
 namespace kdl_calibration::testing {

@@ -6,7 +6,9 @@
 
 #include "cli_support.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "support.hpp"
 

@@ -4,6 +4,7 @@
 #include <kdl/frames.hpp>
 
 #include "cli_options_support.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/registration.hpp"
 #include "kdl_calibration/validation.hpp"
 

@@ -5,6 +5,8 @@
 
 #include "cli_options_support.hpp"
 #include "kdl_calibration/experiment.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 
 namespace kdl_calibration::testing {

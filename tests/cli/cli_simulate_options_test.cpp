@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 
 #include "cli_options_support.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 
 namespace kdl_calibration::testing {

@@ -9,6 +9,7 @@
 #include "cli_support.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "printed_text.hpp"

@@ -5,6 +5,7 @@
 
 #include "cli_support.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing {

@@ -1,4 +1,5 @@
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 
 #include <cmath>
 #include <cstring>

@@ -1,4 +1,6 @@
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 
 #include <gmock/gmock.h>
 

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "support.hpp"
 

@@ -1,0 +1,184 @@
+#include "measurements/measurement_columns.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <unordered_map>
+#include <utility>
+
+#include "base/number_text.hpp"
+#include "base/text.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+struct FixedColumn {
+  std::string_view name;
+  Column* column;
+  bool is_length;
+  bool required;
+};
+
+/// Every column that is no joint.
+std::array<FixedColumn, 12> fixed_columns(Header& header) {
+  auto& [x, y, z] = header.position;
+  auto& [qw, qx, qy, qz] = header.quaternion;
+  return {{{"configuration", &header.configuration, false, true},
+           {"target", &header.target, false, true},
+           {"x", &x, true, true},
+           {"y", &y, true, true},
+           {"z", &z, true, true},
+           {"split", &header.split, false, false},
+           {"repeat", &header.repeat, false, false},
+           {"qw", &qw, false, false},
+           {"qx", &qx, false, false},
+           {"qy", &qy, false, false},
+           {"qz", &qz, false, false},
+           {"sigma", &header.sigma, true, false}}};
+}
+
+/// The header cell "name [unit]" cut in two. Without brackets at the end the unit is absent.
+std::pair<std::string_view, std::optional<std::string_view>> name_and_unit(std::string_view cell) {
+  const std::size_t open = cell.rfind('[');
+  if (!cell.ends_with(']') || open == std::string_view::npos) return {cell, std::nullopt};
+  return {trimmed(cell.substr(0, open)), trimmed(cell.substr(open + 1, cell.size() - open - 2))};
+}
+
+[[noreturn]] void fail_unknown_column(const Place& place, std::string_view cell, std::string_view name,
+                                      const ExpectedJoints& joints) {
+  const auto& urdf = joints.urdf_names;
+  if (joints.convention != nullptr && std::find(urdf.begin(), urdf.end(), name) != urdf.end()) {
+    fail(place, "column " + shown(cell) + " has the URDF's joint name, but with the joint convention " +
+                    joints.convention->name + " the controller's are expected: " + comma_separated(joints.names));
+  }
+  const std::string hint =
+      joints.convention == nullptr ? " (where joints bear the controller's names, give --joint-convention)" : "";
+  fail(place, "unknown column " + shown(cell) + ": " + expected_columns(joints) + hint);
+}
+
+/// Fills a header from its cells.
+class HeaderParser {
+public:
+  HeaderParser(const ExpectedJoints& joints, const Place& place)
+      : joints_(joints), place_(place), fixed_(fixed_columns(header_)) {
+    header_.line = place.line;
+    header_.joints.resize(joints.names.size());
+    header_.followers.resize(joints.followers.size());
+    for (std::size_t i = 0; i < joints.names.size(); ++i) joint_columns_.emplace(joints.names[i], &header_.joints[i]);
+    for (std::size_t i = 0; i < joints.followers.size(); ++i) {
+      joint_columns_.emplace(joints.joints[joints.followers[i]].name, &header_.followers[i]);
+    }
+    for (const FixedColumn& column : fixed_) {
+      if (joint_columns_.contains(column.name)) {
+        fail(place.source, "joint " + shown(column.name) +
+                               " is named like a column of the measurements: give a joint convention with other names");
+      }
+    }
+  }
+
+  Header parse(std::string_view line) {
+    header_.separator = separator_of(line);
+    Fields cells;
+    cells.split(line, header_.separator, place_);
+    header_.fields = cells.size();
+    std::size_t named = cells.size();
+    while (named > 0 && trimmed(cells[named - 1]).empty()) --named;
+    for (std::size_t i = 0; i < named; ++i) add(i, trimmed(cells[i]));
+    check_complete();
+    return std::move(header_);
+  }
+
+private:
+  void add(std::size_t index, std::string_view cell) {
+    if (cell.empty()) fail(place_, "column " + std::to_string(index + 1) + " has no name");
+    header_.names.emplace_back(printable(cell));
+    auto [name, unit] = name_and_unit(cell);
+    if (joint_columns_.contains(cell)) {  // a joint's own name may end in brackets
+      name = cell;
+      unit.reset();
+    }
+    Column* column = nullptr;
+    std::vector<std::string_view> units;
+    if (const auto joint = joint_columns_.find(name); joint != joint_columns_.end()) {
+      column = joint->second;
+      units = {"rad", "deg", "m", "mm"};
+    }
+    for (const FixedColumn& fixed : fixed_) {
+      if (fixed.name != name) continue;
+      column = fixed.column;
+      if (fixed.is_length) units = {"m", "mm"};
+    }
+    if (column == nullptr) fail_unknown_column(place_, cell, name, joints_);
+    if (present(*column)) {
+      fail(place_, "column " + shown(cell) + " repeats '" + header_.names[column->index] + "'");
+    }
+    *column = {index, unit ? parse_unit(*unit, cell, units) : Unit::none};
+  }
+
+  Unit parse_unit(std::string_view unit, std::string_view cell, const std::vector<std::string_view>& allowed) const {
+    if (std::find(allowed.begin(), allowed.end(), unit) == allowed.end()) {
+      std::string rule = allowed.empty() ? "none" : "";
+      for (const std::string_view name : allowed) rule += (rule.empty() ? "[" : ", [") + std::string(name) + "]";
+      fail(place_, "unknown unit " + shown(unit) + " in column " + shown(cell) + ": expected " + rule);
+    }
+    if (unit == "rad") return Unit::rad;
+    if (unit == "deg") return Unit::deg;
+    return unit == "m" ? Unit::m : Unit::mm;
+  }
+
+  void check_complete() const {
+    std::vector<std::string> missing;
+    for (const FixedColumn& fixed : fixed_) {
+      if (fixed.required && !present(*fixed.column)) missing.emplace_back(fixed.name);
+    }
+    for (std::size_t i = 0; i < header_.joints.size(); ++i) {
+      if (!present(header_.joints[i])) missing.push_back(joints_.names[i]);
+    }
+    const auto& quaternion = header_.quaternion;
+    if (std::any_of(quaternion.begin(), quaternion.end(), present)) {
+      for (const FixedColumn& fixed : fixed_) {
+        if (fixed.name.starts_with('q') && !present(*fixed.column)) missing.emplace_back(fixed.name);
+      }
+    }
+    if (missing.empty()) return;
+    fail(place_, (missing.size() == 1 ? "missing column " : "missing columns ") + comma_separated(missing) + ": " +
+                     expected_columns(joints_) + " (the quaternion's four together)");
+  }
+
+  const ExpectedJoints& joints_;
+  Place place_;
+  Header header_;
+  std::array<FixedColumn, 12> fixed_;
+  std::unordered_map<std::string_view, Column*> joint_columns_;
+};
+
+}  // namespace
+
+double to_si(double value, Unit unit) {
+  if (unit == Unit::deg) return value * (std::numbers::pi / 180.0);
+  if (unit == Unit::mm) return value / 1000.0;
+  return value;
+}
+
+std::string in_unit(double value, Unit unit) { return shortest(std::round(value / to_si(1.0, unit) * 1e9) / 1e9); }
+
+bool is_fixed_column(std::string_view name) {
+  Header header;
+  const auto fixed = fixed_columns(header);
+  return std::any_of(fixed.begin(), fixed.end(), [&](const FixedColumn& column) { return column.name == name; });
+}
+
+std::string expected_columns(const ExpectedJoints& joints) {
+  std::vector<std::string> followers;
+  for (const std::size_t i : joints.followers) followers.push_back(joints.joints[i].name);
+  return "expected configuration, target, x, y, z and the joints " + comma_separated(joints.names) +
+         ", optionally split, repeat, qw, qx, qy, qz, sigma" +
+         (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
+}
+
+Header parse_header(std::string_view line, const ExpectedJoints& joints, const Place& place) {
+  return HeaderParser(joints, place).parse(line);
+}
+
+}  // namespace kdl_calibration

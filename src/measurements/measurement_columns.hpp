@@ -1,0 +1,65 @@
+#pragma once
+
+// The header of a measurements file: which column holds what, in which unit. Not installed.
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/csv.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/robot.hpp"
+
+namespace kdl_calibration {
+
+enum class Unit : std::uint8_t { none, rad, deg, m, mm };
+
+double to_si(double value, Unit unit);
+/// The SI value as a text in the unit, without the last digits that the conversion costs.
+std::string in_unit(double value, Unit unit);
+
+/// Where a quantity stands in a row.
+struct Column {
+  static constexpr std::size_t kAbsent = std::numeric_limits<std::size_t>::max();
+  std::size_t index = kAbsent;
+  Unit unit = Unit::none;
+};
+
+inline bool present(const Column& column) { return column.index != Column::kAbsent; }
+
+struct Header {
+  char separator = ',';
+  std::size_t line = 0;
+  std::vector<std::string> names;  ///< as the file has them, for messages: units included, no empty ones at the end
+  std::size_t fields = 0;          ///< with the empty ones at the end
+  Column configuration, split, repeat, target, sigma;
+  std::array<Column, 3> position;
+  std::array<Column, 4> quaternion;  ///< w, x, y, z
+  std::vector<Column> joints;        ///< in the order of the expected names
+  std::vector<Column> followers;     ///< in the order of ExpectedJoints::followers; absent ones as well
+};
+
+/// The joint names that the header must bear.
+struct ExpectedJoints {
+  const std::vector<std::string>& names;       ///< the controller's with a convention, else the URDF's
+  const std::vector<std::string>& urdf_names;  ///< of the independent joints, base to tip
+  const JointConvention* convention;
+  const std::vector<MovingJoint>& joints;  ///< of the chain, base to tip
+  std::vector<std::size_t> followers;      ///< those of them that mimic another
+};
+
+/// Whether a column of the measurements that is no joint has this name.
+bool is_fixed_column(std::string_view name);
+
+/// "expected configuration, target, …" for messages.
+std::string expected_columns(const ExpectedJoints& joints);
+
+/// The header that this line is. Throws InputError: a missing, unknown or repeated column, an unknown unit, a joint
+/// that is named like another column.
+Header parse_header(std::string_view line, const ExpectedJoints& joints, const Place& place);
+
+}  // namespace kdl_calibration
