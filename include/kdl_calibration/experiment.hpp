@@ -8,7 +8,7 @@
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/uncertainty.hpp"
+#include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/validation.hpp"
 
 namespace kdl_calibration {

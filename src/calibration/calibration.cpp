@@ -13,6 +13,7 @@
 #include <set>
 #include <utility>
 
+#include "base/f_distribution.hpp"
 #include "base/text.hpp"
 #include "calibration/parameter_choice.hpp"
 #include "calibration/whole_fit.hpp"

@@ -1,4 +1,5 @@
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 
 #include <functional>

@@ -9,6 +9,7 @@
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/text.hpp"
+#include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"

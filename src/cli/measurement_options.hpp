@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"

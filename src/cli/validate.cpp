@@ -7,6 +7,7 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
+#include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"

@@ -6,7 +6,7 @@
 #include <limits>
 #include <utility>
 
-#include "base/median.hpp"
+#include "base/robust_statistics.hpp"
 #include "estimation/descent.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"

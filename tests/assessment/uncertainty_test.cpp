@@ -1,4 +1,8 @@
-#include "kdl_calibration/uncertainty.hpp"
+#include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/influence.hpp"
+#include "kdl_calibration/lack_of_fit.hpp"
+#include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/observability.hpp"
 
 #include <gmock/gmock.h>
 
@@ -6,6 +10,7 @@
 #include <cmath>
 #include <functional>
 
+#include "base/f_distribution.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/reduction.hpp"

@@ -8,6 +8,7 @@
 #include <functional>
 #include <limits>
 
+#include "base/f_distribution.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"

@@ -5,11 +5,12 @@
 #include <Eigen/Dense>
 #include <cmath>
 
+#include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/uncertainty.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration {

@@ -1,4 +1,5 @@
 #include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/registration.hpp"
+
+namespace kdl_calibration {
+
+/// A way to read the joint values, and how well the model then fits.
+struct ConventionTrial {
+  std::string description;       ///< "the convention fanuc_r2000ic_165f_pendant.json", "joint_3 with the opposite sign"
+  bool present = false;          ///< the way the measurements were read
+  double rms = 0.0;              ///< [m] 3D, of the train rows after the fit; infinite where there is none
+  Eigen::MatrixXd joint_values;  ///< the measurements' joint values read that way
+};
+
+struct ConventionOptions {
+  RegistrationOptions registration;
+  JointOptions joint;
+  int threads = 0;  ///< 0: one per core
+};
+
+/// Tries other readings of the joint values, which were converted with `used` (nullptr: taken as they are): with the
+/// convention (M, o) another one (M', o') gives q' = M' M^-1 (q - o) + o'. Tried are `others`, no convention where one
+/// was used, and the opposite sign of each single joint, of the URDF's and, where `used` couples joints, of the
+/// controller's. Conventions for other joints than the measurements' are left out, and so are those equal to `used`.
+/// Each is registered and fitted with `free` from the nominal geometry; a fit with errors beyond any robot's (50 mm,
+/// 0.35 rad) counts with its registration alone. Best first, the present reading among them. Nothing is changed.
+/// Throws InputError as identify_jointly does, and where `used` does not match the joints.
+std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
+                                             const FreeParameters& free, const JointConvention* used,
+                                             const std::vector<JointConvention>& others,
+                                             const ConventionOptions& options = {});
+
+/// The best of the trials where its RMS is below `factor` times that of the present reading.
+std::optional<ConventionTrial> better_convention(const std::vector<ConventionTrial>& trials, double factor = 0.2);
+
+}  // namespace kdl_calibration

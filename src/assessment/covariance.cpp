@@ -1,0 +1,130 @@
+#include "kdl_calibration/covariance.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <tuple>
+#include <utility>
+
+#include "assessment/unit_columns.hpp"
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+MatrixXd covariance(const MatrixXd& whitened_jacobian, double factor) {
+  const Index columns = whitened_jacobian.cols();
+  if (columns == 0) {
+    return {};
+  }
+  const VectorXd scale = unit_scale(whitened_jacobian);
+  const Eigen::JacobiSVD<MatrixXd> svd(triangular_factor(whitened_jacobian * scale.asDiagonal()), Eigen::ComputeFullV);
+  VectorXd inverse_squares = VectorXd::Zero(columns);
+  VectorXd undetermined = VectorXd::Zero(columns);
+  for (Index i = 0; i < columns; ++i) {
+    const double value = i < svd.singularValues().size() ? svd.singularValues()[i] : 0.0;
+    if (value > kSingular * svd.singularValues()[0]) {
+      inverse_squares[i] = 1.0 / (value * value);
+    } else {
+      undetermined += svd.matrixV().col(i).cwiseAbs2();
+    }
+  }
+  const MatrixXd V = scale.asDiagonal() * svd.matrixV();
+  MatrixXd result = factor * (V * inverse_squares.asDiagonal() * V.transpose());
+  for (Index i = 0; i < columns; ++i) {
+    if (undetermined[i] > 1e-6) {
+      result(i, i) = std::numeric_limits<double>::infinity();
+    }
+  }
+  return result;
+}
+
+MatrixXd undetermined_directions(const MatrixXd& whitened_jacobian) {
+  const Index columns = whitened_jacobian.cols();
+  if (columns == 0) {
+    return {};
+  }
+  VectorXd scale = unit_scale(whitened_jacobian);
+  const Eigen::JacobiSVD<MatrixXd> svd(triangular_factor(whitened_jacobian * scale.asDiagonal()), Eigen::ComputeFullV);
+  const Index rank = (svd.singularValues().array() > kSingular * svd.singularValues()[0]).count();
+  scale = scale.unaryExpr([](double s) { return s > 0.0 ? s : 1.0; });
+  return scale.asDiagonal() * svd.matrixV().rightCols(columns - rank);
+}
+
+// |x| of x = C^(1/2) z, with z = rho v, is below r with the mean over the directions v of P(rho < r / |C^(1/2) v|).
+double radius_of_probability(const Matrix3d& covariance, double probability) {
+  const Vector3d variances =
+      Eigen::SelfAdjointEigenSolver<Matrix3d>(covariance, Eigen::EigenvaluesOnly).eigenvalues().cwiseMax(0.0);
+  constexpr int kSteps = 40;  // midpoint rule over an octant
+  std::vector<double> lengths;
+  for (int i = 0; i < kSteps; ++i) {
+    const double z = (i + 0.5) / kSteps;
+    for (int j = 0; j < kSteps; ++j) {
+      const double angle = (j + 0.5) / kSteps * std::numbers::pi / 2.0;
+      const Vector3d v2((1.0 - z * z) * std::pow(std::cos(angle), 2), (1.0 - z * z) * std::pow(std::sin(angle), 2),
+                        z * z);
+      lengths.push_back(std::sqrt(v2.dot(variances)));
+    }
+  }
+  const auto inside = [&](double r) {
+    double sum = 0.0;
+    for (const double length : lengths) {
+      const double t = length > 0.0 ? std::min(r / length, 40.0) : 40.0;
+      sum += std::erf(t / std::numbers::sqrt2) - std::sqrt(2.0 / std::numbers::pi) * t * std::exp(-0.5 * t * t);
+    }
+    return sum / static_cast<double>(lengths.size());
+  };
+  double below = 0.0;
+  double above = 40.0 * std::sqrt(variances.maxCoeff());
+  for (int halving = 0; halving < 50; ++halving) {
+    const double middle = 0.5 * (below + above);
+    (inside(middle) < probability ? below : above) = middle;
+  }
+  return above;
+}
+
+Matrix3d predicted_covariance(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
+                              const MatrixXd& column_covariance, const VectorXd& q, std::size_t target) {
+  const Matrix3Xd jacobian = PositionPredictor(model, estimate, free).jacobians(q)[target];
+  return jacobian * column_covariance * jacobian.transpose();
+}
+
+MatrixXd covariance(const WhitenedSystem& system, const ResidualNoise& noise, double unit_weight) {
+  return covariance(summarised(system), noise, unit_weight);
+}
+
+MatrixXd covariance(const WhitenedSummary& summary, const ResidualNoise& noise, double unit_weight) {
+  const MatrixXd inverse = covariance(summary.triangle, 1.0);
+  const Index columns = summary.triangle.cols();
+  const double independent = noise.independent * noise.independent * unit_weight;
+  const double common = noise.common * noise.common * unit_weight;
+  const MatrixXd priors = summary.priors.asDiagonal();
+  MatrixXd middle =
+      independent * (summary.triangle.transpose() * summary.triangle - priors) + common * summary.sums + priors;
+  // Undetermined columns carry an infinite variance that must not spread.
+  MatrixXd finite = inverse;
+  for (Index i = 0; i < columns; ++i) {
+    if (!std::isfinite(finite(i, i))) {
+      finite.row(i).setZero();
+      finite.col(i).setZero();
+    }
+  }
+  MatrixXd result = finite * middle * finite;
+  for (Index i = 0; i < columns; ++i) {
+    if (!std::isfinite(inverse(i, i))) {
+      result(i, i) = inverse(i, i);
+    }
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

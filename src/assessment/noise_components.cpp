@@ -1,0 +1,132 @@
+#include "kdl_calibration/noise_components.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <tuple>
+#include <utility>
+
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+namespace {
+
+// Scatter of the measured orientations about their mean.
+void add_orientation_scatter(const Measurements& measurements, RepeatNoise& noise) {
+  const auto has_orientation = [](const Eigen::Quaterniond& q) { return !std::isnan(q.w()); };
+  const Measurements means = averaged(measurements);
+  std::map<std::pair<std::int32_t, std::int32_t>, std::pair<Eigen::Quaterniond, int>> cells;
+  for (std::size_t row = 0; row < means.orientations.size(); ++row) {
+    const Observation& o = means.observations[row];
+    cells[{o.configuration, o.target}] = {means.orientations[row], 0};
+  }
+  double squares = 0.0;
+  for (std::size_t row = 0; row < measurements.orientations.size(); ++row) {
+    const Observation& o = measurements.observations[row];
+    const Eigen::Quaterniond& measured = measurements.orientations[row];
+    if (o.split == Split::train && has_orientation(measured)) {
+      auto& [mean, count] = cells[{o.configuration, o.target}];
+      squares += rotation_log((mean.conjugate() * measured).toRotationMatrix()).squaredNorm();
+      noise.orientation_degrees_of_freedom += ++count > 1 ? 1.0 : 0.0;
+    }
+  }
+  if (noise.orientation_degrees_of_freedom > 0.0) {
+    noise.orientation = std::sqrt(squares / (3.0 * noise.orientation_degrees_of_freedom));
+  }
+}
+
+}  // namespace
+
+RepeatNoise noise_from_repeats(const Measurements& measurements) {
+  const auto& rows = measurements.observations;
+  const auto other_repeat = [&](const Observation& o) { return o.repeat != rows.front().repeat; };
+  if (std::none_of(rows.begin(), rows.end(), other_repeat)) {
+    return {};
+  }
+  // Deviations of each repeat from the mean over the repeats, per configuration and target.
+  using Repeats = std::map<std::int32_t, Vector3d>;  // repeat -> position
+  std::map<std::int32_t, std::map<std::int32_t, Repeats>> cells;
+  for (const Observation& o : measurements.observations) {
+    if (o.split == Split::train) {
+      cells[o.configuration][o.target][o.repeat] = o.position;
+    }
+  }
+  RepeatNoise noise;
+  Vector3d squares = Vector3d::Zero();
+  Vector3d products = Vector3d::Zero();
+  double pairs = 0.0;
+  for (auto& [configuration, targets] : cells) {
+    for (auto& [target, repeats] : targets) {
+      Vector3d mean = Vector3d::Zero();
+      for (const auto& [repeat, position] : repeats) {
+        mean += position / static_cast<double>(repeats.size());
+      }
+      for (auto& [repeat, position] : repeats) {
+        position -= mean;
+        squares += position.cwiseAbs2();
+      }
+      noise.degrees_of_freedom += static_cast<double>(repeats.size()) - 1.0;
+    }
+    for (auto first = targets.begin(); first != targets.end(); ++first) {
+      for (auto second = std::next(first); second != targets.end(); ++second) {
+        double common = 0.0;
+        for (const auto& [repeat, deviation] : first->second) {
+          if (const auto other = second->second.find(repeat); other != second->second.end()) {
+            products += deviation.cwiseProduct(other->second);
+            common += 1.0;
+          }
+        }
+        pairs += std::max(common - 1.0, 0.0);
+      }
+    }
+  }
+  if (noise.degrees_of_freedom == 0.0) {
+    return noise;
+  }
+  const Vector3d variance = squares / noise.degrees_of_freedom;
+  noise.total = variance.cwiseSqrt();
+  noise.separable = pairs > 0.0;
+  const Vector3d shared =
+      noise.separable ? Vector3d((products / pairs).cwiseMax(0.0).cwiseMin(variance)) : Vector3d(Vector3d::Zero());
+  noise.common = shared.cwiseSqrt();
+  noise.independent = (variance - shared).cwiseSqrt();
+  add_orientation_scatter(measurements, noise);
+  return noise;
+}
+
+double ResidualNoise::total() const { return std::hypot(independent, common); }
+
+ResidualNoise noise_from_residuals(const WhitenedSystem& system, int rank, double unit_weight) {
+  return noise_from_residuals(summarised(system), rank, unit_weight);
+}
+
+ResidualNoise noise_from_residuals(const WhitenedSummary& summary, int rank, double unit_weight) {
+  const double squares = summary.squares;
+  const double products = (summary.squares_of_sums - squares) / 2.0;
+  const double pairs = summary.pairs;
+  const auto coordinates = static_cast<double>(summary.measured_rows);
+  ResidualNoise noise;
+  noise.degrees_of_freedom = coordinates - rank;
+  if (noise.degrees_of_freedom <= 0.0) {
+    return noise;
+  }
+  const double lost = coordinates / noise.degrees_of_freedom / unit_weight;
+  const double variance = squares / coordinates * lost;
+  const double shared = pairs > 0.0 ? std::clamp(products / pairs * lost, 0.0, variance) : 0.0;
+  noise.common = std::sqrt(shared);
+  noise.independent = std::sqrt(variance - shared);
+  return noise;
+}
+
+}  // namespace kdl_calibration

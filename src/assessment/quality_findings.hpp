@@ -1,0 +1,44 @@
+#pragma once
+
+// What the checks of distances and of residuals share: rows that belong together, and findings put into words.
+// Not installed.
+
+#include <cstddef>
+#include <set>
+#include <vector>
+
+#include "kdl_calibration/data_quality.hpp"
+
+namespace kdl_calibration {
+
+/// Rows that were measured together.
+struct Group {
+  int configuration = 0;
+  int repeat = 0;
+  std::vector<std::size_t> rows;
+};
+
+/// A finding and where it was made, before the repeats are put together.
+struct Found {
+  QualityFinding finding;
+  int configuration = 0;
+  std::vector<std::size_t> rows;  // whose blame it is
+};
+
+std::vector<Group> groups_of(const Measurements& measurements);
+
+/// Of each row its stated sigma over their median; 1 where not all rows state one.
+std::vector<double> relative_sigmas(const Measurements& measurements);
+
+/// One finding where all repeats of a configuration have the same.
+std::vector<QualityFinding> put_together(const Measurements& measurements, const std::vector<Group>& groups,
+                                         std::vector<Found> all_found);
+
+QualityFinding slip(const Measurements& measurements, int last_before, const std::set<std::size_t>& targets,
+                    double amount, const Eigen::Vector3d& offset);
+
+std::size_t target_of(const Measurements& measurements, std::size_t row);
+
+Found found_in(const Measurements& measurements, const Group& group, QualityKind kind, std::vector<std::size_t> rows);
+
+}  // namespace kdl_calibration

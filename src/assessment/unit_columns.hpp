@@ -1,0 +1,26 @@
+#pragma once
+
+// Jacobians with their columns scaled to unit norm, which makes their singular values independent of units.
+// Not installed.
+
+#include <Eigen/Dense>
+
+namespace kdl_calibration {
+
+/// A singular value below this times the largest counts as zero, columns scaled to unit norm.
+constexpr double kSingular = 1e-9;
+
+/// One over the columns' norms; 0 where a column is zero.
+inline Eigen::VectorXd unit_scale(const Eigen::MatrixXd& jacobian) {
+  return jacobian.colwise().norm().transpose().unaryExpr([](double norm) { return norm > 0.0 ? 1.0 / norm : 0.0; });
+}
+
+/// R of the matrix; the matrix itself where it has few rows.
+inline Eigen::MatrixXd triangular_factor(const Eigen::MatrixXd& matrix) {
+  if (matrix.rows() <= matrix.cols()) {
+    return matrix;
+  }
+  return Eigen::HouseholderQR<Eigen::MatrixXd>(matrix).matrixQR().topRows(matrix.cols()).triangularView<Eigen::Upper>();
+}
+
+}  // namespace kdl_calibration
