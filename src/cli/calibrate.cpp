@@ -15,7 +15,8 @@
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
-#include "kdl_calibration/report.hpp"
+#include "kdl_calibration/result_json.hpp"
+#include "kdl_calibration/result_table.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

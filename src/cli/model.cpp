@@ -7,7 +7,7 @@
 #include "cli/text.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/report.hpp"
+#include "kdl_calibration/result_json.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

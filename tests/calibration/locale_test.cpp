@@ -10,7 +10,8 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/report.hpp"
+#include "kdl_calibration/result_json.hpp"
+#include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 

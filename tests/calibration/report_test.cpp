@@ -1,7 +1,8 @@
 // Every number that result.json, the table and the model's JSON show, against what it was made from: each test walks
 // the whole output, so that a field or a line without an expectation fails.
 
-#include "kdl_calibration/report.hpp"
+#include "kdl_calibration/result_json.hpp"
+#include "kdl_calibration/result_table.hpp"
 
 #include <gtest/gtest.h>
 

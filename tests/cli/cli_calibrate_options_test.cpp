@@ -6,7 +6,7 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
-#include "kdl_calibration/report.hpp"
+#include "kdl_calibration/result_json.hpp"
 
 namespace kdl_calibration::testing {
 namespace {

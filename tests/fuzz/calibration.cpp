@@ -5,7 +5,8 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
-#include "kdl_calibration/report.hpp"
+#include "kdl_calibration/result_json.hpp"
+#include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "promise.hpp"
 #include "targets.hpp"

@@ -15,7 +15,4 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
 /// The irreducible model as JSON: parameters, dropped, gauge, candidates, rank.
 std::string model_json(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Reduction& reduction);
 
-/// The result as a short table for a terminal: millimetres and degrees, gains in percent.
-std::string result_table(const Measurements& measurements, const Calibration& calibration);
-
 }  // namespace kdl_calibration
