@@ -36,6 +36,21 @@ read_options() {
   done
 }
 
+# read_data_option "$@": takes `--data DIR` out of the arguments, into `data` (absolute, empty without) and `others`.
+read_data_option() {
+  data=
+  others=()
+  while [ $# -gt 0 ]; do
+    if [ "$1" = --data ]; then
+      data=$(cd "${2:?--data needs a folder}" && pwd)
+      shift 2
+    else
+      others+=("$1")
+      shift
+    fi
+  done
+}
+
 is_installed() {
   [ "$(dpkg-query -W -f='${db:Status-Status}' "$1" 2>/dev/null)" = installed ]
 }

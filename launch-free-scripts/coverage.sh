@@ -3,11 +3,13 @@ set -euo pipefail
 # shellcheck source-path=SCRIPTDIR source=common.sh
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
+read_data_option "$@"
 read_options "Installs what is missing, builds in build/coverage, runs the tests (without the long ones, which have
 short versions) and prints the coverage of src/.
-Branches that only an exception takes, and those that the compiler makes in unreachable places, are not counted." "$@"
+Branches that only an exception takes, and those that the compiler makes in unreachable places, are not counted.
+  --data DIR  real measurements" "${others[@]}"
 install_missing "${build_packages[@]}" "${test_packages[@]}" gcovr
-configure_and_build coverage
+configure_and_build coverage -D KDL_CALIBRATION_SHARED_DATA_DIR="$data"
 find "$root/build/coverage" -name '*.gcda' -delete
 # With a full disk the counters cannot be written either, and say so.
 (cd "$root/build/coverage" && ctest --output-on-failure -j 2 -LE long --exclude-regex OnAFullDisk)

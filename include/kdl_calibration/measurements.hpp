@@ -26,7 +26,9 @@ struct Observation {
   Split split = Split::train;
 };
 
-/// Whether an observation with this orientation measured a point alone.
+/// The orientation of an observation that measured a point alone: NaN in all four coefficients.
+Eigen::Quaterniond point_alone();
+/// Whether this is one.
 bool is_point(const Eigen::Quaterniond& orientation);
 
 /// What was measured. Configurations and targets are numbered in their order of first appearance.
@@ -59,7 +61,8 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
 /// (Markley, Cheng, Crassidis and Oshman 2007, eq. 13), on the side of the first.
 Measurements averaged(const Measurements& measurements);
 
-/// The measurements of `second` behind those of `first`; same joints and targets.
+/// The measurements of `second` behind those of `first`; same joints and targets. Where only one of them has
+/// orientations the rows of the other are points alone.
 Measurements joined(const Measurements& first, const Measurements& second);
 
 }  // namespace kdl_calibration

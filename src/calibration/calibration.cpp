@@ -665,6 +665,10 @@ std::string calibrated_urdf(const Robot& robot, const ErrorModel& model, const E
   return corrected_urdf(robot.urdf, origin_corrections(model, errors));
 }
 
+std::string calibrated_urdf(const Robot& robot, const Calibration& calibration) {
+  return calibrated_urdf(robot, calibration.model, calibration.rigid_errors);
+}
+
 int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements) {
   int outside = 0;
   for (Eigen::Index c = 0; c < measurements.joint_values.cols(); ++c) {

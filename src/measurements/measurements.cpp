@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -44,6 +45,10 @@ Observation mean_observation(const std::vector<Observation>& observations, const
 }
 
 }  // namespace
+
+Eigen::Quaterniond point_alone() {
+  return Eigen::Quaterniond(Eigen::Vector4d::Constant(std::numeric_limits<double>::quiet_NaN()));
+}
 
 bool is_point(const Eigen::Quaterniond& orientation) { return std::isnan(orientation.w()); }
 
@@ -114,6 +119,16 @@ Measurements joined(const Measurements& first, const Measurements& second) {
   for (Observation observation : second.observations) {
     observation.configuration += offset;
     result.observations.push_back(observation);
+  }
+  const auto pad = [&](std::size_t count) {
+    result.orientations.resize(result.orientations.size() + count, point_alone());
+  };
+  const bool poses = !first.orientations.empty() || !second.orientations.empty();
+  if (poses && first.orientations.empty()) {
+    pad(first.observations.size());
+  }
+  if (poses && second.orientations.empty()) {
+    pad(second.observations.size());
   }
   result.orientations.insert(result.orientations.end(), second.orientations.begin(), second.orientations.end());
   return result;

@@ -99,7 +99,7 @@ public:
   Eigen::Quaterniond quaternion() const {
     const auto& columns = header_.quaternion;
     const auto given = std::count_if(columns.begin(), columns.end(), [&](const Column& c) { return has(c); });
-    if (given == 0) return Eigen::Quaterniond(Eigen::Vector4d::Constant(std::numeric_limits<double>::quiet_NaN()));
+    if (given == 0) return point_alone();
     if (given != 4) fail(place_, "the quaternion has an empty cell: expected all of qw, qx, qy, qz or none");
     const Eigen::Quaterniond q(number(columns[0]), number(columns[1]), number(columns[2]), number(columns[3]));
     const double norm = q.norm();
