@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "estimation/descent.hpp"
+#include "kdl_calibration/descent.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {

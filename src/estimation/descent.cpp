@@ -1,4 +1,4 @@
-#include "estimation/descent.hpp"
+#include "kdl_calibration/descent.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

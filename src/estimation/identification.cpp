@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "base/robust_statistics.hpp"
-#include "estimation/descent.hpp"
+#include "kdl_calibration/descent.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
