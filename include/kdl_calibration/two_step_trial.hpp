@@ -39,6 +39,7 @@ struct TwoStepTrialResult {
 
 /// Starts from the nominal geometry with base and targets registered to the first round's measurements, and estimates
 /// the geometric errors of the irreducible model. The truth serves to measure and to judge, never to estimate.
+/// Throws InputError where a round measures fewer coordinates than one of its two steps has unknowns.
 TwoStepTrialResult run_two_step_trial(const TwoStepTrial& trial, Random& random);
 
 }  // namespace kdl_calibration

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
+
+#include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -14,6 +17,16 @@ constexpr double kStepTolerance = 1e-13;
 // an RMS of sigma · sqrt(columns / N).
 double change_by_noise_alone(const Measurements& measurements, double sigma, std::size_t columns) {
   return sigma * std::sqrt(static_cast<double>(columns) / static_cast<double>(measurements.observations.size()));
+}
+
+// Each of the two linear problems of a round needs as many equations as it has unknowns.
+void require_enough_equations(const Measurements& measurements, std::size_t geometric) {
+  const std::size_t equations = 3 * measurements.observations.size();
+  const std::size_t unknowns = std::max(geometric, 6 + 3 * measurements.targets.size());
+  if (equations < unknowns) {
+    throw InputError("too few measurements: " + std::to_string(equations) + " measured coordinates in a round for " +
+                     std::to_string(unknowns) + " unknowns, expected more configurations or targets");
+  }
 }
 
 std::vector<double> changes_of(const std::vector<TwoStepTrialRound>& rounds) {
@@ -33,6 +46,7 @@ TwoStepTrialResult run_two_step_trial(const TwoStepTrial& trial, Random& random)
   const Estimate start = nominal_start(model, first);
   const Reduction reduction = reduced_model(model, start.targets);
   const FreeParameters free = free_parameters(model, start.targets, reduction.kept);
+  require_enough_equations(first, free.geometric.size());
 
   TwoStepTrialResult result;
   result.identification = identify_in_two_steps(

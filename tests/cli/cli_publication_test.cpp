@@ -94,6 +94,7 @@ TEST_F(TwoStep, RefusesWhatDoesNotGoWithIt) {
   expect_refused({"simulate", "--two-step", "5", "--monte-carlo", "5"}, {"--two-step", "--monte-carlo"});
   expect_refused({"simulate", "--two-step", "5", "--poses"}, {"--two-step", "--poses"});
   expect_refused({"simulate", "--two-step", "-1"}, {"--two-step"});
+  expect_refused({"simulate", "--two-step", "5", "--configurations", "1"}, {"too few", "9 measured", "18 unknowns"});
   expect_refused({"simulate", "--recorded"}, {"--recorded", "--two-step"});
 }
 
