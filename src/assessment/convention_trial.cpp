@@ -1,4 +1,5 @@
 #include "kdl_calibration/convention_trial.hpp"
+#include "kdl_calibration/mimic.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

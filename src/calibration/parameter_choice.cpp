@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
 namespace {

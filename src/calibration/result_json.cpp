@@ -1,4 +1,5 @@
 #include "kdl_calibration/result_json.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 #include <openssl/evp.h>
 

@@ -7,6 +7,7 @@
 
 #include "kdl_calibration/descent.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -12,6 +12,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 
 namespace kdl_calibration::cli {

@@ -9,6 +9,7 @@
 #include "cli/truth_report.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/truth_comparison.hpp"

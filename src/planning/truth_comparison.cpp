@@ -1,4 +1,5 @@
 #include "kdl_calibration/truth_comparison.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,5 @@
 #include "kdl_calibration/two_step_trial.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 #include <algorithm>
 #include <cmath>

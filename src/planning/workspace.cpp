@@ -1,4 +1,5 @@
 #include "kdl_calibration/workspace.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

@@ -1,6 +1,7 @@
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 
 #include <gmock/gmock.h>

@@ -1,5 +1,6 @@
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/influence.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
 #include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/observability.hpp"

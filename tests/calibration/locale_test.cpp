@@ -9,6 +9,7 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"

@@ -10,7 +10,9 @@
 
 #include "base/f_distribution.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 

@@ -4,7 +4,9 @@
 
 #include "cli_support.hpp"
 #include "kdl_calibration/identification_jacobian.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 

@@ -7,9 +7,11 @@
 #include <kdl/chainjnttojacsolver.hpp>
 
 #include "cli_support.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "printed_text.hpp"

@@ -6,8 +6,10 @@
 
 #include "cli_support.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "printed_text.hpp"
 #include "support.hpp"

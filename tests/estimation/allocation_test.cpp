@@ -6,6 +6,7 @@
 #include <cstdlib>
 
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"

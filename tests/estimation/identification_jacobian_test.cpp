@@ -1,4 +1,5 @@
 #include "kdl_calibration/identification_jacobian.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 #include <gmock/gmock.h>
 

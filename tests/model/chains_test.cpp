@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"

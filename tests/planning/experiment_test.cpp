@@ -1,4 +1,5 @@
 #include "kdl_calibration/experiment.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 

@@ -1,5 +1,6 @@
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 
 #include <gmock/gmock.h>

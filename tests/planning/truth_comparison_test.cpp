@@ -1,4 +1,6 @@
 #include "kdl_calibration/truth_comparison.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 #include <gmock/gmock.h>
 

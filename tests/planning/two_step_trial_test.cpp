@@ -1,4 +1,6 @@
 #include "kdl_calibration/two_step_trial.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 #include <gmock/gmock.h>
 

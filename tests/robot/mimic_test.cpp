@@ -1,7 +1,9 @@
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 #include <gmock/gmock.h>
 
