@@ -15,13 +15,9 @@
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/monte_carlo.hpp"
-#include "kdl_calibration/pose_selection.hpp"
-#include "kdl_calibration/workspace.hpp"
+#include "kdl_calibration/planner.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -30,7 +26,6 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
-constexpr int kRandomDraws = 200;
 constexpr int kConfigurations = 30;
 constexpr int kMostForAccuracy = 500;
 
@@ -62,32 +57,12 @@ struct Arguments {
   bool json = false;
 };
 
-// What the plan is made from.
+// What is planned, and how the controller counts its joints.
 struct Setting {
-  Robot robot;
-  ErrorModel model;
   std::optional<JointConvention> convention;
-  std::optional<Measurements> measured;
-  FacingTargets targets;
-  Experiment experiment;
-  MatrixXd given;  // information of priors and measured configurations
-  Candidates drawn;
-  MatrixXd candidates;
-  MatrixXd tasks;
-  Eigen::VectorXd home;
-};
+  PlanRequest request;
 
-struct Plan {
-  Selection selection;
-  MeasuringPlan sheet;
-  Prediction planned;
-  Prediction random;  // means over the draws
-  std::optional<double> floor;
-  double worst_configuration = 0.0;
-  ObservabilityIndices observability;
-  double efficiency = 0.0;
-  double seconds = 0.0;  // of travel
-  std::optional<MonteCarloResult> monte_carlo;
+  const JointConvention* joint_convention() const { return convention ? &*convention : nullptr; }
 };
 
 // Targets of the measured file on the nominal robot, as far as no file gives them.
@@ -103,7 +78,7 @@ FacingTargets targets(const Arguments& arguments, const ErrorModel& model,
 }
 
 Eigen::VectorXd home(const Arguments& arguments, const Setting& setting) {
-  const std::vector<MovingJoint>& joints = setting.robot.joints;
+  const std::vector<MovingJoint>& joints = setting.request.robot.joints;
   const std::vector<std::size_t> independent = independent_joints(joints);
   const std::size_t count = independent.size();
   Eigen::VectorXd values = Eigen::VectorXd::Zero(static_cast<Index>(count));
@@ -112,9 +87,8 @@ Eigen::VectorXd home(const Arguments& arguments, const Setting& setting) {
   }
   const std::vector<double> given =
       numbers("--home", arguments.home, count, std::to_string(count) + " joint values in degrees (mm for lengths)");
-  const JointConvention* convention = setting.convention ? &*setting.convention : nullptr;
   for (std::size_t i = 0; i < count; ++i) {
-    const bool length = value_is_length(setting.robot, convention, static_cast<Index>(i));
+    const bool length = value_is_length(setting.request.robot, setting.joint_convention(), static_cast<Index>(i));
     values[static_cast<Index>(i)] = given[i] * (length ? 1e-3 : kDegree);
   }
   if (setting.convention) {
@@ -135,39 +109,6 @@ PointNoise noise(const Arguments& arguments, const Cell& cell) {
   return noise;
 }
 
-Setting setting(const Arguments& arguments) {
-  Setting result{.robot = load(arguments.robot)};
-  result.model = complete_model(result.robot);
-  if (!arguments.joint_convention.empty()) {
-    result.convention = matched_convention(read_joint_convention(arguments.joint_convention),
-                                           independent_joint_names(result.robot.joints));
-  }
-  const JointConvention* convention = result.convention ? &*result.convention : nullptr;
-  if (!arguments.measured.empty()) {
-    result.measured = read_measurements(result.robot, arguments.measured, convention);
-  }
-  result.targets = targets(arguments, result.model, result.measured);
-  const Cell limits = cell(arguments.cell, result.robot, result.model, result.targets, convention);
-  result.experiment =
-      nominal_experiment(result.model, result.targets.targets, noise(arguments, limits), arguments.priors);
-  result.given = prior_information(result.experiment);
-  if (result.measured) {
-    result.given += information(result.experiment, *result.measured);
-  }
-  // Whole thousandths of a degree and micrometres, as a pendant shows them.
-  result.drawn = candidates(result.robot, result.targets.targets, limits,
-                            {.count = arguments.candidates + arguments.workspace,
-                             .seed = arguments.seed,
-                             .threads = arguments.threads,
-                             .angle_step = 1e-3 * kDegree,
-                             .length_step = 1e-6});
-  result.candidates = result.drawn.joint_values.leftCols(arguments.candidates);
-  result.tasks = arguments.tasks.empty() ? MatrixXd(result.drawn.joint_values.rightCols(arguments.workspace))
-                                         : read_configurations(result.robot, arguments.tasks, convention).joint_values;
-  result.home = home(arguments, result);
-  return result;
-}
-
 Criterion criterion(const std::string& name) {
   return name == "D" ? Criterion::d_optimal : name == "G" ? Criterion::g_optimal : Criterion::i_optimal;
 }
@@ -176,115 +117,41 @@ Figure figure(const std::string& name) {
   return name == "mean" ? Figure::mean : name == "p95" ? Figure::p95 : Figure::max;
 }
 
-Selection select(const Arguments& arguments, const Setting& setting) {
-  Progress progress("choosing");
-  SelectionOptions options{.criterion = criterion(arguments.criterion),
-                           .count = arguments.add.value_or(arguments.configurations.value_or(
-                               arguments.accuracy_mm ? kMostForAccuracy : kConfigurations)),
-                           .starts = arguments.starts,
-                           .seed = arguments.seed,
-                           .threads = arguments.threads,
-                           .progress = [&](double share) { progress(share); }};
-  if (!arguments.accuracy_mm) {
-    return select_configurations(setting.experiment, setting.candidates, setting.given, options, setting.tasks);
+Setting setting(const Arguments& arguments) {
+  Setting result;
+  PlanRequest& request = result.request;
+  request.robot = load(arguments.robot);
+  const ErrorModel model = complete_model(request.robot);
+  if (!arguments.joint_convention.empty()) {
+    result.convention = matched_convention(read_joint_convention(arguments.joint_convention),
+                                           independent_joint_names(request.robot.joints));
   }
-  return select_for_accuracy(setting.experiment, setting.candidates, setting.given, *arguments.accuracy_mm * 1e-3,
-                             figure(arguments.accuracy_of), options, setting.tasks);
-}
-
-// Numbers that no measured configuration bears.
-std::vector<std::string> labels(std::size_t count, const std::optional<Measurements>& measured) {
-  std::set<std::string> taken;
-  if (measured) {
-    taken.insert(measured->configurations.begin(), measured->configurations.end());
+  const JointConvention* convention = result.joint_convention();
+  if (!arguments.measured.empty()) {
+    request.measured = read_measurements(request.robot, arguments.measured, convention);
   }
-  std::vector<std::string> result;
-  for (int number = 1; result.size() < count; ++number) {
-    if (taken.count(std::to_string(number)) == 0) {
-      result.push_back(std::to_string(number));
-    }
+  const FacingTargets facing = targets(arguments, model, request.measured);
+  request.targets = facing.targets;
+  request.cell = cell(arguments.cell, request.robot, model, facing, convention);
+  request.noise = noise(arguments, request.cell);
+  request.priors = arguments.priors;
+  request.count = arguments.add.value_or(
+      arguments.configurations.value_or(arguments.accuracy_mm ? kMostForAccuracy : kConfigurations));
+  if (arguments.accuracy_mm) {
+    request.accuracy = *arguments.accuracy_mm * 1e-3;
   }
-  return result;
-}
-
-Prediction mean_of(const std::vector<Prediction>& predictions) {
-  Prediction mean;
-  const auto count = static_cast<double>(predictions.size());
-  for (const Prediction& prediction : predictions) {
-    mean.sigma.mean += prediction.sigma.mean / count;
-    mean.sigma.p95 += prediction.sigma.p95 / count;
-    mean.sigma.max += prediction.sigma.max / count;
-    mean.worst_configuration += prediction.worst_configuration / count;
+  request.accuracy_of = figure(arguments.accuracy_of);
+  request.criterion = criterion(arguments.criterion);
+  request.starts = arguments.starts;
+  request.candidates = arguments.candidates;
+  if (!arguments.tasks.empty()) {
+    request.tasks = read_configurations(request.robot, arguments.tasks, convention).joint_values;
   }
-  return mean;
-}
-
-// The configurations of the file that are fitted.
-MatrixXd fitted_configurations(const Measurements& measurements) {
-  return subset(measurements, [](const Observation& row) { return row.split == Split::train; }).joint_values;
-}
-
-MonteCarloResult try_out(const Arguments& arguments, const Setting& setting, const MatrixXd& joint_values) {
-  Progress progress("Monte Carlo");
-  const PointNoise& noise = setting.experiment.noise;
-  const NoiseModel model = noise_model(noise);
-  MonteCarlo runs{.model = setting.model,
-                  .with_errors = setting.experiment.free.geometric,
-                  .targets = setting.experiment.targets,
-                  .sizes = {.length = 1e-3, .angle = 1e-3},
-                  .noise = {.sigma = noise.sigma, .common = model.common, .tracker = noise.tracker},
-                  .X_WB = Eigen::Isometry3d(Eigen::Translation3d(-noise.tracker_position)),
-                  .train = [&](Random&) { return joint_values; },
-                  .test = [&](Random&) { return setting.tasks; },
-                  .calibration = {.priors = arguments.priors, .noise = model},
-                  .runs = arguments.monte_carlo,
-                  .seed = arguments.seed,
-                  .threads = arguments.threads,
-                  .progress = [&](double share) { progress(share); }};
-  return run_monte_carlo(runs);
-}
-
-Plan plan(const Arguments& arguments, const Setting& setting) {
-  Plan result;
-  result.selection = select(arguments, setting);
-  const auto count = static_cast<int>(result.selection.chosen.size());
-  MatrixXd chosen = setting.candidates(Eigen::all, result.selection.chosen);
-  chosen = MatrixXd(chosen(Eigen::all, short_way(setting.robot.joints, setting.home, chosen)));
-  result.seconds = way_time(setting.robot.joints, setting.home, chosen);
-  result.sheet.configurations = labels(result.selection.chosen.size(), setting.measured);
-  result.sheet.joint_values = chosen;
-  for (const TargetFrame& target : setting.experiment.targets) {
-    result.sheet.targets.push_back(target.name);
-  }
-  result.sheet.notes = {
-      "Measure every target in every configuration and fill in x, y and z: the point in the tracker's frame, in "
-      "metres.",
-      "Not checked: the way from one configuration to the next and the home pose. Drive it slowly the first time."};
-
-  const Experiment& experiment = setting.experiment;
-  result.planned = predicted(experiment, result.selection.information, setting.tasks, arguments.threads);
-  result.worst_configuration =
-      std::max(result.planned.worst_configuration,
-               predicted(experiment, result.selection.information, chosen, arguments.threads).worst_configuration);
-  result.random = mean_of(predicted(experiment,
-                                    random_designs(experiment, setting.candidates, setting.given, count, kRandomDraws,
-                                                   arguments.seed, arguments.threads),
-                                    setting.tasks, arguments.threads));
-  if (setting.given.isZero() && arguments.noise.configuration_sigma == 0.0 && !experiment.noise.tracker) {
-    result.floor = floor_of_worst_configuration(experiment, count);
-  }
-  MatrixXd all = chosen;
-  if (setting.measured) {
-    const MatrixXd before = fitted_configurations(*setting.measured);
-    all.resize(chosen.rows(), before.cols() + chosen.cols());
-    all << before, chosen;
-  }
-  result.observability = observability_indices(experiment, all);
-  result.efficiency = d_efficiency(experiment, setting.candidates, setting.given, result.selection.information, count,
-                                   arguments.threads);
-  if (arguments.monte_carlo > 0) {
-    result.monte_carlo = try_out(arguments, setting, all);
-  }
+  request.workspace = arguments.workspace;
+  request.home = home(arguments, result);
+  request.monte_carlo = arguments.monte_carlo;
+  request.seed = arguments.seed;
+  request.threads = arguments.threads;
   return result;
 }
 
@@ -307,22 +174,22 @@ Json monte_carlo_json(const MonteCarloResult& result) {
 
 std::string json(const Arguments& arguments, const Setting& setting, const Plan& plan) {
   Json refusals = Json::array();
-  for (const Refusals& entry : setting.drawn.refusals) {
+  for (const Refusals& entry : plan.drawn.refusals) {
     refusals.push_back({{"constraint", entry.constraint}, {"samples", entry.samples}, {"alone", entry.alone}});
   }
   Json configurations = Json::array();
   for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
     const Eigen::VectorXd q =
-        independent_joint_values(setting.robot.joints, plan.sheet.joint_values.col(static_cast<Index>(c)));
+        independent_joint_values(setting.request.robot.joints, plan.sheet.joint_values.col(static_cast<Index>(c)));
     configurations.push_back(
         {{"configuration", plan.sheet.configurations[c]}, {"joints", std::vector<double>(q.begin(), q.end())}});
   }
   const ObservabilityIndices& o = plan.observability;
   Json result = {
       {"criterion", arguments.criterion},
-      {"parameters", columns(setting.experiment)},
+      {"parameters", columns(plan.experiment)},
       {"targets", plan.sheet.targets.size()},
-      {"candidates", {{"count", arguments.candidates}, {"samples", setting.drawn.samples}, {"refused", refusals}}},
+      {"candidates", {{"count", arguments.candidates}, {"samples", plan.drawn.samples}, {"refused", refusals}}},
       {"exchanges", plan.selection.exchanges},
       {"observability", {{"O1", o.O1}, {"O2", o.O2}, {"O3", o.O3}, {"O4", o.O4}, {"O5", o.O5}}},
       {"d_efficiency", plan.efficiency},
@@ -352,12 +219,12 @@ std::string table(const Arguments& arguments, const Setting& setting, const Plan
   std::string text =
       number(plan.selection.chosen.size()) + " configurations of " + number(arguments.candidates) + " candidates, " +
       arguments.criterion + "-optimal; " + number(plan.sheet.targets.size()) + " targets, " +
-      number(columns(setting.experiment)) + " parameters, noise " +
-      (setting.experiment.noise.tracker ? "of the tracker" : fixed(arguments.noise.sigma * 1e3, 4) + " mm") + "\n";
+      number(columns(plan.experiment)) + " parameters, noise " +
+      (plan.experiment.noise.tracker ? "of the tracker" : fixed(arguments.noise.sigma * 1e3, 4) + " mm") + "\n";
   text += "search                  " + number(arguments.starts) + " starts, " + number(plan.selection.exchanges) +
           " exchanges; seed " + number(arguments.seed) + "\n";
-  text += "samples                 " + number(setting.drawn.samples) + " drawn";
-  for (const Refusals& entry : setting.drawn.refusals) {
+  text += "samples                 " + number(plan.drawn.samples) + " drawn";
+  for (const Refusals& entry : plan.drawn.refusals) {
     text += "; " + entry.constraint + " removes " + number(entry.samples);
   }
   text += "\npredicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
@@ -396,10 +263,14 @@ ExitStatus run(const Arguments& arguments) {
     files.push_back({.option = "--output", .path = arguments.output, .text = {}});
   }
   require_writable(files, arguments.force);
-  const Setting set = setting(arguments);
-  const Plan result = plan(arguments, set);
+  Setting set = setting(arguments);
+  Progress choosing("choosing");
+  set.request.choosing = [&](double share) { choosing(share); };
+  Progress trying("Monte Carlo");
+  set.request.trying = [&](double share) { trying(share); };
+  const Plan result = make_plan(set.request);
   if (!files.empty()) {
-    files.front().text = plan_csv(result.sheet, set.robot.joints, set.convention ? &*set.convention : nullptr);
+    files.front().text = plan_csv(result.sheet, set.request.robot.joints, set.joint_convention());
     write_whole(files, arguments.force);
   }
   print(arguments.json ? json(arguments, set, result) : table(arguments, set, result));

@@ -1,0 +1,172 @@
+#include "kdl_calibration/planner.hpp"
+
+#include <algorithm>
+#include <numbers>
+#include <set>
+#include <string>
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::MatrixXd;
+
+constexpr int kRandomDraws = 200;
+// Whole thousandths of a degree and micrometres, as a pendant shows them.
+constexpr double kAngleStep = 1e-3 * std::numbers::pi / 180.0;
+constexpr double kLengthStep = 1e-6;
+
+// What the choice is made from.
+struct Choice {
+  MatrixXd given;  // information of priors and measured configurations
+  MatrixXd candidates;
+  MatrixXd tasks;
+};
+
+Choice choice(const PlanRequest& request, const Plan& plan) {
+  Choice result{.given = prior_information(plan.experiment), .candidates = {}, .tasks = request.tasks};
+  if (request.measured) {
+    result.given += information(plan.experiment, *request.measured);
+  }
+  result.candidates = plan.drawn.joint_values.leftCols(request.candidates);
+  if (request.tasks.size() == 0) {
+    result.tasks = plan.drawn.joint_values.rightCols(request.workspace);
+  }
+  return result;
+}
+
+Selection select(const PlanRequest& request, const Experiment& experiment, const Choice& among) {
+  const SelectionOptions options{.criterion = request.criterion,
+                                 .count = request.count,
+                                 .starts = request.starts,
+                                 .seed = request.seed,
+                                 .threads = request.threads,
+                                 .progress = request.choosing};
+  if (!request.accuracy) {
+    return select_configurations(experiment, among.candidates, among.given, options, among.tasks);
+  }
+  return select_for_accuracy(experiment, among.candidates, among.given, *request.accuracy, request.accuracy_of, options,
+                             among.tasks);
+}
+
+// Numbers that no measured configuration bears.
+std::vector<std::string> free_labels(Eigen::Index count, const std::optional<Measurements>& measured) {
+  std::set<std::string> taken;
+  if (measured) {
+    taken.insert(measured->configurations.begin(), measured->configurations.end());
+  }
+  std::vector<std::string> result;
+  for (int number = 1; static_cast<Eigen::Index>(result.size()) < count; ++number) {
+    if (taken.count(std::to_string(number)) == 0) {
+      result.push_back(std::to_string(number));
+    }
+  }
+  return result;
+}
+
+MeasuringPlan sheet(const PlanRequest& request, const MatrixXd& in_order) {
+  MeasuringPlan result{.configurations = free_labels(in_order.cols(), request.measured),
+                       .joint_values = in_order,
+                       .targets = {},
+                       .notes = {"Measure every target in every configuration and fill in x, y and z: the point in "
+                                 "the tracker's frame, in metres.",
+                                 "Not checked: the way from one configuration to the next and the home pose. Drive it "
+                                 "slowly the first time."}};
+  for (const TargetFrame& target : request.targets) {
+    result.targets.push_back(target.name);
+  }
+  return result;
+}
+
+Prediction mean_of(const std::vector<Prediction>& predictions) {
+  Prediction mean;
+  const auto count = static_cast<double>(predictions.size());
+  for (const Prediction& prediction : predictions) {
+    mean.sigma.mean += prediction.sigma.mean / count;
+    mean.sigma.p95 += prediction.sigma.p95 / count;
+    mean.sigma.max += prediction.sigma.max / count;
+    mean.worst_configuration += prediction.worst_configuration / count;
+  }
+  return mean;
+}
+
+void add_promises(const PlanRequest& request, const Choice& among, Plan& plan) {
+  const Experiment& experiment = plan.experiment;
+  const MatrixXd& information = plan.selection.information;
+  const auto count = static_cast<int>(plan.selection.chosen.size());
+  plan.planned = predicted(experiment, information, among.tasks, request.threads);
+  plan.worst_configuration =
+      std::max(plan.planned.worst_configuration,
+               predicted(experiment, information, plan.sheet.joint_values, request.threads).worst_configuration);
+  plan.random = mean_of(predicted(
+      experiment,
+      random_designs(experiment, among.candidates, among.given, count, kRandomDraws, request.seed, request.threads),
+      among.tasks, request.threads));
+  if (among.given.isZero() && experiment.noise.configuration_sigma == 0.0 && !experiment.noise.tracker) {
+    plan.floor = floor_of_worst_configuration(experiment, count);
+  }
+  plan.efficiency = d_efficiency(experiment, among.candidates, among.given, information, count, request.threads);
+}
+
+// The configurations that are fitted already, then those of the plan.
+MatrixXd with_measured(const PlanRequest& request, const MatrixXd& chosen) {
+  if (!request.measured) {
+    return chosen;
+  }
+  const MatrixXd before =
+      subset(*request.measured, [](const Observation& row) { return row.split == Split::train; }).joint_values;
+  MatrixXd all(chosen.rows(), before.cols() + chosen.cols());
+  all << before, chosen;
+  return all;
+}
+
+MonteCarloResult try_out(const PlanRequest& request, const Experiment& experiment, const MatrixXd& joint_values,
+                         const MatrixXd& tasks) {
+  const PointNoise& noise = experiment.noise;
+  const NoiseModel model = noise_model(noise);
+  const MonteCarlo runs{.model = experiment.model,
+                        .with_errors = experiment.free.geometric,
+                        .targets = experiment.targets,
+                        .sizes = {.length = 1e-3, .angle = 1e-3},
+                        .noise = {.sigma = noise.sigma, .common = model.common, .tracker = noise.tracker},
+                        .X_WB = Eigen::Isometry3d(Eigen::Translation3d(-noise.tracker_position)),
+                        .train = [&](Random&) { return joint_values; },
+                        .test = [&](Random&) { return tasks; },
+                        .calibration = {.priors = request.priors, .noise = model},
+                        .runs = request.monte_carlo,
+                        .seed = request.seed,
+                        .threads = request.threads,
+                        .progress = request.trying};
+  return run_monte_carlo(runs);
+}
+
+}  // namespace
+
+Plan make_plan(const PlanRequest& request) {
+  Plan plan;
+  plan.experiment = nominal_experiment(complete_model(request.robot), request.targets, request.noise, request.priors);
+  plan.drawn = candidates(request.robot, request.targets, request.cell,
+                          {.count = request.candidates + request.workspace,
+                           .seed = request.seed,
+                           .threads = request.threads,
+                           .angle_step = kAngleStep,
+                           .length_step = kLengthStep});
+  const Choice among = choice(request, plan);
+  plan.selection = select(request, plan.experiment, among);
+
+  const std::vector<MovingJoint>& joints = request.robot.joints;
+  const Eigen::VectorXd home =
+      request.home.size() > 0 ? request.home : Eigen::VectorXd::Zero(static_cast<Eigen::Index>(joints.size()));
+  const MatrixXd chosen = among.candidates(Eigen::all, plan.selection.chosen);
+  plan.sheet = sheet(request, chosen(Eigen::all, short_way(joints, home, chosen)));
+  plan.seconds = way_time(joints, home, plan.sheet.joint_values);
+
+  add_promises(request, among, plan);
+  const MatrixXd all = with_measured(request, plan.sheet.joint_values);
+  plan.observability = observability_indices(plan.experiment, all);
+  if (request.monte_carlo > 0) {
+    plan.monte_carlo = try_out(request, plan.experiment, all, among.tasks);
+  }
+  return plan;
+}
+
+}  // namespace kdl_calibration
