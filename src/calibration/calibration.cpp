@@ -17,6 +17,7 @@
 #include "base/text.hpp"
 #include "calibration/parameter_choice.hpp"
 #include "calibration/whole_fit.hpp"
+#include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
