@@ -1,4 +1,8 @@
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/influence.hpp"
+#include "kdl_calibration/lack_of_fit.hpp"
+#include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/observability.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

@@ -1,4 +1,5 @@
 #include "kdl_calibration/experiment.hpp"
+#include "kdl_calibration/observability.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

@@ -1,4 +1,5 @@
 #include "kdl_calibration/planner.hpp"
+#include "kdl_calibration/observability.hpp"
 
 #include <algorithm>
 #include <numbers>

@@ -2,6 +2,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/noise_components.hpp"
 
 #include <gmock/gmock.h>
 

@@ -10,8 +10,10 @@
 
 #include "dense_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"

@@ -1,6 +1,7 @@
 // Every number that result.json, the table and the model's JSON show, against what it was made from: each test walks
 // the whole output, so that a field or a line without an expectation fails.
 
+#include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/result_json.hpp"
