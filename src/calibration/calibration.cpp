@@ -71,6 +71,30 @@ void add_frame_parameters(const std::vector<std::string>& names, const Eigen::Is
   }
 }
 
+// Of the link that a parameter belongs to; where its frames coincide, that of a mean link.
+double link_length(const ErrorModel& model, const ErrorParameter& parameter) {
+  const auto length = [&](std::size_t frame) {
+    return (frame < model.joints.size() ? model.joints[frame].origin.p : model.tip_origin.p).Norm();
+  };
+  double reach = 0.0;
+  for (std::size_t frame = 0; frame <= model.joints.size(); ++frame) {
+    reach += length(frame);
+  }
+  constexpr double kNoLink = 0.1;  // of a mean link
+  const double mean = reach / static_cast<double>(model.joints.size() + 1);
+  const double own = length(static_cast<std::size_t>(parameter.frame));
+  return own > kNoLink * mean ? own : mean;
+}
+
+// Whether the uncertainty is so large that nothing is known: a length to more than its link, an angle to half a radian.
+bool is_unknown(const ErrorModel& model, const ParameterEstimate& estimate) {
+  constexpr double kAngle = 0.5;
+  const auto found = std::find_if(model.parameters.begin(), model.parameters.end(),
+                                  [&](const ErrorParameter& parameter) { return parameter.name == estimate.name; });
+  return found != model.parameters.end() &&
+         estimate.std > (is_length(model, *found) ? link_length(model, *found) : kAngle);
+}
+
 std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, const Calibration& calibration) {
   const Estimate& estimate = calibration.identification.estimate;
   std::vector<ParameterEstimate> all;
@@ -113,14 +137,31 @@ std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, cons
     if (estimated) {
       const auto c = column - columns.begin();
       parameter.std = std::sqrt(calibration.covariance(c, c));
-      parameter.identifiable = std::isfinite(parameter.std);
+      parameter.identifiable = std::isfinite(parameter.std) && !is_unknown(model, parameter);
     }
     const bool known_frame = parameter.joint.empty() && parameter.name.find('.') != std::string::npos;
-    if (estimated || parameter.gauge || known_frame || kept.count(parameter.name) > 0) {
+    if (estimated || parameter.gauge || known_frame || parameter.error != 0.0 || kept.count(parameter.name) > 0) {
       parameters.push_back(std::move(parameter));
     }
   }
   return parameters;
+}
+
+// An uncertainty beyond the link itself makes the answer one that does not determine its parameters.
+void doubt_unknown_parameters(Calibration& result) {
+  std::vector<std::string> unknown;
+  for (const ParameterEstimate& parameter : result.parameters) {
+    if (is_unknown(result.model, parameter)) {
+      unknown.push_back(parameter.name);
+    }
+  }
+  if (!unknown.empty() && result.identification.termination == Termination::converged) {
+    result.identification.termination = Termination::rank_deficient;
+    result.identification.message =
+        "converged, but the measurements do not determine all parameters: the uncertainty exceeds the link itself "
+        "for " +
+        listed(unknown);
+  }
 }
 
 // The model with the deflections that may take part.
@@ -637,6 +678,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   }
   assess_noise(measurements, fit_options, stated, options, problem, system, problem.linearise(estimate), result);
   result.parameters = parameter_estimates(result.model, result);
+  doubt_unknown_parameters(result);
   validate_result(measurements, start, fit_options, options, registration_options, result);
   result.lack_of_fit = lack_of_fit(result.model, measurements, estimate, result.free, fit_options);
   result.predicted = predicted_accuracy(measurements, options, triangle_of_candidates, result);

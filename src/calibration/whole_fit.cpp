@@ -84,7 +84,8 @@ FreeParameters determined(const ErrorModel& model, const std::vector<TargetFrame
   });
   const auto known = static_cast<std::size_t>(others - order.begin());
   const Eigen::MatrixXd columns = triangle(Eigen::all, order) / std::max(triangle.cwiseAbs().maxCoeff(), 1e-300);
-  const std::vector<bool> raises = independent_columns(columns, std::vector<bool>(order.size(), true));
+  const std::vector<bool> raises =
+      independent_columns(columns, std::vector<bool>(order.size(), true), {.clear = IdentifiabilityOptions{}.weak});
   const Eigen::HouseholderQR<Eigen::MatrixXd> basis(columns.leftCols(static_cast<Eigen::Index>(known)));
   const auto is_weak = [&](Eigen::Index c) {
     const Eigen::VectorXd turned = basis.householderQ().transpose() * columns.col(c);

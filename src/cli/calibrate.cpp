@@ -128,7 +128,7 @@ ExitStatus run(const Arguments& arguments) {
   if (!calibration.trusted() && calibration.identification.termination != Termination::rank_deficient) {
     FreeParameters free = calibration.free;
     free.deflections.clear();
-    hint = better_convention(arguments.measurements, model, measurements, free);
+    hint = better_convention(arguments.measurements, model, measurements, free, calibration.train.after.rms);
   }
   if (!hint.empty()) {
     calibration.warnings.push_back(hint);

@@ -113,8 +113,11 @@ RegistrationOptions known_frames(const MeasurementArguments& arguments, const Me
   return options;
 }
 
+// A fit with that share of another reading's misfit is the better explanation, even where its errors are large.
+constexpr double kBetter = 0.8;
+
 std::string better_convention(const MeasurementArguments& arguments, const ErrorModel& model,
-                              const Measurements& measurements, const FreeParameters& free) {
+                              const Measurements& measurements, const FreeParameters& free, double fitted) {
   std::optional<JointConvention> used;
   if (!arguments.joint_convention.empty()) {
     used = read_joint_convention(arguments.joint_convention);
@@ -123,7 +126,7 @@ std::string better_convention(const MeasurementArguments& arguments, const Error
                                                               conventions_at_hand(arguments.joint_convention),
                                                               {.registration = known_frames(arguments, measurements)});
   const std::optional<ConventionTrial> best = kdl_calibration::better_convention(trials);
-  if (!best) {
+  if (!best || fitted < kBetter * best->rms) {
     return {};
   }
   const auto present = std::find_if(trials.begin(), trials.end(), [](const ConventionTrial& t) { return t.present; });

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <CLI/App.hpp>
+#include <limits>
 #include <optional>
 #include <string>
 
@@ -32,8 +33,10 @@ std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values);
 RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements);
 
 /// For measurements whose misfit is absurd: a sentence that names the joint convention (beside the one given, or beside
-/// the robots that come with kdlcal) or the joint with the opposite sign that fits. Empty where none does.
+/// the robots that come with kdlcal) or the joint with the opposite sign that fits. Empty where none does, and where
+/// `fitted` [m], the RMS of a calibration with the reading at hand, is better.
 std::string better_convention(const MeasurementArguments& arguments, const ErrorModel& model,
-                              const Measurements& measurements, const FreeParameters& free);
+                              const Measurements& measurements, const FreeParameters& free,
+                              double fitted = std::numeric_limits<double>::infinity());
 
 }  // namespace kdl_calibration::cli

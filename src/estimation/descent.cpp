@@ -109,19 +109,42 @@ bool beyond_reason(const ErrorModel& model, const VectorXd& errors) {
 constexpr double kDeficientPivot = 1e-11;
 
 constexpr double kUsualDeflection = 0.005;  // [rad], [m] or per unit
-constexpr double kUsualFrame = 0.3;         // [m] and [rad] about where it was registered
+constexpr double kUsualTarget = 0.1;        // [m] from the flange
+constexpr double kUsualFrame = 3.0;         // [m] or [rad] of a frame from where it was registered: anywhere
 
-// Per column: the inverse square of the size that is usual.
-VectorXd usual_information(const ErrorModel& model, const FreeParameters& free, Index columns) {
-  VectorXd information = VectorXd::Constant(columns, 1.0 / (kUsualFrame * kUsualFrame));
-  Index column = std::count(free.base.begin(), free.base.end(), true);
-  for (const std::size_t p : free.geometric) {
-    const double sigma = usual_error(model, model.parameters[p]);
-    information[column++] = 1.0 / (sigma * sigma);
+// Of every column: how far the estimate is from what is expected beforehand, and the inverse square of the distance
+// that is usual. Errors and deflections are expected to be zero, targets at the flange, frames where they start.
+struct Expectation {
+  VectorXd distance;
+  VectorXd information;
+};
+
+Expectation expectation(const ErrorModel& model, const FreeParameters& free, const Estimate& start, Index columns) {
+  Expectation result{.distance = VectorXd::Zero(columns), .information = VectorXd::Zero(columns)};
+  Index column = 0;
+  const auto add = [&](double distance, double usual) {
+    result.distance[column] = distance;
+    result.information[column++] = 1.0 / (usual * usual);
+  };
+  for (Index i = std::count(free.base.begin(), free.base.end(), true); i > 0; --i) {
+    add(0.0, kUsualFrame);
   }
-  const auto deflections = static_cast<Index>(free.deflections.size());
-  information.segment(column, deflections).setConstant(1.0 / (kUsualDeflection * kUsualDeflection));
-  return information;
+  for (const std::size_t p : free.geometric) {
+    add(start.errors[static_cast<Index>(p)], usual_error(model, model.parameters[p]));
+  }
+  for (const std::size_t d : free.deflections) {
+    add(start.deflections.size() == 0 ? 0.0 : start.deflections[static_cast<Index>(d)], kUsualDeflection);
+  }
+  for (std::size_t k = 0; k < free.targets.size(); ++k) {
+    for (std::size_t i = 0; i < 6; ++i) {
+      if (free.targets[k][i]) {
+        const bool position = i < 3;
+        add(position ? start.targets[k].X_FT.translation()[static_cast<Index>(i)] : 0.0,
+            position ? kUsualTarget : kUsualFrame);
+      }
+    }
+  }
+  return result;
 }
 
 // Gauss-Newton steps, plain ones as long as they do what they promise. Where one does not, the errors have a prior:
@@ -138,13 +161,8 @@ public:
         problem_(problem),
         options_(options),
         steps_(steps),
-        usual_(usual_information(model, free, problem.columns())),
-        errors_(VectorXd::Zero(problem.columns())),
+        expected_(expectation(model, free, start, problem.columns())),
         plain_(steps != Steps::prior) {
-    Index column = std::count(free.base.begin(), free.base.end(), true);
-    for (const std::size_t p : free.geometric) {
-      errors_[column++] = start.errors[static_cast<Index>(p)];
-    }
     result_.estimate = start;
     result_.rms_history.reserve(static_cast<std::size_t>(std::max(options.max_iterations, 0)));
     finish(Termination::iteration_limit,
@@ -182,6 +200,7 @@ private:
   static constexpr double kStandstill = 1e15;
   static constexpr double kRoundingOfPoints = 2e-14;  // [m] twice that of predicted points some metres away
   static constexpr double kSettled = 1e-4;            // share of the cost that is not worth a step with a prior
+  static constexpr double kLittle = 1e-2;             // share of the cost of a step that ends a fit with a prior
   static constexpr double kFirstBrake = 1e-3;
   static constexpr double kLeastGain = 0.1;
   static constexpr double kGoodGain = 0.7;
@@ -218,8 +237,8 @@ private:
     plain_ = plain_ || (brake_ == 0.0 && fade_ < kPlain);
     while (!plain_) {
       const double s2 = equations_.cost / static_cast<double>(problem_.equations());
-      weights_ = s2 * (fade_ + brake_) * usual_;
-      gradient_ = equations_.gradient - s2 * fade_ * usual_.cwiseProduct(errors_);
+      weights_ = s2 * (fade_ + brake_) * expected_.information;
+      gradient_ = equations_.gradient - s2 * fade_ * expected_.information.cwiseProduct(expected_.distance);
       solver_.solve(equations_, weights_, gradient_);
       measure_step();
       if (steps_ == Steps::prior) {
@@ -249,7 +268,7 @@ private:
   }
 
   bool judge_plain(double gain) {
-    const double farthest = solver_.step().cwiseAbs2().cwiseProduct(usual_).maxCoeff();
+    const double farthest = solver_.step().cwiseAbs2().cwiseProduct(expected_.information).maxCoeff();
     const bool better = moved_equations_.cost < equations_.cost && gain > kKept;
     if (better && farthest < kFarthest * kFarthest) {
       smallest_pivot_ = solver_.smallest_pivot();
@@ -288,7 +307,12 @@ private:
       return true;
     }
     const bool much = moved_equations_.cost < 0.1 * equations_.cost;
+    const bool little = equations_.cost - moved_equations_.cost < kLittle * equations_.cost;
     accept();
+    if (steps_ == Steps::prior && little) {
+      finish(Termination::converged, "the errors that are usual of an arm explain no more");
+      return false;
+    }
     if (gain > kGoodGain) {
       brake_ = brake_ > kFirstBrake * fade_ ? 0.1 * brake_ : 0.0;
       if (steps_ == Steps::any && brake_ == 0.0) {
@@ -300,7 +324,7 @@ private:
   }
 
   void accept() {
-    errors_ += solver_.step();
+    expected_.distance += solver_.step();
     std::swap(result_.estimate, moved_);
     std::swap(equations_, moved_equations_);
   }
@@ -316,8 +340,7 @@ private:
   const LeastSquaresProblem& problem_;
   const JointOptions& options_;
   const Steps steps_;
-  const VectorXd usual_;
-  VectorXd errors_;  // per column: from nominal, frames from the start
+  Expectation expected_;
   bool plain_;
   Identification result_;
   NormalEquations equations_;

@@ -288,7 +288,7 @@ RotationMinimum minimise(const RotationForm& form) {
   return best;
 }
 
-constexpr double kUsualTarget = 0.3;  // [m] distance of a target from the flange, as good as any
+constexpr double kUsualTarget = 0.1;  // [m] distance of a target from the flange, as good as any
 
 // The form with its minimum. Where the tool hardly turns, a place of the base and one of the targets look alike and
 // small misfits move both by kilometres. The targets then have a prior about the flange, in units of the misfit u (mean
