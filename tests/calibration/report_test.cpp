@@ -334,6 +334,11 @@ Case painted() {
       p.paint(*value);
     }
   }
+  // Eigen makes the largest component of such a rotation positive, and w negative.
+  c.identification.estimate.X_WB.linear() =
+      Eigen::AngleAxisd(3.0, Eigen::Vector3d(-0.9, 0.3, 0.2).normalized()).toRotationMatrix();
+  c.parameters.back().gauge = true;  // held by choice elsewhere, but estimated here
+  c.parameters.back().identifiable = true;
   c.parameters[0].std = kInfinity;
   c.parameters[0].identifiable = false;
   c.parameters[8].std = kInfinity;

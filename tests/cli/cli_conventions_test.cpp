@@ -217,9 +217,9 @@ TEST_F(PlannedConventions, ThePlanIsDrivenWhereItWasPlanned) {
 // ---- A slide -------------------------------------------------------------------------------------------------------
 
 /// The controller counts the slide first, in the other direction, and from another place.
-constexpr const char* kSlideFirst = R"({"controller_joints": ["S", "T", "K", "E", "W"],
+constexpr const char* kSlideFirst = R"({"controller_joints": ["S", "K", "T", "E", "W"],
   "urdf_joints": ["turn", "slide", "skew", "elbow", "wrist"],
-  "matrix": [[0,1,0,0,0], [-1,0,0,0,0], [0,0,1,0,0], [0,0,0,1,0], [0,0,0,0,1]],
+  "matrix": [[0,0,1,0,0], [-1,0,0,0,0], [0,1,0,0,0], [0,0,0,1,0], [0,0,0,0,1]],
   "offset": [0.1, 0.05, -0.2, 0.3, -0.4]})";
 
 class SlideConventions : public PlannedConventions {
@@ -235,7 +235,7 @@ TEST_F(SlideConventions, HomeOfASlideIsInMillimetresWhereverTheControllerCountsI
   // slide = -S + 0.05, turn = T + 0.1
   const double degree = 1.0 / kDegree;
   expect_same_plan({"--urdf", "odd.urdf", "--home",
-                    "-200," + text_of_number(30.0 - 0.1 * degree) + "," + text_of_number(10.0 + 0.2 * degree) + "," +
+                    "-200," + text_of_number(10.0 + 0.2 * degree) + "," + text_of_number(30.0 - 0.1 * degree) + "," +
                         text_of_number(20.0 - 0.3 * degree) + "," + text_of_number(-20.0 + 0.4 * degree)},
                    {"--urdf", "odd.urdf", "--home", "30,250,10,20,-20"});
 }
@@ -251,7 +251,7 @@ TEST_F(SlideConventions, TheUnitsOfAPlanFollowTheControllersJoints) {
                 with)
                 .status,
             0);
-  EXPECT_THAT(text_of("plan.csv"), HasSubstr("S[mm],T[deg],K[deg],E[deg],W[deg]"));
+  EXPECT_THAT(text_of("plan.csv"), HasSubstr("S[mm],K[deg],T[deg],E[deg],W[deg]"));
 }
 
 // ---- Names that both sides use -------------------------------------------------------------------------------------

@@ -78,8 +78,12 @@ TEST(Deflection, WithLinkMassesTheTorqueIsThatOfTheKdlSolver) {
 // The odd arm with masses on every link, on those behind fixed joints as well.
 Robot heavy_odd_arm() {
   std::string urdf = testing::kOddArm;
+  urdf.insert(urdf.find("<joint"),  // and on one behind two of them
+              "<link name=\"gripper\"/>"
+              "<joint name=\"adapter\" type=\"fixed\"><parent link=\"tool\"/><child link=\"gripper\"/>"
+              "<origin xyz=\"0.1 0.2 -0.3\" rpy=\"0.4 -0.5 0.6\"/></joint>");
   double mass = 3.0;
-  for (const std::string link : {"world", "a", "b", "bracket", "c", "d", "e", "tool"}) {
+  for (const std::string link : {"world", "a", "b", "bracket", "c", "d", "e", "tool", "gripper"}) {
     const std::string tag = "<link name=\"" + link + "\"/>";
     const auto at = urdf.find(tag);
     const std::string inertial = "<inertial><origin xyz='0.1 " + std::to_string(0.02 * mass) + " -0.05' rpy='0 0 0'/>" +
@@ -94,7 +98,7 @@ Robot heavy_odd_arm() {
 TEST(Deflection, MassesBehindFixedJointsPullAsTheKdlSolverSays) {
   const Robot robot = heavy_odd_arm();
   ErrorModel model = complete_model(robot);
-  ASSERT_EQ(model.link_masses.size(), 7U);  // all but the base link's
+  ASSERT_EQ(model.link_masses.size(), 8U);  // all but the base link's
   for (const Eigen::Vector3d& down : {Eigen::Vector3d(0.0, 0.0, -1.0), Eigen::Vector3d(0.48, -0.6, -0.64)}) {
     model.gravity = KDL::Vector(down.x(), down.y(), down.z());
     model.deflections = gravity_deflections(model);
