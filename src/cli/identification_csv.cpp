@@ -1,6 +1,6 @@
 #include "cli/identification_csv.hpp"
 
-#include "base/csv_cell.hpp"
+#include "base/csv.hpp"
 #include "base/number_text.hpp"
 #include "kdl_calibration/identification_jacobian.hpp"
 
@@ -41,15 +41,15 @@ Json rows_json(const Eigen::MatrixXd& matrix) {
 std::string identification_csv(const IdentificationAt& at) {
   std::string csv = "configuration,target,axis";
   for (const std::string& heading : column_headings(at)) {
-    csv += "," + csv_cell(heading);
+    csv += "," + csv_field(heading);
   }
   csv += "\n";
   for (Eigen::Index c = 0; c < at.joint_values.cols(); ++c) {
     const Eigen::MatrixXd J = identification_jacobian(at.model, at.estimate, at.free, at.joint_values.col(c));
     const Eigen::MatrixXd A = base_and_tool_matrix(at.model, at.estimate, at.joint_values.col(c));
     for (Eigen::Index row = 0; row < J.rows(); ++row) {
-      csv += csv_cell(at.configurations[static_cast<std::size_t>(c)]) + "," +
-             csv_cell(at.estimate.targets[static_cast<std::size_t>(row / 3)].name) + "," +
+      csv += csv_field(at.configurations[static_cast<std::size_t>(c)]) + "," +
+             csv_field(at.estimate.targets[static_cast<std::size_t>(row / 3)].name) + "," +
              std::string(1, static_cast<char>('x' + row % 3));
       for (const Eigen::MatrixXd* matrix : {&J, &A}) {
         for (const double value : matrix->row(row)) {

@@ -9,7 +9,7 @@
 #include <numbers>
 #include <optional>
 
-#include "base/csv_cell.hpp"
+#include "base/csv.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "base/text_file.hpp"
@@ -276,7 +276,7 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
   }
   csv += "configuration,target";
   for (const JointColumn& column : columns) {
-    csv += "," + csv_cell(column.name + (column.length ? "[mm]" : "[deg]"));
+    csv += "," + csv_field(column.name + (column.length ? "[mm]" : "[deg]"));
   }
   csv += ",x[m],y[m],z[m]\n";
   MatrixXd values = independent_joint_values(joints, plan.joint_values);
@@ -293,7 +293,7 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
     }
     for (const std::string& target : plan.targets) {
       require_label(target);
-      csv += csv_cell(label) + "," + csv_cell(target) + joint_cells + ",,,\n";
+      csv += csv_field(label) + "," + csv_field(target) + joint_cells + ",,,\n";
     }
   }
   return csv;
