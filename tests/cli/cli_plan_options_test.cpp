@@ -200,6 +200,13 @@ std::vector<OptionCase> number_options() {
          EXPECT_GT(effect.with.json["sigma"]["plan"]["p95"], 4e-5);
        },
        {"--accuracy", "0.05"}},
+      {"AccuracyOfNearlyAllIsNotThatOfTheWorst",
+       {"--accuracy-of", "p95"},
+       [](const Effect& effect) {
+         EXPECT_LE(effect.with.json["sigma"]["plan"]["p95"], 4.6e-5);
+         EXPECT_GT(effect.with.json["sigma"]["plan"]["max"], 4.6e-5);
+       },
+       {"--accuracy", "0.046"}},
       {"CandidatesAreChosenFrom",
        {"--candidates", "500"},
        [](const Effect& effect) {

@@ -66,10 +66,6 @@ Check has_configurations(const std::string& key, int count, std::size_t rows) {
   };
 }
 
-Check nothing_more() {
-  return [](const Effect&) {};
-}
-
 std::vector<OptionCase> draw_options() {
   return {
       {"NoiseIsOfEveryCoordinate", {"--noise", "1e-4"}, truth_changes({"noise"}, scatters(1e-4))},
@@ -79,6 +75,7 @@ std::vector<OptionCase> draw_options() {
                      [](const Effect& effect) {
                        const Measurements without = rows_of(effect.without);
                        const Measurements with = rows_of(effect.with);
+                       ASSERT_EQ(with.orientations.size(), 36U);
                        double sum = 0.0;
                        for (std::size_t i = 0; i < 36; ++i) {
                          EXPECT_EQ(with.observations[i].position, without.observations[i].position);
