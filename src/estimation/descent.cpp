@@ -112,6 +112,16 @@ constexpr double kUsualDeflection = 0.005;  // [rad], [m] or per unit
 constexpr double kUsualTarget = 0.1;        // [m] from the flange
 constexpr double kUsualFrame = 3.0;         // [m] or [rad] of a frame from where it was registered: anywhere
 
+// What is usual is that of an arm of up to ten metres; a larger one has larger errors, and coarser rounding.
+double size_of(const ErrorModel& model) {
+  constexpr double kLargeArm = 10.0;  // [m]
+  double reach = model.tip_origin.p.Norm();
+  for (const MovingJoint& joint : model.joints) {
+    reach += joint.origin.p.Norm();
+  }
+  return std::max(1.0, reach / kLargeArm);
+}
+
 // Of every column: how far the estimate is from what is expected beforehand, and the inverse square of the distance
 // that is usual. Errors and deflections are expected to be zero, targets at the flange, frames where they start.
 struct Expectation {
@@ -122,25 +132,30 @@ struct Expectation {
 Expectation expectation(const ErrorModel& model, const FreeParameters& free, const Estimate& start, Index columns) {
   Expectation result{.distance = VectorXd::Zero(columns), .information = VectorXd::Zero(columns)};
   Index column = 0;
-  const auto add = [&](double distance, double usual) {
+  const double size = size_of(model);
+  const auto add = [&](double distance, double usual, bool length) {
+    usual *= length ? size : 1.0;
     result.distance[column] = distance;
     result.information[column++] = 1.0 / (usual * usual);
   };
-  for (Index i = std::count(free.base.begin(), free.base.end(), true); i > 0; --i) {
-    add(0.0, kUsualFrame);
+  for (std::size_t i = 0; i < 6; ++i) {
+    if (free.base[i]) {
+      add(0.0, kUsualFrame, i < 3);
+    }
   }
   for (const std::size_t p : free.geometric) {
-    add(start.errors[static_cast<Index>(p)], usual_error(model, model.parameters[p]));
+    add(start.errors[static_cast<Index>(p)], usual_error(model, model.parameters[p]),
+        is_length(model, model.parameters[p]));
   }
   for (const std::size_t d : free.deflections) {
-    add(start.deflections.size() == 0 ? 0.0 : start.deflections[static_cast<Index>(d)], kUsualDeflection);
+    add(start.deflections.size() == 0 ? 0.0 : start.deflections[static_cast<Index>(d)], kUsualDeflection, false);
   }
   for (std::size_t k = 0; k < free.targets.size(); ++k) {
     for (std::size_t i = 0; i < 6; ++i) {
       if (free.targets[k][i]) {
         const bool position = i < 3;
         add(position ? start.targets[k].X_FT.translation()[static_cast<Index>(i)] : 0.0,
-            position ? kUsualTarget : kUsualFrame);
+            position ? kUsualTarget : kUsualFrame, position);
       }
     }
   }
@@ -161,6 +176,8 @@ public:
         problem_(problem),
         options_(options),
         steps_(steps),
+        tolerance_(options.step_tolerance * size_of(model)),
+        rounding_(kRoundingOfPoints * size_of(model)),
         expected_(expectation(model, free, start, problem.columns())),
         plain_(steps != Steps::prior) {
     result_.estimate = start;
@@ -212,14 +229,13 @@ private:
       finish(Termination::diverged, "the misfit is no longer finite");
       return false;
     }
-    if (steps_ == Steps::prior && brake_ == 0.0 &&
-        (effect_ <= options_.step_tolerance || promise_ < kSettled * equations_.cost)) {
+    if (steps_ == Steps::prior && brake_ == 0.0 && (effect_ <= tolerance_ || promise_ < kSettled * equations_.cost)) {
       smallest_pivot_ = solver_.smallest_pivot();
       finish(Termination::converged, "the errors that are usual of an arm explain no more");
       return false;
     }
     problem_.move(result_.estimate, solver_.step(), moved_);
-    if (plain_ && effect_ <= options_.step_tolerance) {  // the last look: no step follows
+    if (plain_ && effect_ <= tolerance_) {  // the last look: no step follows
       smallest_pivot_ = solver_.smallest_pivot();
       if (const double cost = problem_.cost(moved_); cost <= equations_.cost) {
         equations_.cost = cost;
@@ -244,7 +260,7 @@ private:
       if (steps_ == Steps::prior) {
         return;
       }
-      if (effect_ <= options_.step_tolerance) {  // what holds it back may be all that is left
+      if (effect_ <= tolerance_) {  // what holds it back may be all that is left
         plain_ = true;
         break;
       }
@@ -276,7 +292,7 @@ private:
       return true;
     }
     // So close to the end the costs differ by their rounding alone, and what the next step promises is the judge.
-    const double rounding = kRoundingOfPoints * std::sqrt(equations_.cost * problem_.total_weight());
+    const double rounding = rounding_ * std::sqrt(equations_.cost * problem_.total_weight());
     if (promise_ <= rounding && moved_equations_.cost <= equations_.cost + rounding) {
       smallest_pivot_ = solver_.smallest_pivot();
       if (promise_ < 0.25 * last_promise_) {
@@ -340,6 +356,8 @@ private:
   const LeastSquaresProblem& problem_;
   const JointOptions& options_;
   const Steps steps_;
+  const double tolerance_;
+  const double rounding_;
   Expectation expected_;
   bool plain_;
   Identification result_;
