@@ -160,7 +160,7 @@ void doubt_unknown_parameters(Calibration& result) {
     result.identification.message =
         "converged, but the measurements do not determine all parameters: the uncertainty exceeds the link itself "
         "for " +
-        listed(unknown);
+        comma_separated(unknown);
   }
 }
 
