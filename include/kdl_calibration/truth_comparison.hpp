@@ -6,6 +6,7 @@
 
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/least_squares.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/validation.hpp"
 
 namespace kdl_calibration {
