@@ -9,6 +9,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
+#include <numeric>
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -313,6 +315,37 @@ TEST(CalibrationLongRun, PredictsPositionsAtAskedConfigurations) {
             << sums.inside / sums.count << "\n";
   EXPECT_NEAR(sums.squares / sums.count / 3.0, 1.0, 0.15);
   EXPECT_NEAR(sums.inside / sums.count, 0.95, 0.025);
+}
+
+TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
+  const Simulated s(11, 0.00003);
+  const Calibration found = calibrate(s.model, s.measured);
+  const Estimate& estimate = found.identification.estimate;
+  const KDL::Chain chain = folded_chain(s.model, estimate.errors);
+  Random random(1);
+  const Eigen::MatrixXd workspace = random_configurations(limits_of(s.model), 1000, random);
+  std::map<std::vector<double>, std::vector<double>> sigmas_of_cube;  // by its centre
+  for (const auto& q : workspace.colwise()) {
+    const KDL::Frame X_BF = kdl_pose(chain, q);
+    std::vector<double> centre;
+    for (int axis = 0; axis < 3; ++axis) {
+      centre.push_back(0.5 * std::floor(X_BF.p[axis] / 0.5) + 0.25);
+    }
+    for (std::size_t t = 0; t < 3; ++t) {
+      const Eigen::Matrix3d P = predicted_covariance(s.model, estimate, found.free, found.covariance, q, t);
+      sigmas_of_cube[centre].push_back(std::sqrt(P.trace()));
+    }
+  }
+  EXPECT_EQ(found.predicted.workspace.count, 3000);
+  ASSERT_EQ(found.predicted.cells.size(), sigmas_of_cube.size());
+  for (const WorkspaceCell& cell : found.predicted.cells) {
+    const std::vector<double>& sigmas = sigmas_of_cube[{cell.centre.begin(), cell.centre.end()}];
+    ASSERT_FALSE(sigmas.empty()) << cell.centre.transpose();
+    EXPECT_EQ(3 * static_cast<std::size_t>(cell.count), sigmas.size()) << cell.centre.transpose();
+    const double mean = std::accumulate(sigmas.begin(), sigmas.end(), 0.0) / static_cast<double>(sigmas.size());
+    EXPECT_NEAR(cell.mean / mean, 1.0, 1e-6) << cell.centre.transpose();
+    EXPECT_NEAR(cell.max / *std::max_element(sigmas.begin(), sigmas.end()), 1.0, 1e-6) << cell.centre.transpose();
+  }
 }
 
 TEST(Calibration, OrientationsHaveASigmaOfTheirOwn) {

@@ -498,6 +498,21 @@ TEST(Identification, TwoStepsWithRecordedConfigurationsConvergeMoreSlowlyToTheTr
   EXPECT_LT(held_out_rms(robot, two_step.estimate, ranges, 100, random), 1e-9);
 }
 
+TEST(Identification, TwoStepsThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) {
+  const Experiment experiment;
+  Random random(3);
+  const Measurements recorded = measure(
+      experiment.robot(random), random_configurations(published_ranges(experiment.model), 30, random), {}, random);
+  const Estimate start = nominal_start(experiment.model, recorded);
+  const auto factor = [&](const TwoStepOptions& options) {
+    return identify_in_two_steps(
+               experiment.model, [&](int) { return recorded; }, start, experiment.free.geometric, options)
+        .convergence_factor;
+  };
+  const double stopped = factor({.rounds = 600});
+  EXPECT_NEAR(factor({.rounds = 600, .step_tolerance = 0.0}), stopped, 0.01);
+}
+
 TEST(Identification, TwoStepsWithNoiseEndNearTheJointOptimum) {
   // Near it, not at it: the published A turns the base about the flange's lever alone, without the tool's.
   const Experiment experiment;

@@ -161,7 +161,7 @@ class Runner:
     def run(self, suite, executable, environment, scratch, cpu_limit):
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
-        limits = f"ulimit -v {self.memory_mb * 1024}; ulimit -t {int(cpu_limit)}; ulimit -f 2097152; ulimit -c 0"
+        limits = f"ulimit -v {self.memory_mb * 1024}; ulimit -t {int(cpu_limit)}; ulimit -f 67108864; ulimit -c 0"
         words = [
             "sh", "-c", limits + '; exec "$@"', "-", str(executable), "--gtest_fail_fast", "--gtest_brief=1",
             "--gtest_filter=-" + ":".join(ALWAYS_LEFT_OUT + self.left_out),
