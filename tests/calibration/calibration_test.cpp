@@ -323,7 +323,7 @@ TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
   const Estimate& estimate = found.identification.estimate;
   const KDL::Chain chain = folded_chain(s.model, estimate.errors);
   Random random(1);
-  const Eigen::MatrixXd workspace = random_configurations(limits_of(s.model), 1000, random);
+  const Eigen::MatrixXd workspace = random_configurations(limits_of(s.model.joints), 1000, random);
   std::map<std::vector<double>, std::vector<double>> sigmas_of_cube;  // by its centre
   for (const auto& q : workspace.colwise()) {
     const KDL::Frame X_BF = kdl_pose(chain, q);
