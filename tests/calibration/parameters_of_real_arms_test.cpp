@@ -7,7 +7,9 @@
 #include <sstream>
 
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
@@ -85,7 +87,7 @@ struct Simulated {
     }
     Random random(seed);
     const VirtualRobot truth = virtual_robot(model, wrong, published_targets(), sizes, random);
-    const JointRanges ranges = limits_of(model);
+    const JointRanges ranges = limits_of(model.joints);
     const Measurements train = measure(truth, random_configurations(ranges, 40, random), {.sigma = noise}, random);
     measured = joined(train, measure(truth, random_configurations(ranges, 100, random), {}, random, Split::test));
   }
@@ -169,7 +171,7 @@ TEST(ParametersOfRealArms, SkewChainsArriveAtRounding) {
     std::iota(all.begin(), all.end(), std::size_t{0});
     Random random(1000 + seed);
     const VirtualRobot truth = virtual_robot(model, all, targets, {.length = 0.002, .angle = 0.005}, random);
-    const JointRanges ranges = limits_of(model);
+    const JointRanges ranges = limits_of(model.joints);
     const Measurements train = measure(truth, random_configurations(ranges, 40, random), {}, random);
     const Measurements test = measure(truth, random_configurations(ranges, 50, random), {}, random, Split::test);
     const Calibration found = calibrate(model, joined(train, test));
