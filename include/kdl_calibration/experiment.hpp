@@ -73,7 +73,7 @@ Prediction predicted(const Experiment& experiment, const Eigen::MatrixXd& inform
 /// priors, and for noise that is independent and the same in all directions.
 double floor_of_worst_configuration(const Experiment& experiment, int count);
 
-/// Observability indices (see uncertainty.hpp) of a plan in metres and radians, not whitened.
+/// Observability indices (see observability.hpp) of a plan in metres and radians, not whitened.
 ObservabilityIndices observability_indices(const Experiment& experiment, const Eigen::MatrixXd& joint_values);
 
 }  // namespace kdl_calibration
