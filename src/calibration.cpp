@@ -19,6 +19,7 @@
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "parameter_choice.hpp"
+#include "variance_components.hpp"
 #include "whole_fit.hpp"
 
 namespace kdl_calibration {
@@ -621,6 +622,14 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   FitOptions fit_options{.loss = options.loss, .joint = {}, .after_fit = counted_fits(measurements, options)};
   fit_options.joint.residuals.noise = noise_model(measurements, options);
   fit_options.joint.max_iterations = options.iterations > 0 ? options.iterations : fit_options.joint.max_iterations;
+  if (options.method == Method::joint && !(fit_options.joint.residuals.noise.orientation > 0.0)) {
+    fit_options.joint.residuals.orientation_length = orientation_length_of_residuals({.model = result.model,
+                                                                                      .measurements = measurements,
+                                                                                      .start = start,
+                                                                                      .options = options,
+                                                                                      .fit_options = fit_options},
+                                                                                     result.free);
+  }
   const bool stated = fit_options.joint.residuals.noise.is_absolute() || any_sigma(measurements);
   ModelOption chosen{
       .priors = options.priors, .gravity = options.gravity == Use::yes, .gain = options.joint_gain == Use::yes};
