@@ -1,5 +1,4 @@
 #include "kdl_calibration/convention_trial.hpp"
-#include "kdl_calibration/mimic.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include "base/parallel.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {

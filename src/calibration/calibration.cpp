@@ -1,8 +1,4 @@
 #include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/influence.hpp"
-#include "kdl_calibration/lack_of_fit.hpp"
-#include "kdl_calibration/noise_components.hpp"
-#include "kdl_calibration/observability.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -20,11 +16,16 @@
 #include "base/f_distribution.hpp"
 #include "base/text.hpp"
 #include "calibration/parameter_choice.hpp"
+#include "calibration/variance_components.hpp"
 #include "calibration/whole_fit.hpp"
 #include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/influence.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/lack_of_fit.hpp"
+#include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/reduction.hpp"
 
@@ -621,6 +622,14 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   FitOptions fit_options{.loss = options.loss, .joint = {}, .after_fit = counted_fits(measurements, options)};
   fit_options.joint.residuals.noise = noise_model(measurements, options);
   fit_options.joint.max_iterations = options.iterations > 0 ? options.iterations : fit_options.joint.max_iterations;
+  if (options.method == Method::joint && !(fit_options.joint.residuals.noise.orientation > 0.0)) {
+    fit_options.joint.residuals.orientation_length = orientation_length_of_residuals({.model = result.model,
+                                                                                      .measurements = measurements,
+                                                                                      .start = start,
+                                                                                      .options = options,
+                                                                                      .fit_options = fit_options},
+                                                                                     result.free);
+  }
   const bool stated = fit_options.joint.residuals.noise.is_absolute() || any_sigma(measurements);
   ModelOption chosen{
       .priors = options.priors, .gravity = options.gravity == Use::yes, .gain = options.joint_gain == Use::yes};

@@ -1,5 +1,4 @@
 #include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/reduction.hpp"
 
 #include <openssl/evp.h>
 
@@ -9,6 +8,8 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <set>
+
+#include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -1,5 +1,4 @@
 #include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/joint_convention.hpp"
 
 #include <algorithm>
 #include <array>
@@ -17,6 +16,7 @@
 #include "base/number_range.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "measurements/measurement_columns.hpp"
 

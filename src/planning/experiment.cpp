@@ -1,5 +1,4 @@
 #include "kdl_calibration/experiment.hpp"
-#include "kdl_calibration/observability.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -8,6 +7,7 @@
 
 #include "base/parallel.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/registration.hpp"
 #include "planning/point_rows.hpp"

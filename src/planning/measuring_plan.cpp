@@ -1,6 +1,4 @@
 #include "kdl_calibration/measuring_plan.hpp"
-#include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/measurements_file.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -14,6 +12,8 @@
 #include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/mimic.hpp"
 
 namespace kdl_calibration {

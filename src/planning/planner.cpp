@@ -1,10 +1,11 @@
 #include "kdl_calibration/planner.hpp"
-#include "kdl_calibration/observability.hpp"
 
 #include <algorithm>
 #include <numbers>
 #include <set>
 #include <string>
+
+#include "kdl_calibration/observability.hpp"
 
 namespace kdl_calibration {
 namespace {

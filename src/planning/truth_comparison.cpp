@@ -1,5 +1,4 @@
 #include "kdl_calibration/truth_comparison.hpp"
-#include "kdl_calibration/reduction.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -9,6 +8,7 @@
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 
 namespace kdl_calibration {

@@ -1,11 +1,11 @@
 #include "kdl_calibration/two_step_trial.hpp"
-#include "kdl_calibration/reduction.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
 namespace {

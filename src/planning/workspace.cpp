@@ -1,5 +1,4 @@
 #include "kdl_calibration/workspace.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -12,6 +11,7 @@
 #include "base/parallel.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
 

@@ -1,0 +1,72 @@
+#include "calibration/variance_components.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+namespace kdl_calibration {
+namespace {
+
+constexpr int kRounds = 10;
+constexpr double kSettled = 1e-2;       // relative change of the length
+constexpr double kRounding = 1e-10;     // [m] residuals that tell nothing
+constexpr double kLeastFreedom = 10.0;  // with less a variance is a guess
+constexpr double kLongest = 100.0;      // [m]
+constexpr double kShortest = 1e-3;
+
+// u of the orientations over u of the positions, at one fit.
+std::optional<double> ratio_of_variances(const FitTask& task, const FreeParameters& free, const ResidualOptions& both,
+                                         const Estimate& estimate) {
+  ResidualOptions positions_only = both;
+  positions_only.orientation_length = 0.0;
+  const LeastSquaresProblem all(task.model, task.measurements, free, both);
+  const LeastSquaresProblem positions(task.model, task.measurements, free, positions_only);
+  const NormalEquations N = all.linearise(estimate);
+  const NormalEquations N_p = positions.linearise(estimate);
+  const auto rows = static_cast<double>(all.whitened_summary(estimate).measured_rows);
+  const auto rows_p = static_cast<double>(positions.whitened_summary(estimate).measured_rows);
+  const Eigen::VectorXd scale =
+      N.hessian.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
+  const Eigen::MatrixXd scaled = scale.asDiagonal() * N.hessian * scale.asDiagonal();
+  const Eigen::MatrixXd scaled_p = scale.asDiagonal() * N_p.hessian * scale.asDiagonal();
+  const double trace_p = std::clamp(scaled.completeOrthogonalDecomposition().solve(scaled_p).trace(), 0.0,
+                                    static_cast<double>(scaled.cols()));
+  const double trace_o = std::max(static_cast<double>(scaled.cols()) - trace_p, 0.0);
+  const double freedom_p = rows_p - trace_p;
+  const double freedom_o = rows - rows_p - trace_o;
+  const double cost_p = N_p.cost - positions.cost_of_repeats();
+  const double cost_o = N.cost - N_p.cost;
+  if (!(freedom_p > kLeastFreedom) || !(freedom_o > kLeastFreedom) || !(cost_p > 0.0) || !(cost_o > 0.0)) {
+    return std::nullopt;
+  }
+  return (cost_o / freedom_o) / (cost_p / freedom_p);
+}
+
+}  // namespace
+
+double orientation_length_of_residuals(const FitTask& task, const FreeParameters& free) {
+  JointOptions joint = task.fit_options.joint;
+  double& length = joint.residuals.orientation_length;
+  Estimate estimate = task.start;
+  for (int round = 0; round < kRounds && !task.measurements.orientations.empty(); ++round) {
+    const Identification found = identify_jointly(task.model, task.measurements, estimate, free, joint);
+    if (found.rms < kRounding || found.termination == Termination::diverged) {
+      return task.fit_options.joint.residuals.orientation_length;
+    }
+    estimate = found.estimate;
+    const std::optional<double> ratio = ratio_of_variances(task, free, joint.residuals, estimate);
+    if (!ratio) {
+      return task.fit_options.joint.residuals.orientation_length;
+    }
+    const double next = std::clamp(length / std::sqrt(*ratio), kShortest, kLongest);
+    const bool settled = std::abs(next - length) < kSettled * length;
+    length = next;
+    if (settled) {
+      break;
+    }
+  }
+  return length;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,79 @@
+// Measured orientations are weighed by what their residuals say, not by a lever.
+
+#include <gmock/gmock.h>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+// Mean square of the held-out errors [m^2] of calibrations that state both sigmas, none, or none and weigh by a lever.
+struct HeldOut {
+  double stated = 0.0;
+  double estimated = 0.0;
+  double lever = 0.0;
+};
+
+HeldOut held_out(double orientation_sigma) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  std::vector<TargetFrame> frames = published_targets(1);
+  frames[0].with_orientation = true;
+  const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
+  constexpr double kSigma = 0.00003;
+  HeldOut sums;
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    Random random(seed);
+    const VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+    const JointRanges ranges = limits_of(model.joints);
+    Measurements train = measure(truth, random_configurations(ranges, 30, random),
+                                 {.sigma = kSigma, .orientation_sigma = orientation_sigma}, random);
+    for (Observation& observation : train.observations) {
+      observation.sigma = 0.0;
+    }
+    const Measurements test = measure(truth, random_configurations(ranges, 100, random), {}, random, Split::test);
+    const auto square = [&](const Estimate& estimate) {
+      const double rms = error_statistics(position_errors(model, estimate, joined(train, test), Rows::test)).rms;
+      return rms * rms;
+    };
+    CalibrationOptions stated;
+    stated.noise.independent.setConstant(kSigma);
+    stated.noise.orientation = orientation_sigma;
+    sums.stated += square(calibrate(model, train, stated).identification.estimate);
+    sums.estimated += square(calibrate(model, train).identification.estimate);
+    sums.lever += square(identify_jointly(model, train, nominal_start(model, train), free).estimate);
+  }
+  return sums;
+}
+
+TEST(VarianceComponents, AreAsGoodAsStatedSigmas) {
+  for (const double sigma : {0.00001, 0.0001, 0.002}) {
+    const HeldOut found = held_out(sigma);
+    std::cout << "orientations to " << sigma << " rad: held out over stated sigmas "
+              << std::sqrt(found.estimated / found.stated) << " estimated, " << std::sqrt(found.lever / found.stated)
+              << " by a lever of 0.3 m\n";
+    EXPECT_LT(found.estimated, 1.1 * found.stated) << sigma;
+    if (sigma > 0.001) {
+      EXPECT_LT(found.estimated, 0.5 * found.lever) << sigma;
+    }
+  }
+}
+
+TEST(VarianceComponents, LeaveExactPosesExact) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  std::vector<TargetFrame> frames = published_targets(1);
+  frames[0].with_orientation = true;
+  const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
+  Random random(1);
+  const VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+  const Calibration found =
+      calibrate(model, measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random));
+  EXPECT_TRUE(found.trusted()) << found.identification.message;
+  EXPECT_LT(found.train.after.max, 1e-12);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
