@@ -1,4 +1,5 @@
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
