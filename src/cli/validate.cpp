@@ -143,7 +143,7 @@ ExitStatus run_against_truth(const Arguments& arguments) {
   const Estimate truth = estimate_of(truth_file, arguments.truth, model);
   Random random(arguments.seed);
   const Eigen::MatrixXd joint_values = random_configurations(
-      model, ranges_to_compare_in(truth_file, arguments.truth, model), kConfigurationsOfTruth, random);
+      model.joints, ranges_to_compare_in(truth_file, arguments.truth, model), kConfigurationsOfTruth, random);
   const TruthComparison comparison = compare_with_truth(model, estimate, truth, joint_values);
   if (arguments.json) {
     Json json = truth_json(model, estimate, truth, comparison);
