@@ -160,6 +160,8 @@ bool has_more_to_explain(const FitTask& task, const FreeParameters& complete, co
   return promised_share(task.model, problem, complete, fit.identification.estimate) > kMost;
 }
 
+constexpr double kExplained = 0.005;  // [m] a misfit beyond that is not one of the geometry
+
 // The complete set from the start, then what the measurements determine there.
 WholeFit go_on_in_complete_set(const FitTask& task, const FreeParameters& complete, const FreeParameters& candidates) {
   const LeastSquaresProblem problem(task.model, task.measurements, complete, task.fit_options.joint.residuals);
@@ -181,10 +183,14 @@ WholeFit go_on_in_complete_set(const FitTask& task, const FreeParameters& comple
     result.identification = narrow.identification;
     result.identification.iterations += wide.iterations;
   } else if (wide.termination == Termination::converged) {
+    const bool explained = wide.rms < kExplained;
     result.identification.iterations += narrow.identification.iterations;
-    result.identification.termination = Termination::rank_deficient;
+    result.identification.termination = explained ? Termination::rank_deficient : Termination::stalled;
     result.identification.message =
-        "converged, but the measurements do not determine all parameters: what they leave open was kept near nominal";
+        explained
+            ? "converged, but the measurements do not determine all parameters: what they leave open was kept near "
+              "nominal"
+            : "no arm near the nominal one explains the measurements";
   }
   std::vector<double>& history = result.identification.rms_history;
   history = wide.rms_history;
@@ -241,7 +247,8 @@ bool same_parameters(const FreeParameters& a, const FreeParameters& b) {
 WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const FreeParameters& candidates) {
   WholeFit result{.reduction = choice.reduction, .candidates = candidates};
   const bool chosen = task.options.method == Method::joint && task.options.model == ModelChoice::irreducible;
-  const bool may_go_on = chosen && task.fit_options.loss == Loss::none;
+  // What the user fixed must not come back under other names.
+  const bool may_go_on = chosen && task.fit_options.loss == Loss::none && task.options.fix.empty();
   Fitted fitted = identify_in_gauge(task, candidates, result.free, may_go_on ? Steps::plain : Steps::any);
   result.identification = std::move(fitted.identification);
   result.weights = std::move(fitted.weights);
