@@ -88,6 +88,9 @@ struct NoiseReport {
   double degrees_of_freedom = 0.0;
   double variance_factor = 1.0;  ///< what the covariance was multiplied by, above 1 where the fit is worse than stated
   std::optional<RepeatNoise> repeats;
+  /// [m] where orientations were measured and no sigma of theirs is stated: an error of one radian counted as much as
+  /// this error of position, found from the residuals of both.
+  std::optional<double> orientation_length;
 };
 
 /// A cube of the workspace and the predicted 3D 1 sigma [m] of the configurations whose flange lies in it.

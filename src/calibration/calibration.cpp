@@ -622,13 +622,15 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   FitOptions fit_options{.loss = options.loss, .joint = {}, .after_fit = counted_fits(measurements, options)};
   fit_options.joint.residuals.noise = noise_model(measurements, options);
   fit_options.joint.max_iterations = options.iterations > 0 ? options.iterations : fit_options.joint.max_iterations;
-  if (options.method == Method::joint && !(fit_options.joint.residuals.noise.orientation > 0.0)) {
-    fit_options.joint.residuals.orientation_length = orientation_length_of_residuals({.model = result.model,
-                                                                                      .measurements = measurements,
-                                                                                      .start = start,
-                                                                                      .options = options,
-                                                                                      .fit_options = fit_options},
-                                                                                     result.free);
+  ResidualOptions& weighed = fit_options.joint.residuals;
+  if (options.method == Method::joint && !measurements.orientations.empty() && !(weighed.noise.orientation > 0.0)) {
+    const FitTask task{.model = result.model,
+                       .measurements = measurements,
+                       .start = start,
+                       .options = options,
+                       .fit_options = fit_options};
+    weighed.orientation_length = orientation_length_of_residuals(task, result.free);
+    result.noise.orientation_length = weighed.orientation_length;
   }
   const bool stated = fit_options.joint.residuals.noise.is_absolute() || any_sigma(measurements);
   ModelOption chosen{

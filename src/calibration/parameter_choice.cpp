@@ -1,7 +1,6 @@
 #include "calibration/parameter_choice.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <set>
 #include <string_view>
 #include <utility>
@@ -102,25 +101,6 @@ std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, c
   return result;
 }
 
-bool is_frame(const std::string& name) { return name.find('.') != std::string::npos; }
-
-// What is a gauge freedom, one other parameter by another name, or a motion of the base or the targets.
-std::set<std::string> said_otherwise(const Reduction& reduction) {
-  std::set<std::string> names;
-  for (const GaugeParameter& parameter : reduction.gauge) {
-    names.insert(parameter.name);
-  }
-  for (const DroppedParameter& parameter : reduction.dropped) {
-    const auto& instead = parameter.replaced_by;
-    const bool by_frames =
-        std::all_of(instead.begin(), instead.end(), [](const auto& one) { return is_frame(one.first); });
-    if (by_frames || (instead.size() == 1 && std::abs(instead.begin()->second) == 1.0)) {
-      names.insert(parameter.name);
-    }
-  }
-  return names;
-}
-
 }  // namespace
 
 ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
@@ -132,17 +112,20 @@ ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<Tar
   ParameterChoice choice{.reduction = reduced_model(model, targets, reduction), .free = {}, .complete = {}};
   const std::set<std::string> kept(choice.reduction.kept.begin(), choice.reduction.kept.end());
   const std::set<std::string> held(reduction.fixed.begin(), reduction.fixed.end());
-  const std::set<std::string> same = said_otherwise(choice.reduction);
+  std::set<std::string> gauge;
+  for (const GaugeParameter& parameter : choice.reduction.gauge) {
+    gauge.insert(parameter.name);
+  }
   for (const std::string& name : names) {
     if (fixed.count(name) > 0 || held.count(name) > 0) {
       continue;
     }
     const bool wanted = options.model == ModelChoice::complete || kept.count(name) > 0 || freed.count(name) > 0;
-    const bool geometric = !is_frame(name);
+    const bool geometric = name.find('.') == std::string::npos;
     if (wanted) {
       choice.free.push_back(name);
     }
-    if (wanted || (geometric && same.count(name) == 0)) {
+    if (wanted || (geometric && gauge.count(name) == 0)) {
       choice.complete.push_back(name);
     }
   }

@@ -12,7 +12,7 @@ namespace kdl_calibration {
 struct ParameterChoice {
   Reduction reduction;
   std::vector<std::string> free;      ///< names, in the order of all_names
-  std::vector<std::string> complete;  ///< those and every geometric error that is neither fixed nor just another's name
+  std::vector<std::string> complete;  ///< those and every geometric error that is neither fixed nor a gauge freedom
 };
 
 /// The irreducible or complete model with the patterns of --fix and --free and the known frames applied. `reduction`

@@ -60,6 +60,9 @@ Json noise_json(const NoiseReport& noise) {
                  {"common", array(noise.common)},
                  {"degrees_of_freedom", noise.degrees_of_freedom},
                  {"variance_factor", noise.variance_factor}};
+  if (noise.orientation_length) {
+    result["orientation_length"] = *noise.orientation_length;
+  }
   if (noise.repeats) {
     result["repeats"] = {{"independent", array(noise.repeats->independent)},
                          {"common", array(noise.repeats->common)},

@@ -247,8 +247,9 @@ bool same_parameters(const FreeParameters& a, const FreeParameters& b) {
 WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const FreeParameters& candidates) {
   WholeFit result{.reduction = choice.reduction, .candidates = candidates};
   const bool chosen = task.options.method == Method::joint && task.options.model == ModelChoice::irreducible;
-  // What the user fixed must not come back under other names.
-  const bool may_go_on = chosen && task.fit_options.loss == Loss::none && task.options.fix.empty();
+  // What the user fixed must not come back under other names, and a limit that the user set is one.
+  const bool as_asked = task.options.fix.empty() && task.options.iterations == 0;
+  const bool may_go_on = chosen && task.fit_options.loss == Loss::none && as_asked;
   Fitted fitted = identify_in_gauge(task, candidates, result.free, may_go_on ? Steps::plain : Steps::any);
   result.identification = std::move(fitted.identification);
   result.weights = std::move(fitted.weights);

@@ -157,7 +157,12 @@ void expect_same_frames(const Estimate& found, const Estimate& expected) {
 void expect_dense_fit(const Arm& arm, const Calibration& found, const DenseNoise& noise) {
   ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
   const Estimate& estimate = found.identification.estimate;
-  const DenseFit dense(arm.model, arm.measured, found.free, noise);
+  DenseNoise weighed = noise;
+  if (found.noise.orientation_length) {  // the calibration finds it from the residuals of positions and orientations
+    const double ratio = kOrientationLength / *found.noise.orientation_length;
+    weighed.orientation = [=](const Observation& o) { return ratio * ratio * noise.orientation(o); };
+  }
+  const DenseFit dense(arm.model, arm.measured, found.free, weighed);
   const Estimate expected = dense.fit(estimate);
   const double freedom = static_cast<double>(dense.equations() - dense.columns());
   const double reduced = dense.cost(expected) / freedom;

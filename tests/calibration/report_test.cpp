@@ -496,6 +496,9 @@ void expect_fit(Expected& expected, const Case& c) {
   if (c.options.method == Method::two_step) {
     expected.number("/convergence_factor", found.identification.convergence_factor);
   }
+  const std::vector<double>& history = found.identification.rms_history;
+  expected.numbers("/history",
+                   Eigen::Map<const Eigen::VectorXd>(history.data(), static_cast<Eigen::Index>(history.size())));
   expected.numbers("/singular_values", found.identifiability.singular_values);
   expected.texts("/fixed_by_gauge", found.fixed_by_gauge);
   const auto groups = [&](const std::string& path, const std::vector<std::vector<std::string>>& names) {
@@ -630,6 +633,9 @@ void expect_noise(Expected& expected, const Calibration& found) {
   expected.numbers("/noise/common", noise.common);
   expected.number("/noise/degrees_of_freedom", noise.degrees_of_freedom);
   expected.number("/noise/variance_factor", noise.variance_factor);
+  if (noise.orientation_length) {
+    expected.number("/noise/orientation_length", *noise.orientation_length);
+  }
   if (noise.repeats) {
     expected.numbers("/noise/repeats/independent", noise.repeats->independent);
     expected.numbers("/noise/repeats/common", noise.repeats->common);

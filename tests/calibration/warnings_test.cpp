@@ -421,8 +421,8 @@ TEST(Terminations, SayHowTheJointFitEnded) {
              "the last step moved the predicted points by less than the tolerance");
   expect_end(identify_jointly(s.model, s.measured, start, free, {.max_iterations = 2}), Termination::iteration_limit,
              "iteration_limit", "still moving after 2 iterations");
-  expect_end(identify_jointly(s.model, s.measured, start, free, {.step_tolerance = 0.0}), Termination::stalled,
-             "stalled", "no step reduces the misfit any more");
+  expect_end(identify_jointly(s.model, s.measured, start, free, {.step_tolerance = 0.0}), Termination::converged,
+             "converged", "no step can reduce the misfit by more than its rounding");
   FreeParameters with_gauge = free;
   with_gauge.geometric.push_back(parameter_index(s.model, "dq1"));
   expect_end(identify_jointly(s.model, s.measured, start, with_gauge), Termination::rank_deficient, "rank_deficient",

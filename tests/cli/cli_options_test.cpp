@@ -221,9 +221,82 @@ INSTANTIATE_TEST_SUITE_P(Options, FkOption, ::testing::ValuesIn(fk_options()), b
 TEST_P(JacobianOption, HasItsEffectAndNoOther) { check("jacobian"); }
 INSTANTIATE_TEST_SUITE_P(Options, JacobianOption, ::testing::ValuesIn(arm_options()), behaviour_of);
 
+// ---- jacobian --identification -------------------------------------------------------------------------------------
+
+long lines_of(const std::string& text) { return std::count(text.begin(), text.end(), '\n'); }
+
+/// The matrices have a row for each of so many configurations, targets and axes behind the header.
+Check has_matrices_of(long without, long with) {
+  return [=](const Effect& effect) {
+    EXPECT_EQ(lines_of(effect.without.outcome.out), 1 + 3 * without) << effect.without.outcome.err;
+    EXPECT_EQ(lines_of(effect.with.outcome.out), 1 + 3 * with) << effect.with.outcome.err;
+    EXPECT_EQ(effect.with.outcome.status, 0);
+    EXPECT_TRUE(effect.with.files.empty());
+  };
+}
+
+std::vector<OptionCase> identification_options() {
+  const Words joints = {"--joints", "0.1,-0.2,0.3,-0.4,0.5,-0.6"};
+  const Words matrices = joints + Words{"--identification"};
+  const auto header_gains = [](const std::string& column) {
+    return [column](const Effect& effect) {
+      EXPECT_THAT(effect.with.outcome.out, HasSubstr("," + column + "["));
+      EXPECT_THAT(effect.without.outcome.out, Not(HasSubstr("," + column + "[")));
+      EXPECT_EQ(lines_of(effect.with.outcome.out), 10);
+    };
+  };
+  return {
+      {"IdentificationWritesTheMatrices", {"--identification"}, header_gains("p_base.x"), joints},
+      {"ConfigurationsComeFromAFile",
+       {"--configuration-file", "plan.csv"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_EQ(lines_of(effect.with.outcome.out), 1 + 2 * 3 * 3) << effect.with.outcome.err;
+       },
+       {"--identification"}},
+      {"OneTargetHasThreeRows", {"--targets", "1"}, has_matrices_of(3, 1), matrices},
+      {"TargetsComeFromAFile",
+       {"--target-file", "targets.json"},
+       both_checks(has_matrices_of(3, 2),
+                   [](const Effect& effect) { EXPECT_THAT(effect.with.outcome.out, HasSubstr(",Q,z,")); }),
+       matrices},
+      {"TheCompleteModelHasEveryError", {"--model", "complete"}, header_gains("Tz0"), matrices},
+      {"OutputHoldsWhatWasPrinted",
+       {"--output", "matrices.csv"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.files.at("matrices.csv"), effect.without.outcome.out);
+         EXPECT_EQ(effect.with.files.size(), 1U);
+       },
+       matrices},
+      {"ForceReplacesAFile",
+       {"--force"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_EQ(lines_of(effect.with.files.at("old.csv")), 10);
+       },
+       matrices + Words{"--output", "old.csv"}},
+  };
+}
+
+class IdentificationOption : public OptionEffect {};
+
+TEST_P(IdentificationOption, HasItsEffectAndNoOther) {
+  write("old.csv", "old");
+  write("targets.json", R"({"targets": [{"name": "P", "position": [0, 0.2, 0]},
+    {"name": "Q", "position": [0.3, 0, -0.4]}]})");
+  write("plan.csv",
+        "joint_1[deg],joint_2[deg],joint_3[deg],joint_4[deg],joint_5[deg],joint_6[deg]\n0,0,0,0,0,0\n"
+        "10,-20,30,-40,50,-60\n");
+  check_effect({"jacobian"}, GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Options, IdentificationOption, ::testing::ValuesIn(identification_options()), behaviour_of);
+
 TEST_F(OptionsOfKdlcal, OfFkAndJacobianAreAllTested) {
   expect_a_test_of_every_option("fk", fk_options());
-  expect_a_test_of_every_option("jacobian", arm_options());
+  std::vector<OptionCase> rows = arm_options();
+  const std::vector<OptionCase> more = identification_options();
+  rows.insert(rows.end(), more.begin(), more.end());
+  expect_a_test_of_every_option("jacobian", rows);
 }
 
 // ---- validate ------------------------------------------------------------------------------------------------------
@@ -313,6 +386,41 @@ std::vector<OptionCase> validate_options() {
   };
 }
 
+std::vector<OptionCase> truth_options() {
+  const Words both = {"--result", "result.json", "--truth", "truth.json"};
+  // Found from noise of 20 µm on nominal geometry: off by about that.
+  const Check compares = [](const Effect& effect) {
+    EXPECT_EQ(effect.without.outcome.status, 2) << "one without the other";
+    EXPECT_EQ(effect.with.json["comparable"], true);
+    EXPECT_GT(effect.with.json["position_error"]["all"]["rms"], 5e-6);
+    EXPECT_LT(effect.with.json["position_error"]["all"]["rms"], 5e-5);
+  };
+  return {{"ResultIsComparedWithTheTruth", {"--result", "result.json"}, compares, {"--truth", "truth.json"}},
+          {"TruthIsWhatTheResultShouldBe", {"--truth", "truth.json"}, compares, {"--result", "result.json"}},
+          {"SeedDrawsOtherConfigurations",
+           {"--seed", "2"},
+           [](const Effect& effect) {
+             EXPECT_EQ(effect.without.json["seed"], 1);
+             EXPECT_EQ(effect.with.json["seed"], 2);
+             const Json& without = effect.without.json["position_error"]["all"];
+             const Json& with = effect.with.json["position_error"]["all"];
+             EXPECT_NE(with["rms"], without["rms"]);
+             EXPECT_NEAR(with["rms"], without["rms"], 0.2 * without["rms"].get<double>());
+           },
+           both}};
+}
+
+class TruthOption : public OptionEffect {};
+
+TEST_P(TruthOption, HasItsEffectAndNoOther) {
+  ASSERT_EQ(run({"simulate", "--configurations", "12", "--noise", "2e-5", "--output", "m.csv", "--truth", "truth.json"})
+                .status,
+            0);
+  ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "result.json"}).status, 0);
+  check_effect({"validate", "--json"}, GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Options, TruthOption, ::testing::ValuesIn(truth_options()), behaviour_of);
+
 class ValidateOption : public OptionEffect {};
 
 TEST_P(ValidateOption, HasItsEffectAndNoOther) {
@@ -331,7 +439,12 @@ TEST_P(ValidateOption, HasItsEffectAndNoOther) {
 }
 INSTANTIATE_TEST_SUITE_P(Options, ValidateOption, ::testing::ValuesIn(validate_options()), behaviour_of);
 
-TEST_F(OptionsOfKdlcal, OfValidateAreAllTested) { expect_a_test_of_every_option("validate", validate_options()); }
+TEST_F(OptionsOfKdlcal, OfValidateAreAllTested) {
+  std::vector<OptionCase> rows = validate_options();
+  const std::vector<OptionCase> more = truth_options();
+  rows.insert(rows.end(), more.begin(), more.end());
+  expect_a_test_of_every_option("validate", rows);
+}
 
 }  // namespace
 }  // namespace kdl_calibration::testing

@@ -309,9 +309,32 @@ std::vector<OptionCase> simulate_file_options() {
   };
 }
 
+/// The published procedure instead of measurements to write.
+std::vector<OptionCase> procedure_options() {
+  return {{"TwoStepRunsTheProcedureForSoManyRounds",
+           {"--two-step", "3"},
+           [](const Effect& effect) {
+             EXPECT_FALSE(effect.without.json.contains("rounds"));
+             ASSERT_EQ(effect.with.json["rounds"].size(), 3U);
+             EXPECT_EQ(effect.with.json["recorded"], false);
+             EXPECT_EQ(effect.with.outcome.status, 1) << "three rounds do not arrive";
+           },
+           {"--json"}},
+          {"RecordedMeasuresTheSameConfigurationsInEveryRound",
+           {"--recorded"},
+           [](const Effect& effect) {
+             const Json& fresh = effect.without.json["rounds"];
+             const Json& recorded = effect.with.json["rounds"];
+             EXPECT_EQ(effect.with.json["recorded"], true);
+             EXPECT_EQ(recorded[0]["misfit"], fresh[0]["misfit"]);
+             EXPECT_NE(recorded[1]["misfit"], fresh[1]["misfit"]);
+           },
+           {"--json", "--two-step", "3"}}};
+}
+
 std::vector<OptionCase> simulate_options() {
   std::vector<OptionCase> rows = draw_options();
-  for (const auto& more : {experiment_options(), simulate_file_options()}) {
+  for (const auto& more : {experiment_options(), simulate_file_options(), procedure_options()}) {
     rows.insert(rows.end(), more.begin(), more.end());
   }
   return rows;
@@ -336,7 +359,7 @@ TEST_P(SimulateOption, HasItsEffectAndNoOther) {
   };
   Words command = {"simulate"};
   command = option == "--configurations" ? command : command + Words{"--configurations", "12"};
-  const bool files = !given("--output") && !given("--truth") && !given("--monte-carlo");
+  const bool files = !given("--output") && !given("--truth") && !given("--monte-carlo") && !given("--two-step");
   check_effect(files ? command + Words{"--output", "m.csv", "--truth", "t.json"} : command, GetParam());
 }
 INSTANTIATE_TEST_SUITE_P(Options, SimulateOption, ::testing::ValuesIn(simulate_options()), behaviour_of);
