@@ -97,7 +97,12 @@ configure_and_build() {
   (cd "$root" && cmake --preset "$preset" "$@" && cmake --build "build/$preset" -j "$jobs")
 }
 
-# run_tests <preset>: those that take long come last.
+# run_tests <preset>: all but those that take long.
 run_tests() {
-  (cd "$root/build/$1" && ctest --output-on-failure -j 2 -LE long && ctest --output-on-failure -j 2 -L long)
+  (cd "$root/build/$1" && ctest --output-on-failure -j 2 -LE long)
+}
+
+# run_long_tests <preset>: Monte Carlo over many seconds.
+run_long_tests() {
+  (cd "$root/build/$1" && ctest --output-on-failure -j 2 -L long)
 }

@@ -9,3 +9,4 @@ read_options "Installs what is missing, builds everything in build/release and r
 install_missing "${build_packages[@]}" "${test_packages[@]}"
 configure_and_build release -D KDL_CALIBRATION_BUILD_TESTS=ON -D KDL_CALIBRATION_SHARED_DATA_DIR="$data"
 run_tests release
+run_long_tests release
