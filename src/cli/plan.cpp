@@ -213,7 +213,7 @@ std::string line(const std::string& label, const Prediction& prediction, double 
   return text + "\n";
 }
 
-std::string table(const Arguments& arguments, const Setting& setting, const Plan& plan) {
+std::string table(const Arguments& arguments, const Plan& plan) {
   const auto number = [](auto value) { return std::to_string(value); };
   const ObservabilityIndices& o = plan.observability;
   std::string text =
@@ -273,7 +273,7 @@ ExitStatus run(const Arguments& arguments) {
     files.front().text = plan_csv(result.sheet, set.request.robot.joints, set.joint_convention());
     write_whole(files, arguments.force);
   }
-  print(arguments.json ? json(arguments, set, result) : table(arguments, set, result));
+  print(arguments.json ? json(arguments, set, result) : table(arguments, result));
   return done;
 }
 
