@@ -153,16 +153,21 @@ void expect_same_frames(const Estimate& found, const Estimate& expected) {
   }
 }
 
+// The noise with orientations weighed as the calibration found them from the residuals of both, where it did.
+DenseNoise weighed_as_by(const Calibration& found, const DenseNoise& noise) {
+  DenseNoise weighed = noise;
+  if (found.noise.orientation_length) {
+    const double ratio = kOrientationLength / *found.noise.orientation_length;
+    weighed.orientation = [=](const Observation& o) { return ratio * ratio * noise.orientation(o); };
+  }
+  return weighed;
+}
+
 // Estimate, variance factor and covariance of a calibration are those of the dense problem.
 void expect_dense_fit(const Arm& arm, const Calibration& found, const DenseNoise& noise) {
   ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
   const Estimate& estimate = found.identification.estimate;
-  DenseNoise weighed = noise;
-  if (found.noise.orientation_length) {  // the calibration finds it from the residuals of positions and orientations
-    const double ratio = kOrientationLength / *found.noise.orientation_length;
-    weighed.orientation = [=](const Observation& o) { return ratio * ratio * noise.orientation(o); };
-  }
-  const DenseFit dense(arm.model, arm.measured, found.free, weighed);
+  const DenseFit dense(arm.model, arm.measured, found.free, weighed_as_by(found, noise));
   const Estimate expected = dense.fit(estimate);
   const double freedom = static_cast<double>(dense.equations() - dense.columns());
   const double reduced = dense.cost(expected) / freedom;
@@ -306,7 +311,7 @@ TEST(Combinations, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) 
   const Arm repeated_poses = posed_arm(7, 2);
   for (const Arm* arm : {&points, &repeated, &poses, &repeated_poses}) {
     const Calibration plain = calibrate(arm->model, arm->measured);
-    const DenseNoise equal = dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0);
+    const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
     const DenseFit dense(arm->model, arm->measured, plain.free, equal);
     const double freedom = static_cast<double>(dense.equations() - dense.columns());
     const double sigma = std::sqrt(dense.cost(plain.identification.estimate) / freedom);
@@ -322,7 +327,8 @@ TEST(Combinations, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) 
     };
     EXPECT_LT(difference(stated), 1e-4);
     EXPECT_GT(difference(plain), 0.1) << "the priors change nothing";
-    const DenseNoise found = dense_noise([=](const Observation&) { return isotropic(sigma); }, 0.0);
+    const DenseNoise found =
+        weighed_as_by(stated, dense_noise([=](const Observation&) { return isotropic(sigma); }, 0.0));
     const DenseFit with_priors(arm->model, arm->measured, stated.free, found, options.priors);
     const Estimate expected = with_priors.fit(stated.identification.estimate);
     EXPECT_LT(difference_in_sigmas(stated.identification.estimate, expected, stated.free, stated.covariance), 1e-4);
@@ -639,7 +645,7 @@ TEST(Combinations, FewDegreesOfFreedomGiveTheVarianceOfTheTextbook) {
     const Calibration found = calibrate(tight.arm.model, tight.arm.measured, tight.options);
     ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
     EXPECT_EQ(found.noise.degrees_of_freedom, freedom);
-    const DenseNoise equal = dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0);
+    const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
     const DenseFit dense(tight.arm.model, tight.arm.measured, found.free, equal);
     ASSERT_EQ(dense.equations() - dense.columns(), freedom);
     const Estimate expected = dense.fit(found.identification.estimate);
