@@ -645,7 +645,7 @@ TEST(Combinations, FewDegreesOfFreedomGiveTheVarianceOfTheTextbook) {
     const Calibration found = calibrate(tight.arm.model, tight.arm.measured, tight.options);
     ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
     EXPECT_EQ(found.noise.degrees_of_freedom, freedom);
-    const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
+    const DenseNoise equal = dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0);
     const DenseFit dense(tight.arm.model, tight.arm.measured, found.free, equal);
     ASSERT_EQ(dense.equations() - dense.columns(), freedom);
     const Estimate expected = dense.fit(found.identification.estimate);
