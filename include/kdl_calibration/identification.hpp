@@ -47,10 +47,10 @@ struct JointOptions {
 
 /// All parameters at once by Gauss-Newton steps. The first ones are plain; where one does not take off half of what it
 /// promised, or goes beyond reason, the errors have a prior of the size that is usual of an arm (3 mm, 5 mrad; targets
-/// 0.1 m about the flange) in units of the present misfit, which fades as the misfit falls and is gone at the end, and a
-/// trust region in the same metric. No step that increases the cost is taken, but for its rounding. Converged means that
-/// a plain step, and with it the scaled gradient, moves the predicted points by less than the tolerance.
-/// Throws InputError where there are fewer equations than unknowns.
+/// 0.1 m about the flange) in units of the present misfit, which fades as the misfit falls and is gone at the end, and
+/// a trust region in the same metric. No step that increases the cost is taken, but for its rounding. Converged means
+/// that a plain step, and with it the scaled gradient, moves the predicted points by less than the tolerance. Throws
+/// InputError where there are fewer equations than unknowns.
 Identification identify_jointly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                 const FreeParameters& free, const JointOptions& options = {});
 

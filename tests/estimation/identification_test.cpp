@@ -501,8 +501,9 @@ TEST(Identification, TwoStepsWithRecordedConfigurationsConvergeMoreSlowlyToTheTr
 TEST(Identification, TwoStepsThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) {
   const Experiment experiment;
   Random random(3);
-  const Measurements recorded = measure(
-      experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 30, random), {}, random);
+  const Measurements recorded =
+      measure(experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 30, random),
+              {}, random);
   const Estimate start = nominal_start(experiment.model, recorded);
   const auto factor = [&](const TwoStepOptions& options) {
     return identify_in_two_steps(
