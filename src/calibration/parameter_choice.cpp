@@ -5,6 +5,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/reduction.hpp"
 
@@ -35,14 +36,6 @@ bool matches(std::string_view pattern, std::string_view name) {
   return pattern.find_first_not_of('*', p) == kNone;
 }
 
-std::string listed(const std::vector<std::string>& names) {
-  std::string text;
-  for (const std::string& name : names) {
-    text += (text.empty() ? "" : ", ") + name;
-  }
-  return text;
-}
-
 std::set<std::string> matching(const std::vector<std::string>& patterns, const std::vector<std::string>& names,
                                const std::string& option) {
   std::set<std::string> result;
@@ -55,7 +48,7 @@ std::set<std::string> matching(const std::vector<std::string>& patterns, const s
       }
     }
     if (!any) {
-      throw InputError(option + ": '" + pattern + "' matches no parameter; there are " + listed(names));
+      throw InputError(option + ": '" + pattern + "' matches no parameter; there are " + comma_separated(names));
     }
   }
   return result;

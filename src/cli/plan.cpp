@@ -23,7 +23,6 @@ namespace kdl_calibration::cli {
 namespace {
 
 using Eigen::Index;
-using Eigen::MatrixXd;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr int kConfigurations = 30;
