@@ -237,7 +237,8 @@ private:
     problem_.move(result_.estimate, solver_.step(), moved_);
     if (plain_ && effect_ <= tolerance_) {  // the last look: no step follows
       smallest_pivot_ = solver_.smallest_pivot();
-      if (const double cost = problem_.cost(moved_); cost <= equations_.cost) {
+      // So small a step changes the cost by less than its rounding, and what it promises is the judge.
+      if (const double cost = problem_.cost(moved_); cost <= equations_.cost + rounding_of_cost()) {
         equations_.cost = cost;
         std::swap(result_.estimate, moved_);
       }
@@ -292,7 +293,7 @@ private:
       return true;
     }
     // So close to the end the costs differ by their rounding alone, and what the next step promises is the judge.
-    const double rounding = rounding_ * std::sqrt(equations_.cost * problem_.total_weight());
+    const double rounding = rounding_of_cost();
     if (promise_ <= rounding && moved_equations_.cost <= equations_.cost + rounding) {
       smallest_pivot_ = solver_.smallest_pivot();
       if (promise_ < 0.25 * last_promise_) {
@@ -344,6 +345,8 @@ private:
     std::swap(result_.estimate, moved_);
     std::swap(equations_, moved_equations_);
   }
+
+  double rounding_of_cost() const { return rounding_ * std::sqrt(equations_.cost * problem_.total_weight()); }
 
   double rms() const { return std::sqrt(equations_.cost / problem_.total_weight()); }
 

@@ -122,6 +122,15 @@ Sums accumulate(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& 
   return sums;
 }
 
+// d vec(A exp([delta])) / d delta at delta = 0.
+Eigen::Matrix<double, 9, 3> tangent(const Matrix3d& A) {
+  Eigen::Matrix<double, 9, 3> T;
+  T << Vector3d::Zero(), -A.col(2), A.col(1),  //
+      A.col(2), Vector3d::Zero(), -A.col(0),   //
+      -A.col(1), A.col(0), Vector3d::Zero();
+  return T;
+}
+
 // f(A) = vec(A)^T Q vec(A) - 2 b^T vec(A) + constant, after the elimination of c and the targets:
 //   t_k = (Rt_z vec(A) - R^T c - Rt_p) / (weight + ridge),   c = c_matrix vec(A) + c_vector.
 struct RotationForm {
@@ -137,6 +146,18 @@ struct RotationForm {
     return theta.dot(Q * theta - 2.0 * b) + constant;
   }
 };
+
+// Half of d^2 f(A exp([delta])) / d delta^2 at delta = 0, the curvature of the rotations included: along a rotation
+// that changes no residual it is zero, whatever the residuals are.
+Matrix3d second_derivative(const RotationForm& form, const Matrix3d& A) {
+  const Eigen::Matrix<double, 9, 3> T = tangent(A);
+  const Eigen::Map<const Vector9d> theta(A.data());
+  const Vector9d slope = form.Q * theta - form.b;
+  const Matrix3d M = A.transpose() * Eigen::Map<const Matrix3d>(slope.data());
+  // A exp([delta]) = A (I + [delta] + (delta delta^T - |delta|^2 I) / 2 + ...)
+  const Matrix3d bend = 0.5 * (M + M.transpose()) - M.trace() * Matrix3d::Identity();
+  return T.transpose() * form.Q * T + bend;
+}
 
 // With `ridge` times the squared length of each target added to the sum of squares.
 RotationForm eliminate(const Sums& sums, double ridge) {
@@ -176,15 +197,6 @@ RotationForm eliminate(const Sums& sums, double ridge) {
   form.b -= form.c_matrix.transpose() * c_p;
   form.constant -= c_p.dot(C_inverse * c_p);
   return form;
-}
-
-// d vec(A exp([delta])) / d delta at delta = 0.
-Eigen::Matrix<double, 9, 3> tangent(const Matrix3d& A) {
-  Eigen::Matrix<double, 9, 3> T;
-  T << Vector3d::Zero(), -A.col(2), A.col(1),  //
-      A.col(2), Vector3d::Zero(), -A.col(0),   //
-      -A.col(1), A.col(0), Vector3d::Zero();
-  return T;
 }
 
 // Levenberg-Marquardt on the rotations; the form is at hand, so a step costs no look at the data. Ends at a step
@@ -297,6 +309,7 @@ constexpr double kUsualTarget = 0.1;  // [m] distance of a target from the flang
 struct Solution {
   RotationForm form;
   RotationMinimum minimum;
+  Matrix3d information = Matrix3d::Zero();  // that the measurements alone have about the rotation at the minimum
   double ridge = 0.0;
   bool loose = false;  // base and targets are known to no better than kUsualTarget / 3
 };
@@ -307,6 +320,7 @@ Solution solve(const Sums& sums) {
   Solution solution{.form = eliminate(sums, 0.0), .minimum = {}};
   if (solution.form.firmness > kFirm) {
     solution.minimum = minimise(solution.form);
+    solution.information = second_derivative(solution.form, solution.minimum.A);
     return solution;
   }
   const double firmness = std::max(solution.form.firmness, 0.0);
@@ -316,21 +330,19 @@ Solution solve(const Sums& sums) {
   solution.ridge = std::max(u / (kUsualTarget * kUsualTarget), numerical);
   solution.form = eliminate(sums, solution.ridge);
   solution.minimum = minimise(solution.form);
+  solution.information = second_derivative(free, solution.minimum.A);
   // What no robot of this kind could tell (a planar one the height of its targets) is no matter of these measurements.
   solution.loose = firmness > kNumerical && 9.0 * u > kUsualTarget * kUsualTarget * firmness * sums.weight;
   return solution;
 }
 
 std::string ambiguity(const Solution& solution, double weight) {
-  const RotationForm& form = solution.form;
   const RotationMinimum& minimum = solution.minimum;
   if (solution.loose) {
     return "the tool hardly turns: where base and targets are is not determined along every direction; the "
            "targets were kept near the flange";
   }
-  const Eigen::Matrix<double, 9, 3> T = tangent(minimum.A);
-  const Matrix3d hessian = T.transpose() * form.Q * T;
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(hessian);
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(solution.information);
   if (!(eigen.eigenvalues()[0] > 1e-10 * eigen.eigenvalues()[2])) {
     return "the configurations leave a rotation of the base undetermined";
   }
