@@ -57,12 +57,16 @@ struct TrackerNoise {
 /// The covariance of what was measured. Observations with a sigma of their own keep it for their independent part.
 /// Of one repeat of a configuration, with m points, it is the 3m x 3m block
 ///   blockdiag(independent parts) + common ⊗ (all ones).
+/// What the model misses is the same in every repeat: to the covariance of the means over the repeats it adds
+///   target_misfit^2 I + misfit^2 (all ones ⊗ I).
 struct NoiseModel {
   /// [m] 1 sigma of every coordinate of a point by itself, along the axes of W. Zero, without tracker or common part,
   /// means that only the proportions are known: all rows weigh alike.
   Eigen::Vector3d independent = Eigen::Vector3d::Zero();
   std::optional<TrackerNoise> tracker;               ///< instead of `independent`
   Eigen::Vector3d common = Eigen::Vector3d::Zero();  ///< [m] shared by the points of one repeat, along the axes of W
+  double misfit = 0.0;                               ///< [m] per coordinate, shared by the targets of a configuration
+  double target_misfit = 0.0;                        ///< [m] per coordinate of each target in each configuration
   double orientation = 0.0;                          ///< [rad] of every component of a measured orientation
 
   bool is_absolute() const { return tracker.has_value() || !independent.isZero(0.0) || !common.isZero(0.0); }
@@ -142,7 +146,8 @@ public:
   long equations() const { return equations_; }                ///< measured coordinates, repeats counted each
   long points() const { return points_measured_; }             ///< measured points, repeats counted each
   double cost_of_repeats() const { return cost_of_repeats_; }  ///< the part of the cost that no estimate changes
-  double total_weight() const { return total_weight_; }  ///< sum over the points of a coordinate's mean information
+  /// Sum over the points of 1 / mean variance of a coordinate, all parts of the noise together.
+  double total_weight() const { return total_weight_; }
 
 private:
   struct Point {

@@ -7,6 +7,7 @@
 #include <set>
 #include <utility>
 
+#include "assessment/folds.hpp"
 #include "base/parallel.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/random.hpp"
@@ -120,10 +121,17 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
       trained[static_cast<std::size_t>(observation.configuration)] = true;
     }
   }
-  std::vector<Eigen::Index> configurations;
+  // Configurations at the same joint values are one, whatever their labels.
+  std::vector<std::vector<Eigen::Index>> configurations;
+  std::map<std::vector<double>, std::size_t> known;
   for (std::size_t c = 0; c < trained.size(); ++c) {
     if (trained[c]) {
-      configurations.push_back(static_cast<Eigen::Index>(c));
+      const auto q = measurements.joint_values.col(static_cast<Eigen::Index>(c));
+      const auto [place, is_new] = known.try_emplace({q.begin(), q.end()}, configurations.size());
+      if (is_new) {
+        configurations.emplace_back();
+      }
+      configurations[place->second].push_back(static_cast<Eigen::Index>(c));
     }
   }
   const std::size_t count = configurations.size();
@@ -136,7 +144,8 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
   }
   std::vector<std::vector<Eigen::Index>> result(one_each ? count : static_cast<std::size_t>(folds));
   for (std::size_t i = 0; i < count; ++i) {
-    result[i % result.size()].push_back(configurations[i]);
+    std::vector<Eigen::Index>& fold = result[i % result.size()];
+    fold.insert(fold.end(), configurations[i].begin(), configurations[i].end());
   }
   return result;
 }
@@ -193,6 +202,29 @@ std::vector<std::vector<Eigen::Index>> folds_for_choice(const Measurements& meas
 }
 
 }  // namespace
+
+RefittedFold refit_without(const ErrorModel& model, const Measurements& measurements,
+                           const std::vector<Eigen::Index>& fold, const Estimate& start, const FreeParameters& free,
+                           const FitOptions& options) {
+  const Measurements rest = without(measurements, fold);
+  const Identification found = fit(model, rest, start, free, options);
+  const Measurements means = averaged(rest);
+  RefittedFold result{.distances = position_errors(model, found.estimate, means, Rows::test),
+                      .configurations = {},
+                      .targets = {},
+                      .converged = found.termination == Termination::converged};
+  std::map<std::string, std::int32_t> number;
+  for (const Eigen::Index c : fold) {
+    number[measurements.configurations[static_cast<std::size_t>(c)]] = static_cast<std::int32_t>(c);
+  }
+  for (const Observation& o : means.observations) {
+    if (o.split == Split::test) {
+      result.configurations.push_back(number.at(rest.configurations[static_cast<std::size_t>(o.configuration)]));
+      result.targets.push_back(o.target);
+    }
+  }
+  return result;
+}
 
 HoldOut cross_validate(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                        const FreeParameters& free, const std::vector<std::vector<Eigen::Index>>& folds,

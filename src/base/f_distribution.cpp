@@ -54,4 +54,19 @@ double f_upper_tail(double f, double a, double b) {
   return swap ? 1.0 - tail : tail;
 }
 
+double f_critical(double tail, double a, double b) {
+  constexpr double kAsGoodAsInfinite = 1e7;
+  constexpr int kHalvings = 80;
+  b = std::min(b, kAsGoodAsInfinite);
+  double below = -40.0;  // logarithms
+  double above = 40.0;
+  for (int halving = 0; halving < kHalvings; ++halving) {
+    const double middle = 0.5 * (below + above);
+    (f_upper_tail(std::exp(middle), a, b) > tail ? below : above) = middle;
+  }
+  return std::exp(0.5 * (below + above));
+}
+
+double t_critical_95(double degrees_of_freedom) { return std::sqrt(f_critical(0.05, 1.0, degrees_of_freedom)); }
+
 }  // namespace kdl_calibration

@@ -8,4 +8,10 @@ namespace kdl_calibration {
 /// continued fraction, Abramowitz and Stegun 26.5.8 and 26.6.2).
 double f_upper_tail(double f, double a, double b);
 
+/// The value that an F with a and b degrees of freedom exceeds with probability `tail`; b may be infinite.
+double f_critical(double tail, double a, double b);
+
+/// The value whose size a Student's t with that many degrees of freedom exceeds with probability 0.05.
+double t_critical_95(double degrees_of_freedom);
+
 }  // namespace kdl_calibration

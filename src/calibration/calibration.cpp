@@ -15,6 +15,8 @@
 
 #include "base/f_distribution.hpp"
 #include "base/text.hpp"
+#include "calibration/new_point.hpp"
+#include "calibration/noise_stage.hpp"
 #include "calibration/parameter_choice.hpp"
 #include "calibration/variance_components.hpp"
 #include "calibration/whole_fit.hpp"
@@ -130,15 +132,24 @@ std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, cons
   }
   const std::set<std::string> held(calibration.fixed_by_gauge.begin(), calibration.fixed_by_gauge.end());
   const std::set<std::string> kept(calibration.reduction.kept.begin(), calibration.reduction.kept.end());
+  const std::vector<ValueUncertainty> uncertain =
+      uncertainties(estimate, calibration.free, calibration.covariance, calibration.noise.parts,
+                    calibration.noise.degrees_of_freedom);
+  std::set<std::string> biased;  // by what the gauge holds
+  for (const std::vector<std::string>& group : calibration.identifiability.tied) {
+    biased.insert(group.begin(), group.end());
+  }
   std::vector<ParameterEstimate> parameters;
   for (ParameterEstimate& parameter : all) {
     const auto column = std::find(columns.begin(), columns.end(), parameter.name);
     const bool estimated = column != columns.end();
     parameter.gauge = gauge.count(parameter.name) > 0 || held.count(parameter.name) > 0;
     if (estimated) {
-      const auto c = column - columns.begin();
-      parameter.std = std::sqrt(calibration.covariance(c, c));
-      parameter.identifiable = std::isfinite(parameter.std) && !is_unknown(model, parameter);
+      const auto c = static_cast<std::size_t>(column - columns.begin());
+      parameter.std = uncertain[c].std;
+      parameter.degrees_of_freedom = uncertain[c].degrees_of_freedom;
+      parameter.identifiable =
+          std::isfinite(parameter.std) && !is_unknown(model, parameter) && biased.count(parameter.name) == 0;
     }
     const bool known_frame = parameter.joint.empty() && parameter.name.find('.') != std::string::npos;
     if (estimated || parameter.gauge || known_frame || parameter.error != 0.0 || kept.count(parameter.name) > 0) {
@@ -198,10 +209,7 @@ bool has_priors(const Priors& priors) { return priors.length > 0.0 || priors.ang
 // Of the repeats' scatter, the least that is taken as the noise of single points along an axis.
 constexpr double kLeastShareOfRepeats = 1e-3;
 
-NoiseModel noise_model(const Measurements& measurements, const CalibrationOptions& options) {
-  if (!options.noise_from_repeats) {
-    return options.noise;
-  }
+void require_repeats(const Measurements& measurements) {
   const RepeatNoise repeats = noise_from_repeats(measurements);
   if (repeats.degrees_of_freedom == 0.0) {
     throw InputError(measurements.source + ": --noise repeats needs configurations that were measured more than once");
@@ -211,13 +219,6 @@ NoiseModel noise_model(const Measurements& measurements, const CalibrationOption
                      ": --noise repeats: the repeats of single points do not vary along every axis; state the noise by "
                      "--noise-independent");
   }
-  NoiseModel noise = options.noise;
-  noise.independent = repeats.independent;
-  noise.common = repeats.common;
-  if (!(noise.orientation > 0.0)) {
-    noise.orientation = repeats.orientation;
-  }
-  return noise;
 }
 
 // A sigma in radians says something only beside one in metres.
@@ -230,7 +231,7 @@ void require_comparable_orientations(const Measurements& measurements, const Cal
   }
   const bool every_row = std::all_of(measurements.observations.begin(), measurements.observations.end(),
                                      [](const Observation& observation) { return observation.sigma > 0.0; });
-  if (!options.noise.is_absolute() && !options.noise_from_repeats && !every_row) {
+  if (!options.noise.is_absolute() && options.weights != Weights::repeats && !every_row) {
     throw InputError(
         "--orientation-sigma: needs the positions' as well: --noise-independent, --noise-tracker, "
         "--noise repeats or a sigma in every row");
@@ -250,27 +251,56 @@ void make_absolute(const ErrorModel& model, const Measurements& measurements, co
 
 constexpr double kMisfitCertain = 1e-3;  // p-value below which the fit counts as worse than the stated noise
 
+// How often the residuals of the means and repeats are the stated noise; 1 where they may be just that.
+double excess_over_stated(const LeastSquaresProblem& problem, const Estimate& estimate, double degrees_of_freedom) {
+  if (!(degrees_of_freedom > 0.0)) {
+    return 1.0;
+  }
+  const double reduced = problem.linearise(estimate).cost / degrees_of_freedom;
+  const bool worse = reduced > 1.0 && f_upper_tail(reduced, degrees_of_freedom, 1e9) < kMisfitCertain;
+  return worse ? reduced : 1.0;
+}
+
+// The parts of the noise, estimated or stated, that the covariance rests on.
+void report_parts(const NoiseParts& parts, NoiseReport& noise) {
+  noise.model = "parts";
+  noise.sigma = std::sqrt(parts.point().trace() / 3.0);
+  noise.misfit = std::sqrt(parts.variances[0]);
+  noise.target_misfit = std::sqrt(parts.variances[1]);
+  noise.common = parts.variances.segment<3>(2).cwiseSqrt();
+  noise.independent = parts.variances.segment<3>(5).cwiseSqrt();
+  noise.degrees_of_freedom = parts.degrees_of_freedom;
+  noise.parts = parts;
+}
+
 // Noise and covariance of the result.
-void assess_noise(const Measurements& measurements, const FitOptions& fit_options, bool stated,
-                  const CalibrationOptions& options, const LeastSquaresProblem& problem, const WhitenedSummary& system,
-                  const NormalEquations& equations, Calibration& result) {
+void assess_noise(const Measurements& measurements, const ResidualOptions& as_stated, bool stated,
+                  const LeastSquaresProblem& problem, const WhitenedSummary& system, const NormalEquations& equations,
+                  const std::optional<NoiseParts>& parts, Calibration& result) {
   NoiseReport& noise = result.noise;
   const int rank = result.identifiability.rank;
-  const NoiseModel& model = fit_options.joint.residuals.noise;
+  const Estimate& estimate = result.identification.estimate;
   noise.degrees_of_freedom = static_cast<double>(problem.equations() - rank);
   const RepeatNoise repeats = noise_from_repeats(measurements);
   if (repeats.degrees_of_freedom > 0.0) {
     noise.repeats = repeats;
   }
+  if (stated) {
+    noise.variance_factor = excess_over_stated(LeastSquaresProblem(result.model, measurements, result.free, as_stated),
+                                               estimate, noise.degrees_of_freedom);
+  }
+  if (parts) {
+    report_parts(*parts, noise);
+    result.covariance = covariance(system.triangle, 1.0);
+    return;
+  }
   const double mean_weight = problem.total_weight() / static_cast<double>(problem.points());
   const double reduced = noise.degrees_of_freedom > 0.0 ? equations.cost / noise.degrees_of_freedom : 0.0;
   if (stated) {
-    noise.model = options.noise_from_repeats ? "repeats" : "stated";
-    noise.independent = model.independent;
-    noise.common = model.common;
+    noise.model = "stated";
+    noise.independent = as_stated.noise.independent;
+    noise.common = as_stated.noise.common;
     noise.sigma = std::sqrt(1.0 / mean_weight);
-    const bool worse = reduced > 1.0 && f_upper_tail(reduced, noise.degrees_of_freedom, 1e9) < kMisfitCertain;
-    noise.variance_factor = worse ? reduced : 1.0;
     result.covariance = covariance(system.triangle, noise.variance_factor);
     return;
   }
@@ -281,7 +311,7 @@ void assess_noise(const Measurements& measurements, const FitOptions& fit_option
   const double unit_weight = problem.total_weight() / cells;
   const ResidualNoise components = noise_from_residuals(system, rank, unit_weight);
   noise.independent.setConstant(components.independent);
-  noise.common.setConstant(components.common);
+  noise.misfit = components.common;
   result.covariance = measurements.orientations.empty() ? covariance(system, components, unit_weight)
                                                         : covariance(system.triangle, reduced);
 }
@@ -360,7 +390,7 @@ public:
     return result;
   }
 
-  std::vector<PredictedPoint> points(const Configurations& asked) const {
+  std::vector<PredictedPoint> points(const Configurations& asked, const MeasuredRegion& region) const {
     std::vector<PredictedPoint> result;
     if (asked.names.empty()) {
       return result;
@@ -376,7 +406,10 @@ public:
         point.position_W = estimate_.X_WB * point.position;
         point.std = all[k].diagonal().cwiseSqrt();
         point.sigma = std::sqrt(all[k].trace());
-        point.radius_95 = std::isfinite(point.sigma) ? radius_of_probability(all[k]) : point.sigma;
+        const NewPoint fresh = new_point(all[k], calibration_.noise);
+        point.radius_95 = region.radius_factor * fresh.radius_95;
+        point.outside = !region.holds(asked.joint_values.col(static_cast<Eigen::Index>(c)), all[k]);
+        point.degrees_of_freedom = fresh.degrees_of_freedom;
       }
     }
     return result;
@@ -407,7 +440,10 @@ PredictedAccuracy predicted_accuracy(const Measurements& measurements, const Cal
       random_configurations(model.joints, limits_of(model.joints), kWorkspaceSamples, random);
   PredictedAccuracy result;
   const UncertainPredictor predictor(calibration, triangle_of_candidates);
-  result.asked = predictor.points(options.predict_at);
+  const MeasuredRegion region =
+      measured_region(measurements, calibration.held_out.value_or(FoldPrediction{}), calibration.noise);
+  result.radius_factor = region.radius_factor;
+  result.asked = predictor.points(options.predict_at, region);
   if (!calibration.covariance.diagonal().allFinite()) {
     return result;
   }
@@ -515,6 +551,14 @@ Estimate rigid_fit(const Measurements& measurements, const Estimate& start, cons
       .estimate;
 }
 
+HoldOut as_hold_out(const FoldPrediction& held_out) {
+  HoldOut result{.distances = {}, .refits = held_out.refits, .not_converged = held_out.not_converged};
+  for (const HeldOutPoint& point : held_out.points) {
+    result.distances.push_back(point.distance);
+  }
+  return result;
+}
+
 // Everything that is compared with the measurements.
 void validate_result(const Measurements& measurements, const Estimate& start, const FitOptions& fit_options,
                      const CalibrationOptions& options, const RegistrationOptions& registration_options,
@@ -545,8 +589,10 @@ void validate_result(const Measurements& measurements, const Estimate& start, co
   result.iso_after = iso_9283(X_BF_after, estimate, measurements);
   if (options.leave_one_out) {
     const HoldOut before = leave_one_configuration_out_nominal(result.model, measurements, registration_options);
-    const HoldOut after =
-        leave_one_configuration_out(result.model, measurements, estimate, result.free, fit_options, options.threads);
+    const bool known = result.held_out && result.held_out->points.size() == before.distances.size();
+    const HoldOut after = known ? as_hold_out(*result.held_out)
+                                : leave_one_configuration_out(result.model, measurements, estimate, result.free,
+                                                              fit_options, options.threads);
     result.leave_one_out = BeforeAfter{.before = error_statistics(before.distances),
                                        .after = error_statistics(after.distances),
                                        .rigid = std::nullopt};
@@ -620,7 +666,10 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   result.findings = findings(result.model, measurements, start, result.free);
 
   FitOptions fit_options{.loss = options.loss, .joint = {}, .after_fit = counted_fits(measurements, options)};
-  fit_options.joint.residuals.noise = noise_model(measurements, options);
+  fit_options.joint.residuals.noise = options.noise;
+  if (options.weights == Weights::repeats) {
+    require_repeats(measurements);
+  }
   fit_options.joint.max_iterations = options.iterations > 0 ? options.iterations : fit_options.joint.max_iterations;
   ResidualOptions& weighed = fit_options.joint.residuals;
   if (options.method == Method::joint && !measurements.orientations.empty() && !(weighed.noise.orientation > 0.0)) {
@@ -646,12 +695,14 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   result.priors = chosen.priors;
   result.free = with_deflections(result.model, result.free, chosen);
   fit_options = with_priors(fit_options, chosen.priors);
-  WholeFit fitted = fit_whole({.model = result.model,
-                               .measurements = measurements,
-                               .start = start,
-                               .options = options,
-                               .fit_options = fit_options},
-                              choice, result.free);
+  ResidualOptions as_stated = fit_options.joint.residuals;
+  const FitTask task{.model = result.model,
+                     .measurements = measurements,
+                     .start = start,
+                     .options = options,
+                     .fit_options = fit_options};
+  WholeFit fitted = fit_whole(task, choice, result.free);
+  const std::optional<NoiseParts> parts = fit_with_estimated_noise(task, fitted, fit_options.joint.residuals);
   result.identification = std::move(fitted.identification);
   result.weights = std::move(fitted.weights);
   result.reduction = std::move(fitted.reduction);
@@ -687,7 +738,20 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
         (result.fixed_by_gauge.empty() ? std::string()
                                        : ": " + std::to_string(result.fixed_by_gauge.size()) + " were fixed by gauge");
   }
-  assess_noise(measurements, fit_options, stated, options, problem, system, problem.linearise(estimate), result);
+  as_stated.row_weights = residuals.row_weights;
+  assess_noise(measurements, as_stated, stated, problem, system, problem.linearise(estimate), parts, result);
+  const bool settled = result.identification.termination == Termination::converged ||
+                       result.identification.termination == Termination::rank_deficient;
+  if (options.method == Method::joint && options.loss == Loss::none && settled) {
+    constexpr std::size_t kMostSingle = 5000;
+    constexpr int kFolds = 10;
+    auto folds = make_folds(measurements, 0);
+    if (folds.size() > kMostSingle) {
+      folds = make_folds(measurements, kFolds);
+    }
+    result.held_out = predict_folds(result.model, measurements, estimate, result.free, folds, fit_options,
+                                    system.triangle, result.noise.sigma, options.threads);
+  }
   result.parameters = parameter_estimates(result.model, result);
   doubt_unknown_parameters(result);
   validate_result(measurements, start, fit_options, options, registration_options, result);

@@ -1,4 +1,5 @@
 #include "kdl_calibration/result_json.hpp"
+#include "base/f_distribution.hpp"
 
 #include <openssl/evp.h>
 
@@ -58,6 +59,8 @@ Json noise_json(const NoiseReport& noise) {
                  {"sigma", noise.sigma},
                  {"independent", array(noise.independent)},
                  {"common", array(noise.common)},
+                 {"misfit", noise.misfit},
+                 {"target_misfit", noise.target_misfit},
                  {"degrees_of_freedom", noise.degrees_of_freedom},
                  {"variance_factor", noise.variance_factor}};
   if (noise.orientation_length) {
@@ -95,8 +98,9 @@ Json finite_array(const Eigen::Vector3d& v) {
   return Json::array({finite_or_null(v.x()), finite_or_null(v.y()), finite_or_null(v.z())});
 }
 
-Json interval_json(double value, double std) {  // 95 % of a normal distribution
-  const double half = 1.959963984540054 * std;
+// 95 % of Student's t.
+Json interval_json(double value, double std, double degrees_of_freedom) {
+  const double half = std > 0.0 ? t_critical_95(degrees_of_freedom) * std : std;
   return std::isfinite(half) ? Json::array({value - half, value + half}) : Json(nullptr);
 }
 
@@ -105,7 +109,7 @@ Json asked_json(const std::vector<PredictedPoint>& points) {
   for (const PredictedPoint& point : points) {
     Json intervals = Json::array();
     for (int axis = 0; axis < 3; ++axis) {
-      intervals.push_back(interval_json(point.position_W[axis], point.std[axis]));
+      intervals.push_back(interval_json(point.position_W[axis], point.std[axis], point.degrees_of_freedom));
     }
     result.push_back({{"configuration", point.configuration},
                       {"target", point.target},
@@ -114,6 +118,7 @@ Json asked_json(const std::vector<PredictedPoint>& points) {
                       {"std", finite_array(point.std)},
                       {"interval_95", intervals},
                       {"sigma", finite_or_null(point.sigma)},
+                      {"outside", point.outside},
                       {"radius_95", finite_or_null(point.radius_95)}});
   }
   return result;
@@ -222,18 +227,20 @@ Json input_json(const Robot& robot, const Measurements& measurements, const Cali
 Json parameters_json(const std::vector<ParameterEstimate>& parameters) {
   Json result = Json::array();
   for (const ParameterEstimate& parameter : parameters) {
-    result.push_back(
-        {{"name", parameter.name},
-         {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
-         {"kind", parameter.kind},
-         {"axis", parameter.axis},
-         {"nominal", parameter.nominal},
-         {"value", parameter.value},
-         {"error", parameter.error},
-         {"std", finite_or_null(parameter.std)},
-         {"interval_95", parameter.identifiable ? interval_json(parameter.value, parameter.std) : Json(nullptr)},
-         {"identifiable", parameter.identifiable},
-         {"gauge", parameter.gauge}});
+    result.push_back({{"name", parameter.name},
+                      {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
+                      {"kind", parameter.kind},
+                      {"axis", parameter.axis},
+                      {"nominal", parameter.nominal},
+                      {"value", parameter.value},
+                      {"error", parameter.error},
+                      {"std", finite_or_null(parameter.std)},
+                      {"degrees_of_freedom", finite_or_null(parameter.degrees_of_freedom)},
+                      {"interval_95", parameter.identifiable
+                                          ? interval_json(parameter.value, parameter.std, parameter.degrees_of_freedom)
+                                          : Json(nullptr)},
+                      {"identifiable", parameter.identifiable},
+                      {"gauge", parameter.gauge}});
   }
   return result;
 }

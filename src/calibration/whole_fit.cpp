@@ -28,7 +28,7 @@ void require_two_step_data(const FreeParameters& free, const Measurements& measu
   }
   const bool priors = options.automatic_priors || options.priors.length > 0.0 || options.priors.angle > 0.0;
   const bool deflections = options.gravity != Use::no || options.joint_gain != Use::no;
-  if (priors || deflections || options.loss != Loss::none || options.noise_from_repeats) {
+  if (priors || deflections || options.loss != Loss::none || options.weights == Weights::repeats) {
     throw InputError("--method two-step: the published procedure has no priors, deflections, losses or noise model");
   }
 }

@@ -34,7 +34,7 @@ struct Arguments {
   bool gravity = false;
   bool joint_gain = false;
   std::string loss = "none";
-  std::string noise = "equal";
+  std::string noise = "auto";
   std::vector<double> noise_independent;
   std::vector<double> noise_common;
   std::vector<double> tracker;
@@ -90,7 +90,9 @@ CalibrationOptions calibration_options(const Arguments& arguments, const Measure
   options.joint_gain = use(arguments.joint_gain, arguments.extras == "auto");
   options.loss = arguments.loss == "huber" ? Loss::huber : arguments.loss == "tukey" ? Loss::tukey : Loss::none;
   options.noise = noise_model(arguments);
-  options.noise_from_repeats = arguments.noise == "repeats";
+  options.weights = arguments.noise == "repeats" ? Weights::repeats
+                    : arguments.noise == "equal" ? Weights::equal
+                                                 : Weights::automatic;
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
   options.known_base = known.known_base;
   options.known_targets = known.known_targets;
@@ -192,9 +194,11 @@ void add_noise_options(CLI::App& app, Arguments& arguments) {
       ->type_name("NAME")
       ->check(one_of({"none", "huber", "tukey"}))
       ->capture_default_str();
-  app.add_option("--noise", arguments.noise, "Weights: equal (or as stated), or from the scatter of the repeats")
+  app.add_option("--noise", arguments.noise,
+                 "Weights: by the parts of the noise, stated or estimated (auto), the same with repeats demanded "
+                 "(repeats), or equal")
       ->type_name("NAME")
-      ->check(one_of({"equal", "repeats"}))
+      ->check(one_of({"auto", "equal", "repeats"}))
       ->capture_default_str();
   app.add_option("--noise-independent", arguments.noise_independent, "1 sigma of a point by itself, m; one or x,y,z")
       ->type_name("M,...")

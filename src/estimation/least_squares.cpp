@@ -39,7 +39,8 @@ bool has_orientation(const Measurements& measurements, std::size_t row) {
 
 bool is_isotropic(const NoiseModel& noise) {
   const bool equal = noise.independent.isConstant(noise.independent.x(), 0.0);
-  return equal && noise.common.isZero(0.0) && !noise.tracker;
+  const bool no_misfit = noise.misfit == 0.0 && noise.target_misfit == 0.0;
+  return equal && noise.common.isZero(0.0) && no_misfit && !noise.tracker;
 }
 
 double orientation_weight(const ResidualOptions& options, double position_weight) {
@@ -422,6 +423,20 @@ std::optional<MatrixXd> inverse_covariance(const MatrixXd& covariance) {
   return root.solve(MatrixXd::Identity(covariance.rows(), covariance.cols()));
 }
 
+// Information of the means of one configuration's targets, 3 coordinates each, with what the model misses added to
+// their covariance.
+MatrixXd with_misfit(const MatrixXd& information, const NoiseModel& noise) {
+  if (noise.misfit == 0.0 && noise.target_misfit == 0.0) {
+    return information;
+  }
+  const Index size = information.rows();
+  const MatrixXd unit = MatrixXd::Identity(size, size);
+  const Eigen::LLT<MatrixXd> root(information);
+  MatrixXd covariance = root.solve(unit) + noise.target_misfit * noise.target_misfit * unit;
+  covariance += noise.misfit * noise.misfit * Matrix3d::Identity().replicate(size / 3, size / 3);
+  return Eigen::LLT<MatrixXd>(covariance).solve(unit);
+}
+
 }  // namespace
 
 // Any covariance: the information of every repeat, a block over its points, is added up per configuration. With
@@ -443,10 +458,12 @@ void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const 
   // What many repeats and configurations have in common is factorised and stored once.
   MatrixXd known_covariance;
   MatrixXd inverse;
+  MatrixXd known_information;
   Eigen::LLT<MatrixXd> root;
 
   const auto targets = static_cast<Index>(measurements.targets.size());
   const Matrix3d common = options.noise.common.cwiseAbs2().asDiagonal();
+  const double misfit = 3.0 * (std::pow(options.noise.misfit, 2) + std::pow(options.noise.target_misfit, 2));
   for (auto begin = rows.cbegin(); begin != rows.cend();) {
     const std::int32_t c = measurements.observations[*begin].configuration;
     MatrixXd information = MatrixXd::Zero(3 * targets, 3 * targets);
@@ -477,6 +494,7 @@ void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const 
         coordinates.insert(coordinates.end(), {first, first + 1, first + 2});
         equations_ += 3;
         points_measured_ += 1;
+        total_weight_ += 3.0 / (covariance.block<3, 3>(i, i).trace() + misfit);
         if (has_orientation(measurements, *row)) {
           const double mean = 3.0 / own.trace();
           add_orientation(measurements, *row, row_weight(options, *row) * orientation_weight(options, mean),
@@ -498,7 +516,6 @@ void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const 
       information(coordinates, coordinates) += inverse;
       weighted(coordinates) += inverse * z;
       squares += z.dot(inverse * z);
-      total_weight_ += inverse.trace() / 3.0;
     }
 
     Configuration configuration{.column = c, .first_point = points_.size(), .end_point = 0};
@@ -513,9 +530,9 @@ void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const 
     }
     configuration.end_point = points_.size();
     const MatrixXd of_measured = information(measured, measured);
-    if (informations_.empty() || of_measured.size() != informations_.back().size() ||
-        of_measured != informations_.back()) {
-      informations_.push_back(of_measured);
+    if (informations_.empty() || of_measured.size() != known_information.size() || of_measured != known_information) {
+      known_information = of_measured;
+      informations_.push_back(with_misfit(of_measured, options.noise));
       root.compute(of_measured);
     }
     configuration.information = informations_.size() - 1;

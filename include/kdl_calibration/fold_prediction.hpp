@@ -1,0 +1,36 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "kdl_calibration/validation.hpp"
+
+namespace kdl_calibration {
+
+/// A target of a configuration that was left out, as the mean of its repeats, and its prediction by the others.
+struct HeldOutPoint {
+  std::int32_t configuration = 0;
+  std::int32_t target = 0;
+  double repeats = 1.0;                                  ///< that the mean is of
+  double distance = 0.0;                                 ///< [m] between both
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< [m^2] of the prediction by the parameters alone, along W
+};
+
+struct FoldPrediction {
+  std::vector<HeldOutPoint> points;
+  int refits = 0;         ///< folds that were not as good as linear
+  int not_converged = 0;  ///< of these
+};
+
+/// Predicts each fold from the rest without a fit of its own: at the optimum the gradient without a fold is that of the
+/// fold with the sign changed, and its information that of all less its own (Cook and Weisberg 1982, 2.2). Where that
+/// linear prediction differs from the one at the estimate so moved by more than 0.1 sigma of a coordinate, sigma being
+/// `noise` [m], or where a fold takes away what determines a column, the fold is fitted again.
+/// `triangle`: R of the whitened Jacobian at `estimate`, priors included, as WhitenedSummary::triangle.
+/// Throws nothing; folds hold indices of configurations.
+FoldPrediction predict_folds(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
+                             const FreeParameters& free, const std::vector<std::vector<Eigen::Index>>& folds,
+                             const FitOptions& options, const Eigen::MatrixXd& triangle, double noise, int threads = 0);
+
+}  // namespace kdl_calibration

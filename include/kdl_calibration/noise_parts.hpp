@@ -1,0 +1,53 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/least_squares.hpp"
+
+namespace kdl_calibration {
+
+/// The parts of the noise as variances, and how well they are known:
+///   measured = predicted + misfit of the configuration (shared by its targets, the same in every repeat)
+///            + misfit of configuration x target + part common to the points of a repeat + part of each point.
+/// Where the measurements cannot separate two of them they are one: without repeats the common part counts as misfit
+/// and the misfit of configuration x target as part of the point; where no configuration has two targets the misfit is
+/// that of configuration x target.
+struct NoiseParts {
+  /// Variances [m^2], for orientations [rad^2]: misfit, target_misfit, common along x, y and z of W, independent along
+  /// x, y and z of W, orientation.
+  static constexpr Eigen::Index kCount = 9;
+  using Variances = Eigen::Matrix<double, kCount, 1>;
+  Variances variances = Variances::Zero();
+  Eigen::Matrix<double, kCount, kCount> covariance =
+      Eigen::Matrix<double, kCount, kCount>::Zero();  ///< of the variances; zero where one is stated or vanishes
+  std::array<bool, kCount> estimated = {};            ///< the others are stated or one with another
+
+  /// Of each part: d(information of the columns) / d(variance) with the sign changed, so that the covariance C of the
+  /// columns has dC / d(variance k) = C sensitivity_k C. Columns x columns; empty where the part is not estimated.
+  std::vector<Eigen::MatrixXd> sensitivity;
+  /// Residual degrees of freedom on which the estimates rest, of positions, all parts together.
+  double degrees_of_freedom = 0.0;
+  bool converged = false;
+
+  /// For the fit: the same weights, whatever the measurements could not separate.
+  NoiseModel model(const NoiseModel& stated) const;
+  /// Covariance [m^2] in W of one measured point about its prediction by the true parameters, where nothing is stated
+  /// by row or tracker.
+  Eigen::Matrix3d point() const;
+  /// Satterthwaite's degrees of freedom of an estimated variance with this gradient by the parts' variances: 2 value^2
+  /// over its variance; infinite where no estimated part enters.
+  double freedom(double value, const Variances& gradient) const;
+};
+
+/// Restricted maximum likelihood of the parts that nobody stated (Patterson and Thompson 1971; Harville 1977), at the
+/// linearised solution about `estimate`. It needs of the measurements the information of the targets' means and of
+/// their deviations from them, summed once; more than 2,000 configurations are represented by as many evenly spaced
+/// ones.
+/// `options`: noise and priors as stated. Not for a loss: rows count with their weights.
+NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
+                          const FreeParameters& free, const ResidualOptions& options);
+
+}  // namespace kdl_calibration

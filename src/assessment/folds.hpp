@@ -1,0 +1,23 @@
+#pragma once
+
+// Not installed.
+
+#include <cstdint>
+#include <vector>
+
+#include "kdl_calibration/validation.hpp"
+
+namespace kdl_calibration {
+
+/// A fold predicted by a fit to all other training configurations. Points are ordered by configuration and target.
+struct RefittedFold {
+  std::vector<double> distances;             ///< [m] from the means of the repeats
+  std::vector<std::int32_t> configurations;  ///< of each, as in the measurements
+  std::vector<std::int32_t> targets;
+  bool converged = true;
+};
+RefittedFold refit_without(const ErrorModel& model, const Measurements& measurements,
+                           const std::vector<Eigen::Index>& fold, const Estimate& start, const FreeParameters& free,
+                           const FitOptions& options);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,82 @@
+#include "calibration/new_point.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <utility>
+#include <vector>
+
+#include "base/f_distribution.hpp"
+
+namespace kdl_calibration {
+
+NewPoint new_point(const Eigen::Matrix3d& of_parameters, const NoiseReport& noise, double repeats) {
+  const Eigen::Vector3d variances = (noise.independent.cwiseAbs2() + noise.common.cwiseAbs2()) / repeats;
+  Eigen::Matrix3d sum = of_parameters + Eigen::Matrix3d(variances.asDiagonal());
+  sum.diagonal().array() += noise.misfit * noise.misfit + noise.target_misfit * noise.target_misfit;
+  NewPoint result{.radius_95 = std::numeric_limits<double>::infinity(), .degrees_of_freedom = noise.degrees_of_freedom};
+  const double s2 = sum.trace();
+  if (!std::isfinite(s2)) {
+    return result;
+  }
+  if (noise.parts) {
+    NoiseParts::Variances gradient = NoiseParts::Variances::Ones();
+    gradient.head<2>().setConstant(3.0);
+    gradient.tail<1>().setZero();
+    result.degrees_of_freedom = noise.parts->freedom(noise.parts->point().trace(), gradient);
+  }
+  const double k = s2 > 0.0 ? s2 * s2 / sum.cwiseAbs2().sum() : 3.0;
+  result.radius_95 = std::sqrt(s2 * f_critical(0.05, k, std::max(result.degrees_of_freedom, 1.0)));
+  return result;
+}
+
+bool MeasuredRegion::holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const {
+  return (q.array() >= lower.array()).all() && (q.array() <= upper.array()).all() &&
+         of_parameters.trace() <= largest_variance;
+}
+
+MeasuredRegion measured_region(const Measurements& measurements, const FoldPrediction& held_out,
+                               const NoiseReport& noise) {
+  constexpr double kBeyond = 0.05;  // of the range
+  constexpr std::size_t kFewest = 40;
+  MeasuredRegion region;
+  std::map<std::int32_t, std::vector<double>> ratios;
+  for (const HeldOutPoint& point : held_out.points) {
+    const double radius = new_point(point.covariance, noise, point.repeats).radius_95;
+    ratios[point.configuration].push_back(point.distance / radius);
+    if (std::isfinite(point.covariance.trace())) {
+      region.largest_variance = std::max(region.largest_variance, point.covariance.trace());
+    }
+  }
+  const auto joints = measurements.joint_values.rows();
+  region.lower = Eigen::VectorXd::Constant(joints, std::numeric_limits<double>::infinity());
+  region.upper = -region.lower;
+  std::vector<std::pair<double, double>> shares;  // ratio, share of its configuration
+  for (const auto& [configuration, of_configuration] : ratios) {
+    region.lower = region.lower.cwiseMin(measurements.joint_values.col(configuration));
+    region.upper = region.upper.cwiseMax(measurements.joint_values.col(configuration));
+    for (const double ratio : of_configuration) {
+      shares.emplace_back(ratio, 1.0 / static_cast<double>(of_configuration.size()));
+    }
+  }
+  const Eigen::VectorXd beyond = kBeyond * (region.upper - region.lower);
+  region.lower -= beyond;
+  region.upper += beyond;
+  if (ratios.size() < kFewest) {
+    return region;
+  }
+  std::sort(shares.begin(), shares.end());
+  const double wanted = 0.95 * (static_cast<double>(ratios.size()) + 1.0);
+  double inside = 0.0;
+  for (const auto& [ratio, share] : shares) {
+    inside += share;
+    if (inside >= wanted * (1.0 - 1e-12)) {
+      region.radius_factor = ratio;
+      break;
+    }
+  }
+  return region;
+}
+
+}  // namespace kdl_calibration

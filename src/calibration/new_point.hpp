@@ -1,0 +1,38 @@
+#pragma once
+
+// Not installed.
+
+#include <Eigen/Core>
+
+#include "kdl_calibration/calibration.hpp"
+
+namespace kdl_calibration {
+
+/// A measurement yet to come, of the same kind as those that were made.
+struct NewPoint {
+  double radius_95 = 0.0;           ///< [m] of the sphere about the prediction; infinite where that is not determined
+  double degrees_of_freedom = 0.0;  ///< of the variance of a single point
+};
+
+/// `of_parameters`: covariance [m^2] in W of the predicted point. With S that of one measured point, misfit included,
+/// Sigma = of_parameters + S, s^2 = tr Sigma and k = s^4 / tr Sigma^2, the squared error over s^2 is about F with k and
+/// nu degrees of freedom (Satterthwaite 1946, Box 1954), nu those of tr S: radius s sqrt(F_0.95(k, nu)).
+/// `repeats`: that it is the mean of.
+NewPoint new_point(const Eigen::Matrix3d& of_parameters, const NoiseReport& noise, double repeats = 1.0);
+
+/// Where predicted points keep what their radius promises, and what makes them do so.
+struct MeasuredRegion {
+  /// The radii's factor: with the distances of held-out points over the radii that the fit without them predicts, the
+  /// smallest that leaves 95 % of n + 1 configurations inside (conformal prediction, Lei et al. 2018; each counts with
+  /// the share of its targets). 1 below 40 configurations.
+  double radius_factor = 1.0;
+  double largest_variance = 0.0;  ///< [m^2] trace of the covariance of a held-out point by the parameters
+  Eigen::VectorXd lower;          ///< joint values of the training rows, 5 % of their range beyond the least
+  Eigen::VectorXd upper;
+
+  bool holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const;
+};
+MeasuredRegion measured_region(const Measurements& measurements, const FoldPrediction& held_out,
+                               const NoiseReport& noise);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,123 @@
+#include "calibration/noise_stage.hpp"
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <utility>
+
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::RowVectorXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+// d rotation_log(R exp([delta])) / d delta at delta = 0, for r = rotation_log(R).
+Matrix3d log_derivative(const Vector3d& r) {
+  const double angle = r.norm();
+  const Matrix3d S = skew(r);
+  constexpr double kSmall = 1e-4;
+  const double factor = angle < kSmall ? 1.0 / 12.0 + angle * angle / 720.0
+                                       : (1.0 - 0.5 * angle / std::tan(0.5 * angle)) / (angle * angle);
+  return Matrix3d::Identity() + 0.5 * S + factor * S * S;
+}
+
+// What the printed six values of a frame change per unit of its columns.
+Eigen::Matrix<double, 6, 6> printed_frame(const Matrix3d& position, const Matrix3d& rotation) {
+  Eigen::Matrix<double, 6, 6> result = Eigen::Matrix<double, 6, 6>::Zero();
+  result.topLeftCorner<3, 3>() = position;
+  result.bottomRightCorner<3, 3>() = log_derivative(rotation_log(rotation));
+  return result;
+}
+
+// The free rows and columns of a frame, in place.
+void place(const std::array<bool, 6>& free, const Eigen::Matrix<double, 6, 6>& printed, Index first, MatrixXd& all) {
+  Index row = first;
+  for (std::size_t i = 0; i < 6; ++i) {
+    Index column = first;
+    for (std::size_t j = 0; j < 6 && free[i]; ++j) {
+      if (free[j]) {
+        all(row, column++) = printed(static_cast<Index>(i), static_cast<Index>(j));
+      }
+    }
+    row += free[i] ? 1 : 0;
+  }
+}
+
+Index count(const std::array<bool, 6>& free) { return std::count(free.begin(), free.end(), true); }
+
+bool arrived(const Identification& found) {
+  return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
+}
+
+}  // namespace
+
+std::optional<NoiseParts> fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals) {
+  const CalibrationOptions& options = task.options;
+  const bool plain = options.weights == Weights::equal || options.method == Method::two_step;
+  if (plain || options.loss != Loss::none || !arrived(fit.identification)) {
+    return std::nullopt;
+  }
+  ResidualOptions stated = residuals;
+  stated.noise = options.noise;
+  NoiseParts parts = estimate_noise(task.model, task.measurements, fit.identification.estimate, fit.free, stated);
+  if (!parts.converged) {
+    return std::nullopt;
+  }
+  residuals.noise = parts.model(options.noise);
+  JointOptions joint = task.fit_options.joint;
+  joint.residuals = residuals;
+  Identification again = identify_jointly(task.model, task.measurements, fit.identification.estimate, fit.free, joint);
+  if (arrived(again)) {
+    fit.identification.estimate = std::move(again.estimate);
+    fit.identification.rms = again.rms;
+  }
+  return parts;
+}
+
+std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const FreeParameters& free,
+                                            const MatrixXd& covariance, const std::optional<NoiseParts>& parts,
+                                            double freedom) {
+  const Index columns = covariance.cols();
+  MatrixXd printed = MatrixXd::Identity(columns, columns);
+  const Matrix3d R_WB = estimate.X_WB.linear();
+  place(free.base, printed_frame(R_WB, R_WB), 0, printed);
+  Index first = count(free.base) + static_cast<Index>(free.geometric.size() + free.deflections.size());
+  for (std::size_t k = 0; k < free.targets.size(); ++k) {
+    place(free.targets[k], printed_frame(Matrix3d::Identity(), estimate.targets[k].X_FT.linear()), first, printed);
+    first += count(free.targets[k]);
+  }
+  std::vector<ValueUncertainty> result;
+  for (Index c = 0; c < columns; ++c) {
+    ValueUncertainty& value = result.emplace_back();
+    value.degrees_of_freedom = freedom;
+    // An infinite variance must not spread to what does not depend on it.
+    VectorXd along = VectorXd::Zero(columns);
+    double variance = 0.0;
+    for (Index i = 0; i < columns; ++i) {
+      const double row = printed(c, i);
+      if (row != 0.0 && !std::isfinite(covariance(i, i))) {
+        variance = covariance(i, i);
+      }
+      along += row == 0.0 ? VectorXd::Zero(columns).eval() : VectorXd(row * covariance.col(i));
+    }
+    along = along.unaryExpr([](double a) { return std::isfinite(a) ? a : 0.0; });
+    variance += printed.row(c).dot(along);
+    value.std = std::sqrt(variance);
+    if (parts && std::isfinite(variance)) {
+      NoiseParts::Variances gradient = NoiseParts::Variances::Zero();
+      for (Index k = 0; k < NoiseParts::kCount; ++k) {
+        const MatrixXd& sensitivity = parts->sensitivity[static_cast<std::size_t>(k)];
+        gradient[k] = sensitivity.size() > 0 ? along.dot(sensitivity * along) : 0.0;
+      }
+      value.degrees_of_freedom = parts->freedom(variance, gradient);
+    }
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,30 @@
+#pragma once
+
+// Not installed.
+
+#include <optional>
+
+#include "calibration/whole_fit.hpp"
+#include "kdl_calibration/noise_parts.hpp"
+
+namespace kdl_calibration {
+
+/// Estimates the parts of the noise that nobody stated at the end of `fit`, and fits the same parameters again with the
+/// weights that follow. `residuals`, those of the task's options, get these weights. Nothing happens, and nothing is
+/// returned, where plain least squares were asked for, where rows are down-weighted, and where the fit did not arrive.
+std::optional<NoiseParts> fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals);
+
+/// 1 sigma of a printed value and the degrees of freedom that it rests on.
+struct ValueUncertainty {
+  double std = 0.0;
+  double degrees_of_freedom = 0.0;
+};
+
+/// Of every free column, in their order, for the values as they are printed: the place of the base and the rotation
+/// vectors of base and targets in W and in the flange frame, although their columns are motions in frames of their own.
+/// `covariance`: of the columns; `freedom`: where no parts were estimated.
+std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const FreeParameters& free,
+                                            const Eigen::MatrixXd& covariance, const std::optional<NoiseParts>& parts,
+                                            double freedom);
+
+}  // namespace kdl_calibration

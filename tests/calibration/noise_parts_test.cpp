@@ -1,0 +1,294 @@
+// The parts of the noise: their likelihood against the dense one written out, and what they promise by Monte Carlo.
+
+#include "kdl_calibration/noise_parts.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <iostream>
+#include <string>
+
+#include "base/f_distribution.hpp"
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr double kMicrometre = 1e-6;
+
+// True sizes [m] of the parts, and how much is measured.
+struct Truth {
+  std::string name;
+  int configurations = 30;
+  int targets = 3;
+  int repeats = 1;
+  double misfit = 0.0;
+  double target_misfit = 0.0;
+  Vector3d common = Vector3d::Zero();
+  Vector3d independent = Vector3d::Constant(30 * kMicrometre);
+  NoiseModel stated = {};
+};
+
+Vector3d normal_vector(Random& random) {
+  const double x = random.normal();
+  const double y = random.normal();
+  return {x, y, random.normal()};
+}
+
+struct Trial {
+  VirtualRobot robot;
+  Measurements measured;
+  JointRanges ranges;
+};
+
+Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
+  Random random(97, seed);
+  const auto targets = published_targets(truth.targets);
+  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+  Trial result{.robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random),
+               .measured = {},
+               .ranges = published_ranges(model.joints)};
+  const MatrixXd q = random_configurations(result.ranges, truth.configurations, random);
+  result.measured = measure(result.robot, q, {.repeats = truth.repeats}, random);
+  std::map<int, Vector3d> of_configuration;
+  std::map<std::pair<int, int>, Vector3d> of_target;
+  std::map<std::pair<int, int>, Vector3d> of_repeat;
+  for (Observation& o : result.measured.observations) {
+    o.sigma = 0.0;
+    const auto draw = [&](auto& among, const auto& key, double sigma) {
+      const auto [place, is_new] = among.try_emplace(key, Vector3d::Zero());
+      if (is_new) {
+        place->second = sigma * normal_vector(random);
+      }
+      return place->second;
+    };
+    o.position += draw(of_configuration, o.configuration, truth.misfit);
+    o.position += draw(of_target, std::pair(o.configuration, o.target), truth.target_misfit);
+    o.position += draw(of_repeat, std::pair(o.configuration, o.repeat), 1.0).cwiseProduct(truth.common);
+    o.position += normal_vector(random).cwiseProduct(truth.independent);
+  }
+  return result;
+}
+
+Estimate fitted(const ErrorModel& model, const Measurements& measured, const FreeParameters& free) {
+  return identify_jointly(model, measured, nominal_start(model, measured), free).estimate;
+}
+
+// -2 log of the restricted likelihood of all rows, each repeat one of its own, with the whole covariance written out.
+class DenseLikelihood {
+public:
+  DenseLikelihood(const ErrorModel& model, const Measurements& measured, const Estimate& estimate,
+                  const FreeParameters& free)
+      : measured_(measured) {
+    const PositionPredictor predictor(model, estimate, free);
+    const auto X_BF = flange_poses(model, estimate, measured.joint_values);
+    const auto rows = static_cast<Index>(3 * measured.observations.size());
+    residual_.resize(rows);
+    for (std::size_t i = 0; i < measured.observations.size(); ++i) {
+      const Observation& o = measured.observations[i];
+      const auto k = static_cast<std::size_t>(o.target);
+      const MatrixXd J = predictor.jacobians(measured.joint_values.col(o.configuration))[k];
+      if (jacobian_.size() == 0) {
+        jacobian_.resize(rows, J.cols());
+      }
+      const auto first = static_cast<Index>(3 * i);
+      jacobian_.middleRows<3>(first) = J;
+      residual_.segment<3>(first) = o.position - estimate.X_WB * (X_BF[static_cast<std::size_t>(o.configuration)] *
+                                                                  estimate.targets[k].X_FT.translation());
+    }
+  }
+
+  double operator()(const NoiseParts::Variances& parts) const {
+    const Index n = residual_.size();
+    MatrixXd V = MatrixXd::Zero(n, n);
+    for (Index i = 0; i < n; ++i) {
+      for (Index j = i % 3; j < n; j += 3) {
+        const Observation& a = measured_.observations[static_cast<std::size_t>(i / 3)];
+        const Observation& b = measured_.observations[static_cast<std::size_t>(j / 3)];
+        if (a.configuration != b.configuration) {
+          continue;
+        }
+        const bool target = a.target == b.target;
+        const bool repeat = a.repeat == b.repeat;
+        V(i, j) = parts[0] + (target ? parts[1] : 0.0) + (repeat ? parts[2 + i % 3] : 0.0) +
+                  (target && repeat ? parts[5 + i % 3] : 0.0);
+      }
+    }
+    const Eigen::LLT<MatrixXd> root(V);
+    const MatrixXd J = root.matrixL().solve(jacobian_);
+    const VectorXd e = root.matrixL().solve(residual_);
+    const VectorXd scale = J.colwise().norm().cwiseInverse();
+    const Eigen::LLT<MatrixXd> information(MatrixXd(scale.asDiagonal() * J.transpose() * J * scale.asDiagonal()));
+    const VectorXd g = scale.asDiagonal() * J.transpose() * e;
+    const auto log_det = [](const Eigen::LLT<MatrixXd>& l) {
+      return 2.0 * l.matrixLLT().diagonal().array().log().sum();
+    };
+    return log_det(root) + log_det(information) - 2.0 * scale.array().log().sum() + e.squaredNorm() -
+           g.dot(information.solve(g));
+  }
+
+private:
+  const Measurements& measured_;
+  MatrixXd jacobian_;
+  VectorXd residual_;
+};
+
+TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  for (const Truth& truth :
+       {Truth{.name = "one target", .configurations = 20, .targets = 1},
+        Truth{.name = "several targets", .configurations = 15, .misfit = 60 * kMicrometre},
+        Truth{.name = "repeats of one target", .configurations = 14, .targets = 1, .repeats = 3, .target_misfit = 5e-5},
+        Truth{.name = "everything",
+        .configurations = 14,
+        .repeats = 3,
+        .misfit = 80 * kMicrometre,
+        .target_misfit = 60 * kMicrometre,
+        .common = Vector3d(40, 60, 50) * kMicrometre}}) {
+    const Trial t = trial(model, truth, 3);
+    const auto targets = published_targets(truth.targets);
+    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+    const Estimate estimate = fitted(model, t.measured, free);
+    const NoiseParts parts = estimate_noise(model, t.measured, estimate, free, {});
+    ASSERT_TRUE(parts.converged) << truth.name;
+    const DenseLikelihood minus_two_log(model, t.measured, estimate, free);
+    const double best = minus_two_log(parts.variances);
+    const bool isotropic = truth.repeats == 1 || truth.targets == 1;
+    for (Index k = 0; k < 8; ++k) {
+      if (!parts.estimated[static_cast<std::size_t>(k)]) {
+        EXPECT_EQ(parts.variances[k], 0.0) << truth.name << k;
+        continue;
+      }
+      for (const double factor : {0.9, 1.1}) {
+        NoiseParts::Variances other = parts.variances;
+        if (isotropic && k >= 2) {
+          const Index first = k < 5 ? 2 : 5;
+          other.segment<3>(first) *= factor;
+        } else {
+          other[k] = std::max(other[k] * factor, other[k] + (factor - 1.0) * 1e-11);
+        }
+        if (other[k] < 0.0 || other[k] == parts.variances[k]) {
+          continue;
+        }
+        EXPECT_GT(minus_two_log(other), best - 1e-6) << truth.name << ", part " << k << " times " << factor;
+      }
+    }
+  }
+}
+
+// What 95 % intervals and radii hold, over runs with a truth of their own.
+struct Coverage {
+  double intervals = 0.0;
+  double radius = 0.0;
+  double sigma_ratio = 0.0;  // mean of the estimated total over the true one
+};
+
+Coverage coverage(const Truth& truth, int runs) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  Coverage result;
+  double intervals = 0.0;
+  double points = 0.0;
+  for (int run = 0; run < runs; ++run) {
+    const Trial t = trial(model, truth, static_cast<std::uint64_t>(run));
+    CalibrationOptions options;
+    options.noise = truth.stated;
+    options.threads = 1;
+    Random random(41, static_cast<std::uint64_t>(run));
+    const MatrixXd fresh = random_configurations(t.ranges, 10, random);
+    options.predict_at.joint_values = fresh;
+    for (int i = 0; i < 10; ++i) {
+      options.predict_at.names.push_back(std::to_string(i));
+    }
+    const Calibration found = calibrate(model, t.measured, options);
+    const Eigen::AngleAxisd base(t.robot.truth.X_WB.linear());
+    const Vector3d rotation = base.angle() * base.axis();
+    for (const ParameterEstimate& p : found.parameters) {
+      if (!p.identifiable) {
+        continue;
+      }
+      double true_value = 0.0;
+      if (p.name.rfind("base.", 0) == 0) {
+        const Index axis = p.axis[0] - 'x';
+        true_value = p.kind == "translation" ? t.robot.truth.X_WB.translation()[axis] : rotation[axis];
+      } else if (p.joint.empty()) {
+        const auto k = static_cast<std::size_t>(p.name[0] - 'A');
+        true_value = t.robot.truth.targets[k].X_FT.translation()[p.axis[0] - 'x'];
+      } else {
+        true_value = p.nominal + t.robot.truth.errors[static_cast<Index>(parameter_index(model, p.name))];
+      }
+      result.intervals += std::abs(p.value - true_value) <= t_critical_95(p.degrees_of_freedom) * p.std ? 1.0 : 0.0;
+      intervals += 1.0;
+    }
+    const auto truly = flange_poses(model, t.robot.truth, fresh);
+    for (std::size_t i = 0; i < found.predicted.asked.size(); ++i) {
+      const PredictedPoint& point = found.predicted.asked[i];
+      const std::size_t k = i % static_cast<std::size_t>(truth.targets);
+      Vector3d real = t.robot.truth.X_WB * (truly[i / static_cast<std::size_t>(truth.targets)] *
+                                            t.robot.truth.targets[k].X_FT.translation());
+      real += truth.misfit * normal_vector(random) + truth.target_misfit * normal_vector(random);
+      real += normal_vector(random).cwiseProduct(truth.common) + normal_vector(random).cwiseProduct(truth.independent);
+      result.radius += (real - point.position_W).norm() <= point.radius_95 ? 1.0 : 0.0;
+      points += 1.0;
+    }
+    const double total = truth.misfit * truth.misfit + truth.target_misfit * truth.target_misfit +
+                         (truth.common.squaredNorm() + truth.independent.squaredNorm()) / 3.0;
+    result.sigma_ratio += found.noise.sigma / std::sqrt(total) / runs;
+  }
+  result.intervals /= intervals;
+  result.radius /= points;
+  return result;
+}
+
+std::vector<Truth> truths() {
+  const Vector3d repeat = Vector3d(58, 59, 31) * kMicrometre;
+  const Vector3d point = Vector3d::Constant(11 * kMicrometre);
+  const NoiseModel stated{.independent = Vector3d::Constant(30 * kMicrometre)};
+  return {{.name = "30 x 3"},
+          {.name = "30 x 3 stated", .stated = stated},
+          {.name = "12 x 3", .configurations = 12},
+          {.name = "12 x 3 stated", .configurations = 12, .stated = stated},
+          {.name = "10 x 1", .configurations = 10, .targets = 1},
+          {.name = "common", .common = repeat, .independent = point},
+          {.name = "2 repeats", .repeats = 2, .common = repeat, .independent = point},
+          {.name = "3 repeats, misfit",
+           .repeats = 3,
+           .misfit = 1e-4,
+           .target_misfit = 5e-5,
+           .common = repeat,
+           .independent = point},
+          {.name = "10 repeats, misfit",
+           .repeats = 10,
+           .misfit = 1e-4,
+           .target_misfit = 5e-5,
+           .common = repeat,
+           .independent = point}};
+}
+
+void expect_coverage(int runs, double tolerance) {
+  for (const Truth& truth : truths()) {
+    const Coverage found = coverage(truth, runs);
+    std::cout << truth.name << ": intervals " << found.intervals << ", radius " << found.radius << ", sigma ratio "
+              << found.sigma_ratio << std::endl;
+    EXPECT_NEAR(found.intervals, 0.95, 0.015 + tolerance) << truth.name;
+    if (truth.targets > 1) {
+      EXPECT_NEAR(found.radius, 0.955, 0.02 + tolerance) << truth.name;
+    }
+  }
+}
+
+TEST(NoiseParts, CoverWhatTheyPromise) { expect_coverage(10, 0.04); }
+
+TEST(NoisePartsLongRun, CoverWhatTheyPromise) { expect_coverage(300, 0.005); }
+
+}  // namespace
+}  // namespace kdl_calibration
