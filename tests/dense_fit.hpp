@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <map>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -37,7 +38,7 @@ struct DenseNoise {
 /// differences, its QR factorisation.
 class DenseFit {
 public:
-  DenseFit(const ErrorModel& model, const Measurements& measurements, FreeParameters free, DenseNoise noise,
+  DenseFit(const ErrorModel& model, const Measurements& measurements, Unknowns free, DenseNoise noise,
            const Priors& priors = {})
       : model_(model), measurements_(measurements), free_(std::move(free)), noise_(std::move(noise)), priors_(priors) {
     std::map<std::pair<int, int>, std::vector<std::size_t>> repeats;
@@ -50,14 +51,10 @@ public:
     for (auto& [key, rows] : repeats) {
       add_block(rows);
     }
-    columns_ = std::count(free_.base.begin(), free_.base.end(), true) + static_cast<long>(free_.geometric.size());
-    for (const auto& target : free_.targets) {
-      columns_ += std::count(target.begin(), target.end(), true);
-    }
   }
 
   long equations() const { return equations_; }  ///< measured coordinates, without the priors
-  long columns() const { return columns_; }
+  long columns() const { return free_.size(); }
 
   /// Whitened, the priors last.
   Eigen::VectorXd residuals(const Estimate& estimate) const {
@@ -69,7 +66,7 @@ public:
       all.segment(at, e.size()) = block.root.triangularView<Eigen::Lower>().solve(e);
       at += e.size();
     }
-    for (const std::size_t p : free_.geometric) {
+    for (const std::size_t p : free_.geometric()) {
       if (const double sigma = prior(p); sigma > 0.0) {
         all[at++] = -estimate.errors[static_cast<Eigen::Index>(p)] / sigma;
       }
@@ -79,12 +76,12 @@ public:
 
   double cost(const Estimate& estimate) const { return residuals(estimate).squaredNorm(); }
 
-  /// Of the prediction: minus the derivative of the residuals. Columns: base, geometric, targets.
+  /// Of the prediction: minus the derivative of the residuals. No deflections.
   Eigen::MatrixXd jacobian(const Estimate& estimate) const {
     constexpr double kStep = 1e-5;
-    Eigen::MatrixXd J(equations_ + prior_count(), columns_);
-    for (Eigen::Index c = 0; c < columns_; ++c) {
-      const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(columns_, c);
+    Eigen::MatrixXd J(equations_ + prior_count(), columns());
+    for (Eigen::Index c = 0; c < columns(); ++c) {
+      const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(columns(), c);
       J.col(c) = (residuals(moved(estimate, -step)) - residuals(moved(estimate, step))) / (2.0 * kStep);
     }
     return J;
@@ -98,7 +95,7 @@ public:
       const Eigen::VectorXd scale = J.colwise().norm().cwiseInverse();
       const Eigen::VectorXd step = scale.cwiseProduct((J * scale.asDiagonal()).householderQr().solve(e));
       start = moved(start, step);
-      if ((J * step).norm() < 1e-7 * std::sqrt(static_cast<double>(columns_))) {  // of one sigma
+      if ((J * step).norm() < 1e-7 * std::sqrt(static_cast<double>(columns()))) {  // of one sigma
         break;
       }
     }
@@ -115,21 +112,21 @@ public:
 
   Estimate moved(const Estimate& estimate, const Eigen::VectorXd& step) const {
     Estimate result = estimate;
-    Eigen::Index at = 0;
-    const auto move = [&](const std::array<bool, 6>& free, Eigen::Isometry3d& X, const Eigen::Matrix3d& axes) {
+    const auto move = [&](UnknownGroup group, std::size_t first, Eigen::Isometry3d& X, const Eigen::Matrix3d& axes) {
       Eigen::Matrix<double, 6, 1> motion = Eigen::Matrix<double, 6, 1>::Zero();
       for (std::size_t i = 0; i < 6; ++i) {
-        motion[static_cast<Eigen::Index>(i)] = free[i] ? step[at++] : 0.0;
+        const std::optional<Eigen::Index> column = free_.column(group, first + i);
+        motion[static_cast<Eigen::Index>(i)] = column ? step[*column] : 0.0;
       }
       X.translation() += axes * motion.head<3>();
       X.linear() = X.linear() * turned_by(motion.tail<3>());
     };
-    move(free_.base, result.X_WB, Eigen::Matrix3d(estimate.X_WB.linear()));
-    for (const std::size_t p : free_.geometric) {
-      result.errors[static_cast<Eigen::Index>(p)] += step[at++];
+    move(UnknownGroup::base, 0, result.X_WB, Eigen::Matrix3d(estimate.X_WB.linear()));
+    for (const std::size_t p : free_.geometric()) {
+      result.errors[static_cast<Eigen::Index>(p)] += step[*free_.column(UnknownGroup::geometric, p)];
     }
-    for (std::size_t k = 0; k < free_.targets.size(); ++k) {
-      move(free_.targets[k], result.targets[k].X_FT, Eigen::Matrix3d::Identity());
+    for (std::size_t k = 0; k < result.targets.size(); ++k) {
+      move(UnknownGroup::targets, 6 * k, result.targets[k].X_FT, Eigen::Matrix3d::Identity());
     }
     return result;
   }
@@ -146,7 +143,8 @@ private:
   double prior(std::size_t p) const { return is_length(model_, model_.parameters[p]) ? priors_.length : priors_.angle; }
 
   Eigen::Index prior_count() const {
-    return std::count_if(free_.geometric.begin(), free_.geometric.end(), [&](std::size_t p) { return prior(p) > 0.0; });
+    return std::count_if(free_.geometric().begin(), free_.geometric().end(),
+                         [&](std::size_t p) { return prior(p) > 0.0; });
   }
 
   void add_block(const std::vector<std::size_t>& rows) {
@@ -219,12 +217,11 @@ private:
 
   const ErrorModel& model_;
   const Measurements& measurements_;
-  FreeParameters free_;
+  Unknowns free_;
   DenseNoise noise_;
   Priors priors_;
   std::vector<Block> blocks_;
   Eigen::Index equations_ = 0;
-  Eigen::Index columns_ = 0;
   mutable Eigen::VectorXd placed_errors_;
   mutable std::vector<Eigen::Isometry3d> X_BF_;
 };

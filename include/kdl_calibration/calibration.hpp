@@ -21,6 +21,7 @@
 #include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/unknowns.hpp"
 #include "kdl_calibration/urdf_export.hpp"
 #include "kdl_calibration/validation.hpp"
 
@@ -137,14 +138,14 @@ struct Calibration {
   ErrorModel model;  ///< with the deflections that were considered
   Identification identification;
   Reduction reduction;
-  FreeParameters free;                      ///< what was estimated
-  FreeParameters candidates;                ///< that and what these measurements cannot tell: `fixed_by_gauge`
+  Unknowns free;                            ///< what was estimated
+  Unknowns candidates;                      ///< that and what these measurements cannot tell: `fixed_by_gauge`
   Identifiability identifiability;          ///< of the candidates
   std::vector<std::string> fixed_by_gauge;  ///< errors at zero, frames as they were registered
   ObservabilityIndices observability;
   NoiseReport noise;
   std::vector<ParameterEstimate> parameters;  ///< base, targets, geometric, deflections: estimated ones and the gauge
-  Eigen::MatrixXd covariance;                 ///< in the order of column_names of what is free
+  Eigen::MatrixXd covariance;                 ///< of the columns of `free`
   std::vector<ModelOption> tried;             ///< best first, where something was chosen
   Priors priors;                              ///< in force
   Eigen::VectorXd rigid_errors;               ///< what the exported URDF carries

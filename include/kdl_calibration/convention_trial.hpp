@@ -9,6 +9,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/registration.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 
@@ -34,7 +35,7 @@ struct ConventionOptions {
 /// 0.35 rad) counts with its registration alone. Best first, the present reading among them. Nothing is changed.
 /// Throws InputError as identify_jointly does, and where `used` does not match the joints.
 std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
-                                             const FreeParameters& free, const JointConvention* used,
+                                             const Unknowns& free, const JointConvention* used,
                                              const std::vector<JointConvention>& others,
                                              const ConventionOptions& options = {});
 

@@ -4,6 +4,7 @@
 
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 
@@ -14,7 +15,7 @@ Eigen::MatrixXd covariance(const Eigen::MatrixXd& whitened_jacobian, double fact
 
 /// Covariance of the predicted position in W of a target at joint values q: J C J^T, [m^2]. Free of the gauge: fixed
 /// parameters and tied directions do not enter.
-Eigen::Matrix3d predicted_covariance(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
+Eigen::Matrix3d predicted_covariance(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
                                      const Eigen::MatrixXd& column_covariance, const Eigen::VectorXd& q,
                                      std::size_t target);
 

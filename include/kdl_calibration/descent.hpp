@@ -3,6 +3,7 @@
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/least_squares.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 
@@ -11,12 +12,11 @@ namespace kdl_calibration {
 /// residuals are noise, and the data alone only where the misfit vanishes.
 enum class Steps { any, plain, prior };
 
-/// Minimises the cost of `problem`, whose columns are `free`, from `start`; see identify_jointly.
-Identification descend(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
-                       const Estimate& start, const JointOptions& options, Steps steps = Steps::any);
+/// Minimises the cost of `problem` from `start`; see identify_jointly.
+Identification descend(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options,
+                       Steps steps = Steps::any);
 
 /// Share of the cost that the first step from `estimate` promises to take off, with the prior in units of the misfit.
-double promised_share(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
-                      const Estimate& estimate);
+double promised_share(const LeastSquaresProblem& problem, const Estimate& estimate);
 
 }  // namespace kdl_calibration

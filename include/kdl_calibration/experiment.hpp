@@ -9,6 +9,7 @@
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/observability.hpp"
+#include "kdl_calibration/unknowns.hpp"
 #include "kdl_calibration/validation.hpp"
 
 namespace kdl_calibration {
@@ -31,7 +32,7 @@ struct Experiment {
   ErrorModel model;
   Eigen::VectorXd errors;            ///< the geometry to linearise at; zero: nominal
   std::vector<TargetFrame> targets;  ///< all measured in every configuration
-  FreeParameters free;
+  Unknowns free;
   PointNoise noise;
   Priors priors;
 };

@@ -30,7 +30,7 @@ struct FoldPrediction {
 /// `triangle`: R of the whitened Jacobian at `estimate`, priors included, as WhitenedSummary::triangle.
 /// Throws nothing; folds hold indices of configurations.
 FoldPrediction predict_folds(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                             const FreeParameters& free, const std::vector<std::vector<Eigen::Index>>& folds,
+                             const Unknowns& free, const std::vector<std::vector<Eigen::Index>>& folds,
                              const FitOptions& options, const Eigen::MatrixXd& triangle, double noise, int threads = 0);
 
 }  // namespace kdl_calibration

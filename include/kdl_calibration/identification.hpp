@@ -11,6 +11,7 @@
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/registration.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 
@@ -52,7 +53,7 @@ struct JointOptions {
 /// that a plain step, and with it the scaled gradient, moves the predicted points by less than the tolerance. Throws
 /// InputError where there are fewer equations than unknowns.
 Identification identify_jointly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                const FreeParameters& free, const JointOptions& options = {});
+                                const Unknowns& free, const JointOptions& options = {});
 
 /// How much a residual counts that is large beside the others. With r the whitened 3D residual of a point (six
 /// components where its orientation was measured) over its scale, the weight is 1 (none), min(1, 2.5/r) (Huber 1964) or
@@ -70,7 +71,7 @@ struct RobustIdentification {
 /// identify_jointly with iteratively reweighted rows. The scale is the median of the whitened residuals over that of
 /// the chi distribution, found anew in each round; Tukey starts from the Huber estimate.
 RobustIdentification identify_robustly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                       const FreeParameters& free, Loss loss, const JointOptions& options = {});
+                                       const Unknowns& free, Loss loss, const JointOptions& options = {});
 
 /// What one round of the two-step procedure did.
 struct TwoStepRound {

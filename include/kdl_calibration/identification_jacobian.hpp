@@ -7,13 +7,14 @@
 
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/least_squares.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 
 /// d(position of every target in W) / d(free parameters) in one configuration, by products of 4 x 4 matrices with one
-/// factor's derivative: 3 targets' coordinates (x y z of the first, then of the next) x columns as in column_names,
+/// factor's derivative: 3 targets' coordinates (x y z of the first, then of the next) x the columns of `free`,
 /// [m] per m or rad. `q` has one value per joint. Throws InputError for a free deflection, which no URDF carries.
-Eigen::MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
+Eigen::MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
                                         const Eigen::VectorXd& q);
 
 /// A of the published linear least squares problem for base and tools, along the axes of the base (see

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "kdl_calibration/least_squares.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 
@@ -42,6 +43,6 @@ struct Influence {
 };
 /// `triangle`: of the whitened system at the estimate. Empty where that does not determine all columns.
 Influence influence(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                    const FreeParameters& free, const ResidualOptions& residuals, const Eigen::MatrixXd& triangle);
+                    const Unknowns& free, const ResidualOptions& residuals, const Eigen::MatrixXd& triangle);
 
 }  // namespace kdl_calibration

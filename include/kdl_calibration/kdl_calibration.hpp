@@ -40,6 +40,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/two_step_trial.hpp"
+#include "kdl_calibration/unknowns.hpp"
 #include "kdl_calibration/urdf_export.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "kdl_calibration/workspace.hpp"

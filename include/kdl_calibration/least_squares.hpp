@@ -2,48 +2,16 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <array>
 #include <memory>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
-
-/// Everything that is estimated: the geometric errors of the complete model (zero where not free), the base in the
-/// measuring device's frame, the targets on the flange and the deflections of the joints.
-struct Estimate {
-  Eigen::VectorXd errors;
-  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
-  std::vector<TargetFrame> targets;
-  Eigen::VectorXd deflections;  ///< one per deflection of the model; may be empty for none
-};
-
-/// Which parameters the fit may change. Columns stand in the order base, geometric, deflections, targets.
-struct FreeParameters {
-  std::array<bool, 6> base = {};             ///< Tx Ty Tz Rx Ry Rz: a motion of the base in its own frame
-  std::vector<std::size_t> geometric;        ///< indices into ErrorModel::parameters
-  std::vector<std::size_t> deflections;      ///< indices into ErrorModel::deflections
-  std::vector<std::array<bool, 6>> targets;  ///< of each: x y z in the flange frame, Rx Ry Rz in the target's own
-};
-
-/// The free parameters with these names. Throws InputError for a name that neither model nor targets have.
-FreeParameters free_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                               const std::vector<std::string>& names);
-/// Names in the order of the columns.
-std::vector<std::string> column_names(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                                      const FreeParameters& free);
-
-/// 1 sigma of the geometric errors before anything is measured, as residuals of their own; 0: none.
-struct Priors {
-  double length = 0.0;      ///< [m]
-  double angle = 0.0;       ///< [rad]
-  double deflection = 0.0;  ///< [rad or m] where the load is largest; for a gain, per unit
-};
 
 /// 1 sigma of a tracker's distance and of its transverse error, each a constant plus a part that grows with distance.
 /// The measuring frame is the tracker's own: it stands at the origin.
@@ -121,7 +89,7 @@ struct ResidualOptions {
 /// Repeats of a configuration are gathered into one block of information, exactly: the cost changes by a constant.
 class LeastSquaresProblem {
 public:
-  LeastSquaresProblem(const ErrorModel& model, const Measurements& measurements, const FreeParameters& free,
+  LeastSquaresProblem(const ErrorModel& model, const Measurements& measurements, const Unknowns& unknowns,
                       const ResidualOptions& options = {});
   ~LeastSquaresProblem();
 
@@ -138,10 +106,9 @@ public:
   /// once.
   WhitenedSummary whitened_summary(const Estimate& estimate) const;
   static constexpr std::size_t kManyConfigurations = 3000;
-  /// The estimate moved by a step in the columns' coordinates.
-  Estimate moved(const Estimate& estimate, const Eigen::VectorXd& step) const;
-  void move(const Estimate& estimate, const Eigen::VectorXd& step, Estimate& result) const;
 
+  const ErrorModel& model() const { return model_; }
+  const Unknowns& unknowns() const { return unknowns_; }
   Eigen::Index columns() const { return columns_; }
   long equations() const { return equations_; }                ///< measured coordinates, repeats counted each
   long points() const { return points_measured_; }             ///< measured points, repeats counted each
@@ -183,11 +150,10 @@ private:
   void visit(const Estimate& estimate, Visitor visitor) const;
   template <class Visitor>
   void visit_priors(Visitor visitor) const;
-  double prior_value(const Estimate& estimate, std::size_t i) const;
   void add_priors(const Estimate& estimate, NormalEquations& equations) const;
 
   const ErrorModel& model_;
-  FreeParameters free_;
+  Unknowns unknowns_;
   std::vector<Group> groups_;
   std::unique_ptr<Workspace> workspace_;
   Eigen::MatrixXd joint_values_;
@@ -195,8 +161,7 @@ private:
   std::vector<Configuration> configurations_;
   std::vector<Eigen::MatrixXd> informations_;  // 3 points x 3 points in W each; none where the points' weights say all
   std::vector<Point> points_;
-  std::vector<double> prior_weights_;               // per geometric and deflection column
-  std::vector<std::array<int, 6>> target_columns_;  // -1 where fixed
+  Eigen::VectorXd prior_information_;  // per column
   Eigen::Index chain_columns_ = 0;
   Eigen::Index columns_ = 0;
   long equations_ = 0;
@@ -207,7 +172,7 @@ private:
 
 /// Twists of the free chain columns (base, geometric, deflections) at an estimate; those of the deflections are per
 /// unit of the joint's motion and still lack the factor basis(q).
-std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free);
+std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns);
 
 /// X_BF for each column of `joint_values`, joint deflections included.
 std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate,
@@ -216,7 +181,7 @@ std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estim
 /// Jacobians of the predicted positions at one estimate. Keeps references to its arguments.
 class PositionPredictor {
 public:
-  PositionPredictor(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free);
+  PositionPredictor(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns);
 
   /// Of the position in W of every target at joint values q: 3 x columns each, [m] per unit.
   std::vector<Matrix3Xd> jacobians(const Eigen::VectorXd& q) const;
@@ -224,11 +189,9 @@ public:
 private:
   const ErrorModel& model_;
   const Estimate& estimate_;
-  const FreeParameters& free_;
+  const Unknowns& unknowns_;
   FoldedChain chain_;
   std::vector<ParameterTwist> twists_;
-  Eigen::Index columns_ = 0;
-  std::vector<Eigen::Index> first_column_;  // of each target
 };
 
 }  // namespace kdl_calibration

@@ -48,6 +48,6 @@ struct NoiseParts {
 /// ones.
 /// `options`: noise and priors as stated. Not for a loss: rows count with their weights.
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                          const FreeParameters& free, const ResidualOptions& options);
+                          const Unknowns& free, const ResidualOptions& options);
 
 }  // namespace kdl_calibration

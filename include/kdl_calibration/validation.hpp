@@ -10,6 +10,7 @@
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 
@@ -58,7 +59,7 @@ struct FitOptions {
   std::function<void()> after_fit;  ///< called behind each, from any thread; for progress
 };
 Identification fit(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                   const FreeParameters& free, const FitOptions& options);
+                   const Unknowns& free, const FitOptions& options);
 
 /// Training configurations left out of a fit and predicted by it. A fit that does not converge counts with what it
 /// predicts.
@@ -76,10 +77,10 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
 
 /// Exact refits from `start` without each fold in turn, on `threads` threads (0: all); the same for any number.
 HoldOut cross_validate(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                       const FreeParameters& free, const std::vector<std::vector<Eigen::Index>>& folds,
+                       const Unknowns& free, const std::vector<std::vector<Eigen::Index>>& folds,
                        const FitOptions& options = {}, int threads = 0);
 HoldOut leave_one_configuration_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                    const FreeParameters& free, const FitOptions& options = {}, int threads = 0);
+                                    const Unknowns& free, const FitOptions& options = {}, int threads = 0);
 /// The same for the nominal geometry: only base and targets are registered anew.
 HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
                                             const RegistrationOptions& options = {});
@@ -104,23 +105,24 @@ struct ModelOptions {
 std::vector<Priors> prior_sizes();
 
 /// Cross-validates every combination and returns them all, best first. A deflection is accepted only where it improves
-/// the held-out RMS of the same priors by more than 2 %. `free.deflections` is ignored: the options say what is free.
+/// the held-out RMS of the same priors by more than 2 %. The deflections of `free` are ignored: the options say which
+/// are.
 std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                      const FreeParameters& free, const ModelOptions& options,
+                                      const Unknowns& free, const ModelOptions& options,
                                       const FitOptions& fit_options = {}, int threads = 0);
 
 /// How many fits that takes.
 std::size_t fits_to_choose(const Measurements& measurements, const ModelOptions& options);
 
 /// The free parameters and fit options that an option stands for.
-FreeParameters with_deflections(const ErrorModel& model, const FreeParameters& free, const ModelOption& option);
+Unknowns with_deflections(const ErrorModel& model, const Unknowns& free, const ModelOption& option);
 FitOptions with_priors(const FitOptions& options, const Priors& priors);
 
 /// Leave-one-configuration-out in which the choice is made anew without each configuration: what the whole procedure,
 /// choice included, achieves on new data.
 HoldOut nested_leave_one_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                             const FreeParameters& free, const ModelOptions& options,
-                             const FitOptions& fit_options = {}, int threads = 0);
+                             const Unknowns& free, const ModelOptions& options, const FitOptions& fit_options = {},
+                             int threads = 0);
 
 /// Largest difference between our flange pose and that of KDL::ChainFkSolverPos_recursive on the chain with error
 /// segments, over the columns of `joint_values`, or 1,000 of them evenly spaced where there are more [m, or elements of

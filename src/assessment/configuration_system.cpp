@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numeric>
 
 namespace kdl_calibration {
 
@@ -22,8 +23,7 @@ std::vector<std::pair<std::int32_t, std::vector<std::size_t>>> rows_by_configura
 
 ConfigurationSystem configuration_system(const ErrorModel& model, const Measurements& measurements,
                                          const std::vector<std::size_t>& rows, const Estimate& estimate,
-                                         const FreeParameters& free, const ResidualOptions& residuals,
-                                         const MatrixXd& R) {
+                                         const Unknowns& free, const ResidualOptions& residuals, const MatrixXd& R) {
   Measurements single{.source = measurements.source, .joints = measurements.joints, .targets = measurements.targets};
   single.joint_values = measurements.joint_values.col(measurements.observations[rows.front()].configuration);
   single.configurations = {""};
@@ -43,35 +43,21 @@ ConfigurationSystem configuration_system(const ErrorModel& model, const Measurem
     }
   }
   // With every target free its columns are those of U.
-  FreeParameters all = free;
-  const Index chain = R.cols() - [&] {
-    Index count = 0;
-    for (const auto& target : free.targets) {
-      count += std::count(target.begin(), target.end(), true);
-    }
-    return count;
-  }();
-  std::vector<Index> estimated(static_cast<std::size_t>(chain));
-  for (Index c = 0; c < chain; ++c) {
-    estimated[static_cast<std::size_t>(c)] = c;
+  std::vector<std::size_t> coordinates(6 * single.targets.size());
+  std::iota(coordinates.begin(), coordinates.end(), 0U);
+  const Unknowns all = free.with(model, UnknownGroup::targets, coordinates);
+  std::vector<Index> estimated;
+  for (const Unknown& unknown : free.columns()) {
+    estimated.push_back(*all.column(unknown.group, unknown.index));
   }
   std::vector<Index> positions;
   std::vector<Index> orientations;
   ConfigurationSystem result;
-  for (std::size_t k = 0; k < free.targets.size(); ++k) {
-    const auto seen = oriented.find(static_cast<std::int32_t>(k));
-    if (seen != oriented.end()) {
-      result.targets.push_back(seen->first);
-    }
-    for (std::size_t i = 0; i < 6; ++i) {
-      all.targets[k][i] = true;
-      const auto column = chain + static_cast<Index>(6 * k + i);
-      if (free.targets[k][i]) {
-        estimated.push_back(column);
-      }
-      if (seen != oriented.end() && (i < 3 || seen->second)) {
-        (i < 3 ? positions : orientations).push_back(column);
-      }
+  for (const auto& [target, with_orientation] : oriented) {
+    result.targets.push_back(target);
+    for (std::size_t i = 0; i < (with_orientation ? 6 : 3); ++i) {
+      const int column = all.target_columns(static_cast<std::size_t>(target))[i];
+      (i < 3 ? positions : orientations).push_back(column);
     }
   }
   Index orientation_row = 3 * static_cast<Index>(result.targets.size());

@@ -27,7 +27,7 @@ struct ConfigurationSystem {
 /// Of the configuration whose training rows are `rows`. R: upper triangular, of the information R^T R of all columns.
 ConfigurationSystem configuration_system(const ErrorModel& model, const Measurements& measurements,
                                          const std::vector<std::size_t>& rows, const Estimate& estimate,
-                                         const FreeParameters& free, const ResidualOptions& residuals,
+                                         const Unknowns& free, const ResidualOptions& residuals,
                                          const Eigen::MatrixXd& R);
 
 }  // namespace kdl_calibration

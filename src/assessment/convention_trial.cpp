@@ -142,7 +142,7 @@ double rms_of(const ErrorModel& model, const Measurements& measurements, const E
 }  // namespace
 
 std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
-                                             const FreeParameters& free, const JointConvention* used,
+                                             const Unknowns& free, const JointConvention* used,
                                              const std::vector<JointConvention>& others,
                                              const ConventionOptions& options) {
   std::vector<ConventionTrial> trials =

@@ -31,7 +31,7 @@ struct Task {
   const ErrorModel& model;
   const Measurements& measurements;
   const Estimate& estimate;
-  const FreeParameters& free;
+  const Unknowns& free;
   const FitOptions& options;
   const MatrixXd& R;
   double noise;
@@ -84,10 +84,10 @@ void predict(const Task& task, const ConfigurationSystem& system, Index configur
 }
 
 // Whether the points of the fold, predicted at the moved estimate, are where the linear prediction has them.
-bool as_good_as_linear(const Task& task, const LeastSquaresProblem& problem, const Measurements& held_out,
-                       const WithoutFold& without, const std::vector<HeldOutPoint>& points) {
+bool as_good_as_linear(const Task& task, const Measurements& held_out, const WithoutFold& without,
+                       const std::vector<HeldOutPoint>& points) {
   const VectorXd step = task.R.triangularView<Eigen::Upper>().solve(without.step);
-  const Estimate moved = problem.moved(task.estimate, step);
+  const Estimate moved = task.free.moved(task.estimate, step);
   const std::vector<double> exact = position_errors(task.model, moved, held_out, Rows::test);
   for (std::size_t i = 0; i < points.size(); ++i) {
     if (!(std::abs(exact[i] - points[i].distance) <= std::max(kAsGoodAsLinear * task.noise, kRounding))) {
@@ -100,7 +100,7 @@ bool as_good_as_linear(const Task& task, const LeastSquaresProblem& problem, con
 }  // namespace
 
 FoldPrediction predict_folds(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                             const FreeParameters& free, const std::vector<std::vector<Index>>& folds,
+                             const Unknowns& free, const std::vector<std::vector<Index>>& folds,
                              const FitOptions& options, const MatrixXd& triangle, double noise, int threads) {
   const Index columns = triangle.cols();
   const MatrixXd R =
@@ -120,7 +120,6 @@ FoldPrediction predict_folds(const ErrorModel& model, const Measurements& measur
   for (auto& [configuration, of_configuration] : rows_by_configuration(measurements)) {
     rows[configuration] = std::move(of_configuration);
   }
-  const LeastSquaresProblem problem(model, measurements, free, options.joint.residuals);
   const Measurements means = averaged(measurements);
   std::map<Index, std::vector<std::size_t>> rows_of_means;
   for (std::size_t row = 0; row < means.observations.size(); ++row) {
@@ -154,7 +153,7 @@ FoldPrediction predict_folds(const ErrorModel& model, const Measurements& measur
       for (std::size_t i = 0; i < systems.size(); ++i) {
         predict(task, systems[i], fold[i], *without, part.points);
       }
-      if (as_good_as_linear(task, problem, held_out, *without, part.points)) {
+      if (as_good_as_linear(task, held_out, *without, part.points)) {
         return;
       }
     }

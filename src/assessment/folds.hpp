@@ -17,7 +17,7 @@ struct RefittedFold {
   bool converged = true;
 };
 RefittedFold refit_without(const ErrorModel& model, const Measurements& measurements,
-                           const std::vector<Eigen::Index>& fold, const Estimate& start, const FreeParameters& free,
+                           const std::vector<Eigen::Index>& fold, const Estimate& start, const Unknowns& free,
                            const FitOptions& options);
 
 }  // namespace kdl_calibration

@@ -7,6 +7,7 @@
 #include <limits>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <tuple>
 #include <utility>
 
@@ -37,7 +38,7 @@ double change_without(const ConfigurationSystem& system, const MatrixXd& rest, c
 }  // namespace
 
 Influence influence(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                    const FreeParameters& free, const ResidualOptions& residuals, const MatrixXd& triangle) {
+                    const Unknowns& free, const ResidualOptions& residuals, const MatrixXd& triangle) {
   Influence result;
   const Index columns = triangle.cols();
   if (triangle.rows() < columns || columns == 0) {

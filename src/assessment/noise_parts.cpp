@@ -106,7 +106,7 @@ public:
   }
 
   // Residuals of the means and their Jacobians at one estimate.
-  void add_means(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free) {
+  void add_means(const ErrorModel& model, const Estimate& estimate, const Unknowns& free) {
     const PositionPredictor predictor(model, estimate, free);
     const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements_.joint_values);
     for (const auto& [c, cells] : configurations_) {
@@ -551,7 +551,7 @@ Sample sampled(const Measurements& measurements, const ResidualOptions& options)
 
 // With unit noise, orientations included.
 WhitenedSystem unit_system(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                           const FreeParameters& free, const ResidualOptions& options) {
+                           const Unknowns& free, const ResidualOptions& options) {
   Measurements plain = measurements;
   for (Observation& observation : plain.observations) {
     observation.sigma = 0.0;
@@ -593,7 +593,7 @@ double NoiseParts::freedom(double value, const Variances& gradient) const {
 }
 
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                          const FreeParameters& free, const ResidualOptions& options) {
+                          const Unknowns& free, const ResidualOptions& options) {
   const Sample sample = sampled(measurements, options);
   Strata strata(sample.measurements, sample.options);
   strata.add_means(model, estimate, free);

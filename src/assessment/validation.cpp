@@ -104,7 +104,7 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
 }
 
 Identification fit(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                   const FreeParameters& free, const FitOptions& options) {
+                   const Unknowns& free, const FitOptions& options) {
   Identification found = options.loss == Loss::none
                              ? identify_jointly(model, measurements, start, free, options.joint)
                              : identify_robustly(model, measurements, start, free, options.loss, options.joint).fit;
@@ -204,7 +204,7 @@ std::vector<std::vector<Eigen::Index>> folds_for_choice(const Measurements& meas
 }  // namespace
 
 RefittedFold refit_without(const ErrorModel& model, const Measurements& measurements,
-                           const std::vector<Eigen::Index>& fold, const Estimate& start, const FreeParameters& free,
+                           const std::vector<Eigen::Index>& fold, const Estimate& start, const Unknowns& free,
                            const FitOptions& options) {
   const Measurements rest = without(measurements, fold);
   const Identification found = fit(model, rest, start, free, options);
@@ -227,14 +227,14 @@ RefittedFold refit_without(const ErrorModel& model, const Measurements& measurem
 }
 
 HoldOut cross_validate(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                       const FreeParameters& free, const std::vector<std::vector<Eigen::Index>>& folds,
+                       const Unknowns& free, const std::vector<std::vector<Eigen::Index>>& folds,
                        const FitOptions& options, int threads) {
   return hold_out(model, measurements, folds, threads,
                   [&](const Measurements& fold) { return fit(model, fold, start, free, options); });
 }
 
 HoldOut leave_one_configuration_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                    const FreeParameters& free, const FitOptions& options, int threads) {
+                                    const Unknowns& free, const FitOptions& options, int threads) {
   return cross_validate(model, measurements, start, free, make_folds(measurements, 0), options, threads);
 }
 
@@ -257,15 +257,14 @@ std::vector<Priors> prior_sizes() {
   return sizes;
 }
 
-FreeParameters with_deflections(const ErrorModel& model, const FreeParameters& free, const ModelOption& option) {
-  FreeParameters result = free;
-  result.deflections.clear();
+Unknowns with_deflections(const ErrorModel& model, const Unknowns& free, const ModelOption& option) {
+  std::vector<std::size_t> deflections;
   for (std::size_t d = 0; d < model.deflections.size(); ++d) {
     if (model.deflections[d].gain ? option.gain : option.gravity) {
-      result.deflections.push_back(d);
+      deflections.push_back(d);
     }
   }
-  return result;
+  return free.with(model, UnknownGroup::deflections, deflections);
 }
 
 FitOptions with_priors(const FitOptions& options, const Priors& priors) {
@@ -279,8 +278,8 @@ std::size_t fits_to_choose(const Measurements& measurements, const ModelOptions&
 }
 
 std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                      const FreeParameters& free, const ModelOptions& options,
-                                      const FitOptions& fit_options, int threads) {
+                                      const Unknowns& free, const ModelOptions& options, const FitOptions& fit_options,
+                                      int threads) {
   std::vector<ModelOption> tried;
   for (const Priors& priors : options.priors) {
     for (const bool gravity : options.gravity) {
@@ -305,7 +304,7 @@ std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurement
 }
 
 HoldOut nested_leave_one_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                             const FreeParameters& free, const ModelOptions& options, const FitOptions& fit_options,
+                             const Unknowns& free, const ModelOptions& options, const FitOptions& fit_options,
                              int threads) {
   return hold_out(model, measurements, make_folds(measurements, 0), threads, [&](const Measurements& fold) {
     const ModelOption best = choose_model(model, fold, start, free, options, fit_options, 1).front();

@@ -125,7 +125,6 @@ std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, cons
                    .value = value,
                    .error = value});
   }
-  const std::vector<std::string> columns = column_names(model, estimate.targets, calibration.free);
   std::set<std::string> gauge;
   for (const GaugeParameter& parameter : calibration.reduction.gauge) {
     gauge.insert(parameter.name);
@@ -141,13 +140,13 @@ std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, cons
   }
   std::vector<ParameterEstimate> parameters;
   for (ParameterEstimate& parameter : all) {
-    const auto column = std::find(columns.begin(), columns.end(), parameter.name);
-    const bool estimated = column != columns.end();
+    const std::optional<Eigen::Index> column = calibration.free.column(parameter.name);
+    const bool estimated = column.has_value();
     parameter.gauge = gauge.count(parameter.name) > 0 || held.count(parameter.name) > 0;
     if (estimated) {
-      const auto c = static_cast<std::size_t>(column - columns.begin());
-      parameter.std = uncertain[c].std;
-      parameter.degrees_of_freedom = uncertain[c].degrees_of_freedom;
+      const ValueUncertainty& value = uncertain[static_cast<std::size_t>(*column)];
+      parameter.std = value.std;
+      parameter.degrees_of_freedom = value.degrees_of_freedom;
       parameter.identifiable =
           std::isfinite(parameter.std) && !is_unknown(model, parameter) && biased.count(parameter.name) == 0;
     }
@@ -241,7 +240,7 @@ void require_comparable_orientations(const Measurements& measurements, const Cal
 // Priors and residuals must be on one scale. Where nothing states the noise, the residuals of the fit without priors
 // do, the drift and the misfit of the model included.
 void make_absolute(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                   const FreeParameters& free, FitOptions& options) {
+                   const Unknowns& free, FitOptions& options) {
   const LeastSquaresProblem problem(model, measurements, free, options.joint.residuals);
   const Identification plain = identify_jointly(model, measurements, start, free, options.joint);
   const double freedom = static_cast<double>(problem.equations() - problem.columns());
@@ -317,7 +316,7 @@ void assess_noise(const Measurements& measurements, const ResidualOptions& as_st
 }
 
 std::optional<LackOfFit> lack_of_fit(const ErrorModel& model, const Measurements& measurements,
-                                     const Estimate& estimate, const FreeParameters& free, const FitOptions& options) {
+                                     const Estimate& estimate, const Unknowns& free, const FitOptions& options) {
   const RepeatNoise repeats = noise_from_repeats(measurements);
   if (repeats.degrees_of_freedom == 0.0 || !(repeats.total.minCoeff() > 0.0)) {
     return std::nullopt;
@@ -524,7 +523,7 @@ constexpr std::size_t kMostRowsScreened = 20000;          // beyond that only th
 // What is wrong with the measurements themselves, by the distances between targets and by a preliminary fit that
 // survives it.
 std::vector<QualityFinding> findings(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                     const FreeParameters& free) {
+                                     const Unknowns& free) {
   const auto enough_equations = [&] {
     const LeastSquaresProblem problem(model, measurements, free);
     return problem.equations() >= problem.columns();
@@ -564,7 +563,7 @@ void validate_result(const Measurements& measurements, const Estimate& start, co
                      const CalibrationOptions& options, const RegistrationOptions& registration_options,
                      Calibration& result) {
   const Estimate& estimate = result.identification.estimate;
-  const bool deflects = !result.free.deflections.empty();
+  const bool deflects = !result.free.deflections().empty();
   const Estimate rigid = deflects ? rigid_fit(measurements, start, fit_options, result) : estimate;
   result.rigid_errors = rigid.errors;
   const auto poses_of = [&](const Estimate& e) { return flange_poses(result.model, e, measurements.joint_values); };
@@ -657,7 +656,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
       .targets = registration.targets,
       .deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(result.model.deflections.size()))};
   ParameterChoice choice = choose_parameters(model, start.targets, options);
-  result.free = free_parameters(model, start.targets, choice.free);
+  result.free = Unknowns(model, start.targets, choice.free);
   if (choice.free.empty()) {
     throw InputError(
         "--fix: leaves nothing to estimate of base, targets and geometric errors; kdlcal validate predicts without a "
@@ -717,12 +716,11 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   }
   const LeastSquaresProblem problem(result.model, measurements, result.free, residuals);
   const WhitenedSummary system = problem.whitened_summary(estimate);
-  const std::vector<std::string> candidates = column_names(result.model, estimate.targets, result.candidates);
+  const std::vector<std::string> candidates = result.candidates.names();
   Eigen::MatrixXd triangle_of_candidates = system.triangle;
-  if (!same_parameters(result.free, result.candidates)) {
-    const std::vector<std::string> kept = column_names(result.model, estimate.targets, result.free);
+  if (result.free != result.candidates) {
     std::copy_if(candidates.begin(), candidates.end(), std::back_inserter(result.fixed_by_gauge),
-                 [&](const std::string& name) { return std::find(kept.begin(), kept.end(), name) == kept.end(); });
+                 [&](const std::string& name) { return !result.free.column(name); });
     triangle_of_candidates = LeastSquaresProblem(result.model, measurements, result.candidates, residuals)
                                  .whitened_summary(estimate)
                                  .triangle;

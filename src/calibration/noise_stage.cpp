@@ -34,21 +34,24 @@ Eigen::Matrix<double, 6, 6> printed_frame(const Matrix3d& position, const Matrix
   return result;
 }
 
-// The free rows and columns of a frame, in place.
-void place(const std::array<bool, 6>& free, const Eigen::Matrix<double, 6, 6>& printed, Index first, MatrixXd& all) {
-  Index row = first;
+// The rows and columns of a frame, whose columns are -1 where they are not free.
+void place(const std::array<int, 6>& columns, const Eigen::Matrix<double, 6, 6>& printed, MatrixXd& all) {
   for (std::size_t i = 0; i < 6; ++i) {
-    Index column = first;
-    for (std::size_t j = 0; j < 6 && free[i]; ++j) {
-      if (free[j]) {
-        all(row, column++) = printed(static_cast<Index>(i), static_cast<Index>(j));
+    for (std::size_t j = 0; j < 6; ++j) {
+      if (columns[i] >= 0 && columns[j] >= 0) {
+        all(columns[i], columns[j]) = printed(static_cast<Index>(i), static_cast<Index>(j));
       }
     }
-    row += free[i] ? 1 : 0;
   }
 }
 
-Index count(const std::array<bool, 6>& free) { return std::count(free.begin(), free.end(), true); }
+std::array<int, 6> base_columns(const Unknowns& free) {
+  std::array<int, 6> result{};
+  for (std::size_t i = 0; i < 6; ++i) {
+    result[i] = static_cast<int>(free.column(UnknownGroup::base, i).value_or(-1));
+  }
+  return result;
+}
 
 bool arrived(const Identification& found) {
   return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
@@ -79,17 +82,14 @@ std::optional<NoiseParts> fit_with_estimated_noise(const FitTask& task, WholeFit
   return parts;
 }
 
-std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const FreeParameters& free,
-                                            const MatrixXd& covariance, const std::optional<NoiseParts>& parts,
-                                            double freedom) {
+std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unknowns& free, const MatrixXd& covariance,
+                                            const std::optional<NoiseParts>& parts, double freedom) {
   const Index columns = covariance.cols();
   MatrixXd printed = MatrixXd::Identity(columns, columns);
   const Matrix3d R_WB = estimate.X_WB.linear();
-  place(free.base, printed_frame(R_WB, R_WB), 0, printed);
-  Index first = count(free.base) + static_cast<Index>(free.geometric.size() + free.deflections.size());
-  for (std::size_t k = 0; k < free.targets.size(); ++k) {
-    place(free.targets[k], printed_frame(Matrix3d::Identity(), estimate.targets[k].X_FT.linear()), first, printed);
-    first += count(free.targets[k]);
+  place(base_columns(free), printed_frame(R_WB, R_WB), printed);
+  for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
+    place(free.target_columns(k), printed_frame(Matrix3d::Identity(), estimate.targets[k].X_FT.linear()), printed);
   }
   std::vector<ValueUncertainty> result;
   for (Index c = 0; c < columns; ++c) {

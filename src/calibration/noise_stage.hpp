@@ -23,7 +23,7 @@ struct ValueUncertainty {
 /// Of every free column, in their order, for the values as they are printed: the place of the base and the rotation
 /// vectors of base and targets in W and in the flange frame, although their columns are motions in frames of their own.
 /// `covariance`: of the columns; `freedom`: where no parts were estimated.
-std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const FreeParameters& free,
+std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unknowns& free,
                                             const Eigen::MatrixXd& covariance, const std::optional<NoiseParts>& parts,
                                             double freedom);
 

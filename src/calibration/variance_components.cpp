@@ -16,7 +16,7 @@ constexpr double kLongest = 100.0;      // [m]
 constexpr double kShortest = 1e-3;
 
 // u of the orientations over u of the positions, at one fit.
-std::optional<double> ratio_of_variances(const FitTask& task, const FreeParameters& free, const ResidualOptions& both,
+std::optional<double> ratio_of_variances(const FitTask& task, const Unknowns& free, const ResidualOptions& both,
                                          const Estimate& estimate) {
   ResidualOptions positions_only = both;
   positions_only.orientation_length = 0.0;
@@ -45,7 +45,7 @@ std::optional<double> ratio_of_variances(const FitTask& task, const FreeParamete
 
 }  // namespace
 
-double orientation_length_of_residuals(const FitTask& task, const FreeParameters& free) {
+double orientation_length_of_residuals(const FitTask& task, const Unknowns& free) {
   JointOptions joint = task.fit_options.joint;
   double& length = joint.residuals.orientation_length;
   Estimate estimate = task.start;

@@ -14,11 +14,10 @@ namespace {
 
 constexpr int kTwoStepRounds = 1000;
 
-void require_two_step_data(const FreeParameters& free, const Measurements& measurements,
-                           const CalibrationOptions& options) {
-  const bool free_base = std::all_of(free.base.begin(), free.base.end(), [](bool f) { return f; });
-  const bool free_targets = std::all_of(free.targets.begin(), free.targets.end(),
-                                        [](const auto& target) { return target[0] && target[1] && target[2]; });
+void require_two_step_data(const Unknowns& free, const Measurements& measurements, const CalibrationOptions& options) {
+  const std::size_t targets = measurements.targets.size();
+  const bool free_base = free.range(UnknownGroup::base).count == 6;
+  const bool free_targets = free.range(UnknownGroup::targets).count >= static_cast<Eigen::Index>(3 * targets);
   if (!free_base || !free_targets) {
     throw InputError("--method two-step: base and targets are part of the procedure and cannot be known or fixed");
   }
@@ -38,13 +37,13 @@ struct Fitted {
   std::vector<double> weights;
 };
 
-Fitted identify(const FitTask& task, const FreeParameters& free, Steps steps) {
+Fitted identify(const FitTask& task, const Unknowns& free, Steps steps) {
   const CalibrationOptions& options = task.options;
   if (options.method == Method::two_step) {
     require_two_step_data(free, task.measurements, options);
     const TwoStepOptions two_step{.rounds = options.iterations > 0 ? options.iterations : kTwoStepRounds};
     return {identify_in_two_steps(
-                task.model, [&](int) { return task.measurements; }, task.start, free.geometric, two_step),
+                task.model, [&](int) { return task.measurements; }, task.start, free.geometric(), two_step),
             {}};
   }
   const JointOptions& joint = task.fit_options.joint;
@@ -57,30 +56,16 @@ Fitted identify(const FitTask& task, const FreeParameters& free, Steps steps) {
   if (steps == Steps::any || problem.equations() < problem.columns()) {
     return {identify_jointly(task.model, task.measurements, task.start, free, joint), {}};
   }
-  return {descend(task.model, problem, free, task.start, joint, steps), {}};
+  return {descend(problem, task.start, joint, steps), {}};
 }
 
-// Of the columns those that raise the rank: those of `kept`, then the others in the order of the reduction: base,
-// targets, geometric errors, then deflections. Where something is kept, what is weak beside it is no reason to add it.
-FreeParameters determined(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                          const FreeParameters& candidates, const FreeParameters& kept,
-                          const Eigen::MatrixXd& triangle) {
-  const std::vector<std::string> names = column_names(model, targets, candidates);
-  const std::vector<std::string> first = column_names(model, targets, kept);
-  const auto base = static_cast<Eigen::Index>(std::count(candidates.base.begin(), candidates.base.end(), true));
-  const Eigen::Index chain =
-      base + static_cast<Eigen::Index>(candidates.geometric.size() + candidates.deflections.size());
-  std::vector<Eigen::Index> order;
-  const auto add = [&](Eigen::Index begin, Eigen::Index end) {
-    for (Eigen::Index c = begin; c < end; ++c) {
-      order.push_back(c);
-    }
-  };
-  add(0, base);
-  add(chain, triangle.cols());
-  add(base, chain);
+// Of the columns those that raise the rank: those of `kept`, then the others in the order of choice. Where something is
+// kept, what is weak beside it is no reason to add it.
+Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eigen::MatrixXd& triangle) {
+  std::vector<Eigen::Index> order = candidates.order_of_choice();
   const auto others = std::stable_partition(order.begin(), order.end(), [&](Eigen::Index c) {
-    return std::find(first.begin(), first.end(), names[static_cast<std::size_t>(c)]) != first.end();
+    const Unknown& unknown = candidates.columns()[static_cast<std::size_t>(c)];
+    return kept.column(unknown.group, unknown.index).has_value();
   });
   const auto known = static_cast<std::size_t>(others - order.begin());
   const Eigen::MatrixXd columns = triangle(Eigen::all, order) / std::max(triangle.cwiseAbs().maxCoeff(), 1e-300);
@@ -92,42 +77,39 @@ FreeParameters determined(const ErrorModel& model, const std::vector<TargetFrame
     return turned.tail(turned.size() - static_cast<Eigen::Index>(known)).norm() <
            IdentifiabilityOptions{}.weak * turned.norm();
   };
-  std::vector<std::string> result;
+  std::vector<bool> marked(order.size(), false);
   for (std::size_t i = 0; i < order.size(); ++i) {
-    if (raises[i] && (i < known || known == 0 || !is_weak(static_cast<Eigen::Index>(i)))) {
-      result.push_back(names[static_cast<std::size_t>(order[i])]);
-    }
+    const bool worth_while = i < known || known == 0 || !is_weak(static_cast<Eigen::Index>(i));
+    marked[static_cast<std::size_t>(order[i])] = raises[i] && worth_while;
   }
-  return free_parameters(model, targets, result);
+  return candidates.subset(marked);
 }
 
 constexpr int kGaugeRounds = 3;
 
 // Fits what the measurements determine of the candidates, as judged by the start. What the solution shows to be
 // otherwise is taken out or, unless it is weak, added.
-Fitted identify_in_gauge(const FitTask& task, const FreeParameters& candidates, FreeParameters& free, Steps steps) {
+Fitted identify_in_gauge(const FitTask& task, const Unknowns& candidates, Unknowns& free, Steps steps) {
   const LeastSquaresProblem problem(task.model, task.measurements, candidates, task.fit_options.joint.residuals);
   free = candidates;
   if (task.options.method == Method::two_step || problem.equations() < problem.columns()) {
     return identify(task, candidates, steps);
   }
-  const auto determined_at = [&](const Estimate& estimate, const FreeParameters& kept) {
+  const auto determined_at = [&](const Estimate& estimate, const Unknowns& kept) {
     if (well_conditioned_root(problem.linearise(estimate).hessian)) {
       return candidates;
     }
     const Eigen::MatrixXd triangle = problem.whitened_summary(estimate).triangle;
-    return triangle.allFinite() ? determined(task.model, task.start.targets, candidates, kept, triangle) : free;
+    return triangle.allFinite() ? determined(candidates, kept, triangle) : free;
   };
-  FreeParameters nothing;
-  nothing.targets.resize(candidates.targets.size());
-  free = determined_at(task.start, nothing);
+  free = determined_at(task.start, Unknowns());
   Fitted fitted;
   for (int round = 0; round < kGaugeRounds; ++round) {
     const int iterations = fitted.identification.iterations;
     fitted = identify(task, free, steps);
     fitted.identification.iterations += iterations;
-    const FreeParameters there = determined_at(fitted.identification.estimate, free);
-    if (same_parameters(there, free) || round + 1 == kGaugeRounds) {
+    const Unknowns there = determined_at(fitted.identification.estimate, free);
+    if (there == free || round + 1 == kGaugeRounds) {
       break;
     }
     free = there;
@@ -139,15 +121,13 @@ bool arrived(const Identification& found) {
   return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
 }
 
-FreeParameters parameters_of(const FitTask& task, const std::vector<std::string>& names,
-                             const FreeParameters& deflections) {
-  FreeParameters free = free_parameters(task.model, task.start.targets, names);
-  free.deflections = deflections.deflections;
-  return free;
+Unknowns parameters_of(const FitTask& task, const std::vector<std::string>& names, const Unknowns& deflections) {
+  return Unknowns(task.model, task.start.targets, names)
+      .with(task.model, UnknownGroup::deflections, deflections.deflections());
 }
 
 // Whether the complete set would explain most of a misfit that is more than rounding.
-bool has_more_to_explain(const FitTask& task, const FreeParameters& complete, const WholeFit& fit) {
+bool has_more_to_explain(const FitTask& task, const Unknowns& complete, const WholeFit& fit) {
   constexpr double kRounding = 1e-10;  // [m]
   constexpr double kMost = 0.5;        // of the cost
   constexpr long kFreedom = 20;        // fewer equations than that beyond the unknowns leave nothing to explain
@@ -157,15 +137,15 @@ bool has_more_to_explain(const FitTask& task, const FreeParameters& complete, co
       task.measurements.joint_values.cols() > kMany) {
     return false;
   }
-  return promised_share(task.model, problem, complete, fit.identification.estimate) > kMost;
+  return promised_share(problem, fit.identification.estimate) > kMost;
 }
 
 constexpr double kExplained = 0.005;  // [m] a misfit beyond that is not one of the geometry
 
 // The complete set from the start, then what the measurements determine there.
-WholeFit go_on_in_complete_set(const FitTask& task, const FreeParameters& complete, const FreeParameters& candidates) {
+WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, const Unknowns& candidates) {
   const LeastSquaresProblem problem(task.model, task.measurements, complete, task.fit_options.joint.residuals);
-  const Identification wide = descend(task.model, problem, complete, task.start, task.fit_options.joint, Steps::prior);
+  const Identification wide = descend(problem, task.start, task.fit_options.joint, Steps::prior);
   ParameterChoice choice =
       choose_parameters(task.model, wide.estimate.targets, task.options, {.errors = wide.estimate.errors});
   WholeFit result{.identification = wide,
@@ -199,7 +179,7 @@ WholeFit go_on_in_complete_set(const FitTask& task, const FreeParameters& comple
 }
 
 // Through the complete set or, where that does not arrive, with the first set and every means.
-void take_the_long_way(const FitTask& task, const FreeParameters& complete, WholeFit& fit) {
+void take_the_long_way(const FitTask& task, const Unknowns& complete, WholeFit& fit) {
   const auto follow = [&](WholeFit next) {
     Identification& now = next.identification;
     const Identification& before = fit.identification;
@@ -224,8 +204,8 @@ void hide_in_noise(const FitTask& task, WholeFit& fit) {
   constexpr double kCost = 1.05;
   ParameterChoice choice = choose_parameters(task.model, task.start.targets, task.options,
                                              {.noise = fit.identification.rms / std::sqrt(3.0)});
-  const FreeParameters candidates = parameters_of(task, choice.free, fit.candidates);
-  if (same_parameters(candidates, fit.candidates)) {
+  const Unknowns candidates = parameters_of(task, choice.free, fit.candidates);
+  if (candidates == fit.candidates) {
     return;
   }
   WholeFit seen{.reduction = std::move(choice.reduction), .candidates = candidates};
@@ -240,11 +220,7 @@ void hide_in_noise(const FitTask& task, WholeFit& fit) {
 
 }  // namespace
 
-bool same_parameters(const FreeParameters& a, const FreeParameters& b) {
-  return a.base == b.base && a.geometric == b.geometric && a.deflections == b.deflections && a.targets == b.targets;
-}
-
-WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const FreeParameters& candidates) {
+WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const Unknowns& candidates) {
   WholeFit result{.reduction = choice.reduction, .candidates = candidates};
   const bool chosen = task.options.method == Method::joint && task.options.model == ModelChoice::irreducible;
   // What the user fixed must not come back under other names, and a limit that the user set is one.
@@ -254,7 +230,7 @@ WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const Fre
   result.identification = std::move(fitted.identification);
   result.weights = std::move(fitted.weights);
   if (may_go_on) {
-    const FreeParameters complete = parameters_of(task, choice.complete, candidates);
+    const Unknowns complete = parameters_of(task, choice.complete, candidates);
     if (!arrived(result.identification) || has_more_to_explain(task, complete, result)) {
       take_the_long_way(task, complete, result);
     }

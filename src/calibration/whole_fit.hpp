@@ -4,6 +4,7 @@
 
 #include "calibration/parameter_choice.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 
@@ -20,16 +21,14 @@ struct WholeFit {
   Identification identification;
   std::vector<double> weights;  ///< of each observation, where a robust loss was used
   Reduction reduction;
-  FreeParameters candidates;  ///< what the targets could show
-  FreeParameters free;        ///< what the measurements tell of it, and was estimated
+  Unknowns candidates;  ///< what the targets could show
+  Unknowns free;        ///< what the measurements tell of it, and was estimated
 };
 
 /// Fits what the measurements determine of `candidates`, which are those of `choice`, from `task.start`. Where that set
 /// of parameters does not lead to the noise, the complete set with the errors that are usual of an arm goes on, and a
 /// set chosen at its end finishes: two parameters that are the same at the nominal geometry may differ at the true one.
 /// Parameters that only a measurement without noise could tell are held where the residuals show that there is noise.
-WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const FreeParameters& candidates);
-
-bool same_parameters(const FreeParameters& a, const FreeParameters& b);
+WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const Unknowns& candidates);
 
 }  // namespace kdl_calibration

@@ -128,8 +128,7 @@ ExitStatus run(const Arguments& arguments) {
   }
   std::string hint;
   if (!calibration.trusted() && calibration.identification.termination != Termination::rank_deficient) {
-    FreeParameters free = calibration.free;
-    free.deflections.clear();
+    const Unknowns free = calibration.free.without(UnknownGroup::deflections);
     hint = better_convention(arguments.measurements, model, measurements, free, calibration.train.after.rms);
   }
   if (!hint.empty()) {

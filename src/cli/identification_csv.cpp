@@ -7,19 +7,14 @@
 namespace kdl_calibration::cli {
 namespace {
 
-// Of a base or target parameter by its name: "base.Rx" and "phi_base.x" are angles.
-bool is_angle(const std::string& name) {
-  return name.find(".R") != std::string::npos || name.compare(0, 4, "phi_") == 0;
-}
+// Of a column of A by its name.
+bool is_angle(const std::string& name) { return name.compare(0, 4, "phi_") == 0; }
 
 // Names with their units: the derivative of a length by a length or by an angle.
 std::vector<std::string> column_headings(const IdentificationAt& at) {
   std::vector<std::string> headings;
-  for (const std::string& name : column_names(at.model, at.estimate.targets, at.free)) {
-    const bool geometric = name.find('.') == std::string::npos;
-    const bool length =
-        geometric ? is_length(at.model, at.model.parameters[parameter_index(at.model, name)]) : !is_angle(name);
-    headings.push_back(name + (length ? "[m/m]" : "[m/rad]"));
+  for (const Unknown& unknown : at.free.columns()) {
+    headings.push_back(unknown.name + (unknown.length ? "[m/m]" : "[m/rad]"));
   }
   for (const std::string& name : base_and_tool_names(at.estimate.targets)) {
     headings.push_back(name + (is_angle(name) ? "[m/rad]" : "[m/m]"));
@@ -74,7 +69,7 @@ Json identification_json(const IdentificationAt& at) {
                               {"jacobian", rows_json(identification_jacobian(at.model, at.estimate, at.free, q))},
                               {"A", rows_json(base_and_tool_matrix(at.model, at.estimate, q))}});
   }
-  return {{"columns", column_names(at.model, at.estimate.targets, at.free)},
+  return {{"columns", at.free.names()},
           {"A_columns", base_and_tool_names(at.estimate.targets)},
           {"targets", targets},
           {"configurations", configurations}};

@@ -6,6 +6,7 @@
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration::cli {
 
@@ -13,7 +14,7 @@ namespace kdl_calibration::cli {
 struct IdentificationAt {
   ErrorModel model;
   Estimate estimate;
-  FreeParameters free;
+  Unknowns free;
   std::vector<std::string> configurations;  ///< labels
   Eigen::MatrixXd joint_values;             ///< joints x configurations
 };

@@ -1,5 +1,4 @@
 #include <memory>
-#include <numeric>
 #include <optional>
 
 #include "cli/frames.hpp"
@@ -92,13 +91,14 @@ Estimate estimate_at(const Arguments& arguments, const ErrorModel& model) {
   return estimate;
 }
 
-FreeParameters free_at(const Arguments& arguments, const ErrorModel& model, const std::vector<TargetFrame>& targets) {
-  FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+Unknowns free_at(const Arguments& arguments, const ErrorModel& model, const std::vector<TargetFrame>& targets) {
+  std::vector<std::string> names = reduced_model(model, targets).kept;
   if (arguments.model == "complete") {
-    free.geometric.resize(model.parameters.size());
-    std::iota(free.geometric.begin(), free.geometric.end(), std::size_t{0});
+    for (const ErrorParameter& parameter : model.parameters) {
+      names.push_back(parameter.name);
+    }
   }
-  return free;
+  return {model, targets, names};
 }
 
 void take_configurations(const Arguments& arguments, const Robot& robot, IdentificationAt& at) {
@@ -140,8 +140,7 @@ ExitStatus run_identification(const Arguments& arguments) {
   } else {
     const std::size_t targets = at.estimate.targets.size();
     print(std::to_string(at.configurations.size()) + " configurations, in each the identification Jacobian, " +
-          std::to_string(3 * targets) + " x " +
-          std::to_string(column_names(at.model, at.estimate.targets, at.free).size()) + ", and A, " +
+          std::to_string(3 * targets) + " x " + std::to_string(at.free.size()) + ", and A, " +
           std::to_string(3 * targets) + " x " + std::to_string(6 + 3 * targets) + "\n");
   }
   return done;

@@ -117,7 +117,7 @@ RegistrationOptions known_frames(const MeasurementArguments& arguments, const Me
 constexpr double kBetter = 0.8;
 
 std::string better_convention(const MeasurementArguments& arguments, const ErrorModel& model,
-                              const Measurements& measurements, const FreeParameters& free, double fitted) {
+                              const Measurements& measurements, const Unknowns& free, double fitted) {
   std::optional<JointConvention> used;
   if (!arguments.joint_convention.empty()) {
     used = read_joint_convention(arguments.joint_convention);

@@ -11,6 +11,7 @@
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/registration.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration::cli {
 
@@ -36,7 +37,7 @@ RegistrationOptions known_frames(const MeasurementArguments& arguments, const Me
 /// the robots that come with kdlcal) or the joint with the opposite sign that fits. Empty where none does, and where
 /// `fitted` [m], the RMS of a calibration with the reading at hand, is better.
 std::string better_convention(const MeasurementArguments& arguments, const ErrorModel& model,
-                              const Measurements& measurements, const FreeParameters& free,
+                              const Measurements& measurements, const Unknowns& free,
                               double fitted = std::numeric_limits<double>::infinity());
 
 }  // namespace kdl_calibration::cli

@@ -51,13 +51,13 @@ Measurements to_register(Measurements measurements) {
 }
 
 // Base and targets free, the geometry as the URDF says.
-FreeParameters frames_only(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
+Unknowns frames_only(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
   std::vector<std::string> names = base_parameter_names();
   for (const TargetFrame& target : targets) {
     const std::vector<std::string> own = target_parameter_names(target);
     names.insert(names.end(), own.begin(), own.end());
   }
-  return free_parameters(model, targets, names);
+  return Unknowns(model, targets, names);
 }
 
 std::string json(const Errors& errors, const Registration& registration) {

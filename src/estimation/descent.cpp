@@ -129,35 +129,30 @@ struct Expectation {
   VectorXd information;
 };
 
-Expectation expectation(const ErrorModel& model, const FreeParameters& free, const Estimate& start, Index columns) {
-  Expectation result{.distance = VectorXd::Zero(columns), .information = VectorXd::Zero(columns)};
-  Index column = 0;
+// How far an unknown usually is from what is expected of it.
+double usual_distance(const ErrorModel& model, const Unknown& unknown) {
+  switch (unknown.group) {
+    case UnknownGroup::base:
+      return kUsualFrame;
+    case UnknownGroup::geometric:
+      return usual_error(model, model.parameters[unknown.index]);
+    case UnknownGroup::deflections:
+      return kUsualDeflection;
+    case UnknownGroup::targets:
+      return unknown.length ? kUsualTarget : kUsualFrame;
+  }
+  return kUsualFrame;
+}
+
+Expectation expectation(const ErrorModel& model, const Unknowns& unknowns, const Estimate& start) {
+  Expectation result{.distance = VectorXd::Zero(unknowns.size()), .information = VectorXd::Zero(unknowns.size())};
   const double size = size_of(model);
-  const auto add = [&](double distance, double usual, bool length) {
-    usual *= length ? size : 1.0;
-    result.distance[column] = distance;
+  Index column = 0;
+  for (const Unknown& unknown : unknowns.columns()) {
+    const bool grows = unknown.length && unknown.group != UnknownGroup::deflections;
+    const double usual = usual_distance(model, unknown) * (grows ? size : 1.0);
+    result.distance[column] = Unknowns::value(start, unknown);
     result.information[column++] = 1.0 / (usual * usual);
-  };
-  for (std::size_t i = 0; i < 6; ++i) {
-    if (free.base[i]) {
-      add(0.0, kUsualFrame, i < 3);
-    }
-  }
-  for (const std::size_t p : free.geometric) {
-    add(start.errors[static_cast<Index>(p)], usual_error(model, model.parameters[p]),
-        is_length(model, model.parameters[p]));
-  }
-  for (const std::size_t d : free.deflections) {
-    add(start.deflections.size() == 0 ? 0.0 : start.deflections[static_cast<Index>(d)], kUsualDeflection, false);
-  }
-  for (std::size_t k = 0; k < free.targets.size(); ++k) {
-    for (std::size_t i = 0; i < 6; ++i) {
-      if (free.targets[k][i]) {
-        const bool position = i < 3;
-        add(position ? start.targets[k].X_FT.translation()[static_cast<Index>(i)] : 0.0,
-            position ? kUsualTarget : kUsualFrame, position);
-      }
-    }
   }
   return result;
 }
@@ -170,15 +165,14 @@ Expectation expectation(const ErrorModel& model, const FreeParameters& free, con
 // zero, so that the optimum is that of the data alone. A brake about the present estimate is a trust region.
 class Descent {
 public:
-  Descent(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
-          const Estimate& start, const JointOptions& options, Steps steps)
-      : model_(model),
+  Descent(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options, Steps steps)
+      : model_(problem.model()),
         problem_(problem),
         options_(options),
         steps_(steps),
-        tolerance_(options.step_tolerance * size_of(model)),
-        rounding_(kRoundingOfPoints * size_of(model)),
-        expected_(expectation(model, free, start, problem.columns())),
+        tolerance_(options.step_tolerance * size_of(model_)),
+        rounding_(kRoundingOfPoints * size_of(model_)),
+        expected_(expectation(model_, problem.unknowns(), start)),
         plain_(steps != Steps::prior) {
     result_.estimate = start;
     result_.rms_history.reserve(static_cast<std::size_t>(std::max(options.max_iterations, 0)));
@@ -234,7 +228,7 @@ private:
       finish(Termination::converged, "the errors that are usual of an arm explain no more");
       return false;
     }
-    problem_.move(result_.estimate, solver_.step(), moved_);
+    problem_.unknowns().move(result_.estimate, solver_.step(), moved_);
     if (plain_ && effect_ <= tolerance_) {  // the last look: no step follows
       smallest_pivot_ = solver_.smallest_pivot();
       // So small a step changes the cost by less than its rounding, and what it promises is the judge.
@@ -382,15 +376,14 @@ private:
 
 }  // namespace
 
-Identification descend(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
-                       const Estimate& start, const JointOptions& options, Steps steps) {
-  return Descent(model, problem, free, start, options, steps).run();
+Identification descend(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options,
+                       Steps steps) {
+  return Descent(problem, start, options, steps).run();
 }
 
-double promised_share(const ErrorModel& model, const LeastSquaresProblem& problem, const FreeParameters& free,
-                      const Estimate& estimate) {
+double promised_share(const LeastSquaresProblem& problem, const Estimate& estimate) {
   const JointOptions options;
-  return Descent(model, problem, free, estimate, options, Steps::prior).promised_share();
+  return Descent(problem, estimate, options, Steps::prior).promised_share();
 }
 
 }  // namespace kdl_calibration

@@ -62,10 +62,10 @@ void require_enough_equations(const LeastSquaresProblem& problem, const std::str
 }  // namespace
 
 Identification identify_jointly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                const FreeParameters& free, const JointOptions& options) {
+                                const Unknowns& free, const JointOptions& options) {
   const LeastSquaresProblem problem(model, measurements, free, options.residuals);
   require_enough_equations(problem, measurements.source);
-  return descend(model, problem, free, start, options);
+  return descend(problem, start, options);
 }
 
 // ---- robust estimate -----------------------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ std::vector<double> row_distances(const ErrorModel& model, const Measurements& m
 }  // namespace
 
 RobustIdentification identify_robustly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                       const FreeParameters& free, Loss loss, const JointOptions& options) {
+                                       const Unknowns& free, Loss loss, const JointOptions& options) {
   RobustIdentification result;
   result.fit = identify_jointly(model, measurements, start, free, options);
   result.weights.assign(measurements.observations.size(), 1.0);

@@ -12,38 +12,30 @@ using Eigen::MatrixXd;
 
 }  // namespace
 
-MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free,
+MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
                                  const Eigen::VectorXd& q) {
-  if (!free.deflections.empty()) {
+  if (!free.deflections().empty()) {
     throw InputError("the published identification Jacobian has no columns for deflections, expected none to be free");
   }
-  const auto columns = static_cast<Index>(column_names(model, estimate.targets, free).size());
   const Eigen::Isometry3d X_BF = flange_pose(folded(model, estimate.errors), q);
   const Eigen::Matrix3d R_WB = estimate.X_WB.linear();
-  MatrixXd J = MatrixXd::Zero(3 * static_cast<Index>(estimate.targets.size()), columns);
+  const ColumnRange base = free.range(UnknownGroup::base);
+  const ColumnRange geometric = free.range(UnknownGroup::geometric);
+  MatrixXd J = MatrixXd::Zero(3 * static_cast<Index>(estimate.targets.size()), free.size());
   for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
     const Eigen::Vector3d p_F = estimate.targets[k].X_FT.translation();
     const Eigen::Vector3d p_B = X_BF * p_F;
     auto rows = J.middleRows<3>(3 * static_cast<Index>(k));
-    Index column = 0;
-    for (int i = 0; i < 6; ++i) {  // the base, right-multiplied by a small motion in its own frame
-      if (free.base[static_cast<std::size_t>(i)]) {
-        const Eigen::Vector3d axis = Eigen::Vector3d::Unit(i % 3);
-        rows.col(column++) = R_WB * (i < 3 ? axis : Eigen::Vector3d(axis.cross(p_B)));
-      }
+    for (Index c = 0; c < base.count; ++c) {  // right-multiplied by a small motion in its own frame
+      const std::size_t i = free.of(UnknownGroup::base)[static_cast<std::size_t>(c)];
+      const Eigen::Vector3d axis = Eigen::Vector3d::Unit(static_cast<Index>(i % 3));
+      rows.col(base.first + c) = R_WB * (i < 3 ? axis : Eigen::Vector3d(axis.cross(p_B)));
     }
-    const auto geometric = static_cast<Index>(free.geometric.size());
-    rows.middleCols(column, geometric) =
-        position_jacobian_by_matrix_derivatives(model, estimate.errors, free.geometric, estimate.X_WB, q, p_F);
-    column += geometric;
-    for (std::size_t t = 0; t < free.targets.size(); ++t) {
-      for (int i = 0; i < 6; ++i) {
-        if (free.targets[t][static_cast<std::size_t>(i)]) {
-          if (t == k && i < 3) {
-            rows.col(column) = R_WB * X_BF.linear().col(i);
-          }
-          ++column;  // a target's own rotation does not move its point
-        }
+    rows.middleCols(geometric.first, geometric.count) =
+        position_jacobian_by_matrix_derivatives(model, estimate.errors, free.geometric(), estimate.X_WB, q, p_F);
+    for (std::size_t i = 0; i < 3; ++i) {  // a target's own rotation does not move its point
+      if (const int column = free.target_columns(k)[i]; column >= 0) {
+        rows.col(column) = R_WB * X_BF.linear().col(static_cast<Index>(i));
       }
     }
   }

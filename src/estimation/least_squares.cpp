@@ -66,68 +66,6 @@ Matrix3d point_covariance(const NoiseModel& noise, const Observation& observatio
   return noise.independent.cwiseAbs2().asDiagonal();
 }
 
-FreeParameters free_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                               const std::vector<std::string>& names) {
-  FreeParameters free;
-  free.targets.resize(targets.size());
-  const auto position = [](const std::vector<std::string>& among, const std::string& name) {
-    return static_cast<std::size_t>(std::find(among.begin(), among.end(), name) - among.begin());
-  };
-  std::vector<std::string> deflections;
-  for (const Deflection& deflection : model.deflections) {
-    deflections.push_back(deflection.name);
-  }
-  for (const std::string& name : names) {
-    if (const std::size_t i = position(base_parameter_names(), name); i < 6) {
-      free.base[i] = true;
-      continue;
-    }
-    if (const std::size_t i = position(deflections, name); i < deflections.size()) {
-      free.deflections.push_back(i);
-      continue;
-    }
-    bool is_target = false;
-    for (std::size_t k = 0; k < targets.size() && !is_target; ++k) {
-      const auto own = target_parameter_names(targets[k]);
-      if (const std::size_t i = position(own, name); i < own.size()) {
-        free.targets[k][i] = true;
-        is_target = true;
-      }
-    }
-    if (!is_target) {
-      free.geometric.push_back(parameter_index(model, name));
-    }
-  }
-  std::sort(free.geometric.begin(), free.geometric.end());
-  std::sort(free.deflections.begin(), free.deflections.end());
-  return free;
-}
-
-std::vector<std::string> column_names(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                                      const FreeParameters& free) {
-  std::vector<std::string> names;
-  for (std::size_t i = 0; i < 6; ++i) {
-    if (free.base[i]) {
-      names.push_back(base_parameter_names()[i]);
-    }
-  }
-  for (const std::size_t p : free.geometric) {
-    names.push_back(model.parameters[p].name);
-  }
-  for (const std::size_t d : free.deflections) {
-    names.push_back(model.deflections[d].name);
-  }
-  for (std::size_t k = 0; k < targets.size(); ++k) {
-    const auto own = target_parameter_names(targets[k]);
-    for (std::size_t i = 0; i < own.size(); ++i) {
-      if (free.targets[k][i]) {
-        names.push_back(own[i]);
-      }
-    }
-  }
-  return names;
-}
-
 struct LeastSquaresProblem::Group {
   std::vector<std::size_t> targets;
   std::vector<double> weights;
@@ -170,10 +108,10 @@ struct LeastSquaresProblem::Workspace {
 LeastSquaresProblem::~LeastSquaresProblem() = default;
 
 LeastSquaresProblem::LeastSquaresProblem(const ErrorModel& model, const Measurements& measurements,
-                                         const FreeParameters& free, const ResidualOptions& options)
+                                         const Unknowns& unknowns, const ResidualOptions& options)
     : model_(model),
-      free_(free),
-      workspace_(new Workspace{.folder = ChainFolder(model, free.geometric),
+      unknowns_(unknowns),
+      workspace_(new Workspace{.folder = ChainFolder(model, unknowns.geometric()),
                                .chain = {},
                                .twists = {},
                                .order = {},
@@ -183,29 +121,14 @@ LeastSquaresProblem::LeastSquaresProblem(const ErrorModel& model, const Measurem
                                .weighted_rows = {},
                                .transposed_jacobian = {},
                                .force = {}}) {
-  const auto free_base = std::count(free.base.begin(), free.base.end(), true);
-  chain_columns_ = static_cast<Index>(free_base) + static_cast<Index>(free.geometric.size() + free.deflections.size());
-  columns_ = chain_columns_;
-  for (const auto& target : free.targets) {
-    std::array<int, 6>& columns = target_columns_.emplace_back();
-    for (std::size_t i = 0; i < 6; ++i) {
-      columns[i] = target[i] ? static_cast<int>(columns_++) : -1;
-    }
-  }
-  const auto add_prior = [&](double sigma) { prior_weights_.push_back(sigma > 0.0 ? 1.0 / (sigma * sigma) : 0.0); };
-  for (const std::size_t p : free.geometric) {
-    add_prior(is_length(model, model.parameters[p]) ? options.priors.length : options.priors.angle);
-  }
-  for (std::size_t d = 0; d < free.deflections.size(); ++d) {
-    add_prior(options.priors.deflection);
-  }
+  chain_columns_ = unknowns.chain().count;
+  columns_ = unknowns.size();
+  prior_information_ = unknowns.prior_information(options.priors);
   const std::vector<ParameterTwist> base = base_twists();
-  for (std::size_t i = 0; i < 6; ++i) {
-    if (free.base[i]) {
-      workspace_->twists.push_back(base[i]);
-    }
+  for (const std::size_t i : unknowns.of(UnknownGroup::base)) {
+    workspace_->twists.push_back(base[i]);
   }
-  workspace_->twists.resize(static_cast<std::size_t>(free_base) + free.geometric.size());
+  workspace_->twists.resize(workspace_->twists.size() + unknowns.geometric().size());
   workspace_->chain = workspace_->folder.shape();
   gather(measurements, options);
 }
@@ -247,7 +170,7 @@ std::vector<std::uint32_t> order_of_configurations(const Measurements& measureme
 // are alike are stored side by side. False where that is not possible or not worth while.
 bool LeastSquaresProblem::gather_groups(const Measurements& measurements, const ResidualOptions& options) {
   const bool in_range = (measurements.joint_values.array().abs() <= kLargestAngle).all();
-  if (!measurements.orientations.empty() || !free_.deflections.empty() || !in_range) {
+  if (!measurements.orientations.empty() || !unknowns_.deflections().empty() || !in_range) {
     return false;
   }
   const std::size_t targets = measurements.targets.size();
@@ -545,18 +468,15 @@ void LeastSquaresProblem::gather_blocks(const Measurements& measurements, const 
   }
 }
 
-std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate,
-                                         const FreeParameters& free) {
+std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns) {
   std::vector<ParameterTwist> twists;
   const std::vector<ParameterTwist> base = base_twists();
-  for (std::size_t i = 0; i < 6; ++i) {
-    if (free.base[i]) {
-      twists.push_back(base[i]);
-    }
+  for (const std::size_t i : unknowns.of(UnknownGroup::base)) {
+    twists.push_back(base[i]);
   }
-  const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, free.geometric);
+  const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, unknowns.geometric());
   twists.insert(twists.end(), geometric.begin(), geometric.end());
-  for (const std::size_t d : free.deflections) {
+  for (const std::size_t d : unknowns.deflections()) {
     const int joint = model.deflections[d].index;
     const bool prismatic = model.joints[static_cast<std::size_t>(joint)].type == JointType::prismatic;
     ParameterTwist& twist = twists.emplace_back();
@@ -573,13 +493,13 @@ std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& es
 template <class Visitor>
 void LeastSquaresProblem::visit(const Estimate& estimate, Visitor visitor) const {
   const FoldedChain chain = folded(model_, estimate.errors);
-  const std::vector<ParameterTwist> twists = chain_twists(model_, estimate, free_);
+  const std::vector<ParameterTwist> twists = chain_twists(model_, estimate, unknowns_);
   Block& block = workspace_->block;
   const auto visit_one = [&](const auto& q, const Configuration& configuration, const std::vector<Point>& among) {
     const Isometry3d X_BF = flange_jacobian(chain, twists, q, block.jacobian);
-    for (std::size_t i = 0; i < free_.deflections.size(); ++i) {
-      const Index column = chain_columns_ - static_cast<Index>(free_.deflections.size() - i);
-      block.jacobian.col(column) *= deflection_basis_(static_cast<Index>(free_.deflections[i]), configuration.column);
+    Index deflection_column = unknowns_.range(UnknownGroup::deflections).first;
+    for (const std::size_t d : unknowns_.deflections()) {
+      block.jacobian.col(deflection_column++) *= deflection_basis_(static_cast<Index>(d), configuration.column);
     }
     const Isometry3d X_FW = (estimate.X_WB * X_BF).inverse();
     const auto points = static_cast<Index>(configuration.end_point - configuration.first_point);
@@ -598,7 +518,7 @@ void LeastSquaresProblem::visit(const Estimate& estimate, Visitor visitor) const
       const Isometry3d& X_FT = estimate.targets[point.target].X_FT;
       block.residual.segment<3>(3 * i) = X_FW * point.position - X_FT.translation();
       block.twist_rows.middleRows<3>(3 * i) << Matrix3d::Identity(), -skew(X_FT.translation());
-      std::copy_n(target_columns_[point.target].begin(), 3, block.columns.begin() + 3 * i);
+      std::copy_n(unknowns_.target_columns(point.target).begin(), 3, block.columns.begin() + 3 * i);
       block.information.block<3, 3>(3 * i, 3 * i).diagonal().setConstant(point.weight);
       if (point.orientation_weight > 0.0) {
         // Rotation vector from predicted to measured, in the target's frame. Its exact derivative differs from the
@@ -606,7 +526,7 @@ void LeastSquaresProblem::visit(const Estimate& estimate, Visitor visitor) const
         block.residual.segment<3>(orientation_row) =
             rotation_log(X_FT.linear().transpose() * X_FW.linear() * point.orientation);
         block.twist_rows.block<3, 3>(orientation_row, 3) = X_FT.linear().transpose();
-        std::copy_n(target_columns_[point.target].begin() + 3, 3, block.columns.begin() + orientation_row);
+        std::copy_n(unknowns_.target_columns(point.target).begin() + 3, 3, block.columns.begin() + orientation_row);
         block.information.block<3, 3>(orientation_row, orientation_row)
             .diagonal()
             .setConstant(point.orientation_weight);
@@ -648,29 +568,19 @@ void LeastSquaresProblem::visit(const Estimate& estimate, Visitor visitor) const
   }
 }
 
-// Present value of the parameter with the i-th prior.
-double LeastSquaresProblem::prior_value(const Estimate& estimate, std::size_t i) const {
-  if (i < free_.geometric.size()) {
-    return estimate.errors[static_cast<Index>(free_.geometric[i])];
-  }
-  const std::size_t deflection = free_.deflections[i - free_.geometric.size()];
-  return estimate.deflections.size() == 0 ? 0.0 : estimate.deflections[static_cast<Index>(deflection)];
-}
-
-// Calls visitor(index among the priors, column, weight) for each that there is.
+// Calls visitor(column, information) for each prior that there is.
 template <class Visitor>
 void LeastSquaresProblem::visit_priors(Visitor visitor) const {
-  const Index first = chain_columns_ - static_cast<Index>(prior_weights_.size());
-  for (std::size_t i = 0; i < prior_weights_.size(); ++i) {
-    if (prior_weights_[i] > 0.0) {
-      visitor(i, first + static_cast<Index>(i), prior_weights_[i]);
+  for (Index column = 0; column < columns_; ++column) {
+    if (prior_information_[column] > 0.0) {
+      visitor(column, prior_information_[column]);
     }
   }
 }
 
 void LeastSquaresProblem::add_priors(const Estimate& estimate, NormalEquations& equations) const {
-  visit_priors([&](std::size_t i, Index column, double weight) {
-    const double value = prior_value(estimate, i);
+  visit_priors([&](Index column, double weight) {
+    const double value = Unknowns::value(estimate, unknowns_.columns()[static_cast<std::size_t>(column)]);
     equations.hessian(column, column) += weight;
     equations.gradient[column] -= weight * value;
     equations.cost += weight * value * value;
@@ -740,7 +650,7 @@ std::array<double, 6> root_of(const Matrix3d& S) {
 void LeastSquaresProblem::prepare(const Estimate& estimate) const {
   Workspace& work = *workspace_;
   const std::size_t columns = work.twists.size();
-  work.folder.fold(estimate.errors, work.chain, work.twists, columns - free_.geometric.size());
+  work.folder.fold(estimate.errors, work.chain, work.twists, columns - unknowns_.geometric().size());
   work.order.clear();
   for (const bool turning : {true, false}) {
     for (std::size_t i = 0; i < columns; ++i) {
@@ -818,7 +728,7 @@ void LeastSquaresProblem::sum_group(const Group& group, const Estimate& estimate
     for (std::size_t k = 0; k < group.targets.size(); ++k) {
       const Vector3d coupling = group.weights[k] * (v + w.cross(Vector3d(input.points[k].data())));
       for (std::size_t c = 0; c < 3; ++c) {
-        if (const int column = target_columns_[group.targets[k]][c]; column >= 0) {
+        if (const int column = unknowns_.target_columns(group.targets[k])[c]; column >= 0) {
           equations.hessian(a, column) += coupling[static_cast<Index>(c)];
         }
       }
@@ -826,7 +736,7 @@ void LeastSquaresProblem::sum_group(const Group& group, const Estimate& estimate
   }
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
     for (std::size_t c = 0; c < 3; ++c) {
-      if (const int column = target_columns_[group.targets[k]][c]; column >= 0) {
+      if (const int column = unknowns_.target_columns(group.targets[k])[c]; column >= 0) {
         equations.gradient[column] += sums.force[3 * k + c];
         equations.hessian(column, column) += static_cast<double>(group.configurations) * group.weights[k];
       }
@@ -895,7 +805,7 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
     rows += blocks.back().rows();
   });
   Index priors = 0;
-  visit_priors([&](std::size_t, Index, double) { ++priors; });
+  visit_priors([&](Index, double) { ++priors; });
   WhitenedSystem system{
       .jacobian = MatrixXd::Zero(rows + priors, columns_), .residual = VectorXd::Zero(rows + priors), .blocks = {}};
   Index row = 0;
@@ -906,9 +816,10 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
     row += block.rows();
   }
   system.blocks.push_back(row);
-  visit_priors([&](std::size_t i, Index column, double weight) {
+  visit_priors([&](Index column, double weight) {
+    const double value = Unknowns::value(estimate, unknowns_.columns()[static_cast<std::size_t>(column)]);
     system.jacobian(row, column) = std::sqrt(weight);
-    system.residual[row++] = -std::sqrt(weight) * prior_value(estimate, i);
+    system.residual[row++] = -std::sqrt(weight) * value;
   });
   return system;
 }
@@ -1018,7 +929,7 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
     whiten(block, rows);
     summary.add_configuration(rows.leftCols(columns_), rows.col(columns_));
   });
-  visit_priors([&](std::size_t, Index column, double weight) {
+  visit_priors([&](Index column, double weight) {
     summary.add_prior(std::sqrt(weight) * Eigen::RowVectorXd::Unit(columns_, column));
   });
   return summary.finish();
@@ -1042,7 +953,7 @@ bool LeastSquaresProblem::summarise_groups(const Estimate& estimate, WhitenedSum
   }
   summary.triangle = std::move(*root);
   summary.priors = VectorXd::Zero(columns_);
-  visit_priors([&](std::size_t, Index column, double weight) {
+  visit_priors([&](Index column, double weight) {
     summary.priors[column] = weight;
     summary.rows += 1;
   });
@@ -1095,7 +1006,7 @@ void LeastSquaresProblem::add_sums(const Group& group, const Estimate& estimate,
       own.hessian.topLeftCorner(chain_columns_, chain_columns_);
   for (std::size_t k = 0; k < points; ++k) {
     for (std::size_t c = 0; c < 3; ++c) {
-      const int column = target_columns_[group.targets[k]][c];
+      const int column = unknowns_.target_columns(group.targets[k])[c];
       if (column < 0) {
         continue;
       }
@@ -1106,7 +1017,7 @@ void LeastSquaresProblem::add_sums(const Group& group, const Estimate& estimate,
         summary.sums(column, a) += value;
       }
       for (std::size_t l = 0; l < points; ++l) {
-        if (const int other = target_columns_[group.targets[l]][c]; other >= 0) {
+        if (const int other = unknowns_.target_columns(group.targets[l])[c]; other >= 0) {
           summary.sums(column, other) += count * std::sqrt(group.weights[k] * group.weights[l]);
         }
       }
@@ -1114,78 +1025,32 @@ void LeastSquaresProblem::add_sums(const Group& group, const Estimate& estimate,
   }
 }
 
-Estimate LeastSquaresProblem::moved(const Estimate& estimate, const VectorXd& step) const {
-  Estimate result;
-  move(estimate, step, result);
-  return result;
-}
-
-void LeastSquaresProblem::move(const Estimate& estimate, const VectorXd& step, Estimate& result) const {
-  result = estimate;
-  Index column = 0;
-  Vector6d base = Vector6d::Zero();
-  for (std::size_t i = 0; i < 6; ++i) {
-    if (free_.base[i]) {
-      base[static_cast<Index>(i)] = step[column++];
-    }
-  }
-  result.X_WB.translation() += result.X_WB.linear() * base.head<3>();
-  result.X_WB.linear() = result.X_WB.linear() * rotation_exp(base.tail<3>());
-  for (const std::size_t p : free_.geometric) {
-    result.errors[static_cast<Index>(p)] += step[column++];
-  }
-  if (!free_.deflections.empty() && result.deflections.size() == 0) {
-    result.deflections = VectorXd::Zero(static_cast<Index>(model_.deflections.size()));
-  }
-  for (const std::size_t d : free_.deflections) {
-    result.deflections[static_cast<Index>(d)] += step[column++];
-  }
-  for (std::size_t k = 0; k < result.targets.size(); ++k) {
-    Vector6d motion = Vector6d::Zero();
-    for (std::size_t i = 0; i < 6; ++i) {
-      if (target_columns_[k][i] >= 0) {
-        motion[static_cast<Index>(i)] = step[target_columns_[k][i]];
-      }
-    }
-    Isometry3d& X_FT = result.targets[k].X_FT;
-    X_FT.translation() += motion.head<3>();
-    X_FT.linear() = X_FT.linear() * rotation_exp(motion.tail<3>());
-  }
-}
-
-PositionPredictor::PositionPredictor(const ErrorModel& model, const Estimate& estimate, const FreeParameters& free)
+PositionPredictor::PositionPredictor(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns)
     : model_(model),
       estimate_(estimate),
-      free_(free),
+      unknowns_(unknowns),
       chain_(folded(model, estimate.errors)),
-      twists_(chain_twists(model, estimate, free)),
-      columns_(static_cast<Index>(twists_.size())) {
-  for (const auto& columns : free.targets) {
-    first_column_.push_back(columns_);
-    columns_ += std::count(columns.begin(), columns.end(), true);
-  }
-}
+      twists_(chain_twists(model, estimate, unknowns)) {}
 
 std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q) const {
   const MatrixXd joints = deflected(model_, estimate_.deflections, q);
   Matrix6Xd chain;
   const Matrix3d R_WF = estimate_.X_WB.linear() * flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
-  if (!free_.deflections.empty()) {
+  if (!unknowns_.deflections().empty()) {
     const MatrixXd basis = deflection_basis(model_, q);
-    for (std::size_t i = 0; i < free_.deflections.size(); ++i) {
-      chain.col(chain.cols() - static_cast<Index>(free_.deflections.size() - i)) *=
-          basis(static_cast<Index>(free_.deflections[i]), 0);
+    Index column = unknowns_.range(UnknownGroup::deflections).first;
+    for (const std::size_t d : unknowns_.deflections()) {
+      chain.col(column++) *= basis(static_cast<Index>(d), 0);
     }
   }
   std::vector<Matrix3Xd> jacobians;
   for (std::size_t k = 0; k < estimate_.targets.size(); ++k) {
-    Matrix3Xd& jacobian = jacobians.emplace_back(Matrix3Xd::Zero(3, columns_));
+    Matrix3Xd& jacobian = jacobians.emplace_back(Matrix3Xd::Zero(3, unknowns_.size()));
     jacobian.leftCols(chain.cols()) =
         R_WF * (chain.topRows<3>() - skew(estimate_.targets[k].X_FT.translation()) * chain.bottomRows<3>());
-    Index column = first_column_[k];
     for (std::size_t i = 0; i < 3; ++i) {
-      if (free_.targets[k][i]) {
-        jacobian.col(column++) = R_WF.col(static_cast<Index>(i));
+      if (const int column = unknowns_.target_columns(k)[i]; column >= 0) {
+        jacobian.col(column) = R_WF.col(static_cast<Index>(i));
       }
     }
   }

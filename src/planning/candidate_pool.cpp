@@ -29,7 +29,7 @@ std::string undetermined(const Experiment& experiment, const MatrixXd& joint_val
   for (Index c = 0; c < joint_values.cols(); ++c) {
     stacked.middleRows(c * height, height) = rows.rows(rows.points(), joint_values.col(c));
   }
-  const auto names = column_names(experiment.model, experiment.targets, experiment.free);
+  const auto names = experiment.free.names();
   std::string message = "all candidates together do not determine the parameters, expected wider joint ranges";
   for (const auto& group : identifiability(stacked, names).tied) {
     message += "; cannot tell apart:";

@@ -59,13 +59,11 @@ Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetF
   }
   experiment.errors = VectorXd::Zero(static_cast<Index>(model.parameters.size()));
   const Reduction reduction = reduced_model(model, experiment.targets, {.fixed = fixed});
-  experiment.free = free_parameters(model, experiment.targets, reduction.kept);
+  experiment.free = Unknowns(model, experiment.targets, reduction.kept);
   return experiment;
 }
 
-Index columns(const Experiment& experiment) {
-  return static_cast<Index>(column_names(experiment.model, experiment.targets, experiment.free).size());
-}
+Index columns(const Experiment& experiment) { return experiment.free.size(); }
 
 MatrixXd point_jacobian(const Experiment& experiment, const Eigen::Ref<const VectorXd>& q) {
   const PointRows rows(experiment);
@@ -73,15 +71,7 @@ MatrixXd point_jacobian(const Experiment& experiment, const Eigen::Ref<const Vec
 }
 
 MatrixXd prior_information(const Experiment& experiment) {
-  MatrixXd M = MatrixXd::Zero(columns(experiment), columns(experiment));
-  Index column = std::count(experiment.free.base.begin(), experiment.free.base.end(), true);
-  for (const std::size_t p : experiment.free.geometric) {
-    const bool length = is_length(experiment.model, experiment.model.parameters[p]);
-    const double sigma = length ? experiment.priors.length : experiment.priors.angle;
-    M(column, column) = sigma > 0.0 ? 1.0 / (sigma * sigma) : 0.0;
-    ++column;
-  }
-  return M;
+  return experiment.free.prior_information(experiment.priors).asDiagonal();
 }
 
 MatrixXd information(const Experiment& experiment, const MatrixXd& joint_values) {

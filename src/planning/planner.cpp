@@ -126,7 +126,7 @@ MonteCarloResult try_out(const PlanRequest& request, const Experiment& experimen
   const PointNoise& noise = experiment.noise;
   const NoiseModel model = noise_model(noise);
   const MonteCarlo runs{.model = experiment.model,
-                        .with_errors = experiment.free.geometric,
+                        .with_errors = experiment.free.geometric(),
                         .targets = experiment.targets,
                         .sizes = {.length = 1e-3, .angle = 1e-3},
                         .noise = {.sigma = noise.sigma, .common = model.common, .tracker = noise.tracker},

@@ -37,29 +37,17 @@ MatrixXd unpacked_symmetric(const VectorXd& features, Index columns) {
 
 PointRows::PointRows(const Experiment& experiment)
     : chain_(folded(experiment.model, experiment.errors)), noise_(experiment.noise), targets_(experiment.targets) {
-  const std::vector<ParameterTwist> base = base_twists();
-  for (std::size_t i = 0; i < 6; ++i) {
-    if (experiment.free.base[i]) {
-      twists_.push_back(base[i]);
-    }
-  }
-  const auto geometric = parameter_twists(experiment.model, experiment.errors, experiment.free.geometric);
-  twists_.insert(twists_.end(), geometric.begin(), geometric.end());
-
+  twists_ = chain_twists(experiment.model, {.errors = experiment.errors}, experiment.free);
   const auto T = static_cast<Index>(experiment.targets.size());
-  Index target_columns = 0;
-  for (const auto& free : experiment.free.targets) {
-    target_columns += static_cast<Index>(free[0]) + static_cast<Index>(free[1]) + static_cast<Index>(free[2]);
-  }
+  const ColumnRange target_columns = experiment.free.range(UnknownGroup::targets);
   points_.S = MatrixXd::Zero(3 * T, 6);
-  points_.E = MatrixXd::Zero(3 * T, target_columns);
-  Index column = 0;
+  points_.E = MatrixXd::Zero(3 * T, target_columns.count);
   for (Index t = 0; t < T; ++t) {
     const auto k = static_cast<std::size_t>(t);
     points_.S.middleRows(3 * t, 3) << Eigen::Matrix3d::Identity(), -skew(experiment.targets[k].X_FT.translation());
     for (Index axis = 0; axis < 3; ++axis) {
-      if (experiment.free.targets[k][static_cast<std::size_t>(axis)]) {
-        points_.E(3 * t + axis, column++) = 1.0;
+      if (const int column = experiment.free.target_columns(k)[static_cast<std::size_t>(axis)]; column >= 0) {
+        points_.E(3 * t + axis, column - target_columns.first) = 1.0;
       }
     }
     by_target_.push_back({.S = points_.S.middleRows(3 * t, 3), .E = points_.E.middleRows(3 * t, 3)});

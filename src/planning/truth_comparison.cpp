@@ -101,7 +101,7 @@ Estimate truth_in_gauge_of(const ErrorModel& model, const Reduction& reduction, 
                            const Estimate& truth, const Eigen::MatrixXd& joint_values) {
   Random none(0);  // nothing is drawn: the predictions are exact
   const Measurements predictions = measure({.model = model, .truth = truth}, joint_values, {}, none);
-  const FreeParameters free = free_parameters(model, estimate.targets, reduction.kept);
+  const Unknowns free = Unknowns(model, estimate.targets, reduction.kept);
   return identify_jointly(model, predictions, estimate, free, {.step_tolerance = 1e-13}).estimate;
 }
 

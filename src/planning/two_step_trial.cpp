@@ -46,12 +46,12 @@ TwoStepTrialResult run_two_step_trial(const TwoStepTrial& trial, Random& random)
   const Measurements first = fresh();
   const Estimate start = nominal_start(model, first);
   const Reduction reduction = reduced_model(model, start.targets);
-  const FreeParameters free = free_parameters(model, start.targets, reduction.kept);
-  require_enough_equations(first, free.geometric.size());
+  const Unknowns free = Unknowns(model, start.targets, reduction.kept);
+  require_enough_equations(first, free.geometric().size());
 
   TwoStepTrialResult result;
   result.identification = identify_in_two_steps(
-      model, [&](int round) { return round == 0 || trial.recorded ? first : fresh(); }, start, free.geometric,
+      model, [&](int round) { return round == 0 || trial.recorded ? first : fresh(); }, start, free.geometric(),
       {.rounds = trial.rounds,
        .step_tolerance = kStepTolerance,
        .after_round = [&](const TwoStepRound& round, const Estimate& estimate) {
@@ -62,7 +62,7 @@ TwoStepTrialResult run_two_step_trial(const TwoStepTrial& trial, Random& random)
            trial.progress(static_cast<double>(round.number) / static_cast<double>(trial.rounds));
          }
        }});
-  result.floor = trial.recorded ? 0.0 : change_by_noise_alone(first, trial.noise.sigma, free.geometric.size());
+  result.floor = trial.recorded ? 0.0 : change_by_noise_alone(first, trial.noise.sigma, free.geometric().size());
   const std::vector<double> changes = changes_of(result.rounds);
   result.settled = result.identification.termination == Termination::converged ||
                    (!changes.empty() && result.floor > 0.0 && changes.back() <= 2.0 * result.floor);

@@ -27,12 +27,12 @@ using testing::kDegree;
 struct Experiment {
   ErrorModel model = complete_model(fanuc());
   Reduction reduction = reduced_model(model, published_targets());
-  FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
+  Unknowns free = Unknowns(model, published_targets(), reduction.kept);
 
   Measurements measured(std::uint64_t seed, const ErrorSizes& sizes, double sigma, int repeats = 1,
                         int configurations = 30) const {
     Random random(seed);
-    const VirtualRobot robot = virtual_robot(model, free.geometric, published_targets(), sizes, random);
+    const VirtualRobot robot = virtual_robot(model, free.geometric(), published_targets(), sizes, random);
     return measure(robot, random_configurations(published_ranges(model.joints), configurations, random),
                    {.sigma = sigma, .repeats = repeats}, random);
   }
@@ -187,8 +187,8 @@ TEST(DataQuality, NamesTheOnlyTargetThatSlipped) {
   Random random(1);
   const Experiment& e = experiment();
   const std::vector<TargetFrame> targets = published_targets(1);
-  const FreeParameters free = free_parameters(e.model, targets, reduced_model(e.model, targets).kept);
-  const VirtualRobot robot = virtual_robot(e.model, free.geometric, targets, kSmall, random);
+  const Unknowns free = Unknowns(e.model, targets, reduced_model(e.model, targets).kept);
+  const VirtualRobot robot = virtual_robot(e.model, free.geometric(), targets, kSmall, random);
   Measurements measured =
       measure(robot, random_configurations(published_ranges(e.model.joints), 80, random), {.sigma = kNoise}, random);
   slip_target(e.model, robot.truth, measured, 0, 30, {0.0, 0.0006, 0.0008});
@@ -445,7 +445,7 @@ TEST(DataQualityOnRealData, FindsNothingInTheUr10Poses) {
   const ErrorModel model = complete_model(robot);
   const Measurements measured = read_measurements(folder + "/measurements.csv", joint_names(robot));
   const Estimate start = nominal_start(model, measured);
-  const FreeParameters free = free_parameters(model, start.targets, reduced_model(model, start.targets).kept);
+  const Unknowns free = Unknowns(model, start.targets, reduced_model(model, start.targets).kept);
   const Estimate estimate = identify_robustly(model, measured, start, free, Loss::tukey).fit.estimate;
   EXPECT_THAT(messages(check_measurements(model, measured, estimate)), IsEmpty());
 }

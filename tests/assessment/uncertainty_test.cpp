@@ -68,11 +68,11 @@ TEST(Uncertainty, FTailIsThatOfTheTables) {
 
 struct Experiment {
   ErrorModel model = complete_model(testing::fanuc());
-  FreeParameters free = free_parameters(model, published_targets(), reduced_model(model, published_targets()).kept);
+  Unknowns free = Unknowns(model, published_targets(), reduced_model(model, published_targets()).kept);
   JointRanges ranges = published_ranges(model.joints);
 
   VirtualRobot robot(Random& random) const {
-    return virtual_robot(model, free.geometric, published_targets(), {.length = 0.001, .angle = 0.001}, random);
+    return virtual_robot(model, free.geometric(), published_targets(), {.length = 0.001, .angle = 0.001}, random);
   }
 };
 
@@ -83,8 +83,8 @@ Eigen::VectorXd column_errors(const Experiment& experiment, const Estimate& esti
   const Eigen::AngleAxisd turn(off.linear());
   d.head<3>() = off.translation();
   d.segment<3>(3) = turn.angle() * turn.axis();
-  for (std::size_t i = 0; i < experiment.free.geometric.size(); ++i) {
-    const auto p = static_cast<Eigen::Index>(experiment.free.geometric[i]);
+  for (std::size_t i = 0; i < experiment.free.geometric().size(); ++i) {
+    const auto p = static_cast<Eigen::Index>(experiment.free.geometric()[i]);
     d[6 + static_cast<Eigen::Index>(i)] = estimate.errors[p] - truth.errors[p];
   }
   for (int k = 0; k < 3; ++k) {
@@ -470,7 +470,7 @@ TEST(Uncertainty, PredictionJacobianIsTheCentralDifference) {
   const LeastSquaresProblem problem(experiment.model, measured, experiment.free);
   const Matrix3Xd jacobian = PositionPredictor(experiment.model, robot.truth, experiment.free).jacobians(q)[2];
   const auto point = [&](const Eigen::VectorXd& step) {
-    const Estimate moved = problem.moved(robot.truth, step);
+    const Estimate moved = problem.unknowns().moved(robot.truth, step);
     return Eigen::Vector3d(moved.X_WB *
                            (flange_poses(experiment.model, moved, q)[0] * moved.targets[2].X_FT.translation()));
   };

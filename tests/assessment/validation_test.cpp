@@ -27,13 +27,13 @@ TEST(Validation, StatisticsAreTheTextbookOnes) {
 
 struct Fixture {
   ErrorModel model = complete_model(fanuc());
-  FreeParameters free = free_parameters(model, published_targets(), reduced_model(model, published_targets()).kept);
+  Unknowns free = Unknowns(model, published_targets(), reduced_model(model, published_targets()).kept);
   VirtualRobot robot;
   Measurements measured;
 
   explicit Fixture(int repeats = 1) {
     Random random(1);
-    robot = virtual_robot(model, free.geometric, published_targets(), {.length = 0.001, .angle = 0.001}, random);
+    robot = virtual_robot(model, free.geometric(), published_targets(), {.length = 0.001, .angle = 0.001}, random);
     measured = measure(robot, random_configurations(limits_of(model.joints), 20, random),
                        {.sigma = 0.00003, .repeats = repeats}, random);
   }

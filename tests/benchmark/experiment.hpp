@@ -15,10 +15,10 @@ namespace kdl_calibration::benchmarks {
 struct Experiment {
   ErrorModel model = complete_model(load_robot(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf"));
   Reduction reduction = reduced_model(model, published_targets());
-  FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
+  Unknowns free = Unknowns(model, published_targets(), reduction.kept);
 
   VirtualRobot robot(Random& random) const {
-    return virtual_robot(model, free.geometric, published_targets(), {}, random);
+    return virtual_robot(model, free.geometric(), published_targets(), {}, random);
   }
   Measurements measurements(int configurations, std::uint64_t seed = 1, double sigma = 0.0) const {
     Random random(seed);

@@ -16,10 +16,9 @@ using Eigen::VectorXd;
 // Gauss-Newton with a stacked Jacobian: `rows` fills three rows of Jacobian and residual for an observation.
 template <class Rows>
 Outcome gauss_newton(const Experiment& experiment, const Measurements& measured, int max_iterations, const Rows& rows) {
-  const LeastSquaresProblem problem(experiment.model, measured, experiment.free);  // for its step in the coordinates
   Estimate estimate = experiment.nominal();
   const auto count = static_cast<Index>(3 * measured.observations.size());
-  MatrixXd J(count, problem.columns());
+  MatrixXd J(count, experiment.free.size());
   VectorXd e(count);
   Outcome outcome;
   while (outcome.iterations < max_iterations) {
@@ -27,7 +26,7 @@ Outcome gauss_newton(const Experiment& experiment, const Measurements& measured,
     rows(estimate, J, e);
     const MatrixXd hessian = J.transpose() * J;
     const VectorXd step = hessian.ldlt().solve(J.transpose() * e);
-    estimate = problem.moved(estimate, step);
+    estimate = experiment.free.moved(estimate, step);
     if ((J * step).norm() <= 1e-12 * std::sqrt(static_cast<double>(count) / 3.0)) {
       break;
     }
@@ -95,7 +94,7 @@ Outcome fit_with_kdl(const Experiment& experiment, const Measurements& measured,
       J.block<3, 3>(row, 0) = to_flange;
       J.block<3, 3>(row, 3) = -to_flange * skew(X_BF.translation() + arm);
       Index column = 6;
-      for (const std::size_t p : experiment.free.geometric) {
+      for (const std::size_t p : experiment.free.geometric()) {
         const auto twist = jacobian.data.col(parameters.parameter_index[p]);
         J.block<3, 1>(row, column++) = to_flange * (twist.head<3>() + Vector3d(twist.tail<3>()).cross(arm));
       }

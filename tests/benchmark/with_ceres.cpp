@@ -28,7 +28,7 @@ struct Step {
 
 std::vector<Step> steps_at(const Experiment& experiment, const Eigen::VectorXd& q) {
   std::vector<Step> steps(1);
-  const std::vector<std::size_t>& free = experiment.free.geometric;
+  const std::vector<std::size_t>& free = experiment.free.geometric();
   for (const ChainFactor& factor : chain_factors(experiment.model)) {
     if (factor.source == ChainFactor::Source::fixed) {
       steps.back().constant = steps.back().constant * to_eigen(factor.frame);

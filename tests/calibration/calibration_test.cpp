@@ -38,8 +38,8 @@ struct Simulated {
   Simulated(std::uint64_t seed, double sigma, int targets = 3) {
     Random random(seed);
     const std::vector<TargetFrame> frames = published_targets(targets);
-    const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
-    truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+    const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
+    truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
     const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
     measured = measure(truth, q, {.sigma = sigma}, random);
   }
@@ -178,8 +178,8 @@ struct PartlyMoved {
   PartlyMoved(std::uint64_t seed, const std::vector<int>& moving) {
     Random random(seed);
     const std::vector<TargetFrame> frames = published_targets();
-    const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
-    truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+    const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
+    truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
     JointRanges ranges = limits_of(model.joints);
     for (std::size_t i = 0; i < ranges.size(); ++i) {
       if (std::find(moving.begin(), moving.end(), static_cast<int>(i) + 1) == moving.end()) {
@@ -230,7 +230,7 @@ TEST(Calibration, WhatTheDataCannotTellIsHeldAtZeroAndPredictionsHold) {
     // The answer does not depend on where the fit starts.
     Estimate start = found.identification.estimate;
     Random random(41);
-    for (const std::size_t p : found.free.geometric) {
+    for (const std::size_t p : found.free.geometric()) {
       start.errors[static_cast<Eigen::Index>(p)] += 0.002 * random.normal();
     }
     const Identification again = identify_jointly(s.model, s.train, start, found.free);
@@ -355,8 +355,8 @@ TEST(Calibration, OrientationsHaveASigmaOfTheirOwn) {
   std::vector<TargetFrame> frames = published_targets(1);
   frames[0].with_orientation = true;
   Random random(45);
-  const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
-  const VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+  const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
+  const VirtualRobot truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
   const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 40, random);
   Measurements measured = measure(truth, q, {.sigma = 0.00003, .orientation_sigma = 0.0002, .repeats = 5}, random);
   for (Observation& observation : measured.observations) {
@@ -508,13 +508,13 @@ TEST(CalibrationLongRun, DefectsOfTheMeasurementsAreNamedAndTheRobustFitSurvives
 void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_below) {
   const ErrorModel model = complete_model(fanuc());
   const std::vector<TargetFrame> frames = published_targets();
-  const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
+  const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
   const MeasuringNoise noise{.sigma = 0.00001, .repeats = 10, .common = Eigen::Vector3d::Constant(0.00004)};
   double mean = 0.0;
   int below = 0;
   for (int run = 0; run < runs; ++run) {
     Random random(300, static_cast<std::uint64_t>(run));
-    VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+    VirtualRobot truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
     const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
     const auto tested = [&](const Measurements& measured) { return *calibrate(model, measured).lack_of_fit; };
     const LackOfFit clean = tested(measure(truth, q, noise, random));

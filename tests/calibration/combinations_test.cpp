@@ -37,11 +37,11 @@ struct Arm {
 
   Arm(std::uint64_t seed, std::vector<TargetFrame> targets, int configurations, const MeasuringNoise& noise)
       : random_(seed) {
-    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
     Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  // the tracker stands askew, some metres away
     X_WB.linear() = testing::turned_by({0.3, -0.2, 1.1});
     X_WB.translation() = Vector3d(2.0, -3.0, 0.5);
-    robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random_, X_WB);
+    robot = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random_, X_WB);
     measured = measure(robot, random_configurations(limits_of(model.joints), configurations, random_), noise, random_);
     for (Observation& observation : measured.observations) {
       observation.sigma = 0.0;
@@ -133,11 +133,10 @@ std::vector<Statement> statements(const Measurements& measured) {
 }
 
 // Of the parameters that were fitted, the largest difference in standard deviations.
-double difference_in_sigmas(const Estimate& a, const Estimate& b, const FreeParameters& free,
-                            const MatrixXd& covariance) {
+double difference_in_sigmas(const Estimate& a, const Estimate& b, const Unknowns& free, const MatrixXd& covariance) {
   double largest = 0.0;
-  Index column = std::count(free.base.begin(), free.base.end(), true);
-  for (const std::size_t p : free.geometric) {
+  Index column = free.range(UnknownGroup::geometric).first;
+  for (const std::size_t p : free.geometric()) {
     const auto i = static_cast<Index>(p);
     largest = std::max(largest, std::abs(a.errors[i] - b.errors[i]) / std::sqrt(covariance(column, column)));
     ++column;
@@ -282,7 +281,7 @@ TEST(Combinations, WeightsOfRowsAreSharesOfTheirOwnInformation) {
     weights.push_back(o.configuration == 3 && o.target == 1 ? 0.0 : 0.2 + 0.1 * (o.configuration % 8));
   }
   const Estimate start = nominal_start(arm.model, arm.measured);
-  const FreeParameters free = free_parameters(arm.model, start.targets, reduced_model(arm.model, start.targets).kept);
+  const Unknowns free = Unknowns(arm.model, start.targets, reduced_model(arm.model, start.targets).kept);
   for (Statement& statement : statements(arm.measured)) {
     if (statement.options.noise_from_repeats) {
       continue;  // which is a matter of calibrate
@@ -373,8 +372,8 @@ struct Reweighted {
   std::vector<double> weights;
 };
 
-Reweighted reweighted_by_hand(const Arm& arm, const FreeParameters& free, DenseNoise noise,
-                              const std::vector<Loss>& losses, const Estimate& start) {
+Reweighted reweighted_by_hand(const Arm& arm, const Unknowns& free, DenseNoise noise, const std::vector<Loss>& losses,
+                              const Estimate& start) {
   Reweighted result{.estimate = DenseFit(arm.model, arm.measured, free, noise).fit(start), .weights = {}};
   const Matrix3d common = noise.common.cwiseAbs2().asDiagonal();
   for (const Loss loss : losses) {

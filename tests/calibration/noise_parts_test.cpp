@@ -54,7 +54,7 @@ struct Trial {
 Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
   Random random(97, seed);
   const auto targets = published_targets(truth.targets);
-  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+  const Unknowns free(model, targets, reduced_model(model, targets).kept);
   Trial result{.robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random),
                .measured = {},
                .ranges = published_ranges(model.joints)};
@@ -80,15 +80,14 @@ Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
   return result;
 }
 
-Estimate fitted(const ErrorModel& model, const Measurements& measured, const FreeParameters& free) {
+Estimate fitted(const ErrorModel& model, const Measurements& measured, const Unknowns& free) {
   return identify_jointly(model, measured, nominal_start(model, measured), free).estimate;
 }
 
 // -2 log of the restricted likelihood of all rows, each repeat one of its own, with the whole covariance written out.
 class DenseLikelihood {
 public:
-  DenseLikelihood(const ErrorModel& model, const Measurements& measured, const Estimate& estimate,
-                  const FreeParameters& free)
+  DenseLikelihood(const ErrorModel& model, const Measurements& measured, const Estimate& estimate, const Unknowns& free)
       : measured_(measured) {
     const PositionPredictor predictor(model, estimate, free);
     const auto X_BF = flange_poses(model, estimate, measured.joint_values);
@@ -157,7 +156,7 @@ TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
         .common = Vector3d(40, 60, 50) * kMicrometre}}) {
     const Trial t = trial(model, truth, 3);
     const auto targets = published_targets(truth.targets);
-    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+    const Unknowns free(model, targets, reduced_model(model, targets).kept);
     const Estimate estimate = fitted(model, t.measured, free);
     const NoiseParts parts = estimate_noise(model, t.measured, estimate, free, {});
     ASSERT_TRUE(parts.converged) << truth.name;

@@ -62,11 +62,11 @@ struct Setup {
 
   Setup(Robot of, const std::vector<TargetFrame>& targets, std::uint64_t seed)
       : robot(std::move(of)), model(complete_model(robot)), random(seed) {
-    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
     Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
     X_WB.linear() = Eigen::AngleAxisd(2.5, Eigen::Vector3d(0.3, -0.2, 0.9).normalized()).toRotationMatrix();
     X_WB.translation() = Eigen::Vector3d(2.0, -1.5, 0.4);
-    truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
+    truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
   }
 
   Eigen::MatrixXd configurations(int count) { return random_configurations(limits_of(model.joints), count, random); }
@@ -809,7 +809,7 @@ TEST(ReportJson, ACalibrationOfEachSortHasTheFieldsOfThatSort) {
     }
   }
   for (const Case& c : cases()) {
-    EXPECT_EQ(has(c.name, "/position_error/train/exported_urdf"), !c.calibration.free.deflections.empty()) << c.name;
+    EXPECT_EQ(has(c.name, "/position_error/train/exported_urdf"), !c.calibration.free.deflections().empty()) << c.name;
   }
 }
 
@@ -907,9 +907,7 @@ TEST(ReportJson, TheExportedUrdfIsJudgedWithItsOwnBaseAndTargets) {
     const ErrorModel& model = c.calibration.model;
     Estimate start = start_of(c);
     start.errors = c.calibration.rigid_errors;
-    FreeParameters frames = c.calibration.free;
-    frames.geometric.clear();
-    frames.deflections.clear();
+    const Unknowns frames = c.calibration.free.without(UnknownGroup::geometric).without(UnknownGroup::deflections);
     const Estimate rigid = identify_jointly(model, c.measurements, start, frames).estimate;
     for (const auto& [key, split] : {std::pair{"train", Split::train}, std::pair{"test", Split::test}}) {
       if (errors.contains(key)) {
@@ -1031,8 +1029,7 @@ std::vector<Wanted> wanted_parameters(const Calibration& found) {
 TEST(ReportJson, ParametersAreThoseOfTheEstimateAndItsCovariance) {
   for (const Case& c : cases()) {
     const Calibration& found = c.calibration;
-    const std::vector<std::string> columns =
-        column_names(found.model, found.identification.estimate.targets, found.free);
+    const std::vector<std::string> columns = found.free.names();
     std::set<std::string> gauge(found.fixed_by_gauge.begin(), found.fixed_by_gauge.end());
     for (const GaugeParameter& parameter : found.reduction.gauge) {
       gauge.insert(parameter.name);

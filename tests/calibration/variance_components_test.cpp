@@ -22,12 +22,13 @@ HeldOut held_out(double orientation_sigma) {
   const ErrorModel model = complete_model(testing::fanuc());
   std::vector<TargetFrame> frames = published_targets(1);
   frames[0].with_orientation = true;
-  const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
+  const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
   constexpr double kSigma = 0.00003;
   HeldOut sums;
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {
     Random random(seed);
-    const VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+    const VirtualRobot truth =
+        virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
     const JointRanges ranges = limits_of(model.joints);
     Measurements train = measure(truth, random_configurations(ranges, 30, random),
                                  {.sigma = kSigma, .orientation_sigma = orientation_sigma}, random);
@@ -66,9 +67,9 @@ TEST(VarianceComponents, LeaveExactPosesExact) {
   const ErrorModel model = complete_model(testing::fanuc());
   std::vector<TargetFrame> frames = published_targets(1);
   frames[0].with_orientation = true;
-  const FreeParameters free = free_parameters(model, frames, reduced_model(model, frames).kept);
+  const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
   Random random(1);
-  const VirtualRobot truth = virtual_robot(model, free.geometric, frames, {.length = 0.001, .angle = 0.001}, random);
+  const VirtualRobot truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
   const Calibration found =
       calibrate(model, measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random));
   EXPECT_TRUE(found.trusted()) << found.identification.message;

@@ -40,8 +40,8 @@ struct Series {
   explicit Series(std::uint64_t seed = 1, const MeasuringNoise& noise = {.sigma = kNoise},
                   const std::vector<TargetFrame>& targets = published_targets())
       : random(seed) {
-    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
-    truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
+    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
+    truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
     measure_at(random_configurations(limits_of(model.joints), 25, random), noise);
   }
 
@@ -403,8 +403,8 @@ TEST(Warnings, OfMoreThanTwentyThousandRowsComeFromDistancesAlone) {
 
 // ---- how a fit can end ---------------------------------------------------------------------------------------------
 
-FreeParameters irreducible(const Series& s) {
-  return free_parameters(s.model, s.truth.truth.targets, reduced_model(s.model, s.truth.truth.targets).kept);
+Unknowns irreducible(const Series& s) {
+  return Unknowns(s.model, s.truth.truth.targets, reduced_model(s.model, s.truth.truth.targets).kept);
 }
 
 void expect_end(const Identification& fit, Termination termination, const std::string& name,
@@ -417,15 +417,16 @@ void expect_end(const Identification& fit, Termination termination, const std::s
 TEST(Terminations, SayHowTheJointFitEnded) {
   Series s;
   const Estimate start = nominal_start(s.model, s.measured);
-  const FreeParameters free = irreducible(s);
+  const Unknowns free = irreducible(s);
   expect_end(identify_jointly(s.model, s.measured, start, free), Termination::converged, "converged",
              "the last step moved the predicted points by less than the tolerance");
   expect_end(identify_jointly(s.model, s.measured, start, free, {.max_iterations = 2}), Termination::iteration_limit,
              "iteration_limit", "still moving after 2 iterations");
   expect_end(identify_jointly(s.model, s.measured, start, free, {.step_tolerance = 0.0}), Termination::converged,
              "converged", "no step can reduce the misfit by more than its rounding");
-  FreeParameters with_gauge = free;
-  with_gauge.geometric.push_back(parameter_index(s.model, "dq1"));
+  std::vector<std::string> names = free.names();
+  names.emplace_back("dq1");
+  const Unknowns with_gauge(s.model, start.targets, names);
   expect_end(identify_jointly(s.model, s.measured, start, with_gauge), Termination::rank_deficient, "rank_deficient",
              "converged, but the measurements do not determine all parameters");
   s.measured.observations[10].position.x() = std::numeric_limits<double>::infinity();
@@ -435,7 +436,7 @@ TEST(Terminations, SayHowTheJointFitEnded) {
 
 TEST(Terminations, AnAngleOfMoreThanARadianHasRunAway) {
   Series s(5, {.sigma = 0.0});
-  const FreeParameters free = irreducible(s);
+  const Unknowns free = irreducible(s);
   for (const auto& [angle, termination] :
        {std::pair{0.97, Termination::converged}, std::pair{1.03, Termination::diverged}}) {
     s.truth.truth.errors.setZero();
@@ -452,7 +453,7 @@ TEST(Terminations, AnAngleOfMoreThanARadianHasRunAway) {
 TEST(Terminations, SayHowTheTwoStepsEnded) {
   const Series s;
   const Estimate start = nominal_start(s.model, s.measured);
-  const std::vector<std::size_t> geometric = irreducible(s).geometric;
+  const std::vector<std::size_t> geometric = irreducible(s).geometric();
   const auto same = [&](int) { return s.measured; };
   expect_end(identify_in_two_steps(s.model, same, start, geometric, {.rounds = 1000}), Termination::converged,
              "converged", "the last round moved the predicted points by less than the tolerance");

@@ -225,7 +225,7 @@ TEST_F(Matrices, StandSideBySideInOneTable) {
   Eigen::VectorXd q(6);
   q << 10, 20, -30, 40, 50, 60;
   q *= kDegree;
-  const FreeParameters free = free_parameters(model, estimate.targets, reduced_model(model, estimate.targets).kept);
+  const Unknowns free = Unknowns(model, estimate.targets, reduced_model(model, estimate.targets).kept);
   Eigen::MatrixXd expected(9, 48);
   expected << identification_jacobian(model, estimate, free, q), base_and_tool_matrix(model, estimate, q);
   for (Eigen::Index r = 0; r < 9; ++r) {

@@ -82,12 +82,12 @@ protected:
     Random random(11);
     std::vector<TargetFrame> targets = published_targets(2);
     targets[1].with_orientation = true;
-    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
     Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
     X_WB.linear() = Eigen::AngleAxisd(3.0, Eigen::Vector3d(0.2, -0.3, 0.9).normalized()).toRotationMatrix();
     X_WB.translation() = Eigen::Vector3d(2.0, -1.5, 0.4);
     const VirtualRobot truth =
-        virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
+        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
     const auto measured_rows = [&](int count, Split split) {
       return measure(truth, random_configurations(limits_of(model.joints), count, random), {.sigma = 3e-5}, random,
                      split);

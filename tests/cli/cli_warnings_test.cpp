@@ -29,8 +29,8 @@ class CommandLineWarnings : public CommandLine {
 protected:
   CommandLineWarnings() {
     const std::vector<TargetFrame> targets = published_targets();
-    const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
-    truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
+    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
+    truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
     measured = at(random_configurations(limits_of(model.joints), 20, random));
   }
 

@@ -30,10 +30,9 @@ namespace {
 
 long allocations_of_a_pass(int configurations, const ResidualOptions& options) {
   static const ErrorModel model = complete_model(testing::fanuc());
-  static const FreeParameters free =
-      free_parameters(model, published_targets(), reduced_model(model, published_targets()).kept);
+  static const Unknowns free = Unknowns(model, published_targets(), reduced_model(model, published_targets()).kept);
   Random random(1);
-  const VirtualRobot robot = virtual_robot(model, free.geometric, published_targets(), {}, random);
+  const VirtualRobot robot = virtual_robot(model, free.geometric(), published_targets(), {}, random);
   const Measurements measured =
       measure(robot, random_configurations(published_ranges(model.joints), configurations, random), {}, random);
   const LeastSquaresProblem problem(model, measured, free, options);

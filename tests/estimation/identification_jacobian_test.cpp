@@ -1,10 +1,11 @@
 #include "kdl_calibration/identification_jacobian.hpp"
-#include "kdl_calibration/reduction.hpp"
 
 #include <gmock/gmock.h>
 
+#include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 
@@ -54,9 +55,9 @@ protected:
 
 TEST_P(IdentificationJacobian, ColumnsAreCentralDifferencesOfKdlsPositions) {
   const Reduction reduction = reduced_model(model, estimate.targets);
-  const FreeParameters free = free_parameters(model, estimate.targets, reduction.kept);
+  const Unknowns free = Unknowns(model, estimate.targets, reduction.kept);
   const MatrixXd J = identification_jacobian(model, estimate, free, q);
-  const std::vector<std::string> names = column_names(model, estimate.targets, free);
+  const std::vector<std::string> names = free.names();
   ASSERT_EQ(J.rows(), 9);
   ASSERT_EQ(J.cols(), static_cast<Eigen::Index>(names.size()));
   for (std::size_t c = 0; c < names.size(); ++c) {
@@ -85,9 +86,8 @@ TEST_P(IdentificationJacobian, AIsThePublishedMatrixWrittenOut) {
 }
 
 TEST_P(IdentificationJacobian, RefusesDeflections) {
-  FreeParameters free;
-  free.targets.resize(3);
-  free.deflections = {0};
+  model.deflections = gain_deflections(model);
+  const Unknowns free(model, estimate.targets, {model.deflections.front().name});
   EXPECT_THROW(identification_jacobian(model, estimate, free, q), InputError);
 }
 

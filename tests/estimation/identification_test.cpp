@@ -23,10 +23,10 @@ struct Experiment {
   ErrorModel model = complete_model(fanuc());
   Reduction reduction = reduced_model(model, published_targets());
   std::vector<std::size_t> with_errors;
-  FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
+  Unknowns free = Unknowns(model, published_targets(), reduction.kept);
 
   Experiment() {
-    with_errors = free.geometric;
+    with_errors = free.geometric();
     for (const GaugeParameter& gauge : reduction.gauge) {
       with_errors.push_back(parameter_index(model, gauge.name));
     }
@@ -142,8 +142,8 @@ TEST(Identification, GradientAndHessianAreThoseOfTheStackedJacobian) {
   // d cost / d step = -2 gradient, by central differences of the cost alone.
   for (Eigen::Index c = 0; c < problem.columns(); ++c) {
     const Eigen::VectorXd step = 1e-6 * Eigen::VectorXd::Unit(problem.columns(), c);
-    const double difference =
-        problem.linearise(problem.moved(start, step)).cost - problem.linearise(problem.moved(start, -step)).cost;
+    const double difference = problem.linearise(problem.unknowns().moved(start, step)).cost -
+                              problem.linearise(problem.unknowns().moved(start, -step)).cost;
     EXPECT_NEAR(-0.5 * difference / 2e-6, equations.gradient[c], 1e-6 * equations.gradient.norm());
   }
 }
@@ -200,7 +200,7 @@ TEST(Identification, RootOfTheInformationIsTriangularOrNotThere) {
 }
 
 // Every repeat with its whole covariance, in W, without gathering anything.
-NormalEquations written_out(const ErrorModel& model, const Measurements& measured, const FreeParameters& free,
+NormalEquations written_out(const ErrorModel& model, const Measurements& measured, const Unknowns& free,
                             const NoiseModel& noise, const Estimate& estimate) {
   const PositionPredictor predictor(model, estimate, free);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measured.joint_values);
@@ -357,14 +357,14 @@ TEST(Identification, ResidualAndGradientVanishAtTheTruth) {
 struct MeasuredFrame {
   ErrorModel model;
   std::vector<TargetFrame> targets;
-  FreeParameters free;
+  Unknowns free;
 };
 
 MeasuredFrame odd_arm_with_a_measured_frame() {
   MeasuredFrame result{
       .model = complete_model(parse_robot(testing::kOddArm)), .targets = generic_targets(1), .free = {}};
   result.targets[0].with_orientation = true;
-  result.free = free_parameters(result.model, result.targets, reduced_model(result.model, result.targets).kept);
+  result.free = Unknowns(result.model, result.targets, reduced_model(result.model, result.targets).kept);
   return result;
 }
 
@@ -376,7 +376,7 @@ TEST(Identification, RecoversMeasuredFramesOfAnOddArm) {
     X_WB.linear() = rotation_exp(2.0 * Eigen::Vector3d(random.normal(), random.normal(), random.normal()));
     X_WB.translation() = Eigen::Vector3d(5.0, -3.0, 1.0);
     const VirtualRobot robot =
-        virtual_robot(model, free.geometric, targets, {.length = 0.0025, .angle = 0.02}, random, X_WB);
+        virtual_robot(model, free.geometric(), targets, {.length = 0.0025, .angle = 0.02}, random, X_WB);
     const JointRanges ranges = limits_of(model.joints);
     const Measurements measured = measure(robot, random_configurations(ranges, 40, random), {}, random);
     const Identification found = identify_jointly(model, measured, nominal_start(model, measured), free);
@@ -388,7 +388,7 @@ TEST(Identification, RecoversMeasuredFramesOfAnOddArm) {
 TEST(Identification, RepeatedOrientationsCountWithTheirMean) {
   const auto [model, targets, free] = odd_arm_with_a_measured_frame();
   Random random(16);
-  const VirtualRobot robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.01}, random);
+  const VirtualRobot robot = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.01}, random);
   const Measurements repeated = measure(robot, random_configurations(limits_of(model.joints), 20, random),
                                         {.orientation_sigma = 1e-4, .repeats = 3}, random);
   Measurements apart = repeated;  // every repeat as a configuration of its own
@@ -471,7 +471,7 @@ TEST(Identification, TwoStepsWithFreshConfigurationsReachATenthOfAMillimetre) {
     const auto fresh = [&](int) { return measure(robot, random_configurations(ranges, 30, random), {}, random); };
     const Estimate start = nominal_start(experiment.model, fresh(0));
     const Identification found =
-        identify_in_two_steps(experiment.model, fresh, start, experiment.free.geometric, {.rounds = 40});
+        identify_in_two_steps(experiment.model, fresh, start, experiment.free.geometric(), {.rounds = 40});
     ASSERT_NE(found.termination, Termination::diverged) << seed << ": " << found.message;
     ASSERT_LE(held_out_rms(robot, found.estimate, ranges, 100, random), 1e-4) << seed;
     log_factor += std::log(found.convergence_factor) / 20.0;
@@ -490,7 +490,7 @@ TEST(Identification, TwoStepsWithRecordedConfigurationsConvergeMoreSlowlyToTheTr
   const Measurements recorded = measure(robot, random_configurations(ranges, 30, random), {}, random);
   const Estimate start = nominal_start(experiment.model, recorded);
   const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return recorded; }, start,
-                                                        experiment.free.geometric, {.rounds = 600});
+                                                        experiment.free.geometric(), {.rounds = 600});
   std::cout << "two-step convergence factor with recorded configurations " << two_step.convergence_factor << "\n";
   EXPECT_EQ(two_step.termination, Termination::converged) << two_step.message;
   EXPECT_GT(two_step.convergence_factor, 0.65);
@@ -507,7 +507,7 @@ TEST(Identification, TwoStepsThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) 
   const Estimate start = nominal_start(experiment.model, recorded);
   const auto factor = [&](const TwoStepOptions& options) {
     return identify_in_two_steps(
-               experiment.model, [&](int) { return recorded; }, start, experiment.free.geometric, options)
+               experiment.model, [&](int) { return recorded; }, start, experiment.free.geometric(), options)
         .convergence_factor;
   };
   const double stopped = factor({.rounds = 600});
@@ -524,7 +524,7 @@ TEST(Identification, TwoStepsWithNoiseEndNearTheJointOptimum) {
               {.sigma = sigma}, random);
   const Estimate start = nominal_start(experiment.model, recorded);
   const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return recorded; }, start,
-                                                        experiment.free.geometric, {.rounds = 600});
+                                                        experiment.free.geometric(), {.rounds = 600});
   const Identification joint = identify_jointly(experiment.model, recorded, start, experiment.free);
   EXPECT_EQ(two_step.termination, Termination::converged) << two_step.message;
   EXPECT_GE(two_step.rms, joint.rms);

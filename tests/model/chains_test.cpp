@@ -87,14 +87,14 @@ TEST_P(AnyChain, IsRecoveredToRounding) {
   const Robot robot = parse_robot(GetParam().urdf);
   const ErrorModel model = complete_model(robot);
   const std::vector<TargetFrame> targets = generic_targets(3);
-  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+  const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
   Random random(1);
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.linear() = rotation_exp(Eigen::Vector3d(0.5, -2.0, 1.0));
   X_WB.translation() = Eigen::Vector3d(3.0, -4.0, 0.5);
   for (int trial = 0; trial < 10; ++trial) {
     const VirtualRobot truth =
-        virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.005}, random, X_WB);
+        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.005}, random, X_WB);
     const Measurements train = measure(truth, random_configurations(limits_of(model.joints), 60, random), {}, random);
     const Measurements test =
         measure(truth, random_configurations(limits_of(model.joints), 100, random), {}, random, Split::test);
@@ -131,9 +131,9 @@ TEST(Chains, ATipInTheMiddleOfATreeLeavesTheRestUntouched) {
 TEST(Chains, MissingTargetsAndManyTargetsAreNormal) {
   const ErrorModel model = complete_model(testing::fanuc());
   const std::vector<TargetFrame> targets = generic_targets(20);
-  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+  const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
   Random random(2);
-  const VirtualRobot truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
+  const VirtualRobot truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
   const Measurements all = measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random);
   const Measurements some = subset(all, [](const Observation& o) { return (o.configuration + 3 * o.target) % 4 != 0; });
   const Calibration found = calibrate(model, some);
@@ -147,7 +147,7 @@ TEST(Chains, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
   // must predict better than ignoring it.
   const ErrorModel model = complete_model(testing::fanuc());
   const std::vector<TargetFrame> targets = published_targets();
-  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+  const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
   const TrackerNoise tracker{.range = 1e-5, .transverse = 2e-5, .transverse_per_metre = 1.5e-5};
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.translation() = Eigen::Vector3d(8.0, 0.0, 0.0);
@@ -158,7 +158,7 @@ TEST(Chains, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
   for (int run = 0; run < runs; ++run) {
     Random random(9, static_cast<std::uint64_t>(run));
     const VirtualRobot truth =
-        virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
+        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
     Measurements measured = measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random);
     for (Observation& o : measured.observations) {
       const double distance = o.position.norm();

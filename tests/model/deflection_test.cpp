@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <kdl/chaindynparam.hpp>
+#include <numeric>
 
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -141,14 +142,14 @@ TEST(Deflection, IsIdentifiedFromMeasurements) {
   }
   Random random(3);
   const std::vector<TargetFrame> targets = published_targets();
-  FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
-  VirtualRobot robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
+  const Unknowns rigid(model, targets, reduced_model(model, targets).kept);
+  VirtualRobot robot = virtual_robot(model, rigid.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
   robot.truth.deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.deflections.size()));
   robot.truth.deflections.head<4>() << 0.001, -0.0005, 0.0008, 0.0002;
   const Measurements measured = measure(robot, random_configurations(limits_of(model.joints), 60, random), {}, random);
-  for (std::size_t d = 0; d < model.deflections.size(); ++d) {
-    free.deflections.push_back(d);
-  }
+  std::vector<std::size_t> deflections(model.deflections.size());
+  std::iota(deflections.begin(), deflections.end(), 0U);
+  const Unknowns free = rigid.with(model, UnknownGroup::deflections, deflections);
   const Identification found = identify_jointly(model, measured, nominal_start(model, measured), free);
   ASSERT_EQ(found.termination, Termination::converged) << found.message;
   EXPECT_LT((found.estimate.deflections - robot.truth.deflections).cwiseAbs().maxCoeff(), 1e-9);

@@ -43,12 +43,12 @@ MatrixXd jacobian_by_matrices(const Experiment& experiment, const Eigen::VectorX
   for (Index t = 0; t < 2; ++t) {
     const Eigen::Vector3d point = experiment.targets[static_cast<std::size_t>(t)].X_FT.translation();
     const Eigen::Vector3d p = to_eigen(flange) * point;
-    const auto geometric = static_cast<Index>(experiment.free.geometric.size());
+    const auto geometric = static_cast<Index>(experiment.free.geometric().size());
     auto rows = J.middleRows(3 * t, 3);
     rows.leftCols(3).setIdentity();
     rows.middleCols(3, 3) = -skew(p);
     rows.middleCols(6, geometric) = position_jacobian_by_matrix_derivatives(
-        experiment.model, experiment.errors, experiment.free.geometric, Eigen::Isometry3d::Identity(), q, point);
+        experiment.model, experiment.errors, experiment.free.geometric(), Eigen::Isometry3d::Identity(), q, point);
     rows.middleCols(6 + geometric + 3 * t, 3) = to_eigen(flange).linear();
   }
   return J;

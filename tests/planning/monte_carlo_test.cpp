@@ -32,7 +32,7 @@ struct Fixture {
 
   MonteCarlo runs(int count) {
     return {.model = model,
-            .with_errors = experiment.free.geometric,
+            .with_errors = experiment.free.geometric(),
             .targets = targets,
             .sizes = {.length = 5e-4, .angle = 5e-4, .base_position = 1e-3, .target_length = 5e-4},
             .noise = {.sigma = 3e-5},

@@ -28,9 +28,9 @@ protected:
     truth = virtual_robot(model, all, published_targets(), {.length = 0.001, .angle = 0.005}, random).truth;
     const Measurements exact = measure({.model = model, .truth = truth}, configurations(40), {}, random);
     const Reduction reduction = reduced_model(model, truth.targets);
-    estimate = identify_jointly(model, exact, nominal_start(model, exact),
-                                free_parameters(model, truth.targets, reduction.kept))
-                   .estimate;
+    estimate =
+        identify_jointly(model, exact, nominal_start(model, exact), Unknowns(model, truth.targets, reduction.kept))
+            .estimate;
   }
   MatrixXd configurations(int count) { return random_configurations(published_ranges(model.joints), count, random); }
 

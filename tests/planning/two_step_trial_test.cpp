@@ -15,8 +15,7 @@ protected:
   TwoStepTrialResult run(std::uint64_t seed, int rounds, bool recorded = false, double noise = 0.0) {
     Random random(seed);
     const std::vector<TargetFrame> targets = published_targets();
-    const std::vector<std::size_t> errors =
-        free_parameters(model, targets, reduced_model(model, targets).kept).geometric;
+    const std::vector<std::size_t> errors = Unknowns(model, targets, reduced_model(model, targets).kept).geometric();
     TwoStepTrial trial{.robot = virtual_robot(model, errors, targets, {}, random),
                        .configurations = [&](Random& r) { return random_configurations(ranges, 30, r); },
                        .noise = {.sigma = noise},

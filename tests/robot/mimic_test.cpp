@@ -209,9 +209,9 @@ TEST(Mimic, CalibratesAndExportsARobotThatStillMimics) {
   const ErrorModel model = complete_model(robot);
   Random random(5);
   const Reduction reduction = reduced_model(model, published_targets());
-  const FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
+  const Unknowns free = Unknowns(model, published_targets(), reduction.kept);
   const VirtualRobot truth =
-      virtual_robot(model, free.geometric, published_targets(), {.length = 0.001, .angle = 0.005}, random);
+      virtual_robot(model, free.geometric(), published_targets(), {.length = 0.001, .angle = 0.005}, random);
   const Measurements measured =
       measure(truth, random_configurations(model.joints, limits_of(model.joints), 40, random), {}, random);
   const Calibration found = calibrate(model, measured);
@@ -322,7 +322,7 @@ TEST(Mimic, TheOppositeSignOfALeaderMovesItsFollowersToo) {
   const ErrorModel model = complete_model(robot);
   Random random(7);
   const Reduction reduction = reduced_model(model, published_targets());
-  const FreeParameters free = free_parameters(model, published_targets(), reduction.kept);
+  const Unknowns free = Unknowns(model, published_targets(), reduction.kept);
   const VirtualRobot truth = virtual_robot(model, {}, published_targets(), {}, random);
   const Measurements right =
       measure(truth, random_configurations(model.joints, limits_of(model.joints), 30, random), {}, random);

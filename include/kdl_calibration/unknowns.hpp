@@ -1,0 +1,124 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+
+namespace kdl_calibration {
+
+/// Everything that is estimated: the geometric errors of the complete model (zero where not free), the base in the
+/// measuring device's frame, the targets on the flange and the deflections of the joints.
+struct Estimate {
+  Eigen::VectorXd errors;
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  std::vector<TargetFrame> targets;
+  Eigen::VectorXd deflections;  ///< one per deflection of the model; may be empty for none
+};
+
+/// 1 sigma of the geometric errors before anything is measured, as residuals of their own; 0: none.
+struct Priors {
+  double length = 0.0;      ///< [m]
+  double angle = 0.0;       ///< [rad]
+  double deflection = 0.0;  ///< [rad or m] where the load is largest; for a gain, per unit
+};
+
+/// Kinds of unknowns, in the order of their columns.
+enum class UnknownGroup : std::uint8_t {
+  base,         ///< Tx Ty Tz Rx Ry Rz: a motion of the base in its own frame
+  geometric,    ///< ErrorModel::parameters
+  deflections,  ///< ErrorModel::deflections
+  targets       ///< of each target x y z in the flange frame, then Rx Ry Rz in the target's own
+};
+constexpr std::size_t kUnknownGroups = 4;
+
+/// One unknown. `index`: 0 to 5 for the base, into the model's list, or 6 k + coordinate for target k.
+struct Unknown {
+  UnknownGroup group = UnknownGroup::base;
+  std::size_t index = 0;
+  std::string name;
+  bool length = false;  ///< [m] rather than [rad]; a gain is neither and false
+};
+
+/// Neighbouring columns.
+struct ColumnRange {
+  Eigen::Index first = 0;
+  Eigen::Index count = 0;
+
+  Eigen::Index end() const { return first + count; }
+  bool empty() const { return count == 0; }
+};
+
+/// The unknowns that a fit may change, each with its column. Groups stand in the order of UnknownGroup, within a group
+/// the unknowns in the order of their index. This is the only place that knows that order.
+class Unknowns {
+public:
+  /// None.
+  Unknowns() = default;
+  /// Those with these names, in any order. Throws InputError for a name that neither model nor targets have.
+  Unknowns(const ErrorModel& model, const std::vector<TargetFrame>& targets, const std::vector<std::string>& names);
+
+  /// The same, with exactly these (see Unknown::index) of one group.
+  Unknowns with(const ErrorModel& model, UnknownGroup group, const std::vector<std::size_t>& indices) const;
+  /// The same without a group.
+  Unknowns without(UnknownGroup group) const;
+  /// Those whose columns are marked, one mark for each.
+  Unknowns subset(const std::vector<bool>& marked) const;
+
+  Eigen::Index size() const { return static_cast<Eigen::Index>(columns_.size()); }
+  /// Column by column.
+  const std::vector<Unknown>& columns() const { return columns_; }
+  std::vector<std::string> names() const;
+
+  /// The column of an unknown; nothing where it is not free.
+  std::optional<Eigen::Index> column(const std::string& name) const;
+  std::optional<Eigen::Index> column(UnknownGroup group, std::size_t index) const;
+  /// Those of target k, -1 where not free.
+  const std::array<int, 6>& target_columns(std::size_t k) const;
+
+  ColumnRange range(UnknownGroup group) const;
+  /// All but the targets': they move the flange.
+  ColumnRange chain() const { return {.first = 0, .count = range(UnknownGroup::targets).first}; }
+  /// Indices of a group's unknowns, ascending.
+  const std::vector<std::size_t>& of(UnknownGroup group) const { return indices_[static_cast<std::size_t>(group)]; }
+  const std::vector<std::size_t>& geometric() const { return of(UnknownGroup::geometric); }
+  const std::vector<std::size_t>& deflections() const { return of(UnknownGroup::deflections); }
+
+  /// All columns, those first that are to be kept where others can do the same: base, targets, geometric errors,
+  /// deflections. It is the order in which the reduction of the model keeps its candidates.
+  std::vector<Eigen::Index> order_of_choice() const;
+
+  /// The estimate moved by a step in the columns' coordinates: X_WB and the orientations of targets by
+  /// X <- X · Exp(step), everything else by addition. `result` must not be `estimate`.
+  void move(const Estimate& estimate, const Eigen::VectorXd& step, Estimate& result) const;
+  Estimate moved(const Estimate& estimate, const Eigen::VectorXd& step) const;
+  /// The step that moves `from` to `to`, as far as unknowns can.
+  Eigen::VectorXd difference(const Estimate& from, const Estimate& to) const;
+
+  /// What a prior is about: the value of an error or a deflection, a coordinate of a target [m]; zero for base and
+  /// orientations, which count from wherever they are.
+  static double value(const Estimate& estimate, const Unknown& unknown);
+  /// What the priors tell of each column, 1 / sigma^2; 0 where they say nothing.
+  Eigen::VectorXd prior_information(const Priors& priors) const;
+
+  friend bool operator==(const Unknowns& a, const Unknowns& b) { return a.indices_ == b.indices_; }
+  friend bool operator!=(const Unknowns& a, const Unknowns& b) { return !(a == b); }
+
+private:
+  void arrange(std::vector<Unknown> unknowns);
+
+  std::vector<TargetFrame> targets_;                      // for their names
+  std::array<Eigen::Index, kUnknownGroups> listed_ = {};  // of each group how many there are, free or not
+  std::vector<Unknown> columns_;
+  std::array<std::vector<std::size_t>, kUnknownGroups> indices_;
+  std::array<int, 6> base_columns_ = {-1, -1, -1, -1, -1, -1};
+  std::vector<std::array<int, 6>> target_columns_;
+};
+
+}  // namespace kdl_calibration
