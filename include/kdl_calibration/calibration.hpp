@@ -2,15 +2,16 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cstddef>
 #include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/fold_prediction.hpp"
 #include "kdl_calibration/identifiability.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/influence.hpp"
@@ -22,7 +23,6 @@
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "kdl_calibration/unknowns.hpp"
-#include "kdl_calibration/urdf_export.hpp"
 #include "kdl_calibration/validation.hpp"
 
 namespace kdl_calibration {
@@ -56,13 +56,21 @@ struct CalibrationOptions {
   std::optional<Eigen::Isometry3d> known_base;  ///< X_WB
   std::vector<TargetFrame> known_targets;
   bool leave_one_out = false;
-  bool nested = false;        ///< with leave_one_out: make every automatic choice anew without each configuration
-  int k_fold = 0;             ///< 0: none
+  bool nested = false;  ///< with leave_one_out: make every automatic choice anew without each configuration
+  int k_fold = 0;       ///< 0: none
+  /// Where neither is asked for: leave-one-out or, above kMostLeftOutSingly configurations, ten folds. Without it the
+  /// answer cannot be doubted for what it does at unseen configurations.
+  bool held_out = true;
   int threads = 0;            ///< 0: all
   Configurations predict_at;  ///< where the predicted accuracy is asked for
-  /// Called with the share of the refits done (0 to 1), from one thread at a time.
-  std::function<void(double)> progress;
+  /// Called with what is being done ("leave-one-out") and how many of its fits are, from one thread at a time.
+  std::function<void(const std::string& what, std::size_t done, std::size_t of)> progress;
 };
+
+/// Configurations up to which each is left out singly unless the options say otherwise. Exact refits take a time that
+/// grows with the square of that number.
+constexpr std::size_t kMostLeftOutSingly = 200;
+constexpr int kFoldsOfMany = 10;
 
 /// One line of the result: a geometric, base or target parameter or a deflection. SI units.
 struct ParameterEstimate {
@@ -84,6 +92,22 @@ struct BeforeAfter {
   ErrorStatistics after;
   /// Where deflections were fitted: the rigid robot that the URDF can carry, fitted without them.
   std::optional<ErrorStatistics> rigid;
+};
+
+/// What the exported URDF alone is worth, with a base and targets of its own.
+struct ExportedUrdf {
+  Estimate estimate;          ///< without deflections
+  bool nominal_kept = false;  ///< because the calibration does not help: the URDF is the one that was read
+  ErrorStatistics train;
+  Iso9283 iso;
+  std::optional<ErrorStatistics> test;
+  std::optional<ErrorStatistics> held_out;  ///< of leave-one-out, else of k-fold
+};
+
+/// Why an answer is not to be trusted.
+struct Doubt {
+  std::string cause;    ///< a word that does not change: "not_converged", "not_determined", …
+  std::string message;  ///< what it means and what to do, in words
 };
 
 /// What the covariance rests on.
@@ -148,14 +172,13 @@ struct Calibration {
   Eigen::MatrixXd covariance;                 ///< of the columns of `free`
   std::vector<ModelOption> tried;             ///< best first, where something was chosen
   Priors priors;                              ///< in force
-  Eigen::VectorXd rigid_errors;               ///< what the exported URDF carries
+  ExportedUrdf exported;
   BeforeAfter train;
   std::optional<BeforeAfter> test;
   std::optional<BeforeAfter> leave_one_out;
-  /// Each training configuration predicted by the others, or in ten folds above 5,000; joint estimator without a loss.
-  std::optional<FoldPrediction> held_out;
   std::optional<ErrorStatistics> nested_leave_one_out;
-  std::optional<ErrorStatistics> k_fold;
+  std::optional<BeforeAfter> k_fold;
+  int folds = 0;  ///< of k_fold
   Iso9283 iso_before;
   Iso9283 iso_after;
   std::optional<Iso9283> iso_test_before;
@@ -168,10 +191,12 @@ struct Calibration {
   double difference_to_kdl = 0.0;        ///< [m] of the flange pose at the measured configurations
   std::vector<std::string> warnings;
 
-  /// A misfit beyond what any robot's geometry leaves unexplained: some input is wrong.
-  bool absurd() const { return train.after.rms > 0.005; }
-  /// Whether the answer may be used as it stands: converged, determined and not absurd.
-  bool trusted() const { return identification.termination == Termination::converged && !absurd(); }
+  std::vector<Doubt> doubts;
+
+  /// Whether the answer may be used as it stands.
+  bool trusted() const { return doubts.empty(); }
+  /// The errors at unseen configurations: leave-one-out, else k-fold; null where neither could be had.
+  const BeforeAfter* held_out() const;
 };
 
 /// The whole calibration: registration, reduction of the model to what the measured targets can show, choice of priors
@@ -184,15 +209,6 @@ struct Calibration {
 /// at zero, and the answer counts as rank deficient. For the joint estimator.
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                       const CalibrationOptions& options = {});
-
-/// What the errors mean for the URDF's joint origins. Throws InputError where an error behind the last joint has no
-/// fixed joint to carry it.
-std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const Eigen::VectorXd& errors);
-
-/// The robot's URDF with the errors corrected.
-std::string calibrated_urdf(const Robot& robot, const ErrorModel& model, const Eigen::VectorXd& errors);
-/// The robot's URDF with what it can carry of a calibration: the rigid fit, where deflections were fitted as well.
-std::string calibrated_urdf(const Robot& robot, const Calibration& calibration);
 
 /// Measured configurations with a joint value outside its limits.
 int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements);

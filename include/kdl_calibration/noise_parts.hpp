@@ -32,6 +32,11 @@ struct NoiseParts {
   double degrees_of_freedom = 0.0;
   bool converged = false;
 
+  double misfit() const { return variances[0]; }
+  double target_misfit() const { return variances[1]; }
+  Eigen::Vector3d common() const { return variances.segment<3>(2); }
+  Eigen::Vector3d independent() const { return variances.segment<3>(5); }
+
   /// For the fit: the same weights, whatever the measurements could not separate.
   NoiseModel model(const NoiseModel& stated) const;
   /// Covariance [m^2] in W of one measured point about its prediction by the true parameters, where nothing is stated

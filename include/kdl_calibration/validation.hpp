@@ -82,6 +82,9 @@ HoldOut cross_validate(const ErrorModel& model, const Measurements& measurements
 HoldOut leave_one_configuration_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                     const Unknowns& free, const FitOptions& options = {}, int threads = 0);
 /// The same for the nominal geometry: only base and targets are registered anew.
+HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
+                               const std::vector<std::vector<Eigen::Index>>& folds,
+                               const RegistrationOptions& options = {}, int threads = 0);
 HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
                                             const RegistrationOptions& options = {});
 

@@ -238,15 +238,21 @@ HoldOut leave_one_configuration_out(const ErrorModel& model, const Measurements&
   return cross_validate(model, measurements, start, free, make_folds(measurements, 0), options, threads);
 }
 
-HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
-                                            const RegistrationOptions& options) {
+HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
+                               const std::vector<std::vector<Eigen::Index>>& folds, const RegistrationOptions& options,
+                               int threads) {
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  return hold_out(model, measurements, make_folds(measurements, 0), 0, [&](const Measurements& fold) {
+  return hold_out(model, measurements, folds, threads, [&](const Measurements& fold) {
     Identification found;
     found.termination = Termination::converged;
     found.estimate = registered(model, zero, fold, options);
     return found;
   });
+}
+
+HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
+                                            const RegistrationOptions& options) {
+  return cross_validate_nominal(model, measurements, make_folds(measurements, 0), options);
 }
 
 std::vector<Priors> prior_sizes() {

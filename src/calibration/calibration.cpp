@@ -1,177 +1,34 @@
 #include "kdl_calibration/calibration.hpp"
 
-#include <Eigen/Dense>
 #include <algorithm>
-#include <array>
-#include <charconv>
-#include <cmath>
+#include <cstddef>
 #include <iterator>
-#include <limits>
-#include <map>
-#include <memory>
-#include <mutex>
-#include <set>
 #include <utility>
 
-#include "base/f_distribution.hpp"
-#include "base/text.hpp"
-#include "calibration/new_point.hpp"
+#include "calibration/comparison.hpp"
+#include "calibration/doubts.hpp"
+#include "calibration/noise_report.hpp"
 #include "calibration/noise_stage.hpp"
 #include "calibration/parameter_choice.hpp"
+#include "calibration/parameter_estimates.hpp"
+#include "calibration/predicted_accuracy.hpp"
 #include "calibration/variance_components.hpp"
 #include "calibration/whole_fit.hpp"
-#include "kdl_calibration/covariance.hpp"
-#include "kdl_calibration/influence.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/lack_of_fit.hpp"
-#include "kdl_calibration/noise_components.hpp"
-#include "kdl_calibration/observability.hpp"
-#include "kdl_calibration/random.hpp"
-#include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
 namespace {
 
-std::string rounded(double value) {
-  std::array<char, 32> text{};  // in any locale
-  const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, 4);
-  return {text.data(), result.ptr};
-}
+constexpr double kLeastWeight = 1e-9;  // as identify_robustly, so that nothing becomes undetermined by a weight
+constexpr Eigen::Index kMostConfigurationsJudged = 5000;  // one by one
+constexpr std::size_t kMostRowsScreened = 20000;          // beyond that only the distances between targets are checked
 
 void require_training_rows(const Measurements& measurements) {
   const bool any = std::any_of(measurements.observations.begin(), measurements.observations.end(),
                                [](const Observation& observation) { return observation.split == Split::train; });
   if (!any) {
     throw InputError(measurements.source + ": no rows to fit; expected rows whose split is 'train'");
-  }
-}
-
-bool any_sigma(const Measurements& measurements) {
-  return std::any_of(measurements.observations.begin(), measurements.observations.end(),
-                     [](const Observation& observation) { return observation.sigma > 0.0; });
-}
-
-bool has_split(const Measurements& measurements, Split split) {
-  return std::any_of(measurements.observations.begin(), measurements.observations.end(),
-                     [&](const Observation& observation) { return observation.split == split; });
-}
-
-// Position and rotation vector of a frame as six parameters.
-void add_frame_parameters(const std::vector<std::string>& names, const Eigen::Isometry3d& frame,
-                          std::vector<ParameterEstimate>& parameters) {
-  const Eigen::Vector3d rotation = rotation_log(frame.linear());
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    const auto axis = static_cast<Eigen::Index>(i % 3);
-    const double value = i < 3 ? frame.translation()[axis] : rotation[axis];
-    parameters.push_back({.name = names[i],
-                          .joint = {},
-                          .kind = i < 3 ? "translation" : "rotation",
-                          .axis = std::string(1, static_cast<char>('x' + axis)),
-                          .value = value,
-                          .error = 0.0});
-  }
-}
-
-// Of the link that a parameter belongs to; where its frames coincide, that of a mean link.
-double link_length(const ErrorModel& model, const ErrorParameter& parameter) {
-  const auto length = [&](std::size_t frame) {
-    return (frame < model.joints.size() ? model.joints[frame].origin.p : model.tip_origin.p).Norm();
-  };
-  double reach = 0.0;
-  for (std::size_t frame = 0; frame <= model.joints.size(); ++frame) {
-    reach += length(frame);
-  }
-  constexpr double kNoLink = 0.1;  // of a mean link
-  const double mean = reach / static_cast<double>(model.joints.size() + 1);
-  const double own = length(static_cast<std::size_t>(parameter.frame));
-  return own > kNoLink * mean ? own : mean;
-}
-
-// Whether the uncertainty is so large that nothing is known: a length to more than its link, an angle to half a radian.
-bool is_unknown(const ErrorModel& model, const ParameterEstimate& estimate) {
-  constexpr double kAngle = 0.5;
-  const auto found = std::find_if(model.parameters.begin(), model.parameters.end(),
-                                  [&](const ErrorParameter& parameter) { return parameter.name == estimate.name; });
-  return found != model.parameters.end() &&
-         estimate.std > (is_length(model, *found) ? link_length(model, *found) : kAngle);
-}
-
-std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, const Calibration& calibration) {
-  const Estimate& estimate = calibration.identification.estimate;
-  std::vector<ParameterEstimate> all;
-  add_frame_parameters(base_parameter_names(), estimate.X_WB, all);
-  for (const TargetFrame& target : estimate.targets) {
-    add_frame_parameters(target_parameter_names(target), target.X_FT, all);
-  }
-  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-    const ErrorParameter& parameter = model.parameters[p];
-    const double error = estimate.errors[static_cast<Eigen::Index>(p)];
-    all.push_back({.name = parameter.name,
-                   .joint = parameter.joint,
-                   .kind = to_string(parameter.kind),
-                   .axis = parameter.axis == 'q' ? "" : std::string(1, parameter.axis),
-                   .nominal = parameter.nominal,
-                   .value = parameter.nominal + error,
-                   .error = error});
-  }
-  for (std::size_t d = 0; d < model.deflections.size() && estimate.deflections.size() > 0; ++d) {
-    const double value = estimate.deflections[static_cast<Eigen::Index>(d)];
-    all.push_back({.name = model.deflections[d].name,
-                   .joint = model.deflections[d].joint,
-                   .kind = "deflection",
-                   .axis = {},
-                   .value = value,
-                   .error = value});
-  }
-  std::set<std::string> gauge;
-  for (const GaugeParameter& parameter : calibration.reduction.gauge) {
-    gauge.insert(parameter.name);
-  }
-  const std::set<std::string> held(calibration.fixed_by_gauge.begin(), calibration.fixed_by_gauge.end());
-  const std::set<std::string> kept(calibration.reduction.kept.begin(), calibration.reduction.kept.end());
-  const std::vector<ValueUncertainty> uncertain =
-      uncertainties(estimate, calibration.free, calibration.covariance, calibration.noise.parts,
-                    calibration.noise.degrees_of_freedom);
-  std::set<std::string> biased;  // by what the gauge holds
-  for (const std::vector<std::string>& group : calibration.identifiability.tied) {
-    biased.insert(group.begin(), group.end());
-  }
-  std::vector<ParameterEstimate> parameters;
-  for (ParameterEstimate& parameter : all) {
-    const std::optional<Eigen::Index> column = calibration.free.column(parameter.name);
-    const bool estimated = column.has_value();
-    parameter.gauge = gauge.count(parameter.name) > 0 || held.count(parameter.name) > 0;
-    if (estimated) {
-      const ValueUncertainty& value = uncertain[static_cast<std::size_t>(*column)];
-      parameter.std = value.std;
-      parameter.degrees_of_freedom = value.degrees_of_freedom;
-      parameter.identifiable =
-          std::isfinite(parameter.std) && !is_unknown(model, parameter) && biased.count(parameter.name) == 0;
-    }
-    const bool known_frame = parameter.joint.empty() && parameter.name.find('.') != std::string::npos;
-    if (estimated || parameter.gauge || known_frame || parameter.error != 0.0 || kept.count(parameter.name) > 0) {
-      parameters.push_back(std::move(parameter));
-    }
-  }
-  return parameters;
-}
-
-// An uncertainty beyond the link itself makes the answer one that does not determine its parameters.
-void doubt_unknown_parameters(Calibration& result) {
-  std::vector<std::string> unknown;
-  for (const ParameterEstimate& parameter : result.parameters) {
-    if (is_unknown(result.model, parameter)) {
-      unknown.push_back(parameter.name);
-    }
-  }
-  if (!unknown.empty() && result.identification.termination == Termination::converged) {
-    result.identification.termination = Termination::rank_deficient;
-    result.identification.message =
-        "converged, but the measurements do not determine all parameters: the uncertainty exceeds the link itself "
-        "for " +
-        comma_separated(unknown);
   }
 }
 
@@ -189,604 +46,292 @@ ErrorModel with_candidates(const ErrorModel& model, const CalibrationOptions& op
   return result;
 }
 
-std::vector<bool> choices(Use use) {
-  return use == Use::automatic ? std::vector<bool>{false, true} : std::vector<bool>{use == Use::yes};
-}
-
-bool choice_is_open(const CalibrationOptions& options) {
-  return options.automatic_priors || options.gravity == Use::automatic || options.joint_gain == Use::automatic;
-}
-
-ModelOptions model_options(const CalibrationOptions& options) {
-  return {.priors = options.automatic_priors ? prior_sizes() : std::vector<Priors>{options.priors},
-          .gravity = choices(options.gravity),
-          .gain = choices(options.joint_gain)};
-}
-
-bool has_priors(const Priors& priors) { return priors.length > 0.0 || priors.angle > 0.0 || priors.deflection > 0.0; }
-
-// Of the repeats' scatter, the least that is taken as the noise of single points along an axis.
-constexpr double kLeastShareOfRepeats = 1e-3;
-
-void require_repeats(const Measurements& measurements) {
-  const RepeatNoise repeats = noise_from_repeats(measurements);
-  if (repeats.degrees_of_freedom == 0.0) {
-    throw InputError(measurements.source + ": --noise repeats needs configurations that were measured more than once");
-  }
-  if (!(repeats.independent.minCoeff() > kLeastShareOfRepeats * repeats.total.maxCoeff())) {
-    throw InputError(measurements.source +
-                     ": --noise repeats: the repeats of single points do not vary along every axis; state the noise by "
-                     "--noise-independent");
-  }
-}
-
-// A sigma in radians says something only beside one in metres.
-void require_comparable_orientations(const Measurements& measurements, const CalibrationOptions& options) {
-  if (!(options.noise.orientation > 0.0)) {
-    return;
-  }
-  if (measurements.orientations.empty()) {
-    throw InputError(measurements.source + ": no row has a quaternion, which --orientation-sigma is about");
-  }
-  const bool every_row = std::all_of(measurements.observations.begin(), measurements.observations.end(),
-                                     [](const Observation& observation) { return observation.sigma > 0.0; });
-  if (!options.noise.is_absolute() && options.weights != Weights::repeats && !every_row) {
-    throw InputError(
-        "--orientation-sigma: needs the positions' as well: --noise-independent, --noise-tracker, "
-        "--noise repeats or a sigma in every row");
-  }
-}
-
-// Priors and residuals must be on one scale. Where nothing states the noise, the residuals of the fit without priors
-// do, the drift and the misfit of the model included.
-void make_absolute(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                   const Unknowns& free, FitOptions& options) {
-  const LeastSquaresProblem problem(model, measurements, free, options.joint.residuals);
-  const Identification plain = identify_jointly(model, measurements, start, free, options.joint);
-  const double freedom = static_cast<double>(problem.equations() - problem.columns());
-  const double variance = problem.linearise(plain.estimate).cost / std::max(freedom, 1.0);
-  options.joint.residuals.noise.independent.setConstant(std::max(std::sqrt(variance), 1e-9));
-}
-
-constexpr double kMisfitCertain = 1e-3;  // p-value below which the fit counts as worse than the stated noise
-
-// How often the residuals of the means and repeats are the stated noise; 1 where they may be just that.
-double excess_over_stated(const LeastSquaresProblem& problem, const Estimate& estimate, double degrees_of_freedom) {
-  if (!(degrees_of_freedom > 0.0)) {
-    return 1.0;
-  }
-  const double reduced = problem.linearise(estimate).cost / degrees_of_freedom;
-  const bool worse = reduced > 1.0 && f_upper_tail(reduced, degrees_of_freedom, 1e9) < kMisfitCertain;
-  return worse ? reduced : 1.0;
-}
-
-// The parts of the noise, estimated or stated, that the covariance rests on.
-void report_parts(const NoiseParts& parts, NoiseReport& noise) {
-  noise.model = "parts";
-  noise.sigma = std::sqrt(parts.point().trace() / 3.0);
-  noise.misfit = std::sqrt(parts.variances[0]);
-  noise.target_misfit = std::sqrt(parts.variances[1]);
-  noise.common = parts.variances.segment<3>(2).cwiseSqrt();
-  noise.independent = parts.variances.segment<3>(5).cwiseSqrt();
-  noise.degrees_of_freedom = parts.degrees_of_freedom;
-  noise.parts = parts;
-}
-
-// Noise and covariance of the result.
-void assess_noise(const Measurements& measurements, const ResidualOptions& as_stated, bool stated,
-                  const LeastSquaresProblem& problem, const WhitenedSummary& system, const NormalEquations& equations,
-                  const std::optional<NoiseParts>& parts, Calibration& result) {
-  NoiseReport& noise = result.noise;
-  const int rank = result.identifiability.rank;
-  const Estimate& estimate = result.identification.estimate;
-  noise.degrees_of_freedom = static_cast<double>(problem.equations() - rank);
-  const RepeatNoise repeats = noise_from_repeats(measurements);
-  if (repeats.degrees_of_freedom > 0.0) {
-    noise.repeats = repeats;
-  }
-  if (stated) {
-    noise.variance_factor = excess_over_stated(LeastSquaresProblem(result.model, measurements, result.free, as_stated),
-                                               estimate, noise.degrees_of_freedom);
-  }
-  if (parts) {
-    report_parts(*parts, noise);
-    result.covariance = covariance(system.triangle, 1.0);
-    return;
-  }
-  const double mean_weight = problem.total_weight() / static_cast<double>(problem.points());
-  const double reduced = noise.degrees_of_freedom > 0.0 ? equations.cost / noise.degrees_of_freedom : 0.0;
-  if (stated) {
-    noise.model = "stated";
-    noise.independent = as_stated.noise.independent;
-    noise.common = as_stated.noise.common;
-    noise.sigma = std::sqrt(1.0 / mean_weight);
-    result.covariance = covariance(system.triangle, noise.variance_factor);
-    return;
-  }
-  noise.model = "residuals";
-  noise.sigma = std::sqrt(reduced / mean_weight);
-  // Of the means: what repeats average out does not count, what a configuration has in common does.
-  const double cells = static_cast<double>(system.measured_rows) / 3.0;
-  const double unit_weight = problem.total_weight() / cells;
-  const ResidualNoise components = noise_from_residuals(system, rank, unit_weight);
-  noise.independent.setConstant(components.independent);
-  noise.misfit = components.common;
-  result.covariance = measurements.orientations.empty() ? covariance(system, components, unit_weight)
-                                                        : covariance(system.triangle, reduced);
-}
-
-std::optional<LackOfFit> lack_of_fit(const ErrorModel& model, const Measurements& measurements,
-                                     const Estimate& estimate, const Unknowns& free, const FitOptions& options) {
-  const RepeatNoise repeats = noise_from_repeats(measurements);
-  if (repeats.degrees_of_freedom == 0.0 || !(repeats.total.minCoeff() > 0.0)) {
-    return std::nullopt;
-  }
-  JointOptions whitened = options.joint;
-  whitened.residuals.noise = {};
-  whitened.residuals.noise.independent = repeats.independent.cwiseMax(kLeastShareOfRepeats * repeats.total.maxCoeff());
-  whitened.residuals.noise.common = repeats.common;
-  whitened.residuals.noise.orientation = options.joint.residuals.noise.orientation;
-  Measurements without_sigma = measurements;
-  for (Observation& observation : without_sigma.observations) {
-    observation.sigma = 0.0;
-  }
-  const LeastSquaresProblem problem(model, without_sigma, free, whitened.residuals);
-  const Identification found = identify_jointly(model, without_sigma, estimate, free, whitened);
-  const double coordinates = static_cast<double>(problem.whitened_summary(found.estimate).measured_rows);
-  LackOfFit result;
-  result.degrees_of_freedom = coordinates - static_cast<double>(problem.columns());
-  result.repeat_degrees_of_freedom = 3.0 * repeats.degrees_of_freedom;
-  if (result.degrees_of_freedom <= 0.0) {
-    return std::nullopt;
-  }
-  const double cost = problem.linearise(found.estimate).cost - problem.cost_of_repeats();
-  result.f = cost / result.degrees_of_freedom;
-  result.p_value = f_upper_tail(result.f, result.degrees_of_freedom, result.repeat_degrees_of_freedom);
-  result.explained_by_joint = explained_by_joints(model, estimate, measurements);
-  return result;
-}
-
-std::vector<double> listed_values(const Eigen::MatrixXd& matrix) {
-  return {matrix.data(), matrix.data() + matrix.size()};
-}
-
-// Predictions and their uncertainty, infinite where what was fixed by the gauge matters.
-class UncertainPredictor {
-public:
-  UncertainPredictor(const Calibration& calibration, const Eigen::MatrixXd& triangle_of_candidates)
-      : calibration_(calibration),
-        estimate_(calibration.identification.estimate),
-        undetermined_(undetermined_directions(triangle_of_candidates)),
-        free_(calibration.model, estimate_, calibration.free),
-        candidates_(calibration.model, estimate_, calibration.candidates) {}
-
-  // Of every target [m^2] in W.
-  std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q) const {
-    std::vector<Eigen::Matrix3d> result;
-    for (const Matrix3Xd& jacobian : free_.jacobians(q)) {
-      result.emplace_back(jacobian * calibration_.covariance * jacobian.transpose());
-    }
-    if (undetermined_.cols() > 0) {
-      const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q);
-      for (std::size_t k = 0; k < result.size(); ++k) {
-        if (!determines(jacobians[k])) {
-          result[k] = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()).asDiagonal();
-        }
-      }
-    }
-    return result;
-  }
-
-  // 3D 1 sigma [m], targets x N
-  Eigen::MatrixXd sigmas(const Eigen::MatrixXd& joint_values) const {
-    Eigen::MatrixXd result(static_cast<Eigen::Index>(estimate_.targets.size()), joint_values.cols());
-    for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
-      Eigen::Index k = 0;
-      for (const Eigen::Matrix3d& covariance : covariances(joint_values.col(c))) {
-        result(k++, c) = std::sqrt(covariance.trace());
-      }
-    }
-    return result;
-  }
-
-  std::vector<PredictedPoint> points(const Configurations& asked, const MeasuredRegion& region) const {
-    std::vector<PredictedPoint> result;
-    if (asked.names.empty()) {
-      return result;
-    }
-    const auto X_BF = flange_poses(calibration_.model, estimate_, asked.joint_values);
-    for (std::size_t c = 0; c < asked.names.size(); ++c) {
-      const auto all = covariances(asked.joint_values.col(static_cast<Eigen::Index>(c)));
-      for (std::size_t k = 0; k < estimate_.targets.size(); ++k) {
-        PredictedPoint& point = result.emplace_back();
-        point.configuration = asked.names[c];
-        point.target = estimate_.targets[k].name;
-        point.position = X_BF[c] * estimate_.targets[k].X_FT.translation();
-        point.position_W = estimate_.X_WB * point.position;
-        point.std = all[k].diagonal().cwiseSqrt();
-        point.sigma = std::sqrt(all[k].trace());
-        const NewPoint fresh = new_point(all[k], calibration_.noise);
-        point.radius_95 = region.radius_factor * fresh.radius_95;
-        point.outside = !region.holds(asked.joint_values.col(static_cast<Eigen::Index>(c)), all[k]);
-        point.degrees_of_freedom = fresh.degrees_of_freedom;
-      }
-    }
-    return result;
-  }
-
-private:
-  bool determines(const Matrix3Xd& jacobian) const {
-    constexpr double kNothing = 1e-6;
-    const Eigen::ArrayXd sizes = (jacobian.cwiseAbs() * undetermined_.cwiseAbs()).colwise().sum().transpose();
-    const Eigen::ArrayXd effects = (jacobian * undetermined_).colwise().norm().transpose();
-    return (effects <= kNothing * sizes).all();
-  }
-
-  const Calibration& calibration_;
-  const Estimate& estimate_;
-  Eigen::MatrixXd undetermined_;
-  PositionPredictor free_;
-  PositionPredictor candidates_;
+// What every stage knows: the robot, where the fit starts, what it may change.
+struct Setting {
+  RegistrationOptions known;  // frames
+  ErrorModel model;           // with the deflections that may take part
+  Estimate start;             // the nominal robot, registered
+  std::string ambiguity;      // of the registration
+  ParameterChoice choice;
+  Unknowns free;  // without deflections
 };
 
-constexpr int kWorkspaceSamples = 1000;
-
-PredictedAccuracy predicted_accuracy(const Measurements& measurements, const CalibrationOptions& options,
-                                     const Eigen::MatrixXd& triangle_of_candidates, const Calibration& calibration) {
-  const ErrorModel& model = calibration.model;
-  Random random(1);
-  const Eigen::MatrixXd workspace =
-      random_configurations(model.joints, limits_of(model.joints), kWorkspaceSamples, random);
-  PredictedAccuracy result;
-  const UncertainPredictor predictor(calibration, triangle_of_candidates);
-  const MeasuredRegion region =
-      measured_region(measurements, calibration.held_out.value_or(FoldPrediction{}), calibration.noise);
-  result.radius_factor = region.radius_factor;
-  result.asked = predictor.points(options.predict_at, region);
-  if (!calibration.covariance.diagonal().allFinite()) {
-    return result;
+Setting set_up(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
+  require_training_rows(measurements);
+  require_comparable_orientations(measurements, options);
+  Setting setting;
+  setting.known = {.known_base = options.known_base, .known_targets = options.known_targets};
+  setting.model = with_candidates(model, options);
+  const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  Registration registration = register_base_and_targets(flange_poses(folded(model, nominal), measurements.joint_values),
+                                                        measurements, setting.known);
+  setting.ambiguity = std::move(registration.message);
+  setting.start = {.errors = nominal,
+                   .X_WB = registration.X_WB,
+                   .targets = std::move(registration.targets),
+                   .deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(setting.model.deflections.size()))};
+  setting.choice = choose_parameters(model, setting.start.targets, options);
+  if (setting.choice.free.empty()) {
+    throw InputError(
+        "--fix: leaves nothing to estimate of base, targets and geometric errors; kdlcal validate predicts without a "
+        "fit");
   }
-  const Estimate& estimate = calibration.identification.estimate;
-  const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
-  const Eigen::MatrixXd there = predictor.sigmas(measurements.joint_values.leftCols(most));
-  if (there.allFinite()) {
-    result.measured = error_statistics(listed_values(there));
-  }
-  const Eigen::MatrixXd everywhere = predictor.sigmas(workspace);
-  if (!everywhere.allFinite()) {
-    return result;
-  }
-  result.workspace = error_statistics(listed_values(everywhere));
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, workspace);
-  std::map<std::array<double, 3>, WorkspaceCell> cells;  // doubles: a large robot has more cubes than an int counts
-  for (Eigen::Index c = 0; c < workspace.cols(); ++c) {
-    const Eigen::Vector3d cube = (X_BF[static_cast<std::size_t>(c)].translation() / result.cell).array().floor();
-    WorkspaceCell& cell = cells[{cube.x(), cube.y(), cube.z()}];
-    cell.centre = (cube.array() + 0.5) * result.cell;
-    cell.mean = (cell.mean * cell.count + everywhere.col(c).mean()) / (cell.count + 1);
-    cell.max = std::max(cell.max, everywhere.col(c).maxCoeff());
-    ++cell.count;
-  }
-  for (const auto& [cube, cell] : cells) {
-    result.cells.push_back(cell);
-  }
-  return result;
+  setting.free = Unknowns(model, setting.start.targets, setting.choice.free);
+  return setting;
 }
-
-void add_warnings(const ErrorModel& model, const Measurements& measurements, const std::string& ambiguity,
-                  Calibration& calibration) {
-  std::vector<std::string>& warnings = calibration.warnings;
-  const Identification& found = calibration.identification;
-  if (found.termination != Termination::converged) {
-    warnings.push_back("the answer is not to be trusted: " + found.message);
-  }
-  for (const std::vector<std::string>& group : calibration.identifiability.tied) {
-    warnings.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
-                                         : "the measurements cannot tell apart: " + comma_separated(group));
-  }
-  if (!calibration.fixed_by_gauge.empty()) {
-    warnings.push_back("fixed by gauge: " + comma_separated(calibration.fixed_by_gauge) +
-                       " (errors at zero, frames as registered); predictions hold where it was measured, single "
-                       "parameters do not");
-  }
-  for (const QualityFinding& finding : calibration.findings) {
-    warnings.push_back("measurements: " + finding.message);
-  }
-  if (!ambiguity.empty()) {
-    warnings.push_back("registration: " + ambiguity);
-  }
-  if (const int outside = configurations_outside_limits(model, measurements); outside > 0) {
-    warnings.push_back(std::to_string(outside) + " of " + std::to_string(measurements.joint_values.cols()) +
-                       " configurations have joint values outside the limits of the URDF");
-  }
-  if (calibration.noise.variance_factor > 1.0) {
-    warnings.push_back("the residuals are " + rounded(std::sqrt(calibration.noise.variance_factor)) +
-                       " times the stated noise; the uncertainties were scaled up by that");
-  }
-  if (calibration.lack_of_fit && calibration.lack_of_fit->p_value < kMisfitCertain) {
-    warnings.push_back("lack of fit: the residuals are larger than the scatter of the repeats explains");
-  }
-  if (calibration.absurd()) {
-    warnings.push_back("a misfit of " + rounded(calibration.train.after.rms * 1e3) +
-                       " mm is more than geometric errors explain; is the joint convention right?");
-  }
-}
-
-}  // namespace
-
-namespace {
-
-constexpr double kLeastWeight = 1e-9;  // as identify_robustly, so that nothing becomes undetermined by a weight
-constexpr Eigen::Index kMostConfigurationsJudged = 5000;  // one by one
-constexpr std::size_t kMostRowsScreened = 20000;          // beyond that only the distances between targets are checked
 
 // What is wrong with the measurements themselves, by the distances between targets and by a preliminary fit that
 // survives it.
-std::vector<QualityFinding> findings(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                     const Unknowns& free) {
+std::vector<QualityFinding> find_defects(const Setting& setting, const Measurements& measurements) {
   const auto enough_equations = [&] {
-    const LeastSquaresProblem problem(model, measurements, free);
+    const LeastSquaresProblem problem(setting.model, measurements, setting.free);
     return problem.equations() >= problem.columns();
   };
   if (measurements.observations.size() > kMostRowsScreened || !enough_equations()) {
     return check_distances(measurements);
   }
-  const RobustIdentification preliminary = identify_robustly(model, measurements, start, free, Loss::tukey);
+  const RobustIdentification preliminary =
+      identify_robustly(setting.model, measurements, setting.start, setting.free, Loss::tukey);
   if (preliminary.fit.termination != Termination::converged) {
     return check_distances(measurements);
   }
-  return check_measurements(model, measurements, preliminary.fit.estimate);
+  return check_measurements(setting.model, measurements, preliminary.fit.estimate);
 }
 
-// The best that a URDF can carry where deflections were fitted: a fit without them, with the priors that are best for
-// it.
-Estimate rigid_fit(const Measurements& measurements, const Estimate& start, const FitOptions& fit_options,
-                   const Calibration& result) {
+// How the rows are weighed, and what takes part in the fit.
+struct Choice {
+  FitOptions fit;
+  std::optional<double> orientation_length;
+  std::vector<ModelOption> tried;  // best first, where something was chosen
+  ModelOption chosen;
+  FitOptions rigid_fit;  // of a fit without deflections, with the priors that are best for it
+};
+
+Choice choose(const Setting& setting, const Measurements& measurements, const CalibrationOptions& options) {
+  Choice result;
+  result.fit.loss = options.loss;
+  JointOptions& joint = result.fit.joint;
+  if (options.weights == Weights::repeats) {
+    require_repeats(measurements);
+  }
+  joint.residuals.noise = options.noise;
+  joint.max_iterations = options.iterations > 0 ? options.iterations : joint.max_iterations;
+  const FitTask task{.model = setting.model,
+                     .measurements = measurements,
+                     .start = setting.start,
+                     .options = options,
+                     .fit_options = result.fit};
+  const bool jointly = options.method == Method::joint;
+  if (jointly && !measurements.orientations.empty() && !(joint.residuals.noise.orientation > 0.0)) {
+    result.orientation_length = orientation_length_of_residuals(task, setting.free);
+    joint.residuals.orientation_length = *result.orientation_length;
+  }
+  const Priors& stated = options.priors;
+  const bool priors = options.automatic_priors || stated.length > 0.0 || stated.angle > 0.0 || stated.deflection > 0.0;
+  if (jointly && priors && !noise_is_stated(measurements, options)) {
+    make_absolute(task, setting.free, result.fit);
+  }
+  result.chosen = {.priors = stated, .gravity = options.gravity == Use::yes, .gain = options.joint_gain == Use::yes};
+  if (jointly && choice_is_open(options)) {
+    FitOptions counted = result.fit;
+    counted.after_fit =
+        counted_fits(options, "choice of the model", fits_to_choose(measurements, model_options(options)));
+    result.tried = choose_model(setting.model, measurements, setting.start, setting.free, model_options(options),
+                                counted, options.threads);
+    result.chosen = result.tried.front();
+  }
   const auto rigid = std::find_if(result.tried.begin(), result.tried.end(),
                                   [](const ModelOption& option) { return !option.gravity && !option.gain; });
-  const Priors priors = rigid != result.tried.end() ? rigid->priors : result.priors;
-  return fit(result.model, measurements, start, with_deflections(result.model, result.free, {}),
-             with_priors(fit_options, priors))
-      .estimate;
+  result.rigid_fit = with_priors(result.fit, rigid != result.tried.end() ? rigid->priors : result.chosen.priors);
+  result.fit = with_priors(result.fit, result.chosen.priors);
+  return result;
 }
 
-HoldOut as_hold_out(const FoldPrediction& held_out) {
-  HoldOut result{.distances = {}, .refits = held_out.refits, .not_converged = held_out.not_converged};
-  for (const HeldOutPoint& point : held_out.points) {
-    result.distances.push_back(point.distance);
+// What the measurements determine, and how well.
+struct Judgement {
+  Identifiability identifiability;  // of the candidates
+  std::vector<std::string> fixed_by_gauge;
+  Eigen::MatrixXd triangle;  // of what was estimated
+  Eigen::MatrixXd triangle_of_candidates;
+  ObservabilityIndices observability;
+  NoiseAssessment noise;
+  Influence influence;
+};
+
+Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNoise& estimated) {
+  const Estimate& estimate = fitted.identification.estimate;
+  ResidualOptions residuals = task.fit_options.joint.residuals;
+  residuals.row_weights = fitted.weights;
+  for (double& weight : residuals.row_weights) {
+    weight = std::max(weight, kLeastWeight);
+  }
+  const LeastSquaresProblem problem(task.model, task.measurements, fitted.free, residuals);
+  const WhitenedSummary system = problem.whitened_summary(estimate);
+  const std::vector<std::string> candidates = fitted.candidates.names();
+  Judgement result;
+  result.triangle = system.triangle;
+  result.triangle_of_candidates = system.triangle;
+  if (fitted.free != fitted.candidates) {
+    const std::vector<std::string> kept = fitted.free.names();
+    std::copy_if(candidates.begin(), candidates.end(), std::back_inserter(result.fixed_by_gauge),
+                 [&](const std::string& name) { return std::find(kept.begin(), kept.end(), name) == kept.end(); });
+    result.triangle_of_candidates = LeastSquaresProblem(task.model, task.measurements, fitted.candidates, residuals)
+                                        .whitened_summary(estimate)
+                                        .triangle;
+  }
+  result.identifiability = identifiability(result.triangle_of_candidates, candidates);
+  result.observability =
+      observability_indices(system.triangle, static_cast<Eigen::Index>(make_folds(task.measurements, 0).size()));
+  result.noise = assess_noise(task,
+                              {.problem = problem,
+                               .estimate = estimate,
+                               .free = fitted.free,
+                               .system = system,
+                               .row_weights = residuals.row_weights,
+                               .rank = result.identifiability.rank},
+                              estimated);
+  if (task.measurements.joint_values.cols() <= kMostConfigurationsJudged) {
+    result.influence = influence(task.model, task.measurements, estimate, fitted.free, residuals, system.triangle);
   }
   return result;
 }
 
-// Everything that is compared with the measurements.
-void validate_result(const Measurements& measurements, const Estimate& start, const FitOptions& fit_options,
-                     const CalibrationOptions& options, const RegistrationOptions& registration_options,
-                     Calibration& result) {
-  const Estimate& estimate = result.identification.estimate;
-  const bool deflects = !result.free.deflections().empty();
-  const Estimate rigid = deflects ? rigid_fit(measurements, start, fit_options, result) : estimate;
-  result.rigid_errors = rigid.errors;
-  const auto poses_of = [&](const Estimate& e) { return flange_poses(result.model, e, measurements.joint_values); };
-  const std::vector<Eigen::Isometry3d> X_BF_before = poses_of(start);
-  const std::vector<Eigen::Isometry3d> X_BF_after = poses_of(estimate);
-  const auto compare = [&](Rows rows) {
-    BeforeAfter pair{.before = error_statistics(position_errors(X_BF_before, start, measurements, rows)),
-                     .after = error_statistics(position_errors(X_BF_after, estimate, measurements, rows)),
-                     .rigid = std::nullopt};
-    if (deflects) {
-      pair.rigid = error_statistics(position_errors(result.model, rigid, measurements, rows));
+// The fit says what it knows; that it was not enough is known only now.
+void note_what_is_open(const Judgement& judged, const CalibrationOptions& options, Identification& found) {
+  const bool gauge = !judged.fixed_by_gauge.empty() && options.model == ModelChoice::irreducible;
+  const bool open = judged.fixed_by_gauge.empty() && judged.identifiability.rank < judged.identifiability.columns;
+  if (found.termination == Termination::converged && (gauge || open)) {
+    found.termination = Termination::rank_deficient;
+    found.message = "converged, but the measurements do not determine all parameters";
+    if (gauge) {
+      found.message += ": " + std::to_string(judged.fixed_by_gauge.size()) + " were fixed by gauge";
     }
-    return pair;
-  };
-  result.train = compare(Rows::train);
-  if (has_split(measurements, Split::test)) {
-    result.test = compare(Rows::test);
-    result.iso_test_before = iso_9283(X_BF_before, start, measurements, Rows::test);
-    result.iso_test_after = iso_9283(X_BF_after, estimate, measurements, Rows::test);
-  }
-  result.iso_before = iso_9283(X_BF_before, start, measurements);
-  result.iso_after = iso_9283(X_BF_after, estimate, measurements);
-  if (options.leave_one_out) {
-    const HoldOut before = leave_one_configuration_out_nominal(result.model, measurements, registration_options);
-    const bool known = result.held_out && result.held_out->points.size() == before.distances.size();
-    const HoldOut after = known ? as_hold_out(*result.held_out)
-                                : leave_one_configuration_out(result.model, measurements, estimate, result.free,
-                                                              fit_options, options.threads);
-    result.leave_one_out = BeforeAfter{.before = error_statistics(before.distances),
-                                       .after = error_statistics(after.distances),
-                                       .rigid = std::nullopt};
-    if (after.not_converged > 0) {
-      result.warnings.push_back(std::to_string(after.not_converged) + " of " + std::to_string(after.refits) +
-                                " leave-one-out fits did not converge");
-    }
-    if (options.nested && choice_is_open(options)) {
-      result.nested_leave_one_out =
-          error_statistics(nested_leave_one_out(result.model, measurements, start, result.free, model_options(options),
-                                                fit_options, options.threads)
-                               .distances);
-    }
-  }
-  if (options.k_fold > 1) {
-    result.k_fold =
-        error_statistics(cross_validate(result.model, measurements, estimate, result.free,
-                                        make_folds(measurements, options.k_fold), fit_options, options.threads)
-                             .distances);
   }
 }
 
-// Tells how many of the refits are done.
-std::function<void()> counted_fits(const Measurements& measurements, const CalibrationOptions& options) {
-  if (!options.progress) {
-    return {};
-  }
-  const std::size_t configurations = make_folds(measurements, 0).size();
-  const std::size_t choice = choice_is_open(options) ? fits_to_choose(measurements, model_options(options)) : 0;
-  std::size_t total =
-      choice + (options.leave_one_out ? configurations : 0) + static_cast<std::size_t>(std::max(options.k_fold, 0));
-  if (options.leave_one_out && options.nested) {
-    total += configurations * (choice + 1);
-  }
-  struct Count {
-    std::mutex mutex;
-    std::size_t done = 0;
-  };
-  return [count = std::make_shared<Count>(), total, progress = options.progress] {
-    const std::lock_guard lock(count->mutex);
-    ++count->done;
-    progress(static_cast<double>(count->done) / static_cast<double>(std::max<std::size_t>(total, 1)));
-  };
+// Each stage's part of the result.
+void put(Choice choice, Calibration& result) {
+  result.tried = std::move(choice.tried);
+  result.priors = choice.chosen.priors;
+  result.noise.orientation_length = choice.orientation_length;
 }
 
-}  // namespace
-
-Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
-  require_training_rows(measurements);
-  require_comparable_orientations(measurements, options);
-  const RegistrationOptions registration_options{.known_base = options.known_base,
-                                                 .known_targets = options.known_targets};
-  const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  const Registration registration = register_base_and_targets(
-      flange_poses(folded(model, nominal), measurements.joint_values), measurements, registration_options);
-
-  Calibration result;
-  result.model = with_candidates(model, options);
-  const Estimate start{
-      .errors = nominal,
-      .X_WB = registration.X_WB,
-      .targets = registration.targets,
-      .deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(result.model.deflections.size()))};
-  ParameterChoice choice = choose_parameters(model, start.targets, options);
-  result.free = Unknowns(model, start.targets, choice.free);
-  if (choice.free.empty()) {
-    throw InputError(
-        "--fix: leaves nothing to estimate of base, targets and geometric errors; kdlcal validate predicts without a "
-        "fit");
-  }
-  result.findings = findings(result.model, measurements, start, result.free);
-
-  FitOptions fit_options{.loss = options.loss, .joint = {}, .after_fit = counted_fits(measurements, options)};
-  fit_options.joint.residuals.noise = options.noise;
-  if (options.weights == Weights::repeats) {
-    require_repeats(measurements);
-  }
-  fit_options.joint.max_iterations = options.iterations > 0 ? options.iterations : fit_options.joint.max_iterations;
-  ResidualOptions& weighed = fit_options.joint.residuals;
-  if (options.method == Method::joint && !measurements.orientations.empty() && !(weighed.noise.orientation > 0.0)) {
-    const FitTask task{.model = result.model,
-                       .measurements = measurements,
-                       .start = start,
-                       .options = options,
-                       .fit_options = fit_options};
-    weighed.orientation_length = orientation_length_of_residuals(task, result.free);
-    result.noise.orientation_length = weighed.orientation_length;
-  }
-  const bool stated = fit_options.joint.residuals.noise.is_absolute() || any_sigma(measurements);
-  ModelOption chosen{
-      .priors = options.priors, .gravity = options.gravity == Use::yes, .gain = options.joint_gain == Use::yes};
-  if (options.method == Method::joint && !stated && (options.automatic_priors || has_priors(options.priors))) {
-    make_absolute(result.model, measurements, start, result.free, fit_options);
-  }
-  if (options.method == Method::joint && choice_is_open(options)) {
-    result.tried = choose_model(result.model, measurements, start, result.free, model_options(options), fit_options,
-                                options.threads);
-    chosen = result.tried.front();
-  }
-  result.priors = chosen.priors;
-  result.free = with_deflections(result.model, result.free, chosen);
-  fit_options = with_priors(fit_options, chosen.priors);
-  ResidualOptions as_stated = fit_options.joint.residuals;
-  const FitTask task{.model = result.model,
-                     .measurements = measurements,
-                     .start = start,
-                     .options = options,
-                     .fit_options = fit_options};
-  WholeFit fitted = fit_whole(task, choice, result.free);
-  const std::optional<NoiseParts> parts = fit_with_estimated_noise(task, fitted, fit_options.joint.residuals);
+void put(WholeFit fitted, Calibration& result) {
   result.identification = std::move(fitted.identification);
   result.weights = std::move(fitted.weights);
   result.reduction = std::move(fitted.reduction);
   result.candidates = std::move(fitted.candidates);
   result.free = std::move(fitted.free);
+}
 
-  const Estimate& estimate = result.identification.estimate;
-  ResidualOptions residuals = fit_options.joint.residuals;
-  residuals.row_weights = result.weights;
-  for (double& weight : residuals.row_weights) {
-    weight = std::max(weight, kLeastWeight);
+void put(Judgement judged, Calibration& result) {
+  result.identifiability = std::move(judged.identifiability);
+  result.fixed_by_gauge = std::move(judged.fixed_by_gauge);
+  result.observability = judged.observability;
+  const std::optional<double> orientation_length = result.noise.orientation_length;
+  result.noise = judged.noise.report;
+  result.noise.orientation_length = orientation_length;
+  result.covariance = std::move(judged.noise.covariance);
+  result.influence = std::move(judged.influence);
+}
+
+void put(Comparison comparison, Calibration& result) {
+  result.train = comparison.train;
+  result.test = comparison.test;
+  result.iso_before = comparison.iso_before;
+  result.iso_after = comparison.iso_after;
+  result.iso_test_before = comparison.iso_test_before;
+  result.iso_test_after = comparison.iso_test_after;
+  result.exported = std::move(comparison.exported);
+}
+
+void put(HeldOutErrors held_out, Calibration& result) {
+  result.leave_one_out = held_out.leave_one_out;
+  result.nested_leave_one_out = held_out.nested_leave_one_out;
+  result.k_fold = held_out.k_fold;
+  result.folds = held_out.folds;
+  result.warnings = std::move(held_out.warnings);
+}
+
+// What the exported URDF is worth. Where the calibration does not help, it is the robot as it was read.
+void judge_exported_urdf(const Setting& setting, Calibration& result) {
+  ExportedUrdf& exported = result.exported;
+  exported.nominal_kept = is_no_help(result);
+  if (exported.nominal_kept) {
+    exported.estimate = setting.start;
+    exported.iso = result.iso_before;
   }
-  const LeastSquaresProblem problem(result.model, measurements, result.free, residuals);
-  const WhitenedSummary system = problem.whitened_summary(estimate);
-  const std::vector<std::string> candidates = result.candidates.names();
-  Eigen::MatrixXd triangle_of_candidates = system.triangle;
-  if (result.free != result.candidates) {
-    std::copy_if(candidates.begin(), candidates.end(), std::back_inserter(result.fixed_by_gauge),
-                 [&](const std::string& name) { return !result.free.column(name); });
-    triangle_of_candidates = LeastSquaresProblem(result.model, measurements, result.candidates, residuals)
-                                 .whitened_summary(estimate)
-                                 .triangle;
+  const auto own = [&](const BeforeAfter& errors) {
+    return exported.nominal_kept ? errors.before : errors.rigid.value_or(errors.after);
+  };
+  exported.train = own(result.train);
+  if (result.test) {
+    exported.test = own(*result.test);
   }
-  result.identifiability = identifiability(triangle_of_candidates, candidates);
-  result.observability =
-      observability_indices(system.triangle, static_cast<Eigen::Index>(make_folds(measurements, 0).size()));
-  if (result.identification.termination == Termination::converged &&
-      (result.identifiability.rank < result.identifiability.columns || !result.fixed_by_gauge.empty())) {
-    result.identification.termination = Termination::rank_deficient;
-    result.identification.message =
-        "converged, but the measurements do not determine all parameters" +
-        (result.fixed_by_gauge.empty() ? std::string()
-                                       : ": " + std::to_string(result.fixed_by_gauge.size()) + " were fixed by gauge");
+  if (const BeforeAfter* held_out = result.held_out()) {
+    exported.held_out = own(*held_out);
   }
-  as_stated.row_weights = residuals.row_weights;
-  assess_noise(measurements, as_stated, stated, problem, system, problem.linearise(estimate), parts, result);
-  const bool settled = result.identification.termination == Termination::converged ||
-                       result.identification.termination == Termination::rank_deficient;
-  if (options.method == Method::joint && options.loss == Loss::none && settled) {
-    constexpr std::size_t kMostSingle = 5000;
-    constexpr int kFolds = 10;
-    auto folds = make_folds(measurements, 0);
-    if (folds.size() > kMostSingle) {
-      folds = make_folds(measurements, kFolds);
-    }
-    result.held_out = predict_folds(result.model, measurements, estimate, result.free, folds, fit_options,
-                                    system.triangle, result.noise.sigma, options.threads);
+}
+
+}  // namespace
+
+Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
+  const Setting setting = set_up(model, measurements, options);
+  std::vector<QualityFinding> findings = find_defects(setting, measurements);
+  Choice choice = choose(setting, measurements, options);
+  const FitTask task{.model = setting.model,
+                     .measurements = measurements,
+                     .start = setting.start,
+                     .options = options,
+                     .fit_options = choice.fit};
+  WholeFit fitted = fit_whole(task, setting.choice, with_deflections(setting.model, setting.free, choice.chosen));
+  const EstimatedNoise estimated = fit_with_estimated_noise(task, fitted, choice.fit.joint.residuals);
+  if (estimated.parts) {
+    choice.rigid_fit.joint.residuals.noise = choice.fit.joint.residuals.noise;
   }
-  result.parameters = parameter_estimates(result.model, result);
-  doubt_unknown_parameters(result);
-  validate_result(measurements, start, fit_options, options, registration_options, result);
-  result.lack_of_fit = lack_of_fit(result.model, measurements, estimate, result.free, fit_options);
-  result.predicted = predicted_accuracy(measurements, options, triangle_of_candidates, result);
-  if (measurements.joint_values.cols() <= kMostConfigurationsJudged) {
-    result.influence = influence(result.model, measurements, estimate, result.free, residuals, system.triangle);
-  }
-  result.difference_to_kdl = difference_to_kdl(model, estimate.errors, measurements.joint_values);
-  add_warnings(model, measurements, registration.message, result);
+  Judgement judged = judge(task, fitted, estimated);
+  note_what_is_open(judged, options, fitted.identification);
+  const bool as_fitted = options.method == Method::joint && options.loss == Loss::none;
+  const Compared compared{.task = task,
+                          .fit = fitted,
+                          .known = setting.known,
+                          .rigid_options = choice.rigid_fit,
+                          .triangle = as_fitted ? &judged.triangle : nullptr,
+                          .noise = judged.noise.report.sigma};
+  Comparison comparison = compare(compared);
+  HeldOutErrors held_out = hold_out(compared);
+
+  Calibration result;
+  result.model = setting.model;
+  result.findings = std::move(findings);
+  result.lack_of_fit = lack_of_fit(task, fitted.identification.estimate, fitted.free);
+  result.predicted = predicted_accuracy({.model = setting.model,
+                                         .fit = fitted,
+                                         .covariance = judged.noise.covariance,
+                                         .triangle_of_candidates = judged.triangle_of_candidates,
+                                         .noise = judged.noise.report,
+                                         .held_out = held_out.prediction},
+                                        measurements, options.predict_at);
+  result.difference_to_kdl = difference_to_kdl(model, fitted.identification.estimate.errors, measurements.joint_values);
+  result.parameters = parameter_estimates(setting.model, fitted,
+                                          {.fixed_by_gauge = judged.fixed_by_gauge,
+                                           .tied = judged.identifiability.tied,
+                                           .covariance = judged.noise.covariance,
+                                           .noise = judged.noise.report});
+  put(std::move(choice), result);
+  put(std::move(fitted), result);
+  put(std::move(judged), result);
+  put(std::move(comparison), result);
+  put(std::move(held_out), result);
+  judge_exported_urdf(setting, result);
+  result.doubts = doubts(result, measurements, options);
+  const std::vector<std::string> more = warnings(result, measurements, setting.ambiguity);
+  result.warnings.insert(result.warnings.end(), more.begin(), more.end());
   return result;
 }
 
-std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const Eigen::VectorXd& errors) {
-  std::vector<OriginCorrection> corrections;
-  for (int frame = 0; frame <= static_cast<int>(model.joints.size()); ++frame) {
-    const KDL::Frame correction = frame_correction(model, errors, frame);
-    if (correction == KDL::Frame::Identity()) {
-      continue;
-    }
-    const bool tip = frame == static_cast<int>(model.joints.size());
-    const std::string& joint = tip ? model.tip_joint : model.joints[static_cast<std::size_t>(frame)].name;
-    if (joint.empty()) {
-      throw InputError("the errors of the last link cannot be exported: no fixed joint between joint '" +
-                       model.joints.back().name + "' and the tip carries them");
-    }
-    corrections.push_back({.joint = joint, .correction = correction});
-  }
-  return corrections;
-}
-
-std::string calibrated_urdf(const Robot& robot, const ErrorModel& model, const Eigen::VectorXd& errors) {
-  return corrected_urdf(robot.urdf, origin_corrections(model, errors));
-}
-
-std::string calibrated_urdf(const Robot& robot, const Calibration& calibration) {
-  return calibrated_urdf(robot, calibration.model, calibration.rigid_errors);
+const BeforeAfter* Calibration::held_out() const {
+  return leave_one_out ? &*leave_one_out : k_fold ? &*k_fold : nullptr;
 }
 
 int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements) {

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/fold_prediction.hpp"
 
 namespace kdl_calibration {
 

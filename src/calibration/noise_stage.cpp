@@ -59,17 +59,18 @@ bool arrived(const Identification& found) {
 
 }  // namespace
 
-std::optional<NoiseParts> fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals) {
+EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals) {
+  EstimatedNoise result{.parts = std::nullopt, .as_stated = residuals};
   const CalibrationOptions& options = task.options;
   const bool plain = options.weights == Weights::equal || options.method == Method::two_step;
   if (plain || options.loss != Loss::none || !arrived(fit.identification)) {
-    return std::nullopt;
+    return result;
   }
   ResidualOptions stated = residuals;
   stated.noise = options.noise;
   NoiseParts parts = estimate_noise(task.model, task.measurements, fit.identification.estimate, fit.free, stated);
   if (!parts.converged) {
-    return std::nullopt;
+    return result;
   }
   residuals.noise = parts.model(options.noise);
   JointOptions joint = task.fit_options.joint;
@@ -79,7 +80,8 @@ std::optional<NoiseParts> fit_with_estimated_noise(const FitTask& task, WholeFit
     fit.identification.estimate = std::move(again.estimate);
     fit.identification.rms = again.rms;
   }
-  return parts;
+  result.parts = std::move(parts);
+  return result;
 }
 
 std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unknowns& free, const MatrixXd& covariance,

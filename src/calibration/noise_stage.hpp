@@ -9,10 +9,15 @@
 
 namespace kdl_calibration {
 
+struct EstimatedNoise {
+  std::optional<NoiseParts> parts;
+  ResidualOptions as_stated;  ///< what the rows were whitened with before
+};
+
 /// Estimates the parts of the noise that nobody stated at the end of `fit`, and fits the same parameters again with the
 /// weights that follow. `residuals`, those of the task's options, get these weights. Nothing happens, and nothing is
-/// returned, where plain least squares were asked for, where rows are down-weighted, and where the fit did not arrive.
-std::optional<NoiseParts> fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals);
+/// estimated, where plain least squares were asked for, where rows are down-weighted, and where the fit did not arrive.
+EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals);
 
 /// 1 sigma of a printed value and the degrees of freedom that it rests on.
 struct ValueUncertainty {

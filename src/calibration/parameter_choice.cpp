@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <set>
-#include <string_view>
 #include <utility>
 
+#include "base/name_pattern.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/reduction.hpp"
@@ -12,37 +12,13 @@
 namespace kdl_calibration {
 namespace {
 
-// Shell pattern with * and ?. Only the last * may ever have to take one character more.
-bool matches(std::string_view pattern, std::string_view name) {
-  constexpr std::size_t kNone = std::string_view::npos;
-  std::size_t p = 0;
-  std::size_t n = 0;
-  std::size_t star = kNone;  // behind the last one
-  std::size_t taken = 0;     // where the name goes on behind what it took
-  while (n < name.size()) {
-    if (p < pattern.size() && pattern[p] == '*') {
-      star = ++p;
-      taken = n;
-    } else if (p < pattern.size() && (pattern[p] == '?' || pattern[p] == name[n])) {
-      ++p;
-      ++n;
-    } else if (star != kNone) {
-      p = star;
-      n = ++taken;
-    } else {
-      return false;
-    }
-  }
-  return pattern.find_first_not_of('*', p) == kNone;
-}
-
 std::set<std::string> matching(const std::vector<std::string>& patterns, const std::vector<std::string>& names,
                                const std::string& option) {
   std::set<std::string> result;
   for (const std::string& pattern : patterns) {
     bool any = false;
     for (const std::string& name : names) {
-      if (matches(pattern, name)) {
+      if (matches_pattern(pattern, name)) {
         result.insert(name);
         any = true;
       }

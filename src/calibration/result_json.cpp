@@ -152,6 +152,14 @@ Json influence_json(const Influence& influence, const Measurements& measurements
           {"configurations", configurations}};
 }
 
+Json doubts_json(const std::vector<Doubt>& doubts) {
+  Json result = Json::array();
+  for (const Doubt& doubt : doubts) {
+    result.push_back({{"cause", doubt.cause}, {"message", doubt.message}});
+  }
+  return result;
+}
+
 // What goes beyond the fit: choice of model, lack of fit, predicted accuracy, down-weighted rows.
 void add_details(const Calibration& calibration, const Measurements& measurements, Json& result) {
   result["priors"] = priors_json(calibration.priors);
@@ -308,12 +316,15 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
     position_error["nested_leave_one_out"] = statistics_json(*calibration.nested_leave_one_out);
   }
   if (calibration.k_fold) {
-    position_error["k_fold"] = statistics_json(*calibration.k_fold);
+    position_error["k_fold"] = before_after_json(*calibration.k_fold);
+    position_error["k_fold"]["folds"] = calibration.folds;
   }
   Json result = {{"software", {{"name", "kdl_calibration"}, {"version", KDL_CALIBRATION_VERSION}}},
                  {"input", input_json(robot, measurements, options)},
                  {"termination", to_string(found.termination)},
                  {"message", found.message},
+                 {"trusted", calibration.trusted()},
+                 {"doubts", doubts_json(calibration.doubts)},
                  {"iterations", found.iterations},
                  {"history", found.rms_history},
                  {"rank", calibration.identifiability.rank},

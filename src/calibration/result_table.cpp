@@ -167,7 +167,7 @@ std::string result_table(const Measurements& measurements, const Calibration& ca
     add_statistics("leave-one-out, nested", *calibration.nested_leave_one_out, text);
   }
   if (calibration.k_fold) {
-    add_statistics("k-fold, calibrated", *calibration.k_fold, text);
+    add_before_after("k-fold", *calibration.k_fold, text);
   }
   if (calibration.predicted.workspace.count > 0) {
     text += format("predicted 1 sigma of a point: %.3f mm at the measured configurations,",

@@ -122,8 +122,8 @@ ExitStatus run(const Arguments& arguments) {
 
   Calibration calibration;
   {
-    Progress progress("refits");
-    options.progress = std::ref(progress);
+    Progress progress;
+    options.progress = [&](const std::string& what, std::size_t done, std::size_t of) { progress(what, done, of); };
     calibration = calibrate(model, measurements, options);
   }
   std::string hint;
@@ -132,22 +132,24 @@ ExitStatus run(const Arguments& arguments) {
     hint = better_convention(arguments.measurements, model, measurements, free, calibration.train.after.rms);
   }
   if (!hint.empty()) {
-    calibration.warnings.push_back(hint);
+    calibration.doubts.push_back({.cause = "joint_values", .message = hint});
   }
   const std::string result = result_json(robot, measurements, options, calibration);
   for (OutputFile& file : files) {
-    file.text = file.option == "--result" ? result : calibrated_urdf(robot, model, calibration.rigid_errors);
+    file.text = file.option == "--result" ? result : calibrated_urdf(robot, calibration);
   }
   write_whole(files, arguments.force);
   print(arguments.json ? result : result_table(measurements, calibration));
+  for (const Doubt& doubt : calibration.doubts) {
+    doubt_aloud(doubt.message);
+  }
   for (const std::string& warning : calibration.warnings) {
     warn(warning);
   }
-  const bool trusted = calibration.trusted() && hint.empty();
-  if (!trusted && !arguments.output.empty()) {
+  if (!calibration.trusted() && !arguments.output.empty()) {
     warn(arguments.output + " comes from an answer that is not to be trusted; the file itself does not say so");
   }
-  return trusted ? done : not_to_be_trusted;
+  return calibration.trusted() ? done : not_to_be_trusted;
 }
 
 void add_fit_options(CLI::App& app, Arguments& arguments) {

@@ -26,15 +26,29 @@ Progress::~Progress() {
 }
 
 void Progress::operator()(double share) {
-  constexpr int kWidth = 40;
   const int percent = static_cast<int>(100.0 * std::clamp(share, 0.0, 1.0));
-  if (!terminal_ || percent == shown_ || std::chrono::steady_clock::now() - start_ < std::chrono::seconds(1)) {
-    return;
+  if (percent != shown_ && due()) {
+    show(percent, std::to_string(percent) + " %");
   }
+}
+
+void Progress::operator()(const std::string& what, std::size_t done, std::size_t of) {
+  const std::size_t most = std::max<std::size_t>(of, 1);
+  const int percent = static_cast<int>(100 * std::min(done, most) / most);
+  if ((percent != shown_ || what != label_) && due()) {
+    label_ = what;
+    show(percent, std::to_string(done) + "/" + std::to_string(of));
+  }
+}
+
+// Work of less than a second needs no bar.
+bool Progress::due() const { return terminal_ && std::chrono::steady_clock::now() - start_ >= std::chrono::seconds(1); }
+
+void Progress::show(int percent, const std::string& behind) {
+  constexpr int kWidth = 40;
   shown_ = percent;
   const auto full = static_cast<std::size_t>(percent * kWidth / 100);
-  write("\r" + label_ + " [" + std::string(full, '#') + std::string(kWidth - full, ' ') + "] " +
-        std::to_string(percent) + " %");
+  write("\r\033[K" + label_ + " [" + std::string(full, '#') + std::string(kWidth - full, ' ') + "] " + behind);
 }
 
 }  // namespace kdl_calibration::cli

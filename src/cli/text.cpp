@@ -56,9 +56,17 @@ void print(std::string_view text) {
   }
 }
 
-void warn(const std::string& text) {
-  const std::string line = "kdlcal: warning: " + one_line(text) + "\n";
+namespace {
+
+void say(const char* what, const std::string& text) {
+  const std::string line = std::string("kdlcal: ") + what + ": " + one_line(text) + "\n";
   std::fwrite(line.data(), 1, line.size(), stderr);
 }
+
+}  // namespace
+
+void warn(const std::string& text) { say("warning", text); }
+
+void doubt_aloud(const std::string& text) { say("not to be trusted", text); }
 
 }  // namespace kdl_calibration::cli

@@ -24,5 +24,7 @@ void print(std::string_view text);
 
 /// One line on standard error that starts with "kdlcal: warning: ".
 void warn(const std::string& text);
+/// One line on standard error that starts with "kdlcal: not to be trusted: ".
+void doubt_aloud(const std::string& text);
 
 }  // namespace kdl_calibration::cli

@@ -148,12 +148,13 @@ TEST(Calibration, WithKnownFramesTheGaugeIsIdentified) {
   EXPECT_LT(found.train.after.max, 1e-12);
 }
 
-TEST(Calibration, CompleteModelFitsAsWellAndIsMarked) {
+TEST(Calibration, CompleteModelFitsAsWellAndNamesItsGauge) {
   const Simulated s(7, 0.00003);
   const Calibration irreducible = calibrate(s.model, s.measured);
   const Calibration complete = calibrate(s.model, s.measured, {.model = ModelChoice::complete});
-  EXPECT_EQ(complete.identification.termination, Termination::rank_deficient);
+  EXPECT_TRUE(complete.trusted());
   EXPECT_EQ(complete.identifiability.rank, 33);
+  EXPECT_EQ(static_cast<int>(complete.fixed_by_gauge.size()), complete.identifiability.columns - 33);
   EXPECT_NEAR(complete.train.after.rms, irreducible.train.after.rms, 1e-9);
 }
 
@@ -516,7 +517,9 @@ void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_b
     Random random(300, static_cast<std::uint64_t>(run));
     VirtualRobot truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
     const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
-    const auto tested = [&](const Measurements& measured) { return *calibrate(model, measured).lack_of_fit; };
+    const auto tested = [&](const Measurements& measured) {
+      return *calibrate(model, measured, {.held_out = false}).lack_of_fit;
+    };
     const LackOfFit clean = tested(measure(truth, q, noise, random));
     EXPECT_EQ(clean.degrees_of_freedom, 270 - 33);
     EXPECT_EQ(clean.repeat_degrees_of_freedom, 3 * 30 * 3 * 9);
@@ -571,8 +574,8 @@ TEST(Calibration, KFoldPredictsEveryConfigurationOnce) {
   const Simulated s(14, 0.00003);
   const Calibration found = calibrate(s.model, s.measured, {.k_fold = 5});
   ASSERT_TRUE(found.k_fold.has_value());
-  EXPECT_EQ(found.k_fold->count, 90);
-  EXPECT_GT(found.k_fold->rms, found.train.after.rms);
+  EXPECT_EQ(found.k_fold->after.count, 90);
+  EXPECT_GT(found.k_fold->after.rms, found.train.after.rms);
 }
 
 TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {

@@ -605,10 +605,10 @@ TEST(Combinations, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
     }
     const ErrorStatistics statistics = error_statistics(distances);
     ASSERT_TRUE(found.k_fold.has_value());
-    EXPECT_EQ(found.k_fold->count, 33);
-    EXPECT_NEAR(found.k_fold->rms, statistics.rms, 1e-6 * statistics.rms);
-    EXPECT_NEAR(found.k_fold->mean, statistics.mean, 1e-6 * statistics.mean);
-    EXPECT_NEAR(found.k_fold->max, statistics.max, 1e-6 * statistics.max);
+    EXPECT_EQ(found.k_fold->after.count, 33);
+    EXPECT_NEAR(found.k_fold->after.rms, statistics.rms, 1e-6 * statistics.rms);
+    EXPECT_NEAR(found.k_fold->after.mean, statistics.mean, 1e-6 * statistics.mean);
+    EXPECT_NEAR(found.k_fold->after.max, statistics.max, 1e-6 * statistics.max);
   }
 }
 
@@ -738,7 +738,7 @@ std::vector<double> fitted_numbers(const Calibration& c, const std::vector<Obser
   }
   append(all, estimate.deflections);
   append(all, c.covariance);
-  append(all, c.rigid_errors);
+  append(all, c.exported.estimate.errors);
   for (const ParameterEstimate& parameter : c.parameters) {
     all.insert(all.end(), {parameter.value, parameter.error, parameter.std});
   }
@@ -764,7 +764,7 @@ std::vector<double> fitted_numbers(const Calibration& c, const std::vector<Obser
     append(all, c.leave_one_out->after);
   }
   append(all, c.nested_leave_one_out.value_or(ErrorStatistics{}));
-  append(all, c.k_fold.value_or(ErrorStatistics{}));
+  append(all, c.k_fold ? c.k_fold->after : ErrorStatistics{});
   if (c.lack_of_fit) {
     all.insert(all.end(), {c.lack_of_fit->f, c.lack_of_fit->p_value});
     all.insert(all.end(), c.lack_of_fit->explained_by_joint.begin(), c.lack_of_fit->explained_by_joint.end());

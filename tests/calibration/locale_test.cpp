@@ -72,7 +72,7 @@ std::string everything() {
   const Measurements read = parse_measurements(csv, joint_names(robot));
   const CalibrationOptions options;
   const Calibration found = calibrate(model, read, options);
-  text += csv + result_table(read, found) + calibrated_urdf(robot, model, found.rigid_errors);
+  text += csv + result_table(read, found) + calibrated_urdf(robot, model, found.exported.estimate.errors);
   const std::string json = result_json(robot, read, options, found);
   text += json + nlohmann::json::parse(json).dump();
   text += message(

@@ -121,7 +121,7 @@ TEST(ParametersOfRealArms, AnExportedRobotIsCalibratedAgain) {
     const std::string nominal = seed <= 3 ? fanuc().urdf : six_joints(static_cast<int>(seed) - 4, 0.0);
     const Simulated first(nominal, seed, kNoise);
     const std::string exported =
-        calibrated_urdf(first.robot, first.model, calibrate(first.model, first.measured).rigid_errors);
+        calibrated_urdf(first.robot, first.model, calibrate(first.model, first.measured).exported.estimate.errors);
     const Simulated exact(exported, 100 + seed, 0.0);
     const Calibration clean = calibrate(exact.model, exact.measured);
     EXPECT_TRUE(clean.trusted()) << seed << ": " << clean.identification.message;

@@ -206,8 +206,12 @@ std::vector<OptionCase> noise_options() {
        kPoses + Words{"--noise-independent", "2e-5"}},
       {"LeaveOneOutAddsAPrediction",
        {"--leave-one-out"},
-       both_checks(is_library([](auto& o) { o.leave_one_out = true; }), changes_only({"position_error/leave_one_out"})),
-       kMeasured},
+       both_checks(is_library([](auto& o) {
+                     o.leave_one_out = true;
+                     o.k_fold = 3;
+                   }),
+                   changes_only({"position_error/leave_one_out"})),
+       kMeasured + Words{"--k-fold", "3"}},
       {"NestedAddsOneWithTheChoicesMadeAnew",
        {"--nested"},
        both_checks(is_library([](auto& o) {
@@ -219,13 +223,17 @@ std::vector<OptionCase> noise_options() {
        kMeasured + Words{"--leave-one-out", "--prior", "auto"}},
       {"KFoldAddsAPrediction",
        {"--k-fold", "2"},
-       both_checks(is_library([](auto& o) { o.k_fold = 2; }), changes_only({"position_error/k_fold"})),
-       kMeasured},
+       both_checks(is_library([](auto& o) {
+                     o.leave_one_out = true;
+                     o.k_fold = 2;
+                   }),
+                   changes_only({"position_error/k_fold"})),
+       kMeasured + Words{"--leave-one-out"}},
       {"KFoldOfEveryConfigurationIsLeaveOneOut",
        {"--k-fold", "12"},
        [](const Effect& effect) {
          expect_near(effect.with.json["position_error"]["leave_one_out"]["after"],
-                     effect.with.json["position_error"]["k_fold"], 1e-12);
+                     effect.with.json["position_error"]["k_fold"]["after"], 1e-12);
        },
        kMeasured + Words{"--leave-one-out"}},
       {"ThreadsChangeNothing", {"--threads", "3"}, changes_nothing(), kMeasured + Words{"--leave-one-out"}},

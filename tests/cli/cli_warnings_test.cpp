@@ -52,12 +52,17 @@ protected:
     return std::regex_replace(measurements_csv(measurements), std::regex("joint_([1-6])\\[rad\\]"), "J$1[rad]");
   }
 
-  /// `warnings`: extended regular expressions of what follows "kdlcal: warning: " on each line.
-  Outcome expect(const Arguments& arguments, int status, const std::vector<std::string>& warnings) {
+  /// Extended regular expressions of what follows "kdlcal: not to be trusted: ", then of what follows
+  /// "kdlcal: warning: " on each line.
+  Outcome expect(const Arguments& arguments, int status, const std::vector<std::string>& warnings,
+                 const std::vector<std::string>& doubts = {}) {
     const Outcome outcome = run(arguments);
     const std::string command = ::testing::PrintToString(arguments);
     EXPECT_EQ(outcome.status, status) << command << outcome.err;
     std::vector<::testing::Matcher<std::string>> lines;
+    for (const std::string& doubt : doubts) {
+      lines.push_back(MatchesRegex("kdlcal: not to be trusted: " + doubt));
+    }
     for (const std::string& warning : warnings) {
       lines.push_back(MatchesRegex(kWarning + warning));
     }
@@ -74,7 +79,8 @@ protected:
 
 // ---- calibrate -----------------------------------------------------------------------------------------------------
 
-const std::string kNotTrusted = "the answer is not to be trusted: ";
+const std::string kNotConverged = "the fit did not converge: the parameters were still changing after 1 iterations; .*";
+const std::string kFoldsDidNot = "20 of 20 leave-one-out fits did not converge";
 const std::string kFileDoesNotSaySo =
     R"(c\.urdf comes from an answer that is not to be trusted; the file itself does not say so)";
 const std::string kHint =
@@ -91,11 +97,13 @@ TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
 TEST_F(CommandLineWarnings, CalibrateDoubtsAFitThatDidNotConverge) {
   write("m.csv", measurements_csv(measured));
   const Arguments command = {"calibrate", "--measurements", "m.csv", "--iterations", "1"};
-  expect(command, 1, {kNotTrusted + "still moving after 1 iterations"});
+  expect(command, 1, {kFoldsDidNot}, {kNotConverged});
   Arguments with_file = command;
   with_file.insert(with_file.end(), {"--output", "c.urdf", "--result", "r.json"});
-  expect(with_file, 1, {kNotTrusted + "still moving after 1 iterations", kFileDoesNotSaySo});
+  expect(with_file, 1, {kFoldsDidNot, kFileDoesNotSaySo}, {kNotConverged});
   EXPECT_EQ(json_of("r.json")["warnings"].size(), 1U);
+  EXPECT_EQ(json_of("r.json")["trusted"], false);
+  EXPECT_EQ(json_of("r.json")["doubts"][0]["cause"], "not_converged");
   EXPECT_TRUE(std::filesystem::exists(directory / "c.urdf"));
 }
 
@@ -105,8 +113,8 @@ TEST_F(CommandLineWarnings, CalibrateDoubtsWhatTheMeasurementsDoNotDetermine) {
   write("m.csv", measurements_csv(at(q)));
   const Outcome outcome =
       expect({"calibrate", "--measurements", "m.csv", "--json"}, 1,
-             {kNotTrusted + "converged, but .* were fixed by gauge", "the measurements cannot tell apart: .*",
-              "fixed by gauge: .* \\(errors at zero, .*"});
+             {"the measurements cannot tell apart: .*", "fixed by gauge: .* \\(errors at zero, .*"},
+             {"the measurements do not determine [0-9]+ parameters \\(.*\\): joint_4 never moves; .*"});
   EXPECT_EQ(nlohmann::json::parse(outcome.out)["termination"], "rank_deficient");
 }
 
@@ -116,9 +124,20 @@ TEST_F(CommandLineWarnings, CalibrateDoubtsAMisfitThatNoGeometryExplains) {
   Measurements misfit = at(off);
   misfit.joint_values = measured.joint_values;
   write("m.csv", measurements_csv(misfit));
-  expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf"}, 1,
-         {"a misfit of [0-9.]+ mm is more than geometric errors explain; is the joint convention right\\?",
-          kFileDoesNotSaySo});
+  const Outcome outcome = run({"calibrate", "--measurements", "m.csv", "--output", "c.urdf"});
+  EXPECT_EQ(outcome.status, 1);
+  EXPECT_THAT(outcome.err, ::testing::HasSubstr("is more than 1 % of the robot's reach of 2.902 m"));
+  EXPECT_THAT(lines_of(outcome.err).back(), MatchesRegex(kWarning + kFileDoesNotSaySo));
+}
+
+TEST_F(CommandLineWarnings, CalibrateKeepsTheNominalRobotWhereNothingIsGained) {
+  truth.truth.errors.setZero();
+  write("m.csv", measurements_csv(at(measured.joint_values)));
+  expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf"}, 1, {kFileDoesNotSaySo},
+         {"the calibrated robot is no better than the nominal one at configurations that were not fitted "
+          "\\(leave-one-out\\): [0-9.e-]+ mm against [0-9.e-]+ mm; .*",
+          "the calibration does not help: the nominal robot is kept, and the URDF to write is the one that was read"});
+  EXPECT_TRUE(text_of("c.urdf") == content(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf"));
 }
 
 TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
@@ -127,15 +146,20 @@ TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
                                "c.urdf", "--result", "r.json"});
   EXPECT_EQ(outcome.status, 1) << outcome.err;
   const std::vector<std::string> lines = lines_of(outcome.err);
-  ASSERT_GE(lines.size(), 3U) << outcome.err;
-  EXPECT_THAT(lines[lines.size() - 2], MatchesRegex(kWarning + "with the joint convention " + kPendant + kHint));
   EXPECT_THAT(lines.back(), MatchesRegex(kWarning + kFileDoesNotSaySo));
+  EXPECT_THAT(lines, ::testing::Contains(
+                         MatchesRegex("kdlcal: not to be trusted: with the joint convention " + kPendant + kHint)));
   // All but what concerns the other file stands in the result.
-  const nlohmann::json warnings = json_of("r.json")["warnings"];
-  ASSERT_EQ(warnings.size(), lines.size() - 1);
-  for (std::size_t i = 0; i < warnings.size(); ++i) {
-    EXPECT_EQ(kWarning + warnings[i].get<std::string>(), lines[i]);
+  const nlohmann::json result = json_of("r.json");
+  EXPECT_EQ(result["doubts"].back()["cause"], "joint_values");
+  std::vector<std::string> expected;
+  for (const nlohmann::json& doubt : result["doubts"]) {
+    expected.push_back("kdlcal: not to be trusted: " + doubt["message"].get<std::string>());
   }
+  for (const nlohmann::json& warning : result["warnings"]) {
+    expected.push_back(kWarning + warning.get<std::string>());
+  }
+  EXPECT_EQ(expected, std::vector<std::string>(lines.begin(), lines.end() - 1));
 }
 
 TEST_F(CommandLineWarnings, CalibrateNamesNoConventionWhereTheMeasurementsAreToBlame) {

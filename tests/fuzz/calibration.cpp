@@ -178,7 +178,7 @@ void calibration(std::string_view bytes) {
     const Calibration found = calibrate(model, m, options);
     check_numbers(nlohmann::json::parse(result_json(robot, m, options, found)), found.trusted());
     promise(result_table(m, found).find("nan") == std::string::npos || !found.trusted(), "no nan in the table");
-    const std::string text = calibrated_urdf(robot, model, found.rigid_errors);
+    const std::string text = calibrated_urdf(robot, model, found.exported.estimate.errors);
     promise(text.find("nan") == std::string::npos && text.find("inf") == std::string::npos, "a finite URDF");
     promise(parse_robot(text).joints.size() == 2, "a URDF");
   });

@@ -102,10 +102,10 @@ TEST_P(AnyChain, IsRecoveredToRounding) {
     ASSERT_TRUE(found.trusted()) << found.identification.message;
     ASSERT_LE(found.test->after.rms, 1e-12);
     ASSERT_LE(found.difference_to_kdl, 1e-12);
-    const Robot exported = parse_robot(calibrated_urdf(robot, model, found.rigid_errors));
+    const Robot exported = parse_robot(calibrated_urdf(robot, model, found.exported.estimate.errors));
     const Eigen::VectorXd q = random_configurations(limits_of(model.joints), 1, random).col(0);
     ASSERT_LT(testing::difference(testing::kdl_pose(exported.chain, q),
-                                  testing::kdl_pose(error_chain(model, found.rigid_errors), q)),
+                                  testing::kdl_pose(error_chain(model, found.exported.estimate.errors), q)),
               1e-12);
   }
 }

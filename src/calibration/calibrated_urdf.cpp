@@ -1,0 +1,38 @@
+#include "kdl_calibration/calibrated_urdf.hpp"
+
+#include <cstddef>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+
+std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const Eigen::VectorXd& errors) {
+  std::vector<OriginCorrection> corrections;
+  for (int frame = 0; frame <= static_cast<int>(model.joints.size()); ++frame) {
+    const KDL::Frame correction = frame_correction(model, errors, frame);
+    if (correction == KDL::Frame::Identity()) {
+      continue;
+    }
+    const bool tip = frame == static_cast<int>(model.joints.size());
+    const std::string& joint = tip ? model.tip_joint : model.joints[static_cast<std::size_t>(frame)].name;
+    if (joint.empty()) {
+      throw InputError("the errors of the last link cannot be exported: no fixed joint between joint '" +
+                       model.joints.back().name + "' and the tip carries them");
+    }
+    corrections.push_back({.joint = joint, .correction = correction});
+  }
+  return corrections;
+}
+
+std::string calibrated_urdf(const Robot& robot, const ErrorModel& model, const Eigen::VectorXd& errors) {
+  return corrected_urdf(robot.urdf, origin_corrections(model, errors));
+}
+
+std::string calibrated_urdf(const Robot& robot, const Calibration& calibration) {
+  return calibration.exported.nominal_kept
+             ? robot.urdf
+             : calibrated_urdf(robot, calibration.model, calibration.exported.estimate.errors);
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,215 @@
+#include "calibration/comparison.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <memory>
+#include <mutex>
+
+namespace kdl_calibration {
+namespace {
+
+bool has_test_rows(const Measurements& measurements) {
+  return std::any_of(measurements.observations.begin(), measurements.observations.end(),
+                     [](const Observation& observation) { return observation.split == Split::test; });
+}
+
+bool deflects(const Compared& compared) { return !compared.fit.free.deflections().empty(); }
+
+// The best that a URDF can carry: where deflections were fitted, a fit without them.
+Estimate rigid_fit(const Compared& compared) {
+  const FitTask& task = compared.task;
+  return deflects(compared) ? fit(task.model, task.measurements, task.start,
+                                  compared.fit.free.without(UnknownGroup::deflections), compared.rigid_options)
+                                  .estimate
+                            : compared.fit.identification.estimate;
+}
+
+using Folds = std::vector<std::vector<Eigen::Index>>;
+
+// Whether the rest determines as many unknowns whichever fold is left out.
+bool can_be_left_out(const Compared& compared, const Folds& folds) {
+  const Measurements& measurements = compared.task.measurements;
+  std::vector<long> equations(static_cast<std::size_t>(measurements.joint_values.cols()), 0);
+  long all = 0;
+  for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
+    const Observation& observation = measurements.observations[i];
+    if (observation.split == Split::train) {
+      const bool pose = !measurements.orientations.empty() && !is_point(measurements.orientations[i]);
+      equations[static_cast<std::size_t>(observation.configuration)] += pose ? 6 : 3;
+      all += pose ? 6 : 3;
+    }
+  }
+  const auto columns = static_cast<long>(compared.fit.free.size());
+  return folds.size() > 1 && std::all_of(folds.begin(), folds.end(), [&](const std::vector<Eigen::Index>& fold) {
+           long left = all;
+           for (const Eigen::Index c : fold) {
+             left -= equations[static_cast<std::size_t>(c)];
+           }
+           return left >= columns;
+         });
+}
+
+FitOptions counting(FitOptions options, const Compared& compared, const std::string& stage, std::size_t fits) {
+  options.after_fit = counted_fits(compared.task.options, stage, fits);
+  return options;
+}
+
+// The nominal robot with base and targets registered to the others.
+FoldPrediction nominal_folds(const Compared& compared, const Folds& folds) {
+  const FitTask& task = compared.task;
+  const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::deflections);
+  FitOptions options;
+  options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
+  const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
+  return predict_folds(task.model, task.measurements, task.start, frames, folds, options,
+                       problem.whitened_summary(task.start).triangle, compared.noise, task.options.threads);
+}
+
+std::vector<double> distances_of(const FoldPrediction& prediction) {
+  std::vector<double> result;
+  for (const HeldOutPoint& point : prediction.points) {
+    result.push_back(point.distance);
+  }
+  return result;
+}
+
+// Each fold predicted by the nominal robot, by the calibrated one and by what a URDF can carry of it.
+BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const std::string& name,
+                            HeldOutErrors& errors) {
+  const FitTask& task = compared.task;
+  const Estimate& estimate = compared.fit.identification.estimate;
+  const auto left_out = [&](const Unknowns& free, const FitOptions& options) {
+    return cross_validate(task.model, task.measurements, estimate, free, folds,
+                          counting(options, compared, name, folds.size()), task.options.threads);
+  };
+  HoldOut after;
+  if (compared.triangle != nullptr) {
+    errors.prediction = predict_folds(task.model, task.measurements, estimate, compared.fit.free, folds,
+                                      task.fit_options, *compared.triangle, compared.noise, task.options.threads);
+    after = {.distances = distances_of(errors.prediction),
+             .refits = static_cast<int>(folds.size()),
+             .not_converged = errors.prediction.not_converged};
+  } else {
+    after = left_out(compared.fit.free, task.fit_options);
+  }
+  if (after.not_converged > 0) {
+    errors.warnings.push_back(std::to_string(after.not_converged) + " of " + std::to_string(after.refits) + " " + name +
+                              " fits did not converge");
+  }
+  BeforeAfter result;
+  result.before = error_statistics(distances_of(nominal_folds(compared, folds)));
+  result.after = error_statistics(after.distances);
+  if (deflects(compared)) {
+    result.rigid = error_statistics(
+        left_out(compared.fit.free.without(UnknownGroup::deflections), compared.rigid_options).distances);
+  }
+  return result;
+}
+
+}  // namespace
+
+Comparison compare(const Compared& compared) {
+  const FitTask& task = compared.task;
+  const Measurements& measurements = task.measurements;
+  const Estimate& estimate = compared.fit.identification.estimate;
+  Comparison result;
+  result.exported.estimate = rigid_fit(compared);
+  const Estimate& rigid = result.exported.estimate;
+  const auto poses_of = [&](const Estimate& e) { return flange_poses(task.model, e, measurements.joint_values); };
+  const std::vector<Eigen::Isometry3d> X_BF_before = poses_of(task.start);
+  const std::vector<Eigen::Isometry3d> X_BF_after = poses_of(estimate);
+  const auto statistics = [&](const Estimate& e, const std::vector<Eigen::Isometry3d>& X_BF, Rows rows) {
+    return error_statistics(position_errors(X_BF, e, measurements, rows));
+  };
+  const auto pair_of = [&](Rows rows) {
+    return BeforeAfter{.before = statistics(task.start, X_BF_before, rows),
+                       .after = statistics(estimate, X_BF_after, rows),
+                       .rigid = std::nullopt};
+  };
+  const bool tested = has_test_rows(measurements);
+  result.train = pair_of(Rows::train);
+  result.iso_before = iso_9283(X_BF_before, task.start, measurements);
+  result.iso_after = iso_9283(X_BF_after, estimate, measurements);
+  if (tested) {
+    result.test = pair_of(Rows::test);
+    result.iso_test_before = iso_9283(X_BF_before, task.start, measurements, Rows::test);
+    result.iso_test_after = iso_9283(X_BF_after, estimate, measurements, Rows::test);
+  }
+  if (deflects(compared)) {
+    const std::vector<Eigen::Isometry3d> X_BF_rigid = poses_of(rigid);
+    result.train.rigid = statistics(rigid, X_BF_rigid, Rows::train);
+    result.exported.iso = iso_9283(X_BF_rigid, rigid, measurements);
+    if (tested) {
+      result.test->rigid = statistics(rigid, X_BF_rigid, Rows::test);
+    }
+  } else {
+    result.exported.iso = result.iso_after;
+  }
+  return result;
+}
+
+HeldOutErrors hold_out(const Compared& compared) {
+  const FitTask& task = compared.task;
+  const CalibrationOptions& options = task.options;
+  HeldOutErrors result;
+  const Folds singly = make_folds(task.measurements, 0);
+  const bool by_default = options.held_out && !options.leave_one_out && options.k_fold < 2;
+  const bool many = singly.size() > kMostLeftOutSingly;
+  const Folds default_folds = by_default && many ? make_folds(task.measurements, kFoldsOfMany) : singly;
+  if (by_default && !can_be_left_out(compared, default_folds)) {
+    result.warnings.emplace_back(
+        "too few measurements to predict some of them from the others: nothing is known of unseen configurations");
+    return result;
+  }
+  if (options.leave_one_out || (by_default && !many)) {
+    result.leave_one_out = predicted_folds(compared, singly, "leave-one-out", result);
+  }
+  if (options.leave_one_out && options.nested && choice_is_open(options)) {
+    const std::size_t fits = singly.size() * (fits_to_choose(task.measurements, model_options(options)) + 1);
+    result.nested_leave_one_out = error_statistics(
+        nested_leave_one_out(task.model, task.measurements, task.start, compared.fit.free, model_options(options),
+                             counting(task.fit_options, compared, "nested leave-one-out", fits), options.threads)
+            .distances);
+  }
+  if (options.k_fold > 1 || (by_default && many)) {
+    const Folds folds = options.k_fold > 1 ? make_folds(task.measurements, options.k_fold) : default_folds;
+    result.folds = static_cast<int>(folds.size());
+    result.k_fold = predicted_folds(compared, folds, std::to_string(folds.size()) + "-fold", result);
+  }
+  return result;
+}
+
+std::function<void()> counted_fits(const CalibrationOptions& options, const std::string& stage, std::size_t fits) {
+  if (!options.progress) {
+    return {};
+  }
+  struct Count {
+    std::mutex mutex;
+    std::size_t done = 0;
+  };
+  return [count = std::make_shared<Count>(), stage, fits, progress = options.progress] {
+    const std::lock_guard lock(count->mutex);
+    ++count->done;
+    progress(stage, count->done, fits);
+  };
+}
+
+namespace {
+
+std::vector<bool> choices(Use use) {
+  return use == Use::automatic ? std::vector<bool>{false, true} : std::vector<bool>{use == Use::yes};
+}
+
+}  // namespace
+
+bool choice_is_open(const CalibrationOptions& options) {
+  return options.automatic_priors || options.gravity == Use::automatic || options.joint_gain == Use::automatic;
+}
+
+ModelOptions model_options(const CalibrationOptions& options) {
+  return {.priors = options.automatic_priors ? prior_sizes() : std::vector<Priors>{options.priors},
+          .gravity = choices(options.gravity),
+          .gain = choices(options.joint_gain)};
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "calibration/whole_fit.hpp"
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/fold_prediction.hpp"
+
+namespace kdl_calibration {
+
+/// What is compared with the measurements. Keeps references.
+struct Compared {
+  const FitTask& task;
+  const WholeFit& fit;
+  const RegistrationOptions& known;  ///< frames
+  const FitOptions& rigid_options;   ///< of a fit without deflections
+  const Eigen::MatrixXd* triangle;   ///< of the whitened system at the fit; nullptr where folds must be fitted again
+  double noise;                      ///< [m] of a coordinate
+};
+
+/// How far the fitted and the test rows are from the nominal and from the calibrated robot.
+struct Comparison {
+  BeforeAfter train;
+  std::optional<BeforeAfter> test;
+  Iso9283 iso_before;
+  Iso9283 iso_after;
+  std::optional<Iso9283> iso_test_before;
+  std::optional<Iso9283> iso_test_after;
+  ExportedUrdf exported;
+};
+Comparison compare(const Compared& compared);
+
+/// How far they predict configurations that were not fitted.
+struct HeldOutErrors {
+  std::optional<BeforeAfter> leave_one_out;
+  std::optional<ErrorStatistics> nested_leave_one_out;
+  std::optional<BeforeAfter> k_fold;
+  int folds = 0;
+  FoldPrediction prediction;  ///< point by point, where the folds were not all fitted again
+  std::vector<std::string> warnings;
+};
+HeldOutErrors hold_out(const Compared& compared);
+
+/// Called behind each fit of a stage with this many of them; for FitOptions.
+std::function<void()> counted_fits(const CalibrationOptions& options, const std::string& stage, std::size_t fits);
+
+/// What is up for choice by cross-validation.
+bool choice_is_open(const CalibrationOptions& options);
+ModelOptions model_options(const CalibrationOptions& options);
+
+}  // namespace kdl_calibration

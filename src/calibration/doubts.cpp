@@ -1,0 +1,229 @@
+#include "calibration/doubts.hpp"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstddef>
+#include <iterator>
+#include <optional>
+
+#include "base/text.hpp"
+#include "calibration/noise_report.hpp"
+#include "calibration/parameter_estimates.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+std::string rounded(double value) {
+  std::array<char, 32> text{};  // in any locale
+  const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, 4);
+  return {text.data(), result.ptr};
+}
+
+std::string millimetres(double metres) { return rounded(metres * 1e3) + " mm"; }
+
+// "a, b, c and 5 more"
+std::string some_of(const std::vector<std::string>& names) {
+  constexpr std::size_t kShown = 6;
+  if (names.size() <= kShown + 1) {
+    return comma_separated(names);
+  }
+  return comma_separated({names.begin(), names.begin() + kShown}) + " and " + std::to_string(names.size() - kShown) +
+         " more";
+}
+
+std::string held_out_name(const Calibration& found) {
+  return found.leave_one_out ? "leave-one-out" : std::to_string(found.folds) + "-fold";
+}
+
+const std::string kWrongInput =
+    "check the robot, the joint values with their units, signs and order, and the names of the targets";
+
+void doubt_convergence(const Calibration& found, std::vector<Doubt>& doubts) {
+  const Identification& fit = found.identification;
+  const std::string misfit = millimetres(found.train.after.rms);
+  std::string message;
+  switch (fit.termination) {
+    case Termination::converged:
+    case Termination::rank_deficient:
+      return;
+    case Termination::iteration_limit:
+      message = "the fit did not converge: the parameters were still changing after " + std::to_string(fit.iterations) +
+                " iterations; allow more of them";
+      break;
+    case Termination::stalled:
+      message = "the fit did not converge: it stands at a misfit of " + misfit +
+                " and no arm near the nominal one explains the measurements better; " + kWrongInput;
+      break;
+    case Termination::diverged:
+      message = "the fit did not converge: it ran away to errors beyond any robot's; " + kWrongInput;
+      break;
+  }
+  doubts.push_back({.cause = "not_converged", .message = message});
+}
+
+// The joints that stand still in all that was fitted.
+std::vector<std::string> joints_at_rest(const Calibration& found, const Measurements& measurements) {
+  constexpr double kStill = 1e-4;  // [rad] or [m]
+  const auto joints = static_cast<Eigen::Index>(found.model.joints.size());
+  Eigen::VectorXd least = Eigen::VectorXd::Constant(joints, std::numeric_limits<double>::infinity());
+  Eigen::VectorXd most = -least;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      least = least.cwiseMin(measurements.joint_values.col(observation.configuration));
+      most = most.cwiseMax(measurements.joint_values.col(observation.configuration));
+    }
+  }
+  std::vector<std::string> result;
+  for (Eigen::Index i = 0; i < joints; ++i) {
+    if (most[i] - least[i] < kStill) {
+      result.push_back(found.model.joints[static_cast<std::size_t>(i)].name);
+    }
+  }
+  return result;
+}
+
+// What the targets could show and the measurements do not. Of the complete model much cannot be told apart anyway.
+std::vector<std::string> missing_parameters(const Calibration& found, const CalibrationOptions& options) {
+  if (options.model != ModelChoice::complete) {
+    return found.fixed_by_gauge;
+  }
+  const std::vector<std::string>& kept = found.reduction.kept;
+  const std::vector<std::string> candidates = found.candidates.names();
+  const auto told_apart = std::count_if(candidates.begin(), candidates.end(), [&](const std::string& name) {
+    return std::find(kept.begin(), kept.end(), name) != kept.end();
+  });
+  const auto estimated = static_cast<std::ptrdiff_t>(found.free.names().size() - found.free.deflections().size());
+  return estimated < told_apart ? found.fixed_by_gauge : std::vector<std::string>();
+}
+
+void doubt_determination(const Calibration& found, const Measurements& measurements, const CalibrationOptions& options,
+                         std::vector<Doubt>& doubts) {
+  const std::vector<std::string> missing = missing_parameters(found, options);
+  const bool open = found.identification.termination == Termination::rank_deficient;
+  if (missing.empty() && !open && found.predicted.measured.count > 0) {
+    return;
+  }
+  std::string message = missing.empty()
+                            ? "the measurements do not determine all parameters"
+                            : "the measurements do not determine " + std::to_string(missing.size()) +
+                                  (missing.size() == 1 ? " parameter" : " parameters") + " (" + some_of(missing) + ")";
+  const std::vector<std::string> still = joints_at_rest(found, measurements);
+  if (!still.empty()) {
+    message += ": " + comma_separated(still) + (still.size() == 1 ? " never moves" : " never move");
+  }
+  doubts.push_back({.cause = "not_determined",
+                    .message = message +
+                               "; predictions hold where it was measured, single parameters do not; measure more "
+                               "configurations, in which every joint turns and the tool points elsewhere"});
+}
+
+void doubt_predictions(const Calibration& found, std::vector<Doubt>& doubts) {
+  const auto worse = [&](const BeforeAfter& errors, const std::string& where) {
+    return "the calibrated robot is no better than the nominal one " + where + ": " + millimetres(errors.after.rms) +
+           " against " + millimetres(errors.before.rms);
+  };
+  if (found.test && found.test->after.rms > found.test->before.rms) {
+    doubts.push_back({.cause = "worse_than_nominal",
+                      .message = worse(*found.test, "at the test rows") +
+                                 "; were they measured under the same conditions, and near the fitted ones?"});
+  }
+  if (is_no_help(found)) {
+    doubts.push_back(
+        {.cause = "worse_than_nominal",
+         .message = worse(*found.held_out(), "at configurations that were not fitted (" + held_out_name(found) + ")") +
+                    "; either there is nothing to correct that these measurements could show, or they are "
+                    "too few, or some input is wrong: " +
+                    kWrongInput});
+    doubts.push_back({.cause = "nominal_kept",
+                      .message = "the calibration does not help: the nominal robot is kept, and the URDF to write is "
+                                 "the one that was read"});
+  }
+}
+
+void doubt_size(const Calibration& found, std::vector<Doubt>& doubts) {
+  constexpr double kMostOfReach = 0.01;
+  const double length = reach(found.model);
+  if (length > 0.0 && found.train.after.rms > kMostOfReach * length) {
+    doubts.push_back({.cause = "large_misfit",
+                      .message = "a misfit of " + millimetres(found.train.after.rms) +
+                                 " is more than 1 % of the robot's reach of " + rounded(length) +
+                                 " m, which no errors of its geometry leave; " + kWrongInput});
+  }
+  std::vector<std::string> unknown;
+  for (const ParameterEstimate& parameter : found.parameters) {
+    if (is_unknown(found.model, parameter)) {
+      unknown.push_back(parameter.name);
+    }
+  }
+  if (!unknown.empty()) {
+    doubts.push_back({.cause = "unknown_length",
+                      .message = "the uncertainty exceeds the link itself for " + some_of(unknown) +
+                                 "; measure more configurations, or hold what is known"});
+  }
+}
+
+}  // namespace
+
+double reach(const ErrorModel& model) {
+  double length = model.tip_origin.p.Norm();
+  for (std::size_t i = 0; i < model.joints.size(); ++i) {
+    const MovingJoint& joint = model.joints[i];
+    length += i > 0 ? joint.origin.p.Norm() : 0.0;
+    if (joint.type == JointType::prismatic && joint.lower && joint.upper) {
+      length += *joint.upper - *joint.lower;
+    }
+  }
+  return length;
+}
+
+bool is_no_help(const Calibration& found) {
+  const BeforeAfter* errors = found.held_out();
+  return errors != nullptr && errors->after.count > 0 && !(errors->after.rms < errors->before.rms);
+}
+
+std::vector<Doubt> doubts(const Calibration& found, const Measurements& measurements,
+                          const CalibrationOptions& options) {
+  std::vector<Doubt> result;
+  doubt_convergence(found, result);
+  doubt_determination(found, measurements, options, result);
+  doubt_predictions(found, result);
+  doubt_size(found, result);
+  return result;
+}
+
+std::vector<std::string> warnings(const Calibration& found, const Measurements& measurements,
+                                  const std::string& ambiguity) {
+  std::vector<std::string> result;
+  for (const std::vector<std::string>& group : found.identifiability.tied) {
+    result.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
+                                       : "the measurements cannot tell apart: " + comma_separated(group));
+  }
+  if (!found.fixed_by_gauge.empty()) {
+    result.push_back("fixed by gauge: " + comma_separated(found.fixed_by_gauge) +
+                     " (errors at zero, frames as registered); predictions hold where it was measured, single "
+                     "parameters do not");
+  }
+  for (const QualityFinding& finding : found.findings) {
+    result.push_back("measurements: " + finding.message);
+  }
+  if (!ambiguity.empty()) {
+    result.push_back("registration: " + ambiguity);
+  }
+  if (const int outside = configurations_outside_limits(found.model, measurements); outside > 0) {
+    result.push_back(std::to_string(outside) + " of " + std::to_string(measurements.joint_values.cols()) +
+                     " configurations have joint values outside the limits of the URDF");
+  }
+  if (found.noise.variance_factor > 1.0) {
+    result.push_back("the residuals are " + rounded(std::sqrt(found.noise.variance_factor)) +
+                     " times the stated noise; the uncertainties were scaled up by that");
+  }
+  if (found.lack_of_fit && found.lack_of_fit->p_value < kMisfitCertain) {
+    result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

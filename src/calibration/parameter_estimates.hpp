@@ -1,0 +1,31 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "calibration/whole_fit.hpp"
+#include "kdl_calibration/calibration.hpp"
+
+namespace kdl_calibration {
+
+/// What a fit tells of its columns. Keeps references.
+struct KnownOfParameters {
+  const std::vector<std::string>& fixed_by_gauge;
+  const std::vector<std::vector<std::string>>& tied;  ///< groups that the measurements cannot tell apart
+  const Eigen::MatrixXd& covariance;                  ///< of the columns
+  const NoiseReport& noise;
+};
+
+/// Every parameter that was estimated, is held by a gauge, or has a value that is not zero, with its uncertainty by
+/// the covariance of the columns.
+std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, const WholeFit& fit,
+                                                   const KnownOfParameters& known);
+
+/// Whether the uncertainty is so large that nothing is known: a length to more than its link, an angle to half a
+/// radian.
+bool is_unknown(const ErrorModel& model, const ParameterEstimate& estimate);
+
+/// Half the width of the 95 % interval of Student's t.
+double half_width_95(double std, double degrees_of_freedom);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,156 @@
+#include "calibration/predicted_accuracy.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <map>
+#include <vector>
+
+#include "calibration/new_point.hpp"
+#include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/random.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+std::vector<double> listed_values(const Eigen::MatrixXd& matrix) {
+  return {matrix.data(), matrix.data() + matrix.size()};
+}
+
+// Predictions and their uncertainty, infinite where what was fixed by the gauge matters.
+class UncertainPredictor {
+public:
+  explicit UncertainPredictor(const UncertainEstimate& uncertain)
+      : uncertain_(uncertain),
+        estimate_(uncertain.fit.identification.estimate),
+        undetermined_(undetermined_directions(uncertain.triangle_of_candidates)),
+        free_(uncertain.model, estimate_, uncertain.fit.free),
+        candidates_(uncertain.model, estimate_, uncertain.fit.candidates) {}
+
+  // Of every target [m^2] in W.
+  std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q) const {
+    std::vector<Eigen::Matrix3d> result;
+    for (const Matrix3Xd& jacobian : free_.jacobians(q)) {
+      result.emplace_back(jacobian * uncertain_.covariance * jacobian.transpose());
+    }
+    if (undetermined_.cols() > 0) {
+      const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q);
+      for (std::size_t k = 0; k < result.size(); ++k) {
+        if (!determines(jacobians[k])) {
+          result[k] = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()).asDiagonal();
+        }
+      }
+    }
+    return result;
+  }
+
+  // 3D 1 sigma [m], targets x N
+  Eigen::MatrixXd sigmas(const Eigen::MatrixXd& joint_values) const {
+    Eigen::MatrixXd result(static_cast<Eigen::Index>(estimate_.targets.size()), joint_values.cols());
+    for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
+      Eigen::Index k = 0;
+      for (const Eigen::Matrix3d& covariance : covariances(joint_values.col(c))) {
+        result(k++, c) = std::sqrt(covariance.trace());
+      }
+    }
+    return result;
+  }
+
+  std::vector<PredictedPoint> points(const Configurations& asked, const MeasuredRegion& region) const {
+    std::vector<PredictedPoint> result;
+    if (asked.names.empty()) {
+      return result;
+    }
+    const auto X_BF = flange_poses(uncertain_.model, estimate_, asked.joint_values);
+    for (std::size_t c = 0; c < asked.names.size(); ++c) {
+      const auto all = covariances(asked.joint_values.col(static_cast<Eigen::Index>(c)));
+      for (std::size_t k = 0; k < estimate_.targets.size(); ++k) {
+        PredictedPoint& point = result.emplace_back();
+        point.configuration = asked.names[c];
+        point.target = estimate_.targets[k].name;
+        point.position = X_BF[c] * estimate_.targets[k].X_FT.translation();
+        point.position_W = estimate_.X_WB * point.position;
+        point.std = all[k].diagonal().cwiseSqrt();
+        point.sigma = std::sqrt(all[k].trace());
+        const NewPoint fresh = new_point(all[k], uncertain_.noise);
+        point.radius_95 = region.radius_factor * fresh.radius_95;
+        point.degrees_of_freedom = fresh.degrees_of_freedom;
+        point.outside = !region.holds(asked.joint_values.col(static_cast<Eigen::Index>(c)), all[k]);
+      }
+    }
+    return result;
+  }
+
+private:
+  bool determines(const Matrix3Xd& jacobian) const {
+    constexpr double kNothing = 1e-6;
+    const Eigen::ArrayXd sizes = (jacobian.cwiseAbs() * undetermined_.cwiseAbs()).colwise().sum().transpose();
+    const Eigen::ArrayXd effects = (jacobian * undetermined_).colwise().norm().transpose();
+    return (effects <= kNothing * sizes).all();
+  }
+
+  const UncertainEstimate& uncertain_;
+  const Estimate& estimate_;
+  Eigen::MatrixXd undetermined_;
+  PositionPredictor free_;
+  PositionPredictor candidates_;
+};
+
+// The mean and largest sigma of the configurations whose flange is in one cube.
+std::vector<WorkspaceCell> cells_of(const std::vector<Eigen::Isometry3d>& X_BF, const Eigen::MatrixXd& sigmas,
+                                    double edge) {
+  std::map<std::array<double, 3>, WorkspaceCell> cells;  // doubles: a large robot has more cubes than an int counts
+  for (std::size_t c = 0; c < X_BF.size(); ++c) {
+    const auto sigma = sigmas.col(static_cast<Eigen::Index>(c));
+    const Eigen::Vector3d cube = (X_BF[c].translation() / edge).array().floor();
+    WorkspaceCell& cell = cells[{cube.x(), cube.y(), cube.z()}];
+    cell.centre = (cube.array() + 0.5) * edge;
+    cell.mean = (cell.mean * cell.count + sigma.mean()) / (cell.count + 1);
+    cell.max = std::max(cell.max, sigma.maxCoeff());
+    ++cell.count;
+  }
+  std::vector<WorkspaceCell> result;
+  for (const auto& [cube, cell] : cells) {
+    result.push_back(cell);
+  }
+  return result;
+}
+
+constexpr int kWorkspaceSamples = 1000;
+
+}  // namespace
+
+PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const Measurements& measurements,
+                                     const Configurations& asked) {
+  const ErrorModel& model = uncertain.model;
+  Random random(1);
+  const Eigen::MatrixXd workspace =
+      random_configurations(model.joints, limits_of(model.joints), kWorkspaceSamples, random);
+  PredictedAccuracy result;
+  const UncertainPredictor predictor(uncertain);
+  const MeasuredRegion region = measured_region(measurements, uncertain.held_out, uncertain.noise);
+  result.radius_factor = region.radius_factor;
+  result.asked = predictor.points(asked, region);
+  if (!uncertain.covariance.diagonal().allFinite()) {
+    return result;
+  }
+  const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
+  const Eigen::MatrixXd there = predictor.sigmas(measurements.joint_values.leftCols(most));
+  if (there.allFinite()) {
+    result.measured = error_statistics(listed_values(there));
+  }
+  const Eigen::MatrixXd everywhere = predictor.sigmas(workspace);
+  if (!everywhere.allFinite()) {
+    return result;
+  }
+  result.workspace = error_statistics(listed_values(everywhere));
+  result.cells =
+      cells_of(flange_poses(model, uncertain.fit.identification.estimate, workspace), everywhere, result.cell);
+  return result;
+}
+
+}  // namespace kdl_calibration

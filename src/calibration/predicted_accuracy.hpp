@@ -1,0 +1,24 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "calibration/whole_fit.hpp"
+#include "kdl_calibration/calibration.hpp"
+
+namespace kdl_calibration {
+
+/// What the estimate is and what is known of it. Keeps references.
+struct UncertainEstimate {
+  const ErrorModel& model;
+  const WholeFit& fit;
+  const Eigen::MatrixXd& covariance;              ///< of what is free
+  const Eigen::MatrixXd& triangle_of_candidates;  ///< of the whitened system
+  const NoiseReport& noise;
+  const FoldPrediction& held_out;
+};
+
+/// At the measured configurations, over the workspace and where it was asked for.
+PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const Measurements& measurements,
+                                     const Configurations& asked);
+
+}  // namespace kdl_calibration
