@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "kdl_calibration/least_squares.hpp"
+#include "kdl_calibration/prediction.hpp"
 
 namespace kdl_calibration {
 

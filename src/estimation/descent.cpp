@@ -181,7 +181,7 @@ public:
   }
 
   Identification run() {
-    problem_.linearise(result_.estimate, equations_);
+    problem_.linearise(result_.estimate, workspace_, equations_);
     for (bool going = true; going && result_.iterations < options_.max_iterations;) {
       ++result_.iterations;
       result_.rms_history.push_back(rms());
@@ -198,7 +198,7 @@ public:
   }
 
   double promised_share() {
-    problem_.linearise(result_.estimate, equations_);
+    problem_.linearise(result_.estimate, workspace_, equations_);
     propose();
     return promise_ / equations_.cost;
   }
@@ -232,14 +232,14 @@ private:
     if (plain_ && effect_ <= tolerance_) {  // the last look: no step follows
       smallest_pivot_ = solver_.smallest_pivot();
       // So small a step changes the cost by less than its rounding, and what it promises is the judge.
-      if (const double cost = problem_.cost(moved_); cost <= equations_.cost + rounding_of_cost()) {
+      if (const double cost = problem_.cost(moved_, workspace_); cost <= equations_.cost + rounding_of_cost()) {
         equations_.cost = cost;
         std::swap(result_.estimate, moved_);
       }
       finish(Termination::converged, "the last step moved the predicted points by less than the tolerance");
       return false;
     }
-    problem_.linearise(moved_, moved_equations_);
+    problem_.linearise(moved_, workspace_, moved_equations_);
     const double gain = (equations_.cost - moved_equations_.cost) / promise_;
     return plain_ ? judge_plain(gain) : judge(gain);
   }
@@ -358,6 +358,7 @@ private:
   Expectation expected_;
   bool plain_;
   Identification result_;
+  LeastSquaresProblem::Workspace workspace_;
   NormalEquations equations_;
   NormalEquations moved_equations_;
   Estimate moved_;

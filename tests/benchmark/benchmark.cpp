@@ -106,9 +106,10 @@ void iteration_library(benchmark::State& state) {
   const Measurements measured = experiment().measurements(count);
   const LeastSquaresProblem problem(experiment().model, measured, experiment().free);
   const Estimate start = experiment().nominal();
+  LeastSquaresProblem::Workspace workspace;
   NormalEquations equations;
   for (auto _ : state) {
-    problem.linearise(start, equations);
+    problem.linearise(start, workspace, equations);
     benchmark::DoNotOptimize(equations.hessian.llt().solve(equations.gradient).eval());
   }
   state.counters["per_configuration"] =

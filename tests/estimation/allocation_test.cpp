@@ -38,10 +38,11 @@ long allocations_of_a_pass(int configurations, const ResidualOptions& options) {
   const LeastSquaresProblem problem(model, measured, free, options);
   const Estimate start{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
                        .targets = published_targets()};
+  LeastSquaresProblem::Workspace workspace;
   NormalEquations equations;
-  problem.linearise(start, equations);  // the workspace takes its size
+  problem.linearise(start, workspace, equations);  // the workspace takes its size
   const long before = allocations;
-  problem.linearise(start, equations);
+  problem.linearise(start, workspace, equations);
   return allocations - before;
 }
 

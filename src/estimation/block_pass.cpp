@@ -1,0 +1,154 @@
+#include "estimation/block_pass.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::Isometry3d;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+namespace {
+
+Index oriented_points(const ObservedConfiguration& configuration) {
+  return std::count_if(configuration.points.begin(), configuration.points.end(),
+                       [](const ObservedPoint& point) { return point.orientation_weight > 0.0; });
+}
+
+// Of the points' positions: given in W, needed in F.
+void turn_information(const MatrixXd& given, const Matrix3d& R_FW, MatrixXd& information) {
+  for (Index a = 0; a < given.rows(); a += 3) {
+    for (Index b = 0; b < given.cols(); b += 3) {
+      information.block<3, 3>(a, b) = R_FW * given.block<3, 3>(a, b) * R_FW.transpose();
+    }
+  }
+}
+
+}  // namespace
+
+BlockLinearisation::BlockLinearisation(const ErrorModel& model, const Unknowns& unknowns, const Estimate& estimate)
+    : unknowns_(unknowns),
+      estimate_(estimate),
+      chain_(folded(model, estimate.errors)),
+      twists_(chain_twists(model, estimate, unknowns)) {}
+
+void BlockLinearisation::at(const Eigen::Ref<const VectorXd>& q, const Eigen::Ref<const VectorXd>& basis,
+                            const ObservedConfiguration& configuration, Block& block) const {
+  const Isometry3d X_BF = flange_jacobian(chain_, twists_, q, block.jacobian);
+  Index deflection_column = unknowns_.range(UnknownGroup::deflections).first;
+  for (const std::size_t d : unknowns_.deflections()) {
+    block.jacobian.col(deflection_column++) *= basis[static_cast<Index>(d)];
+  }
+  const Isometry3d X_FW = (estimate_.X_WB * X_BF).inverse();
+  const auto points = static_cast<Index>(configuration.points.size());
+  const Index rows = 3 * (points + oriented_points(configuration));
+  block.residual.resize(rows);
+  block.twist_rows.setZero(rows, 6);
+  block.information.setZero(rows, rows);
+  block.columns.assign(static_cast<std::size_t>(rows), -1);
+  Index position_row = 0;
+  Index orientation_row = 3 * points;
+  for (const ObservedPoint& point : configuration.points) {
+    add_position(point, X_FW, position_row, block);
+    position_row += 3;
+    if (point.orientation_weight > 0.0) {
+      add_orientation(point, X_FW, orientation_row, block);
+      orientation_row += 3;
+    }
+  }
+  if (configuration.information) {
+    turn_information(*configuration.information, X_FW.linear(), block.information);
+  }
+}
+
+void BlockLinearisation::add_position(const ObservedPoint& point, const Isometry3d& X_FW, Index row,
+                                      Block& block) const {
+  const Isometry3d& X_FT = estimate_.targets[point.target].X_FT;
+  block.residual.segment<3>(row) = X_FW * point.position - X_FT.translation();
+  block.twist_rows.middleRows<3>(row) << Matrix3d::Identity(), -skew(X_FT.translation());
+  std::copy_n(unknowns_.target_columns(point.target).begin(), 3, block.columns.begin() + row);
+  block.information.block<3, 3>(row, row).diagonal().setConstant(point.weight);
+}
+
+// Rotation vector from predicted to measured, in the target's frame. Its exact derivative differs from the identity by
+// half the residual, which changes neither the gradient (J^-1 e = e) nor the optimum.
+void BlockLinearisation::add_orientation(const ObservedPoint& point, const Isometry3d& X_FW, Index row,
+                                         Block& block) const {
+  const Isometry3d& X_FT = estimate_.targets[point.target].X_FT;
+  block.residual.segment<3>(row) = rotation_log(X_FT.linear().transpose() * X_FW.linear() * point.orientation);
+  block.twist_rows.block<3, 3>(row, 3) = X_FT.linear().transpose();
+  std::copy_n(unknowns_.target_columns(point.target).begin() + 3, 3, block.columns.begin() + row);
+  block.information.block<3, 3>(row, row).diagonal().setConstant(point.orientation_weight);
+}
+
+void whiten(const Block& block, Index columns, MatrixXd& rows) {
+  rows.setZero(block.residual.size(), columns + 1);
+  rows.leftCols(block.jacobian.cols()).noalias() = block.twist_rows * block.jacobian;
+  for (std::size_t a = 0; a < block.columns.size(); ++a) {
+    if (block.columns[a] >= 0) {
+      rows(static_cast<Index>(a), block.columns[a]) += 1.0;
+    }
+  }
+  rows.rightCols<1>() = block.residual;
+  rows = block.information.llt().matrixU() * MatrixXd(rows);
+}
+
+double BlockPass::cost(const Estimate& estimate, BlockWorkspace& workspace) const {
+  VectorXd& force = workspace.force;
+  double cost = 0.0;
+  visit(estimate, workspace.block, [&](const Block& block) {
+    force.resize(block.residual.size());
+    force.noalias() = block.information.lazyProduct(block.residual);
+    cost += block.residual.dot(force);
+  });
+  return cost;
+}
+
+void BlockPass::add(const Estimate& estimate, BlockWorkspace& workspace, NormalEquations& equations) const {
+  visit(estimate, workspace.block, [&](const Block&) { add_block(workspace, equations); });
+  const Index chain = unknowns_.chain().count;
+  auto chain_hessian = equations.hessian.topLeftCorner(chain, chain);
+  chain_hessian.triangularView<Eigen::StrictlyLower>() = chain_hessian.transpose();
+}
+
+void BlockPass::add_block(BlockWorkspace& workspace, NormalEquations& equations) const {
+  const Block& block = workspace.block;
+  Matrix6Xd& weighted_rows = workspace.weighted_rows;
+  Eigen::Matrix<double, Eigen::Dynamic, 6>& Jt = workspace.transposed_jacobian;
+  VectorXd& force = workspace.force;
+  const Index chain = unknowns_.chain().count;
+  auto chain_hessian = equations.hessian.topLeftCorner(chain, chain);
+  force.resize(block.residual.size());
+  force.noalias() = block.information.lazyProduct(block.residual);
+  equations.cost += block.residual.dot(force);
+  weighted_rows.resize(6, block.residual.size());
+  weighted_rows.noalias() = block.twist_rows.transpose().lazyProduct(block.information);
+  const Matrix6d flange_information = weighted_rows.lazyProduct(block.twist_rows);
+  const Vector6d wrench = weighted_rows.lazyProduct(block.residual);
+  Jt = block.jacobian.transpose();
+  equations.gradient.head(chain).noalias() += Jt.lazyProduct(wrench);
+  for (Index column = 0; column < chain; ++column) {  // the upper triangle
+    const Vector6d weighted_column = flange_information.lazyProduct(block.jacobian.col(column));
+    chain_hessian.col(column).head(column + 1).noalias() += Jt.topRows(column + 1).lazyProduct(weighted_column);
+  }
+  for (std::size_t a = 0; a < block.columns.size(); ++a) {
+    const Index column = block.columns[a];
+    if (column < 0) {
+      continue;
+    }
+    const auto row = static_cast<Index>(a);
+    equations.gradient[column] += force[row];
+    equations.hessian.col(column).head(chain).noalias() += Jt.lazyProduct(weighted_rows.col(row));
+    for (std::size_t b = 0; b < block.columns.size(); ++b) {
+      if (block.columns[b] >= 0) {
+        equations.hessian(block.columns[b], column) += block.information(static_cast<Index>(b), row);
+      }
+    }
+  }
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,97 @@
+#pragma once
+
+// The reference pass: any noise, any unknowns, one configuration after the other. Not installed.
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "estimation/observed_data.hpp"
+#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/linear_system.hpp"
+#include "kdl_calibration/prediction.hpp"
+
+namespace kdl_calibration {
+
+/// One configuration, linearised in the flange frame. Rows: three per measured position, three per orientation.
+///   residual = measured - predicted,  motion of the predicted points per flange twist = twist_rows (rows x 6),
+///   per target parameter = unit, so that row r belongs to the target column `columns[r]` (-1: fixed).
+struct Block {
+  Matrix6Xd jacobian;  // of the chain columns
+  Eigen::VectorXd residual;
+  Eigen::Matrix<double, Eigen::Dynamic, 6> twist_rows;
+  Eigen::MatrixXd information;
+  std::vector<int> columns;
+};
+
+/// Linearises configurations at one estimate. Keeps references to its arguments.
+class BlockLinearisation {
+public:
+  BlockLinearisation(const ErrorModel& model, const Unknowns& unknowns, const Estimate& estimate);
+
+  /// At joint values q, deflections included; `basis` holds basis(q) of the model's deflections where one is free.
+  void at(const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& basis,
+          const ObservedConfiguration& configuration, Block& block) const;
+
+private:
+  void add_position(const ObservedPoint& point, const Eigen::Isometry3d& X_FW, Eigen::Index row, Block& block) const;
+  void add_orientation(const ObservedPoint& point, const Eigen::Isometry3d& X_FW, Eigen::Index row, Block& block) const;
+
+  const Unknowns& unknowns_;
+  const Estimate& estimate_;
+  FoldedChain chain_;
+  std::vector<ParameterTwist> twists_;
+};
+
+/// What a pass over the blocks needs to remember, for one thread.
+struct BlockWorkspace {
+  Block block;
+  Eigen::Matrix<double, 6, Eigen::Dynamic> weighted_rows;
+  Eigen::Matrix<double, Eigen::Dynamic, 6> transposed_jacobian;
+  Eigen::VectorXd force;
+};
+
+/// Jacobian and, as last column, residual of a configuration, with the root of its information multiplied in.
+void whiten(const Block& block, Eigen::Index columns, Eigen::MatrixXd& rows);
+
+class BlockPass {
+public:
+  /// Keeps references to all of them.
+  BlockPass(const ErrorModel& model, const Unknowns& unknowns, const ObservedData& data)
+      : model_(model), unknowns_(unknowns), data_(data) {}
+
+  /// Calls visitor(block) for each configuration.
+  template <class Visitor>
+  void visit(const Estimate& estimate, Block& block, Visitor visitor) const {
+    const BlockLinearisation linearisation(model_, unknowns_, estimate);
+    Eigen::VectorXd q;
+    ObservedConfiguration alike;
+    for (const LaneGroup& group : data_.groups) {
+      for (std::size_t c = 0; c < group.configurations; ++c) {
+        group.read(c, q, alike);
+        linearisation.at(deflected(model_, estimate.deflections, q).col(0), Eigen::VectorXd(), alike, block);
+        visitor(block);
+      }
+    }
+    const Eigen::MatrixXd joints = deflected(model_, estimate.deflections, data_.joint_values);
+    for (const ObservedConfiguration& configuration : data_.configurations) {
+      const Eigen::Index c = configuration.column;
+      linearisation.at(joints.col(c), data_.deflection_basis.col(c), configuration, block);
+      visitor(block);
+    }
+  }
+
+  /// Adds what all configurations tell, both triangles of the chain's part and the upper one that chain and targets
+  /// share.
+  void add(const Estimate& estimate, BlockWorkspace& workspace, NormalEquations& equations) const;
+  /// sum e^T W e.
+  double cost(const Estimate& estimate, BlockWorkspace& workspace) const;
+
+private:
+  void add_block(BlockWorkspace& workspace, NormalEquations& equations) const;
+
+  const ErrorModel& model_;
+  const Unknowns& unknowns_;
+  const ObservedData& data_;
+};
+
+}  // namespace kdl_calibration

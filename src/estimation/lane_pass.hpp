@@ -1,0 +1,51 @@
+#pragma once
+
+// The fast pass: configurations that are alike, several side by side (see chain_kernel.hpp). Not installed.
+
+#include <cstddef>
+#include <vector>
+
+#include "estimation/chain_kernel.hpp"
+#include "estimation/observed_data.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/linear_system.hpp"
+
+namespace kdl_calibration {
+
+/// What the pass needs to remember, for one thread.
+struct LaneWorkspace {
+  FoldedChain chain;
+  std::vector<ParameterTwist> twists;  // of base and geometric columns
+  std::vector<std::size_t> order;      // of the kernel's columns: those that turn come first
+  ChainKernelInput input;
+  ChainKernelSums sums;
+};
+
+/// For rigid joints: estimates whose deflections are zero.
+class LanePass {
+public:
+  /// Keeps references to `unknowns` and `groups`.
+  LanePass(const ErrorModel& model, const Unknowns& unknowns, const std::vector<LaneGroup>& groups);
+
+  /// Adds what all groups tell, both triangles of the chain's part and the upper one that chain and targets share.
+  void add(const Estimate& estimate, LaneWorkspace& workspace, NormalEquations& equations) const;
+  /// sum e^T W e.
+  double cost(const Estimate& estimate, LaneWorkspace& workspace) const;
+  /// Adds all but the triangle and the priors.
+  void summarise(const Estimate& estimate, LaneWorkspace& workspace, WhitenedSummary& summary) const;
+
+private:
+  void prepare(const Estimate& estimate, LaneWorkspace& workspace) const;
+  double sum(const LaneGroup& group, const Estimate& estimate, bool cost_only, LaneWorkspace& workspace) const;
+  void add_group(const LaneGroup& group, double weight, const LaneWorkspace& workspace,
+                 NormalEquations& equations) const;
+  void add_sums(const LaneGroup& group, const Estimate& estimate, LaneWorkspace& workspace,
+                WhitenedSummary& summary) const;
+
+  const Unknowns& unknowns_;
+  const std::vector<LaneGroup>& groups_;
+  ChainFolder folder_;
+  std::vector<ParameterTwist> twists_;  // those of the base, and room for the geometric ones
+};
+
+}  // namespace kdl_calibration

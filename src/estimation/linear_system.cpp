@@ -1,0 +1,98 @@
+#include "kdl_calibration/linear_system.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <utility>
+
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+constexpr Index kRowsAtOnce = 512;
+
+}  // namespace
+
+std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
+  constexpr double kSmallestPivot = 1e-3;
+  const VectorXd norms = information.diagonal().cwiseSqrt();
+  if (!(norms.minCoeff() > 0.0)) {
+    return std::nullopt;
+  }
+  const VectorXd inverse = norms.cwiseInverse();
+  const Eigen::LLT<MatrixXd> root(inverse.asDiagonal() * information * inverse.asDiagonal());
+  if (root.info() != Eigen::Success || !(root.matrixLLT().diagonal().minCoeff() > kSmallestPivot)) {
+    return std::nullopt;
+  }
+  return MatrixXd(root.matrixU()) * norms.asDiagonal();
+}
+
+WhitenedSummary summarised(const WhitenedSystem& system) {
+  RowSummary summary(system.jacobian.cols());
+  for (std::size_t b = 0; b + 1 < system.blocks.size(); ++b) {
+    const Index first = system.blocks[b];
+    const Index count = system.blocks[b + 1] - first;
+    summary.add_configuration(system.jacobian.middleRows(first, count), system.residual.segment(first, count));
+  }
+  for (Index row = system.blocks.back(); row < system.jacobian.rows(); ++row) {
+    summary.add_prior(system.jacobian.row(row));
+  }
+  return summary.finish();
+}
+
+RowSummary::RowSummary(Index columns) : columns_(columns), rows_(columns + kRowsAtOnce, columns), sum_(3, columns) {
+  summary_.priors = VectorXd::Zero(columns);
+  summary_.sums = MatrixXd::Zero(columns, columns);
+}
+
+void RowSummary::add_configuration(const Eigen::Ref<const MatrixXd>& jacobian,
+                                   const Eigen::Ref<const VectorXd>& residual) {
+  append(jacobian);
+  const Index points = residual.size() / 3;
+  sum_.setZero();
+  for (Index i = 0; i < points; ++i) {
+    sum_ += jacobian.middleRows<3>(3 * i);
+  }
+  summary_.sums.noalias() += sum_.transpose() * sum_;
+  const Eigen::Map<const Matrix3Xd> e(residual.data(), 3, points);
+  summary_.squares += e.squaredNorm();
+  summary_.squares_of_sums += e.rowwise().sum().squaredNorm();
+  summary_.pairs += 3.0 * static_cast<double>(points * (points - 1)) / 2.0;
+  summary_.measured_rows += residual.size();
+}
+
+void RowSummary::add_prior(const Eigen::Ref<const MatrixXd>& row) {
+  append(row);
+  summary_.priors += row.transpose().cwiseAbs2();
+}
+
+WhitenedSummary RowSummary::finish() {
+  make_triangle();
+  summary_.triangle = rows_.topRows(filled_);
+  return std::move(summary_);
+}
+
+void RowSummary::append(const Eigen::Ref<const MatrixXd>& rows) {
+  if (filled_ + rows.rows() > rows_.rows()) {
+    make_triangle();
+    rows_.conservativeResize(std::max(rows_.rows(), filled_ + rows.rows()), Eigen::NoChange);
+  }
+  rows_.middleRows(filled_, rows.rows()) = rows;
+  filled_ += rows.rows();
+  summary_.rows += rows.rows();
+}
+
+void RowSummary::make_triangle() {
+  if (filled_ > columns_) {
+    const Eigen::HouseholderQR<MatrixXd> factors(rows_.topRows(filled_));
+    rows_.topRows(columns_) = MatrixXd(factors.matrixQR().topRows(columns_).triangularView<Eigen::Upper>());
+    filled_ = columns_;
+  }
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,131 @@
+#include "estimation/observed_data.hpp"
+
+#include <algorithm>
+#include <map>
+
+#include "estimation/chain_kernel.hpp"
+#include "kdl_calibration/deflection.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+// By their targets' weights, 0 where a target was not measured.
+std::vector<double> weights_of(const ObservedConfiguration& configuration, std::size_t targets) {
+  std::vector<double> weights(targets, 0.0);
+  for (const ObservedPoint& point : configuration.points) {
+    weights[point.target] = point.weight;
+  }
+  return weights;
+}
+
+LaneGroup group_for(const ObservedConfiguration& configuration, Index joints) {
+  LaneGroup group{.targets = {}, .weights = {}, .joints = static_cast<std::size_t>(joints), .data = {}};
+  for (const ObservedPoint& point : configuration.points) {
+    group.targets.push_back(point.target);
+    group.weights.push_back(point.weight);
+  }
+  return group;
+}
+
+bool could_be_alike(const Unknowns& unknowns, const Measurements& measurements, const NoiseModel& noise) {
+  return noise.is_isotropic() && measurements.orientations.empty() && unknowns.deflections().empty() &&
+         (measurements.joint_values.array().abs() <= kLargestAngle).all();
+}
+
+// False where too few configurations are alike.
+bool gather_groups(const Measurements& measurements, const ResidualOptions& options, ObservedData& data) {
+  Gathering gathering(measurements, options);
+  std::map<std::vector<double>, std::size_t> numbers;
+  std::size_t number = 0;  // of the last configuration's group
+  std::size_t configurations = 0;
+  const Index joints = measurements.joint_values.rows();
+  while (const ObservedConfiguration* configuration = gathering.next()) {
+    if (data.groups.empty() || !data.groups[number].takes(*configuration)) {
+      const std::vector<double> weights = weights_of(*configuration, measurements.targets.size());
+      const auto [found, is_new] = numbers.emplace(weights, data.groups.size());
+      number = found->second;
+      if (is_new) {
+        data.groups.push_back(group_for(*configuration, joints));
+      }
+    }
+    LaneGroup& group = data.groups[number];
+    if (configurations == 0) {  // most often the only group
+      const auto blocks = static_cast<std::size_t>((measurements.joint_values.cols() + kLanes - 1) / kLanes);
+      group.data.reserve(blocks * group.rows());
+    }
+    group.append(measurements.joint_values.col(configuration->column), *configuration);
+    ++configurations;
+    if (data.groups.size() > kLanes && 2 * data.groups.size() > configurations) {
+      return false;
+    }
+  }
+  data.totals = gathering.totals();
+  return true;
+}
+
+}  // namespace
+
+bool LaneGroup::takes(const ObservedConfiguration& configuration) const {
+  bool alike = configuration.points.size() == targets.size();
+  for (std::size_t k = 0; alike && k < targets.size(); ++k) {
+    alike = configuration.points[k].target == targets[k] && configuration.points[k].weight == weights[k];
+  }
+  return alike;
+}
+
+void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const ObservedConfiguration& configuration) {
+  const std::size_t lane = configurations % kLanes;
+  if (lane == 0) {
+    data.resize(data.size() + rows());
+  }
+  // Through a pointer to its numbers: a vector type's element has no reference.
+  auto* const block = reinterpret_cast<double*>(&data[data.size() - rows()]);
+  const auto write = [&](std::size_t row, double value) { block[row * kLanes + lane] = value; };
+  for (std::size_t i = 0; i < joints; ++i) {
+    write(i, q[static_cast<Index>(i)]);
+  }
+  for (std::size_t k = 0; k < targets.size(); ++k) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      write(joints + 3 * k + i, configuration.points[k].position[static_cast<Index>(i)]);
+    }
+  }
+  ++configurations;
+}
+
+void LaneGroup::read(std::size_t configuration, VectorXd& q, ObservedConfiguration& points) const {
+  q.resize(static_cast<Index>(joints));
+  for (std::size_t i = 0; i < joints; ++i) {
+    q[static_cast<Index>(i)] = at(configuration, i);
+  }
+  points.points.resize(targets.size());
+  for (std::size_t k = 0; k < targets.size(); ++k) {
+    const std::size_t row = joints + 3 * k;
+    points.points[k].target = targets[k];
+    points.points[k].weight = weights[k];
+    points.points[k].position =
+        Vector3d(at(configuration, row), at(configuration, row + 1), at(configuration, row + 2));
+  }
+}
+
+ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
+                      const ResidualOptions& options) {
+  ObservedData data;
+  if (could_be_alike(unknowns, measurements, options.noise) && gather_groups(measurements, options, data)) {
+    return data;
+  }
+  data.groups.clear();
+  Gathering gathering(measurements, options);
+  while (const ObservedConfiguration* configuration = gathering.next()) {
+    data.configurations.push_back(*configuration);
+  }
+  data.totals = gathering.totals();
+  data.joint_values = measurements.joint_values;
+  data.deflection_basis = deflection_basis(model, data.joint_values);
+  return data;
+}
+
+}  // namespace kdl_calibration

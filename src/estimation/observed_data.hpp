@@ -1,0 +1,48 @@
+#pragma once
+
+// What was gathered of a set of measurements, in plain structs that the passes read. Not installed.
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "estimation/lanes.hpp"
+#include "estimation/observed_points.hpp"
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/unknowns.hpp"
+
+namespace kdl_calibration {
+
+/// Configurations in which the same points were measured with the same isotropic weights, side by side.
+struct LaneGroup {
+  std::vector<std::size_t> targets;
+  std::vector<double> weights;  // of each of them
+  std::size_t joints = 0;
+  std::size_t configurations = 0;
+  std::vector<LaneRow> data;  // see ChainKernelInput::data
+
+  std::size_t rows() const { return joints + 3 * targets.size(); }  // of a block of kLanes configurations
+  double at(std::size_t configuration, std::size_t row) const {
+    return data[configuration / kLanes * rows() + row].lanes[configuration % kLanes];
+  }
+  bool takes(const ObservedConfiguration& configuration) const;
+  void append(const Eigen::Ref<const Eigen::VectorXd>& q, const ObservedConfiguration& configuration);
+  /// The joint values and the points of one.
+  void read(std::size_t configuration, Eigen::VectorXd& q, ObservedConfiguration& points) const;
+};
+
+/// Every configuration that is fitted stands in one of the groups, or all of them stand one by one.
+struct ObservedData {
+  ObservedTotals totals;
+  std::vector<LaneGroup> groups;
+  std::vector<ObservedConfiguration> configurations;
+  // Of the configurations one by one: joints x N, and basis(q) of the model's deflections x N.
+  Eigen::MatrixXd joint_values;
+  Eigen::MatrixXd deflection_basis;
+};
+
+/// Groups are worth while, and possible, where points alone were measured with isotropic noise, few of the
+/// configurations differ in what was measured of them, and no deflection is free.
+ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
+                      const ResidualOptions& options);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,245 @@
+#include "estimation/observed_points.hpp"
+
+#include <algorithm>
+#include <numeric>
+#include <optional>
+#include <tuple>
+
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+// The rows sorted by configuration; empty where they already are.
+std::vector<std::uint32_t> order_of_configurations(const Measurements& measurements) {
+  const std::vector<Observation>& rows = measurements.observations;
+  std::vector<std::uint32_t> order;
+  const auto by_configuration = [](const Observation& a, const Observation& b) {
+    return a.configuration < b.configuration;
+  };
+  if (!std::is_sorted(rows.begin(), rows.end(), by_configuration)) {
+    order.resize(rows.size());
+    std::iota(order.begin(), order.end(), 0U);
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::uint32_t a, std::uint32_t b) { return by_configuration(rows[a], rows[b]); });
+  }
+  return order;
+}
+
+// Nothing where a coordinate has next to no variance of its own beside what the others of its repeat tell of it: no
+// digits are left then.
+std::optional<MatrixXd> inverse_covariance(const MatrixXd& covariance) {
+  constexpr double kLeastOwnShare = 1e-12;
+  const Eigen::LLT<MatrixXd> root(covariance);
+  const VectorXd own_share = root.matrixLLT().diagonal().cwiseAbs2().cwiseQuotient(covariance.diagonal());
+  if (root.info() != Eigen::Success || !(own_share.minCoeff() > kLeastOwnShare)) {
+    return std::nullopt;
+  }
+  return root.solve(MatrixXd::Identity(covariance.rows(), covariance.cols()));
+}
+
+// Information of the means of one configuration's targets, 3 coordinates each, with what the model misses added to
+// their covariance.
+MatrixXd with_misfit(const MatrixXd& information, const NoiseModel& noise) {
+  if (!noise.has_misfit()) {
+    return information;
+  }
+  const Index size = information.rows();
+  const MatrixXd unit = MatrixXd::Identity(size, size);
+  const Eigen::LLT<MatrixXd> root(information);
+  MatrixXd covariance = root.solve(unit) + noise.target_misfit * noise.target_misfit * unit;
+  covariance += noise.misfit * noise.misfit * Matrix3d::Identity().replicate(size / 3, size / 3);
+  return Eigen::LLT<MatrixXd>(covariance).solve(unit);
+}
+
+void append_coordinates(std::size_t target, std::vector<Index>& coordinates) {
+  const auto first = static_cast<Index>(3 * target);
+  coordinates.insert(coordinates.end(), {first, first + 1, first + 2});
+}
+
+}  // namespace
+
+Gathering::Gathering(const Measurements& measurements, const ResidualOptions& options)
+    : measurements_(measurements),
+      options_(options),
+      isotropic_(options.noise.is_isotropic()),
+      order_(order_of_configurations(measurements)),
+      points_(measurements.targets.size()),
+      seen_(measurements.targets.size(), false) {}
+
+// Rows that are held out, or whose weight is zero, are as good as not there.
+bool Gathering::is_fitted(std::size_t row) const {
+  return measurements_.observations[row].split == Split::train && options_.row_weight(row) > 0.0;
+}
+
+const ObservedConfiguration* Gathering::next() {
+  const std::vector<Observation>& observations = measurements_.observations;
+  for (rows_.clear(); rows_.empty();) {
+    if (next_ == observations.size()) {
+      return nullptr;
+    }
+    const std::int32_t configuration = observations[row_at(next_)].configuration;
+    configuration_.column = configuration;
+    for (; next_ < observations.size() && observations[row_at(next_)].configuration == configuration; ++next_) {
+      if (is_fitted(row_at(next_))) {
+        rows_.push_back(static_cast<std::uint32_t>(row_at(next_)));
+      }
+    }
+  }
+  if (isotropic_) {
+    for (const std::uint32_t row : rows_) {
+      add_row(row);
+    }
+    take_seen_points();
+  } else {
+    add_repeats();
+  }
+  return &configuration_;
+}
+
+// Independent rows of equal sigma in every direction: running weighted mean and sum of squares about it (West 1979).
+void Gathering::add_row(std::size_t row) {
+  const Observation& observation = measurements_.observations[row];
+  const auto target = static_cast<std::size_t>(observation.target);
+  ObservedPoint& point = points_[target];
+  const double information = position_information(options_, observation);
+  const double weight = options_.row_weight(row) * information;
+  const Vector3d deviation = observation.position - point.position;
+  point.position += deviation * (weight / (point.weight + weight));
+  totals_.cost_of_repeats += deviation.squaredNorm() * weight * point.weight / (point.weight + weight);
+  point.weight += weight;
+  seen_[target] = true;
+  totals_.equations += 3;
+  totals_.points += 1;
+  totals_.weight += weight;
+  add_orientation(row, information, point);
+}
+
+// The mean of close rotations: along the geodesic by the new one's share.
+void Gathering::add_orientation(std::size_t row, double position_information, ObservedPoint& point) {
+  if (measurements_.orientations.empty() || is_point(measurements_.orientations[row])) {
+    return;
+  }
+  const double weight = options_.row_weight(row) * orientation_information(options_, position_information);
+  const Matrix3d Z = measurements_.orientations[row].toRotationMatrix();
+  if (point.orientation_weight == 0.0) {
+    point.orientation = Z;
+  } else {
+    const double share = weight / (point.orientation_weight + weight);
+    const Vector3d deviation = rotation_log(point.orientation.transpose() * Z);
+    totals_.cost_of_repeats += deviation.squaredNorm() * share * point.orientation_weight;
+    point.orientation = point.orientation * rotation_exp(share * deviation);
+  }
+  point.orientation_weight += weight;
+  totals_.equations += 3;
+}
+
+// Any covariance: the information of every repeat, a block over its points, is added up. With W = sum W_r and the mean
+// z = W^-1 sum W_r z_r, sum (z_r - f)^T W_r (z_r - f) = (z - f)^T W (z - f) + constant. All z are counted from the
+// first repeat of their target: the constant is a small difference of squares.
+void Gathering::add_repeats() {
+  const auto key = [&](std::uint32_t row) {
+    const Observation& observation = measurements_.observations[row];
+    return std::tuple(observation.repeat, observation.target);
+  };
+  std::stable_sort(rows_.begin(), rows_.end(), [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
+  const auto coordinates = static_cast<Index>(3 * points_.size());
+  Information information{.sum = MatrixXd::Zero(coordinates, coordinates), .weighted = VectorXd::Zero(coordinates)};
+  for (auto begin = rows_.cbegin(); begin != rows_.cend();) {
+    const std::int32_t repeat = measurements_.observations[*begin].repeat;
+    const auto end = std::find_if(begin, rows_.cend(),
+                                  [&](std::uint32_t row) { return measurements_.observations[row].repeat != repeat; });
+    add_repeat(begin, end, information);
+    begin = end;
+  }
+  take_means(information);
+}
+
+void Gathering::add_repeat(RowIterator begin, RowIterator end, Information& information) {
+  const NoiseModel& noise = options_.noise;
+  const Matrix3d common = noise.common.cwiseAbs2().asDiagonal();
+  const double misfit = 3.0 * (noise.misfit * noise.misfit + noise.target_misfit * noise.target_misfit);
+  std::vector<Index> coordinates;
+  VectorXd z(3 * (end - begin));
+  MatrixXd covariance = common.replicate(end - begin, end - begin);
+  for (auto row = begin; row != end; ++row) {
+    const Observation& observation = measurements_.observations[*row];
+    const Matrix3d own = point_covariance(options_.noise, observation);
+    const Index i = 3 * (row - begin);
+    const auto target = static_cast<std::size_t>(observation.target);
+    if (!seen_[target]) {
+      points_[target].position = observation.position;
+      seen_[target] = true;
+    }
+    z.segment<3>(i) = observation.position - points_[target].position;
+    covariance.block<3, 3>(i, i) += own / options_.row_weight(*row);
+    totals_.weight += 3.0 / (covariance.block<3, 3>(i, i).trace() + misfit);
+    append_coordinates(target, coordinates);
+    totals_.equations += 3;
+    totals_.points += 1;
+    add_orientation(*row, 3.0 / own.trace(), points_[target]);
+  }
+  const MatrixXd& inverse = inverse_of(covariance);
+  information.sum(coordinates, coordinates) += inverse;
+  information.weighted(coordinates) += inverse * z;
+  information.squares += z.dot(inverse * z);
+}
+
+const MatrixXd& Gathering::inverse_of(const MatrixXd& covariance) {
+  if (covariance.size() != covariance_.size() || covariance != covariance_) {
+    std::optional<MatrixXd> found = inverse_covariance(covariance);
+    if (!found) {
+      throw InputError(measurements_.source + ": configuration '" +
+                       measurements_.configurations[static_cast<std::size_t>(configuration_.column)] +
+                       "': the noise of single points is too small, expected more than a millionth of what they "
+                       "share, along every axis");
+    }
+    inverse_ = std::move(*found);
+    covariance_ = covariance;
+  }
+  return inverse_;
+}
+
+void Gathering::take_means(const Information& information) {
+  std::vector<Index> measured;
+  for (std::size_t k = 0; k < seen_.size(); ++k) {
+    if (seen_[k]) {
+      append_coordinates(k, measured);
+    }
+  }
+  MatrixXd of_measured = information.sum(measured, measured);
+  if (of_measured.size() != of_repeats_.size() || of_measured != of_repeats_) {
+    root_.compute(of_measured);
+    configuration_.information = std::make_shared<const MatrixXd>(with_misfit(of_measured, options_.noise));
+    of_repeats_ = std::move(of_measured);
+  }
+  const VectorXd weighted = information.weighted(measured);
+  const VectorXd mean = root_.solve(weighted);
+  totals_.cost_of_repeats += information.squares - mean.dot(weighted);
+  take_seen_points();
+  for (std::size_t i = 0; i < configuration_.points.size(); ++i) {
+    configuration_.points[i].position += mean.segment<3>(static_cast<Index>(3 * i));
+  }
+}
+
+// What was gathered becomes the configuration's, and the next one starts with nothing.
+void Gathering::take_seen_points() {
+  configuration_.points.clear();
+  for (std::size_t k = 0; k < seen_.size(); ++k) {
+    if (seen_[k]) {
+      points_[k].target = k;
+      configuration_.points.push_back(points_[k]);
+      points_[k] = {};
+      seen_[k] = false;
+    }
+  }
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,74 @@
+#include "kdl_calibration/prediction.hpp"
+
+#include "kdl_calibration/deflection.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::Isometry3d;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate, const MatrixXd& joint_values) {
+  return flange_poses(folded(model, estimate.errors), deflected(model, estimate.deflections, joint_values));
+}
+
+Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>& X_BF,
+                         const Observation& observation) {
+  return estimate.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
+                          estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
+}
+
+std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns) {
+  std::vector<ParameterTwist> twists;
+  const std::vector<ParameterTwist> base = base_twists();
+  for (const std::size_t i : unknowns.of(UnknownGroup::base)) {
+    twists.push_back(base[i]);
+  }
+  const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, unknowns.geometric());
+  twists.insert(twists.end(), geometric.begin(), geometric.end());
+  for (const std::size_t d : unknowns.deflections()) {
+    const int joint = model.deflections[d].index;
+    const bool prismatic = model.joints[static_cast<std::size_t>(joint)].type == JointType::prismatic;
+    ParameterTwist& twist = twists.emplace_back();
+    twist.frame = joint;
+    (prismatic ? twist.linear : twist.angular) = Vector3d::UnitZ();  // the folded chain's joints move along z
+  }
+  return twists;
+}
+
+PositionPredictor::PositionPredictor(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns)
+    : model_(model),
+      estimate_(estimate),
+      unknowns_(unknowns),
+      chain_(folded(model, estimate.errors)),
+      twists_(chain_twists(model, estimate, unknowns)) {}
+
+std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q) const {
+  const MatrixXd joints = deflected(model_, estimate_.deflections, q);
+  Matrix6Xd chain;
+  const Matrix3d R_WF = estimate_.X_WB.linear() * flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
+  if (!unknowns_.deflections().empty()) {
+    const MatrixXd basis = deflection_basis(model_, q);
+    Index column = unknowns_.range(UnknownGroup::deflections).first;
+    for (const std::size_t d : unknowns_.deflections()) {
+      chain.col(column++) *= basis(static_cast<Index>(d), 0);
+    }
+  }
+  std::vector<Matrix3Xd> jacobians;
+  for (std::size_t k = 0; k < estimate_.targets.size(); ++k) {
+    Matrix3Xd& jacobian = jacobians.emplace_back(Matrix3Xd::Zero(3, unknowns_.size()));
+    jacobian.leftCols(chain.cols()) =
+        R_WF * (chain.topRows<3>() - skew(estimate_.targets[k].X_FT.translation()) * chain.bottomRows<3>());
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (const int column = unknowns_.target_columns(k)[i]; column >= 0) {
+        jacobian.col(column) = R_WF.col(static_cast<Index>(i));
+      }
+    }
+  }
+  return jacobians;
+}
+
+}  // namespace kdl_calibration

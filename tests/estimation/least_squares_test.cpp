@@ -1,0 +1,185 @@
+#include "kdl_calibration/least_squares.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Dense>
+#include <thread>
+
+#include "dense_fit.hpp"
+#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+/// What is measured and estimated decides which pass goes over the data: side by side, or block by block.
+struct Case {
+  const char* name;
+  bool deflections = false;       // in the model
+  bool free_deflections = false;  // and to be estimated
+  bool orientations = false;
+  double common = 0.0;  // [m]
+};
+
+constexpr double kSigma = 1e-4;
+constexpr double kOrientationSigma = 3e-4;
+
+class LeastSquares : public ::testing::TestWithParam<Case> {
+protected:
+  LeastSquares() {
+    if (GetParam().deflections) {
+      model.deflections = gain_deflections(model);
+    }
+    for (TargetFrame& target : targets) {
+      target.with_orientation = GetParam().orientations;
+    }
+    std::vector<std::string> names = reduced_model(model, targets).kept;
+    if (GetParam().free_deflections) {
+      for (const Deflection& deflection : model.deflections) {
+        names.push_back(deflection.name);
+      }
+    }
+    free = Unknowns(model, targets, names);
+    measured = measured_with(1);
+    options.priors = {.length = 0.002, .angle = 0.003, .deflection = 0.01};
+    options.noise.independent.setConstant(kSigma);
+    options.noise.common.setConstant(GetParam().common);
+    options.noise.orientation = GetParam().orientations ? kOrientationSigma : 0.0;
+  }
+
+  // Twice each, but for some rows; every seventh configuration is held out, and one point was never seen.
+  Measurements measured_with(std::uint64_t seed) {
+    Random random(seed);
+    const VirtualRobot robot =
+        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.002}, random);
+    truth = robot.truth;
+    Measurements all = measure(robot, random_configurations(published_ranges(model.joints), 40, random),
+                               {.orientation_sigma = kOrientationSigma, .repeats = 2}, random);
+    for (Observation& o : all.observations) {
+      o.sigma = 0.0;
+      o.split = o.configuration % 7 == 3 ? Split::test : Split::train;
+      o.position += kSigma * Vector3d(random.normal(), random.normal(), random.normal());
+    }
+    return subset(all, [](const Observation& o) {
+      return !(o.repeat == 2 && o.configuration % 5 == 1) && !(o.configuration == 4 && o.target == 1);
+    });
+  }
+
+  Estimate near_nominal() const {
+    Estimate estimate{.errors = VectorXd::Constant(static_cast<Index>(model.parameters.size()), 1e-4),
+                      .targets = targets};
+    if (GetParam().deflections) {
+      estimate.deflections = VectorXd::Constant(static_cast<Index>(model.deflections.size()), 1e-3);
+    }
+    return estimate;
+  }
+
+  ErrorModel model = complete_model(testing::fanuc());
+  std::vector<TargetFrame> targets = published_targets();
+  Unknowns free;
+  Estimate truth;
+  Measurements measured;
+  ResidualOptions options;
+};
+
+// Every row by itself, by KDL and central differences. Those know nothing of deflections.
+TEST_P(LeastSquares, EquationsAreThoseOfTheRowsWrittenOut) {
+  if (GetParam().deflections) {
+    return;
+  }
+  const LeastSquaresProblem problem(model, measured, free, options);
+  const testing::DenseFit dense(
+      model, measured, free,
+      {.position = [](const Observation&) { return Eigen::Matrix3d(kSigma * kSigma * Eigen::Matrix3d::Identity()); },
+       .orientation = [](const Observation&) { return kOrientationSigma * kOrientationSigma; },
+       .common = Vector3d::Constant(GetParam().common)},
+      options.priors);
+  const MatrixXd J = dense.jacobian(truth);
+  const VectorXd e = dense.residuals(truth);
+  const NormalEquations equations = problem.linearise(truth);
+  EXPECT_EQ(problem.equations(), dense.equations());
+  // The derivative of a small rotation vector differs from the identity by half of it.
+  const double tolerance = GetParam().orientations ? 1e-3 : 1e-7;
+  EXPECT_NEAR(equations.cost, e.squaredNorm(), tolerance * e.squaredNorm());
+  const VectorXd scale = (J.transpose() * J).diagonal().cwiseSqrt().cwiseInverse();
+  const MatrixXd difference = scale.asDiagonal() * (equations.hessian - J.transpose() * J) * scale.asDiagonal();
+  EXPECT_LT(difference.cwiseAbs().maxCoeff(), tolerance);
+  const VectorXd gradient = scale.cwiseProduct(equations.gradient - J.transpose() * e);
+  EXPECT_LT(gradient.cwiseAbs().maxCoeff(), tolerance * e.norm());
+}
+
+TEST_P(LeastSquares, CostAndWhitenedRowsAgreeWithTheEquations) {
+  const LeastSquaresProblem problem(model, measured, free, options);
+  const Estimate estimate = near_nominal();
+  const NormalEquations equations = problem.linearise(estimate);
+  EXPECT_NEAR(problem.cost(estimate), equations.cost, 1e-13 * equations.cost);
+  const WhitenedSystem system = problem.whitened(estimate);
+  EXPECT_NEAR(system.residual.squaredNorm() + problem.cost_of_repeats(), equations.cost, 1e-11 * equations.cost);
+  const MatrixXd information = system.jacobian.transpose() * system.jacobian;
+  EXPECT_LT((information - equations.hessian).norm(), 1e-11 * information.norm());
+  const VectorXd gradient = system.jacobian.transpose() * system.residual;
+  EXPECT_LT((gradient - equations.gradient).norm(), 1e-9 * gradient.norm());
+  const MatrixXd triangle = problem.whitened_summary(estimate).triangle;
+  EXPECT_LT((triangle.transpose() * triangle - information).norm(), 1e-11 * information.norm());
+}
+
+void expect_same_bits(const NormalEquations& a, const NormalEquations& b) {
+  EXPECT_EQ(a.hessian, b.hessian);
+  EXPECT_EQ(a.gradient, b.gradient);
+  EXPECT_EQ(a.cost, b.cost);
+}
+
+TEST_P(LeastSquares, TwoThreadsMayAskTheSameProblem) {
+  const LeastSquaresProblem problem(model, measured, free, options);
+  const Estimate here = near_nominal();
+  const Estimate there = free.moved(here, VectorXd::Constant(free.size(), 1e-4));
+  const NormalEquations expected_here = problem.linearise(here);
+  const NormalEquations expected_there = problem.linearise(there);
+  ASSERT_NE(expected_here.cost, expected_there.cost);
+  const auto ask = [&](const Estimate& estimate, const NormalEquations& expected) {
+    const double cost = problem.cost(estimate);
+    const MatrixXd triangle = problem.whitened_summary(estimate).triangle;
+    for (int i = 0; i < 20; ++i) {
+      expect_same_bits(problem.linearise(estimate), expected);
+      EXPECT_EQ(problem.cost(estimate), cost);
+      EXPECT_EQ(problem.whitened_summary(estimate).triangle, triangle);
+    }
+  };
+  std::thread other(ask, std::cref(there), std::cref(expected_there));
+  ask(here, expected_here);
+  other.join();
+}
+
+TEST_P(LeastSquares, AWorkspaceRemembersNothingOfTheProblemBefore) {
+  const LeastSquaresProblem problem(model, measured, free, options);
+  const LeastSquaresProblem another(model, measured_with(2), free.without(UnknownGroup::targets));
+  const Estimate estimate = near_nominal();
+  LeastSquaresProblem::Workspace workspace;
+  NormalEquations equations;
+  for (int round = 0; round < 2; ++round) {
+    another.linearise(estimate, workspace, equations);
+    expect_same_bits(equations, another.linearise(estimate));
+    problem.linearise(estimate, workspace, equations);
+    expect_same_bits(equations, problem.linearise(estimate));
+    EXPECT_EQ(problem.cost(estimate, workspace), problem.cost(estimate));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Passes, LeastSquares,
+                         ::testing::Values(Case{.name = "side_by_side"},
+                                           Case{.name = "held_deflections", .deflections = true},
+                                           Case{.name = "deflections", .deflections = true, .free_deflections = true},
+                                           Case{.name = "orientations", .orientations = true},
+                                           Case{.name = "common_noise", .common = 2e-4}),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+}  // namespace
+}  // namespace kdl_calibration
