@@ -10,6 +10,8 @@
 #include <tuple>
 #include <utility>
 
+#include "assessment/noise_strata.hpp"
+#include "base/f_distribution.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -50,6 +52,115 @@ std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate&
     explained.push_back(total > 0.0 ? 1.0 - (residuals - fitted).squaredNorm() / total : 0.0);
   }
   return explained;
+}
+
+namespace {
+
+// A variance and the degrees of freedom of its estimate.
+struct Scatter {
+  double variance = 0.0;
+  double freedom = 0.0;
+};
+
+// Variances of the common and independent parts by the repeats alone.
+class RepeatVariances {
+public:
+  RepeatVariances(const std::vector<Stratum>& strata, const MatrixXd& parts) : parts_(parts) {
+    std::vector<const Stratum*> repeats;
+    for (const Stratum& stratum : strata) {
+      if (stratum.information.size() == 0) {
+        repeats.push_back(&stratum);
+      }
+    }
+    const auto count = static_cast<Index>(repeats.size());
+    MatrixXd design(count, parts.cols());
+    VectorXd variance(count);
+    VectorXd freedom(count);
+    for (Index s = 0; s < count; ++s) {
+      const Stratum& stratum = *repeats[static_cast<std::size_t>(s)];
+      design.row(s) = stratum.coefficients.transpose() * parts;
+      variance[s] = stratum.squares / stratum.count;
+      freedom[s] = stratum.count;
+    }
+    VectorXd fitted = VectorXd::Constant(count, variance.mean());
+    MatrixXd normal;
+    constexpr int kRounds = 20;
+    for (int round = 0; round < kRounds; ++round) {
+      const VectorXd weight = freedom.cwiseQuotient(fitted.cwiseAbs2());
+      normal = design.transpose() * weight.asDiagonal() * design;
+      variances_ = normal.completeOrthogonalDecomposition().solve(design.transpose() * weight.cwiseProduct(variance));
+      fitted = (design * variances_).cwiseMax(1e-6 * variance.maxCoeff());
+    }
+    covariance_ = 2.0 * normal.completeOrthogonalDecomposition().pseudoInverse();
+  }
+
+  Scatter of(const Stratum& stratum) const {
+    const VectorXd coefficients = parts_.transpose() * stratum.coefficients;
+    const double variance = coefficients.dot(variances_);
+    return {.variance = variance, .freedom = 2.0 * variance * variance / coefficients.dot(covariance_ * coefficients)};
+  }
+
+private:
+  const MatrixXd& parts_;
+  VectorXd variances_;
+  MatrixXd covariance_;
+};
+
+}  // namespace
+
+std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measurements& measurements,
+                                          const Estimate& estimate, const Unknowns& free) {
+  Measurements plain = measurements;
+  for (Observation& observation : plain.observations) {
+    observation.sigma = 0.0;
+  }
+  const NoiseSample sample = sampled(plain, {});
+  NoiseStrata strata(sample.measurements, sample.options);
+  if (!(strata.repeat_freedom() > 0.0)) {
+    return std::nullopt;
+  }
+  strata.add_means(model, estimate, free);
+  const std::vector<Stratum> all = strata.finished();
+  const MatrixXd parts = strata.unknown_parts(true);
+  const RepeatVariances repeats(all, parts);
+  MatrixXd information = MatrixXd::Zero(free.size(), free.size());
+  VectorXd gradient = VectorXd::Zero(free.size());
+  std::vector<std::pair<const Stratum*, Scatter>> tested;
+  for (const Stratum& stratum : all) {
+    const bool of_means = stratum.information.size() > 0 && stratum.coefficients[noise_part::kOrientation] == 0.0;
+    const Scatter expected = of_means ? repeats.of(stratum) : Scatter{};
+    if (expected.variance > 0.0) {
+      information += stratum.information / expected.variance;
+      gradient += stratum.gradient / expected.variance;
+      tested.emplace_back(&stratum, expected);
+    }
+  }
+  const auto factor = information.completeOrthogonalDecomposition();
+  const VectorXd step = factor.solve(gradient);
+  const MatrixXd C = factor.pseudoInverse();
+  LackOfFit result;
+  double sum_of_logarithms = 0.0;
+  double tests = 0.0;
+  double squares = 0.0;
+  for (const auto& [stratum, expected] : tested) {
+    const double freedom = stratum->count - C.cwiseProduct(stratum->information).sum() / expected.variance;
+    const double left = stratum->squares - 2.0 * step.dot(stratum->gradient) + step.dot(stratum->information * step);
+    if (!(freedom > 0.5)) {
+      continue;
+    }
+    const double f = std::max(left, 0.0) / freedom / expected.variance;
+    sum_of_logarithms += std::log(std::max(f_upper_tail(f, freedom, expected.freedom), 1e-300));
+    tests += 1.0;
+    squares += f * freedom;
+    result.degrees_of_freedom += freedom;
+  }
+  if (tests == 0.0) {
+    return std::nullopt;
+  }
+  result.f = squares / result.degrees_of_freedom;
+  result.repeat_degrees_of_freedom = 3.0 * strata.repeat_freedom();
+  result.p_value = f_upper_tail(-sum_of_logarithms / tests, 2.0 * tests, 1e9);
+  return result;
 }
 
 }  // namespace kdl_calibration

@@ -130,32 +130,10 @@ NoiseAssessment assess_noise(const FitTask& task, const FittedSystem& fitted, co
 }
 
 std::optional<LackOfFit> lack_of_fit(const FitTask& task, const Estimate& estimate, const Unknowns& free) {
-  const RepeatNoise repeats = noise_from_repeats(task.measurements);
-  if (repeats.degrees_of_freedom == 0.0 || !(repeats.total.minCoeff() > 0.0)) {
-    return std::nullopt;
+  std::optional<LackOfFit> result = test_lack_of_fit(task.model, task.measurements, estimate, free);
+  if (result) {
+    result->explained_by_joint = explained_by_joints(task.model, estimate, task.measurements);
   }
-  JointOptions whitened = task.fit_options.joint;
-  whitened.residuals.noise = {};
-  whitened.residuals.noise.independent = repeats.independent.cwiseMax(kLeastShareOfRepeats * repeats.total.maxCoeff());
-  whitened.residuals.noise.common = repeats.common;
-  whitened.residuals.noise.orientation = task.fit_options.joint.residuals.noise.orientation;
-  Measurements without_sigma = task.measurements;
-  for (Observation& observation : without_sigma.observations) {
-    observation.sigma = 0.0;
-  }
-  const LeastSquaresProblem problem(task.model, without_sigma, free, whitened.residuals);
-  const Identification found = identify_jointly(task.model, without_sigma, estimate, free, whitened);
-  const double coordinates = static_cast<double>(problem.whitened_summary(found.estimate).measured_rows);
-  LackOfFit result;
-  result.degrees_of_freedom = coordinates - static_cast<double>(problem.columns());
-  result.repeat_degrees_of_freedom = 3.0 * repeats.degrees_of_freedom;
-  if (result.degrees_of_freedom <= 0.0) {
-    return std::nullopt;
-  }
-  const double cost = problem.linearise(found.estimate).cost - problem.cost_of_repeats();
-  result.f = cost / result.degrees_of_freedom;
-  result.p_value = f_upper_tail(result.f, result.degrees_of_freedom, result.repeat_degrees_of_freedom);
-  result.explained_by_joint = explained_by_joints(task.model, estimate, task.measurements);
   return result;
 }
 

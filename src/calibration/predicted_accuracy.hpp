@@ -4,6 +4,7 @@
 
 #include "calibration/whole_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/fold_prediction.hpp"
 
 namespace kdl_calibration {
 

@@ -1,0 +1,111 @@
+#pragma once
+
+// Not installed.
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <map>
+#include <utility>
+#include <vector>
+
+#include "kdl_calibration/noise_parts.hpp"
+
+namespace kdl_calibration {
+
+/// Places of the parts among NoiseParts::variances.
+namespace noise_part {
+constexpr Eigen::Index kMisfit = 0;
+constexpr Eigen::Index kTargetMisfit = 1;
+constexpr Eigen::Index kCommon = 2;       ///< first of three axes
+constexpr Eigen::Index kIndependent = 5;  ///< first of three axes
+constexpr Eigen::Index kOrientation = 8;
+}  // namespace noise_part
+
+/// Combinations of measured coordinates that are independent of each other and have one variance
+///   lambda = known + coefficients . variances,
+/// with J of these combinations: information J^T J, gradient J^T e and squares e^T e. Without information they are
+/// deviations that no parameter moves.
+struct Stratum {
+  Eigen::MatrixXd information;
+  Eigen::VectorXd gradient;
+  double squares = 0.0;
+  double count = 0.0;
+  NoiseParts::Variances coefficients = NoiseParts::Variances::Zero();
+  double known = 0.0;
+  double summed = 0.0;  // configurations that coefficients and known are sums over, until they are means
+
+  void add_row(const Eigen::RowVectorXd& row, double residual, double factor);
+};
+
+/// The rows of one target in one configuration.
+struct Cell {
+  std::int32_t target = 0;
+  double weight = 0.0;  // of its rows, as many as there are repeats where nothing is down-weighted
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  Eigen::Vector3d known = Eigen::Vector3d::Zero();  // stated variances of its mean
+  double orientations = 0.0;
+  std::vector<std::size_t> rows;
+};
+
+/// Of one configuration's targets.
+struct Means {
+  std::vector<Matrix3Xd> jacobians;
+  std::vector<Eigen::Vector3d> residuals;  // [m] in W
+  double inverse_weight = 0.0;             // mean over the targets
+  Eigen::Vector3d known = Eigen::Vector3d::Zero();
+};
+
+/// Of measurements whose order and weights say all; the noise that is stated counts as known. Keeps references.
+class NoiseStrata {
+public:
+  NoiseStrata(const Measurements& measurements, const ResidualOptions& options);
+
+  /// Residuals of the means and their Jacobians at one estimate.
+  void add_means(const ErrorModel& model, const Estimate& estimate, const Unknowns& free);
+
+  std::vector<Stratum> finished() const;
+
+  /// Whether the part of each point is.
+  bool stated() const { return stated_; }
+  bool several_targets() const { return several_targets_; }
+  /// Of the repeats, per axis; 0 without repeats.
+  double repeat_freedom() const { return repeat_freedom_; }
+  /// Whether repeats hold several targets, so that what these share can be told from what is their own.
+  bool separates_common() const { return several_in_a_repeat_; }
+  /// Variance [m^2] of a point along the axes of W, mean over the rows where it is stated.
+  Eigen::Vector3d mean_known() const;
+  /// Parts as columns that tie those that are one.
+  Eigen::MatrixXd unknown_parts(bool of_repeats_alone) const;
+
+private:
+  using Key = std::array<long, 3>;
+
+  double weight(std::size_t row) const { return options_.row_weight(row); }
+  void add_repeats(const std::vector<Cell>& cells);
+  void add_means(const Means& means);
+  void add_orientations(const WhitenedSystem& system);
+
+  const Measurements& measurements_;
+  const ResidualOptions& options_;
+  const bool stated_;
+  std::map<std::int32_t, std::vector<Cell>> configurations_;
+  std::map<Key, Stratum> means_;
+  std::map<Key, Stratum> deviations_;
+  std::map<Key, Stratum> repeats_;
+  Eigen::Vector3d known_sum_ = Eigen::Vector3d::Zero();
+  double known_rows_ = 0.0;
+  double repeat_freedom_ = 0.0;
+  bool several_targets_ = false;
+  bool several_in_a_repeat_ = false;
+};
+
+/// At most 2,000 configurations, evenly spaced.
+struct NoiseSample {
+  Measurements measurements;
+  ResidualOptions options;
+  double share = 1.0;  ///< of all
+};
+NoiseSample sampled(const Measurements& measurements, const ResidualOptions& options);
+
+}  // namespace kdl_calibration
