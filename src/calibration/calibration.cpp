@@ -494,7 +494,8 @@ std::vector<QualityFinding> findings(const ErrorModel& model, const Measurements
   if (measurements.observations.size() > kMostRowsScreened || !enough_equations()) {
     return check_distances(measurements);
   }
-  const RobustIdentification preliminary = identify_robustly(model, measurements, start, free, Loss::tukey);
+  const RobustIdentification preliminary = identify_robustly(
+      {.model = model, .measurements = measurements, .start = start, .free = free, .options = {.loss = Loss::tukey}});
   if (preliminary.fit.termination != Termination::converged) {
     return check_distances(measurements);
   }
@@ -503,14 +504,11 @@ std::vector<QualityFinding> findings(const ErrorModel& model, const Measurements
 
 // The best that a URDF can carry where deflections were fitted: a fit without them, with the priors that are best for
 // it.
-Estimate rigid_fit(const Measurements& measurements, const Estimate& start, const FitOptions& fit_options,
-                   const Calibration& result) {
+Estimate rigid_fit(const FitProblem& from_start, const Calibration& result) {
   const auto rigid = std::find_if(result.tried.begin(), result.tried.end(),
                                   [](const ModelOption& option) { return !option.gravity && !option.gain; });
   const Priors priors = rigid != result.tried.end() ? rigid->priors : result.priors;
-  return fit(result.model, measurements, start, with_deflections(result.model, result.free, {}),
-             with_priors(fit_options, priors))
-      .estimate;
+  return fit(with_option(from_start, {.priors = priors})).estimate;
 }
 
 // Everything that is compared with the measurements.
@@ -519,7 +517,11 @@ void validate_result(const Measurements& measurements, const Estimate& start, co
                      Calibration& result) {
   const Estimate& estimate = result.identification.estimate;
   const bool deflects = !result.free.deflections().empty();
-  const Estimate rigid = deflects ? rigid_fit(measurements, start, fit_options, result) : estimate;
+  const FitProblem from_start{
+      .model = result.model, .measurements = measurements, .start = start, .free = result.free, .options = fit_options};
+  FitProblem from_estimate = from_start;
+  from_estimate.start = estimate;
+  const Estimate rigid = deflects ? rigid_fit(from_start, result) : estimate;
   result.rigid_errors = rigid.errors;
   const auto poses_of = [&](const Estimate& e) { return flange_poses(result.model, e, measurements.joint_values); };
   const std::vector<Eigen::Isometry3d> X_BF_before = poses_of(start);
@@ -543,8 +545,7 @@ void validate_result(const Measurements& measurements, const Estimate& start, co
   result.iso_after = iso_9283(X_BF_after, estimate, measurements);
   if (options.leave_one_out) {
     const HoldOut before = leave_one_configuration_out_nominal(result.model, measurements, registration_options);
-    const HoldOut after =
-        leave_one_configuration_out(result.model, measurements, estimate, result.free, fit_options, options.threads);
+    const HoldOut after = leave_one_configuration_out(from_estimate, options.threads);
     result.leave_one_out = BeforeAfter{.before = error_statistics(before.distances),
                                        .after = error_statistics(after.distances),
                                        .rigid = std::nullopt};
@@ -554,16 +555,12 @@ void validate_result(const Measurements& measurements, const Estimate& start, co
     }
     if (options.nested && choice_is_open(options)) {
       result.nested_leave_one_out =
-          error_statistics(nested_leave_one_out(result.model, measurements, start, result.free, model_options(options),
-                                                fit_options, options.threads)
-                               .distances);
+          error_statistics(nested_leave_one_out(from_start, model_options(options), options.threads).distances);
     }
   }
   if (options.k_fold > 1) {
-    result.k_fold =
-        error_statistics(cross_validate(result.model, measurements, estimate, result.free,
-                                        make_folds(measurements, options.k_fold), fit_options, options.threads)
-                             .distances);
+    result.k_fold = error_statistics(
+        cross_validate(from_estimate, make_folds(measurements, options.k_fold), options.threads).distances);
   }
 }
 
@@ -637,8 +634,12 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
     make_absolute(result.model, measurements, start, result.free, fit_options);
   }
   if (options.method == Method::joint && choice_is_open(options)) {
-    result.tried = choose_model(result.model, measurements, start, result.free, model_options(options), fit_options,
-                                options.threads);
+    result.tried = choose_model({.model = result.model,
+                                 .measurements = measurements,
+                                 .start = start,
+                                 .free = result.free,
+                                 .options = fit_options},
+                                model_options(options), options.threads);
     chosen = result.tried.front();
   }
   result.priors = chosen.priors;
@@ -691,7 +692,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   result.lack_of_fit = lack_of_fit(result.model, measurements, estimate, result.free, fit_options);
   result.predicted = predicted_accuracy(measurements, options, triangle_of_candidates, result);
   if (measurements.joint_values.cols() <= kMostConfigurationsJudged) {
-    result.influence = influence(result.model, measurements, estimate, result.free, residuals, system.triangle);
+    result.influence = influence(problem, measurements, residuals, estimate, system.triangle);
   }
   result.difference_to_kdl = difference_to_kdl(model, estimate.errors, measurements.joint_values);
   add_warnings(model, measurements, registration.message, result);
