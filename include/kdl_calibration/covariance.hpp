@@ -15,9 +15,8 @@ Eigen::MatrixXd covariance(const Eigen::MatrixXd& whitened_jacobian, double fact
 
 /// Covariance of the predicted position in W of a target at joint values q: J C J^T, [m^2]. Free of the gauge: fixed
 /// parameters and tied directions do not enter.
-Eigen::Matrix3d predicted_covariance(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
-                                     const Eigen::MatrixXd& column_covariance, const Eigen::VectorXd& q,
-                                     std::size_t target);
+Eigen::Matrix3d predicted_covariance(const PositionPredictor& predictor, const Eigen::MatrixXd& column_covariance,
+                                     const Eigen::VectorXd& q, std::size_t target);
 
 /// Directions of the columns that the measurements do not determine: columns x k. A prediction is determined where its
 /// Jacobian has no part along them.

@@ -23,14 +23,18 @@ struct FoldPrediction {
   int not_converged = 0;  ///< of these
 };
 
+/// What folds are predicted by: a fit at its optimum. Keeps references.
+struct FoldTask {
+  const FitProblem& problem;        ///< whose start is the optimum
+  const Eigen::MatrixXd& triangle;  ///< R of the whitened Jacobian there, priors included, as WhitenedSummary::triangle
+  double noise = 0.0;               ///< [m] 1 sigma of a coordinate
+};
+
 /// Predicts each fold from the rest without a fit of its own: at the optimum the gradient without a fold is that of the
 /// fold with the sign changed, and its information that of all less its own (Cook and Weisberg 1982, 2.2). Where that
-/// linear prediction differs from the one at the estimate so moved by more than 0.1 sigma of a coordinate, sigma being
-/// `noise` [m], or where a fold takes away what determines a column, the fold is fitted again.
-/// `triangle`: R of the whitened Jacobian at `estimate`, priors included, as WhitenedSummary::triangle.
-/// Throws nothing; folds hold indices of configurations.
-FoldPrediction predict_folds(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                             const Unknowns& free, const std::vector<std::vector<Eigen::Index>>& folds,
-                             const FitOptions& options, const Eigen::MatrixXd& triangle, double noise, int threads = 0);
+/// linear prediction differs from the one at the estimate so moved by more than 0.1 of the noise, or where a fold takes
+/// away what determines a column, the fold is fitted again. Folds hold indices of configurations.
+FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Eigen::Index>>& folds,
+                             int threads = 0);
 
 }  // namespace kdl_calibration

@@ -61,6 +61,27 @@ Identification identify_jointly(const ErrorModel& model, const Measurements& mea
 /// information of clean normal data in three dimensions.
 enum class Loss { none, huber, tukey };
 
+/// How a fit is done wherever it is repeated.
+struct FitOptions {
+  Loss loss = Loss::none;
+  JointOptions joint;
+  std::function<void()> after_fit;  ///< called by `fit` behind each, from any thread; for progress
+};
+
+/// A fit: what of which model is fitted to which measurements, from where and how. Keeps references to the first two.
+struct FitProblem {
+  const ErrorModel& model;
+  const Measurements& measurements;
+  Estimate start;
+  Unknowns free;
+  FitOptions options = {};
+};
+/// The same with other measurements, to which a reference is kept.
+FitProblem with_measurements(const FitProblem& problem, const Measurements& measurements);
+
+/// identify_jointly, or identify_robustly where there is a loss.
+Identification fit(const FitProblem& problem);
+
 struct RobustIdentification {
   Identification fit;
   std::vector<double> weights;    ///< of each observation: 1 full, 0 ignored; 1 for test rows
@@ -70,8 +91,7 @@ struct RobustIdentification {
 
 /// identify_jointly with iteratively reweighted rows. The scale is the median of the whitened residuals over that of
 /// the chi distribution, found anew in each round; Tukey starts from the Huber estimate.
-RobustIdentification identify_robustly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                       const Unknowns& free, Loss loss, const JointOptions& options = {});
+RobustIdentification identify_robustly(const FitProblem& problem);
 
 /// What one round of the two-step procedure did.
 struct TwoStepRound {

@@ -41,8 +41,9 @@ struct Influence {
   double cook_limit = 0.0;                             ///< of a configuration
   double point_cook_limit = 0.0;
 };
-/// `triangle`: of the whitened system at the estimate. Empty where that does not determine all columns.
-Influence influence(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                    const Unknowns& free, const ResidualOptions& residuals, const Eigen::MatrixXd& triangle);
+/// `problem` is that of these measurements and residuals, `triangle` that of its whitened system at the estimate. Empty
+/// where that does not determine all columns.
+Influence influence(const LeastSquaresProblem& problem, const Measurements& measurements,
+                    const ResidualOptions& residuals, const Estimate& estimate, const Eigen::MatrixXd& triangle);
 
 }  // namespace kdl_calibration

@@ -52,15 +52,6 @@ Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measur
 Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
                  Rows rows = Rows::train);
 
-/// How a fit is done wherever it is repeated.
-struct FitOptions {
-  Loss loss = Loss::none;
-  JointOptions joint;
-  std::function<void()> after_fit;  ///< called behind each, from any thread; for progress
-};
-Identification fit(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                   const Unknowns& free, const FitOptions& options);
-
 /// Training configurations left out of a fit and predicted by it. A fit that does not converge counts with what it
 /// predicts.
 struct HoldOut {
@@ -75,12 +66,9 @@ struct HoldOut {
 /// 0 or not less than their number.
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed = 1);
 
-/// Exact refits from `start` without each fold in turn, on `threads` threads (0: all); the same for any number.
-HoldOut cross_validate(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                       const Unknowns& free, const std::vector<std::vector<Eigen::Index>>& folds,
-                       const FitOptions& options = {}, int threads = 0);
-HoldOut leave_one_configuration_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                    const Unknowns& free, const FitOptions& options = {}, int threads = 0);
+/// Exact refits from the start without each fold in turn, on `threads` threads (0: all); the same for any number.
+HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads = 0);
+HoldOut leave_one_configuration_out(const FitProblem& problem, int threads = 0);
 /// The same for the nominal geometry: only base and targets are registered anew.
 HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
                                const std::vector<std::vector<Eigen::Index>>& folds,
@@ -110,22 +98,19 @@ std::vector<Priors> prior_sizes();
 /// Cross-validates every combination and returns them all, best first. A deflection is accepted only where it improves
 /// the held-out RMS of the same priors by more than 2 %. The deflections of `free` are ignored: the options say which
 /// are.
-std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                      const Unknowns& free, const ModelOptions& options,
-                                      const FitOptions& fit_options = {}, int threads = 0);
+std::vector<ModelOption> choose_model(const FitProblem& problem, const ModelOptions& options, int threads = 0);
 
 /// How many fits that takes.
 std::size_t fits_to_choose(const Measurements& measurements, const ModelOptions& options);
 
-/// The free parameters and fit options that an option stands for.
+/// The unknowns, the fit options and the fit that an option stands for.
 Unknowns with_deflections(const ErrorModel& model, const Unknowns& free, const ModelOption& option);
 FitOptions with_priors(const FitOptions& options, const Priors& priors);
+FitProblem with_option(const FitProblem& problem, const ModelOption& option);
 
 /// Leave-one-configuration-out in which the choice is made anew without each configuration: what the whole procedure,
 /// choice included, achieves on new data.
-HoldOut nested_leave_one_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                             const Unknowns& free, const ModelOptions& options, const FitOptions& fit_options = {},
-                             int threads = 0);
+HoldOut nested_leave_one_out(const FitProblem& problem, const ModelOptions& options, int threads = 0);
 
 /// Largest difference between our flange pose and that of KDL::ChainFkSolverPos_recursive on the chain with error
 /// segments, over the columns of `joint_values`, or 1,000 of them evenly spaced where there are more [m, or elements of

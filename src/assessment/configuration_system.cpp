@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <utility>
 
 namespace kdl_calibration {
 
@@ -21,63 +22,73 @@ std::vector<std::pair<std::int32_t, std::vector<std::size_t>>> rows_by_configura
   return {rows.begin(), rows.end()};
 }
 
-ConfigurationSystem configuration_system(const ErrorModel& model, const Measurements& measurements,
-                                         const std::vector<std::size_t>& rows, const Estimate& estimate,
-                                         const Unknowns& free, const ResidualOptions& residuals, const MatrixXd& R) {
-  Measurements single{.source = measurements.source, .joints = measurements.joints, .targets = measurements.targets};
-  single.joint_values = measurements.joint_values.col(measurements.observations[rows.front()].configuration);
-  single.configurations = {""};
-  ResidualOptions single_residuals = residuals;
-  single_residuals.row_weights.clear();
-  std::map<std::int32_t, bool> oriented;  // of each target
-  for (const std::size_t row : rows) {
-    single.observations.push_back(measurements.observations[row]);
-    single.observations.back().configuration = 0;
-    bool& with_orientation = oriented[measurements.observations[row].target];
-    if (!measurements.orientations.empty()) {
-      single.orientations.push_back(measurements.orientations[row]);
-      with_orientation = with_orientation || !std::isnan(measurements.orientations[row].w());
-    }
-    if (!residuals.row_weights.empty()) {
-      single_residuals.row_weights.push_back(residuals.row_weights[row]);
-    }
-  }
+ConfigurationSystems::ConfigurationSystems(const LeastSquaresProblem& problem, const Measurements& measurements,
+                                           const ResidualOptions& residuals, const Estimate& estimate, MatrixXd R)
+    : model_(problem.model()),
+      measurements_(measurements),
+      residuals_(residuals),
+      estimate_(estimate),
+      R_(std::move(R)) {
   // With every target free its columns are those of U.
-  std::vector<std::size_t> coordinates(6 * single.targets.size());
+  std::vector<std::size_t> coordinates(6 * measurements.targets.size());
   std::iota(coordinates.begin(), coordinates.end(), 0U);
-  const Unknowns all = free.with(model, UnknownGroup::targets, coordinates);
-  std::vector<Index> estimated;
-  for (const Unknown& unknown : free.columns()) {
-    estimated.push_back(*all.column(unknown.group, unknown.index));
+  all_ = problem.unknowns().with(model_, UnknownGroup::targets, coordinates);
+  for (const Unknown& unknown : problem.unknowns().columns()) {
+    estimated_.push_back(*all_.column(unknown.group, unknown.index));
   }
+}
+
+ConfigurationSystem ConfigurationSystems::of(const std::vector<std::size_t>& rows) const {
+  Oriented oriented;
+  const WhitenedSystem system = whitened(rows, oriented);
+  ConfigurationSystem result;
+  const Index measured = system.blocks.back();
+  result.U = system.jacobian.topRows(measured)(Eigen::all, place_points(oriented, result));
+  result.e = system.residual.head(measured);
+  const MatrixXd jacobian = system.jacobian.topRows(measured)(Eigen::all, estimated_);
+  const MatrixXd transposed = R_.triangularView<Eigen::Upper>().transpose().solve(MatrixXd(jacobian.transpose()));
+  result.B = transposed.transpose();
+  return result;
+}
+
+WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::size_t>& rows, Oriented& oriented) const {
+  Measurements single{.source = measurements_.source, .joints = measurements_.joints, .targets = measurements_.targets};
+  single.joint_values = measurements_.joint_values.col(measurements_.observations[rows.front()].configuration);
+  single.configurations = {""};
+  ResidualOptions single_residuals = residuals_;
+  single_residuals.row_weights.clear();
+  for (const std::size_t row : rows) {
+    single.observations.push_back(measurements_.observations[row]);
+    single.observations.back().configuration = 0;
+    bool& with_orientation = oriented[measurements_.observations[row].target];
+    if (!measurements_.orientations.empty()) {
+      single.orientations.push_back(measurements_.orientations[row]);
+      with_orientation = with_orientation || !is_point(measurements_.orientations[row]);
+    }
+    if (!residuals_.row_weights.empty()) {
+      single_residuals.row_weights.push_back(residuals_.row_weights[row]);
+    }
+  }
+  return LeastSquaresProblem(model_, single, all_, single_residuals).whitened(estimate_);
+}
+
+// The rows of each point, those of the orientations behind those of all positions; gives the columns of U.
+std::vector<Index> ConfigurationSystems::place_points(const Oriented& oriented, ConfigurationSystem& result) const {
   std::vector<Index> positions;
   std::vector<Index> orientations;
-  ConfigurationSystem result;
+  Index position_row = 0;
+  auto orientation_row = static_cast<Index>(3 * oriented.size());
   for (const auto& [target, with_orientation] : oriented) {
     result.targets.push_back(target);
+    std::vector<Index>& own = result.rows.emplace_back();
     for (std::size_t i = 0; i < (with_orientation ? 6 : 3); ++i) {
-      const int column = all.target_columns(static_cast<std::size_t>(target))[i];
+      own.push_back(i < 3 ? position_row++ : orientation_row++);
+      const int column = all_.target_columns(static_cast<std::size_t>(target))[i];
       (i < 3 ? positions : orientations).push_back(column);
     }
   }
-  Index orientation_row = 3 * static_cast<Index>(result.targets.size());
-  for (std::size_t i = 0; i < result.targets.size(); ++i) {
-    const auto first = static_cast<Index>(3 * i);
-    std::vector<Index>& own = result.rows.emplace_back(std::vector<Index>{first, first + 1, first + 2});
-    if (oriented[result.targets[i]]) {
-      own.insert(own.end(), {orientation_row, orientation_row + 1, orientation_row + 2});
-      orientation_row += 3;
-    }
-  }
-  const WhitenedSystem system = LeastSquaresProblem(model, single, all, single_residuals).whitened(estimate);
-  const Index measured = system.blocks.back();
   positions.insert(positions.end(), orientations.begin(), orientations.end());
-  result.U = system.jacobian.topRows(measured)(Eigen::all, positions);
-  result.e = system.residual.head(measured);
-  const MatrixXd jacobian = system.jacobian.topRows(measured)(Eigen::all, estimated);
-  const MatrixXd transposed = R.triangularView<Eigen::Upper>().transpose().solve(MatrixXd(jacobian.transpose()));
-  result.B = transposed.transpose();
-  return result;
+  return positions;
 }
 
 }  // namespace kdl_calibration

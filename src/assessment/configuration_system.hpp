@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <map>
 #include <utility>
 #include <vector>
 
@@ -25,10 +26,29 @@ struct ConfigurationSystem {
   std::vector<std::vector<Eigen::Index>> rows;  ///< of each point
 };
 
-/// Of the configuration whose training rows are `rows`. R: upper triangular, of the information R^T R of all columns.
-ConfigurationSystem configuration_system(const ErrorModel& model, const Measurements& measurements,
-                                         const std::vector<std::size_t>& rows, const Estimate& estimate,
-                                         const Unknowns& free, const ResidualOptions& residuals,
-                                         const Eigen::MatrixXd& R);
+/// Gives the system of one configuration after the other. Safe to ask from several threads.
+class ConfigurationSystems {
+public:
+  /// Keeps references to all but `R`: upper triangular, of the information R^T R of the whole system.
+  ConfigurationSystems(const LeastSquaresProblem& problem, const Measurements& measurements,
+                       const ResidualOptions& residuals, const Estimate& estimate, Eigen::MatrixXd R);
+
+  /// Of the configuration that has these rows.
+  ConfigurationSystem of(const std::vector<std::size_t>& rows) const;
+
+private:
+  using Oriented = std::map<std::int32_t, bool>;  // of each target that was measured, whether its orientation was
+
+  WhitenedSystem whitened(const std::vector<std::size_t>& rows, Oriented& oriented) const;
+  std::vector<Eigen::Index> place_points(const Oriented& oriented, ConfigurationSystem& result) const;
+
+  const ErrorModel& model_;
+  const Measurements& measurements_;
+  const ResidualOptions& residuals_;
+  const Estimate& estimate_;
+  Eigen::MatrixXd R_;
+  Unknowns all_;
+  std::vector<Eigen::Index> estimated_;  // columns of the estimated ones among all
+};
 
 }  // namespace kdl_calibration

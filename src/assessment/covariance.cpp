@@ -92,9 +92,9 @@ double radius_of_probability(const Matrix3d& covariance, double probability) {
   return above;
 }
 
-Matrix3d predicted_covariance(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
-                              const MatrixXd& column_covariance, const VectorXd& q, std::size_t target) {
-  const Matrix3Xd jacobian = PositionPredictor(model, estimate, free).jacobians(q)[target];
+Matrix3d predicted_covariance(const PositionPredictor& predictor, const MatrixXd& column_covariance, const VectorXd& q,
+                              std::size_t target) {
+  const Matrix3Xd jacobian = predictor.jacobians(q)[target];
   return jacobian * column_covariance * jacobian.transpose();
 }
 

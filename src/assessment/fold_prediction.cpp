@@ -26,17 +26,6 @@ constexpr double kAsGoodAsLinear = 0.1;       // of the noise
 constexpr double kRounding = 1e-10;           // [m]
 constexpr double kLeftOfInformation = 1e-10;  // eigenvalue of what a fold leaves of the information of all
 
-// What every fold needs to know; keeps references.
-struct Task {
-  const ErrorModel& model;
-  const Measurements& measurements;
-  const Estimate& estimate;
-  const Unknowns& free;
-  const FitOptions& options;
-  const MatrixXd& R;
-  double noise;
-};
-
 struct Part {
   std::vector<HeldOutPoint> points;
   bool refitted = false;
@@ -63,119 +52,134 @@ std::optional<WithoutFold> solve_without(const std::vector<ConfigurationSystem>&
   return WithoutFold{.covariance = factor.solve(MatrixXd::Identity(columns, columns)), .step = factor.solve(gradient)};
 }
 
-// Of the configuration's points, in metres and flange frame: what is left by the step, and its covariance.
-void predict(const Task& task, const ConfigurationSystem& system, Index configuration, const WithoutFold& without,
-             std::vector<HeldOutPoint>& points) {
-  const Eigen::PartialPivLU<MatrixXd> to_metres(system.U);
-  const VectorXd left = to_metres.solve(VectorXd(system.e - system.B * without.step));
-  const MatrixXd J = to_metres.solve(system.B);
-  const Eigen::Isometry3d X_WF =
-      task.estimate.X_WB *
-      flange_poses(task.model, task.estimate, task.measurements.joint_values.col(configuration)).front();
-  for (std::size_t i = 0; i < system.targets.size(); ++i) {
-    const auto first = static_cast<Index>(3 * i);
-    const auto rows = J.middleRows<3>(first);
-    const Matrix3d in_flange = rows * without.covariance * rows.transpose();
-    points.push_back({.configuration = static_cast<std::int32_t>(configuration),
-                      .target = system.targets[i],
-                      .distance = left.segment<3>(first).norm(),
-                      .covariance = X_WF.linear() * in_flange * X_WF.linear().transpose()});
-  }
-}
-
-// Whether the points of the fold, predicted at the moved estimate, are where the linear prediction has them.
-bool as_good_as_linear(const Task& task, const Measurements& held_out, const WithoutFold& without,
-                       const std::vector<HeldOutPoint>& points) {
-  const VectorXd step = task.R.triangularView<Eigen::Upper>().solve(without.step);
-  const Estimate moved = task.free.moved(task.estimate, step);
-  const std::vector<double> exact = position_errors(task.model, moved, held_out, Rows::test);
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!(std::abs(exact[i] - points[i].distance) <= std::max(kAsGoodAsLinear * task.noise, kRounding))) {
-      return false;
+// Everything that folds have in common. Keeps references.
+class FoldPredictor {
+public:
+  explicit FoldPredictor(const FoldTask& task)
+      : task_(task),
+        problem_(task.problem),
+        R_(root_of(task.triangle)),
+        determined_(R_.diagonal().cwiseAbs().cwiseProduct(unit_scale(R_)).minCoeff() > kSingular),
+        system_(problem_.model, problem_.measurements, problem_.free, problem_.options.joint.residuals),
+        systems_(system_, problem_.measurements, problem_.options.joint.residuals, problem_.start, R_),
+        means_(averaged(problem_.measurements)) {
+    for (auto& [configuration, rows] : rows_by_configuration(problem_.measurements)) {
+      rows_[configuration] = std::move(rows);
+    }
+    for (std::size_t row = 0; row < means_.observations.size(); ++row) {
+      if (means_.observations[row].split == Split::train) {
+        rows_of_means_[means_.observations[row].configuration].push_back(row);
+      }
     }
   }
-  return exact.size() == points.size();
-}
+
+  Part predict(std::vector<Index> fold) const {
+    std::sort(fold.begin(), fold.end());
+    Part part;
+    std::optional<WithoutFold> without;
+    if (determined_) {
+      std::vector<ConfigurationSystem> systems;
+      for (const Index c : fold) {
+        systems.push_back(systems_.of(rows_.at(c)));
+      }
+      without = solve_without(systems, R_.cols());
+      for (std::size_t i = 0; i < fold.size() && without; ++i) {
+        add_points(systems[i], fold[i], *without, part.points);
+      }
+      if (without && as_good_as_linear(fold, *without, part.points)) {
+        return part;
+      }
+    }
+    take_refitted(refit_without(problem_, fold), without.has_value(), part);
+    return part;
+  }
+
+private:
+  static MatrixXd root_of(const MatrixXd& triangle) {
+    const Index columns = triangle.cols();
+    if (triangle.rows() < columns) {
+      return MatrixXd::Zero(columns, columns);
+    }
+    return Eigen::HouseholderQR<MatrixXd>(triangle).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
+  }
+
+  // Of the configuration's points, in metres and flange frame: what is left by the step, and its covariance.
+  void add_points(const ConfigurationSystem& system, Index configuration, const WithoutFold& without,
+                  std::vector<HeldOutPoint>& points) const {
+    const Eigen::PartialPivLU<MatrixXd> to_metres(system.U);
+    const VectorXd left = to_metres.solve(VectorXd(system.e - system.B * without.step));
+    const MatrixXd J = to_metres.solve(system.B);
+    const auto q = problem_.measurements.joint_values.col(configuration);
+    const Matrix3d R_WF =
+        problem_.start.X_WB.linear() * flange_poses(problem_.model, problem_.start, q).front().linear();
+    for (std::size_t i = 0; i < system.targets.size(); ++i) {
+      const auto first = static_cast<Index>(3 * i);
+      const auto rows = J.middleRows<3>(first);
+      const Matrix3d in_flange = rows * without.covariance * rows.transpose();
+      points.push_back({.configuration = static_cast<std::int32_t>(configuration),
+                        .target = system.targets[i],
+                        .distance = left.segment<3>(first).norm(),
+                        .covariance = R_WF * in_flange * R_WF.transpose()});
+    }
+  }
+
+  // Whether the points of the fold, predicted at the moved estimate, are where the linear prediction has them.
+  bool as_good_as_linear(const std::vector<Index>& fold, const WithoutFold& without,
+                         const std::vector<HeldOutPoint>& points) const {
+    Measurements held_out;
+    held_out.targets = means_.targets;
+    held_out.joint_values = means_.joint_values(Eigen::all, fold);
+    for (std::size_t i = 0; i < fold.size(); ++i) {
+      for (const std::size_t row : rows_of_means_.at(fold[i])) {
+        held_out.observations.push_back(means_.observations[row]);
+        held_out.observations.back().configuration = static_cast<std::int32_t>(i);
+      }
+    }
+    const Estimate moved = problem_.free.moved(problem_.start, R_.triangularView<Eigen::Upper>().solve(without.step));
+    const std::vector<double> exact = position_errors(problem_.model, moved, held_out);
+    const double tolerance = std::max(kAsGoodAsLinear * task_.noise, kRounding);
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      if (!(std::abs(exact[i] - points[i].distance) <= tolerance)) {
+        return false;
+      }
+    }
+    return true;
+  }
+
+  // With the linear covariance, where there is one.
+  static void take_refitted(const RefittedFold& refitted, bool with_covariance, Part& part) {
+    part.refitted = true;
+    part.converged = refitted.converged;
+    if (!with_covariance) {
+      const Matrix3d unknown = Matrix3d::Constant(std::numeric_limits<double>::infinity());
+      part.points.assign(refitted.distances.size(), {.covariance = unknown});
+    }
+    for (std::size_t i = 0; i < refitted.distances.size(); ++i) {
+      part.points[i].configuration = refitted.configurations[i];
+      part.points[i].target = refitted.targets[i];
+      part.points[i].distance = refitted.distances[i];
+    }
+  }
+
+  const FoldTask& task_;
+  const FitProblem& problem_;
+  MatrixXd R_;
+  bool determined_;
+  LeastSquaresProblem system_;
+  ConfigurationSystems systems_;
+  Measurements means_;
+  std::map<Index, std::vector<std::size_t>> rows_;
+  std::map<Index, std::vector<std::size_t>> rows_of_means_;
+};
 
 }  // namespace
 
-FoldPrediction predict_folds(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                             const Unknowns& free, const std::vector<std::vector<Index>>& folds,
-                             const FitOptions& options, const MatrixXd& triangle, double noise, int threads) {
-  const Index columns = triangle.cols();
-  const MatrixXd R =
-      triangle.rows() < columns
-          ? MatrixXd(MatrixXd::Zero(columns, columns))
-          : MatrixXd(
-                Eigen::HouseholderQR<MatrixXd>(triangle).matrixQR().topRows(columns).triangularView<Eigen::Upper>());
-  const bool determined = R.diagonal().cwiseAbs().cwiseProduct(unit_scale(R)).minCoeff() > kSingular;
-  const Task task{.model = model,
-                  .measurements = measurements,
-                  .estimate = estimate,
-                  .free = free,
-                  .options = options,
-                  .R = R,
-                  .noise = noise};
-  std::map<Index, std::vector<std::size_t>> rows;
-  for (auto& [configuration, of_configuration] : rows_by_configuration(measurements)) {
-    rows[configuration] = std::move(of_configuration);
-  }
-  const Measurements means = averaged(measurements);
-  std::map<Index, std::vector<std::size_t>> rows_of_means;
-  for (std::size_t row = 0; row < means.observations.size(); ++row) {
-    if (means.observations[row].split == Split::train) {
-      rows_of_means[means.observations[row].configuration].push_back(row);
-    }
-  }
+FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Index>>& folds, int threads) {
+  const FoldPredictor predictor(task);
   std::vector<Part> parts(folds.size());
-  parallel_for(folds.size(), threads, [&](std::size_t f) {
-    Part& part = parts[f];
-    std::vector<Index> fold = folds[f];
-    std::sort(fold.begin(), fold.end());
-    std::vector<ConfigurationSystem> systems;
-    Measurements held_out{
-        .source = measurements.source, .joints = measurements.joints, .targets = measurements.targets};
-    held_out.joint_values.resize(measurements.joint_values.rows(), static_cast<Index>(fold.size()));
-    for (std::size_t i = 0; i < fold.size() && determined; ++i) {
-      const Index c = fold[i];
-      systems.push_back(
-          configuration_system(model, measurements, rows.at(c), estimate, free, options.joint.residuals, R));
-      held_out.joint_values.col(static_cast<Index>(i)) = measurements.joint_values.col(c);
-      for (const std::size_t row : rows_of_means.at(c)) {
-        Observation& observation = held_out.observations.emplace_back(means.observations[row]);
-        observation.configuration = static_cast<std::int32_t>(i);
-        observation.split = Split::test;
-      }
-    }
-    const std::optional<WithoutFold> without =
-        determined ? solve_without(systems, columns) : std::optional<WithoutFold>();
-    if (without) {
-      for (std::size_t i = 0; i < systems.size(); ++i) {
-        predict(task, systems[i], fold[i], *without, part.points);
-      }
-      if (as_good_as_linear(task, held_out, *without, part.points)) {
-        return;
-      }
-    }
-    part.refitted = true;
-    const RefittedFold refitted = refit_without(model, measurements, fold, estimate, free, options);
-    part.converged = refitted.converged;
-    if (!without) {
-      part.points.clear();
-    }
-    for (std::size_t i = 0; i < refitted.distances.size(); ++i) {
-      if (without) {
-        part.points[i].distance = refitted.distances[i];
-      } else {
-        part.points.push_back({.configuration = refitted.configurations[i],
-                               .target = refitted.targets[i],
-                               .distance = refitted.distances[i],
-                               .covariance = Matrix3d::Constant(std::numeric_limits<double>::infinity())});
-      }
-    }
-  });
+  parallel_for(folds.size(), threads, [&](std::size_t f) { parts[f] = predictor.predict(folds[f]); });
   std::map<std::pair<std::int32_t, std::int32_t>, double> repeats;
-  for (const Observation& observation : measurements.observations) {
+  for (const Observation& observation : task.problem.measurements.observations) {
     repeats[{observation.configuration, observation.target}] += observation.split == Split::train ? 1.0 : 0.0;
   }
   FoldPrediction result;

@@ -16,8 +16,6 @@ struct RefittedFold {
   std::vector<std::int32_t> targets;
   bool converged = true;
 };
-RefittedFold refit_without(const ErrorModel& model, const Measurements& measurements,
-                           const std::vector<Eigen::Index>& fold, const Estimate& start, const Unknowns& free,
-                           const FitOptions& options);
+RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::Index>& fold);
 
 }  // namespace kdl_calibration

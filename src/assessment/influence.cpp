@@ -37,8 +37,8 @@ double change_without(const ConfigurationSystem& system, const MatrixXd& rest, c
 
 }  // namespace
 
-Influence influence(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                    const Unknowns& free, const ResidualOptions& residuals, const MatrixXd& triangle) {
+Influence influence(const LeastSquaresProblem& problem, const Measurements& measurements,
+                    const ResidualOptions& residuals, const Estimate& estimate, const MatrixXd& triangle) {
   Influence result;
   const Index columns = triangle.cols();
   if (triangle.rows() < columns || columns == 0) {
@@ -53,8 +53,9 @@ Influence influence(const ErrorModel& model, const Measurements& measurements, c
   double decided = 0.0;  // by the measurements, not by priors
   double coordinates = 0.0;
   double points = 0.0;
+  const ConfigurationSystems systems(problem, measurements, residuals, estimate, R);
   for (const auto& [configuration, rows] : rows_by_configuration(measurements)) {
-    const ConfigurationSystem system = configuration_system(model, measurements, rows, estimate, free, residuals, R);
+    const ConfigurationSystem system = systems.of(rows);
     const Index m = system.e.size();
     const MatrixXd H = system.B * system.B.transpose();
     const MatrixXd rest = MatrixXd::Identity(m, m) - H;

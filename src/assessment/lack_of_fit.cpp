@@ -36,9 +36,7 @@ std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate&
   Eigen::MatrixX3d residuals(n, 3);
   for (Index r = 0; r < n; ++r) {
     const Observation& o = *rows[static_cast<std::size_t>(r)];
-    residuals.row(r) =
-        o.position - estimate.X_WB * (X_BF[static_cast<std::size_t>(o.configuration)] *
-                                      estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation());
+    residuals.row(r) = o.position - predicted_point(estimate, X_BF, o);
   }
   const double total = residuals.squaredNorm();
   std::vector<double> explained;

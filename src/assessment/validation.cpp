@@ -48,10 +48,7 @@ std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, 
     if ((rows == Rows::train && !train) || (rows == Rows::test && train)) {
       continue;
     }
-    const Eigen::Vector3d predicted =
-        estimate.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
-                         estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
-    distances.push_back((observation.position - predicted).norm());
+    distances.push_back((observation.position - predicted_point(estimate, X_BF, observation)).norm());
   }
   return distances;
 }
@@ -101,17 +98,6 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
   }
   result.repeatability = error_statistics(repeatabilities);
   return result;
-}
-
-Identification fit(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                   const Unknowns& free, const FitOptions& options) {
-  Identification found = options.loss == Loss::none
-                             ? identify_jointly(model, measurements, start, free, options.joint)
-                             : identify_robustly(model, measurements, start, free, options.loss, options.joint).fit;
-  if (options.after_fit) {
-    options.after_fit();
-  }
-  return found;
 }
 
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
@@ -203,13 +189,12 @@ std::vector<std::vector<Eigen::Index>> folds_for_choice(const Measurements& meas
 
 }  // namespace
 
-RefittedFold refit_without(const ErrorModel& model, const Measurements& measurements,
-                           const std::vector<Eigen::Index>& fold, const Estimate& start, const Unknowns& free,
-                           const FitOptions& options) {
+RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::Index>& fold) {
+  const Measurements& measurements = problem.measurements;
   const Measurements rest = without(measurements, fold);
-  const Identification found = fit(model, rest, start, free, options);
+  const Identification found = fit(with_measurements(problem, rest));
   const Measurements means = averaged(rest);
-  RefittedFold result{.distances = position_errors(model, found.estimate, means, Rows::test),
+  RefittedFold result{.distances = position_errors(problem.model, found.estimate, means, Rows::test),
                       .configurations = {},
                       .targets = {},
                       .converged = found.termination == Termination::converged};
@@ -226,16 +211,13 @@ RefittedFold refit_without(const ErrorModel& model, const Measurements& measurem
   return result;
 }
 
-HoldOut cross_validate(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                       const Unknowns& free, const std::vector<std::vector<Eigen::Index>>& folds,
-                       const FitOptions& options, int threads) {
-  return hold_out(model, measurements, folds, threads,
-                  [&](const Measurements& fold) { return fit(model, fold, start, free, options); });
+HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads) {
+  return hold_out(problem.model, problem.measurements, folds, threads,
+                  [&](const Measurements& fold) { return fit(with_measurements(problem, fold)); });
 }
 
-HoldOut leave_one_configuration_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                    const Unknowns& free, const FitOptions& options, int threads) {
-  return cross_validate(model, measurements, start, free, make_folds(measurements, 0), options, threads);
+HoldOut leave_one_configuration_out(const FitProblem& problem, int threads) {
+  return cross_validate(problem, make_folds(problem.measurements, 0), threads);
 }
 
 HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
@@ -279,13 +261,18 @@ FitOptions with_priors(const FitOptions& options, const Priors& priors) {
   return result;
 }
 
+FitProblem with_option(const FitProblem& problem, const ModelOption& option) {
+  FitProblem result = problem;
+  result.free = with_deflections(problem.model, problem.free, option);
+  result.options = with_priors(problem.options, option.priors);
+  return result;
+}
+
 std::size_t fits_to_choose(const Measurements& measurements, const ModelOptions& options) {
   return options.priors.size() * options.gravity.size() * options.gain.size() * folds_for_choice(measurements).size();
 }
 
-std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                      const Unknowns& free, const ModelOptions& options, const FitOptions& fit_options,
-                                      int threads) {
+std::vector<ModelOption> choose_model(const FitProblem& problem, const ModelOptions& options, int threads) {
   std::vector<ModelOption> tried;
   for (const Priors& priors : options.priors) {
     for (const bool gravity : options.gravity) {
@@ -294,10 +281,9 @@ std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurement
       }
     }
   }
-  const auto folds = folds_for_choice(measurements);
+  const auto folds = folds_for_choice(problem.measurements);
   parallel_for(tried.size(), threads, [&](std::size_t i) {
-    const HoldOut held_out = cross_validate(model, measurements, start, with_deflections(model, free, tried[i]), folds,
-                                            with_priors(fit_options, tried[i].priors), 1);
+    const HoldOut held_out = cross_validate(with_option(problem, tried[i]), folds, 1);
     tried[i].held_out_rms = error_statistics(held_out.distances).rms;
   });
   // What is added must earn its place: each deflection counts as 2 % of held-out error.
@@ -309,12 +295,11 @@ std::vector<ModelOption> choose_model(const ErrorModel& model, const Measurement
   return tried;
 }
 
-HoldOut nested_leave_one_out(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                             const Unknowns& free, const ModelOptions& options, const FitOptions& fit_options,
-                             int threads) {
-  return hold_out(model, measurements, make_folds(measurements, 0), threads, [&](const Measurements& fold) {
-    const ModelOption best = choose_model(model, fold, start, free, options, fit_options, 1).front();
-    return fit(model, fold, start, with_deflections(model, free, best), with_priors(fit_options, best.priors));
+HoldOut nested_leave_one_out(const FitProblem& problem, const ModelOptions& options, int threads) {
+  const auto folds = make_folds(problem.measurements, 0);
+  return hold_out(problem.model, problem.measurements, folds, threads, [&](const Measurements& fold) {
+    const FitProblem without_fold = with_measurements(problem, fold);
+    return fit(with_option(without_fold, choose_model(without_fold, options, 1).front()));
   });
 }
 

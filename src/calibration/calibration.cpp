@@ -90,8 +90,11 @@ std::vector<QualityFinding> find_defects(const Setting& setting, const Measureme
   if (measurements.observations.size() > kMostRowsScreened || !enough_equations()) {
     return check_distances(measurements);
   }
-  const RobustIdentification preliminary =
-      identify_robustly(setting.model, measurements, setting.start, setting.free, Loss::tukey);
+  const RobustIdentification preliminary = identify_robustly({.model = setting.model,
+                                                              .measurements = measurements,
+                                                              .start = setting.start,
+                                                              .free = setting.free,
+                                                              .options = {.loss = Loss::tukey}});
   if (preliminary.fit.termination != Termination::converged) {
     return check_distances(measurements);
   }
@@ -136,8 +139,12 @@ Choice choose(const Setting& setting, const Measurements& measurements, const Ca
     FitOptions counted = result.fit;
     counted.after_fit =
         counted_fits(options, "choice of the model", fits_to_choose(measurements, model_options(options)));
-    result.tried = choose_model(setting.model, measurements, setting.start, setting.free, model_options(options),
-                                counted, options.threads);
+    result.tried = choose_model({.model = setting.model,
+                                 .measurements = measurements,
+                                 .start = setting.start,
+                                 .free = setting.free,
+                                 .options = counted},
+                                model_options(options), options.threads);
     result.chosen = result.tried.front();
   }
   const auto rigid = std::find_if(result.tried.begin(), result.tried.end(),
@@ -191,7 +198,7 @@ Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNois
                                .rank = result.identifiability.rank},
                               estimated);
   if (task.measurements.joint_values.cols() <= kMostConfigurationsJudged) {
-    result.influence = influence(task.model, task.measurements, estimate, fitted.free, residuals, system.triangle);
+    result.influence = influence(problem, task.measurements, residuals, estimate, system.triangle);
   }
   return result;
 }

@@ -18,8 +18,11 @@ bool deflects(const Compared& compared) { return !compared.fit.free.deflections(
 // The best that a URDF can carry: where deflections were fitted, a fit without them.
 Estimate rigid_fit(const Compared& compared) {
   const FitTask& task = compared.task;
-  return deflects(compared) ? fit(task.model, task.measurements, task.start,
-                                  compared.fit.free.without(UnknownGroup::deflections), compared.rigid_options)
+  return deflects(compared) ? fit({.model = task.model,
+                                   .measurements = task.measurements,
+                                   .start = task.start,
+                                   .free = compared.fit.free.without(UnknownGroup::deflections),
+                                   .options = compared.rigid_options})
                                   .estimate
                             : compared.fit.identification.estimate;
 }
@@ -61,8 +64,11 @@ FoldPrediction nominal_folds(const Compared& compared, const Folds& folds) {
   FitOptions options;
   options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
   const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
-  return predict_folds(task.model, task.measurements, task.start, frames, folds, options,
-                       problem.whitened_summary(task.start).triangle, compared.noise, task.options.threads);
+  const Eigen::MatrixXd triangle = problem.whitened_summary(task.start).triangle;
+  const FitProblem registered{
+      .model = task.model, .measurements = task.measurements, .start = task.start, .free = frames, .options = options};
+  return predict_folds({.problem = registered, .triangle = triangle, .noise = compared.noise}, folds,
+                       task.options.threads);
 }
 
 std::vector<double> distances_of(const FoldPrediction& prediction) {
@@ -79,13 +85,22 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
   const FitTask& task = compared.task;
   const Estimate& estimate = compared.fit.identification.estimate;
   const auto left_out = [&](const Unknowns& free, const FitOptions& options) {
-    return cross_validate(task.model, task.measurements, estimate, free, folds,
-                          counting(options, compared, name, folds.size()), task.options.threads);
+    return cross_validate({.model = task.model,
+                           .measurements = task.measurements,
+                           .start = estimate,
+                           .free = free,
+                           .options = counting(options, compared, name, folds.size())},
+                          folds, task.options.threads);
   };
   HoldOut after;
   if (compared.triangle != nullptr) {
-    errors.prediction = predict_folds(task.model, task.measurements, estimate, compared.fit.free, folds,
-                                      task.fit_options, *compared.triangle, compared.noise, task.options.threads);
+    const FitProblem fitted{.model = task.model,
+                            .measurements = task.measurements,
+                            .start = estimate,
+                            .free = compared.fit.free,
+                            .options = task.fit_options};
+    errors.prediction = predict_folds({.problem = fitted, .triangle = *compared.triangle, .noise = compared.noise},
+                                      folds, task.options.threads);
     after = {.distances = distances_of(errors.prediction),
              .refits = static_cast<int>(folds.size()),
              .not_converged = errors.prediction.not_converged};
@@ -167,8 +182,12 @@ HeldOutErrors hold_out(const Compared& compared) {
   if (options.leave_one_out && options.nested && choice_is_open(options)) {
     const std::size_t fits = singly.size() * (fits_to_choose(task.measurements, model_options(options)) + 1);
     result.nested_leave_one_out = error_statistics(
-        nested_leave_one_out(task.model, task.measurements, task.start, compared.fit.free, model_options(options),
-                             counting(task.fit_options, compared, "nested leave-one-out", fits), options.threads)
+        nested_leave_one_out({.model = task.model,
+                              .measurements = task.measurements,
+                              .start = task.start,
+                              .free = compared.fit.free,
+                              .options = counting(task.fit_options, compared, "nested leave-one-out", fits)},
+                             model_options(options), options.threads)
             .distances);
   }
   if (options.k_fold > 1 || (by_default && many)) {

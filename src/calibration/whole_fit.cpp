@@ -48,8 +48,11 @@ Fitted identify(const FitTask& task, const Unknowns& free, Steps steps) {
   }
   const JointOptions& joint = task.fit_options.joint;
   if (task.fit_options.loss != Loss::none) {
-    RobustIdentification robust =
-        identify_robustly(task.model, task.measurements, task.start, free, task.fit_options.loss, joint);
+    RobustIdentification robust = identify_robustly({.model = task.model,
+                                                     .measurements = task.measurements,
+                                                     .start = task.start,
+                                                     .free = free,
+                                                     .options = task.fit_options});
     return {std::move(robust.fit), std::move(robust.weights)};
   }
   const LeastSquaresProblem problem(task.model, task.measurements, free, joint.residuals);

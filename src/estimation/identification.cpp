@@ -98,12 +98,9 @@ std::vector<double> row_distances(const ErrorModel& model, const Measurements& m
   std::vector<double> distances;
   distances.reserve(measurements.observations.size());
   for (const Observation& o : measurements.observations) {
-    const Vector3d predicted =
-        estimate.X_WB * (X_BF[static_cast<std::size_t>(o.configuration)] *
-                         estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation());
     const Eigen::Matrix3d information =
         (point_covariance(noise, o) + Eigen::Matrix3d(noise.common.cwiseAbs2().asDiagonal())).inverse();
-    const Vector3d e = o.position - predicted;
+    const Vector3d e = o.position - predicted_point(estimate, X_BF, o);
     distances.push_back(information.allFinite() ? std::sqrt(e.dot(information * e)) : e.norm());
   }
   return distances;
@@ -111,14 +108,35 @@ std::vector<double> row_distances(const ErrorModel& model, const Measurements& m
 
 }  // namespace
 
-RobustIdentification identify_robustly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
-                                       const Unknowns& free, Loss loss, const JointOptions& options) {
+FitProblem with_measurements(const FitProblem& problem, const Measurements& measurements) {
+  return {.model = problem.model,
+          .measurements = measurements,
+          .start = problem.start,
+          .free = problem.free,
+          .options = problem.options};
+}
+
+Identification fit(const FitProblem& problem) {
+  Identification found =
+      problem.options.loss == Loss::none
+          ? identify_jointly(problem.model, problem.measurements, problem.start, problem.free, problem.options.joint)
+          : identify_robustly(problem).fit;
+  if (problem.options.after_fit) {
+    problem.options.after_fit();
+  }
+  return found;
+}
+
+RobustIdentification identify_robustly(const FitProblem& problem) {
+  const Measurements& measurements = problem.measurements;
+  const Loss loss = problem.options.loss;
+  const JointOptions& options = problem.options.joint;
   RobustIdentification result;
-  result.fit = identify_jointly(model, measurements, start, free, options);
+  result.fit = identify_jointly(problem.model, measurements, problem.start, problem.free, options);
   result.weights.assign(measurements.observations.size(), 1.0);
   JointOptions reweighted = options;
   const auto update = [&](Loss current) {
-    result.distances = row_distances(model, measurements, result.fit.estimate, options.residuals.noise);
+    result.distances = row_distances(problem.model, measurements, result.fit.estimate, options.residuals.noise);
     std::vector<double> train;
     for (std::size_t row = 0; row < result.distances.size(); ++row) {
       if (measurements.observations[row].split == Split::train) {
@@ -149,7 +167,7 @@ RobustIdentification identify_robustly(const ErrorModel& model, const Measuremen
         weight = std::max(weight, 1e-9);
       }
       const Identification before = std::move(result.fit);
-      result.fit = identify_jointly(model, measurements, before.estimate, free, reweighted);
+      result.fit = identify_jointly(problem.model, measurements, before.estimate, problem.free, reweighted);
       result.fit.iterations += before.iterations;
       result.fit.rms_history.insert(result.fit.rms_history.begin(), before.rms_history.begin(),
                                     before.rms_history.end());
@@ -215,8 +233,7 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
       continue;
     }
     const Vector3d tool = estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
-    const Vector3d expected = estimate.X_WB * (T_robot[static_cast<std::size_t>(observation.configuration)] * tool);
-    const Vector3d dp = observation.position - expected;
+    const Vector3d dp = observation.position - predicted_point(estimate, T_robot, observation);
     const Matrix3Xd J =
         position_jacobian_by_matrix_derivatives(model, estimate.errors, geometric, estimate.X_WB,
                                                 measurements.joint_values.col(observation.configuration), tool);

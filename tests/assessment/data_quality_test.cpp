@@ -38,7 +38,12 @@ struct Experiment {
   }
 
   Estimate preliminary(const Measurements& measurements) const {
-    return identify_robustly(model, measurements, nominal_start(model, measurements), free, Loss::tukey).fit.estimate;
+    return identify_robustly({.model = model,
+                              .measurements = measurements,
+                              .start = nominal_start(model, measurements),
+                              .free = free,
+                              .options = {.loss = Loss::tukey}})
+        .fit.estimate;
   }
 
   std::vector<QualityFinding> findings(const Measurements& measurements) const {
@@ -192,8 +197,12 @@ TEST(DataQuality, NamesTheOnlyTargetThatSlipped) {
   Measurements measured =
       measure(robot, random_configurations(published_ranges(e.model.joints), 80, random), {.sigma = kNoise}, random);
   slip_target(e.model, robot.truth, measured, 0, 30, {0.0, 0.0006, 0.0008});
-  const Estimate estimate =
-      identify_robustly(e.model, measured, nominal_start(e.model, measured), free, Loss::tukey).fit.estimate;
+  const Estimate estimate = identify_robustly({.model = e.model,
+                                               .measurements = measured,
+                                               .start = nominal_start(e.model, measured),
+                                               .free = free,
+                                               .options = {.loss = Loss::tukey}})
+                                .fit.estimate;
   // Without others to compare it with, the fit bends a little to follow it.
   const std::vector<QualityFinding> findings = check_measurements(e.model, measured, estimate);
   ASSERT_EQ(findings.size(), 1U) << ::testing::PrintToString(messages(findings));
@@ -446,7 +455,10 @@ TEST(DataQualityOnRealData, FindsNothingInTheUr10Poses) {
   const Measurements measured = read_measurements(folder + "/measurements.csv", joint_names(robot));
   const Estimate start = nominal_start(model, measured);
   const Unknowns free = Unknowns(model, start.targets, reduced_model(model, start.targets).kept);
-  const Estimate estimate = identify_robustly(model, measured, start, free, Loss::tukey).fit.estimate;
+  const Estimate estimate =
+      identify_robustly(
+          {.model = model, .measurements = measured, .start = start, .free = free, .options = {.loss = Loss::tukey}})
+          .fit.estimate;
   EXPECT_THAT(messages(check_measurements(model, measured, estimate)), IsEmpty());
 }
 

@@ -128,14 +128,14 @@ MonteCarlo monte_carlo(const Experiment& experiment, int runs, int poses, const 
     squares += d.cwiseAbs2() / runs;
     predicted += C.diagonal() / runs;
     result.mean_nees += d.dot(C.ldlt().solve(d)) / runs;
+    const PositionPredictor predictor(experiment.model, found.estimate, experiment.free);
     const std::vector<Eigen::Isometry3d> truth = flange_poses(experiment.model, robot.truth, unmeasured);
     const std::vector<Eigen::Isometry3d> ours = flange_poses(experiment.model, found.estimate, unmeasured);
     for (Eigen::Index c = run % 10; c < unmeasured.cols(); c += 10) {  // a tenth of the poses in each run
       const auto i = static_cast<std::size_t>(c);
       const Eigen::Vector3d error = found.estimate.X_WB * (ours[i] * found.estimate.targets[1].X_FT.translation()) -
                                     robot.truth.X_WB * (truth[i] * robot.truth.targets[1].X_FT.translation());
-      const Eigen::Matrix3d P =
-          predicted_covariance(experiment.model, found.estimate, experiment.free, C, unmeasured.col(c), 1);
+      const Eigen::Matrix3d P = predicted_covariance(predictor, C, unmeasured.col(c), 1);
       for (int axis = 0; axis < 3; ++axis) {
         covered += std::abs(error[axis]) < 1.959964 * std::sqrt(P(axis, axis)) ? 1.0 : 0.0;
         intervals += 1.0;
@@ -377,7 +377,7 @@ TEST(Uncertainty, LeverageAddsUpToTheRankAndCooksDistanceIsThatOfARefit) {
                                                  experiment.free, options);
     const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options.residuals);
     const Eigen::MatrixXd jacobian = problem.whitened(full.estimate).jacobian;
-    const Influence found = influence(experiment.model, measured, full.estimate, experiment.free, options.residuals,
+    const Influence found = influence(problem, measured, options.residuals, full.estimate,
                                       problem.whitened_summary(full.estimate).triangle);
     ASSERT_EQ(found.configurations.size(), 30U);
     EXPECT_NEAR(found.leverage_limit, 2.0 * 33.0 / 267.0, 1e-9);

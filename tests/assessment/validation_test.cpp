@@ -84,7 +84,8 @@ TEST(Validation, FiguresOfIso9283AreTheStandardsFormulas) {
 TEST(Validation, LeaveOneOutIsARefitWithoutThatConfiguration) {
   const Fixture f(2);
   const Estimate start = nominal_start(f.model, f.measured);
-  const HoldOut found = leave_one_configuration_out(f.model, f.measured, start, f.free);
+  const HoldOut found =
+      leave_one_configuration_out({.model = f.model, .measurements = f.measured, .start = start, .free = f.free});
   EXPECT_EQ(found.refits, 20);
   EXPECT_EQ(found.not_converged, 0);
   ASSERT_EQ(found.distances.size(), 60U);
@@ -106,7 +107,8 @@ TEST(Validation, LeaveOneOutIsARefitWithoutThatConfiguration) {
 TEST(Validation, LeaveOneOutOfTheNominalRobotShowsItsErrors) {
   const Fixture f;
   const HoldOut nominal = leave_one_configuration_out_nominal(f.model, f.measured);
-  const HoldOut fitted = leave_one_configuration_out(f.model, f.measured, nominal_start(f.model, f.measured), f.free);
+  const HoldOut fitted = leave_one_configuration_out(
+      {.model = f.model, .measurements = f.measured, .start = nominal_start(f.model, f.measured), .free = f.free});
   EXPECT_GT(error_statistics(nominal.distances).rms, 5.0 * error_statistics(fitted.distances).rms);
 }
 

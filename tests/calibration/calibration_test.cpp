@@ -323,6 +323,7 @@ TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
   const Simulated s(11, 0.00003);
   const Calibration found = calibrate(s.model, s.measured);
   const Estimate& estimate = found.identification.estimate;
+  const PositionPredictor predictor(s.model, estimate, found.free);
   const KDL::Chain chain = folded_chain(s.model, estimate.errors);
   Random random(1);
   const Eigen::MatrixXd workspace = random_configurations(limits_of(s.model.joints), 1000, random);
@@ -334,7 +335,7 @@ TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
       centre.push_back(0.5 * std::floor(X_BF.p[axis] / 0.5) + 0.25);
     }
     for (std::size_t t = 0; t < 3; ++t) {
-      const Eigen::Matrix3d P = predicted_covariance(s.model, estimate, found.free, found.covariance, q, t);
+      const Eigen::Matrix3d P = predicted_covariance(predictor, found.covariance, q, t);
       sigmas_of_cube[centre].push_back(std::sqrt(P.trace()));
     }
   }

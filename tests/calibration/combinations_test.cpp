@@ -506,7 +506,11 @@ TEST(Combinations, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts
       for (Index d = 0; d < 11; ++d) {
         if (d != c) {
           const Measurements rest = without(arm.measured, {c, d});
-          const auto own = distances_to_means(arm, fit(arm.model, rest, start, found.free, with_size).estimate, d);
+          const auto own = distances_to_means(
+              arm,
+              fit({.model = arm.model, .measurements = rest, .start = start, .free = found.free, .options = with_size})
+                  .estimate,
+              d);
           inner.insert(inner.end(), own.begin(), own.end());
         }
       }
@@ -518,13 +522,18 @@ TEST(Combinations, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts
     chosen.insert(priors.length);
     FitOptions with_best = fit_options;
     with_best.joint.residuals.priors = priors;
-    const auto own = distances_to_means(arm, fit(arm.model, others, start, found.free, with_best).estimate, c);
+    const auto own = distances_to_means(
+        arm,
+        fit({.model = arm.model, .measurements = others, .start = start, .free = found.free, .options = with_best})
+            .estimate,
+        c);
     expected.insert(expected.end(), own.begin(), own.end());
   }
   EXPECT_GT(chosen.size(), 1U) << "the choice is the same without any of them: a leak would not show";
   const ModelOptions model_options{.priors = prior_sizes()};
-  const HoldOut nested =
-      nested_leave_one_out(arm.model, arm.measured, start, found.free, model_options, fit_options, 1);
+  const HoldOut nested = nested_leave_one_out(
+      {.model = arm.model, .measurements = arm.measured, .start = start, .free = found.free, .options = fit_options},
+      model_options, 1);
   EXPECT_EQ(nested.refits, 11);
   EXPECT_EQ(nested.not_converged, 0);
   expect_near(nested.distances, expected, 1e-6);
@@ -552,7 +561,12 @@ TEST(Combinations, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
   std::vector<double> before;
   for (Index c = 0; c < 11; ++c) {
     const Measurements others = without(arm.measured, {c});
-    const Estimate refit = identify_robustly(arm.model, others, start, found.free, Loss::tukey, joint).fit.estimate;
+    const Estimate refit = identify_robustly({.model = arm.model,
+                                              .measurements = others,
+                                              .start = start,
+                                              .free = found.free,
+                                              .options = {.loss = Loss::tukey, .joint = joint}})
+                               .fit.estimate;
     const auto own = distances_to_means(arm, refit, c);
     after.insert(after.end(), own.begin(), own.end());
     const auto nominal = distances_to_means(arm, nominal_start(arm.model, others), c);

@@ -1098,9 +1098,9 @@ TEST(ReportJson, PredictionsAreThoseOfKdlAndOfThePropagatedCovariance) {
       EXPECT_EQ(point["target"], estimate.targets[static_cast<std::size_t>(target)].name);
       const KDL::Vector p_W = predicted_point(poses[configuration], estimate, target);
       const KDL::Vector p_B = to_kdl(estimate.X_WB).Inverse() * p_W;
-      const Eigen::Matrix3d C =
-          predicted_covariance(c.calibration.model, estimate, c.calibration.free, c.calibration.covariance,
-                               q.col(static_cast<Eigen::Index>(configuration)), static_cast<std::size_t>(target));
+      const Eigen::Matrix3d C = predicted_covariance(
+          PositionPredictor(c.calibration.model, estimate, c.calibration.free), c.calibration.covariance,
+          q.col(static_cast<Eigen::Index>(configuration)), static_cast<std::size_t>(target));
       for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
         EXPECT_NEAR(point["position"][a], p_B[axis], 1e-12) << name;
