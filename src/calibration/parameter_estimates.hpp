@@ -9,8 +9,8 @@
 namespace kdl_calibration {
 
 /// Every parameter that was estimated, is held by a gauge, or has a value that is not zero, with its uncertainty by
-/// the covariance of the columns.
-std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, const WholeFit& fit,
+/// the covariance of the columns. What is nominal of base and targets is where they are registered to the nominal arm.
+std::vector<ParameterEstimate> parameter_estimates(const FitTask& task, const WholeFit& fit,
                                                    const std::vector<std::string>& fixed_by_gauge,
                                                    const Eigen::MatrixXd& covariance);
 

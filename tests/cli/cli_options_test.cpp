@@ -382,6 +382,14 @@ std::vector<OptionCase> validate_options() {
          return RegistrationOptions{.known_base = std::nullopt, .known_targets = targets};
        }),
        measured},
+      {"RequireDecidesTheStatus",
+       {"--require", "train.rms<0"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         EXPECT_EQ(effect.without.outcome.status, 0);
+         EXPECT_EQ(effect.with.outcome.status, 1);
+       },
+       measured},
       {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json(), measured},
   };
 }
@@ -416,7 +424,7 @@ TEST_P(TruthOption, HasItsEffectAndNoOther) {
   ASSERT_EQ(run({"simulate", "--configurations", "12", "--noise", "2e-5", "--output", "m.csv", "--truth", "truth.json"})
                 .status,
             0);
-  ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "result.json"}).status, 0);
+  ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "result.json"}).status, 1) << "nothing to gain";
   check_effect({"validate", "--json"}, GetParam());
 }
 INSTANTIATE_TEST_SUITE_P(Options, TruthOption, ::testing::ValuesIn(truth_options()), behaviour_of);
