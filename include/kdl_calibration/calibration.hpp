@@ -210,6 +210,9 @@ struct Calibration {
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                       const CalibrationOptions& options = {});
 
+/// Whether points of the workspace beyond the measured region may be predicted worse than by the nominal robot.
+bool is_uncertain_elsewhere(const Calibration& calibration);
+
 /// Measured configurations with a joint value outside its limits.
 int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements);
 

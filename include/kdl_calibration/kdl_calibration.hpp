@@ -41,6 +41,7 @@
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/two_step_trial.hpp"

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/reduction.hpp"
@@ -8,9 +10,28 @@
 
 namespace kdl_calibration {
 
+/// A file, and the SHA-256 of its bytes in hexadecimal digits.
+struct HashedFile {
+  std::string role;  ///< "measurements", "joint_convention", "output", …
+  std::string path;
+  std::string sha256;
+};
+
+/// Where a result comes from, as far as the caller knows.
+struct Provenance {
+  std::vector<std::pair<std::string, std::string>> notes;  ///< in the caller's words: serial number, payload, …
+  std::vector<HashedFile> files_read;
+  std::vector<HashedFile> files_written;
+};
+
 /// The result as JSON (see the README): SI units, full precision.
 std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options,
-                        const Calibration& calibration);
+                        const Calibration& calibration, const Provenance& provenance = {});
+
+/// Measured minus predicted point of every row in W, [m], as CSV.
+std::string residuals_csv(const Measurements& measurements, const Calibration& calibration);
+/// The covariance of everything estimated, SI units, as CSV with the parameters' names; empty where not determined.
+std::string covariance_csv(const Calibration& calibration);
 
 /// The irreducible model as JSON: parameters, dropped, gauge, candidates, rank.
 std::string model_json(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Reduction& reduction);

@@ -156,14 +156,32 @@ Choice choose(const Setting& setting, const Measurements& measurements, const Ca
 
 // What the measurements determine, and how well.
 struct Judgement {
-  Identifiability identifiability;  // of the candidates
+  int rank = 0;                     // of the candidates, with what the priors say of them
+  Identifiability identifiability;  // of base, targets and geometry among them, by the measurements alone
   std::vector<std::string> fixed_by_gauge;
   Eigen::MatrixXd triangle;  // of what was estimated
+  bool determined = true;    // all candidates
   Eigen::MatrixXd triangle_of_candidates;
   ObservabilityIndices observability;
   NoiseAssessment noise;
   Influence influence;
 };
+
+// Of base, targets and geometry without priors, where the fit had those or deflections.
+std::optional<Identifiability> rigid_identifiability(const FitTask& task, const WholeFit& fitted,
+                                                     ResidualOptions residuals) {
+  const Priors& priors = residuals.priors;
+  const bool with_priors = priors.length > 0.0 || priors.angle > 0.0 || priors.deflection > 0.0;
+  if (!with_priors && fitted.candidates.deflections().empty()) {
+    return std::nullopt;
+  }
+  residuals.priors = {};
+  const Unknowns rigid = fitted.candidates.without(UnknownGroup::deflections);
+  const Estimate& estimate = fitted.identification.estimate;
+  const LeastSquaresProblem problem(task.model, task.measurements, rigid, residuals);
+  return identifiability(problem.whitened_summary(estimate).triangle,
+                         column_names(task.model, estimate.targets, rigid));
+}
 
 Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNoise& estimated) {
   const Estimate& estimate = fitted.identification.estimate;
@@ -187,6 +205,12 @@ Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNois
                                         .triangle;
   }
   result.identifiability = identifiability(result.triangle_of_candidates, candidates);
+  result.rank = result.identifiability.rank;
+  const int open_columns = result.identifiability.columns - result.rank;
+  if (const std::optional<Identifiability> rigid = rigid_identifiability(task, fitted, residuals)) {
+    result.identifiability = *rigid;
+  }
+  result.determined = open_columns == 0;
   result.observability =
       observability_indices(system.triangle, static_cast<Eigen::Index>(make_folds(task.measurements, 0).size()));
   result.noise = assess_noise(task,
@@ -195,7 +219,7 @@ Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNois
                                .free = fitted.free,
                                .system = system,
                                .row_weights = residuals.row_weights,
-                               .rank = result.identifiability.rank},
+                               .rank = result.rank},
                               estimated);
   if (task.measurements.joint_values.cols() <= kMostConfigurationsJudged) {
     result.influence = influence(problem, task.measurements, residuals, estimate, system.triangle);
@@ -206,7 +230,7 @@ Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNois
 // The fit says what it knows; that it was not enough is known only now.
 void note_what_is_open(const Judgement& judged, const CalibrationOptions& options, Identification& found) {
   const bool gauge = !judged.fixed_by_gauge.empty() && options.model == ModelChoice::irreducible;
-  const bool open = judged.fixed_by_gauge.empty() && judged.identifiability.rank < judged.identifiability.columns;
+  const bool open = judged.fixed_by_gauge.empty() && !judged.determined;
   if (found.termination == Termination::converged && (gauge || open)) {
     found.termination = Termination::rank_deficient;
     found.message = "converged, but the measurements do not determine all parameters";
@@ -320,7 +344,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                                          .held_out = held_out.prediction},
                                         measurements, options.predict_at);
   result.difference_to_kdl = difference_to_kdl(model, fitted.identification.estimate.errors, measurements.joint_values);
-  result.parameters = parameter_estimates(setting.model, fitted,
+  result.parameters = parameter_estimates(task, fitted,
                                           {.fixed_by_gauge = judged.fixed_by_gauge,
                                            .tied = judged.identifiability.tied,
                                            .covariance = judged.noise.covariance,

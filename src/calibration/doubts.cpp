@@ -154,7 +154,7 @@ void doubt_size(const Calibration& found, std::vector<Doubt>& doubts) {
   }
   std::vector<std::string> unknown;
   for (const ParameterEstimate& parameter : found.parameters) {
-    if (is_unknown(found.model, parameter)) {
+    if (std::isfinite(parameter.std) && is_unknown(found.model, parameter)) {
       unknown.push_back(parameter.name);
     }
   }
@@ -197,7 +197,11 @@ std::vector<Doubt> doubts(const Calibration& found, const Measurements& measurem
 std::vector<std::string> warnings(const Calibration& found, const Measurements& measurements,
                                   const std::string& ambiguity) {
   std::vector<std::string> result;
+  const bool open = found.identification.termination == Termination::rank_deficient || !found.fixed_by_gauge.empty();
   for (const std::vector<std::string>& group : found.identifiability.tied) {
+    if (!open) {  // priors told them apart
+      break;
+    }
     result.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
                                        : "the measurements cannot tell apart: " + comma_separated(group));
   }
@@ -223,7 +227,19 @@ std::vector<std::string> warnings(const Calibration& found, const Measurements& 
   if (found.lack_of_fit && found.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");
   }
+  if (is_uncertain_elsewhere(found)) {
+    result.push_back(
+        "beyond the measured configurations a point may be predicted worse than by the nominal robot: 1 "
+        "sigma of " +
+        millimetres(found.predicted.workspace.rms) + " over the whole workspace, nominal error " +
+        millimetres(found.train.before.rms) + "; use the calibrated robot where it was measured");
+  }
   return result;
+}
+
+bool is_uncertain_elsewhere(const Calibration& calibration) {
+  return calibration.trusted() && calibration.predicted.workspace.count > 0 &&
+         calibration.predicted.workspace.rms > calibration.train.before.rms;
 }
 
 }  // namespace kdl_calibration

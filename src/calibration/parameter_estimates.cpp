@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <set>
 #include <utility>
 
@@ -15,18 +16,21 @@ namespace kdl_calibration {
 namespace {
 
 // Position and rotation vector of a frame as six parameters.
-void add_frame_parameters(const std::vector<std::string>& names, const Eigen::Isometry3d& frame,
-                          std::vector<ParameterEstimate>& parameters) {
-  const Eigen::Vector3d rotation = rotation_log(frame.linear());
+void add_frame_parameters(const std::vector<std::string>& names, const Eigen::Isometry3d& nominal,
+                          const Eigen::Isometry3d& frame, std::vector<ParameterEstimate>& parameters) {
+  const Eigen::Vector3d turn = rotation_log(frame.linear());
+  const Eigen::Vector3d nominal_turn = rotation_log(nominal.linear());
   for (std::size_t i = 0; i < names.size(); ++i) {
     const auto axis = static_cast<Eigen::Index>(i % 3);
-    const double value = i < 3 ? frame.translation()[axis] : rotation[axis];
+    const double value = i < 3 ? frame.translation()[axis] : turn[axis];
+    const double before = i < 3 ? nominal.translation()[axis] : nominal_turn[axis];
     parameters.push_back({.name = names[i],
                           .joint = {},
                           .kind = i < 3 ? "translation" : "rotation",
                           .axis = std::string(1, static_cast<char>('x' + axis)),
+                          .nominal = before,
                           .value = value,
-                          .error = 0.0});
+                          .error = value - before});
   }
 }
 
@@ -46,11 +50,13 @@ double link_length(const ErrorModel& model, const ErrorParameter& parameter) {
 }
 
 // All parameters that there are.
-std::vector<ParameterEstimate> all_parameters(const ErrorModel& model, const Estimate& estimate) {
+std::vector<ParameterEstimate> all_parameters(const ErrorModel& model, const Estimate& nominal,
+                                              const Estimate& estimate) {
   std::vector<ParameterEstimate> all;
-  add_frame_parameters(base_parameter_names(), estimate.X_WB, all);
-  for (const TargetFrame& target : estimate.targets) {
-    add_frame_parameters(target_parameter_names(target), target.X_FT, all);
+  add_frame_parameters(base_parameter_names(), nominal.X_WB, estimate.X_WB, all);
+  for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
+    const TargetFrame& target = estimate.targets[k];
+    add_frame_parameters(target_parameter_names(target), nominal.targets[k].X_FT, target.X_FT, all);
   }
   for (std::size_t p = 0; p < model.parameters.size(); ++p) {
     const ErrorParameter& parameter = model.parameters[p];
@@ -85,8 +91,9 @@ bool is_unknown(const ErrorModel& model, const ParameterEstimate& estimate) {
          estimate.std > (is_length(model, *found) ? link_length(model, *found) : kAngle);
 }
 
-std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, const WholeFit& fit,
+std::vector<ParameterEstimate> parameter_estimates(const FitTask& task, const WholeFit& fit,
                                                    const KnownOfParameters& known) {
+  const ErrorModel& model = task.model;
   const Estimate& estimate = fit.identification.estimate;
   const std::vector<ValueUncertainty> uncertain =
       uncertainties(estimate, fit.free, known.covariance, known.noise.parts, known.noise.degrees_of_freedom);
@@ -101,7 +108,7 @@ std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, cons
   const std::set<std::string> held(known.fixed_by_gauge.begin(), known.fixed_by_gauge.end());
   const std::set<std::string> kept(fit.reduction.kept.begin(), fit.reduction.kept.end());
   std::vector<ParameterEstimate> parameters;
-  for (ParameterEstimate& parameter : all_parameters(model, estimate)) {
+  for (ParameterEstimate& parameter : all_parameters(model, task.start, estimate)) {
     const std::optional<Eigen::Index> column = fit.free.column(parameter.name);
     const bool estimated = column.has_value();
     parameter.gauge = gauge.count(parameter.name) > 0 || held.count(parameter.name) > 0;
@@ -111,6 +118,8 @@ std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, cons
       parameter.degrees_of_freedom = value.degrees_of_freedom;
       parameter.identifiable =
           std::isfinite(parameter.std) && !is_unknown(model, parameter) && biased.count(parameter.name) == 0;
+    } else if (parameter.gauge) {
+      parameter.std = std::numeric_limits<double>::infinity();
     }
     const bool known_frame = parameter.joint.empty() && parameter.name.find('.') != std::string::npos;
     if (estimated || parameter.gauge || known_frame || parameter.error != 0.0 || kept.count(parameter.name) > 0) {

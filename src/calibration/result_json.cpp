@@ -1,50 +1,17 @@
 #include "kdl_calibration/result_json.hpp"
-#include "base/f_distribution.hpp"
-
-#include <openssl/evp.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "base/sha256.hpp"
+#include "calibration/parameter_estimates.hpp"
+#include "calibration/result_blocks.hpp"
 #include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
 namespace {
-
-using Json = nlohmann::ordered_json;
-
-Json array(const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); }
-
-Json quaternion(const Eigen::Matrix3d& R) {
-  const Eigen::Quaterniond q(R);
-  const double sign = q.w() < 0.0 ? -1.0 : 1.0;
-  return Json::array({sign * q.w(), sign * q.x(), sign * q.y(), sign * q.z()});
-}
-
-// JSON has no infinity: what is not determined is null.
-Json finite_or_null(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
-
-std::string sha256(const std::string& text) {
-  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
-  unsigned int size = 0;
-  EVP_Digest(text.data(), text.size(), digest.data(), &size, EVP_sha256(), nullptr);
-  std::string hex;
-  for (unsigned int i = 0; i < size; ++i) {
-    std::array<char, 3> byte{};
-    std::snprintf(byte.data(), byte.size(), "%02x", digest[i]);
-    hex += byte.data();
-  }
-  return hex;
-}
-
-Json statistics_json(const ErrorStatistics& statistics) {
-  return {{"count", statistics.count}, {"mean", statistics.mean}, {"rms", statistics.rms},
-          {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
-}
 
 Json before_after_json(const BeforeAfter& pair) {
   Json result = {{"before", statistics_json(pair.before)}, {"after", statistics_json(pair.after)}};
@@ -98,9 +65,8 @@ Json finite_array(const Eigen::Vector3d& v) {
   return Json::array({finite_or_null(v.x()), finite_or_null(v.y()), finite_or_null(v.z())});
 }
 
-// 95 % of Student's t.
 Json interval_json(double value, double std, double degrees_of_freedom) {
-  const double half = std > 0.0 ? t_critical_95(degrees_of_freedom) * std : std;
+  const double half = half_width_95(std, degrees_of_freedom);
   return std::isfinite(half) ? Json::array({value - half, value + half}) : Json(nullptr);
 }
 
@@ -303,7 +269,7 @@ Json base_json(const Calibration& calibration) {
 }  // namespace
 
 std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options,
-                        const Calibration& calibration) {
+                        const Calibration& calibration, const Provenance& provenance) {
   const Identification& found = calibration.identification;
   Json position_error = {{"train", before_after_json(calibration.train)}};
   if (calibration.test) {
@@ -337,10 +303,14 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["base"] = base_json(calibration);
   result["targets"] = targets_json(calibration);
   result["position_error"] = position_error;
+  result["exported_urdf"] = exported_urdf_json(robot, calibration);
   result["noise"] = noise_json(calibration.noise);
   add_details(calibration, measurements, result);
+  result["covariance"] = covariance_json(calibration);
+  result["residuals"] = residuals_json(measurements, calibration);
   result["difference_to_kdl"] = calibration.difference_to_kdl;
   result["warnings"] = calibration.warnings;
+  result["provenance"] = provenance_json(provenance);
   return result.dump(2) + "\n";
 }
 

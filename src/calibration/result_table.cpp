@@ -2,10 +2,16 @@
 
 #include <locale.h>
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
+#include <set>
+
+#include "base/text.hpp"
+#include "base/wrapped_text.hpp"
+#include "calibration/parameter_estimates.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -25,43 +31,92 @@ std::string padded(std::string text, std::size_t width) {
   return text;
 }
 
-void add_statistics(const char* label, const ErrorStatistics& statistics, std::string& text) {
-  text += padded(label, 26) + format("%8.3f", statistics.rms * 1e3) + format("%8.3f", statistics.mean * 1e3) +
-          format("%8.3f", statistics.p95 * 1e3) + format("%8.3f", statistics.max * 1e3) + "   " +
-          std::to_string(statistics.count) + "\n";
+std::string right(const std::string& text, std::size_t width) {
+  return std::string(width - std::min(width, text.size()), ' ') + text;
 }
 
-void add_before_after(const char* what, const BeforeAfter& pair, std::string& text) {
-  add_statistics((std::string(what) + ", nominal").c_str(), pair.before, text);
-  add_statistics((std::string(what) + ", calibrated").c_str(), pair.after, text);
-  if (pair.rigid) {
-    add_statistics((std::string(what) + ", URDF alone").c_str(), *pair.rigid, text);
-  }
-}
-
-// Accuracy of the means of the repeats, and repeatability where there are repeats.
-void add_iso_line(const std::string& label, const ErrorStatistics& accuracy, const ErrorStatistics* repeatability,
-                  std::string& text) {
-  text += padded(label, 26) + format("%8.3f", accuracy.mean * 1e3) + format("%8.3f", accuracy.max * 1e3);
-  const bool repeats = repeatability != nullptr && repeatability->count > 0;
-  text += repeats ? format("%8.3f", repeatability->mean * 1e3) + format("%8.3f", repeatability->max * 1e3)
-                  : "       -       -";
-  text += "   " + std::to_string(accuracy.count) + "\n";
-}
-
-void add_iso_table(const Calibration& calibration, std::string& text) {
-  text += "\n" + padded("ISO 9283 [mm]", 26) + " AP mean  AP max RP mean  RP max   points\n";
-  const auto add = [&](const std::string& what, const Iso9283& before, const Iso9283& after) {
-    add_iso_line(what + ", nominal", before.accuracy, &before.repeatability, text);
-    add_iso_line(what + ", calibrated", after.accuracy, &after.repeatability, text);
+// Positions errors of the means of the repeats, as in all tables.
+void add_errors(const Calibration& calibration, std::string& text) {
+  text += "\n" + statistics_heading("position error [mm]");
+  const auto add = [&](const std::string& what, const ErrorStatistics& before, const ErrorStatistics& after) {
+    text += statistics_row(what + ", nominal", before) + statistics_row(what + ", calibrated", after);
   };
-  add("fitted", calibration.iso_before, calibration.iso_after);
-  if (calibration.iso_test_before && calibration.iso_test_after) {
-    add("held out", *calibration.iso_test_before, *calibration.iso_test_after);
+  const bool deflects = calibration.train.rigid.has_value();
+  add("fitted", calibration.iso_before.accuracy, calibration.iso_after.accuracy);
+  if (deflects) {
+    text += statistics_row("fitted, URDF alone", calibration.exported.iso.accuracy);
   }
+  if (calibration.iso_test_before && calibration.iso_test_after) {
+    add("test", calibration.iso_test_before->accuracy, calibration.iso_test_after->accuracy);
+  }
+  const auto add_held_out = [&](const std::string& what, const BeforeAfter& pair) {
+    add(what, pair.before, pair.after);
+    if (pair.rigid) {
+      text += statistics_row(what + ", URDF alone", *pair.rigid);
+    }
+  };
   if (calibration.leave_one_out) {
-    add_iso_line("leave-one-out, nominal", calibration.leave_one_out->before, nullptr, text);
-    add_iso_line("leave-one-out, calibrated", calibration.leave_one_out->after, nullptr, text);
+    add_held_out("left out", *calibration.leave_one_out);
+  }
+  if (calibration.nested_leave_one_out) {
+    text += statistics_row("left out, choice anew", *calibration.nested_leave_one_out);
+  }
+  if (calibration.k_fold) {
+    add_held_out(std::to_string(calibration.folds) + "-fold", *calibration.k_fold);
+  }
+  const ErrorStatistics& repeatability = calibration.iso_after.repeatability;
+  if (repeatability.count > 0) {
+    text += "AP and RP by the formulas of ISO 9283 (not its test cycle), largest:\n" +
+            format("  AP nominal %.3f mm,", calibration.iso_before.accuracy.max * 1e3) +
+            format(" calibrated %.3f mm;", calibration.iso_after.accuracy.max * 1e3) +
+            format(" RP %.3f mm\n", repeatability.max * 1e3);
+  }
+}
+
+// "0.030 mm", or one for each axis of the measuring frame where they differ.
+std::string per_axis(const Eigen::Vector3d& sigma) {
+  if ((sigma.array() == sigma.x()).all()) {
+    return format("%.3f mm", sigma.x() * 1e3);
+  }
+  return format("%.3f, ", sigma.x() * 1e3) + format("%.3f, ", sigma.y() * 1e3) + format("%.3f mm", sigma.z() * 1e3);
+}
+
+std::string noise_line(const NoiseReport& noise) {
+  std::string line = "noise per coordinate: ";
+  if (noise.independent.isZero(0.0)) {
+    line += per_axis(Eigen::Vector3d::Constant(noise.sigma)) + " in all";
+  } else {
+    line += per_axis(noise.independent) + " per point";
+    if (!noise.common.isZero(0.0)) {
+      line +=
+          ", " + per_axis(noise.common) + " common to a " + (noise.model == "residuals" ? "configuration" : "repeat");
+    }
+  }
+  return line + (noise.model == "residuals" ? " (from the residuals)"
+                 : noise.model == "repeats" ? " (from the repeats)"
+                                            : " (as stated)");
+}
+
+void add_figures(const Calibration& calibration, std::string& text) {
+  const Identification& found = calibration.identification;
+  text += "\n" + wrapped(noise_line(calibration.noise), 0, 2);
+  text += "rank " + std::to_string(calibration.identifiability.rank) + " of " +
+          std::to_string(calibration.identifiability.columns) + " parameters" +
+          format(", condition number %.0f", calibration.identifiability.condition) + ", " +
+          std::to_string(found.iterations) + " iterations\n";
+  if (found.convergence_factor > 0.0) {
+    text += format("each round left %.3f of the error of the round before\n", found.convergence_factor);
+  }
+  if (calibration.predicted.workspace.count > 0) {
+    text += "1 sigma of a predicted point, from the uncertainty of the parameters alone:\n" +
+            format("  %.3f mm at the measured configurations,", calibration.predicted.measured.rms * 1e3) +
+            format(" %.3f mm over the whole workspace\n", calibration.predicted.workspace.rms * 1e3);
+  }
+  if (!calibration.tried.empty()) {
+    const ModelOption& chosen = calibration.tried.front();
+    text += format("chosen by cross-validation: priors %.3g mm", chosen.priors.length * 1e3) +
+            format(" and %.3g mrad,", chosen.priors.angle * 1e3) + " gravity " + (chosen.gravity ? "yes" : "no") +
+            ",\n  joint gain " + (chosen.gain ? "yes" : "no") + "\n";
   }
 }
 
@@ -78,7 +133,7 @@ void add_most_influential(const Measurements& measurements, const Influence& inf
     return std::to_string(std::count_if(order.begin(), order.end(), [&](const auto& entry) { return entry.*member; }));
   };
   text += "\nmost influential: " + count(&ConfigurationInfluence::influential) + " of " + std::to_string(order.size()) +
-          format(" configurations have a Cook's distance above %.3f, ", influence.cook_limit) +
+          format(" configurations have a Cook's distance above %.3f,\n", influence.cook_limit) +
           count(&ConfigurationInfluence::high_leverage) + " a high leverage (*)\n";
   text += padded("  configuration", 26) + "    Cook's  leverage\n";
   for (std::size_t i = 0; i < std::min(kShown, order.size()); ++i) {
@@ -92,13 +147,13 @@ void add_predictions(const std::vector<PredictedPoint>& points, std::string& tex
   if (points.empty()) {
     return;
   }
-  text += "\n" + padded("predicted, in the base [mm]", 28) + "           x           y           z 3D sigma  95 %\n";
+  text += "\n" + padded("predicted, in the base [mm]", 28) + "          x          y          z  sigma   95 %\n";
   for (const PredictedPoint& point : points) {
     const Eigen::Vector3d p = point.position * 1e3;
-    text += padded("  " + point.configuration + " " + point.target, 28) + format("%12.4f", p.x()) +
-            format("%12.4f", p.y()) + format("%12.4f", p.z());
-    text += std::isfinite(point.sigma) ? format("%9.4f", point.sigma * 1e3) + format("%9.4f", point.radius_95 * 1e3)
-                                       : "   not determined by these measurements";
+    text += padded("  " + point.configuration + " " + point.target, 28) + format("%11.3f", p.x()) +
+            format("%11.3f", p.y()) + format("%11.3f", p.z());
+    text += std::isfinite(point.sigma) ? format("%7.3f", point.sigma * 1e3) + format("%7.3f", point.radius_95 * 1e3)
+                                       : "  not determined";
     text += "\n";
   }
 }
@@ -126,74 +181,166 @@ const DisplayUnit& unit_of(const ErrorModel& model, const std::string& name) {
   return is_length(model, model.parameters[parameter_index(model, name)]) ? kMillimetres : kDegrees;
 }
 
-std::string parameter_line(const ErrorModel& model, const ParameterEstimate& parameter) {
+// "x shift of link 1 (origin of joint_2)"
+std::string in_words(const ErrorModel& model, const ParameterEstimate& parameter) {
+  if (parameter.kind == "joint_offset") {
+    return "zero offset of " + parameter.joint;
+  }
+  if (parameter.kind == "deflection") {
+    return (parameter.name.rfind("gain", 0) == 0 ? "gain of " : "sag under gravity of ") + parameter.joint;
+  }
+  const ErrorParameter& error = model.parameters[parameter_index(model, parameter.name)];
+  return parameter.axis + (parameter.kind == "translation" ? " shift" : " turn") + " of link " +
+         std::to_string(error.frame) + (parameter.joint.empty() ? "" : " (origin of " + parameter.joint + ")");
+}
+
+std::string parameter_line(const ErrorModel& model, const ParameterEstimate& parameter, const std::string& fixed) {
   const std::size_t width = std::max<std::size_t>(6, parameter.name.size() + 1);
   const DisplayUnit& unit = unit_of(model, parameter.name);
-  const std::string line = "  " + padded(parameter.name, width) + padded(parameter.joint, 22) +
+  const std::string line = "  " + padded(parameter.name, width) + padded(in_words(model, parameter), 40) +
                            format(unit.value, parameter.error * unit.per_si) + unit.name;
-  if (parameter.gauge && !parameter.identifiable) {
-    return line + "   zero by choice of gauge\n";
+  if (parameter.identifiable) {
+    return line + format(unit.sigma, half_width_95(parameter.std, parameter.degrees_of_freedom) * unit.per_si) + "\n";
   }
-  if (!parameter.identifiable) {
-    return line + "   not determined\n";
+  return line + "  " + (parameter.gauge ? "held, gauge" : parameter.std > 0.0 ? "not determined" : fixed) + "\n";
+}
+
+void add_parameters(const Calibration& calibration, const std::string& fixed, std::string& text) {
+  text += "\ngeometric errors, +- half of the 95 % interval\n";
+  for (const ParameterEstimate& parameter : calibration.parameters) {
+    if (parameter.name.find('.') == std::string::npos) {
+      text += parameter_line(calibration.model, parameter, fixed);
+    }
   }
-  return line + format(unit.sigma, parameter.std * unit.per_si) + "\n";
+}
+
+// For mastering: what to add to the controller's values so that they are those of the joints.
+void add_controller_offsets(const Calibration& calibration, const JointConvention& convention, std::string& text) {
+  const ErrorModel& model = calibration.model;
+  Eigen::VectorXd offsets = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(convention.urdf_joints.size()));
+  for (const ParameterEstimate& parameter : calibration.parameters) {
+    const auto joint = std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), parameter.joint);
+    if (parameter.kind == "joint_offset" && joint != convention.urdf_joints.end()) {
+      offsets[joint - convention.urdf_joints.begin()] = parameter.error;
+    }
+  }
+  const Eigen::VectorXd controller = convention.matrix.fullPivLu().solve(offsets);
+  text += "\njoint offsets as the controller counts, for mastering\n";
+  for (std::size_t i = 0; i < convention.controller_joints.size(); ++i) {
+    const auto index = static_cast<Eigen::Index>(i);
+    bool slides = false;
+    for (const MovingJoint& joint : model.joints) {
+      const auto row = std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), joint.name);
+      slides = slides || (joint.type == JointType::prismatic && row != convention.urdf_joints.end() &&
+                          convention.matrix(row - convention.urdf_joints.begin(), index) != 0.0);
+    }
+    const DisplayUnit& unit = slides ? kMillimetres : kDegrees;
+    text += "  " + padded(convention.controller_joints[i], 46) + format(unit.value, controller[index] * unit.per_si) +
+            unit.name + "\n";
+  }
+}
+
+std::string row_of(const std::string& label, const Eigen::Vector3d& position) {
+  const Eigen::Vector3d p = position * 1e3;
+  return padded("  " + label, 26) + format("%12.3f", p.x()) + format("%12.3f", p.y()) + format("%12.3f", p.z()) + "\n";
+}
+
+void add_frames(const Estimate& estimate, std::string& text) {
+  const std::string axes = "           x           y           z\n";
+  text += "\n" + padded("base, as measured [mm]", 26) + axes + row_of("origin", estimate.X_WB.translation());
+  double roll = 0.0;
+  double pitch = 0.0;
+  double yaw = 0.0;
+  to_kdl(estimate.X_WB).M.GetRPY(roll, pitch, yaw);
+  text += padded("  roll, pitch, yaw [deg]", 26);
+  for (const double angle : {roll, pitch, yaw}) {
+    text += format("%12.5f", angle * kDegrees.per_si);
+  }
+  text += "\n\n" + padded("targets on the flange [mm]", 26) + axes;
+  for (const TargetFrame& target : estimate.targets) {
+    text += row_of(target.name, target.X_FT.translation());
+  }
+}
+
+long fitted_configurations(const Measurements& measurements) {
+  std::set<std::int32_t> configurations;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      configurations.insert(observation.configuration);
+    }
+  }
+  return static_cast<long>(configurations.size());
+}
+
+std::string sizes(const Measurements& measurements, const Calibration& calibration) {
+  const Estimate& estimate = calibration.identification.estimate;
+  return std::to_string(fitted_configurations(measurements)) + " configurations, " +
+         std::to_string(calibration.train.after.count) + " points, " +
+         std::to_string(column_names(calibration.model, estimate.targets, calibration.free).size()) + " parameters";
+}
+
+// What holds, before any figure.
+std::string verdict(const Measurements& measurements, const Calibration& calibration) {
+  if (calibration.trusted()) {
+    return "Calibration converged: " + sizes(measurements, calibration) + ".\n";
+  }
+  std::string text;
+  for (const Doubt& doubt : calibration.doubts) {
+    text += wrapped((text.empty() ? "NOT TO BE TRUSTED: " : "Also: ") + doubt.message + ".", 0, 4);
+  }
+  for (const QualityFinding& finding : calibration.findings) {
+    text += wrapped("Measurements: " + finding.message + ".", 0, 4);
+  }
+  return text + "\nCalibration of " + sizes(measurements, calibration) + ".\n";
+}
+
+void add_main_figures(const Calibration& calibration, std::string& text) {
+  text += format("Position error, rms:  nominal %.3f mm", calibration.iso_before.accuracy.rms * 1e3) +
+          format(" -> calibrated %.3f mm  (fitted)\n", calibration.iso_after.accuracy.rms * 1e3);
+  if (calibration.test && calibration.iso_test_after) {
+    text += format("                      at the test rows %.3f mm\n", calibration.iso_test_after->accuracy.rms * 1e3);
+  }
+  const BeforeAfter* held_out = calibration.held_out();
+  if (held_out == nullptr) {
+    text += "                      at unseen configurations: not known\n";
+  } else {
+    text += format("                      at unseen configurations %.3f mm  (", held_out->after.rms * 1e3) +
+            (calibration.leave_one_out ? std::string("leave-one-out") : std::to_string(calibration.folds) + "-fold") +
+            ")\n";
+  }
 }
 
 }  // namespace
 
-std::string result_table(const Measurements& measurements, const Calibration& calibration) {
-  const Identification& found = calibration.identification;
-  std::string text = to_string(found.termination) + " after " + std::to_string(found.iterations) +
-                     " iterations: " + found.message + "\n";
-  text += "rank " + std::to_string(calibration.identifiability.rank) + " of " +
-          std::to_string(calibration.identifiability.columns) + " parameters" +
-          format(", condition number %.0f", calibration.identifiability.condition) +
-          format(", noise %.4f mm per coordinate", calibration.noise.sigma * 1e3) +
-          (calibration.noise.model == "residuals" ? " (from the residuals)\n" : " (as stated)\n");
-  if (found.convergence_factor > 0.0) {
-    text += format("each round left %.3f of the error of the round before\n", found.convergence_factor);
+std::string statistics_heading(const std::string& label, const std::string& counted) {
+  return padded(label, 24) + "         rms        mean         p95         max" + right(counted, 8) + "\n";
+}
+
+std::string statistics_row(const std::string& label, const ErrorStatistics& statistics) {
+  std::string text = padded(label, 24);
+  for (const double value : {statistics.rms, statistics.mean, statistics.p95, statistics.max}) {
+    text += statistics.count > 0 ? format("%12.3f", value * 1e3) : right("-", 12);
   }
-  text += format("flange poses agree with the KDL solver to %.1e m\n", calibration.difference_to_kdl);
-  text += "\n" + padded("position error [mm]", 26) + "     rms    mean     p95     max   points\n";
-  add_before_after("fitted", calibration.train, text);
-  if (calibration.test) {
-    add_before_after("held out", *calibration.test, text);
+  return text + right(std::to_string(statistics.count), 8) + "\n";
+}
+
+std::string result_table(const Measurements& measurements, const Calibration& calibration,
+                         const TableOptions& options) {
+  std::string text = verdict(measurements, calibration);
+  add_main_figures(calibration, text);
+  if (!options.written.empty()) {
+    text += wrapped("Written: " + comma_separated(options.written), 0, 9);
   }
-  if (calibration.leave_one_out) {
-    add_before_after("leave-one-out", *calibration.leave_one_out, text);
-  }
-  if (calibration.nested_leave_one_out) {
-    add_statistics("leave-one-out, nested", *calibration.nested_leave_one_out, text);
-  }
-  if (calibration.k_fold) {
-    add_before_after("k-fold", *calibration.k_fold, text);
-  }
-  if (calibration.predicted.workspace.count > 0) {
-    text += format("predicted 1 sigma of a point: %.3f mm at the measured configurations,",
-                   calibration.predicted.measured.rms * 1e3) +
-            format(" %.3f mm over the workspace\n", calibration.predicted.workspace.rms * 1e3);
-  }
-  add_iso_table(calibration, text);
-  if (!calibration.tried.empty()) {
-    const ModelOption& chosen = calibration.tried.front();
-    text += format("chosen by cross-validation: priors %.3g mm", chosen.priors.length * 1e3) +
-            format(" and %.3g mrad,", chosen.priors.angle * 1e3) + " gravity " + (chosen.gravity ? "yes" : "no") +
-            ", joint gain " + (chosen.gain ? "yes" : "no") + "\n";
-  }
-  text += "\ngeometric errors (+- 1 sigma)\n";
-  for (const ParameterEstimate& parameter : calibration.parameters) {
-    if (parameter.name.find('.') == std::string::npos) {
-      text += parameter_line(calibration.model, parameter);
+  add_errors(calibration, text);
+  add_figures(calibration, text);
+  if (calibration.trusted()) {
+    add_parameters(calibration, options.fixed, text);
+    if (options.convention != nullptr) {
+      add_controller_offsets(calibration, *options.convention, text);
     }
-  }
-  add_most_influential(measurements, calibration.influence, text);
-  add_predictions(calibration.predicted.asked, text);
-  text += "\ntargets on the flange [mm]\n";
-  for (const TargetFrame& target : found.estimate.targets) {
-    const Eigen::Vector3d p = target.X_FT.translation() * 1e3;
-    text += "  " + padded(target.name, 6) + format("%12.4f", p.x()) + format("%12.4f", p.y()) +
-            format("%12.4f", p.z()) + "\n";
+    add_most_influential(measurements, calibration.influence, text);
+    add_predictions(calibration.predicted.asked, text);
+    add_frames(calibration.identification.estimate, text);
   }
   return text;
 }

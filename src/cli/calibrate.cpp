@@ -2,19 +2,29 @@
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 
+#include <unistd.h>
+
+#include <algorithm>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
+#include <utility>
 
+#include "base/sha256.hpp"
+#include "base/text.hpp"
 #include "cli/frames.hpp"
+#include "cli/help.hpp"
 #include "cli/measurement_options.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/progress.hpp"
+#include "cli/requirements.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
 
@@ -26,6 +36,10 @@ struct Arguments {
   MeasurementArguments measurements;
   std::string output;
   std::string result;
+  std::string residuals;
+  std::string covariance;
+  std::vector<std::string> notes;
+  std::vector<std::string> requirements;
   std::string method = "joint";
   std::string model = "irreducible";
   CalibrationOptions options;
@@ -45,11 +59,44 @@ struct Arguments {
 
 std::vector<OutputFile> outputs(const Arguments& arguments) {
   std::vector<OutputFile> files;
-  if (!arguments.output.empty()) {
-    files.push_back({.option = "--output", .path = arguments.output, .text = {}});
+  for (const auto& [option, path] :
+       {std::pair{"--output", &arguments.output}, std::pair{"--result", &arguments.result},
+        std::pair{"--residuals", &arguments.residuals}, std::pair{"--covariance", &arguments.covariance}}) {
+    if (!path->empty()) {
+      files.push_back({.option = option, .path = *path, .text = {}});
+    }
   }
-  if (!arguments.result.empty()) {
-    files.push_back({.option = "--result", .path = arguments.result, .text = {}});
+  return files;
+}
+
+// "key=value"
+std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std::string>& texts) {
+  std::vector<std::pair<std::string, std::string>> notes;
+  for (const std::string& text : texts) {
+    const std::size_t end = text.find('=');
+    if (end == 0 || end == std::string::npos || !is_utf8(text)) {
+      throw InputError("--note: " + shown(text) + " is not accepted, expected key=value in UTF-8");
+    }
+    const std::string key = text.substr(0, end);
+    if (std::any_of(notes.begin(), notes.end(), [&](const auto& note) { return note.first == key; })) {
+      throw InputError("--note: " + shown(key) + " is given more than once, expected each key once");
+    }
+    notes.emplace_back(key, text.substr(end + 1));
+  }
+  return notes;
+}
+
+// Every file that took part, in the words of the options.
+std::vector<HashedFile> files_read(const Arguments& arguments, const Robot& robot) {
+  const MeasurementArguments& measured = arguments.measurements;
+  std::vector<HashedFile> files = {{.role = "urdf", .path = robot.source, .sha256 = sha256(robot.urdf)}};
+  for (const auto& [role, path] :
+       {std::pair{"measurements", &measured.measurements}, std::pair{"joint-convention", &measured.joint_convention},
+        std::pair{"known-base", &measured.known_base}, std::pair{"known-targets", &measured.known_targets},
+        std::pair{"predict-at", &arguments.predict_at}}) {
+    if (!path->empty()) {
+      files.push_back({.role = role, .path = *path, .sha256 = sha256_of_file(*path)});
+    }
   }
   return files;
 }
@@ -109,7 +156,77 @@ Configurations configurations_of(const std::string& file, const MeasurementArgum
   return {.names = asked.configurations, .joint_values = asked.joint_values};
 }
 
+// The options that help, which the library does not know.
+void name_options(std::vector<Doubt>& doubts) {
+  const std::map<std::string, std::string> help = {
+      {"not_converged", "--iterations sets their number"},
+      {"not_determined", "kdlcal plan --measured FILE --add N chooses them"},
+      {"unknown_length", "kdlcal plan --measured FILE --add N chooses them, --fix and --prior-length hold"},
+      {"joint_values", "--joint-convention says how to read them"}};
+  for (Doubt& doubt : doubts) {
+    const auto found = help.find(doubt.cause);
+    doubt.message += found != help.end() ? " (" + found->second + ")" : "";
+  }
+}
+
+std::string table(const Arguments& arguments, const Robot& robot, const Measurements& measurements,
+                  const Calibration& calibration) {
+  TableOptions options{.fixed = "fixed by --fix"};
+  for (const OutputFile& file : outputs(arguments)) {
+    options.written.push_back(file.path);
+  }
+  std::optional<JointConvention> convention;
+  if (!arguments.measurements.joint_convention.empty()) {
+    convention = matched_convention(read_joint_convention(arguments.measurements.joint_convention),
+                                    independent_joint_names(robot.joints));
+    options.convention = &*convention;
+  }
+  return result_table(measurements, calibration, options);
+}
+
+// On standard error, but for what the table has just said on the same terminal.
+void say_what_is_doubted(const Arguments& arguments, const Calibration& calibration) {
+  const bool just_said = !arguments.json && ::isatty(STDOUT_FILENO) == 1 && ::isatty(STDERR_FILENO) == 1;
+  if (!just_said) {
+    for (const Doubt& doubt : calibration.doubts) {
+      doubt_aloud(doubt.message);
+    }
+  }
+  for (const std::string& warning : calibration.warnings) {
+    warn(warning);
+  }
+  if (is_uncertain_elsewhere(calibration)) {
+    warn("kdlcal plan --measured FILE --add N chooses configurations that help there");
+  }
+  if (!calibration.trusted() && !arguments.output.empty()) {
+    warn(arguments.output + " comes from an answer that is not to be trusted; the file itself does not say so");
+  }
+}
+
+// The texts of the files to write; returns that of the result, which names the hashes of the others.
+std::string filled_in(const Arguments& arguments, const Robot& robot, const Measurements& measurements,
+                      const CalibrationOptions& options, const Calibration& calibration,
+                      std::vector<OutputFile>& files) {
+  Provenance provenance{.notes = notes_of(arguments.notes), .files_read = files_read(arguments, robot)};
+  for (OutputFile& file : files) {
+    if (file.option == "--result") {
+      continue;
+    }
+    file.text = file.option == "--output"      ? calibrated_urdf(robot, calibration)
+                : file.option == "--residuals" ? residuals_csv(measurements, calibration)
+                                               : covariance_csv(calibration);
+    provenance.files_written.push_back({.role = file.option.substr(2), .path = file.path, .sha256 = sha256(file.text)});
+  }
+  const std::string result = result_json(robot, measurements, options, calibration, provenance);
+  for (OutputFile& file : files) {
+    file.text = file.option == "--result" ? result : file.text;
+  }
+  return result;
+}
+
 ExitStatus run(const Arguments& arguments) {
+  const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);
+  notes_of(arguments.notes);  // refused before the work
   std::vector<OutputFile> files = outputs(arguments);
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
@@ -134,22 +251,16 @@ ExitStatus run(const Arguments& arguments) {
   if (!hint.empty()) {
     calibration.doubts.push_back({.cause = "joint_values", .message = hint});
   }
-  const std::string result = result_json(robot, measurements, options, calibration);
-  for (OutputFile& file : files) {
-    file.text = file.option == "--result" ? result : calibrated_urdf(robot, calibration);
-  }
+  const std::string result = filled_in(arguments, robot, measurements, options, calibration, files);
   write_whole(files, arguments.force);
-  print(arguments.json ? result : result_table(measurements, calibration));
-  for (const Doubt& doubt : calibration.doubts) {
-    doubt_aloud(doubt.message);
+  name_options(calibration.doubts);
+  print(arguments.json ? result : table(arguments, robot, measurements, calibration));
+  say_what_is_doubted(arguments, calibration);
+  const std::vector<std::string> missed = unfulfilled(requirements, json_of(result, "the result"));
+  for (const std::string& requirement : missed) {
+    require_aloud(requirement);
   }
-  for (const std::string& warning : calibration.warnings) {
-    warn(warning);
-  }
-  if (!calibration.trusted() && !arguments.output.empty()) {
-    warn(arguments.output + " comes from an answer that is not to be trusted; the file itself does not say so");
-  }
-  return calibration.trusted() ? done : not_to_be_trusted;
+  return calibration.trusted() && missed.empty() ? done : not_to_be_trusted;
 }
 
 void add_fit_options(CLI::App& app, Arguments& arguments) {
@@ -226,6 +337,19 @@ void add_noise_options(CLI::App& app, Arguments& arguments) {
       ->check(whole_number_between(0, 1024, "a whole number from 0 to 1024"));
 }
 
+void add_groups(CLI::App& app) {
+  add_group(app, "Input",
+            {"--measurements", "--urdf", "--base", "--tip", "--joint-convention", "--known-base", "--known-targets",
+             "--predict-at"});
+  add_group(app, "Output", {"--output", "--result", "--residuals", "--covariance", "--note", "--json", "--force"});
+  add_group(app, "Model",
+            {"--method", "--iterations", "--model", "--fix", "--free", "--prior", "--prior-length", "--prior-angle",
+             "--prior-deflection", "--gravity", "--joint-gain", "--extras"});
+  add_group(app, "Noise",
+            {"--loss", "--noise", "--noise-independent", "--noise-common", "--noise-tracker", "--orientation-sigma"});
+  add_group(app, "Validation", {"--leave-one-out", "--nested", "--k-fold", "--require", "--threads"});
+}
+
 }  // namespace
 
 Subcommand add_calibrate(CLI::App& parser) {
@@ -237,10 +361,17 @@ Subcommand add_calibrate(CLI::App& parser) {
   add_file(*app, "--result", arguments->result, "Write the result (JSON)");
   add_file(*app, "--predict-at", arguments->predict_at,
            "Predict the targets and their uncertainty at these configurations (CSV as measurements, no coordinates)");
+  add_file(*app, "--residuals", arguments->residuals, "Write measured minus predicted point of every row (CSV)");
+  add_file(*app, "--covariance", arguments->covariance, "Write the covariance of all estimated parameters (CSV)");
+  app->add_option("--note", arguments->notes, "Put key=value into the result, such as serial=R1234; repeatable")
+      ->type_name("KEY=VALUE")
+      ->allow_extra_args(false);
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_fit_options(*app, *arguments);
   add_noise_options(*app, *arguments);
+  add_require(*app, arguments->requirements);
   add_json_flag(*app, arguments->json);
+  add_groups(*app);
   add_example(*app, "kdlcal calibrate --measurements measurements.csv --output calibrated.urdf --result result.json");
   return {.app = app, .run = [arguments] { return run(*arguments); }};
 }

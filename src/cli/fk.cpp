@@ -1,12 +1,13 @@
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <memory>
 #include <numbers>
+#include <utility>
 
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -35,10 +36,20 @@ std::vector<NamedFrame> link_frames(const Robot& robot, const Eigen::VectorXd& q
   return frames;
 }
 
-Robot calibrated(const Robot& robot, const std::string& result) {
-  const ErrorModel model = complete_model(robot);
-  const std::string urdf = calibrated_urdf(robot, model, read_errors(result, model));
-  return parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result);
+// The robot as a result says, and where its joints then stand.
+struct CalibratedArm {
+  Robot robot;
+  Eigen::VectorXd joint_values;
+};
+
+CalibratedArm calibrated(const Robot& robot, const std::string& result, const Eigen::VectorXd& q) {
+  const SavedCalibration saved = load_calibration(result, robot);
+  if (!saved.trusted && !saved.doubts.empty()) {
+    warn(result + " is not to be trusted: " + saved.doubts.front().message);
+  }
+  const std::string urdf = calibrated_urdf(robot, saved.model, saved.estimate.errors);
+  return {.robot = parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result),
+          .joint_values = deflected(saved.model, saved.estimate.deflections, q)};
 }
 
 std::string json(const std::vector<NamedFrame>& frames) {
@@ -82,10 +93,13 @@ std::string table(const Robot& robot, const std::vector<NamedFrame>& frames) {
 ExitStatus run(const Arguments& arguments) {
   const auto& [robot_arguments, joints, result, as_json] = arguments.arm;
   Robot robot = load(robot_arguments);
+  Eigen::VectorXd q = joint_values(robot, joints);
   if (!result.empty()) {
-    robot = calibrated(robot, result);
+    CalibratedArm arm = calibrated(robot, result, q);
+    robot = std::move(arm.robot);
+    q = std::move(arm.joint_values);
   }
-  std::vector<NamedFrame> frames = link_frames(robot, joint_values(robot, joints));
+  std::vector<NamedFrame> frames = link_frames(robot, q);
   if (!as_json && !arguments.frames) {
     frames.erase(frames.begin(), frames.end() - 1);
   }

@@ -4,89 +4,26 @@
 #include <cmath>
 #include <set>
 
-#include "base/json_reading.hpp"
-#include "base/number_range.hpp"
+#include "base/json_tree.hpp"
 #include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
 
-constexpr double kQuaternionTolerance = 1e-3;
-
-// A value inside a file, with the way to it for messages.
-struct Node {
-  const Json& json;
-  std::string where;
-};
-
-[[noreturn]] void fail(const Node& node, const std::string& expected) {
-  throw InputError(node.where + ": expected " + expected);
-}
-
-bool has(const Node& object, const std::string& key) { return object.json.is_object() && object.json.contains(key); }
-
-Node member(const Node& object, const std::string& key) {
-  if (!object.json.is_object()) {
-    fail(object, "an object with the key \"" + key + "\"");
-  }
-  if (!object.json.contains(key)) {
-    throw InputError(object.where + ": the key \"" + key + "\" is missing");
-  }
-  return {.json = object.json.at(key), .where = object.where + ": " + key};
-}
-
-std::vector<Node> elements(const Node& node) {
-  if (!node.json.is_array() || node.json.empty()) {
-    fail(node, "an array that is not empty");
-  }
-  std::vector<Node> result;
-  for (std::size_t i = 0; i < node.json.size(); ++i) {
-    result.push_back({.json = node.json[i], .where = node.where + "[" + std::to_string(i) + "]"});
-  }
-  return result;
-}
-
-double number(const Node& node) {
-  if (!node.json.is_number() || !(std::abs(node.json.get<double>()) <= kLargestNumber)) {
-    fail(node, "a finite number of at most 1e12");
-  }
-  return node.json.get<double>();
-}
-
-std::string name(const Node& node) {
-  if (!node.json.is_string() || node.json.get<std::string>().empty()) {
-    fail(node, "a name");
-  }
-  return node.json.get<std::string>();
-}
-
-template <int kSize>
-Eigen::Matrix<double, kSize, 1> numbers(const Node& node) {
-  if (!node.json.is_array() || node.json.size() != kSize) {
-    fail(node, "an array of " + std::to_string(kSize) + " numbers");
-  }
-  Eigen::Matrix<double, kSize, 1> result;
-  const std::vector<Node> nodes = elements(node);
-  for (int i = 0; i < kSize; ++i) {
-    result[i] = number(nodes[static_cast<std::size_t>(i)]);
-  }
-  return result;
-}
-
-Eigen::Quaterniond quaternion(const Node& node) {
-  const Eigen::Vector4d wxyz = numbers<4>(node);
-  if (!(std::abs(wxyz.norm() - 1.0) <= kQuaternionTolerance)) {
-    fail(node, "a quaternion of norm 1");
-  }
-  return Eigen::Quaterniond(wxyz[0], wxyz[1], wxyz[2], wxyz[3]).normalized();
-}
+using tree::elements;
+using tree::fail;
+using tree::has;
+using tree::member;
+using tree::name;
+using tree::Node;
+using tree::number;
+using tree::numbers;
+using tree::quaternion;
 
 }  // namespace
 
-Json json_of(std::string_view text, const std::string& source) {
-  return parse_json<Json>(text, source, [](int, Json::parse_event_t, const Json&) {});
-}
+Json json_of(std::string_view text, const std::string& source) { return tree::parsed(text, source); }
 
 Eigen::Isometry3d base_of(const Json& json, const std::string& source) {
   const Node top{.json = json, .where = source};
@@ -184,10 +121,6 @@ Eigen::Isometry3d read_base(const std::filesystem::path& file) { return base_of(
 
 std::vector<TargetFrame> read_targets(const std::filesystem::path& file) {
   return targets_of(read_json(file), file.string());
-}
-
-Eigen::VectorXd read_errors(const std::filesystem::path& file, const ErrorModel& model) {
-  return errors_of(read_json(file), file.string(), model);
 }
 
 Json position_json(const Eigen::Vector3d& position) { return Json{position.x(), position.y(), position.z()}; }

@@ -39,7 +39,6 @@ std::vector<std::optional<std::pair<double, double>>> ranges_of(const Json& json
 Json read_json(const std::filesystem::path& file);
 Eigen::Isometry3d read_base(const std::filesystem::path& file);
 std::vector<TargetFrame> read_targets(const std::filesystem::path& file);
-Eigen::VectorXd read_errors(const std::filesystem::path& file, const ErrorModel& model);
 
 /// [x, y, z]
 Json position_json(const Eigen::Vector3d& position);

@@ -12,6 +12,7 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
 
 namespace kdl_calibration::cli {
@@ -69,15 +70,15 @@ struct Arguments {
   bool force = false;
 };
 
-Eigen::VectorXd errors_at(const Arguments& arguments, const ErrorModel& model) {
+Eigen::VectorXd errors_at(const Arguments& arguments, const Robot& robot, const ErrorModel& model) {
   return arguments.arm.result.empty()
              ? Eigen::VectorXd(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())))
-             : read_errors(arguments.arm.result, model);
+             : load_calibration(arguments.arm.result, robot).estimate.errors;
 }
 
 // Base and targets as the result has them; else W is the base frame, and the targets are the published ones.
-Estimate estimate_at(const Arguments& arguments, const ErrorModel& model) {
-  Estimate estimate{.errors = errors_at(arguments, model), .targets = published_targets(arguments.targets)};
+Estimate estimate_at(const Arguments& arguments, const Robot& robot, const ErrorModel& model) {
+  Estimate estimate{.errors = errors_at(arguments, robot, model), .targets = published_targets(arguments.targets)};
   if (!arguments.arm.result.empty()) {
     estimate.X_WB = read_base(arguments.arm.result);
     estimate.targets = read_targets(arguments.arm.result);
@@ -125,7 +126,7 @@ ExitStatus run_identification(const Arguments& arguments) {
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.arm.robot);
   IdentificationAt at{.model = complete_model(robot)};
-  at.estimate = estimate_at(arguments, at.model);
+  at.estimate = estimate_at(arguments, robot, at.model);
   at.free = free_at(arguments, at.model, at.estimate.targets);
   take_configurations(arguments, robot, at);
   const std::string csv = identification_csv(at);
@@ -167,7 +168,7 @@ ExitStatus run(const Arguments& arguments) {
   const Robot robot = load(arguments.arm.robot);
   const ErrorModel model = complete_model(robot);
   const ManipulatorJacobians jacobians =
-      manipulator_jacobians(model, errors_at(arguments, model), joint_values(robot, arguments.arm.joints));
+      manipulator_jacobians(model, errors_at(arguments, robot, model), joint_values(robot, arguments.arm.joints));
   print(arguments.arm.json ? json(jacobians) : table(robot, jacobians));
   return done;
 }

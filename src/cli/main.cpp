@@ -12,6 +12,7 @@
 
 #include "base/text.hpp"
 #include "cli/config_file.hpp"
+#include "cli/help.hpp"
 #include "cli/output_files.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
@@ -30,6 +31,14 @@ std::string subcommand_names(const CLI::App& parser) {
     names.push_back(subcommand->get_name());
   }
   return comma_separated(names);
+}
+
+std::vector<std::string> option_names(const CLI::App& subcommand) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : subcommand.get_options()) {
+    names.push_back(option->get_name());
+  }
+  return names;
 }
 
 // Says on one line why nothing was done.
@@ -66,7 +75,11 @@ std::string usage_fault(const CLI::App& parser, const CLI::ParseError& error) {
   }
   const std::string command = chosen_name(parser);
   if (!unknown.empty()) {
-    return command + ": '" + unknown.front() + "' is not expected here, see " + command + " --help";
+    const std::string meant =
+        nearest(unknown.front().substr(0, unknown.front().find('=')), option_names(*parser.get_subcommands().front()));
+    return command + ": '" + unknown.front() + "' is not expected here, " +
+           (meant.empty() ? "" : "did you mean " + meant + "? See ") + (meant.empty() ? "see " : "") + command +
+           " --help";
   }
   return command + ": " + in_plain_words(parser, error) + ", see " + command + " --help";
 }
@@ -74,6 +87,7 @@ std::string usage_fault(const CLI::App& parser, const CLI::ParseError& error) {
 int run(int argc, const char* const* argv) {
   CLI::App parser(
       "Kinematic calibration of robot arms: finds the geometric errors that explain what a tracker measured", "kdlcal");
+  parser.formatter(std::make_shared<HelpFormatter>());
   parser.set_version_flag("--version", "kdlcal " KDL_CALIBRATION_VERSION);
   parser.set_config("--config", "", "Options from a TOML or INI file, in a section named after the subcommand")
       ->type_name("FILE");

@@ -48,7 +48,7 @@ void Progress::show(int percent, const std::string& behind) {
   constexpr int kWidth = 40;
   shown_ = percent;
   const auto full = static_cast<std::size_t>(percent * kWidth / 100);
-  write("\r\033[K" + label_ + " [" + std::string(full, '#') + std::string(kWidth - full, ' ') + "] " + behind);
+  write("\r" + label_ + " [" + std::string(full, '#') + std::string(kWidth - full, ' ') + "] " + behind + "\033[K");
 }
 
 }  // namespace kdl_calibration::cli

@@ -1,6 +1,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/simulation.hpp"
 
 #include <algorithm>
@@ -243,14 +244,6 @@ std::string summary(const Arguments& arguments, const Simulation& simulation) {
          fixed(arguments.sizes.angle / kDegree, 4) + " deg (1 sigma); seed " + std::to_string(arguments.seed) + "\n";
 }
 
-std::string statistics_line(const std::string& label, const ErrorStatistics& statistics) {
-  std::string text = padded(label, -22) + padded(std::to_string(statistics.count), 10);
-  for (const double value : {statistics.mean, statistics.rms, statistics.p95, statistics.max, statistics.std}) {
-    text += padded(fixed(value * 1e3, 4), 10);
-  }
-  return text + "\n";
-}
-
 ExitStatus run_many(const Arguments& arguments) {
   if (!arguments.output.empty() || !arguments.truth.empty()) {
     throw InputError("--monte-carlo: writes no files, expected it without --output and --truth");
@@ -281,13 +274,9 @@ ExitStatus run_many(const Arguments& arguments) {
                        {"max_of_run", statistics_json(result.maxima)}}}}));
     return done;
   }
-  std::string text = std::to_string(result.runs) + " runs, " + std::to_string(result.not_trusted) +
-                     " of them not to be trusted; held-out error without noise [mm]\n" + padded("", -22);
-  for (const char* heading : {"count", "mean", "rms", "p95", "max", "std"}) {
-    text += padded(heading, 10);
-  }
-  print(text + "\n" + statistics_line("all points", result.all) + statistics_line("mean of a run", result.means) +
-        statistics_line("largest of a run", result.maxima));
+  print(std::to_string(result.runs) + " runs, " + std::to_string(result.not_trusted) + " of them not to be trusted\n" +
+        statistics_heading("held-out error [mm]") + statistics_row("all points", result.all) +
+        statistics_row("mean of a run", result.means) + statistics_row("largest of a run", result.maxima));
   return done;
 }
 

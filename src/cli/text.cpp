@@ -69,4 +69,6 @@ void warn(const std::string& text) { say("warning", text); }
 
 void doubt_aloud(const std::string& text) { say("not to be trusted", text); }
 
+void require_aloud(const std::string& text) { say("required", text); }
+
 }  // namespace kdl_calibration::cli

@@ -26,5 +26,7 @@ void print(std::string_view text);
 void warn(const std::string& text);
 /// One line on standard error that starts with "kdlcal: not to be trusted: ".
 void doubt_aloud(const std::string& text);
+/// One line on standard error that starts with "kdlcal: required: ".
+void require_aloud(const std::string& text);
 
 }  // namespace kdl_calibration::cli

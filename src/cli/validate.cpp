@@ -4,6 +4,7 @@
 #include "cli/frames.hpp"
 #include "cli/measurement_options.hpp"
 #include "cli/options.hpp"
+#include "cli/requirements.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
@@ -11,6 +12,8 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/result_table.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/validation.hpp"
@@ -25,6 +28,7 @@ struct Arguments {
   MeasurementArguments measurements;
   std::string result;
   std::string truth;
+  std::vector<std::string> requirements;
   std::uint64_t seed = 1;
   bool json = false;
 };
@@ -74,36 +78,23 @@ std::string json(const Errors& errors, const Registration& registration) {
 }
 
 std::string line(const std::string& label, const ErrorStatistics& statistics) {
-  if (statistics.count == 0) {
-    return {};
-  }
-  std::string text = padded(label, -10) + padded(std::to_string(statistics.count), 8);
-  for (const double value : {statistics.mean, statistics.rms, statistics.p95, statistics.max, statistics.std}) {
-    text += padded(fixed(value * 1e3, 4), 12);
-  }
-  return text + "\n";
+  return statistics.count == 0 ? std::string() : statistics_row(label, statistics);
 }
 
 std::string point(const std::string& label, const Eigen::Vector3d& position) {
-  std::string text = padded(label, -18);
+  std::string text = padded(label, -24);
   for (const double value : position) {
-    text += padded(fixed(value * 1e3, 4), 14);
+    text += padded(fixed(value * 1e3, 3), 12);
   }
   return text + "\n";
 }
 
-std::string heading(const std::string& label) {
-  std::string text = padded(label, -10) + padded("count", 8);
-  for (const char* column : {"mean", "rms", "p95", "max", "std"}) {
-    text += padded(column, 12);
-  }
-  return text + "\n";
-}
-
-std::string table(const Robot& robot, const Errors& errors, const Registration& registration) {
-  std::string text = "position error of " + robot.source + ", base and targets registered [mm]\n" + heading("rows");
+std::string table(const Arguments& arguments, const Robot& robot, const Errors& errors,
+                  const Registration& registration) {
+  std::string text = "position error of " + (arguments.result.empty() ? robot.source : arguments.result) +
+                     ", base and targets registered\n" + statistics_heading("rows [mm]");
   text += line("all", errors.all) + line("train", errors.train) + line("test", errors.test);
-  text += point("base, measured", registration.X_WB.translation());
+  text += point("base, measured [mm]", registration.X_WB.translation());
   for (const TargetFrame& target : registration.targets) {
     text += point("target " + target.name, target.X_FT.translation());
   }
@@ -130,8 +121,8 @@ JointRanges ranges_to_compare_in(const Json& truth, const std::string& source, c
 }
 
 ExitStatus run_against_truth(const Arguments& arguments) {
-  if (arguments.result.empty() || arguments.truth.empty()) {
-    throw InputError("validate: --result and --truth belong together, expected both");
+  if (arguments.result.empty()) {
+    throw InputError("validate: --truth alone, expected --result beside it");
   }
   if (!arguments.measurements.measurements.empty()) {
     throw InputError("validate: --measurements beside --result and --truth, expected one of the two");
@@ -152,8 +143,8 @@ ExitStatus run_against_truth(const Arguments& arguments) {
                  {"seed", arguments.seed}});
     print(json_text(json));
   } else {
-    print("distance of predicted from true points at " + std::to_string(joint_values.cols()) +
-          " configurations [mm]\n" + heading("targets") + line("all", comparison.points) + "\n" +
+    print("distance of predicted from true points at " + std::to_string(joint_values.cols()) + " configurations\n" +
+          statistics_heading("targets [mm]") + line("all", comparison.points) + "\n" +
           truth_table(model, estimate, comparison));
   }
   if (!comparison.comparable()) {
@@ -163,27 +154,43 @@ ExitStatus run_against_truth(const Arguments& arguments) {
   return comparison.comparable() ? done : not_to_be_trusted;
 }
 
+// The arm as the URDF says or, with its full model, as a result of calibrate does.
+SavedCalibration arm_of(const Robot& robot, const std::string& result) {
+  if (!result.empty()) {
+    return load_calibration(result, robot);
+  }
+  SavedCalibration nominal;
+  nominal.model = complete_model(robot);
+  nominal.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(nominal.model.parameters.size()));
+  return nominal;
+}
+
 ExitStatus run(const Arguments& arguments) {
-  if (!arguments.result.empty() || !arguments.truth.empty()) {
+  if (!arguments.truth.empty()) {
     return run_against_truth(arguments);
   }
   if (arguments.measurements.measurements.empty()) {
     throw InputError("validate: --measurements is required, or --result and --truth, see kdlcal validate --help");
   }
+  const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);
   const Robot robot = load(arguments.robot);
-  const ErrorModel model = complete_model(robot);
+  const SavedCalibration arm = arm_of(robot, arguments.result);
+  const ErrorModel& model = arm.model;
   const Measurements measurements = read(arguments.measurements, robot);
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
-  const Eigen::VectorXd as_given = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  const Registration registration = register_base_and_targets(
-      flange_poses(folded(model, as_given), measurements.joint_values), to_register(measurements), known);
-  const Estimate estimate{.errors = as_given, .X_WB = registration.X_WB, .targets = registration.targets};
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values);
+  const Registration registration = register_base_and_targets(X_BF, to_register(measurements), known);
+  const Estimate estimate{.errors = arm.estimate.errors,
+                          .X_WB = registration.X_WB,
+                          .targets = registration.targets,
+                          .deflections = arm.estimate.deflections};
 
-  Errors errors;
-  errors.all = error_statistics(position_errors(model, estimate, measurements, Rows::all));
-  errors.train = error_statistics(position_errors(model, estimate, measurements, Rows::train));
-  errors.test = error_statistics(position_errors(model, estimate, measurements, Rows::test));
-  print(arguments.json ? json(errors, registration) : table(robot, errors, registration));
+  const auto statistics = [&](Rows rows) {
+    return error_statistics(position_errors(X_BF, estimate, measurements, rows));
+  };
+  const Errors errors{.all = statistics(Rows::all), .train = statistics(Rows::train), .test = statistics(Rows::test)};
+  const std::string result = json(errors, registration);
+  print(arguments.json ? result : table(arguments, robot, errors, registration));
   if (only_test_rows(measurements)) {
     warn(measurements.source + ": no train rows, base and targets are registered to the test rows");
   }
@@ -198,7 +205,11 @@ ExitStatus run(const Arguments& arguments) {
   if (!hint.empty()) {
     warn(hint);
   }
-  return hint.empty() ? done : not_to_be_trusted;
+  const std::vector<std::string> missed = unfulfilled(requirements, json_of(result, "the result"));
+  for (const std::string& requirement : missed) {
+    require_aloud(requirement);
+  }
+  return hint.empty() && missed.empty() ? done : not_to_be_trusted;
 }
 
 }  // namespace
@@ -210,8 +221,10 @@ Subcommand add_validate(CLI::App& parser) {
   add_robot_options(*app, arguments->robot);
   add_measurement_options(*app, arguments->measurements);
   app->get_option("--measurements")->required(false);
-  add_file(*app, "--result", arguments->result, "Compare this result of calibrate with --truth instead");
-  add_file(*app, "--truth", arguments->truth, "The true errors, base and targets that simulate wrote (JSON)");
+  add_file(*app, "--result", arguments->result, "The arm with the full model of this result of calibrate");
+  add_file(*app, "--truth", arguments->truth,
+           "Compare --result with the true errors, base and targets that simulate wrote (JSON)");
+  add_require(*app, arguments->requirements);
   add_seed(*app, arguments->seed);
   add_json_flag(*app, arguments->json);
   add_example(*app,

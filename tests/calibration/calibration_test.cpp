@@ -368,7 +368,7 @@ TEST(Calibration, OrientationsHaveASigmaOfTheirOwn) {
   EXPECT_EQ(repeats.orientation_degrees_of_freedom, 40 * 4);
   EXPECT_NEAR(repeats.orientation, 0.0002, 0.00002);
   CalibrationOptions options;
-  options.noise_from_repeats = true;
+  options.weights = Weights::repeats;
   const Calibration estimated = calibrate(model, measured, options);
   EXPECT_EQ(estimated.noise.variance_factor, 1.0);  // the fit is as good as the noise says
   options = {};

@@ -124,9 +124,9 @@ std::vector<Statement> statements(const Measurements& measured) {
   if (repeats.degrees_of_freedom > 0.0) {
     const auto by_repeats = [=](const Observation&) { return Matrix3d(repeats.independent.cwiseAbs2().asDiagonal()); };
     all.push_back({"repeats", {}, dense_noise(by_repeats, repeats.orientation, repeats.common)});
-    all.back().options.noise_from_repeats = true;
+    all.back().options.weights = Weights::repeats;
     all.push_back({"repeats and a sigma of orientations", {}, dense_noise(by_repeats, 5e-4, repeats.common)});
-    all.back().options.noise_from_repeats = true;
+    all.back().options.weights = Weights::repeats;
     all.back().options.noise.orientation = 5e-4;
   }
   return all;
@@ -283,7 +283,7 @@ TEST(Combinations, WeightsOfRowsAreSharesOfTheirOwnInformation) {
   const Estimate start = nominal_start(arm.model, arm.measured);
   const Unknowns free = Unknowns(arm.model, start.targets, reduced_model(arm.model, start.targets).kept);
   for (Statement& statement : statements(arm.measured)) {
-    if (statement.options.noise_from_repeats) {
+    if (statement.options.weights == Weights::repeats) {
       continue;  // which is a matter of calibrate
     }
     SCOPED_TRACE(statement.name);
@@ -413,7 +413,7 @@ TEST(Combinations, RobustLossesWithEveryNoiseAreReweightedDenseFits) {
     arm.measured.observations[row].position[static_cast<Index>(row % 3)] += 4e-3;  // outliers
   }
   for (const Statement& statement : statements(arm.measured)) {
-    if (statement.options.noise.orientation > 0.0 || statement.options.noise_from_repeats) {
+    if (statement.options.noise.orientation > 0.0 || statement.options.weights == Weights::repeats) {
       continue;  // points alone, and outliers spoil the scatter of the repeats
     }
     const bool simple = statement.dense.common.isZero();
@@ -809,7 +809,7 @@ TEST(Combinations, TestRowsChangeNothingThatIsFitted) {
   cases[2].second.nested = true;
   cases[2].second.k_fold = 3;
   cases[3].first = "repeats";
-  cases[3].second.noise_from_repeats = true;
+  cases[3].second.weights = Weights::repeats;
   cases[4].first = "Tukey and common noise";
   cases[4].second.loss = Loss::tukey;
   cases[4].second.noise = {.independent = Vector3d::Constant(1e-4), .common = Vector3d::Constant(1e-4)};

@@ -524,10 +524,8 @@ std::vector<Defect> defects() {
              }
            },
            "target C slipped by about 2.0 mm after configuration 12"},
-          {QualityKind::swapped_targets,
-           [](Series& s) { std::swap(s.row(7, 0).position, s.row(7, 1).position); },
-           "targets A and B are swapped in configuration 7",
-           {"large_misfit"}},
+          {QualityKind::swapped_targets, [](Series& s) { std::swap(s.row(7, 0).position, s.row(7, 1).position); },
+           "targets A and B are swapped in configuration 7"},
           {QualityKind::mistaken_target, [](Series& s) { s.row(5, 1).position = s.row(5, 2).position; },
            "target B in configuration 5 lies where target C is"},
           {QualityKind::mistyped_coordinate, [](Series& s) { s.row(9, 2).position.z() -= 0.01; },

@@ -192,17 +192,17 @@ TEST_F(ProgressBar, GoesNeitherIntoAFileNorToStandardOutput) {
   EXPECT_EQ(outcome.err, usual.err);
   EXPECT_EQ(outcome.out, usual.out);
   EXPECT_THAT(outcome.err + outcome.out, Not(HasSubstr("\r")));
-  EXPECT_THAT(outcome.err + outcome.out, Not(HasSubstr("refits")));
+  EXPECT_THAT(outcome.err + outcome.out, Not(HasSubstr("leave-one-out [")));
 }
 
 TEST_F(ProgressBar, GrowsOnATerminalAndIsWipedAway) {
   const std::string text = seen_on_a_terminal(calibrate_long(), hurried());
-  const std::regex bar("\r([^\\[\r]*) \\[(#*)( *)\\] (\\d+) %");
+  const std::regex bar("\r([^\\[\r]*) \\[(#*)( *)\\] (\\d+)/(\\d+)\033\\[K");
   int last = -1;
   int bars = 0;
   for (std::sregex_iterator at(text.begin(), text.end(), bar), end; at != end; ++at, ++bars) {
-    const int percent = std::stoi((*at)[4]);
-    EXPECT_EQ((*at)[1], "refits");
+    const int percent = 100 * std::stoi((*at)[4]) / std::stoi((*at)[5]);
+    EXPECT_EQ((*at)[1], "leave-one-out");
     EXPECT_GT(percent, last) << "goes back or repeats itself";
     EXPECT_LE(percent, 100);
     EXPECT_EQ((*at)[2].length(), percent * 40 / 100) << at->str();
@@ -213,13 +213,13 @@ TEST_F(ProgressBar, GrowsOnATerminalAndIsWipedAway) {
   EXPECT_EQ(last, 100);
   const std::size_t wiped = text.find("\r\033[K");
   ASSERT_NE(wiped, std::string::npos) << text;
-  EXPECT_THAT(text.substr(wiped), Not(HasSubstr("refits"))) << "wiped before its end";
+  EXPECT_THAT(text.substr(wiped), Not(HasSubstr("leave-one-out ["))) << "wiped before its end";
 }
 
 TEST_F(ProgressBar, DoesNotShowForWorkOfLessThanASecond) {
   Surroundings stopped = with_library();
   stopped.environment.emplace_back("CLOCK_RATE", "0");
-  EXPECT_THAT(seen_on_a_terminal(calibrate_long(), stopped), Not(HasSubstr("refits")));
+  EXPECT_THAT(seen_on_a_terminal(calibrate_long(), stopped), Not(HasSubstr("leave-one-out [")));
 }
 
 }  // namespace

@@ -382,6 +382,14 @@ std::vector<OptionCase> validate_options() {
          return RegistrationOptions{.known_base = std::nullopt, .known_targets = targets};
        }),
        measured},
+      {"RequireDecidesTheStatus",
+       {"--require", "train.rms<0"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         EXPECT_EQ(effect.without.outcome.status, 0);
+         EXPECT_EQ(effect.with.outcome.status, 1);
+       },
+       measured},
       {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json(), measured},
   };
 }

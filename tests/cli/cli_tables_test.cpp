@@ -105,15 +105,15 @@ protected:
   }
 
   static std::string line(const std::string& label, const ErrorStatistics& s) {
-    std::string text = label + " " + std::to_string(s.count);
-    for (const double value : {s.mean, s.rms, s.p95, s.max, s.std}) {
-      text += " " + decimals(value * 1e3, 4);
+    std::string text = label;
+    for (const double value : {s.rms, s.mean, s.p95, s.max}) {
+      text += " " + decimals(value * 1e3, 3);
     }
-    return text;
+    return text + " " + std::to_string(s.count);
   }
 
   static std::string place(const std::string& label, const Eigen::Vector3d& p) {
-    return label + " " + decimals(p.x() * 1e3, 4) + " " + decimals(p.y() * 1e3, 4) + " " + decimals(p.z() * 1e3, 4);
+    return label + " " + decimals(p.x() * 1e3, 3) + " " + decimals(p.y() * 1e3, 3) + " " + decimals(p.z() * 1e3, 3);
   }
 
   ErrorModel model = complete_model(fanuc());
@@ -126,11 +126,11 @@ TEST_F(ValidateTable, ShowsEachStatisticInMillimetres) {
   const std::string urdf = std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf";
   const std::vector<std::string> lines = expect_table(
       {"validate", "--urdf", urdf, "--measurements", "m.csv"},
-      {"position error of " + urdf + ", base and targets registered [mm]", "rows count mean rms p95 max std",
+      {"position error of " + urdf + ", base and targets registered", "rows [mm] rms mean p95 max points",
        line("all", errors(found, Rows::all)), line("train", errors(found, Rows::train)),
-       line("test", errors(found, Rows::test)), place("base, measured", found.X_WB.translation()),
+       line("test", errors(found, Rows::test)), place("base, measured [mm]", found.X_WB.translation()),
        place("target A", found.targets[0].X_FT.translation()), place("target B", found.targets[1].X_FT.translation())});
-  expect_columns(lines, 1, 5, 6);
+  expect_columns(lines, 1, 5, 5);
   EXPECT_EQ(word_ends(lines.at(5), 3), word_ends(lines.at(6), 3));
   EXPECT_EQ(word_ends(lines.at(5), 3), word_ends(lines.at(7), 3));
 }

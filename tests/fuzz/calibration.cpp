@@ -110,7 +110,7 @@ CalibrationOptions options_from(Reader& reader) {
   options.joint_gain = (first & 128U) != 0 ? Use::yes : Use::no;
   options.leave_one_out = (second & 7U) == 1;
   options.k_fold = (second & 7U) == 2 ? 3 : 0;
-  options.noise_from_repeats = (second & 8U) != 0;
+  options.weights = (second & 8U) != 0 ? Weights::repeats : Weights::automatic;
   options.automatic_priors = (second & 0xf0U) == 0xf0U;
   if ((second & 16U) != 0) {
     options.fix = {"dq*", "?x1"};

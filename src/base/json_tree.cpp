@@ -1,0 +1,70 @@
+#include "base/json_tree.hpp"
+
+#include <cmath>
+
+#include "base/json_reading.hpp"
+#include "base/number_range.hpp"
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration::tree {
+
+void fail(const Node& node, const std::string& expected) { throw InputError(node.where + ": expected " + expected); }
+
+bool has(const Node& object, const std::string& key) { return object.json.is_object() && object.json.contains(key); }
+
+Node member(const Node& object, const std::string& key) {
+  if (!object.json.is_object()) {
+    fail(object, "an object with the key \"" + key + "\"");
+  }
+  if (!object.json.contains(key)) {
+    throw InputError(object.where + ": the key \"" + key + "\" is missing");
+  }
+  return {.json = object.json.at(key), .where = object.where + ": " + key};
+}
+
+std::vector<Node> elements(const Node& node) {
+  if (!node.json.is_array() || node.json.empty()) {
+    fail(node, "an array that is not empty");
+  }
+  std::vector<Node> result;
+  for (std::size_t i = 0; i < node.json.size(); ++i) {
+    result.push_back({.json = node.json[i], .where = node.where + "[" + std::to_string(i) + "]"});
+  }
+  return result;
+}
+
+double number(const Node& node) {
+  if (!node.json.is_number() || !(std::abs(node.json.get<double>()) <= kLargestNumber)) {
+    fail(node, "a finite number of at most 1e12");
+  }
+  return node.json.get<double>();
+}
+
+std::string name(const Node& node) {
+  if (!node.json.is_string() || node.json.get<std::string>().empty()) {
+    fail(node, "a name");
+  }
+  return node.json.get<std::string>();
+}
+
+bool truth(const Node& node) {
+  if (!node.json.is_boolean()) {
+    fail(node, "true or false");
+  }
+  return node.json.get<bool>();
+}
+
+Eigen::Quaterniond quaternion(const Node& node) {
+  constexpr double kTolerance = 1e-3;
+  const Eigen::Vector4d wxyz = numbers<4>(node);
+  if (!(std::abs(wxyz.norm() - 1.0) <= kTolerance)) {
+    fail(node, "a quaternion of norm 1");
+  }
+  return Eigen::Quaterniond(wxyz[0], wxyz[1], wxyz[2], wxyz[3]).normalized();
+}
+
+Json parsed(std::string_view text, const std::string& source) {
+  return parse_json<Json>(text, source, [](int, Json::parse_event_t, const Json&) {});
+}
+
+}  // namespace kdl_calibration::tree

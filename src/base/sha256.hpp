@@ -1,0 +1,16 @@
+#pragma once
+
+// SHA-256 (FIPS 180-4). Not installed.
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+namespace kdl_calibration {
+
+/// 64 lower-case hexadecimal digits.
+std::string sha256(std::string_view bytes);
+/// Of a file of any size, read piece by piece. Throws InputError where it cannot be read.
+std::string sha256_of_file(const std::filesystem::path& path);
+
+}  // namespace kdl_calibration

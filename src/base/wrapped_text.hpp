@@ -1,0 +1,15 @@
+#pragma once
+
+// Text for people who read in a terminal. Not installed.
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+
+namespace kdl_calibration {
+
+/// The text in lines of at most `width` characters, broken at blanks: the first begins with `first` blanks, the others
+/// with `indent`. A word longer than that has a line of its own. Ends with a line break.
+std::string wrapped(std::string_view text, std::size_t first, std::size_t indent, std::size_t width = 80);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,38 @@
+#pragma once
+
+// Parts of the result's JSON.
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/result_json.hpp"
+
+namespace kdl_calibration {
+
+using Json = nlohmann::ordered_json;
+
+Json array(const Eigen::Vector3d& v);
+Json quaternion(const Eigen::Matrix3d& R);  ///< w x y z, w not negative
+/// JSON has no infinity: what is not determined is null.
+Json finite_or_null(double value);
+Json statistics_json(const ErrorStatistics& statistics);  ///< null of nothing
+
+/// Up to kMostColumns columns, else null: {"names", "lower_triangle"}.
+constexpr std::size_t kMostColumns = 300;
+Json covariance_json(const Calibration& calibration);
+
+/// Measured minus predicted point of every row in W, up to kMostRows; of more the kLargestRows largest.
+constexpr std::size_t kMostRows = 5000;
+constexpr std::size_t kLargestRows = 200;
+Json residuals_json(const Measurements& measurements, const Calibration& calibration);
+
+/// What the exported URDF alone is worth.
+Json exported_urdf_json(const Robot& robot, const Calibration& calibration);
+
+Json provenance_json(const Provenance& provenance);
+
+}  // namespace kdl_calibration

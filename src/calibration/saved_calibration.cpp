@@ -1,0 +1,169 @@
+#include "kdl_calibration/saved_calibration.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <set>
+
+#include "base/json_tree.hpp"
+#include "base/sha256.hpp"
+#include "base/text_file.hpp"
+#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using tree::elements;
+using tree::has;
+using tree::member;
+using tree::Node;
+using tree::number;
+
+void require_same_robot(const Node& top, const Robot& robot) {
+  if (!has(top, "input")) {
+    return;
+  }
+  const Node input = member(top, "input");
+  if (has(input, "sha256") && tree::name(member(input, "sha256")) != sha256(robot.urdf)) {
+    throw InputError(top.where + ": was not made with " + robot.source +
+                     ": its hash is another one; expected the URDF that was calibrated, not a corrected one");
+  }
+  for (const auto& [key, link] : {std::pair{"base", robot.base}, std::pair{"tip", robot.tip}}) {
+    if (has(input, key) && tree::name(member(input, key)) != link) {
+      throw InputError(top.where + ": input: " + key + " is '" + tree::name(member(input, key)) +
+                       "', expected that of this robot, '" + link + "'");
+    }
+  }
+}
+
+std::vector<TargetFrame> targets_of(const Node& top) {
+  std::vector<TargetFrame> targets;
+  for (const Node& node : elements(member(top, "targets"))) {
+    TargetFrame target;
+    target.name = tree::name(member(node, "name"));
+    target.X_FT.translation() = tree::numbers<3>(member(node, "position"));
+    target.with_orientation = has(node, "quaternion_wxyz");
+    if (target.with_orientation) {
+      target.X_FT.linear() = tree::quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
+    }
+    targets.push_back(target);
+  }
+  return targets;
+}
+
+// The deflections that the file has values of, in the order in which the model has them.
+std::vector<Deflection> deflections_of(const ErrorModel& model, const std::set<std::string>& names) {
+  std::vector<Deflection> result;
+  for (const std::vector<Deflection>& all : {gravity_deflections(model), gain_deflections(model)}) {
+    std::copy_if(all.begin(), all.end(), std::back_inserter(result),
+                 [&](const Deflection& deflection) { return names.count(deflection.name) > 0; });
+  }
+  return result;
+}
+
+void read_parameters(const Node& top, SavedCalibration& saved) {
+  std::vector<std::pair<std::string, double>> deflections;
+  saved.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.parameters.size()));
+  for (const Node& node : elements(member(top, "parameters"))) {
+    const std::string name = tree::name(member(node, "name"));
+    if (name.find('.') != std::string::npos) {  // of the base or a target, which stand in blocks of their own
+      continue;
+    }
+    const auto known = std::find_if(saved.model.parameters.begin(), saved.model.parameters.end(),
+                                    [&](const ErrorParameter& parameter) { return parameter.name == name; });
+    if (known != saved.model.parameters.end()) {
+      saved.estimate.errors[known - saved.model.parameters.begin()] = number(member(node, "error"));
+    } else if (has(node, "kind") && tree::name(member(node, "kind")) == "deflection") {
+      deflections.emplace_back(name, number(member(node, "error")));
+    } else {
+      throw InputError(node.where + ": this robot has no parameter '" + name +
+                       "', expected the result of the same URDF, base and tip");
+    }
+  }
+  std::set<std::string> names;
+  for (const auto& [name, value] : deflections) {
+    names.insert(name);
+  }
+  saved.model.deflections = deflections_of(saved.model, names);
+  saved.estimate.deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.deflections.size()));
+  for (const auto& [name, value] : deflections) {
+    const auto known = std::find_if(saved.model.deflections.begin(), saved.model.deflections.end(),
+                                    [&, &of = name](const Deflection& deflection) { return deflection.name == of; });
+    if (known == saved.model.deflections.end()) {
+      throw InputError(top.where + ": this robot has no deflection '" + name +
+                       "', expected the result of the same URDF");
+    }
+    saved.estimate.deflections[known - saved.model.deflections.begin()] = value;
+  }
+}
+
+// {"names": […], "lower_triangle": [[…], …]}; null is an infinite variance.
+void read_covariance(const Node& block, SavedCalibration& saved) {
+  std::vector<std::string> names;
+  for (const Node& node : elements(member(block, "names"))) {
+    names.push_back(tree::name(node));
+  }
+  saved.free = Unknowns(saved.model, saved.estimate.targets, names);
+  if (saved.free.names() != names) {
+    fail(member(block, "names"), "the parameters in the order base, geometry, deflections, targets");
+  }
+  const std::vector<Node> rows = elements(member(block, "lower_triangle"));
+  const auto size = static_cast<Eigen::Index>(names.size());
+  if (rows.size() != names.size()) {
+    fail(member(block, "lower_triangle"), "a row for each name");
+  }
+  saved.covariance.resize(size, size);
+  for (Eigen::Index r = 0; r < size; ++r) {
+    const std::vector<Node> row = elements(rows[static_cast<std::size_t>(r)]);
+    if (static_cast<Eigen::Index>(row.size()) != r + 1) {
+      fail(rows[static_cast<std::size_t>(r)], std::to_string(r + 1) + " numbers");
+    }
+    for (Eigen::Index c = 0; c <= r; ++c) {
+      const Node& value = row[static_cast<std::size_t>(c)];
+      const double read = value.json.is_null() ? std::numeric_limits<double>::infinity() : number(value);
+      saved.covariance(r, c) = saved.covariance(c, r) = read;
+    }
+  }
+}
+
+}  // namespace
+
+SavedCalibration parse_calibration(std::string_view json, const Robot& robot, const std::string& source) {
+  const tree::Json document = tree::parsed(json, source);
+  const Node top{.json = document, .where = source};
+  require_same_robot(top, robot);
+  SavedCalibration saved;
+  saved.model = complete_model(robot);
+  read_parameters(top, saved);
+  if (has(top, "base")) {
+    const Node base = member(top, "base");
+    saved.estimate.X_WB.translation() = tree::numbers<3>(member(base, "position"));
+    saved.estimate.X_WB.linear() = tree::quaternion(member(base, "quaternion_wxyz")).toRotationMatrix();
+  }
+  if (has(top, "targets")) {
+    saved.estimate.targets = targets_of(top);
+  }
+  if (has(top, "covariance") && !member(top, "covariance").json.is_null()) {
+    read_covariance(member(top, "covariance"), saved);
+  }
+  saved.trusted = has(top, "trusted") && tree::truth(member(top, "trusted"));
+  if (has(top, "doubts") && !member(top, "doubts").json.empty()) {
+    for (const Node& doubt : elements(member(top, "doubts"))) {
+      saved.doubts.push_back(
+          {.cause = tree::name(member(doubt, "cause")), .message = tree::name(member(doubt, "message"))});
+    }
+  }
+  return saved;
+}
+
+SavedCalibration load_calibration(const std::filesystem::path& result, const Robot& robot) {
+  return parse_calibration(read_text_file(result), robot, result.string());
+}
+
+std::vector<Eigen::Isometry3d> flange_poses(const SavedCalibration& saved, const Eigen::MatrixXd& joint_values) {
+  return flange_poses(saved.model, saved.estimate, joint_values);
+}
+
+}  // namespace kdl_calibration

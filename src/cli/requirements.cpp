@@ -1,0 +1,139 @@
+#include "cli/requirements.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <map>
+#include <numbers>
+#include <optional>
+
+#include "base/text.hpp"
+#include "cli/options.hpp"
+#include "cli/text.hpp"
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+[[noreturn]] void refuse(const std::string& text, const std::string& expected) {
+  throw InputError("--require: " + shown(text) + " is not accepted, expected " + expected);
+}
+
+// SI of one of it.
+double unit_of(const std::string& text, const std::string& unit) {
+  const std::map<std::string, double> units = {{"", 1.0},
+                                               {"m", 1.0},
+                                               {"mm", 1e-3},
+                                               {"um", 1e-6},
+                                               {"rad", 1.0},
+                                               {"mrad", 1e-3},
+                                               {"deg", std::numbers::pi / 180.0}};
+  const auto found = units.find(unit);
+  if (found == units.end()) {
+    refuse(text, "a number alone or with the unit m, mm, um, rad, mrad or deg");
+  }
+  return found->second;
+}
+
+std::vector<std::string> keys_of(const std::string& text, std::string path) {
+  std::vector<std::string> keys;
+  for (;;) {
+    const std::size_t end = path.find('.');
+    keys.push_back(path.substr(0, end));
+    if (keys.back().empty()) {
+      refuse(text, "PATH OP VALUE such as 'leave_one_out.rms<=0.25mm'");
+    }
+    if (end == std::string::npos) {
+      return keys;
+    }
+    path.erase(0, end + 1);
+  }
+}
+
+const Json* entry_of(const Json& json, const std::string& key) {
+  if (json.is_object() && json.contains(key)) {
+    return &json.at(key);
+  }
+  const std::optional<double> index = json.is_array() ? parsed_number(key) : std::nullopt;
+  return index && *index >= 0.0 && *index < static_cast<double>(json.size()) ? &json[static_cast<std::size_t>(*index)]
+                                                                             : nullptr;
+}
+
+// Null where the path leads nowhere.
+const Json* found_at(const Json& json, const std::vector<std::string>& path) {
+  const Json* here = &json;
+  for (const std::string& key : path) {
+    const Json* next = entry_of(*here, key);
+    if (next == nullptr && entry_of(*here, "after") != nullptr) {
+      next = entry_of(*entry_of(*here, "after"), key);
+    }
+    if (next == nullptr) {
+      return nullptr;
+    }
+    here = next;
+  }
+  return here;
+}
+
+bool holds(double left, const std::string& comparison, double right) {
+  return comparison == "<"    ? left < right
+         : comparison == "<=" ? left <= right
+         : comparison == ">"  ? left > right
+         : comparison == ">=" ? left >= right
+                              : left == right;
+}
+
+}  // namespace
+
+Requirement parse_requirement(const std::string& text) {
+  const std::size_t begin = text.find_first_of("<>=");
+  if (begin == std::string::npos) {
+    refuse(text, "PATH OP VALUE such as 'leave_one_out.rms<=0.25mm'");
+  }
+  const std::size_t end = std::min(text.find_first_not_of("<>=", begin), text.size());
+  Requirement result{.text = text, .comparison = text.substr(begin, end - begin)};
+  const std::array<std::string, 5> comparisons = {"<", "<=", ">", ">=", "=="};
+  if (std::find(comparisons.begin(), comparisons.end(), result.comparison) == comparisons.end()) {
+    refuse(text, "one of < <= > >= ==");
+  }
+  result.path = keys_of(text, std::string(trimmed(text.substr(0, begin))));
+  const std::string right(trimmed(text.substr(end)));
+  const std::size_t unit = right.find_last_of("0123456789.") + 1;  // 0 where there is no number
+  const std::optional<double> number = parsed_number(right.substr(0, unit));
+  if (!number) {
+    refuse(text, "a number behind " + result.comparison);
+  }
+  result.value = *number * unit_of(text, std::string(trimmed(right.substr(unit))));
+  return result;
+}
+
+std::vector<std::string> unfulfilled(const std::vector<Requirement>& requirements, const Json& json) {
+  std::vector<std::string> result;
+  for (const Requirement& requirement : requirements) {
+    const Json* value = found_at(json, requirement.path);
+    if (value == nullptr && json.contains("position_error")) {
+      value = found_at(json["position_error"], requirement.path);
+    }
+    const bool known = value != nullptr && value->is_number();
+    if (!known || !holds(value->get<double>(), requirement.comparison, requirement.value)) {
+      result.push_back("'" + requirement.text + "' is not fulfilled: the value is " +
+                       (known ? value->dump() : std::string("not determined")));
+    }
+  }
+  return result;
+}
+
+void add_require(CLI::App& app, std::vector<std::string>& texts) {
+  add_list(app, "--require", texts,
+           "What a number of the JSON must be, else the exit status is 1: PATH OP VALUE, with < <= > >= or == and mm, "
+           "um, m, mrad, rad or deg")
+      ->type_name("TEXT,...");
+}
+
+std::vector<Requirement> parse_requirements(const std::vector<std::string>& texts) {
+  std::vector<Requirement> result;
+  std::transform(texts.begin(), texts.end(), std::back_inserter(result), parse_requirement);
+  return result;
+}
+
+}  // namespace kdl_calibration::cli

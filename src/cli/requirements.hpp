@@ -1,0 +1,30 @@
+#pragma once
+
+#include <CLI/App.hpp>
+#include <string>
+#include <vector>
+
+#include "cli/frames.hpp"
+
+namespace kdl_calibration::cli {
+
+/// What a number of the result must be: "leave_one_out.rms<=0.25mm".
+struct Requirement {
+  std::string text;               ///< as it was given
+  std::vector<std::string> path;  ///< keys, or numbers of an array's entries, from 0
+  std::string comparison;         ///< "<", "<=", ">", ">=", "=="
+  double value = 0.0;             ///< SI
+};
+
+/// Throws InputError where the text is none.
+Requirement parse_requirement(const std::string& text);
+
+/// A sentence for each that the JSON does not fulfil. `position_error.` before a path and `.after` in it may be left
+/// out; what is null or absent fulfils nothing.
+std::vector<std::string> unfulfilled(const std::vector<Requirement>& requirements, const Json& json);
+
+/// --require
+void add_require(CLI::App& app, std::vector<std::string>& texts);
+std::vector<Requirement> parse_requirements(const std::vector<std::string>& texts);
+
+}  // namespace kdl_calibration::cli

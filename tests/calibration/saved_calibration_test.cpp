@@ -1,0 +1,183 @@
+// A result that is read back predicts as the calibration that wrote it did.
+
+#include "kdl_calibration/saved_calibration.hpp"
+
+#include <gmock/gmock.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/result_json.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Json = nlohmann::json;
+using ::testing::HasSubstr;
+using testing::kOddArm;
+
+/// The odd arm with sagging joints, two targets of which one is a pose.
+struct Written {
+  Robot robot = parse_robot(kOddArm);
+  Measurements measured;
+  CalibrationOptions options{.gravity = Use::yes, .joint_gain = Use::yes, .held_out = false};
+  Calibration calibration;
+  std::string json;
+
+  Written() {
+    const ErrorModel model = complete_model(robot);
+    std::vector<TargetFrame> targets = testing::targets_at({{0.1, 0.0, 0.05}, {0.0, 0.12, 0.0}});
+    targets[1].with_orientation = true;
+    targets[1].X_FT.linear() = Eigen::AngleAxisd(2.0, Eigen::Vector3d(1.0, 0.5, -0.3).normalized()).toRotationMatrix();
+    Random random(5);
+    const Unknowns free(model, targets, reduced_model(model, targets).kept);
+    VirtualRobot truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random,
+                                       Eigen::Isometry3d(Eigen::Translation3d(2.0, 1.0, 0.5)));
+    truth.model.deflections = gravity_deflections(model);
+    truth.truth.deflections =
+        Eigen::VectorXd::Constant(static_cast<Eigen::Index>(truth.model.deflections.size()), 4e-4);
+    measured = measure(truth, random_configurations(limits_of(model.joints), 30, random), {.sigma = 3e-5}, random);
+    calibration = calibrate(model, measured, options);
+    json = result_json(robot, measured, options, calibration);
+  }
+};
+
+const Written& written() {
+  static const Written one;
+  return one;
+}
+
+/// That parsing is refused, and its words.
+std::string refusal(const std::string& json, const Robot& robot) {
+  try {
+    parse_calibration(json, robot, "r.json");
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "not refused";
+}
+
+TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
+  const Estimate& wrote = written().calibration.identification.estimate;
+  const SavedCalibration read = parse_calibration(written().json, written().robot);
+  EXPECT_TRUE(read.estimate.errors == wrote.errors);
+  ASSERT_EQ(read.model.deflections.size(), written().calibration.model.deflections.size());
+  ASSERT_GT(read.model.deflections.size(), 2U);
+  EXPECT_TRUE(read.estimate.deflections == wrote.deflections);
+  EXPECT_TRUE(read.estimate.X_WB.translation() == wrote.X_WB.translation());
+  EXPECT_LT((read.estimate.X_WB.linear() - wrote.X_WB.linear()).norm(), 1e-14);
+  ASSERT_EQ(read.estimate.targets.size(), 2U);
+  for (std::size_t k = 0; k < 2; ++k) {
+    EXPECT_EQ(read.estimate.targets[k].name, wrote.targets[k].name);
+    EXPECT_EQ(read.estimate.targets[k].with_orientation, wrote.targets[k].with_orientation);
+    EXPECT_LT((read.estimate.targets[k].X_FT.matrix() - wrote.targets[k].X_FT.matrix()).norm(), 1e-14);
+  }
+  EXPECT_EQ(read.trusted, written().calibration.trusted());
+}
+
+TEST(SavedCalibration, HasTheCovarianceAndWhatItIsOf) {
+  const Calibration& wrote = written().calibration;
+  const SavedCalibration read = parse_calibration(written().json, written().robot);
+  EXPECT_EQ(column_names(read.model, read.estimate.targets, read.free),
+            column_names(wrote.model, wrote.identification.estimate.targets, wrote.free));
+  ASSERT_EQ(read.covariance.rows(), wrote.covariance.rows());
+  EXPECT_TRUE(read.covariance.triangularView<Eigen::Lower>().toDenseMatrix() ==
+              wrote.covariance.triangularView<Eigen::Lower>().toDenseMatrix());
+  EXPECT_TRUE(read.covariance == read.covariance.transpose());
+}
+
+TEST(SavedCalibration, PredictsAsTheCalibrationDid) {
+  const Calibration& wrote = written().calibration;
+  const SavedCalibration read = parse_calibration(written().json, written().robot);
+  const auto X_BF = flange_poses(read, written().measured.joint_values);
+  const auto expected = flange_poses(wrote.model, wrote.identification.estimate, written().measured.joint_values);
+  for (std::size_t c = 0; c < X_BF.size(); ++c) {
+    EXPECT_LT((X_BF[c].matrix() - expected[c].matrix()).norm(), 1e-12);
+  }
+  EXPECT_NEAR(error_statistics(position_errors(X_BF, read.estimate, written().measured)).rms, wrote.train.after.rms,
+              1e-12);
+}
+
+TEST(SavedCalibration, KeepsTheDoubts) {
+  Calibration doubted = written().calibration;
+  doubted.doubts = {{.cause = "not_converged", .message = "it moves"}};
+  const SavedCalibration read =
+      parse_calibration(result_json(written().robot, written().measured, written().options, doubted), written().robot);
+  EXPECT_FALSE(read.trusted);
+  ASSERT_EQ(read.doubts.size(), 1U);
+  EXPECT_EQ(read.doubts[0].cause, "not_converged");
+  EXPECT_EQ(read.doubts[0].message, "it moves");
+}
+
+TEST(SavedCalibration, WhatIsNotDeterminedIsInfinite) {
+  Calibration open = written().calibration;
+  open.covariance(3, 3) = std::numeric_limits<double>::infinity();
+  const SavedCalibration read =
+      parse_calibration(result_json(written().robot, written().measured, written().options, open), written().robot);
+  EXPECT_TRUE(std::isinf(read.covariance(3, 3)));
+  EXPECT_TRUE(std::isfinite(read.covariance(4, 4)));
+}
+
+// The errors would be applied twice.
+TEST(SavedCalibration, OfAnotherUrdfIsRefused) {
+  const Robot corrected = parse_robot(calibrated_urdf(written().robot, written().calibration), {}, "calibrated.urdf");
+  EXPECT_THAT(refusal(written().json, corrected), HasSubstr("r.json: was not made with calibrated.urdf: its hash"));
+  const Robot shorter = parse_robot(kOddArm, {.base = {}, .tip = "e"});
+  EXPECT_THAT(refusal(written().json, shorter),
+              HasSubstr("r.json: input: tip is 'tool', expected that of this robot, 'e'"));
+}
+
+TEST(SavedCalibration, NeedsNothingButParameters) {
+  const SavedCalibration read =
+      parse_calibration(R"({"parameters": [{"name": "dq2", "error": 0.002}]})", written().robot);
+  EXPECT_EQ(read.estimate.errors.sum(), 0.002);
+  EXPECT_FALSE(read.trusted);
+  EXPECT_EQ(read.covariance.size(), 0);
+  EXPECT_THAT(refusal(R"({"parameters": [{"name": "dq9", "error": 0.002}]})", written().robot),
+              HasSubstr("r.json: parameters[0]: this robot has no parameter 'dq9'"));
+  EXPECT_THAT(refusal(R"({"parameters": [{"name": "sag7", "kind": "deflection", "error": 1}]})", written().robot),
+              HasSubstr("no deflection 'sag7'"));
+  EXPECT_THAT(refusal(R"({"parameters": [{"name": "dq2"}]})", written().robot), HasSubstr("\"error\" is missing"));
+  EXPECT_THAT(refusal("{}", written().robot), HasSubstr("\"parameters\" is missing"));
+}
+
+TEST(SavedCalibration, WithACovarianceThatFitsNothingIsRefused) {
+  const auto spoilt = [](const std::function<void(Json&)>& spoil) {
+    Json json = Json::parse(written().json);
+    spoil(json["covariance"]);
+    return refusal(json.dump(), written().robot);
+  };
+  EXPECT_THAT(spoilt([](Json& c) { std::swap(c["names"][0], c["names"][1]); }), HasSubstr("names: expected"));
+  EXPECT_THAT(spoilt([](Json& c) { c["lower_triangle"].erase(0); }), HasSubstr("a row for each name"));
+  EXPECT_THAT(spoilt([](Json& c) { c["lower_triangle"][2].push_back(1.0); }),
+              HasSubstr("lower_triangle[2]: expected 3"));
+  EXPECT_THAT(spoilt([](Json& c) { c["lower_triangle"][2][1] = "x"; }), HasSubstr("lower_triangle[2][1]: expected"));
+}
+
+// Files are read up to 64 MiB.
+TEST(SavedCalibration, OfNineHundredThousandRowsIsRead) {
+  Written many = written();
+  while (many.measured.observations.size() < 900000) {
+    const std::size_t count =
+        std::min<std::size_t>(many.measured.observations.size(), 900000 - many.measured.observations.size());
+    const std::vector<Observation> again(many.measured.observations.begin(),
+                                         many.measured.observations.begin() + static_cast<std::ptrdiff_t>(count));
+    many.measured.observations.insert(many.measured.observations.end(), again.begin(), again.end());
+  }
+  many.calibration.weights.assign(900000, 0.12345678901234567);
+  const std::filesystem::path file = std::filesystem::temp_directory_path() / "kdl_calibration_saved_test.json";
+  std::ofstream(file, std::ios::binary) << result_json(many.robot, many.measured, many.options, many.calibration);
+  const SavedCalibration read = load_calibration(file, many.robot);
+  std::filesystem::remove(file);
+  EXPECT_TRUE(read.estimate.errors == many.calibration.identification.estimate.errors);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
