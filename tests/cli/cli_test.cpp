@@ -792,7 +792,7 @@ TEST_F(CommandLineOnRealData, SaysWhichJointConventionFits) {
       run({"calibrate", "--measurements", measurements, "--joint-convention", kPendant, "--result", "r.json"});
   EXPECT_EQ(outcome.status, 1);
   EXPECT_THAT(outcome.err, AllOf(HasSubstr(kPendant), HasSubstr("fanuc_r2000ic_165f_serial.json fits")));
-  EXPECT_THAT(json_of("r.json")["warnings"].dump(), HasSubstr("_serial.json fits"));
+  EXPECT_THAT(json_of("r.json")["doubts"].dump(), HasSubstr("_serial.json fits"));
   const Outcome valid = run({"validate", "--measurements", measurements, "--joint-convention", kPendant});
   EXPECT_EQ(valid.status, 1);
   EXPECT_THAT(valid.err, HasSubstr("fanuc_r2000ic_165f_serial.json fits"));
