@@ -112,20 +112,20 @@ void expect_nothing_in_clean_repeats_nor_without_noise(std::uint64_t seeds) {
   }
 }
 
-TEST(DataQuality, FindsNothingInCleanData) { expect_nothing_in_clean_data(30); }
+TEST(DataQuality, FindsNothingInCleanData) { expect_nothing_in_clean_data(10); }
 
 TEST(DataQualityLongRun, FindsNothingInCleanData) { expect_nothing_in_clean_data(200); }
 
 TEST(DataQuality, FindsNothingInCleanRepeatsNorInDataWithoutNoise) {
-  expect_nothing_in_clean_repeats_nor_without_noise(30);
+  expect_nothing_in_clean_repeats_nor_without_noise(10);
 }
 
 TEST(DataQualityLongRun, FindsNothingInCleanRepeatsNorInDataWithoutNoise) {
   expect_nothing_in_clean_repeats_nor_without_noise(200);
 }
 
-TEST(DataQuality, FindsNothingInAFewConfigurations) {
-  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+void expect_nothing_in_a_few_configurations(std::uint64_t seeds) {
+  for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
     for (const int configurations : {4, 6, 8, 10, 12, 15, 20}) {
       const Measurements few = experiment().measured(seed, kSmall, kNoise, 1, configurations);
       EXPECT_THAT(messages(experiment().findings(few)), IsEmpty()) << seed << ", " << configurations;
@@ -133,11 +133,15 @@ TEST(DataQuality, FindsNothingInAFewConfigurations) {
   }
 }
 
+TEST(DataQuality, FindsNothingInAFewConfigurations) { expect_nothing_in_a_few_configurations(8); }
+
+TEST(DataQualityLongRun, FindsNothingInAFewConfigurations) { expect_nothing_in_a_few_configurations(200); }
+
 // ---- slips ---------------------------------------------------------------------------------------------------------
 
 TEST(DataQuality, NamesATargetThatSlipped) {
   const std::vector<Eigen::Vector3d> directions = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-0.6, 0.0, 0.8}};
-  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
     for (int target = 0; target < 3; ++target) {
       // y is perpendicular to the plane of the published targets.
       const Eigen::Vector3d& direction = directions[seed % directions.size()];
@@ -206,7 +210,7 @@ TEST(DataQuality, NamesTheOnlyTargetThatSlipped) {
 
 TEST(DataQuality, NamesTwoTargetsThatWereSwapped) {
   const std::vector<std::pair<int, int>> pairs = {{0, 1}, {0, 2}, {1, 2}};
-  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
     for (const auto& [a, b] : pairs) {
       Measurements measured = experiment().measured(seed, kPublished, kNoise);
       swap_targets(measured, 7, a, b);
@@ -258,7 +262,7 @@ TEST(DataQuality, NamesATargetMeasuredUnderAnothersName) {
 // ---- single rows ---------------------------------------------------------------------------------------------------
 
 TEST(DataQuality, NamesAMistypedCoordinate) {
-  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 18; ++seed) {
     const auto axis = static_cast<Eigen::Index>(seed % 3);
     const auto target = static_cast<int>(seed / 3 % 3);
     const double amount = seed % 2 == 0 ? 0.01 : -0.01;
