@@ -184,11 +184,11 @@ TEST_F(Limits, MemoryGrowsWithTheDataAlone) {
     return process.peak();
   };
   const double small = peak("20000");
-  const double large = peak("100000");
+  const double large = peak("60000");
   std::printf("%.0f and %.0f MB, %.0f bytes for each further point\n", small / 1e6, large / 1e6,
-              (large - small) / (3.0 * 80000.0));
-  EXPECT_GT(large - small, 50.0 * 3.0 * 80000.0);  // else something else was measured
-  EXPECT_LT(large - small, 500.0 * 3.0 * 80000.0);
+              (large - small) / (3.0 * 40000.0));
+  EXPECT_GT(large - small, 50.0 * 3.0 * 40000.0);  // else something else was measured
+  EXPECT_LT(large - small, 500.0 * 3.0 * 40000.0);
 }
 
 TEST_F(Limits, OfFileSizesAreStated) {
@@ -324,7 +324,7 @@ TEST_F(BadTable, RobotsThatUrdfdomOrTheChainRefuse) {
   };
   refused("", {"r.urdf", "empty"});
   refused("<model/>", {"r.urdf", "no <robot>"});
-  refused(joint("revolute", ""), {"r.urdf", "not a valid URDF"});
+  refused(joint("revolute", ""), {"r.urdf", "not a valid URDF", "does not specify limits"});
   refused(joint("floating", ""), {"'j'", "floating"});
   refused(joint("planar", ""), {"'j'", "planar"});
   refused(joint("continuous", "<axis xyz='0 0 0'/>"), {"'j'", "axis"});
@@ -484,7 +484,7 @@ TEST_F(Traps, RowsThatAreAllIdentical) {
 
 TEST_F(Traps, ConditionNumbersUpToWhereTheRankIsLost) {
   std::vector<std::string> terminations;
-  for (const double width : {40.0, 1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10}) {  // [deg] of every joint's range
+  for (const double width : {40.0, 1e-2, 1e-5, 1e-8, 1e-10}) {  // [deg] of every joint's range
     std::string ranges;
     for (const double at : {10, 20, 30, 40, 50, 10}) {
       ranges += (ranges.empty() ? "" : ",") + nlohmann::json(at).dump() + ":" + nlohmann::json(at + width).dump();
