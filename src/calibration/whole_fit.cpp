@@ -101,6 +101,12 @@ FreeParameters determined(const ErrorModel& model, const std::vector<TargetFrame
   return free_parameters(model, targets, result);
 }
 
+// What an earlier fit took counts as well.
+void put_before(const Identification& earlier, Identification& later) {
+  later.iterations += earlier.iterations;
+  later.rms_history.insert(later.rms_history.begin(), earlier.rms_history.begin(), earlier.rms_history.end());
+}
+
 constexpr int kGaugeRounds = 3;
 
 // Fits what the measurements determine of the candidates, as judged by the start. What the solution shows to be
@@ -123,9 +129,9 @@ Fitted identify_in_gauge(const FitTask& task, const FreeParameters& candidates, 
   free = determined_at(task.start, nothing);
   Fitted fitted;
   for (int round = 0; round < kGaugeRounds; ++round) {
-    const int iterations = fitted.identification.iterations;
+    const Identification earlier = std::move(fitted.identification);
     fitted = identify(task, free, steps);
-    fitted.identification.iterations += iterations;
+    put_before(earlier, fitted.identification);
     const FreeParameters there = determined_at(fitted.identification.estimate, free);
     if (same_parameters(there, free) || round + 1 == kGaugeRounds) {
       break;
@@ -203,8 +209,7 @@ void take_the_long_way(const FitTask& task, const FreeParameters& complete, Whol
   const auto follow = [&](WholeFit next) {
     Identification& now = next.identification;
     const Identification& before = fit.identification;
-    now.iterations += before.iterations;
-    now.rms_history.insert(now.rms_history.begin(), before.rms_history.begin(), before.rms_history.end());
+    put_before(before, now);
     const bool better = arrived(now) != arrived(before) ? arrived(now) : now.rms < before.rms;
     if (better) {
       fit = std::move(next);
@@ -233,7 +238,7 @@ void hide_in_noise(const FitTask& task, WholeFit& fit) {
   seen.identification = std::move(fitted.identification);
   seen.weights = std::move(fitted.weights);
   if (arrived(seen.identification) && seen.identification.rms <= kCost * fit.identification.rms) {
-    seen.identification.iterations += fit.identification.iterations;
+    put_before(fit.identification, seen.identification);
     fit = std::move(seen);
   }
 }
