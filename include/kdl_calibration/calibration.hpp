@@ -69,7 +69,7 @@ struct CalibrationOptions {
 
 /// Configurations up to which each is left out singly unless the options say otherwise. Exact refits take a time that
 /// grows with the square of that number.
-constexpr std::size_t kMostLeftOutSingly = 200;
+constexpr std::size_t kMostLeftOutSingly = 5000;
 constexpr int kFoldsOfMany = 10;
 
 /// One line of the result: a geometric, base or target parameter or a deflection. SI units.

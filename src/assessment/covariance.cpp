@@ -75,21 +75,27 @@ double radius_of_probability(const Matrix3d& covariance, double probability) {
       lengths.push_back(std::sqrt(v2.dot(variances)));
     }
   }
-  const auto inside = [&](double r) {
-    double sum = 0.0;
-    for (const double length : lengths) {
-      const double t = length > 0.0 ? std::min(r / length, 40.0) : 40.0;
-      sum += std::erf(t / std::numbers::sqrt2) - std::sqrt(2.0 / std::numbers::pi) * t * std::exp(-0.5 * t * t);
-    }
-    return sum / static_cast<double>(lengths.size());
-  };
   double below = 0.0;
   double above = 40.0 * std::sqrt(variances.maxCoeff());
-  for (int halving = 0; halving < 50; ++halving) {
-    const double middle = 0.5 * (below + above);
-    (inside(middle) < probability ? below : above) = middle;
+  double r = 2.0 * std::sqrt(variances.sum());
+  for (int step = 0; step < 60 && above - below > 1e-15 * above; ++step) {
+    double inside = 0.0;
+    double density = 0.0;  // its derivative by r
+    for (const double length : lengths) {
+      const double t = length > 0.0 ? std::min(r / length, 40.0) : 40.0;
+      const double bell = std::sqrt(2.0 / std::numbers::pi) * t * std::exp(-0.5 * t * t);
+      inside += std::erf(t / std::numbers::sqrt2) - bell;
+      density += length > 0.0 ? t * bell / length : 0.0;
+    }
+    const double missing = probability * static_cast<double>(lengths.size()) - inside;
+    (missing > 0.0 ? below : above) = r;
+    const double next = r + missing / density;
+    if (std::abs(next - r) <= 1e-12 * r) {
+      return next;
+    }
+    r = next > below && next < above ? next : 0.5 * (below + above);
   }
-  return above;
+  return r;
 }
 
 Matrix3d predicted_covariance(const PositionPredictor& predictor, const MatrixXd& column_covariance, const VectorXd& q,

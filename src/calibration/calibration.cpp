@@ -179,8 +179,7 @@ std::optional<Identifiability> rigid_identifiability(const FitTask& task, const 
   const Unknowns rigid = fitted.candidates.without(UnknownGroup::deflections);
   const Estimate& estimate = fitted.identification.estimate;
   const LeastSquaresProblem problem(task.model, task.measurements, rigid, residuals);
-  return identifiability(problem.whitened_summary(estimate).triangle,
-                         column_names(task.model, estimate.targets, rigid));
+  return identifiability(problem.whitened_summary(estimate).triangle, rigid.names());
 }
 
 Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNoise& estimated) {

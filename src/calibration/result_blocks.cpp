@@ -17,7 +17,7 @@ namespace kdl_calibration {
 namespace {
 
 std::vector<std::string> covariance_names(const Calibration& calibration) {
-  return column_names(calibration.model, calibration.identification.estimate.targets, calibration.free);
+  return calibration.free.names();
 }
 
 // Measured minus predicted, one for each observation.

@@ -273,10 +273,9 @@ long fitted_configurations(const Measurements& measurements) {
 }
 
 std::string sizes(const Measurements& measurements, const Calibration& calibration) {
-  const Estimate& estimate = calibration.identification.estimate;
   return std::to_string(fitted_configurations(measurements)) + " configurations, " +
          std::to_string(calibration.train.after.count) + " points, " +
-         std::to_string(column_names(calibration.model, estimate.targets, calibration.free).size()) + " parameters";
+         std::to_string(calibration.free.size()) + " parameters";
 }
 
 // What holds, before any figure.

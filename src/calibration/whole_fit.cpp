@@ -88,6 +88,12 @@ Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eige
   return candidates.subset(marked);
 }
 
+// What an earlier fit took counts as well.
+void put_before(const Identification& earlier, Identification& later) {
+  later.iterations += earlier.iterations;
+  later.rms_history.insert(later.rms_history.begin(), earlier.rms_history.begin(), earlier.rms_history.end());
+}
+
 constexpr int kGaugeRounds = 3;
 
 // Fits what the measurements determine of the candidates, as judged by the start. What the solution shows to be
@@ -108,9 +114,9 @@ Fitted identify_in_gauge(const FitTask& task, const Unknowns& candidates, Unknow
   free = determined_at(task.start, Unknowns());
   Fitted fitted;
   for (int round = 0; round < kGaugeRounds; ++round) {
-    const int iterations = fitted.identification.iterations;
+    const Identification earlier = std::move(fitted.identification);
     fitted = identify(task, free, steps);
-    fitted.identification.iterations += iterations;
+    put_before(earlier, fitted.identification);
     const Unknowns there = determined_at(fitted.identification.estimate, free);
     if (there == free || round + 1 == kGaugeRounds) {
       break;
@@ -186,8 +192,7 @@ void take_the_long_way(const FitTask& task, const Unknowns& complete, WholeFit& 
   const auto follow = [&](WholeFit next) {
     Identification& now = next.identification;
     const Identification& before = fit.identification;
-    now.iterations += before.iterations;
-    now.rms_history.insert(now.rms_history.begin(), before.rms_history.begin(), before.rms_history.end());
+    put_before(before, now);
     const bool better = arrived(now) != arrived(before) ? arrived(now) : now.rms < before.rms;
     if (better) {
       fit = std::move(next);
@@ -216,7 +221,7 @@ void hide_in_noise(const FitTask& task, WholeFit& fit) {
   seen.identification = std::move(fitted.identification);
   seen.weights = std::move(fitted.weights);
   if (arrived(seen.identification) && seen.identification.rms <= kCost * fit.identification.rms) {
-    seen.identification.iterations += fit.identification.iterations;
+    put_before(fit.identification, seen.identification);
     fit = std::move(seen);
   }
 }

@@ -22,12 +22,12 @@ extern "C" const char* __lsan_default_suppressions() { return "leak:__argz_add_s
 namespace kdl_calibration::testing {
 namespace {
 
-/// A program under de_DE.UTF-8: both C's locale, which strtod and printf follow, and the streams'.
+/// A program under a German locale: both C's locale, which strtod and printf follow, and the streams'.
 class UnderAComma {
 public:
   explicit UnderAComma(const GermanLocaleFolder& german) {
     ::setenv("LOCPATH", german.path().c_str(), 1);
-    before_ = std::locale::global(std::locale("de_DE.UTF-8"));
+    before_ = std::locale::global(std::locale("de_DE"));
   }
   ~UnderAComma() {
     std::locale::global(before_);
@@ -83,7 +83,7 @@ std::string everything() {
 TEST(Locale, OfTheProgramChangesNoByte) {
   const GermanLocaleFolder german;
   if (!german) {
-    GTEST_SKIP() << "no de_DE.UTF-8: localedef cannot make it here";
+    GTEST_SKIP() << "no locale with a decimal comma: localedef cannot make it here";
   }
   const std::string plain = everything();
   std::string comma;

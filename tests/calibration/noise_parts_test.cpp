@@ -55,7 +55,7 @@ Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
   Random random(97, seed);
   const auto targets = published_targets(truth.targets);
   const Unknowns free(model, targets, reduced_model(model, targets).kept);
-  Trial result{.robot = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random),
+  Trial result{.robot = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random),
                .measured = {},
                .ranges = published_ranges(model.joints)};
   const MatrixXd q = random_configurations(result.ranges, truth.configurations, random);

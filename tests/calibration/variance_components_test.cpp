@@ -25,7 +25,7 @@ HeldOut held_out(double orientation_sigma) {
   const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
   constexpr double kSigma = 0.00003;
   HeldOut sums;
-  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
     Random random(seed);
     const VirtualRobot truth =
         virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);

@@ -469,19 +469,23 @@ TEST(Warnings, LimitsOfJointsAreWithinThem) {
 
 TEST(Warnings, LackOfFitIsWhatHappensOnceInAThousandTimes) {
   const Series s;
-  double above = 1.0;  // the smallest p-value that did not warn and the largest that did
+  double above = 1.0;  // p-values that did not warn and that did, on both sides of the limit
   double below = 0.0;
-  for (int step = 0; step <= 30; ++step) {
-    const Calibration found = calibrate(s.model, with_ripple(s, 1e-6 * step, kRepeats), {.held_out = false});
+  double quiet = 0.0;  // [rad]
+  double loud = 3e-5;
+  for (int halving = 0; halving < 10; ++halving) {
+    const double amplitude = 0.5 * (quiet + loud);
+    const Calibration found = calibrate(s.model, with_ripple(s, amplitude, kRepeats), {.held_out = false});
     const double p = found.lack_of_fit.value().p_value;
     const bool warned = std::any_of(found.warnings.begin(), found.warnings.end(), [](const std::string& warning) {
       return warning.find("lack of fit") != std::string::npos;
     });
     EXPECT_EQ(warned, p < 1e-3) << p;
-    (warned ? below : above) = warned ? std::max(below, p) : std::min(above, p);
+    (warned ? below : above) = p;
+    (warned ? loud : quiet) = amplitude;
   }
-  EXPECT_LT(above, 1e-2);
-  EXPECT_GT(below, 1e-4);
+  EXPECT_LT(above, 1.1e-3);
+  EXPECT_GT(below, 0.9e-3);
 }
 
 TEST(Warnings, ScaledNoiseIsWhatHappensOnceInAThousandTimes) {
@@ -490,20 +494,22 @@ TEST(Warnings, ScaledNoiseIsWhatHappensOnceInAThousandTimes) {
   double below = 0.0;
   const Calibration plain = calibrate(s.model, s.measured);
   const double freedom = plain.noise.degrees_of_freedom;
-  for (int step = 0; step <= 30; ++step) {
+  double quiet = 1.0;  // the residuals' mean square in units of the stated one
+  double loud = 1.45;
+  for (int halving = 0; halving < 10; ++halving) {
+    const double factor = 0.5 * (quiet + loud);
     Series stated = s;
-    const double sigma = plain.noise.sigma / std::sqrt(1.0 + 0.015 * step);
-    stated.state_sigma(sigma);
+    stated.state_sigma(plain.noise.sigma / std::sqrt(factor));
     const Calibration found = stated.calibrated({.held_out = false});
-    // The residuals' mean square in units of the stated one, against that of a chi-squared distribution.
-    const double p = f_upper_tail(1.0 + 0.015 * step, freedom, 1e9);
+    const double p = f_upper_tail(factor, freedom, 1e9);  // that of a chi-squared distribution
     const bool warned = !found.warnings.empty();
     EXPECT_EQ(warned, p < 1e-3) << p;
-    EXPECT_NEAR(found.noise.variance_factor, warned ? 1.0 + 0.015 * step : 1.0, 1e-6) << p;
-    (warned ? below : above) = warned ? std::max(below, p) : std::min(above, p);
+    EXPECT_NEAR(found.noise.variance_factor, warned ? factor : 1.0, 1e-6) << p;
+    (warned ? below : above) = p;
+    (warned ? loud : quiet) = factor;
   }
-  EXPECT_LT(above, 1e-2);
-  EXPECT_GT(below, 1e-4);
+  EXPECT_LT(above, 1.1e-3);
+  EXPECT_GT(below, 0.9e-3);
 }
 
 // ---- findings ------------------------------------------------------------------------------------------------------

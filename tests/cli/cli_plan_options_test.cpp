@@ -221,7 +221,7 @@ std::vector<OptionCase> number_options() {
          EXPECT_EQ(chosen(effect.with), chosen(effect.without));
          EXPECT_NE(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
          EXPECT_EQ(effect.with.json["d_efficiency"], effect.without.json["d_efficiency"]);
-         EXPECT_EQ(effect.with.json["candidates"]["count"], 300);
+         EXPECT_EQ(effect.with.json["candidates"]["count"], 150);
        }},
       {"TasksAreWhereToPredict",
        {"--tasks", "tasks.csv"},
@@ -256,7 +256,7 @@ std::vector<OptionCase> number_options() {
        {"--seed", "2"},
        [](const Effect& effect) {
          EXPECT_NE(chosen(effect.with).sum(), chosen(effect.without).sum());
-         EXPECT_EQ(effect.with.json["candidates"]["count"], 300);
+         EXPECT_EQ(effect.with.json["candidates"]["count"], 150);
        }},
       {"ThreadsChangeNothing", {"--threads", "3"}, changes_nothing()},
       {"MonteCarloTriesThePlan",
@@ -463,8 +463,8 @@ TEST_P(PlanOption, HasItsEffectAndNoOther) {
   const std::string& option = GetParam().option.front();
   Words command = {"plan"};
   for (const auto& [name, value] : std::vector<std::pair<std::string, std::string>>{{"--configurations", "12"},
-                                                                                    {"--candidates", "300"},
-                                                                                    {"--workspace", "100"},
+                                                                                    {"--candidates", "150"},
+                                                                                    {"--workspace", "40"},
                                                                                     {"--starts", "1"},
                                                                                     {"--threads", "1"}}) {
     const bool counts = option == "--add" && name == "--configurations";

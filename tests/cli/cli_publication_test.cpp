@@ -1,4 +1,5 @@
 #include <Eigen/Core>
+#include <array>
 #include <cmath>
 #include <sstream>
 
@@ -82,6 +83,31 @@ TEST_F(TwoStep, TooFewRoundsAreNotToBeTrusted) {
   EXPECT_EQ(outcome.status, 1);
   EXPECT_THAT(outcome.out, AllOf(HasSubstr("iteration_limit"), HasSubstr("    5  "), HasSubstr("30 fresh"),
                                  HasSubstr("dq6"), HasSubstr("gauge"), HasSubstr("largest difference")));
+}
+
+TEST_F(TwoStep, TheTableShowsEachRoundInMillimetres) {
+  const std::vector<std::string> words = {"simulate", "--joint-ranges", "published", "--two-step", "4"};
+  std::vector<std::string> as_json = words;
+  as_json.emplace_back("--json");
+  const Json found = Json::parse(run(as_json).out);
+  std::istringstream table(run(words).out);
+  std::size_t round = 0;
+  for (std::string line; std::getline(table, line);) {
+    std::istringstream numbers(line);
+    std::array<double, 5> shown{};
+    if (!(numbers >> shown[0] >> shown[1] >> shown[2] >> shown[3] >> shown[4]) || shown[0] != round + 1.0) {
+      continue;
+    }
+    ASSERT_LT(round, found["rounds"].size()) << line;
+    const Json& expected = found["rounds"][round++];
+    const Json& held_out = expected["held_out"];
+    const std::array<Json, 4> metres = {expected["change"], expected["misfit"], held_out["rms"], held_out["max"]};
+    for (std::size_t i = 0; i < 4; ++i) {
+      EXPECT_NEAR(shown.at(i + 1), metres.at(i).get<double>() * 1e3, 1e-4 * shown.at(i + 1))
+          << line << ", number " << i;
+    }
+  }
+  EXPECT_EQ(round, 4U) << "rounds in the table";
 }
 
 TEST_F(TwoStep, SettlesWithNoise) {

@@ -69,7 +69,7 @@ TEST_F(Signals, EndACalibrationOfALongSeriesInEveryPhase) {
 TEST_F(Signals, KilledAtAnyMomentEachFileIsTheOldOrTheNewOne) {
   // More of them with KDL_CALIBRATION_KILLS=500.
   const char* wanted = std::getenv("KDL_CALIBRATION_KILLS");
-  const int kills = wanted == nullptr ? 30 : std::atoi(wanted);
+  const int kills = wanted == nullptr ? 15 : std::atoi(wanted);
   ASSERT_EQ(run({"simulate", "--configurations", "30", "--noise", "1e-5", "--output", "in.csv"}).status, 0);
   const std::vector<std::vector<std::string>> commands = {
       {"calibrate", "--measurements", "in.csv", "--output", "a", "--result", "b", "--force"},
@@ -184,11 +184,11 @@ TEST_F(Limits, MemoryGrowsWithTheDataAlone) {
     return process.peak();
   };
   const double small = peak("20000");
-  const double large = peak("100000");
+  const double large = peak("60000");
   std::printf("%.0f and %.0f MB, %.0f bytes for each further point\n", small / 1e6, large / 1e6,
-              (large - small) / (3.0 * 80000.0));
-  EXPECT_GT(large - small, 50.0 * 3.0 * 80000.0);  // else something else was measured
-  EXPECT_LT(large - small, 500.0 * 3.0 * 80000.0);
+              (large - small) / (3.0 * 40000.0));
+  EXPECT_GT(large - small, 50.0 * 3.0 * 40000.0);  // else something else was measured
+  EXPECT_LT(large - small, 500.0 * 3.0 * 40000.0);
 }
 
 TEST_F(Limits, OfFileSizesAreStated) {
@@ -324,7 +324,7 @@ TEST_F(BadTable, RobotsThatUrdfdomOrTheChainRefuse) {
   };
   refused("", {"r.urdf", "empty"});
   refused("<model/>", {"r.urdf", "no <robot>"});
-  refused(joint("revolute", ""), {"r.urdf", "not a valid URDF"});
+  refused(joint("revolute", ""), {"r.urdf", "not a valid URDF", "does not specify limits"});
   refused(joint("floating", ""), {"'j'", "floating"});
   refused(joint("planar", ""), {"'j'", "planar"});
   refused(joint("continuous", "<axis xyz='0 0 0'/>"), {"'j'", "axis"});
@@ -376,7 +376,7 @@ TEST_F(BadTable, OptionsOfCalibrateThatContradictEachOther) {
 }
 
 TEST_F(BadTable, ConstraintsThatLeaveTooFewCandidatesSayWhichRemovesHowMany) {
-  const std::vector<std::string> plan = {"plan", "--candidates", "400",  "--workspace", "200", "--starts",
+  const std::vector<std::string> plan = {"plan", "--candidates", "400",  "--workspace", "20", "--starts",
                                          "1",    "--output",     "p.csv"};
   const auto refused = [&](std::vector<std::string> more, const std::vector<std::string>& facts) {
     more.insert(more.begin(), plan.begin(), plan.end());
@@ -465,9 +465,8 @@ TEST_F(Traps, RobotsOfANanometreAndOfAThousandKilometres) {
                    "--output", "m.csv", "--force"})
                   .status,
               0);
-    for (const std::string method : {"joint", "two-step"}) {
-      expect_answer({"--urdf", "r.urdf", "--method", method}, length + " " + method);
-    }
+    expect_answer({"--urdf", "r.urdf"}, length);
+    expect_answer({"--urdf", "r.urdf", "--method", "two-step", "--iterations", "50"}, length + " two-step");
     expect_answer({"--urdf", "r.urdf", "--gravity", "--joint-gain", "--leave-one-out"}, length + " with extras");
     EXPECT_NE(run({"validate", "--urdf", "r.urdf", "--measurements", "m.csv"}).status, 2);
   }
@@ -475,7 +474,7 @@ TEST_F(Traps, RobotsOfANanometreAndOfAThousandKilometres) {
 
 TEST_F(Traps, RowsThatAreAllIdentical) {
   std::string rows = "configuration,target,repeat,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,x,y,z\n";
-  for (int i = 0; i < (kSanitized ? 100'000 : 1'000'000); ++i) {
+  for (int i = 0; i < 100'000; ++i) {
     rows += "1,A," + std::to_string(i) + ",0.1,0.2,0.3,0.4,0.5,0.6,1,2,3\n";
   }
   write("m.csv", rows);
@@ -485,17 +484,15 @@ TEST_F(Traps, RowsThatAreAllIdentical) {
 
 TEST_F(Traps, ConditionNumbersUpToWhereTheRankIsLost) {
   std::vector<std::string> terminations;
-  for (const double width : {40.0, 1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10}) {  // [deg] of every joint's range
+  for (const double width : {40.0, 1e-2, 1e-5, 1e-8, 1e-10}) {  // [deg] of every joint's range
     std::string ranges;
     for (const double at : {10, 20, 30, 40, 50, 10}) {
       ranges += (ranges.empty() ? "" : ",") + nlohmann::json(at).dump() + ":" + nlohmann::json(at + width).dump();
     }
-    for (const std::string noise : {"0", "1e-5"}) {
-      ASSERT_EQ(run({"simulate", "--joint-ranges", ranges, "--noise", noise, "--output", "m.csv", "--force"}).status,
-                0);
-      expect_answer({}, "ranges of " + ranges + " degrees, noise " + noise);
-      terminations.push_back(last["termination"]);
-    }
+    const std::string noise = terminations.size() % 2 == 0 ? "1e-5" : "0";
+    ASSERT_EQ(run({"simulate", "--joint-ranges", ranges, "--noise", noise, "--output", "m.csv", "--force"}).status, 0);
+    expect_answer({}, "ranges of " + ranges + " degrees, noise " + noise);
+    terminations.push_back(last["termination"]);
   }
   EXPECT_EQ(terminations.front(), "converged");
   EXPECT_EQ(terminations.back(), "rank_deficient");
@@ -522,7 +519,7 @@ TEST_F(Traps, SigmasOfEveryOrder) {
 TEST_F(CommandLine, WritesTheSameBytesUnderADecimalComma) {
   const GermanLocaleFolder german;
   if (!german) {
-    GTEST_SKIP() << "no de_DE.UTF-8: localedef cannot make it here";
+    GTEST_SKIP() << "no locale with a decimal comma: localedef cannot make it here";
   }
   const auto everything = [&] {
     std::string text;
@@ -546,7 +543,7 @@ TEST_F(CommandLine, WritesTheSameBytesUnderADecimalComma) {
   };
   const std::string plain = everything();
   ::setenv("LOCPATH", german.path().c_str(), 1);
-  ::setenv("LC_ALL", "de_DE.UTF-8", 1);
+  ::setenv("LC_ALL", "de_DE", 1);
   const std::string comma = everything();
   ::unsetenv("LC_ALL");
   ::unsetenv("LOCPATH");

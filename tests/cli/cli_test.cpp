@@ -273,6 +273,31 @@ protected:
   }
 };
 
+TEST_F(KnownFrames, MayHaveARoundedQuaternion) {
+  Json base = json_of("truth.json")["base"];
+  const auto answer = [&](double factor) {
+    Json scaled = base;
+    for (Json& number : scaled["quaternion_wxyz"]) {
+      number = number.get<double>() * factor;
+    }
+    write("base.json", scaled.dump());
+    return run_json({"validate", "--measurements", "m.csv", "--known-base", "base.json", "--json"});
+  };
+  const double exact = answer(1.0)["position_error"]["all"]["rms"];
+  EXPECT_GT(exact, 0.0);
+  for (const double factor : {1.0009, 0.9991}) {
+    EXPECT_NEAR(answer(factor)["position_error"]["all"]["rms"], exact, 1e-12) << factor;
+  }
+  for (const double factor : {1.0011, 0.9989}) {
+    Json scaled = base;
+    for (Json& number : scaled["quaternion_wxyz"]) {
+      number = number.get<double>() * factor;
+    }
+    write("base.json", scaled.dump());
+    expect_refused({"validate", "--measurements", "m.csv", "--known-base", "base.json"}, {"base.json", "norm 1"});
+  }
+}
+
 TEST_F(KnownFrames, AreRefusedWithFileAndKeyWhereTheyAreBad) {
   write("text.json", "{\n\"base\": oops}");
   write("empty.json", "{}");

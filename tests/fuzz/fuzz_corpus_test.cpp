@@ -14,13 +14,15 @@ namespace {
 class FuzzCorpus : public ::testing::TestWithParam<Target> {};
 
 TEST_P(FuzzCorpus, BreaksNoPromise) {
+  // And cut short; a run of `calibration` is a whole calibration.
+  const std::size_t cuts = std::string(GetParam().name) == "calibration" ? 4 : 20;
   int files = 0;
   for (const auto& entry : std::filesystem::directory_iterator(std::string(CORPUS_DIR) + "/" + GetParam().name)) {
     SCOPED_TRACE(entry.path());
     std::ifstream stream(entry.path(), std::ios::binary);
     const std::string bytes{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
     GetParam().run(bytes);
-    for (std::size_t length = 0; length < bytes.size(); length += 1 + bytes.size() / 20) {  // and cut short
+    for (std::size_t length = 0; length < bytes.size(); length += 1 + bytes.size() / cuts) {
       GetParam().run(std::string_view(bytes).substr(0, length));
     }
     ++files;

@@ -261,6 +261,26 @@ TEST(Measurements, ReadsALargeFilePieceByPiece) {
   expect_same(read, parse(csv));
 }
 
+TEST(Measurements, ReadsAFileOfLinesThatAreAsLongAsLinesMayBe) {
+  std::string csv = kHeader;
+  for (int i = 0; i < 14; ++i) {  // more than the reader holds, with long rests of lines between its pieces
+    csv += "#" + std::string(900'000, static_cast<char>('a' + i)) + "\n";
+    csv += "c" + std::to_string(i) + ",A,0.5," + std::to_string(i) + ",1,2,3\n";
+  }
+  const TemporaryFile file("long_lines.csv", csv);
+  const Measurements read = read_measurements(file.path(), kJoints);
+  ASSERT_EQ(read.joint_values.cols(), 14);
+  EXPECT_EQ(read.joint_values.row(1), Eigen::RowVectorXd::LinSpaced(14, 0.0, 13.0));
+  EXPECT_EQ(read.configurations.back(), "c13");
+}
+
+TEST(Measurements, AJointsOwnNameMayEndInAUnit) {
+  const Measurements m =
+      parse_measurements("configuration,target,turn[deg],slide,x,y,z\nc,A,1.5,0.25,1,2,3\n", {"turn[deg]", "slide"});
+  EXPECT_EQ(m.joint_values, Eigen::Vector2d(1.5, 0.25));
+  EXPECT_THAT(m.joint_units, IsEmpty());
+}
+
 // ---- Bad files -----------------------------------------------------------------------------------------------------
 
 TEST(MeasurementsInput, MissingFileIsNamedWithTheReason) {

@@ -77,6 +77,18 @@ TEST(MonteCarlo, GivesTheSameAnswerOnAnyNumberOfThreads) {
   EXPECT_NEAR(one.means.mean, one.all.mean, 1e-15);
 }
 
+TEST(MonteCarlo, TellsTheShareOfTheRunsThatAreDone) {
+  Fixture f;
+  MonteCarlo runs = f.runs(4);
+  for (const int threads : {1, 3}) {
+    runs.threads = threads;
+    std::vector<double> shares;
+    runs.progress = [&](double share) { shares.push_back(share); };
+    run_monte_carlo(runs);
+    EXPECT_THAT(shares, ::testing::ElementsAre(0.25, 0.5, 0.75, 1.0)) << threads << " threads";
+  }
+}
+
 TEST(MonteCarlo, PassesOnWhatARunRefuses) {
   Fixture f;
   MonteCarlo runs = f.runs(4);

@@ -20,7 +20,8 @@ protected:
                        .configurations = [&](Random& r) { return random_configurations(ranges, 30, r); },
                        .noise = {.sigma = noise},
                        .rounds = rounds,
-                       .recorded = recorded};
+                       .recorded = recorded,
+                       .progress = progress};
     trial.configurations = [this, configurations = trial.configurations](Random& r) {
       ++drawn;
       return configurations(r);
@@ -34,6 +35,7 @@ protected:
   ErrorModel model = complete_model(testing::fanuc());
   JointRanges ranges = published_ranges(model.joints);
   int drawn = 0;
+  std::function<void(double)> progress;
 };
 
 TEST_F(TwoStepTrialTest, ArrivesAtTheTruthUpToTheGaugeWithThePublishedFactor) {
@@ -64,6 +66,13 @@ TEST_F(TwoStepTrialTest, WithRecordedConfigurationsMeasuresOnceAndIsSlower) {
   EXPECT_LT(result.truth.points.max, 1e-10);
 }
 
+TEST_F(TwoStepTrialTest, TellsTheShareOfTheRoundsThatAreDone) {
+  std::vector<double> shares;
+  progress = [&](double share) { shares.push_back(share); };
+  run(1, 4);
+  EXPECT_EQ(shares, (std::vector<double>{0.25, 0.5, 0.75, 1.0}));
+}
+
 TEST_F(TwoStepTrialTest, TenRoundsWithoutNoiseAreNotEnough) {
   const TwoStepTrialResult result = run(1, 10);
   EXPECT_EQ(result.rounds.size(), 10U);
@@ -79,6 +88,14 @@ TEST_F(TwoStepTrialTest, WithNoiseItSettlesWhereNoiseAloneMovesIt) {
   EXPECT_DOUBLE_EQ(result.floor, sigma * std::sqrt(18.0 / 90.0));
   EXPECT_GT(result.factor, 0.5);
   EXPECT_LT(result.factor, 0.8);
+  // The mean factor from the second change to the last one that stands above the noise.
+  std::size_t last = result.rounds.size();
+  while (result.rounds[last - 1].round.change < 5.0 * result.floor) {
+    --last;
+  }
+  ASSERT_GT(last, 4U);
+  const double ratio = result.rounds[last - 1].round.change / result.rounds[1].round.change;
+  EXPECT_DOUBLE_EQ(result.factor, std::pow(ratio, 1.0 / static_cast<double>(last - 2)));
   EXPECT_LT(result.truth.points.rms, 2e-4);
   EXPECT_FALSE(run(2, 5, false, sigma).settled);
 }
