@@ -88,13 +88,20 @@ std::string noise_line(const NoiseReport& noise) {
   } else {
     line += per_axis(noise.independent) + " per point";
     if (!noise.common.isZero(0.0)) {
-      line +=
-          ", " + per_axis(noise.common) + " common to a " + (noise.model == "residuals" ? "configuration" : "repeat");
+      line += ", " + per_axis(noise.common) + " common to a repeat";
+    }
+    if (noise.misfit > 0.0) {
+      line += ", " + per_axis(Eigen::Vector3d::Constant(noise.misfit)) + " common to a configuration";
+    }
+    if (noise.target_misfit > 0.0) {
+      line += ", " + per_axis(Eigen::Vector3d::Constant(noise.target_misfit)) + " of a target in a configuration";
     }
   }
-  return line + (noise.model == "residuals" ? " (from the residuals)"
-                 : noise.model == "repeats" ? " (from the repeats)"
-                                            : " (as stated)");
+  if (noise.model == "stated" || (noise.parts && !noise.parts->estimated[5])) {
+    const bool more = noise.misfit > 0.0 || noise.target_misfit > 0.0;
+    return line + (more ? " (as stated, the misfits from the residuals)" : " (as stated)");
+  }
+  return line + (noise.repeats ? " (from residuals and repeats)" : " (from the residuals)");
 }
 
 void add_figures(const Calibration& calibration, std::string& text) {
@@ -274,8 +281,8 @@ long fitted_configurations(const Measurements& measurements) {
 
 std::string sizes(const Measurements& measurements, const Calibration& calibration) {
   return std::to_string(fitted_configurations(measurements)) + " configurations, " +
-         std::to_string(calibration.train.after.count) + " points, " +
-         std::to_string(calibration.free.size()) + " parameters";
+         std::to_string(calibration.train.after.count) + " points, " + std::to_string(calibration.free.size()) +
+         " parameters";
 }
 
 // What holds, before any figure.

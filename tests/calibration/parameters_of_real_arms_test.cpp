@@ -284,9 +284,9 @@ TEST(ParametersOfRealArms, TheLastColumnOfTwoThatAreNearlyTheSameIsLeftToBetterO
 TEST(ParametersOfRealArms, ATargetAtTheWristCentreKeepsTheHistoryOfEveryFit) {
   const ErrorModel model = complete_model(fanuc());
   const std::vector<TargetFrame> targets = testing::targets_at({{0.0, -0.215, 0.0}});
-  const FreeParameters free = free_parameters(model, targets, reduced_model(model, targets).kept);
+  const Unknowns free(model, targets, reduced_model(model, targets).kept);
   Random random(1);
-  const VirtualRobot truth = virtual_robot(model, free.geometric, targets, {.length = 0.001, .angle = 0.001}, random);
+  const VirtualRobot truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
   const Calibration found =
       calibrate(model, measure(truth, random_configurations(limits_of(model.joints), 40, random), {}, random));
   EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
