@@ -431,7 +431,8 @@ protected:
     }
     const auto& rms = result["position_error"]["train"]["after"]["rms"];
     EXPECT_TRUE(rms.is_number() || outcome.status == 1);
-    EXPECT_EQ(outcome.status == 0, result["termination"] == "converged" && rms < 0.005) << result["message"];
+    EXPECT_EQ(outcome.status == 0, result["doubts"].empty()) << result["doubts"];
+    EXPECT_TRUE(outcome.status == 1 || result["termination"] == "converged") << result["message"];
     last = result;
   }
 
