@@ -802,6 +802,7 @@ TEST(Combinations, TestRowsChangeNothingThatIsFitted) {
   cases[1].first = "chosen priors and gravity";
   cases[1].second.automatic_priors = true;
   cases[1].second.gravity = Use::automatic;
+  cases[1].second.leave_one_out = true;
   cases[2].first = "nested and folds";
   cases[2].second.gravity = Use::automatic;
   cases[2].second.leave_one_out = true;
