@@ -87,6 +87,9 @@ public:
         add_points(systems[i], fold[i], *without, part.points);
       }
       if (without && as_good_as_linear(fold, *without, part.points)) {
+        if (problem_.options.after_fit) {
+          problem_.options.after_fit();
+        }
         return part;
       }
     }

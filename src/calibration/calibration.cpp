@@ -131,7 +131,9 @@ Choice choose(const Setting& setting, const Measurements& measurements, const Ca
   }
   const Priors& stated = options.priors;
   const bool priors = options.automatic_priors || stated.length > 0.0 || stated.angle > 0.0 || stated.deflection > 0.0;
-  if (jointly && priors && !noise_is_stated(measurements, options)) {
+  if (jointly && (priors || choice_is_open(options)) &&
+      !weigh_by_estimated_noise(task, setting.free, joint.residuals) && priors &&
+      !noise_is_stated(measurements, options)) {
     make_absolute(task, setting.free, result.fit);
   }
   result.chosen = {.priors = stated, .gravity = options.gravity == Use::yes, .gain = options.joint_gain == Use::yes};
@@ -321,7 +323,8 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   }
   Judgement judged = judge(task, fitted, estimated);
   note_what_is_open(judged, options, fitted.identification);
-  const bool as_fitted = options.method == Method::joint && options.loss == Loss::none;
+  const bool as_fitted =
+      options.method == Method::joint && options.loss == Loss::none && arrived(fitted.identification);
   const Compared compared{.task = task,
                           .fit = fitted,
                           .known = setting.known,

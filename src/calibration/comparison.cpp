@@ -61,6 +61,14 @@ FitOptions counting(FitOptions options, const Compared& compared, const std::str
 FoldPrediction nominal_folds(const Compared& compared, const Folds& folds) {
   const FitTask& task = compared.task;
   const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::deflections);
+  if (frames.size() == 0) {  // nothing is registered
+    const Measurements means = averaged(task.measurements);
+    FoldPrediction known;
+    for (const double distance : position_errors(task.model, task.start, means, Rows::train)) {
+      known.points.push_back({.distance = distance});
+    }
+    return known;
+  }
   FitOptions options;
   options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
   const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
@@ -98,7 +106,7 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
                             .measurements = task.measurements,
                             .start = estimate,
                             .free = compared.fit.free,
-                            .options = task.fit_options};
+                            .options = counting(task.fit_options, compared, name, folds.size())};
     errors.prediction = predict_folds({.problem = fitted, .triangle = *compared.triangle, .noise = compared.noise},
                                       folds, task.options.threads);
     after = {.distances = distances_of(errors.prediction),

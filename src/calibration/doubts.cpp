@@ -222,7 +222,9 @@ std::vector<std::string> warnings(const Calibration& found, const Measurements& 
   }
   if (found.noise.variance_factor > 1.0) {
     result.push_back("the residuals are " + rounded(std::sqrt(found.noise.variance_factor)) +
-                     " times the stated noise; the uncertainties were scaled up by that");
+                     " times the stated noise; " +
+                     (found.noise.parts ? "what is beyond it counts as misfit of the model"
+                                        : "the uncertainties were scaled up by that"));
   }
   if (found.lack_of_fit && found.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");

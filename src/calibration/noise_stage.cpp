@@ -53,17 +53,33 @@ std::array<int, 6> base_columns(const Unknowns& free) {
   return result;
 }
 
-bool arrived(const Identification& found) {
-  return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
+bool is_estimated(const CalibrationOptions& options) {
+  return options.weights != Weights::equal && options.method == Method::joint && options.loss == Loss::none;
 }
 
 }  // namespace
 
+bool weigh_by_estimated_noise(const FitTask& task, const Unknowns& free, ResidualOptions& residuals) {
+  if (!is_estimated(task.options)) {
+    return false;
+  }
+  const JointOptions joint{.residuals = residuals};
+  const Identification plain = identify_jointly(task.model, task.measurements, task.start, free, joint);
+  if (!arrived(plain)) {
+    return false;
+  }
+  const NoiseParts parts = estimate_noise(task.model, task.measurements, plain.estimate, free, residuals);
+  if (parts.converged) {
+    residuals.noise = parts.model(task.options.noise);
+  }
+  return parts.converged;
+}
+
 EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals) {
   EstimatedNoise result{.parts = std::nullopt, .as_stated = residuals};
   const CalibrationOptions& options = task.options;
-  const bool plain = options.weights == Weights::equal || options.method == Method::two_step;
-  if (plain || options.loss != Loss::none || !arrived(fit.identification)) {
+  result.as_stated.noise = options.noise;
+  if (!is_estimated(options) || !arrived(fit.identification)) {
     return result;
   }
   ResidualOptions stated = residuals;
@@ -78,7 +94,6 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   Identification again = identify_jointly(task.model, task.measurements, fit.identification.estimate, fit.free, joint);
   if (arrived(again)) {
     fit.identification.estimate = std::move(again.estimate);
-    fit.identification.rms = again.rms;
   }
   result.parts = std::move(parts);
   return result;

@@ -16,9 +16,7 @@
 namespace kdl_calibration {
 namespace {
 
-std::vector<std::string> covariance_names(const Calibration& calibration) {
-  return calibration.free.names();
-}
+std::vector<std::string> covariance_names(const Calibration& calibration) { return calibration.free.names(); }
 
 // Measured minus predicted, one for each observation.
 std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const Calibration& calibration) {

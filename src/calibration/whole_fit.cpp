@@ -126,10 +126,6 @@ Fitted identify_in_gauge(const FitTask& task, const Unknowns& candidates, Unknow
   return fitted;
 }
 
-bool arrived(const Identification& found) {
-  return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
-}
-
 Unknowns parameters_of(const FitTask& task, const std::vector<std::string>& names, const Unknowns& deflections) {
   return Unknowns(task.model, task.start.targets, names)
       .with(task.model, UnknownGroup::deflections, deflections.deflections());
@@ -227,6 +223,10 @@ void hide_in_noise(const FitTask& task, WholeFit& fit) {
 }
 
 }  // namespace
+
+bool arrived(const Identification& found) {
+  return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
+}
 
 WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const Unknowns& candidates) {
   WholeFit result{.reduction = choice.reduction, .candidates = candidates};

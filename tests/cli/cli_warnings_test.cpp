@@ -184,7 +184,8 @@ TEST_F(CommandLineWarnings, CalibrateStatesSingleFindingsWithoutDoubt) {
   for (Observation& observation : precise.observations) {
     observation.sigma = 1e-5;
   }
-  expect(calibrated(precise), 0, {"the residuals are [0-9.]+ times the stated noise; .* scaled up by that"});
+  expect(calibrated(precise), 0,
+         {"the residuals are [0-9.]+ times the stated noise; what is beyond it counts as misfit of the model"});
 
   Eigen::MatrixXd outside = measured.joint_values;
   outside(1, 4) = *model.joints[1].upper + 0.1;
