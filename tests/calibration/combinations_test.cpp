@@ -325,7 +325,7 @@ TEST(Combinations, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) 
 
 TEST(Combinations, SizesOfPriorsAreChosenAsBesideTheNoiseOfThePlainFit) {
   const Arm arm(8, published_targets(), 14, {.sigma = 2e-4});
-  const Calibration plain = calibrate(arm.model, arm.measured);
+  const Calibration plain = calibrate(arm.model, arm.measured, {.weights = Weights::equal});
   double squares = 0.0;
   for (const double distance : position_errors(arm.model, plain.identification.estimate, arm.measured)) {
     squares += distance * distance;
@@ -566,7 +566,8 @@ TEST(Combinations, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
   const ErrorStatistics expected = error_statistics(after);
   EXPECT_NEAR(found.leave_one_out->after.rms, expected.rms, 1e-5 * expected.rms);
   EXPECT_NEAR(found.leave_one_out->after.p95, expected.p95, 1e-5 * expected.p95);
-  EXPECT_NEAR(found.leave_one_out->before.rms, error_statistics(before).rms, 1e-6 * error_statistics(before).rms);
+  // Without a fit of its own a fold is predicted to a tenth of the noise.
+  EXPECT_NEAR(found.leave_one_out->before.rms, error_statistics(before).rms, 0.1 * found.noise.sigma);
 }
 
 TEST(Combinations, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
@@ -609,9 +610,10 @@ TEST(Combinations, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
     const ErrorStatistics statistics = error_statistics(distances);
     ASSERT_TRUE(found.k_fold.has_value());
     EXPECT_EQ(found.k_fold->after.count, 33);
-    EXPECT_NEAR(found.k_fold->after.rms, statistics.rms, 1e-6 * statistics.rms);
-    EXPECT_NEAR(found.k_fold->after.mean, statistics.mean, 1e-6 * statistics.mean);
-    EXPECT_NEAR(found.k_fold->after.max, statistics.max, 1e-6 * statistics.max);
+    // Without a fit of its own a fold is predicted to a tenth of the noise.
+    EXPECT_NEAR(found.k_fold->after.rms, statistics.rms, 0.1 * found.noise.sigma);
+    EXPECT_NEAR(found.k_fold->after.mean, statistics.mean, 0.1 * found.noise.sigma);
+    EXPECT_NEAR(found.k_fold->after.max, statistics.max, 0.1 * found.noise.sigma);
   }
 }
 

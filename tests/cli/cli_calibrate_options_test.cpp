@@ -174,7 +174,9 @@ std::vector<OptionCase> noise_options() {
       {"NoiseIndependentIsOneSigmaOfEveryAxis",
        {"--noise-independent", "3e-5"},
        both_checks(is_library([](auto& o) { o.noise.independent = Eigen::Vector3d::Constant(3e-5); }),
-                   [](const Effect& effect) { EXPECT_EQ(effect.with.json["noise"]["independent"][1], 3e-5); }),
+                   [](const Effect& effect) {
+                     EXPECT_NEAR(effect.with.json["noise"]["independent"][1].get<double>(), 3e-5, 1e-15);
+                   }),
        kMeasured},
       {"NoiseIndependentIsOneSigmaForEachAxis",
        {"--noise-independent", "1e-5,2e-5,4e-5"},
