@@ -57,26 +57,13 @@ FitOptions counting(FitOptions options, const Compared& compared, const std::str
   return options;
 }
 
-// The nominal robot with base and targets registered to the others.
-FoldPrediction nominal_folds(const Compared& compared, const Folds& folds) {
-  const FitTask& task = compared.task;
-  const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::deflections);
-  if (frames.size() == 0) {  // nothing is registered
-    const Measurements means = averaged(task.measurements);
-    FoldPrediction known;
-    for (const double distance : position_errors(task.model, task.start, means, Rows::train)) {
-      known.points.push_back({.distance = distance});
-    }
-    return known;
+// Whether fits of large folds are faster than looking at their configurations one by one.
+bool is_many(const Folds& folds) {
+  std::size_t count = 0;
+  for (const std::vector<Eigen::Index>& fold : folds) {
+    count += fold.size();
   }
-  FitOptions options;
-  options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
-  const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
-  const Eigen::MatrixXd triangle = problem.whitened_summary(task.start).triangle;
-  const FitProblem registered{
-      .model = task.model, .measurements = task.measurements, .start = task.start, .free = frames, .options = options};
-  return predict_folds({.problem = registered, .triangle = triangle, .noise = compared.noise}, folds,
-                       task.options.threads);
+  return count > kMostLeftOutSingly;
 }
 
 std::vector<double> distances_of(const FoldPrediction& prediction) {
@@ -85,6 +72,27 @@ std::vector<double> distances_of(const FoldPrediction& prediction) {
     result.push_back(point.distance);
   }
   return result;
+}
+
+// The nominal robot with base and targets registered to the others.
+std::vector<double> nominal_folds(const Compared& compared, const Folds& folds) {
+  const FitTask& task = compared.task;
+  if (is_many(folds)) {
+    return cross_validate_nominal(task.model, task.measurements, folds, compared.known, task.options.threads).distances;
+  }
+  const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::deflections);
+  if (frames.size() == 0) {  // nothing is registered
+    const Measurements means = averaged(task.measurements);
+    return position_errors(task.model, task.start, means, Rows::train);
+  }
+  FitOptions options;
+  options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
+  const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
+  const Eigen::MatrixXd triangle = problem.whitened_summary(task.start).triangle;
+  const FitProblem registered{
+      .model = task.model, .measurements = task.measurements, .start = task.start, .free = frames, .options = options};
+  return distances_of(predict_folds({.problem = registered, .triangle = triangle, .noise = compared.noise}, folds,
+                                    task.options.threads));
 }
 
 // Each fold predicted by the nominal robot, by the calibrated one and by what a URDF can carry of it.
@@ -101,7 +109,7 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
                           folds, task.options.threads);
   };
   HoldOut after;
-  if (compared.triangle != nullptr) {
+  if (compared.triangle != nullptr && !is_many(folds)) {
     const FitProblem fitted{.model = task.model,
                             .measurements = task.measurements,
                             .start = estimate,
@@ -120,7 +128,7 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
                               " fits did not converge");
   }
   BeforeAfter result;
-  result.before = error_statistics(distances_of(nominal_folds(compared, folds)));
+  result.before = error_statistics(nominal_folds(compared, folds));
   result.after = error_statistics(after.distances);
   if (deflects(compared)) {
     result.rigid = error_statistics(

@@ -50,12 +50,19 @@ MeasuredRegion measured_region(const Measurements& measurements, const FoldPredi
     }
   }
   const auto joints = measurements.joint_values.rows();
+  if (ratios.empty()) {
+    region.largest_variance = std::numeric_limits<double>::infinity();
+  }
   region.lower = Eigen::VectorXd::Constant(joints, std::numeric_limits<double>::infinity());
   region.upper = -region.lower;
   std::vector<std::pair<double, double>> shares;  // ratio, share of its configuration
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      region.lower = region.lower.cwiseMin(measurements.joint_values.col(observation.configuration));
+      region.upper = region.upper.cwiseMax(measurements.joint_values.col(observation.configuration));
+    }
+  }
   for (const auto& [configuration, of_configuration] : ratios) {
-    region.lower = region.lower.cwiseMin(measurements.joint_values.col(configuration));
-    region.upper = region.upper.cwiseMax(measurements.joint_values.col(configuration));
     for (const double ratio : of_configuration) {
       shares.emplace_back(ratio, 1.0 / static_cast<double>(of_configuration.size()));
     }

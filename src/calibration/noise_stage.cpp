@@ -4,7 +4,9 @@
 #include <cmath>
 #include <utility>
 
+#include "kdl_calibration/fold_prediction.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/validation.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -57,6 +59,27 @@ bool is_estimated(const CalibrationOptions& options) {
   return options.weights != Weights::equal && options.method == Method::joint && options.loss == Loss::none;
 }
 
+// RMS distance [m] of left-out configurations, at most 500 evenly spaced ones, from their prediction by all others.
+double held_out_rms(const FitProblem& problem) {
+  constexpr std::size_t kMost = 500;
+  const std::vector<std::vector<Index>> all = make_folds(problem.measurements, 0);
+  const std::size_t count = std::min(all.size(), kMost);
+  std::vector<std::vector<Index>> folds;
+  for (std::size_t i = 0; i < count; ++i) {
+    folds.push_back(all[i * all.size() / count]);
+  }
+  const MatrixXd triangle =
+      LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
+          .whitened_summary(problem.start)
+          .triangle;
+  double squares = 0.0;
+  const FoldPrediction predicted = predict_folds({.problem = problem, .triangle = triangle}, folds, 1);
+  for (const HeldOutPoint& point : predicted.points) {
+    squares += point.distance * point.distance;
+  }
+  return std::sqrt(squares / static_cast<double>(predicted.points.size()));
+}
+
 }  // namespace
 
 bool weigh_by_estimated_noise(const FitTask& task, const Unknowns& free, ResidualOptions& residuals) {
@@ -88,13 +111,26 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   if (!parts.converged) {
     return result;
   }
-  residuals.noise = parts.model(options.noise);
-  JointOptions joint = task.fit_options.joint;
-  joint.residuals = residuals;
-  Identification again = identify_jointly(task.model, task.measurements, fit.identification.estimate, fit.free, joint);
-  if (arrived(again)) {
-    fit.identification.estimate = std::move(again.estimate);
+  FitProblem weighed{.model = task.model,
+                     .measurements = task.measurements,
+                     .start = fit.identification.estimate,
+                     .free = fit.free,
+                     .options = task.fit_options};
+  weighed.options.after_fit = nullptr;
+  const FitProblem plain = weighed;
+  weighed.options.joint.residuals.noise = parts.model(options.noise);
+  Identification again = kdl_calibration::fit(weighed);
+  if (!arrived(again)) {
+    return result;
   }
+  weighed.start = again.estimate;
+  // What the model misses may be of another kind than these parts: then their weights do harm.
+  const bool other_weights = !weighed.options.joint.residuals.noise.is_isotropic();
+  if (other_weights && held_out_rms(weighed) > held_out_rms(plain)) {
+    return result;
+  }
+  residuals = weighed.options.joint.residuals;
+  fit.identification.estimate = std::move(again.estimate);
   result.parts = std::move(parts);
   return result;
 }

@@ -298,7 +298,7 @@ TEST(Combinations, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) 
   const Arm poses = posed_arm(7, 1);
   const Arm repeated_poses = posed_arm(7, 2);
   for (const Arm* arm : {&points, &repeated, &poses, &repeated_poses}) {
-    const Calibration plain = calibrate(arm->model, arm->measured);
+    const Calibration plain = calibrate(arm->model, arm->measured, {.weights = Weights::equal});
     const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
     const DenseFit dense(arm->model, arm->measured, plain.free, equal);
     const double freedom = static_cast<double>(dense.equations() - dense.columns());

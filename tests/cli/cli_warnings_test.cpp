@@ -147,8 +147,8 @@ TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
   EXPECT_EQ(outcome.status, 1) << outcome.err;
   const std::vector<std::string> lines = lines_of(outcome.err);
   EXPECT_THAT(lines.back(), MatchesRegex(kWarning + kFileDoesNotSaySo));
-  EXPECT_THAT(lines, ::testing::Contains(
-                         MatchesRegex("kdlcal: not to be trusted: with the joint convention " + kPendant + kHint)));
+  EXPECT_THAT(lines, ::testing::Contains(MatchesRegex("kdlcal: not to be trusted: with the joint convention " +
+                                                      kPendant + kHint + R"( \(--joint-convention says .*\))")));
   // All but what concerns the other file stands in the result.
   const nlohmann::json result = json_of("r.json");
   EXPECT_EQ(result["doubts"].back()["cause"], "joint_values");
@@ -159,7 +159,11 @@ TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
   for (const nlohmann::json& warning : result["warnings"]) {
     expected.push_back(kWarning + warning.get<std::string>());
   }
-  EXPECT_EQ(expected, std::vector<std::string>(lines.begin(), lines.end() - 1));
+  // The command line adds the options that help.
+  ASSERT_EQ(lines.size(), expected.size() + 1);
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    EXPECT_THAT(lines[i], ::testing::StartsWith(expected[i]));
+  }
 }
 
 TEST_F(CommandLineWarnings, CalibrateNamesNoConventionWhereTheMeasurementsAreToBlame) {
@@ -184,8 +188,7 @@ TEST_F(CommandLineWarnings, CalibrateStatesSingleFindingsWithoutDoubt) {
   for (Observation& observation : precise.observations) {
     observation.sigma = 1e-5;
   }
-  expect(calibrated(precise), 0,
-         {"the residuals are [0-9.]+ times the stated noise; what is beyond it counts as misfit of the model"});
+  expect(calibrated(precise), 0, {"the residuals are [0-9.]+ times the stated noise; .*"});
 
   Eigen::MatrixXd outside = measured.joint_values;
   outside(1, 4) = *model.joints[1].upper + 0.1;
