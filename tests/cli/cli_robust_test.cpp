@@ -187,7 +187,7 @@ TEST_F(Limits, MemoryGrowsWithTheDataAlone) {
   const double large = peak("60000");
   std::printf("%.0f and %.0f MB, %.0f bytes for each further point\n", small / 1e6, large / 1e6,
               (large - small) / (3.0 * 40000.0));
-  EXPECT_GT(large - small, 50.0 * 3.0 * 40000.0);  // else something else was measured
+  EXPECT_GT(large - small, 50.0 * 3.0 * 40000.0);   // else something else was measured
   EXPECT_LT(large - small, 800.0 * 3.0 * 40000.0);  // each of two threads holds the rows of a fold's rest
 }
 
