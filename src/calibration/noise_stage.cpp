@@ -1,7 +1,9 @@
 #include "calibration/noise_stage.hpp"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "kdl_calibration/fold_prediction.hpp"
@@ -59,7 +61,26 @@ bool is_estimated(const CalibrationOptions& options) {
   return options.weights != Weights::equal && options.method == Method::joint && options.loss == Loss::none;
 }
 
-// RMS distance [m] of left-out configurations, at most 500 evenly spaced ones, from their prediction by all others.
+// Whether the others determine as many unknowns whichever fold is left out.
+bool can_be_left_out(const FitProblem& problem, const std::vector<std::vector<Index>>& folds) {
+  std::vector<Index> coordinates(static_cast<std::size_t>(problem.measurements.joint_values.cols()), 0);
+  Index all = 0;
+  for (const Observation& observation : problem.measurements.observations) {
+    const Index count = observation.split == Split::train ? 3 : 0;
+    coordinates[static_cast<std::size_t>(observation.configuration)] += count;
+    all += count;
+  }
+  return std::all_of(folds.begin(), folds.end(), [&](const std::vector<Index>& fold) {
+    Index left = all;
+    for (const Index c : fold) {
+      left -= coordinates[static_cast<std::size_t>(c)];
+    }
+    return left >= problem.free.size();
+  });
+}
+
+// RMS distance [m] of left-out configurations, at most 500 evenly spaced ones, from their prediction by all others;
+// infinite where these are too few.
 double held_out_rms(const FitProblem& problem) {
   constexpr std::size_t kMost = 500;
   const std::vector<std::vector<Index>> all = make_folds(problem.measurements, 0);
@@ -67,6 +88,9 @@ double held_out_rms(const FitProblem& problem) {
   std::vector<std::vector<Index>> folds;
   for (std::size_t i = 0; i < count; ++i) {
     folds.push_back(all[i * all.size() / count]);
+  }
+  if (!can_be_left_out(problem, folds)) {
+    return std::numeric_limits<double>::infinity();
   }
   const MatrixXd triangle =
       LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
