@@ -126,7 +126,8 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   EstimatedNoise result{.parts = std::nullopt, .as_stated = residuals};
   const CalibrationOptions& options = task.options;
   result.as_stated.noise = options.noise;
-  if (!is_estimated(options) || !arrived(fit.identification)) {
+  constexpr double kRounding = 1e-10;  // [m] residuals that tell nothing
+  if (!is_estimated(options) || !arrived(fit.identification) || fit.identification.rms < kRounding) {
     return result;
   }
   ResidualOptions stated = residuals;

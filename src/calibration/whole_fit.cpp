@@ -166,10 +166,8 @@ WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, co
   const Fitted narrow = identify_in_gauge(from_there, result.candidates, result.free, Steps::plain);
   if (arrived(narrow.identification) && narrow.identification.rms <= wide.rms) {
     result.identification = narrow.identification;
-    result.identification.iterations += wide.iterations;
   } else if (wide.termination == Termination::converged) {
     const bool explained = wide.rms < kExplained;
-    result.identification.iterations += narrow.identification.iterations;
     result.identification.termination = explained ? Termination::rank_deficient : Termination::stalled;
     result.identification.message =
         explained
@@ -177,6 +175,7 @@ WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, co
               "nominal"
             : "no arm near the nominal one explains the measurements";
   }
+  result.identification.iterations = wide.iterations + narrow.identification.iterations;
   std::vector<double>& history = result.identification.rms_history;
   history = wide.rms_history;
   history.insert(history.end(), narrow.identification.rms_history.begin(), narrow.identification.rms_history.end());
