@@ -100,10 +100,10 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
                             HeldOutErrors& errors) {
   const FitTask& task = compared.task;
   const Estimate& estimate = compared.fit.identification.estimate;
-  const auto left_out = [&](const Unknowns& free, const FitOptions& options) {
+  const auto left_out = [&](const Unknowns& free, const Estimate& start, const FitOptions& options) {
     return cross_validate({.model = task.model,
                            .measurements = task.measurements,
-                           .start = estimate,
+                           .start = start,
                            .free = free,
                            .options = counting(options, compared, name, folds.size())},
                           folds, task.options.threads);
@@ -121,7 +121,7 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
              .refits = static_cast<int>(folds.size()),
              .not_converged = errors.prediction.not_converged};
   } else {
-    after = left_out(compared.fit.free, task.fit_options);
+    after = left_out(compared.fit.free, estimate, task.fit_options);
   }
   if (after.not_converged > 0) {
     errors.warnings.push_back(std::to_string(after.not_converged) + " of " + std::to_string(after.refits) + " " + name +
@@ -131,8 +131,10 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
   result.before = error_statistics(nominal_folds(compared, folds));
   result.after = error_statistics(after.distances);
   if (deflects(compared)) {
-    result.rigid = error_statistics(
-        left_out(compared.fit.free.without(UnknownGroup::deflections), compared.rigid_options).distances);
+    Estimate rigid = estimate;  // what is not free stays where it is
+    rigid.deflections.setZero();
+    const Unknowns free = compared.fit.free.without(UnknownGroup::deflections);
+    result.rigid = error_statistics(left_out(free, rigid, compared.rigid_options).distances);
   }
   return result;
 }

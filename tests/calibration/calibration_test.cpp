@@ -637,6 +637,7 @@ TEST(CalibrationOnRealData, R2000iCChoosesPriorsAndGravityByItself) {
   EXPECT_TRUE(found.tried.front().gravity);
   EXPECT_LT(found.train.rigid->rms, 0.0002);  // the exported URDF alone
   EXPECT_LT(found.train.after.rms, found.train.rigid->rms);
+  EXPECT_GT(found.leave_one_out->rigid->rms, found.train.rigid->rms) << "fitted again without the deflections' values";
 }
 
 TEST(CalibrationOnRealDataLongRun, R2000iCPredictsWhatItsChoicesDidNotSee) {
