@@ -19,7 +19,6 @@ namespace {
 using Eigen::Index;
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kAsGoodAsLinear = 0.1;       // of the noise

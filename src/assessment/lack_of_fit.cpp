@@ -2,12 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
-#include <map>
-#include <numbers>
-#include <tuple>
 #include <utility>
 
 #include "assessment/noise_strata.hpp"
@@ -17,9 +12,7 @@
 namespace kdl_calibration {
 
 using Eigen::Index;
-using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate& estimate,

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstddef>
 #include <iterator>
-#include <optional>
 
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"

@@ -16,7 +16,6 @@ namespace {
 using Eigen::Index;
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::RowVectorXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 

@@ -1,6 +1,5 @@
 #include "kdl_calibration/result_json.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <set>
