@@ -118,7 +118,7 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   VectorXd gradient = VectorXd::Zero(free.size());
   std::vector<std::pair<const Stratum*, Scatter>> tested;
   for (const Stratum& stratum : all) {
-    const bool of_means = stratum.information.size() > 0 && stratum.coefficients[noise_part::kOrientation] == 0.0;
+    const bool of_means = stratum.information.size() > 0 && stratum.coefficients[NoiseParts::kOrientation] == 0.0;
     const Scatter expected = of_means ? repeats.of(stratum) : Scatter{};
     if (expected.variance > 0.0) {
       information += stratum.information / expected.variance;

@@ -21,10 +21,7 @@ NewPoint new_point(const Eigen::Matrix3d& of_parameters, const NoiseReport& nois
     return result;
   }
   if (noise.parts) {
-    NoiseParts::Variances gradient = NoiseParts::Variances::Ones();
-    gradient.head<2>().setConstant(3.0);
-    gradient.tail<1>().setZero();
-    result.degrees_of_freedom = noise.parts->freedom(noise.parts->point().trace(), gradient);
+    result.degrees_of_freedom = noise.parts->freedom_of_point();
   }
   const double k = s2 > 0.0 ? s2 * s2 / sum.cwiseAbs2().sum() : 3.0;
   result.radius_95 = std::sqrt(s2 * f_critical(0.05, k, std::max(result.degrees_of_freedom, 1.0)));

@@ -1374,7 +1374,7 @@ std::string sigmas(const Eigen::Vector3d& s) {
 
 void expect_figures(std::vector<std::string>& lines, const Calibration& found) {
   const NoiseReport& noise = found.noise;
-  const bool stated = noise.model == "stated" || (noise.parts && !noise.parts->estimated[5]);
+  const bool stated = noise.model == "stated" || (noise.parts && !noise.parts->estimated[NoiseParts::kIndependent]);
   std::string line = "noise per coordinate: " + sigmas(noise.independent) + " per point";
   if (!noise.common.isZero(0.0)) {
     line += ", " + sigmas(noise.common) + " common to a repeat";
