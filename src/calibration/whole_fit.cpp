@@ -131,9 +131,10 @@ Unknowns parameters_of(const FitTask& task, const std::vector<std::string>& name
       .with(task.model, UnknownGroup::deflections, deflections.deflections());
 }
 
+constexpr double kRounding = 1e-10;  // [m] misfits below that differ by rounding alone
+
 // Whether the complete set would explain most of a misfit that is more than rounding.
 bool has_more_to_explain(const FitTask& task, const Unknowns& complete, const WholeFit& fit) {
-  constexpr double kRounding = 1e-10;  // [m]
   constexpr double kMost = 0.5;        // of the cost
   constexpr long kFreedom = 20;        // fewer equations than that beyond the unknowns leave nothing to explain
   constexpr Eigen::Index kMany = 20000;
@@ -164,7 +165,7 @@ WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, co
                            .options = task.options,
                            .fit_options = task.fit_options};
   const Fitted narrow = identify_in_gauge(from_there, result.candidates, result.free, Steps::plain);
-  if (arrived(narrow.identification) && narrow.identification.rms <= wide.rms) {
+  if (arrived(narrow.identification) && narrow.identification.rms <= std::max(wide.rms, kRounding)) {
     result.identification = narrow.identification;
   } else if (wide.termination == Termination::converged) {
     const bool explained = wide.rms < kExplained;
