@@ -11,13 +11,13 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/prediction.hpp"
 
 namespace kdl_calibration {
 namespace {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -128,10 +128,7 @@ double rms_of(const ErrorModel& model, const Measurements& measurements, const E
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {
     if (observation.split == Split::train) {
-      const Vector3d predicted =
-          estimate.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
-                           estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
-      sum += (observation.position - predicted).squaredNorm();
+      sum += (observation.position - predicted_point(estimate, X_BF, observation)).squaredNorm();
       count += 1.0;
     }
   }

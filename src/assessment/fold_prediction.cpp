@@ -176,6 +176,14 @@ private:
 
 }  // namespace
 
+std::vector<double> distances_of(const FoldPrediction& prediction) {
+  std::vector<double> result;
+  for (const HeldOutPoint& point : prediction.points) {
+    result.push_back(point.distance);
+  }
+  return result;
+}
+
 FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Index>>& folds, int threads) {
   const FoldPredictor predictor(task);
   std::vector<Part> parts(folds.size());

@@ -241,7 +241,7 @@ void note_what_is_open(const Judgement& judged, const CalibrationOptions& option
   }
 }
 
-// Each stage's part of the result.
+// Each stage's part of the result; what the choice knows of the noise goes behind what the judgement does.
 void put(Choice choice, Calibration& result) {
   result.tried = std::move(choice.tried);
   result.priors = choice.chosen.priors;
@@ -260,9 +260,7 @@ void put(Judgement judged, Calibration& result) {
   result.identifiability = std::move(judged.identifiability);
   result.fixed_by_gauge = std::move(judged.fixed_by_gauge);
   result.observability = judged.observability;
-  const std::optional<double> orientation_length = result.noise.orientation_length;
-  result.noise = judged.noise.report;
-  result.noise.orientation_length = orientation_length;
+  result.noise = std::move(judged.noise.report);
   result.covariance = std::move(judged.noise.covariance);
   result.influence = std::move(judged.influence);
 }
@@ -351,9 +349,9 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                                            .tied = judged.identifiability.tied,
                                            .covariance = judged.noise.covariance,
                                            .noise = judged.noise.report});
-  put(std::move(choice), result);
   put(std::move(fitted), result);
   put(std::move(judged), result);
+  put(std::move(choice), result);
   put(std::move(comparison), result);
   put(std::move(held_out), result);
   judge_exported_urdf(setting, result);

@@ -29,29 +29,6 @@ Estimate rigid_fit(const Compared& compared) {
 
 using Folds = std::vector<std::vector<Eigen::Index>>;
 
-// Whether the rest determines as many unknowns whichever fold is left out.
-bool can_be_left_out(const Compared& compared, const Folds& folds) {
-  const Measurements& measurements = compared.task.measurements;
-  std::vector<long> equations(static_cast<std::size_t>(measurements.joint_values.cols()), 0);
-  long all = 0;
-  for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
-    const Observation& observation = measurements.observations[i];
-    if (observation.split == Split::train) {
-      const bool pose = !measurements.orientations.empty() && !is_point(measurements.orientations[i]);
-      equations[static_cast<std::size_t>(observation.configuration)] += pose ? 6 : 3;
-      all += pose ? 6 : 3;
-    }
-  }
-  const auto columns = static_cast<long>(compared.fit.free.size());
-  return folds.size() > 1 && std::all_of(folds.begin(), folds.end(), [&](const std::vector<Eigen::Index>& fold) {
-           long left = all;
-           for (const Eigen::Index c : fold) {
-             left -= equations[static_cast<std::size_t>(c)];
-           }
-           return left >= columns;
-         });
-}
-
 FitOptions counting(FitOptions options, const Compared& compared, const std::string& stage, std::size_t fits) {
   options.after_fit = counted_fits(compared.task.options, stage, fits);
   return options;
@@ -64,14 +41,6 @@ bool is_many(const Folds& folds) {
     count += fold.size();
   }
   return count > kMostLeftOutSingly;
-}
-
-std::vector<double> distances_of(const FoldPrediction& prediction) {
-  std::vector<double> result;
-  for (const HeldOutPoint& point : prediction.points) {
-    result.push_back(point.distance);
-  }
-  return result;
 }
 
 // The nominal robot with base and targets registered to the others.
@@ -189,7 +158,7 @@ HeldOutErrors hold_out(const Compared& compared) {
   const bool by_default = options.held_out && !options.leave_one_out && options.k_fold < 2;
   const bool many = singly.size() > kMostLeftOutSingly;
   const Folds default_folds = by_default && many ? make_folds(task.measurements, kFoldsOfMany) : singly;
-  if (by_default && !can_be_left_out(compared, default_folds)) {
+  if (by_default && !can_be_left_out(task.measurements, default_folds, compared.fit.free.size())) {
     result.warnings.emplace_back(
         "too few measurements to predict some of them from the others: nothing is known of unseen configurations");
     return result;

@@ -66,19 +66,11 @@ void doubt_convergence(const Calibration& found, std::vector<Doubt>& doubts) {
 // The joints that stand still in all that was fitted.
 std::vector<std::string> joints_at_rest(const Calibration& found, const Measurements& measurements) {
   constexpr double kStill = 1e-4;  // [rad] or [m]
-  const auto joints = static_cast<Eigen::Index>(found.model.joints.size());
-  Eigen::VectorXd least = Eigen::VectorXd::Constant(joints, std::numeric_limits<double>::infinity());
-  Eigen::VectorXd most = -least;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      least = least.cwiseMin(measurements.joint_values.col(observation.configuration));
-      most = most.cwiseMax(measurements.joint_values.col(observation.configuration));
-    }
-  }
+  const JointRanges ranges = trained_ranges(measurements);
   std::vector<std::string> result;
-  for (Eigen::Index i = 0; i < joints; ++i) {
-    if (most[i] - least[i] < kStill) {
-      result.push_back(found.model.joints[static_cast<std::size_t>(i)].name);
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    if (ranges[i].second - ranges[i].first < kStill) {
+      result.push_back(found.model.joints[i].name);
     }
   }
   return result;

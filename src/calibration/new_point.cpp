@@ -29,8 +29,13 @@ NewPoint new_point(const Eigen::Matrix3d& of_parameters, const NoiseReport& nois
 }
 
 bool MeasuredRegion::holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const {
-  return (q.array() >= lower.array()).all() && (q.array() <= upper.array()).all() &&
-         of_parameters.trace() <= largest_variance;
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    const double value = q[static_cast<Eigen::Index>(i)];
+    if (!(joints[i].first <= value && value <= joints[i].second)) {
+      return false;
+    }
+  }
+  return of_parameters.trace() <= largest_variance;
 }
 
 MeasuredRegion measured_region(const Measurements& measurements, const FoldPrediction& held_out,
@@ -46,27 +51,21 @@ MeasuredRegion measured_region(const Measurements& measurements, const FoldPredi
       region.largest_variance = std::max(region.largest_variance, point.covariance.trace());
     }
   }
-  const auto joints = measurements.joint_values.rows();
   if (ratios.empty()) {
     region.largest_variance = std::numeric_limits<double>::infinity();
   }
-  region.lower = Eigen::VectorXd::Constant(joints, std::numeric_limits<double>::infinity());
-  region.upper = -region.lower;
-  std::vector<std::pair<double, double>> shares;  // ratio, share of its configuration
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      region.lower = region.lower.cwiseMin(measurements.joint_values.col(observation.configuration));
-      region.upper = region.upper.cwiseMax(measurements.joint_values.col(observation.configuration));
-    }
+  region.joints = trained_ranges(measurements);
+  for (auto& [lower, upper] : region.joints) {
+    const double beyond = kBeyond * (upper - lower);
+    lower -= beyond;
+    upper += beyond;
   }
+  std::vector<std::pair<double, double>> shares;  // ratio, share of its configuration
   for (const auto& [configuration, of_configuration] : ratios) {
     for (const double ratio : of_configuration) {
       shares.emplace_back(ratio, 1.0 / static_cast<double>(of_configuration.size()));
     }
   }
-  const Eigen::VectorXd beyond = kBeyond * (region.upper - region.lower);
-  region.lower -= beyond;
-  region.upper += beyond;
   if (ratios.size() < kFewest) {
     return region;
   }

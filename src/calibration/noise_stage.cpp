@@ -60,27 +60,9 @@ bool is_estimated(const CalibrationOptions& options) {
   return options.weights != Weights::equal && options.method == Method::joint && options.loss == Loss::none;
 }
 
-// Whether the others determine as many unknowns whichever fold is left out.
-bool can_be_left_out(const FitProblem& problem, const std::vector<std::vector<Index>>& folds) {
-  std::vector<Index> coordinates(static_cast<std::size_t>(problem.measurements.joint_values.cols()), 0);
-  Index all = 0;
-  for (const Observation& observation : problem.measurements.observations) {
-    const Index count = observation.split == Split::train ? 3 : 0;
-    coordinates[static_cast<std::size_t>(observation.configuration)] += count;
-    all += count;
-  }
-  return std::all_of(folds.begin(), folds.end(), [&](const std::vector<Index>& fold) {
-    Index left = all;
-    for (const Index c : fold) {
-      left -= coordinates[static_cast<std::size_t>(c)];
-    }
-    return left >= problem.free.size();
-  });
-}
-
 // RMS distance [m] of left-out configurations, at most 500 evenly spaced ones, from their prediction by all others;
-// infinite where these are too few.
-double held_out_rms(const FitProblem& problem) {
+// infinite where these are too few. `noise`: [m] 1 sigma of a coordinate.
+double held_out_rms(const FitProblem& problem, double noise) {
   constexpr std::size_t kMost = 500;
   const std::vector<std::vector<Index>> all = make_folds(problem.measurements, 0);
   const std::size_t count = std::min(all.size(), kMost);
@@ -88,19 +70,16 @@ double held_out_rms(const FitProblem& problem) {
   for (std::size_t i = 0; i < count; ++i) {
     folds.push_back(all[i * all.size() / count]);
   }
-  if (!can_be_left_out(problem, folds)) {
+  if (!can_be_left_out(problem.measurements, folds, problem.free.size())) {
     return std::numeric_limits<double>::infinity();
   }
   const MatrixXd triangle =
       LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
           .whitened_summary(problem.start)
           .triangle;
-  double squares = 0.0;
-  const FoldPrediction predicted = predict_folds({.problem = problem, .triangle = triangle}, folds, 1);
-  for (const HeldOutPoint& point : predicted.points) {
-    squares += point.distance * point.distance;
-  }
-  return std::sqrt(squares / static_cast<double>(predicted.points.size()));
+  return error_statistics(
+             distances_of(predict_folds({.problem = problem, .triangle = triangle, .noise = noise}, folds, 1)))
+      .rms;
 }
 
 }  // namespace
@@ -129,9 +108,8 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   if (!is_estimated(options) || !arrived(fit.identification) || fit.identification.rms < kRounding) {
     return result;
   }
-  ResidualOptions stated = residuals;
-  stated.noise = options.noise;
-  NoiseParts parts = estimate_noise(task.model, task.measurements, fit.identification.estimate, fit.free, stated);
+  NoiseParts parts =
+      estimate_noise(task.model, task.measurements, fit.identification.estimate, fit.free, result.as_stated);
   if (!parts.converged) {
     return result;
   }
@@ -150,7 +128,8 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   weighed.start = again.estimate;
   // What the model misses may be of another kind than these parts: then their weights do harm.
   const bool other_weights = !weighed.options.joint.residuals.noise.is_isotropic();
-  if (other_weights && held_out_rms(weighed) > held_out_rms(plain)) {
+  const double noise = std::sqrt(parts.point().trace() / 3.0);
+  if (other_weights && held_out_rms(weighed, noise) > held_out_rms(plain, noise)) {
     return result;
   }
   residuals = weighed.options.joint.residuals;
