@@ -14,6 +14,7 @@
 #include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/pose_selection.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/workspace.hpp"
 
 namespace kdl_calibration {
@@ -26,6 +27,8 @@ struct PlanRequest {
   PointNoise noise;
   Priors priors;
   std::optional<Measurements> measured;  ///< what exists; the plan comes on top
+  /// What an earlier calibration knows, with its covariance: the plan is made at its geometry and comes on top.
+  std::optional<SavedCalibration> calibrated;
   int count = 30;                        ///< configurations to choose; with `accuracy` the most to try
   std::optional<double> accuracy;        ///< [m] promise for which the fewest configurations are looked for
   Figure accuracy_of = Figure::mean;
@@ -45,7 +48,7 @@ struct PlanRequest {
 
 /// What a plan is and what it promises.
 struct Plan {
-  Experiment experiment;  ///< the irreducible model at the nominal geometry
+  Experiment experiment;  ///< the irreducible model at the nominal geometry, or that of the calibration before
   Candidates drawn;       ///< candidates, then the workspace
   Selection selection;
   MeasuringPlan sheet;  ///< the configurations in the order to drive them

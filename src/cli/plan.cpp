@@ -16,6 +16,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/planner.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -35,6 +36,7 @@ struct Arguments {
   std::optional<double> accuracy_mm;
   std::string accuracy_of = "mean";
   std::string measured;
+  std::string result;
   int candidates = 5000;
   int workspace = 5000;
   std::string tasks;
@@ -62,14 +64,16 @@ struct Setting {
   const JointConvention* joint_convention() const { return convention ? &*convention : nullptr; }
 };
 
-// Targets of the measured file on the nominal robot, as far as no file gives them.
-FacingTargets targets(const Arguments& arguments, const ErrorModel& model,
-                      const std::optional<Measurements>& measured) {
+// Targets of the result, or of the measured file on the nominal robot, as far as no file gives them.
+FacingTargets targets(const Arguments& arguments, const ErrorModel& model, const PlanRequest& request) {
   if (!arguments.target_file.empty()) {
     return read_facing_targets(arguments.target_file);
   }
-  if (measured) {
-    return {.targets = nominal_start(model, *measured).targets, .facing = {}};
+  if (request.calibrated && !request.calibrated->estimate.targets.empty()) {
+    return {.targets = request.calibrated->estimate.targets, .facing = {}};
+  }
+  if (request.measured) {
+    return {.targets = nominal_start(model, *request.measured).targets, .facing = {}};
   }
   return {.targets = published_targets(arguments.targets), .facing = {}};
 }
@@ -127,7 +131,10 @@ Setting setting(const Arguments& arguments) {
   if (!arguments.measured.empty()) {
     request.measured = read_measurements(request.robot, arguments.measured, convention);
   }
-  const FacingTargets facing = targets(arguments, model, request.measured);
+  if (!arguments.result.empty()) {
+    request.calibrated = load_calibration(arguments.result, request.robot);
+  }
+  const FacingTargets facing = targets(arguments, model, request);
   request.targets = facing.targets;
   request.cell = cell(arguments.cell, request.robot, model, facing, convention);
   request.noise = noise(arguments, request.cell);
@@ -228,7 +235,7 @@ std::string table(const Arguments& arguments, const Plan& plan) {
   text += line("  this plan", plan.planned, plan.worst_configuration);
   text += line("  random choice", plan.random, plan.random.worst_configuration);
   if (plan.floor) {
-    text += padded("  floor", -54) + padded(fixed(*plan.floor * 1e3, 4), 10) + "\n";
+    text += padded("  the least that any plan could promise", -54) + padded(fixed(*plan.floor * 1e3, 4), 10) + "\n";
   }
   text += "observability           O1 " + fixed(o.O1, 4) + ", O2 " + fixed(o.O2, 5) + ", O3 " + fixed(o.O3, 4) +
           ", O4 " + fixed(o.O4, 5) + ", O5 " + fixed(o.O5, 5) + " (m, rad)\n";
@@ -245,8 +252,15 @@ std::string table(const Arguments& arguments, const Plan& plan) {
 }
 
 void require_sound(const Arguments& arguments) {
-  if (arguments.add && arguments.measured.empty()) {
-    throw InputError("--add: adds to configurations that were measured, expected --measured FILE");
+  if (arguments.add && arguments.measured.empty() && arguments.result.empty()) {
+    throw InputError("--add: adds to configurations that were measured, expected --measured FILE or --result FILE");
+  }
+  if (!arguments.measured.empty() && !arguments.result.empty()) {
+    throw InputError("--result: --measured says what was measured, expected one of the two");
+  }
+  if (!arguments.result.empty() && arguments.monte_carlo > 0) {
+    throw InputError(
+        "--monte-carlo: repeats the measurements themselves, expected --measured FILE instead of --result");
   }
   if (arguments.add && arguments.configurations) {
     throw InputError("--configurations: --add says how many to choose, expected one of the two");
@@ -280,7 +294,8 @@ void add_counts(CLI::App& app, Arguments& arguments) {
       ->type_name("N")
       ->check(whole_number_between(1, 2'000, "a whole number from 1 to 2000"));
   add_file(app, "--measured", arguments.measured, "Plan on top of these measurements (CSV)");
-  app.add_option("--add", arguments.add, "With --measured: configurations to add")
+  add_file(app, "--result", arguments.result, "Plan on top of what this calibration knows, at its geometry (JSON)");
+  app.add_option("--add", arguments.add, "With --measured or --result: configurations to add")
       ->type_name("N")
       ->check(whole_number_between(1, 2'000, "a whole number from 1 to 2000"));
   app.add_option("--accuracy", arguments.accuracy_mm, "As few configurations as promise this 1 sigma, mm")

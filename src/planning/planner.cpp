@@ -1,10 +1,13 @@
 #include "kdl_calibration/planner.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
 #include <numbers>
 #include <set>
 #include <string>
 
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/observability.hpp"
 
 namespace kdl_calibration {
@@ -24,8 +27,30 @@ struct Choice {
   MatrixXd tasks;
 };
 
+// What a calibration tells of the experiment's columns, whatever it says of others; nothing of what it left open.
+MatrixXd known_information(const Experiment& experiment, const SavedCalibration& calibrated) {
+  std::vector<Eigen::Index> here;
+  std::vector<Eigen::Index> there;
+  const std::vector<std::string> names = experiment.free.names();
+  for (std::size_t c = 0; c < names.size(); ++c) {
+    const std::optional<Eigen::Index> column = calibrated.free.column(names[c]);
+    if (column && *column < calibrated.covariance.rows() && std::isfinite(calibrated.covariance(*column, *column))) {
+      here.push_back(static_cast<Eigen::Index>(c));
+      there.push_back(*column);
+    }
+  }
+  MatrixXd result = MatrixXd::Zero(experiment.free.size(), experiment.free.size());
+  const MatrixXd known = calibrated.covariance(there, there);
+  const MatrixXd inverse = known.ldlt().solve(MatrixXd::Identity(known.rows(), known.cols()));
+  result(here, here) = inverse;
+  return result;
+}
+
 Choice choice(const PlanRequest& request, const Plan& plan) {
   Choice result{.given = prior_information(plan.experiment), .candidates = {}, .tasks = request.tasks};
+  if (request.calibrated) {
+    result.given += known_information(plan.experiment, *request.calibrated);
+  }
   if (request.measured) {
     result.given += information(plan.experiment, *request.measured);
   }
@@ -144,8 +169,14 @@ MonteCarloResult try_out(const PlanRequest& request, const Experiment& experimen
 }  // namespace
 
 Plan make_plan(const PlanRequest& request) {
+  if (request.calibrated && request.monte_carlo > 0) {
+    throw InputError("the runs that try a plan repeat the measurements before it: a calibration does not have them");
+  }
   Plan plan;
   plan.experiment = nominal_experiment(complete_model(request.robot), request.targets, request.noise, request.priors);
+  if (request.calibrated) {
+    plan.experiment.errors = request.calibrated->estimate.errors;
+  }
   plan.drawn = candidates(request.robot, request.targets, request.cell,
                           {.count = request.candidates + request.workspace,
                            .seed = request.seed,

@@ -154,6 +154,14 @@ std::vector<OptionCase> number_options() {
          EXPECT_EQ(effect.with.json["configurations"].size(), 9U);
          EXPECT_EQ(effect.with.json["candidates"], effect.without.json["candidates"]);
        }},
+      {"ResultIsPlannedOn",
+       {"--result", "r.json"},
+       [](const Effect& effect) {
+         EXPECT_LT(effect.with.json["sigma"]["plan"]["mean"],
+                   0.8 * effect.without.json["sigma"]["plan"]["mean"].get<double>());
+         EXPECT_TRUE(effect.with.json["sigma"]["floor"].is_null());
+         EXPECT_EQ(effect.with.json["configurations"].size(), 12U);
+       }},
       {"MeasuredIsPlannedOn",
        {"--measured", "m.csv"},
        [](const Effect& effect) {
@@ -461,6 +469,9 @@ TEST_P(PlanOption, HasItsEffectAndNoOther) {
         "joint_1[deg],joint_2[deg],joint_3[deg],joint_4[deg],joint_5[deg],joint_6[deg]\n10,20,-30,40,50,60\n"
         "-20,0,10,-10,70,0\n");
   const std::string& option = GetParam().option.front();
+  if (option == "--result") {
+    ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "r.json"}).status, 0);
+  }
   Words command = {"plan"};
   for (const auto& [name, value] : std::vector<std::pair<std::string, std::string>>{{"--configurations", "12"},
                                                                                     {"--candidates", "150"},

@@ -28,7 +28,7 @@ TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
   ASSERT_EQ(plan.status, 0) << plan.err;
   EXPECT_THAT(plan.out, HasSubstr(" exchanges"));
   EXPECT_THAT(plan.out, HasSubstr("range of J3 removes "));
-  EXPECT_THAT(plan.out, HasSubstr("floor"));
+  EXPECT_THAT(plan.out, HasSubstr("the least that any plan could promise"));
   EXPECT_THAT(text_of("plan.csv"), HasSubstr("configuration,target,J1[deg],J2[deg]"));
   EXPECT_THAT(text_of("plan.csv"), HasSubstr("home pose"));
   expect_refused({"calibrate", "--measurements", "plan.csv", "--joint-convention", convention},
@@ -48,6 +48,32 @@ TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
   ASSERT_EQ(added["configurations"].size(), 5U);
   EXPECT_TRUE(added["sigma"]["floor"].is_null());
   EXPECT_EQ(added["configurations"][0]["configuration"], "71");
+}
+
+// What a result knows is what the measurements that it came from tell, up to the 3 degrees between the
+// geometries at which they are linearised.
+TEST_F(PlanCommand, PlansOnTopOfAResultAsOnTopOfItsMeasurements) {
+  ASSERT_EQ(run({"simulate", "--configurations", "15", "--noise", "3e-5", "--output", "m.csv"}).status, 0);
+  const Outcome calibrated =
+      run({"calibrate", "--measurements", "m.csv", "--noise-independent", "3e-5", "--result", "result.json"});
+  ASSERT_EQ(calibrated.status, 0) << calibrated.err;
+  const auto planned_on = [&](const std::string& option, const std::string& file) {
+    return run_json(with({option, file, "--add", "5", "--noise", "3e-5", "--json"}));
+  };
+  const nlohmann::json on_measured = planned_on("--measured", "m.csv");
+  const nlohmann::json on_result = planned_on("--result", "result.json");
+  EXPECT_EQ(on_result["parameters"], 33);
+  EXPECT_EQ(on_result["configurations"].size(), 5U);
+  EXPECT_TRUE(on_result["sigma"]["floor"].is_null());
+  for (const char* figure : {"mean", "p95", "max"}) {
+    const double measured = on_measured["sigma"]["plan"][figure];
+    EXPECT_NEAR(on_result["sigma"]["plan"][figure].get<double>() / measured, 1.0, 0.05) << figure;
+    const double random = on_measured["sigma"]["random"][figure];
+    EXPECT_NEAR(on_result["sigma"]["random"][figure].get<double>() / random, 1.0, 0.05) << figure;
+  }
+  expect_refused(with({"--measured", "m.csv", "--result", "result.json"}),
+                 {"--result", "--measured", "one of the two"});
+  expect_refused(with({"--result", "result.json", "--monte-carlo", "2"}), {"--monte-carlo", "--measured FILE"});
 }
 
 TEST_F(PlanCommand, ReportsInJson) {
