@@ -100,6 +100,34 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
   return result;
 }
 
+namespace {
+
+// Configurations at the same joint values are one, whatever their labels; ordered by the first of each.
+std::vector<std::vector<Eigen::Index>> same_joint_values(const Measurements& measurements,
+                                                         const std::vector<bool>& trained) {
+  const auto values = [&](Eigen::Index c) { return measurements.joint_values.col(c); };
+  std::vector<Eigen::Index> order;
+  for (std::size_t c = 0; c < trained.size(); ++c) {
+    if (trained[c]) {
+      order.push_back(static_cast<Eigen::Index>(c));
+    }
+  }
+  std::stable_sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) {
+    return std::lexicographical_compare(values(a).begin(), values(a).end(), values(b).begin(), values(b).end());
+  });
+  std::vector<std::vector<Eigen::Index>> result;
+  for (const Eigen::Index c : order) {
+    if (result.empty() || values(result.back().front()) != values(c)) {
+      result.emplace_back();
+    }
+    result.back().push_back(c);
+  }
+  std::sort(result.begin(), result.end());
+  return result;
+}
+
+}  // namespace
+
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
   std::vector<bool> trained(static_cast<std::size_t>(measurements.joint_values.cols()), false);
   for (const Observation& observation : measurements.observations) {
@@ -107,19 +135,7 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
       trained[static_cast<std::size_t>(observation.configuration)] = true;
     }
   }
-  // Configurations at the same joint values are one, whatever their labels.
-  std::vector<std::vector<Eigen::Index>> configurations;
-  std::map<std::vector<double>, std::size_t> known;
-  for (std::size_t c = 0; c < trained.size(); ++c) {
-    if (trained[c]) {
-      const auto q = measurements.joint_values.col(static_cast<Eigen::Index>(c));
-      const auto [place, is_new] = known.try_emplace({q.begin(), q.end()}, configurations.size());
-      if (is_new) {
-        configurations.emplace_back();
-      }
-      configurations[place->second].push_back(static_cast<Eigen::Index>(c));
-    }
-  }
+  std::vector<std::vector<Eigen::Index>> configurations = same_joint_values(measurements, trained);
   const std::size_t count = configurations.size();
   const bool one_each = folds <= 0 || static_cast<std::size_t>(folds) >= count;
   if (!one_each) {  // Fisher-Yates

@@ -55,15 +55,43 @@ double f_upper_tail(double f, double a, double b) {
 
 double f_critical(double tail, double a, double b) {
   constexpr double kAsGoodAsInfinite = 1e7;
-  constexpr int kHalvings = 80;
+  constexpr double kFarthest = 40.0;
+  constexpr double kSettled = 1e-13;  // of the tail
+  constexpr int kMostSteps = 100;
   b = std::min(b, kAsGoodAsInfinite);
-  double below = -40.0;  // logarithms
-  double above = 40.0;
-  for (int halving = 0; halving < kHalvings; ++halving) {
-    const double middle = 0.5 * (below + above);
-    (f_upper_tail(std::exp(middle), a, b) > tail ? below : above) = middle;
+  const auto missing = [&](double logarithm) { return f_upper_tail(std::exp(logarithm), a, b) - tail; };
+  double below = 0.0;
+  double above = 1.0;
+  for (double step = 1.0; below > -kFarthest && missing(below) < 0.0; step *= 2.0) {
+    below -= step;
   }
-  return std::exp(0.5 * (below + above));
+  for (double step = 1.0; above < kFarthest && missing(above) > 0.0; step *= 2.0) {
+    above += step;
+  }
+  // Chords between both ends, where one that stays counts half (Illinois; Dowell and Jarratt 1971).
+  double at_below = missing(below);
+  double at_above = missing(above);
+  int stayed = 0;
+  double between = at_below > 0.0 ? above : below;
+  for (int step = 0; step < kMostSteps && at_below > 0.0 && at_above < 0.0; ++step) {
+    between = (below * at_above - above * at_below) / (at_above - at_below);
+    const double there = missing(between);
+    if (std::abs(there) <= kSettled * tail) {
+      break;
+    }
+    if (there > 0.0) {
+      below = between;
+      at_below = there;
+      at_above *= stayed == 1 ? 0.5 : 1.0;
+      stayed = 1;
+    } else {
+      above = between;
+      at_above = there;
+      at_below *= stayed == -1 ? 0.5 : 1.0;
+      stayed = -1;
+    }
+  }
+  return std::exp(between);
 }
 
 double t_critical_95(double degrees_of_freedom) { return std::sqrt(f_critical(0.05, 1.0, degrees_of_freedom)); }

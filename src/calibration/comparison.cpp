@@ -5,6 +5,8 @@
 #include <memory>
 #include <mutex>
 
+#include "kdl_calibration/fold_sums.hpp"
+
 namespace kdl_calibration {
 namespace {
 
@@ -34,7 +36,7 @@ FitOptions counting(FitOptions options, const Compared& compared, const std::str
   return options;
 }
 
-// Whether fits of large folds are faster than looking at their configurations one by one.
+// Whether sums over large folds are faster than looking at their configurations one by one.
 bool is_many(const Folds& folds) {
   std::size_t count = 0;
   for (const std::vector<Eigen::Index>& fold : folds) {
@@ -46,9 +48,6 @@ bool is_many(const Folds& folds) {
 // The nominal robot with base and targets registered to the others.
 std::vector<double> nominal_folds(const Compared& compared, const Folds& folds) {
   const FitTask& task = compared.task;
-  if (is_many(folds)) {
-    return cross_validate_nominal(task.model, task.measurements, folds, compared.known, task.options.threads).distances;
-  }
   const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::deflections);
   if (frames.size() == 0) {  // nothing is registered
     const Measurements means = averaged(task.measurements);
@@ -56,10 +55,13 @@ std::vector<double> nominal_folds(const Compared& compared, const Folds& folds) 
   }
   FitOptions options;
   options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
-  const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
-  const Eigen::MatrixXd triangle = problem.whitened_summary(task.start).triangle;
   const FitProblem registered{
       .model = task.model, .measurements = task.measurements, .start = task.start, .free = frames, .options = options};
+  if (is_many(folds)) {
+    return cross_validate_by_sums(registered, folds, compared.noise, task.options.threads).distances;
+  }
+  const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
+  const Eigen::MatrixXd triangle = problem.whitened_summary(task.start).triangle;
   return distances_of(predict_folds({.problem = registered, .triangle = triangle, .noise = compared.noise}, folds,
                                     task.options.threads));
 }
@@ -78,12 +80,14 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
                           folds, task.options.threads);
   };
   HoldOut after;
-  if (compared.triangle != nullptr && !is_many(folds)) {
-    const FitProblem fitted{.model = task.model,
-                            .measurements = task.measurements,
-                            .start = estimate,
-                            .free = compared.fit.free,
-                            .options = counting(task.fit_options, compared, name, folds.size())};
+  const FitProblem fitted{.model = task.model,
+                          .measurements = task.measurements,
+                          .start = estimate,
+                          .free = compared.fit.free,
+                          .options = counting(task.fit_options, compared, name, folds.size())};
+  if (compared.triangle != nullptr && is_many(folds)) {
+    after = cross_validate_by_sums(fitted, folds, compared.noise, task.options.threads);
+  } else if (compared.triangle != nullptr) {
     errors.prediction = predict_folds({.problem = fitted, .triangle = *compared.triangle, .noise = compared.noise},
                                       folds, task.options.threads);
     after = {.distances = distances_of(errors.prediction),

@@ -31,6 +31,18 @@ TEST(Uncertainty, UpperTailOfTheFDistribution) {
   }
 }
 
+TEST(Uncertainty, CriticalValuesHaveTheirTail) {
+  for (const double tail : {0.9, 0.5, 0.05, 1e-3, 1e-6}) {
+    for (const double n : {1.0, 2.0, 5.0, 237.0}) {
+      const double expected = 0.5 * n * (std::pow(tail, -2.0 / n) - 1.0);  // as above
+      EXPECT_NEAR(f_critical(tail, 2.0, n) / expected, 1.0, 1e-9) << tail << ", " << n;
+      EXPECT_NEAR(f_upper_tail(f_critical(tail, 2.6, n), 2.6, n) / tail, 1.0, 1e-9) << tail << ", " << n;
+    }
+  }
+  EXPECT_NEAR(f_critical(0.5, 3.0, 3.0), 1.0, 1e-12);  // symmetry
+  EXPECT_NEAR(t_critical_95(3.0), 3.182446, 1e-6);     // printed tables
+}
+
 TEST(Uncertainty, CovarianceIsTheInverseOfTheNormalMatrix) {
   Random random(1);
   Eigen::MatrixXd jacobian = Eigen::MatrixXd::NullaryExpr(40, 6, [&] { return random.normal(); });

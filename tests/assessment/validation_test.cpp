@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include "kdl_calibration/fold_sums.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -102,6 +103,33 @@ TEST(Validation, LeaveOneOutIsARefitWithoutThatConfiguration) {
                                     flange_pose(folded(f.model, refit.errors), f.measured.joint_values.col(4)) *
                                     refit.targets[1].X_FT.translation();
   EXPECT_NEAR(found.distances[4 * 3 + 1], (mean - predicted).norm(), 1e-10);
+}
+
+TEST(Validation, FoldsPredictedFromSumsAreThoseOfRefits) {
+  const Fixture f(2);
+  const auto folds = make_folds(f.measured, 4);
+  std::vector<FitOptions> ways(3);
+  ways[1].joint.residuals.priors = {.length = 1e-3, .angle = 1e-3};
+  ways[2].joint.residuals.noise = {.independent = Eigen::Vector3d(1e-5, 2e-5, 3e-5),
+                                   .common = Eigen::Vector3d::Constant(2e-5)};
+  for (const FitOptions& way : ways) {
+    FitProblem problem{.model = f.model,
+                       .measurements = f.measured,
+                       .start = nominal_start(f.model, f.measured),
+                       .free = f.free,
+                       .options = way};
+    problem.start = fit(problem).estimate;
+    const HoldOut refitted = cross_validate(problem, folds, 1);
+    const HoldOut summed = cross_validate_by_sums(problem, folds, 3e-5, 2);
+    EXPECT_EQ(summed.refits, 4);
+    EXPECT_EQ(summed.not_converged, 0);
+    ASSERT_EQ(summed.distances.size(), refitted.distances.size());
+    for (std::size_t i = 0; i < summed.distances.size(); ++i) {
+      EXPECT_NEAR(summed.distances[i], refitted.distances[i], 1e-9);
+    }
+    const std::vector<double> fitted = position_errors(f.model, problem.start, averaged(f.measured));
+    EXPECT_GT(error_statistics(summed.distances).rms, 1.2 * error_statistics(fitted).rms);
+  }
 }
 
 TEST(Validation, LeaveOneOutOfTheNominalRobotShowsItsErrors) {

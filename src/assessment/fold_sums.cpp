@@ -1,0 +1,128 @@
+#include "kdl_calibration/fold_sums.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <utility>
+
+#include "base/parallel.hpp"
+#include "kdl_calibration/least_squares.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr int kMostSteps = 10;
+constexpr double kSettled = 1e-3;    // of the noise
+constexpr double kRounding = 1e-11;  // [m]
+
+// The folds' own measurements, and the normal equations of each at one estimate.
+class Sums {
+public:
+  Sums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, int threads)
+      : problem_(problem),
+        priors_(problem.free.prior_information(problem.options.joint.residuals.priors)),
+        measurements_(folds.size()),
+        at_start_(folds.size()) {
+    std::vector<std::size_t> fold_of(static_cast<std::size_t>(problem.measurements.joint_values.cols()), folds.size());
+    for (std::size_t f = 0; f < folds.size(); ++f) {
+      for (const Index c : folds[f]) {
+        fold_of[static_cast<std::size_t>(c)] = f;
+      }
+    }
+    ResidualOptions residuals = problem.options.joint.residuals;
+    residuals.priors = {};
+    std::vector<std::unique_ptr<LeastSquaresProblem>> parts(folds.size());
+    parallel_for(folds.size(), threads, [&](std::size_t f) {
+      measurements_[f] = subset(problem.measurements, [&](const Observation& o) {
+        return o.split == Split::train && fold_of[static_cast<std::size_t>(o.configuration)] == f;
+      });
+      parts[f] = std::make_unique<LeastSquaresProblem>(problem.model, measurements_[f], problem.free, residuals);
+      at_start_[f] = parts[f]->linearise(problem.start);
+    });
+    parts_ = std::move(parts);
+  }
+
+  const Measurements& measurements(std::size_t fold) const { return measurements_[fold]; }
+
+  // All but one fold, and the priors.
+  NormalEquations without(std::size_t fold, const Estimate& estimate, bool at_start) const {
+    const Index columns = problem_.free.size();
+    NormalEquations sum{.hessian = MatrixXd::Zero(columns, columns), .gradient = VectorXd::Zero(columns)};
+    for (std::size_t f = 0; f < parts_.size(); ++f) {
+      if (f != fold) {
+        const NormalEquations part = at_start ? at_start_[f] : parts_[f]->linearise(estimate);
+        sum.hessian += part.hessian.selfadjointView<Eigen::Lower>();
+        sum.gradient += part.gradient;
+      }
+    }
+    for (Index c = 0; c < columns; ++c) {
+      const Unknown& unknown = problem_.free.columns()[static_cast<std::size_t>(c)];
+      sum.hessian(c, c) += priors_[c];
+      sum.gradient[c] -= priors_[c] * Unknowns::value(estimate, unknown);
+    }
+    return sum;
+  }
+
+  double weight_without(std::size_t fold) const {
+    double sum = 0.0;
+    for (std::size_t f = 0; f < parts_.size(); ++f) {
+      sum += f != fold ? parts_[f]->total_weight() : 0.0;
+    }
+    return sum;
+  }
+
+private:
+  const FitProblem& problem_;
+  VectorXd priors_;
+  std::vector<Measurements> measurements_;
+  std::vector<NormalEquations> at_start_;
+  std::vector<std::unique_ptr<LeastSquaresProblem>> parts_;
+};
+
+// With the columns scaled to unit norm.
+VectorXd solved(const NormalEquations& equations) {
+  const VectorXd scale =
+      equations.hessian.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
+  const MatrixXd scaled = scale.asDiagonal() * equations.hessian * scale.asDiagonal();
+  return scale.cwiseProduct(scaled.ldlt().solve(VectorXd(scale.cwiseProduct(equations.gradient))));
+}
+
+}  // namespace
+
+HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, double noise,
+                               int threads) {
+  const Sums sums(problem, folds, threads);
+  const double settled = std::max(kSettled * noise, kRounding);
+  std::vector<std::vector<double>> distances(folds.size());
+  std::vector<int> open(folds.size(), 1);
+  parallel_for(folds.size(), threads, [&](std::size_t f) {
+    Estimate estimate = problem.start;
+    for (int step = 0; step < kMostSteps && open[f] != 0; ++step) {
+      const NormalEquations equations = sums.without(f, estimate, step == 0);
+      const VectorXd move = solved(equations);
+      const double effect = std::sqrt(move.dot(equations.hessian * move) / sums.weight_without(f));
+      if (!std::isfinite(effect)) {
+        break;
+      }
+      estimate = problem.free.moved(estimate, move);
+      open[f] = effect > settled ? 1 : 0;
+    }
+    distances[f] = position_errors(problem.model, estimate, averaged(sums.measurements(f)), Rows::train);
+    if (problem.options.after_fit) {
+      problem.options.after_fit();
+    }
+  });
+  HoldOut result{.distances = {}, .refits = static_cast<int>(folds.size())};
+  for (std::size_t f = 0; f < folds.size(); ++f) {
+    result.distances.insert(result.distances.end(), distances[f].begin(), distances[f].end());
+    result.not_converged += open[f];
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration
