@@ -14,6 +14,7 @@
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
 #include <sstream>
 #include <string>
@@ -243,11 +244,21 @@ protected:
     ASSERT_NE(effect.with.outcome.status, 2) << effect.with.outcome.err;
     row.check(effect);
     write("options.toml", "[" + command.front() + "]\n" + as_config(row.option));
-    const Answer from_file = run_and_tidy(words + Words{"--config", "options.toml"});
+    Answer from_file = run_and_tidy(words + Words{"--config", "options.toml"});
     EXPECT_EQ(from_file.outcome.status, effect.with.outcome.status) << from_file.outcome.err;
-    EXPECT_EQ(from_file.outcome.out, effect.with.outcome.out) << "from a file " << text_of("options.toml");
+    EXPECT_EQ(without_config(from_file.outcome.out), effect.with.outcome.out)
+        << "from a file " << text_of("options.toml");
     EXPECT_EQ(from_file.outcome.err, effect.with.outcome.err);
+    for (auto& [name, text] : from_file.files) {
+      text = without_config(text);
+    }
     EXPECT_TRUE(from_file.files == effect.with.files);
+  }
+
+  /// A result without its word on the file of options, which alone may tell the two ways apart.
+  static std::string without_config(const std::string& text) {
+    static const std::regex entry(R"(,\s*\{\s*"role": "config"[^}]*\})");
+    return std::regex_replace(text, entry, "");
   }
 
   /// Every option in the help stands in the table, and none that it does not show.

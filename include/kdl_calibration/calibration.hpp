@@ -116,15 +116,23 @@ struct NoiseReport {
   double sigma = 0.0;                                     ///< [m] of one coordinate of one row, all parts together
   Eigen::Vector3d independent = Eigen::Vector3d::Zero();  ///< [m] along the axes of W
   Eigen::Vector3d common = Eigen::Vector3d::Zero();       ///< [m] shared by the points of a repeat
-  double misfit = 0.0;                                    ///< [m] shared by the targets of a configuration
-  double target_misfit = 0.0;                             ///< [m] of a target in a configuration, in every repeat
-  std::optional<NoiseParts> parts;                        ///< where they were estimated
+  /// Where one is stated: the noise of a point at its place, which `independent` is the mean of.
+  std::optional<TrackerNoise> tracker;
+  double misfit = 0.0;              ///< [m] shared by the targets of a configuration
+  double target_misfit = 0.0;       ///< [m] of a target in a configuration, in every repeat
+  std::optional<NoiseParts> parts;  ///< where they were estimated
   double degrees_of_freedom = 0.0;
-  double variance_factor = 1.0;  ///< what the covariance was multiplied by, above 1 where the fit is worse than stated
+  /// Square of residuals over stated noise where the fit is worse than that, else 1; without `parts` the covariance and
+  /// the variance of a new point are multiplied by it.
+  double variance_factor = 1.0;
   std::optional<RepeatNoise> repeats;
   /// [m] where orientations were measured and no sigma of theirs is stated: an error of one radian counted as much as
   /// this error of position, found from the residuals of both.
   std::optional<double> orientation_length;
+
+  /// Degrees of freedom that the covariance rests on where no parts were estimated: infinite of stated noise that
+  /// holds.
+  double freedom_of_covariance() const;
 };
 
 /// A cube of the workspace and the predicted 3D 1 sigma [m] of the configurations whose flange lies in it.
@@ -166,6 +174,7 @@ struct Calibration {
   Unknowns candidates;                      ///< that and what these measurements cannot tell: `fixed_by_gauge`
   Identifiability identifiability;          ///< of the candidates
   std::vector<std::string> fixed_by_gauge;  ///< errors at zero, frames as they were registered
+  bool minimum_norm = false;                ///< of all answers that are as good, the one with the smallest errors
   ObservabilityIndices observability;
   NoiseReport noise;
   std::vector<ParameterEstimate> parameters;  ///< base, targets, geometric, deflections: estimated ones and the gauge

@@ -38,6 +38,7 @@
 #include "kdl_calibration/planner.hpp"
 #include "kdl_calibration/pose_selection.hpp"
 #include "kdl_calibration/prediction.hpp"
+#include "kdl_calibration/pseudo_values.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/registration.hpp"

@@ -59,6 +59,9 @@ struct NoiseParts {
 /// linearised solution about `estimate`. It needs of the measurements the information of the targets' means and of
 /// their deviations from them, summed once; more than 2,000 configurations are represented by as many evenly spaced
 /// ones.
+/// Where the noise of the points is stated a misfit is estimated only if the residuals are above what is stated, with
+/// p < 0.05: a variance cannot be negative, and what is estimated on top of the true noise would be too much. Nothing
+/// may be left to estimate then; `converged` is false.
 /// `options`: noise and priors as stated. Not for a loss: rows count with their weights.
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options);

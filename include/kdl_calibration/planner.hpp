@@ -29,8 +29,8 @@ struct PlanRequest {
   std::optional<Measurements> measured;  ///< what exists; the plan comes on top
   /// What an earlier calibration knows, with its covariance: the plan is made at its geometry and comes on top.
   std::optional<SavedCalibration> calibrated;
-  int count = 30;                        ///< configurations to choose; with `accuracy` the most to try
-  std::optional<double> accuracy;        ///< [m] promise for which the fewest configurations are looked for
+  int count = 30;                  ///< configurations to choose; with `accuracy` the most to try
+  std::optional<double> accuracy;  ///< [m] promise for which the fewest configurations are looked for
   Figure accuracy_of = Figure::mean;
   Criterion criterion = Criterion::d_optimal;
   int starts = 8;

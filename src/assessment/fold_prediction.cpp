@@ -188,14 +188,24 @@ FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector
   const FoldPredictor predictor(task);
   std::vector<Part> parts(folds.size());
   parallel_for(folds.size(), threads, [&](std::size_t f) { parts[f] = predictor.predict(folds[f]); });
-  std::map<std::pair<std::int32_t, std::int32_t>, double> repeats;
+  struct Cell {
+    double repeats = 0.0;
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  };
+  std::map<std::pair<std::int32_t, std::int32_t>, Cell> cells;
   for (const Observation& observation : task.problem.measurements.observations) {
-    repeats[{observation.configuration, observation.target}] += observation.split == Split::train ? 1.0 : 0.0;
+    if (observation.split == Split::train) {
+      Cell& cell = cells[{observation.configuration, observation.target}];
+      cell.repeats += 1.0;
+      cell.sum += observation.position;
+    }
   }
   FoldPrediction result;
   for (Part& part : parts) {
     for (HeldOutPoint& point : part.points) {
-      point.repeats = repeats[{point.configuration, point.target}];
+      const Cell& cell = cells[{point.configuration, point.target}];
+      point.repeats = cell.repeats;
+      point.measured = cell.sum / cell.repeats;
     }
     result.points.insert(result.points.end(), part.points.begin(), part.points.end());
     result.refits += part.refitted ? 1 : 0;

@@ -112,7 +112,7 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   }
   strata.add_means(model, estimate, free);
   const std::vector<Stratum> all = strata.finished();
-  const MatrixXd parts = strata.unknown_parts(true);
+  const MatrixXd parts = strata.unknown_parts(PartsAsked::of_repeats);
   const RepeatVariances repeats(all, parts);
   MatrixXd information = MatrixXd::Zero(free.size(), free.size());
   VectorXd gradient = VectorXd::Zero(free.size());

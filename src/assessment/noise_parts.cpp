@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "assessment/noise_strata.hpp"
+#include "base/f_distribution.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -96,6 +97,8 @@ public:
     }
   }
 
+  Index unknowns() const { return unknown_.cols(); }
+
   bool run() {
     constexpr int kRounds = 300;
     constexpr double kSettled = 1e-7;
@@ -105,12 +108,12 @@ public:
       squares += stratum.squares;
       count += stratum.count;
     }
-    if (!(squares > 0.0) || unknown_.cols() == 0) {
+    if (!(squares > 0.0)) {
       return false;
     }
+    x_ = VectorXd::Zero(unknown_.cols());
     floor_ = kLeastShare * squares / count;
-    lambda_ = VectorXd::Constant(known_.size(), squares / count);
-    x_ = VectorXd::Constant(unknown_.cols(), 0.0);
+    lambda_ = x_.size() > 0 ? VectorXd::Constant(known_.size(), squares / count) : VectorXd(known_.cwiseMax(floor_));
     for (int round = 0; round < kRounds; ++round) {
       solve();
       const VectorXd before = lambda_;
@@ -124,6 +127,21 @@ public:
       }
     }
     return true;
+  }
+
+  /// How probable squares of the means as large as theirs, or larger, are of these variances.
+  double tail_of_means() const {
+    constexpr double kKnown = 1e9;  // degrees of freedom of what is stated
+    double ratio = 0.0;
+    double freedom = 0.0;
+    for (std::size_t i = 0; i < strata_.size(); ++i) {
+      if (is_of_means(strata_[i])) {
+        const auto s = static_cast<Index>(i);
+        ratio += squares_[s] / lambda_[s];
+        freedom += freedom_[s];
+      }
+    }
+    return freedom > 0.0 ? f_upper_tail(ratio / freedom, freedom, kKnown) : 1.0;
   }
 
   NoiseParts parts(const Variances& stated) const {
@@ -158,15 +176,18 @@ public:
       }
     }
     for (std::size_t s = 0; s < strata_.size(); ++s) {
-      const bool of_means =
-          strata_[s].information.size() > 0 && strata_[s].coefficients[NoiseParts::kOrientation] == 0.0;
-      result.degrees_of_freedom += of_means ? freedom_[static_cast<Index>(s)] : 0.0;
+      result.degrees_of_freedom += is_of_means(strata_[s]) ? freedom_[static_cast<Index>(s)] : 0.0;
     }
     return result;
   }
 
 private:
   static constexpr double kLeastShare = 1e-14;
+
+  // Of positions that parameters move.
+  static bool is_of_means(const Stratum& stratum) {
+    return stratum.information.size() > 0 && stratum.coefficients[NoiseParts::kOrientation] == 0.0;
+  }
 
   // The solution at these variances: what is left of the squares, and the degrees of freedom of each stratum.
   void solve() {
@@ -204,7 +225,7 @@ private:
   void fit_gamma() {
     constexpr int kRounds = 50;
     const VectorXd z = squares_.array() / freedom_.array().max(1e-9);
-    for (int round = 0; round < kRounds; ++round) {
+    for (int round = 0; round < kRounds && x_.size() > 0; ++round) {
       const VectorXd w = freedom_.cwiseQuotient(lambda_.cwiseAbs2());
       x_ = nonnegative_least_squares(design_, z - known_, w * lambda_.squaredNorm());
       const VectorXd next = (known_ + design_ * x_).cwiseMax(floor_);
@@ -269,6 +290,7 @@ double NoiseParts::freedom_of_point() const {
 
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options) {
+  constexpr double kSeen = 0.05;  // p of the means' residuals from which on what is stated for points says it all
   const NoiseSample sample = sampled(measurements, options);
   NoiseStrata strata(sample.measurements, sample.options);
   strata.add_means(model, estimate, free);
@@ -282,8 +304,17 @@ NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measureme
   for (Index c = 0; c < free.size(); ++c) {
     gradient[c] = -information[c] * Unknowns::value(estimate, free.columns()[static_cast<std::size_t>(c)]);
   }
-  Reml reml(strata.finished(), strata.unknown_parts(false), stated, information.asDiagonal(), gradient);
-  if (!reml.run()) {
+  const auto with = [&](PartsAsked asked) {
+    return Reml(strata.finished(), strata.unknown_parts(asked), stated, information.asDiagonal(), gradient);
+  };
+  Reml reml = with(PartsAsked::all);
+  if (strata.stated()) {
+    Reml without_misfits = with(PartsAsked::without_misfits);
+    if (without_misfits.run() && without_misfits.tail_of_means() >= kSeen) {
+      reml = std::move(without_misfits);
+    }
+  }
+  if (reml.unknowns() == 0 || !reml.run()) {
     return {};
   }
   NoiseParts parts = reml.parts(stated);

@@ -220,10 +220,11 @@ void NoiseStrata::add_means(const Means& means) {
 }
 
 // Which parts are estimated: parts x unknowns.
-MatrixXd NoiseStrata::unknown_parts(bool of_repeats_alone) const {
+MatrixXd NoiseStrata::unknown_parts(PartsAsked asked) const {
   constexpr double kFreedomPerAxis = 20.0;
   const NoiseModel& noise = options_.noise;
-  const bool orientations = !measurements_.orientations.empty() && !of_repeats_alone;
+  const bool orientations = !measurements_.orientations.empty() && asked != PartsAsked::of_repeats;
+  const bool misfits = asked == PartsAsked::all;
   const bool repeats = repeat_freedom_ > 0.0;
   const bool by_axis = repeat_freedom_ >= kFreedomPerAxis;
   std::vector<Variances> columns;
@@ -239,10 +240,10 @@ MatrixXd NoiseStrata::unknown_parts(bool of_repeats_alone) const {
       add(first, 3);
     }
   };
-  if (several_targets_ && !of_repeats_alone) {
+  if (several_targets_ && misfits) {
     add(NoiseParts::kMisfit, 1);
   }
-  if ((repeats || stated_) && !of_repeats_alone) {
+  if ((repeats || stated_) && misfits) {
     add(NoiseParts::kTargetMisfit, 1);
   }
   if (noise.common.isZero(0.0) && several_in_a_repeat_) {

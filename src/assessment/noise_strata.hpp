@@ -47,6 +47,9 @@ struct Means {
   Eigen::Vector3d known = Eigen::Vector3d::Zero();
 };
 
+/// Which of the parts that nobody stated are to be estimated.
+enum class PartsAsked { all, without_misfits, of_repeats };
+
 /// Of measurements whose order and weights say all; the noise that is stated counts as known. Keeps references.
 class NoiseStrata {
 public:
@@ -67,7 +70,7 @@ public:
   /// Variance [m^2] of a point along the axes of W, mean over the rows where it is stated.
   Eigen::Vector3d mean_known() const;
   /// Parts as columns that tie those that are one.
-  Eigen::MatrixXd unknown_parts(bool of_repeats_alone) const;
+  Eigen::MatrixXd unknown_parts(PartsAsked asked) const;
 
 private:
   using Key = std::array<long, 3>;

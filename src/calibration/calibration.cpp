@@ -7,6 +7,7 @@
 
 #include "calibration/comparison.hpp"
 #include "calibration/doubts.hpp"
+#include "calibration/minimum_norm.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/noise_stage.hpp"
 #include "calibration/parameter_choice.hpp"
@@ -187,7 +188,7 @@ std::optional<Identifiability> rigid_identifiability(const FitTask& task, const 
 Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNoise& estimated) {
   const Estimate& estimate = fitted.identification.estimate;
   ResidualOptions residuals = task.fit_options.joint.residuals;
-  residuals.row_weights = fitted.weights;
+  residuals.row_weights = fitted.robust.weights;
   for (double& weight : residuals.row_weights) {
     weight = std::max(weight, kLeastWeight);
   }
@@ -221,7 +222,7 @@ Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNois
                                .system = system,
                                .row_weights = residuals.row_weights,
                                .rank = result.rank},
-                              estimated);
+                              fitted.robust, estimated);
   if (task.measurements.joint_values.cols() <= kMostConfigurationsJudged) {
     result.influence = influence(problem, task.measurements, residuals, estimate, system.triangle);
   }
@@ -250,7 +251,7 @@ void put(Choice choice, Calibration& result) {
 
 void put(WholeFit fitted, Calibration& result) {
   result.identification = std::move(fitted.identification);
-  result.weights = std::move(fitted.weights);
+  result.weights = std::move(fitted.robust.weights);
   result.reduction = std::move(fitted.reduction);
   result.candidates = std::move(fitted.candidates);
   result.free = std::move(fitted.free);
@@ -319,6 +320,8 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   if (estimated.parts) {
     choice.rigid_fit.joint.residuals.noise = choice.fit.joint.residuals.noise;
   }
+  const bool smallest = options.model == ModelChoice::complete && options.method == Method::joint &&
+                        options.loss == Loss::none && take_smallest_errors(task, choice.fit.joint.residuals, fitted);
   Judgement judged = judge(task, fitted, estimated);
   note_what_is_open(judged, options, fitted.identification);
   const bool as_fitted =
@@ -334,6 +337,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
 
   Calibration result;
   result.model = setting.model;
+  result.minimum_norm = smallest;
   result.findings = std::move(findings);
   result.lack_of_fit = lack_of_fit(task, fitted.identification.estimate, fitted.free);
   result.predicted = predicted_accuracy({.model = setting.model,

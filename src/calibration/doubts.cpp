@@ -10,6 +10,7 @@
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
+#include "calibration/prior_check.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 
 namespace kdl_calibration {
@@ -190,13 +191,16 @@ std::vector<std::string> warnings(const Calibration& found, const Measurements& 
   std::vector<std::string> result;
   const bool open = found.identification.termination == Termination::rank_deficient || !found.fixed_by_gauge.empty();
   for (const std::vector<std::string>& group : found.identifiability.tied) {
-    if (!open) {  // priors told them apart
+    if (!open || found.minimum_norm) {  // priors told them apart, or all are named below
       break;
     }
     result.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
                                        : "the measurements cannot tell apart: " + comma_separated(group));
   }
-  if (!found.fixed_by_gauge.empty()) {
+  if (found.minimum_norm) {
+    result.push_back("what the measurements cannot tell apart (" + some_of(found.fixed_by_gauge) +
+                     ") was shared out so that the errors are smallest; predictions hold, single parameters do not");
+  } else if (!found.fixed_by_gauge.empty()) {
     result.push_back("fixed by gauge: " + comma_separated(found.fixed_by_gauge) +
                      " (errors at zero, frames as registered); predictions hold where it was measured, single "
                      "parameters do not");
@@ -216,6 +220,16 @@ std::vector<std::string> warnings(const Calibration& found, const Measurements& 
                      " times the stated noise; " +
                      (found.noise.parts ? "what is beyond it counts as misfit of the model"
                                         : "the uncertainties were scaled up by that"));
+  }
+  constexpr double kFew = 10.0;
+  if (found.noise.model != "stated" && found.noise.degrees_of_freedom < kFew) {
+    result.push_back("few data: all uncertainties rest on " + rounded(found.noise.degrees_of_freedom) +
+                     " degrees of freedom; measure more configurations or state the noise");
+  }
+  if (const double excess = excess_over_priors(found); excess > 1.0) {
+    result.push_back("the estimated errors are " + rounded(excess) +
+                     " times as large as the priors expect and were held too close to nominal; state larger priors, or "
+                     "none");
   }
   if (found.lack_of_fit && found.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");

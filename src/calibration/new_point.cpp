@@ -11,11 +11,14 @@
 
 namespace kdl_calibration {
 
-NewPoint new_point(const Eigen::Matrix3d& of_parameters, const NoiseReport& noise, double repeats) {
-  const Eigen::Vector3d variances = (noise.independent.cwiseAbs2() + noise.common.cwiseAbs2()) / repeats;
-  Eigen::Matrix3d sum = of_parameters + Eigen::Matrix3d(variances.asDiagonal());
+NewPoint new_point(const PointPrediction& prediction, const NoiseReport& noise) {
+  const NoiseModel own{.independent = noise.independent, .tracker = noise.tracker};
+  const double factor = (noise.parts ? 1.0 : noise.variance_factor) / prediction.repeats;
+  Eigen::Matrix3d sum = prediction.covariance + factor * point_covariance(own, {.position = prediction.place});
+  sum.diagonal() += factor * noise.common.cwiseAbs2();
   sum.diagonal().array() += noise.misfit * noise.misfit + noise.target_misfit * noise.target_misfit;
-  NewPoint result{.radius_95 = std::numeric_limits<double>::infinity(), .degrees_of_freedom = noise.degrees_of_freedom};
+  NewPoint result{.radius_95 = std::numeric_limits<double>::infinity(),
+                  .degrees_of_freedom = noise.freedom_of_covariance()};
   const double s2 = sum.trace();
   if (!std::isfinite(s2)) {
     return result;
@@ -45,7 +48,8 @@ MeasuredRegion measured_region(const Measurements& measurements, const FoldPredi
   MeasuredRegion region;
   std::map<std::int32_t, std::vector<double>> ratios;
   for (const HeldOutPoint& point : held_out.points) {
-    const double radius = new_point(point.covariance, noise, point.repeats).radius_95;
+    const double radius =
+        new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise).radius_95;
     ratios[point.configuration].push_back(point.distance / radius);
     if (std::isfinite(point.covariance.trace())) {
       region.largest_variance = std::max(region.largest_variance, point.covariance.trace());

@@ -15,11 +15,16 @@ struct NewPoint {
   double degrees_of_freedom = 0.0;  ///< of the variance of a single point
 };
 
-/// `of_parameters`: covariance [m^2] in W of the predicted point. With S that of one measured point, misfit included,
-/// Sigma = of_parameters + S, s^2 = tr Sigma and k = s^4 / tr Sigma^2, the squared error over s^2 is about F with k and
-/// nu degrees of freedom (Satterthwaite 1946, Box 1954), nu those of tr S: radius s sqrt(F_0.95(k, nu)).
-/// `repeats`: that it is the mean of.
-NewPoint new_point(const Eigen::Matrix3d& of_parameters, const NoiseReport& noise, double repeats = 1.0);
+struct PointPrediction {
+  Eigen::Matrix3d covariance;  ///< [m^2] in W, of the parameters alone
+  Eigen::Vector3d place;       ///< [m] in W
+  double repeats = 1.0;        ///< that the measurement will be the mean of
+};
+
+/// With S the covariance of one measured point, misfit included, Sigma = covariance + S, s^2 = tr Sigma and k = s^4 /
+/// tr Sigma^2, the squared error over s^2 is about F with k and nu degrees of freedom (Satterthwaite 1946, Box 1954),
+/// nu those of tr S: radius s sqrt(F_0.95(k, nu)).
+NewPoint new_point(const PointPrediction& prediction, const NoiseReport& noise);
 
 /// Where predicted points keep what their radius promises, and what makes them do so.
 struct MeasuredRegion {

@@ -2,12 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <utility>
 
 #include "base/f_distribution.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
 #include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/pseudo_values.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -61,14 +64,11 @@ void make_absolute(const FitTask& task, const Unknowns& free, FitOptions& option
 
 namespace {
 
-// How often the residuals of the means and repeats are the stated noise; 1 where they may be just that.
-double excess_over_stated(const LeastSquaresProblem& problem, const Estimate& estimate, double degrees_of_freedom) {
-  if (!(degrees_of_freedom > 0.0)) {
-    return 1.0;
-  }
-  const double reduced = problem.linearise(estimate).cost / degrees_of_freedom;
-  const bool worse = reduced > 1.0 && f_upper_tail(reduced, degrees_of_freedom, 1e9) < kMisfitCertain;
-  return worse ? reduced : 1.0;
+// How often this variance is the stated one; 1 where it may be just that.
+double excess_over_stated(double variance, double degrees_of_freedom) {
+  const bool worse =
+      degrees_of_freedom > 0.0 && variance > 1.0 && f_upper_tail(variance, degrees_of_freedom, 1e9) < kMisfitCertain;
+  return worse ? variance : 1.0;
 }
 
 void report_parts(const NoiseParts& parts, NoiseReport& noise) {
@@ -82,51 +82,121 @@ void report_parts(const NoiseParts& parts, NoiseReport& noise) {
   noise.parts = parts;
 }
 
+// Of a point along the axes of W, root of the mean square over the rows.
+Eigen::Vector3d stated_sigma_of_points(const Measurements& measurements, const NoiseModel& noise) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double rows = 0.0;
+  for (const Observation& o : measurements.observations) {
+    if (o.split == Split::train) {
+      sum += point_covariance(noise, o).diagonal();
+      rows += 1.0;
+    }
+  }
+  return (sum / rows).cwiseSqrt();
+}
+
+// Of a system's residuals.
+struct Scatter {
+  double points = 0.0;    // with weight
+  double variance = 0.0;  // of unit weight
+  double factor = 1.0;    // of the covariance beside that
+};
+
+// The covariance and the report of noise that is stated, or else in the residuals of this system.
+NoiseAssessment without_parts(const FitTask& task, const FittedSystem& fitted, const Scatter& scatter,
+                              NoiseReport noise) {
+  NoiseAssessment result;
+  const auto [points, variance, factor] = scatter;
+  const LeastSquaresProblem& problem = fitted.problem;
+  if (noise_is_stated(task.measurements, task.options)) {
+    noise.model = "stated";
+    noise.independent = stated_sigma_of_points(task.measurements, task.options.noise);
+    noise.common = task.options.noise.common;
+    noise.sigma = std::sqrt(points / problem.total_weight());
+    result.covariance = covariance(fitted.system.triangle, factor * noise.variance_factor);
+  } else {
+    noise.model = "residuals";
+    noise.sigma = std::sqrt(variance * points / problem.total_weight());
+    // Of the means: what repeats average out does not count, what a configuration has in common does.
+    const double cells = static_cast<double>(fitted.system.measured_rows) / 3.0;
+    const double unit_weight = problem.total_weight() / cells;
+    const ResidualNoise components = noise_from_residuals(fitted.system, fitted.rank, unit_weight);
+    noise.independent.setConstant(components.independent / std::sqrt(factor));
+    noise.misfit = components.common / std::sqrt(factor);
+    result.covariance = task.measurements.orientations.empty() ? covariance(fitted.system, components, unit_weight)
+                                                               : covariance(fitted.system.triangle, factor * variance);
+  }
+  result.report = std::move(noise);
+  return result;
+}
+
+// The robust fit as the plain one of its pseudo-values. The noise is that of the points that are not outlying: by the
+// median, which an outlier hardly moves, with what the fit has taken from it.
+NoiseAssessment assess_robust_noise(const FitTask& task, const FittedSystem& fitted, const RobustRows& robust,
+                                    NoiseReport noise) {
+  constexpr double kEfficiencyOfMedian = 0.53;  // of the scale of normal points in three dimensions
+  const PseudoValues pseudo =
+      pseudo_values(task.model, task.measurements, fitted.estimate, task.fit_options.loss, robust.weights);
+  ResidualOptions residuals = task.fit_options.joint.residuals;
+  residuals.row_weights = pseudo.row_weights;
+  const LeastSquaresProblem problem(task.model, pseudo.measurements, fitted.free, residuals);
+  const WhitenedSummary system = problem.whitened_summary(fitted.estimate);
+  const double without_weight = static_cast<double>(problem.points()) - pseudo.rows;
+  const double freedom = std::max(noise.degrees_of_freedom - 3.0 * without_weight, 1.0);
+  const double left = freedom / (freedom + fitted.rank);
+  const double variance = robust.scale * robust.scale / left;
+  const double reduced = problem.linearise(fitted.estimate).cost / freedom;
+  if (noise_is_stated(task.measurements, task.options)) {
+    noise.variance_factor = excess_over_stated(variance, kEfficiencyOfMedian * freedom);
+  }
+  return without_parts(task,
+                       {.problem = problem,
+                        .estimate = fitted.estimate,
+                        .free = fitted.free,
+                        .system = system,
+                        .row_weights = residuals.row_weights,
+                        .rank = fitted.rank},
+                       {.points = pseudo.rows, .variance = variance, .factor = reduced / variance}, std::move(noise));
+}
+
 }  // namespace
 
-NoiseAssessment assess_noise(const FitTask& task, const FittedSystem& fitted, const EstimatedNoise& estimated) {
-  NoiseAssessment result;
-  NoiseReport& noise = result.report;
+NoiseAssessment assess_noise(const FitTask& task, const FittedSystem& fitted, const RobustRows& robust,
+                             const EstimatedNoise& estimated) {
+  NoiseReport noise;
   noise.degrees_of_freedom = static_cast<double>(fitted.problem.equations() - fitted.rank);
   const RepeatNoise repeats = noise_from_repeats(task.measurements);
   if (repeats.degrees_of_freedom > 0.0) {
     noise.repeats = repeats;
   }
-  const bool stated = noise_is_stated(task.measurements, task.options);
-  if (stated) {
+  const auto own_sigma = [](const Observation& o) { return o.sigma > 0.0; };
+  const std::vector<Observation>& rows = task.measurements.observations;
+  if (std::none_of(rows.begin(), rows.end(), own_sigma)) {
+    noise.tracker = task.options.noise.tracker;
+  }
+  if (!robust.weights.empty()) {
+    return assess_robust_noise(task, fitted, robust, std::move(noise));
+  }
+  const double freedom = std::max(noise.degrees_of_freedom, 1.0);
+  if (noise_is_stated(task.measurements, task.options)) {
     ResidualOptions as_stated = estimated.as_stated;
     as_stated.row_weights = fitted.row_weights;
+    const LeastSquaresProblem problem(task.model, task.measurements, fitted.free, as_stated);
     noise.variance_factor =
-        excess_over_stated(LeastSquaresProblem(task.model, task.measurements, fitted.free, as_stated), fitted.estimate,
-                           noise.degrees_of_freedom);
+        excess_over_stated(problem.linearise(fitted.estimate).cost / freedom, noise.degrees_of_freedom);
   }
   if (estimated.parts) {
     report_parts(*estimated.parts, noise);
-    result.covariance = covariance(fitted.system.triangle, 1.0);
-    return result;
+    return {.report = std::move(noise), .covariance = covariance(fitted.system.triangle, 1.0)};
   }
-  const double mean_weight = fitted.problem.total_weight() / static_cast<double>(fitted.problem.points());
-  const double cost = fitted.problem.linearise(fitted.estimate).cost;
-  const double reduced = noise.degrees_of_freedom > 0.0 ? cost / noise.degrees_of_freedom : 0.0;
-  if (stated) {
-    noise.model = "stated";
-    noise.independent = task.options.noise.independent;
-    noise.common = task.options.noise.common;
-    noise.sigma = std::sqrt(1.0 / mean_weight);
-    result.covariance = covariance(fitted.system.triangle, noise.variance_factor);
-    return result;
-  }
-  noise.model = "residuals";
-  noise.sigma = std::sqrt(reduced / mean_weight);
-  // Of the means: what repeats average out does not count, what a configuration has in common does.
-  const double cells = static_cast<double>(fitted.system.measured_rows) / 3.0;
-  const double unit_weight = fitted.problem.total_weight() / cells;
-  const ResidualNoise components = noise_from_residuals(fitted.system, fitted.rank, unit_weight);
-  noise.independent.setConstant(components.independent);
-  noise.misfit = components.common;
-  result.covariance = task.measurements.orientations.empty() ? covariance(fitted.system, components, unit_weight)
-                                                             : covariance(fitted.system.triangle, reduced);
-  return result;
+  const double variance =
+      noise.degrees_of_freedom > 0.0 ? fitted.problem.linearise(fitted.estimate).cost / freedom : 0.0;
+  return without_parts(task, fitted, {.points = static_cast<double>(fitted.problem.points()), .variance = variance},
+                       std::move(noise));
+}
+
+double NoiseReport::freedom_of_covariance() const {
+  return model == "stated" && variance_factor == 1.0 ? std::numeric_limits<double>::infinity() : degrees_of_freedom;
 }
 
 std::optional<LackOfFit> lack_of_fit(const FitTask& task, const Estimate& estimate, const Unknowns& free) {

@@ -41,7 +41,8 @@ struct FittedSystem {
 };
 
 /// Noise and covariance at the end of a fit.
-NoiseAssessment assess_noise(const FitTask& task, const FittedSystem& fitted, const EstimatedNoise& estimated);
+NoiseAssessment assess_noise(const FitTask& task, const FittedSystem& fitted, const RobustRows& robust,
+                             const EstimatedNoise& estimated);
 
 /// The residuals of a fit against the scatter of the repeats; none where there are no repeats.
 std::optional<LackOfFit> lack_of_fit(const FitTask& task, const Estimate& estimate, const Unknowns& free);

@@ -96,7 +96,7 @@ std::vector<ParameterEstimate> parameter_estimates(const FitTask& task, const Wh
   const ErrorModel& model = task.model;
   const Estimate& estimate = fit.identification.estimate;
   const std::vector<ValueUncertainty> uncertain =
-      uncertainties(estimate, fit.free, known.covariance, known.noise.parts, known.noise.degrees_of_freedom);
+      uncertainties(estimate, fit.free, known.covariance, known.noise.parts, known.noise.freedom_of_covariance());
   std::set<std::string> biased;  // by what the gauge holds
   for (const std::vector<std::string>& group : known.tied) {
     biased.insert(group.begin(), group.end());

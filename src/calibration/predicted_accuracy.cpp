@@ -76,7 +76,7 @@ public:
         point.position_W = estimate_.X_WB * point.position;
         point.std = all[k].diagonal().cwiseSqrt();
         point.sigma = std::sqrt(all[k].trace());
-        const NewPoint fresh = new_point(all[k], uncertain_.noise);
+        const NewPoint fresh = new_point({.covariance = all[k], .place = point.position_W}, uncertain_.noise);
         point.radius_95 = region.radius_factor * fresh.radius_95;
         point.degrees_of_freedom = fresh.degrees_of_freedom;
         point.outside = !region.holds(asked.joint_values.col(static_cast<Eigen::Index>(c)), all[k]);

@@ -145,6 +145,7 @@ void add_details(const Calibration& calibration, const Measurements& measurement
   result["singular_values"] = singular_values;
   result["tied"] = calibration.identifiability.tied;
   result["fixed_by_gauge"] = calibration.fixed_by_gauge;
+  result["minimum_norm"] = calibration.minimum_norm;
   result["weak"] = calibration.identifiability.weak;
   Json findings = Json::array();
   for (const QualityFinding& finding : calibration.findings) {

@@ -209,7 +209,11 @@ std::string parameter_line(const ErrorModel& model, const ParameterEstimate& par
   if (parameter.identifiable) {
     return line + format(unit.sigma, half_width_95(parameter.std, parameter.degrees_of_freedom) * unit.per_si) + "\n";
   }
-  return line + "  " + (parameter.gauge ? "held, gauge" : parameter.std > 0.0 ? "not determined" : fixed) + "\n";
+  return line + "  " +
+         (parameter.gauge       ? (parameter.error == 0.0 ? "held, gauge" : "by gauge")
+          : parameter.std > 0.0 ? "not determined"
+                                : fixed) +
+         "\n";
 }
 
 void add_parameters(const Calibration& calibration, const std::string& fixed, std::string& text) {

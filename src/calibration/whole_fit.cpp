@@ -34,7 +34,7 @@ void require_two_step_data(const Unknowns& free, const Measurements& measurement
 
 struct Fitted {
   Identification identification;
-  std::vector<double> weights;
+  RobustRows robust;
 };
 
 Fitted identify(const FitTask& task, const Unknowns& free, Steps steps) {
@@ -53,7 +53,7 @@ Fitted identify(const FitTask& task, const Unknowns& free, Steps steps) {
                                                      .start = task.start,
                                                      .free = free,
                                                      .options = task.fit_options});
-    return {std::move(robust.fit), std::move(robust.weights)};
+    return {std::move(robust.fit), {.weights = std::move(robust.weights), .scale = robust.scale}};
   }
   const LeastSquaresProblem problem(task.model, task.measurements, free, joint.residuals);
   if (steps == Steps::any || problem.equations() < problem.columns()) {
@@ -135,8 +135,8 @@ constexpr double kRounding = 1e-10;  // [m] misfits below that differ by roundin
 
 // Whether the complete set would explain most of a misfit that is more than rounding.
 bool has_more_to_explain(const FitTask& task, const Unknowns& complete, const WholeFit& fit) {
-  constexpr double kMost = 0.5;        // of the cost
-  constexpr long kFreedom = 20;        // fewer equations than that beyond the unknowns leave nothing to explain
+  constexpr double kMost = 0.5;  // of the cost
+  constexpr long kFreedom = 20;  // fewer equations than that beyond the unknowns leave nothing to explain
   constexpr Eigen::Index kMany = 20000;
   const LeastSquaresProblem problem(task.model, task.measurements, complete, task.fit_options.joint.residuals);
   if (fit.identification.rms < kRounding || problem.equations() < problem.columns() + kFreedom ||
@@ -155,7 +155,7 @@ WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, co
   ParameterChoice choice =
       choose_parameters(task.model, wide.estimate.targets, task.options, {.errors = wide.estimate.errors});
   WholeFit result{.identification = wide,
-                  .weights = {},
+                  .robust = {},
                   .reduction = std::move(choice.reduction),
                   .candidates = parameters_of(task, choice.free, candidates),
                   .free = {}};
@@ -215,7 +215,7 @@ void hide_in_noise(const FitTask& task, WholeFit& fit) {
   WholeFit seen{.reduction = std::move(choice.reduction), .candidates = candidates};
   Fitted fitted = identify_in_gauge(task, candidates, seen.free, Steps::any);
   seen.identification = std::move(fitted.identification);
-  seen.weights = std::move(fitted.weights);
+  seen.robust = std::move(fitted.robust);
   if (arrived(seen.identification) && seen.identification.rms <= kCost * fit.identification.rms) {
     put_before(fit.identification, seen.identification);
     fit = std::move(seen);
@@ -236,7 +236,7 @@ WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const Unk
   const bool may_go_on = chosen && task.fit_options.loss == Loss::none && as_asked;
   Fitted fitted = identify_in_gauge(task, candidates, result.free, may_go_on ? Steps::plain : Steps::any);
   result.identification = std::move(fitted.identification);
-  result.weights = std::move(fitted.weights);
+  result.robust = std::move(fitted.robust);
   if (may_go_on) {
     const Unknowns complete = parameters_of(task, choice.complete, candidates);
     if (!arrived(result.identification) || has_more_to_explain(task, complete, result)) {

@@ -17,9 +17,15 @@ struct FitTask {
   const FitOptions& fit_options;
 };
 
+/// Of a fit with a robust loss; no weights without one.
+struct RobustRows {
+  std::vector<double> weights;  ///< of each observation
+  double scale = 0.0;           ///< 1 sigma of a whitened coordinate, by the median of the residuals
+};
+
 struct WholeFit {
   Identification identification;
-  std::vector<double> weights;  ///< of each observation, where a robust loss was used
+  RobustRows robust;
   Reduction reduction;
   Unknowns candidates;  ///< what the targets could show
   Unknowns free;        ///< what the measurements tell of it, and was estimated

@@ -52,6 +52,7 @@ struct Arguments {
   std::vector<double> noise_common;
   std::vector<double> tracker;
   std::string predict_at;
+  std::string config;  // the file of options, where there is one
   bool force = false;
   bool json = false;
 };
@@ -92,7 +93,7 @@ std::vector<HashedFile> files_read(const Arguments& arguments, const Robot& robo
   for (const auto& [role, path] :
        {std::pair{"measurements", &measured.measurements}, std::pair{"joint-convention", &measured.joint_convention},
         std::pair{"known-base", &measured.known_base}, std::pair{"known-targets", &measured.known_targets},
-        std::pair{"predict-at", &arguments.predict_at}}) {
+        std::pair{"predict-at", &arguments.predict_at}, std::pair{"config", &arguments.config}}) {
     if (!path->empty()) {
       files.push_back({.role = role, .path = *path, .sha256 = sha256_of_file(*path)});
     }
@@ -372,7 +373,12 @@ Subcommand add_calibrate(CLI::App& parser) {
   add_json_flag(*app, arguments->json);
   add_groups(*app);
   add_example(*app, "kdlcal calibrate --measurements measurements.csv --output calibrated.urdf --result result.json");
-  return {.app = app, .run = [arguments] { return run(*arguments); }};
+  const auto take_part = [arguments, &parser] {
+    const CLI::Option* config = parser.get_config_ptr();
+    arguments->config = config->count() > 0 ? config->as<std::string>() : "";
+    return run(*arguments);
+  };
+  return {.app = app, .run = take_part};
 }
 
 }  // namespace kdl_calibration::cli

@@ -15,6 +15,7 @@
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
@@ -156,6 +157,47 @@ TEST(Calibration, CompleteModelFitsAsWellAndNamesItsGauge) {
   EXPECT_EQ(complete.identifiability.rank, 33);
   EXPECT_EQ(static_cast<int>(complete.fixed_by_gauge.size()), complete.identifiability.columns - 33);
   EXPECT_NEAR(complete.train.after.rms, irreducible.train.after.rms, 1e-9);
+}
+
+// Errors in units of the usual ones, and the directions in which nothing is seen, in the same units.
+struct OpenErrors {
+  Eigen::VectorXd errors;
+  Eigen::MatrixXd open;
+
+  OpenErrors(const Calibration& found, const Measurements& measured, const Unknowns& columns) {
+    const Estimate& estimate = found.identification.estimate;
+    const LeastSquaresProblem problem(found.model, measured, columns);
+    open = undetermined_directions(problem.whitened_summary(estimate).triangle);
+    errors = Eigen::VectorXd::Zero(columns.size());
+    for (Eigen::Index c = 0; c < columns.size(); ++c) {
+      const Unknown& unknown = columns.columns()[static_cast<std::size_t>(c)];
+      const bool geometric = unknown.group == UnknownGroup::geometric;
+      const double usual = unknown.length ? 0.003 : 0.005;
+      errors[c] = geometric ? Unknowns::value(estimate, unknown) / usual : 0.0;
+      open.row(c) *= geometric ? 1.0 / usual : 0.0;
+    }
+  }
+};
+
+TEST(Calibration, CompleteModelHasTheSmallestErrorsOfAllThatAreAsGood) {
+  for (const double sigma : {0.0, 3e-5}) {
+    const Simulated s(7, sigma);
+    const Calibration irreducible = calibrate(s.model, s.measured);
+    const Calibration complete = calibrate(s.model, s.measured, {.model = ModelChoice::complete});
+    EXPECT_TRUE(complete.minimum_norm);
+    EXPECT_FALSE(irreducible.minimum_norm);
+    EXPECT_THAT(complete.warnings, Contains(HasSubstr("so that the errors are smallest")));
+    const OpenErrors smallest(complete, s.measured, complete.candidates);
+    const OpenErrors other(irreducible, s.measured, complete.candidates);
+    EXPECT_EQ(smallest.open.cols(), complete.identifiability.columns - 33);
+    // At the smallest sum of squares it does not change along what is open.
+    const Eigen::VectorXd slope = smallest.open.transpose() * smallest.errors;
+    EXPECT_LT(slope.cwiseAbs().maxCoeff(), 1e-6 * smallest.open.norm() * smallest.errors.norm());
+    EXPECT_GT((other.open.transpose() * other.errors).cwiseAbs().maxCoeff(),
+              1e-3 * other.open.norm() * other.errors.norm());
+    EXPECT_LT(smallest.errors.norm(), 0.99 * other.errors.norm());
+    EXPECT_LT(complete.train.after.rms, (1.0 + 1e-9) * irreducible.train.after.rms + 1e-12);
+  }
 }
 
 TEST(Calibration, NamesTiedParametersWhenAllConfigurationsAreAlike) {

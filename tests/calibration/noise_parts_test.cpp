@@ -7,11 +7,13 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <iostream>
+#include <optional>
 #include <string>
 
 #include "base/f_distribution.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
@@ -37,6 +39,11 @@ struct Truth {
   Vector3d common = Vector3d::Zero();
   Vector3d independent = Vector3d::Constant(30 * kMicrometre);
   NoiseModel stated = {};
+  std::optional<TrackerNoise> tracker = std::nullopt;  // instead of `independent`
+  Priors priors = {};                                  // stated as they are
+  Loss loss = Loss::none;
+  double outliers = 0.0;           // share of the rows, moved by 20 sigma along every axis
+  double orientation_sigma = 0.0;  // [rad] where orientations are measured
 };
 
 Vector3d normal_vector(Random& random) {
@@ -53,13 +60,18 @@ struct Trial {
 
 Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
   Random random(97, seed);
-  const auto targets = published_targets(truth.targets);
+  std::vector<TargetFrame> targets = published_targets(truth.targets);
+  for (TargetFrame& target : targets) {
+    target.with_orientation = truth.orientation_sigma > 0.0;
+  }
   const Unknowns free(model, targets, reduced_model(model, targets).kept);
   Trial result{.robot = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random),
                .measured = {},
                .ranges = published_ranges(model.joints)};
   const MatrixXd q = random_configurations(result.ranges, truth.configurations, random);
-  result.measured = measure(result.robot, q, {.repeats = truth.repeats}, random);
+  result.measured = measure(
+      result.robot, q,
+      {.orientation_sigma = truth.orientation_sigma, .repeats = truth.repeats, .tracker = truth.tracker}, random);
   std::map<int, Vector3d> of_configuration;
   std::map<std::pair<int, int>, Vector3d> of_target;
   std::map<std::pair<int, int>, Vector3d> of_repeat;
@@ -76,6 +88,9 @@ Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
     o.position += draw(of_target, std::pair(o.configuration, o.target), truth.target_misfit);
     o.position += draw(of_repeat, std::pair(o.configuration, o.repeat), 1.0).cwiseProduct(truth.common);
     o.position += normal_vector(random).cwiseProduct(truth.independent);
+    if (truth.outliers > 0.0 && random.uniform(0.0, 1.0) < truth.outliers) {
+      o.position += 20.0 * truth.independent;
+    }
   }
   return result;
 }
@@ -201,6 +216,8 @@ Coverage coverage(const Truth& truth, int runs) {
     const Trial t = trial(model, truth, static_cast<std::uint64_t>(run));
     CalibrationOptions options;
     options.noise = truth.stated;
+    options.priors = truth.priors;
+    options.loss = truth.loss;
     options.threads = 1;
     Random random(41, static_cast<std::uint64_t>(run));
     const MatrixXd fresh = random_configurations(t.ranges, 10, random);
@@ -209,8 +226,7 @@ Coverage coverage(const Truth& truth, int runs) {
       options.predict_at.names.push_back(std::to_string(i));
     }
     const Calibration found = calibrate(model, t.measured, options);
-    const Eigen::AngleAxisd base(t.robot.truth.X_WB.linear());
-    const Vector3d rotation = base.angle() * base.axis();
+    const Vector3d rotation = rotation_log(t.robot.truth.X_WB.linear());
     for (const ParameterEstimate& p : found.parameters) {
       if (!p.identifiable) {
         continue;
@@ -221,7 +237,8 @@ Coverage coverage(const Truth& truth, int runs) {
         true_value = p.kind == "translation" ? t.robot.truth.X_WB.translation()[axis] : rotation[axis];
       } else if (p.joint.empty()) {
         const auto k = static_cast<std::size_t>(p.name[0] - 'A');
-        true_value = t.robot.truth.targets[k].X_FT.translation()[p.axis[0] - 'x'];
+        const Eigen::Isometry3d& X_FT = t.robot.truth.targets[k].X_FT;
+        true_value = (p.kind == "translation" ? X_FT.translation() : rotation_log(X_FT.linear()))[p.axis[0] - 'x'];
       } else {
         true_value = p.nominal + t.robot.truth.errors[static_cast<Index>(parameter_index(model, p.name))];
       }
@@ -236,8 +253,16 @@ Coverage coverage(const Truth& truth, int runs) {
                                             t.robot.truth.targets[k].X_FT.translation());
       real += truth.misfit * normal_vector(random) + truth.target_misfit * normal_vector(random);
       real += normal_vector(random).cwiseProduct(truth.common) + normal_vector(random).cwiseProduct(truth.independent);
+      if (truth.tracker) {
+        const Observation there{.position = real};
+        const Eigen::LLT<Eigen::Matrix3d> root(point_covariance({.tracker = truth.tracker}, there));
+        real += root.matrixL() * normal_vector(random);
+      }
       result.radius += (real - point.position_W).norm() <= point.radius_95 ? 1.0 : 0.0;
       points += 1.0;
+    }
+    if (truth.tracker) {
+      continue;
     }
     const double total = truth.misfit * truth.misfit + truth.target_misfit * truth.target_misfit +
                          (truth.common.squaredNorm() + truth.independent.squaredNorm()) / 3.0;
@@ -252,6 +277,7 @@ std::vector<Truth> truths() {
   const Vector3d repeat = Vector3d(58, 59, 31) * kMicrometre;
   const Vector3d point = Vector3d::Constant(11 * kMicrometre);
   const NoiseModel stated{.independent = Vector3d::Constant(30 * kMicrometre)};
+  const TrackerNoise tracker{.range = 1e-5, .transverse = 5 * kMicrometre, .transverse_per_metre = 2e-5};
   return {{.name = "30 x 3"},
           {.name = "30 x 3 stated", .stated = stated},
           {.name = "12 x 3", .configurations = 12},
@@ -270,7 +296,14 @@ std::vector<Truth> truths() {
            .misfit = 1e-4,
            .target_misfit = 5e-5,
            .common = repeat,
-           .independent = point}};
+           .independent = point},
+          {.name = "tracker", .independent = Vector3d::Zero(), .stated = {.tracker = tracker}, .tracker = tracker},
+          {.name = "right priors", .priors = {.length = 0.001, .angle = 0.001}},
+          {.name = "poses", .orientation_sigma = 2e-4},
+          {.name = "Huber", .loss = Loss::huber},
+          {.name = "Tukey", .loss = Loss::tukey},
+          {.name = "Huber, outliers", .loss = Loss::huber, .outliers = 0.05},
+          {.name = "Tukey, outliers", .loss = Loss::tukey, .outliers = 0.05}};
 }
 
 void expect_coverage(int runs, double tolerance) {

@@ -549,6 +549,7 @@ void expect_fit(Expected& expected, const Case& c) {
                    Eigen::Map<const Eigen::VectorXd>(history.data(), static_cast<Eigen::Index>(history.size())));
   expected.numbers("/singular_values", found.identifiability.singular_values);
   expected.texts("/fixed_by_gauge", found.fixed_by_gauge);
+  expected.is("/minimum_norm", found.minimum_norm);
   const auto groups = [&](const std::string& path, const std::vector<std::vector<std::string>>& names) {
     for (std::size_t i = 0; i < names.size(); ++i) {
       expected.texts(path + "/" + std::to_string(i), names[i]);
@@ -1451,7 +1452,9 @@ void expect_errors(std::vector<std::string>& lines, const Case& c) {
     if (parameter.identifiable) {
       line += "+- " + decimals(t_quantile(parameter.degrees_of_freedom) * parameter.std * factor, digits);
     } else {
-      line += parameter.gauge ? "held, gauge" : parameter.std > 0.0 ? "not determined" : "fixed";
+      line += parameter.gauge       ? (parameter.error == 0.0 ? "held, gauge" : "by gauge")
+              : parameter.std > 0.0 ? "not determined"
+                                    : "fixed";
     }
     lines.push_back(line);
   }

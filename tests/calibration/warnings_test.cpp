@@ -177,6 +177,15 @@ Calibration with_test_rows_of_another_robot() {
   return s.calibrated();
 }
 
+Calibration with_priors(double size) { return Series().calibrated({.priors = {.length = size, .angle = size}}); }
+
+Calibration with_few_rows(int configurations) {
+  Series s(4, {.sigma = kNoise}, published_targets(1));
+  const Eigen::MatrixXd q = s.measured.joint_values.leftCols(configurations);
+  s.measure_at(q);
+  return s.calibrated();
+}
+
 std::vector<Scenario> scenarios() {
   const std::string gauge =
       R"( \(errors at zero, frames as registered\); predictions hold where it was measured, single parameters do not)";
@@ -212,6 +221,20 @@ std::vector<Scenario> scenarios() {
        Termination::rank_deficient,
        {"not_determined"},
        {"the measurements do not depend on dq6", "fixed by gauge: dq6" + gauge}},
+      {"priors as large as the errors", [] { return with_priors(0.001); }, Termination::converged, {}, {}},
+      {"priors a tenth of the errors",
+       [] { return with_priors(0.0001); },
+       Termination::converged,
+       {},
+       {"the estimated errors are [0-9.]+ times as large as the priors expect and were held too close to nominal; "
+        "state "
+        "larger priors, or none"}},
+      {"nine residual degrees of freedom",
+       [] { return with_few_rows(12); },
+       Termination::converged,
+       {},
+       {"few data: all uncertainties rest on 9 degrees of freedom; measure more configurations or state the noise"}},
+      {"twelve residual degrees of freedom", [] { return with_few_rows(13); }, Termination::converged, {}, {}},
       {"outside the limits",
        outside_the_limits,
        Termination::converged,

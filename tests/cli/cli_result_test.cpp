@@ -86,6 +86,18 @@ TEST_F(CalibrateResult, NamesWhatItWasMadeFromAndWhatElseWasWritten) {
   EXPECT_TRUE(text_of("r.json") == first) << "the same input gave other bytes";
 }
 
+TEST_F(CalibrateResult, NamesTheFileThatItsOptionsCameFrom) {
+  write("options.toml", "[calibrate]\nnoise = \"equal\"\n");
+  Words command = calibrate({"--result", "r.json"});
+  command.insert(command.begin(), {"--config", "options.toml"});
+  ASSERT_EQ(run(command).status, 0);
+  const Json files = json_of("r.json")["provenance"]["files_read"];
+  ASSERT_EQ(files.size(), 3U);
+  EXPECT_EQ(files[2]["role"], "config");
+  EXPECT_EQ(files[2]["sha256"], sha256(text_of("options.toml")));
+  EXPECT_EQ(json_of("r.json")["noise"]["model"], "residuals");
+}
+
 TEST_F(CalibrateResult, RefusesNotesThatAreNone) {
   expect_refused(calibrate({"--note", "serial"}), {"--note", "'serial'", "key=value"});
   expect_refused(calibrate({"--note", "=5"}), {"--note", "'=5'", "key=value"});

@@ -1,0 +1,49 @@
+#include "kdl_calibration/pseudo_values.hpp"
+
+#include <cmath>
+
+#include "kdl_calibration/prediction.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+constexpr double kLeastWeight = 1e-6;
+
+// A third of the divergence of w(r) r in three dimensions, w + r w' / 3, where the loss gives the weight w.
+double slope(Loss loss, double w) {
+  switch (loss) {
+    case Loss::none:
+      break;
+    case Loss::huber:  // w = k / r
+      return w < 1.0 ? 2.0 / 3.0 * w : 1.0;
+    case Loss::tukey: {  // w = t^2, t = 1 - (r / k)^2
+      const double t = std::sqrt(w);
+      return t * t - 4.0 / 3.0 * t * (1.0 - t);
+    }
+  }
+  return 1.0;
+}
+
+}  // namespace
+
+PseudoValues pseudo_values(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
+                           Loss loss, const std::vector<double>& weights) {
+  PseudoValues result{.measurements = measurements, .row_weights = {}};
+  double sum = 0.0;
+  for (std::size_t row = 0; row < weights.size(); ++row) {
+    const bool counts = measurements.observations[row].split == Split::train && weights[row] > kLeastWeight;
+    sum += counts ? slope(loss, weights[row]) : 0.0;
+    result.rows += counts ? 1.0 : 0.0;
+    result.row_weights.push_back(weights[row] > kLeastWeight ? 1.0 : kLeastWeight);
+  }
+  const double B = result.rows > 0.0 ? sum / result.rows : 1.0;
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
+  for (std::size_t row = 0; row < weights.size(); ++row) {
+    Observation& o = result.measurements.observations[row];
+    const Eigen::Vector3d predicted = predicted_point(estimate, X_BF, o);
+    o.position = predicted + weights[row] / B * (o.position - predicted);
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,61 @@
+#include "calibration/minimum_norm.hpp"
+
+#include <Eigen/Dense>
+#include <utility>
+
+#include "kdl_calibration/covariance.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// Of every column its error in usual ones; zero of frames, targets and deflections.
+VectorXd weights(const ErrorModel& model, const Unknowns& candidates) {
+  VectorXd result = VectorXd::Zero(candidates.size());
+  const ColumnRange geometric = candidates.range(UnknownGroup::geometric);
+  for (Index c = geometric.first; c < geometric.end(); ++c) {
+    const Unknown& unknown = candidates.columns()[static_cast<std::size_t>(c)];
+    result[c] = 1.0 / usual_error(model, model.parameters[unknown.index]);
+  }
+  return result;
+}
+
+}  // namespace
+
+bool take_smallest_errors(const FitTask& task, const ResidualOptions& residuals, WholeFit& fit) {
+  constexpr int kMostRounds = 10;
+  constexpr double kSettled = 1e-9;  // of a usual error
+  constexpr double kWorse = 1e-9;    // of the misfit
+  if (fit.free == fit.candidates || !arrived(fit.identification)) {
+    return false;
+  }
+  const LeastSquaresProblem problem(task.model, task.measurements, fit.candidates, residuals);
+  const VectorXd S = weights(task.model, fit.candidates);
+  Identification found = fit.identification;
+  for (int round = 0; round < kMostRounds; ++round) {
+    const MatrixXd open = undetermined_directions(problem.whitened_summary(found.estimate).triangle);
+    VectorXd errors(S.size());
+    for (Index c = 0; c < S.size(); ++c) {
+      errors[c] = S[c] * Unknowns::value(found.estimate, fit.candidates.columns()[static_cast<std::size_t>(c)]);
+    }
+    const MatrixXd along = S.asDiagonal() * open;
+    const VectorXd move = -open * along.completeOrthogonalDecomposition().solve(errors);
+    const Identification next = identify_jointly(
+        task.model, task.measurements, fit.candidates.moved(found.estimate, move), fit.free, {.residuals = residuals});
+    if (!arrived(next) || next.rms > (1.0 + kWorse) * fit.identification.rms + 1e-10) {
+      return false;
+    }
+    found.estimate = next.estimate;
+    found.rms = next.rms;
+    if (!(S.cwiseProduct(move).norm() > kSettled)) {
+      break;
+    }
+  }
+  fit.identification = std::move(found);
+  return true;
+}
+
+}  // namespace kdl_calibration

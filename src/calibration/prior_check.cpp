@@ -1,0 +1,29 @@
+#include "calibration/prior_check.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/f_distribution.hpp"
+#include "calibration/noise_report.hpp"
+
+namespace kdl_calibration {
+
+double excess_over_priors(const Calibration& found) {
+  constexpr double kKnown = 1e9;  // degrees of freedom of what is stated
+  const Eigen::VectorXd information = found.free.prior_information(found.priors);
+  double squares = 0.0;
+  double expected = 0.0;
+  for (Eigen::Index c = 0; c < information.size(); ++c) {
+    if (information[c] > 0.0 && std::isfinite(found.covariance(c, c))) {
+      const double value =
+          Unknowns::value(found.identification.estimate, found.free.columns()[static_cast<std::size_t>(c)]);
+      squares += information[c] * value * value;
+      expected += std::max(1.0 - information[c] * found.covariance(c, c), 0.0);
+    }
+  }
+  const double ratio = expected > 0.0 ? squares / expected : 1.0;
+  const bool contradicted = ratio > 1.0 && f_upper_tail(ratio, expected, kKnown) < kMisfitCertain;
+  return contradicted ? std::sqrt(ratio) : 1.0;
+}
+
+}  // namespace kdl_calibration
