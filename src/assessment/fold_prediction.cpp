@@ -61,6 +61,7 @@ public:
         determined_(R_.diagonal().cwiseAbs().cwiseProduct(unit_scale(R_)).minCoeff() > kSingular),
         system_(problem_.model, problem_.measurements, problem_.free, problem_.options.joint.residuals),
         systems_(system_, problem_.measurements, problem_.options.joint.residuals, problem_.start, R_),
+        X_BF_(flange_poses(problem_.model, problem_.start, problem_.measurements.joint_values)),
         means_(averaged(problem_.measurements)) {
     for (auto& [configuration, rows] : rows_by_configuration(problem_.measurements)) {
       rows_[configuration] = std::move(rows);
@@ -111,9 +112,7 @@ private:
     const Eigen::PartialPivLU<MatrixXd> to_metres(system.U);
     const VectorXd left = to_metres.solve(VectorXd(system.e - system.B * without.step));
     const MatrixXd J = to_metres.solve(system.B);
-    const auto q = problem_.measurements.joint_values.col(configuration);
-    const Matrix3d R_WF =
-        problem_.start.X_WB.linear() * flange_poses(problem_.model, problem_.start, q).front().linear();
+    const Matrix3d R_WF = problem_.start.X_WB.linear() * X_BF_[static_cast<std::size_t>(configuration)].linear();
     for (std::size_t i = 0; i < system.targets.size(); ++i) {
       const auto first = static_cast<Index>(3 * i);
       const auto rows = J.middleRows<3>(first);
@@ -169,6 +168,7 @@ private:
   bool determined_;
   LeastSquaresProblem system_;
   ConfigurationSystems systems_;
+  std::vector<Eigen::Isometry3d> X_BF_;
   Measurements means_;
   std::map<Index, std::vector<std::size_t>> rows_;
   std::map<Index, std::vector<std::size_t>> rows_of_means_;
