@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <functional>
 #include <optional>
 #include <string>
@@ -19,6 +20,7 @@
 #include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/suspicions.hpp"
 #include "kdl_calibration/urdf_export.hpp"
 #include "kdl_calibration/validation.hpp"
 
@@ -50,9 +52,13 @@ struct CalibrationOptions {
   std::optional<Eigen::Isometry3d> known_base;  ///< X_WB
   std::vector<TargetFrame> known_targets;
   bool leave_one_out = false;
-  bool nested = false;        ///< with leave_one_out: make every automatic choice anew without each configuration
-  int k_fold = 0;             ///< 0: none
-  int threads = 0;            ///< 0: all
+  bool nested = false;       ///< with leave_one_out: make every automatic choice anew without each configuration
+  int k_fold = 0;            ///< 0: none
+  int threads = 0;           ///< 0: all
+  bool try_readings = true;  ///< look for suspicions
+  /// That made the joint values the URDF's, and others that may have been meant: suspicions are tried with them.
+  std::optional<JointConvention> convention;
+  std::vector<JointConvention> other_conventions;
   Configurations predict_at;  ///< where the predicted accuracy is asked for
   /// Called with the share of the refits done (0 to 1), from one thread at a time.
   std::function<void(double)> progress;
@@ -149,19 +155,24 @@ struct Calibration {
   std::optional<LackOfFit> lack_of_fit;  ///< where there are repeats
   PredictedAccuracy predicted;
   std::vector<QualityFinding> findings;  ///< what is wrong with the measurements themselves, found before the fit
+  std::vector<Suspicion> suspicions;     ///< readings that would explain the measurements much better
   std::vector<double> weights;           ///< of each observation, where a robust loss was used
   double difference_to_kdl = 0.0;        ///< [m] of the flange pose at the measured configurations
   std::vector<std::string> warnings;
 
   /// A misfit beyond what any robot's geometry leaves unexplained: some input is wrong.
   bool absurd() const { return train.after.rms > 0.005; }
-  /// Whether the answer may be used as it stands: converged, determined and not absurd.
-  bool trusted() const { return identification.termination == Termination::converged && !absurd(); }
+  /// Whether the answer may be used as it stands: converged, determined, not absurd and without a better reading.
+  bool trusted() const {
+    return identification.termination == Termination::converged && !absurd() &&
+           std::none_of(suspicions.begin(), suspicions.end(), [](const Suspicion& s) { return s.doubt; });
+  }
 };
 
 /// The whole calibration: registration, reduction of the model to what the measured targets can show, choice of priors
 /// and deflections, identification, covariance, validation. No starting values are needed.
-/// Throws InputError: a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step
+/// Throws InputError: measurements that do not hold together or are another robot's, a sigma or prior that is negative
+/// or not finite, a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step
 /// with known frames, measured orientations, priors, deflections or a loss, fewer equations than unknowns, no training
 /// rows, noise from repeats without repeats, a sigma of orientations without one of positions or without orientations.
 /// Candidates that the measurements at hand cannot tell apart are fixed by the order of the reduction (base, targets,

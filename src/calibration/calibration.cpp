@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <numeric>
 #include <set>
 #include <utility>
 
@@ -19,7 +20,9 @@
 #include "calibration/variance_components.hpp"
 #include "calibration/whole_fit.hpp"
 #include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/influence.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -457,6 +460,9 @@ void add_warnings(const ErrorModel& model, const Measurements& measurements, con
   for (const QualityFinding& finding : calibration.findings) {
     warnings.push_back("measurements: " + finding.message);
   }
+  for (const Suspicion& suspicion : calibration.suspicions) {
+    warnings.push_back(suspicion.message);
+  }
   if (!ambiguity.empty()) {
     warnings.push_back("registration: " + ambiguity);
   }
@@ -485,6 +491,35 @@ constexpr double kLeastWeight = 1e-9;  // as identify_robustly, so that nothing 
 constexpr Eigen::Index kMostConfigurationsJudged = 5000;  // one by one
 constexpr std::size_t kMostRowsScreened = 20000;          // beyond that only the distances between targets are checked
 
+// Takes away what joints that give way under gravity or have a gain explain: a finding has to stand beside those too.
+void keep_beside_deflections(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
+                             const FreeParameters& free, std::vector<QualityFinding>& found) {
+  constexpr long kEquations = 2;  // for every column
+  ErrorModel wide = model;
+  wide.deflections = gravity_deflections(model);
+  const std::vector<Deflection> gains = gain_deflections(model);
+  wide.deflections.insert(wide.deflections.end(), gains.begin(), gains.end());
+  FreeParameters all = free;
+  all.deflections.resize(wide.deflections.size());
+  std::iota(all.deflections.begin(), all.deflections.end(), std::size_t{0});
+  Estimate start = estimate;
+  start.deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(wide.deflections.size()));
+  const LeastSquaresProblem problem(wide, measurements, all);
+  if (problem.equations() < kEquations * problem.columns()) {
+    return;
+  }
+  const RobustIdentification fit = identify_robustly(wide, measurements, start, all, Loss::tukey);
+  if (fit.fit.termination != Termination::converged) {
+    return;
+  }
+  const std::vector<QualityFinding> again = check_measurements(wide, measurements, fit.fit.estimate);
+  std::erase_if(found, [&](const QualityFinding& finding) {
+    return std::none_of(again.begin(), again.end(), [&](const QualityFinding& other) {
+      return other.kind == finding.kind && other.targets == finding.targets;
+    });
+  });
+}
+
 // What is wrong with the measurements themselves, by the distances between targets and by a preliminary fit that
 // survives it.
 std::vector<QualityFinding> findings(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
@@ -500,7 +535,11 @@ std::vector<QualityFinding> findings(const ErrorModel& model, const Measurements
   if (preliminary.fit.termination != Termination::converged) {
     return check_distances(measurements);
   }
-  return check_measurements(model, measurements, preliminary.fit.estimate);
+  std::vector<QualityFinding> found = check_measurements(model, measurements, preliminary.fit.estimate);
+  if (!found.empty()) {
+    keep_beside_deflections(model, measurements, preliminary.fit.estimate, free, found);
+  }
+  return found;
 }
 
 // The best that a URDF can carry where deflections were fitted: a fit without them, with the priors that are best for
@@ -569,6 +608,26 @@ void validate_result(const Measurements& measurements, const Estimate& start, co
   }
 }
 
+// What the whole of the data may be taken for. Where the base moved no target is accused of it.
+void suspect(const Measurements& measurements, const CalibrationOptions& options,
+             const RegistrationOptions& registration_options, Calibration& result) {
+  if (!options.try_readings) {
+    return;
+  }
+  result.suspicions = suspicions(result.model, measurements, result.identification.estimate, result.free,
+                                 {.registration = registration_options,
+                                  .used = options.convention ? &*options.convention : nullptr,
+                                  .others = options.other_conventions,
+                                  .threads = options.threads});
+  const bool moved = std::any_of(result.suspicions.begin(), result.suspicions.end(), [](const Suspicion& suspicion) {
+    return suspicion.cause == "moved_base" || suspicion.cause == "drift";
+  });
+  if (moved) {
+    std::erase_if(result.findings,
+                  [](const QualityFinding& finding) { return finding.kind == QualityKind::slipped_target; });
+  }
+}
+
 // Tells how many of the refits are done.
 std::function<void()> counted_fits(const Measurements& measurements, const CalibrationOptions& options) {
   if (!options.progress) {
@@ -595,10 +654,13 @@ std::function<void()> counted_fits(const Measurements& measurements, const Calib
 }  // namespace
 
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
-  require_training_rows(measurements);
-  require_comparable_orientations(measurements, options);
   const RegistrationOptions registration_options{.known_base = options.known_base,
                                                  .known_targets = options.known_targets};
+  check(measurements, model);
+  check(registration_options);
+  check({.priors = options.priors, .noise = options.noise, .row_weights = {}}, measurements);
+  require_training_rows(measurements);
+  require_comparable_orientations(measurements, options);
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   const Registration registration = register_base_and_targets(
       flange_poses(folded(model, nominal), measurements.joint_values), measurements, registration_options);
@@ -696,12 +758,17 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   if (measurements.joint_values.cols() <= kMostConfigurationsJudged) {
     result.influence = influence(result.model, measurements, estimate, result.free, residuals, system.triangle);
   }
+  suspect(measurements, options, registration_options, result);
   result.difference_to_kdl = difference_to_kdl(model, estimate.errors, measurements.joint_values);
   add_warnings(model, measurements, registration.message, result);
   return result;
 }
 
 std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const Eigen::VectorXd& errors) {
+  if (errors.size() != static_cast<Eigen::Index>(model.parameters.size()) || !errors.allFinite()) {
+    throw InputError("corrections of joint origins: " + std::to_string(errors.size()) + " errors, expected " +
+                     std::to_string(model.parameters.size()) + " that are finite");
+  }
   std::vector<OriginCorrection> corrections;
   for (int frame = 0; frame <= static_cast<int>(model.joints.size()); ++frame) {
     const KDL::Frame correction = frame_correction(model, errors, frame);
