@@ -1,5 +1,4 @@
 #include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 
 #include <functional>
@@ -114,6 +113,8 @@ ExitStatus run(const Arguments& arguments) {
   const ErrorModel model = complete_model(robot);
   const Measurements measurements = read(arguments.measurements, robot);
   CalibrationOptions options = calibration_options(arguments, measurements);
+  options.convention = convention_of(arguments.measurements);
+  options.other_conventions = conventions_at_hand(arguments.measurements);
   if (!arguments.predict_at.empty()) {
     options.predict_at = configurations_of(arguments.predict_at, arguments.measurements, robot);
   }
@@ -124,25 +125,15 @@ ExitStatus run(const Arguments& arguments) {
     options.progress = std::ref(progress);
     calibration = calibrate(model, measurements, options);
   }
-  std::string hint;
-  if (!calibration.trusted() && calibration.identification.termination != Termination::rank_deficient) {
-    FreeParameters free = calibration.free;
-    free.deflections.clear();
-    hint = better_convention(arguments.measurements, model, measurements, free, calibration.train.after.rms);
-  }
-  if (!hint.empty()) {
-    calibration.warnings.push_back(hint);
-  }
   const std::string result = result_json(robot, measurements, options, calibration);
   for (OutputFile& file : files) {
     file.text = file.option == "--result" ? result : calibrated_urdf(robot, model, calibration.rigid_errors);
   }
-  write_whole(files, arguments.force);
-  print(arguments.json ? result : result_table(measurements, calibration));
+  write_whole(files, arguments.force, arguments.json ? result : result_table(measurements, calibration));
   for (const std::string& warning : calibration.warnings) {
     warn(warning);
   }
-  const bool trusted = calibration.trusted() && hint.empty();
+  const bool trusted = calibration.trusted();
   if (!trusted && !arguments.output.empty()) {
     warn(arguments.output + " comes from an answer that is not to be trusted; the file itself does not say so");
   }

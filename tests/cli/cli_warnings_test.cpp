@@ -77,9 +77,8 @@ protected:
 const std::string kNotTrusted = "the answer is not to be trusted: ";
 const std::string kFileDoesNotSaySo =
     R"(c\.urdf comes from an answer that is not to be trusted; the file itself does not say so)";
-const std::string kHint =
-    R"( the joint values leave a misfit of [0-9.]+ mm; the convention fanuc_r2000ic_165f_serial\.json fits, )"
-    R"(with 0\.[0-9]+ mm; nothing was switched)";
+const std::string kHint = R"(as they were read the measurements leave a misfit of [0-9.]+ mm; with the convention )"
+                          R"(fanuc_r2000ic_165f_serial\.json it is [0-9.]+ mm; nothing was switched)";
 
 TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
   write("m.csv", measurements_csv(measured));
@@ -128,7 +127,7 @@ TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
   EXPECT_EQ(outcome.status, 1) << outcome.err;
   const std::vector<std::string> lines = lines_of(outcome.err);
   ASSERT_GE(lines.size(), 3U) << outcome.err;
-  EXPECT_THAT(lines[lines.size() - 2], MatchesRegex(kWarning + "with the joint convention " + kPendant + kHint));
+  EXPECT_THAT(lines, ::testing::Contains(MatchesRegex(kWarning + kHint)));
   EXPECT_THAT(lines.back(), MatchesRegex(kWarning + kFileDoesNotSaySo));
   // All but what concerns the other file stands in the result.
   const nlohmann::json warnings = json_of("r.json")["warnings"];
@@ -208,22 +207,19 @@ TEST_F(CommandLineWarnings, ValidateSaysWhereTheBaseIsLeftOpen) {
 
 TEST_F(CommandLineWarnings, ValidateDoubtsAnotherJointConvention) {
   write("serial.csv", controller_csv(measured, kSerial));
-  expect({"validate", "--measurements", "serial.csv", "--joint-convention", kPendant}, 1,
-         {"with the joint convention " + kPendant +
-          R"( the joint values leave a misfit of [0-9.]+ mm; the convention fanuc_r2000ic_165f_serial\.json fits, )"
-          R"(with [0-9]\.[0-9]+ mm; nothing was switched)"});
+  expect({"validate", "--measurements", "serial.csv", "--joint-convention", kPendant}, 1, {kHint});
   Measurements flipped = measured;
   flipped.joint_values.row(1) *= -1.0;
   write("flipped.csv", measurements_csv(flipped));
   expect({"validate", "--measurements", "flipped.csv"}, 1,
-         {"as they were read the joint values leave a misfit of [0-9.]+ mm; joint_2 with the opposite sign fits, "
-          "with [0-9.]+ mm; nothing was switched"});
+         {"as they were read the measurements leave a misfit of [0-9.]+ mm; with joint_2 with the opposite sign it "
+          "is [0-9.]+ mm; nothing was switched"});
   for (Observation& observation : flipped.observations) {
     observation.split = Split::test;
   }
   write("flipped.csv", measurements_csv(flipped));
   expect({"validate", "--measurements", "flipped.csv", "--json"}, 1,
-         {"flipped\\.csv: no train rows, .*", "as they were read .* joint_2 with the opposite sign fits, .*"});
+         {"flipped\\.csv: no train rows, .*", "as they were read .* with joint_2 with the opposite sign it is .*"});
 }
 
 TEST_F(CommandLineWarnings, ValidateStatesTheMisfitOfBothReadings) {
@@ -234,10 +230,10 @@ TEST_F(CommandLineWarnings, ValidateStatesTheMisfitOfBothReadings) {
   const Outcome flipped = run({"validate", "--measurements", "flipped.csv", "--json"});
   const double wrong = nlohmann::json::parse(flipped.out)["position_error"]["all"]["rms"];
   std::smatch numbers;
-  ASSERT_TRUE(std::regex_search(flipped.err, numbers, std::regex("a misfit of ([0-9.]+) mm; .* with ([0-9.]+) mm;")))
+  ASSERT_TRUE(std::regex_search(flipped.err, numbers, std::regex("a misfit of ([0-9.]+) mm; .* is ([0-9.]+) mm;")))
       << flipped.err;
   EXPECT_NEAR(std::stod(numbers[1]), wrong * 1e3, 0.01 * wrong * 1e3);
-  EXPECT_NEAR(std::stod(numbers[2]), right * 1e3, 0.01 * right * 1e3);
+  EXPECT_NEAR(std::stod(numbers[2]), right * 1e3, 0.05);
 }
 
 // ---- fk, jacobian, plan --------------------------------------------------------------------------------------------
