@@ -291,6 +291,7 @@ TEST(ParametersOfRealArmsOnRealData, AToolThatHardlyTurnsIsFittedInFewIterations
   EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
   EXPECT_LT(found.identification.iterations, 30);
   EXPECT_LT(found.train.after.rms, 0.00014);
+  EXPECT_LT(found.identification.estimate.targets[0].X_FT.translation().norm(), 0.3);
   for (std::size_t i = 1; i < found.identification.rms_history.size(); ++i) {
     EXPECT_LE(found.identification.rms_history[i], found.identification.rms_history[i - 1]) << i;
   }
