@@ -100,7 +100,7 @@ public:
       configurations.insert(observation(visit.front()).configuration);
     }
     const double taken = std::max(3.0 * points_ - freedom_ - 3.0 * targets, 0.0);
-    return 3.0 * static_cast<double>(configurations.size()) - taken;
+    return std::min(3.0 * static_cast<double>(configurations.size()) - taken, freedom_);
   }
   int configuration(Index visit) const { return observation(rows(visit).front()).configuration; }
   const std::vector<std::size_t>& rows(Index visit) const { return visits_[static_cast<std::size_t>(visit)]; }
@@ -198,7 +198,8 @@ constexpr double kFalseAlarm = 1e-5;
 double chance(const OrderedResiduals& residuals, double freedom, const Gain& gain) {
   const double rest = freedom - gain.freedom;
   const double left = std::max(residuals.squares() - gain.squares, 1e-12 * residuals.squares());
-  if (!(rest > 0.0) || !(gain.freedom > 0.0) || !(left > 0.0)) {
+  constexpr double kFewest = 5.0;  // that say how large the rest is
+  if (rest < kFewest || !(gain.freedom > 0.0) || !(left > 0.0)) {
     return 1.0;
   }
   return f_upper_tail(gain.squares / gain.freedom / left * rest, gain.freedom, rest);
