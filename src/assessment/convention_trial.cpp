@@ -5,10 +5,12 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <numbers>
 #include <utility>
 
+#include "assessment/trial_fit.hpp"
 #include "base/parallel.hpp"
-#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/mimic.hpp"
 
@@ -21,6 +23,8 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kDegree = std::numbers::pi / 180.0;
+constexpr double kMillimetre = 0.001;
 
 // The joint values of the file, and the convention that made them the URDF's.
 struct Reading {
@@ -28,8 +32,11 @@ struct Reading {
   VectorXd offset;
 };
 
-ConventionTrial trial(std::string description, const MatrixXd& controller_values, const Reading& reading) {
-  return {.description = std::move(description),
+ConventionTrial trial(const char* cause, std::string description, const MatrixXd& controller_values,
+                      const Reading& reading) {
+  return {.cause = cause,
+          .description = std::move(description),
+          .registered = kInfinity,
           .rms = kInfinity,
           .joint_values = (reading.matrix * controller_values).colwise() + reading.offset};
 }
@@ -67,77 +74,149 @@ std::optional<Reading> reading_of(const JointConvention& convention, const std::
   return reading;
 }
 
-std::vector<ConventionTrial> readings(const std::vector<std::string>& names, const MatrixXd& joint_values,
-                                      const JointConvention* used, const std::vector<JointConvention>& others) {
-  const auto joints = static_cast<Index>(names.size());
-  Reading present{.matrix = MatrixXd::Identity(joints, joints), .offset = VectorXd::Zero(joints)};
-  if (used != nullptr) {
-    const JointConvention ordered = matched_convention(*used, names);
-    present = {.matrix = ordered.matrix, .offset = ordered.offset};
-  }
-  const MatrixXd controller = present.matrix.partialPivLu().solve(joint_values.colwise() - present.offset);
-  std::vector<ConventionTrial> trials = {
-      trial(used != nullptr ? named(*used) : "the joint values as they are", controller, present)};
-  trials.front().present = true;
-  const auto consider = [&](ConventionTrial candidate) {
-    if (std::none_of(trials.begin(), trials.end(), [&](const auto& other) { return same_reading(other, candidate); })) {
-      trials.push_back(std::move(candidate));
+// Collects readings of the controller's joint values that differ from each other.
+class Readings {
+public:
+  Readings(const std::vector<MovingJoint>& joints, const MatrixXd& joint_values, const JointConvention* used)
+      : names_(independent_joint_names(joints)), used_(used) {
+    for (const std::size_t i : independent_joints(joints)) {
+      joints_.push_back(joints[i]);
     }
-  };
-  for (const JointConvention& other : others) {
-    if (const auto reading = reading_of(other, names, used)) {
-      consider(trial(named(other), controller, *reading));
+    present_ = as_they_are();
+    if (used != nullptr) {
+      const JointConvention ordered = matched_convention(*used, names_);
+      present_ = {.matrix = ordered.matrix, .offset = ordered.offset};
     }
+    parallel_ = parallel_to_the_one_before(joints);
+    controller_ = present_.matrix.partialPivLu().solve(joint_values.colwise() - present_.offset);
+    trials_.push_back(
+        trial("", used != nullptr ? named(*used) : "the joint values as they are", controller_, present_));
+    trials_.front().present = true;
   }
-  if (used != nullptr) {
-    consider(trial("the joint values as they are", controller,
-                   {.matrix = MatrixXd::Identity(joints, joints), .offset = VectorXd::Zero(joints)}));
-  }
-  for (Index j = 0; j < joints; ++j) {
-    Reading flipped = present;
-    flipped.matrix.row(j) *= -1.0;
-    consider(trial(names[static_cast<std::size_t>(j)] + " with the opposite sign", controller, flipped));
-  }
-  for (Index j = 0; used != nullptr && j < joints; ++j) {
-    Reading flipped = present;
-    flipped.matrix.col(j) *= -1.0;
-    consider(
-        trial("the controller's " + used->controller_joints[static_cast<std::size_t>(j)] + " with the opposite sign",
-              controller, flipped));
-  }
-  return trials;
-}
 
-// Errors that no robot has: with enough of them a wrong reading may fit, e.g. the fifth joint's opposite sign as half a
-// turn of the fourth and the sixth.
-bool plausible(const ErrorModel& model, const VectorXd& errors) {
-  constexpr double kLargestLength = 0.05;  // [m]
-  constexpr double kLargestAngle = 0.35;   // [rad]
-  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-    const double limit = is_length(model, model.parameters[p]) ? kLargestLength : kLargestAngle;
-    if (!(std::abs(errors[static_cast<Index>(p)]) < limit)) {
-      return false;
-    }
+  std::vector<ConventionTrial> all(const std::vector<JointConvention>& others) && {
+    add_conventions(others);
+    add_signs();
+    add_units();
+    add_couplings();
+    add_exchanges();
+    return std::move(trials_);
   }
-  return true;
-}
 
-double rms_of(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate) {
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
-  double sum = 0.0;
-  double count = 0.0;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      const Vector3d predicted =
-          estimate.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
-                           estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
-      sum += (observation.position - predicted).squaredNorm();
-      count += 1.0;
+private:
+  Index joint_count() const { return static_cast<Index>(names_.size()); }
+  const std::string& name(Index j) const { return names_[static_cast<std::size_t>(j)]; }
+  bool turns(Index j) const { return joints_[static_cast<std::size_t>(j)].type != JointType::prismatic; }
+  Reading as_they_are() const {
+    return {.matrix = MatrixXd::Identity(joint_count(), joint_count()), .offset = VectorXd::Zero(joint_count())};
+  }
+
+  // Of each independent joint, whether the joint in front of it is one, too, and both turn about parallel axes.
+  static std::vector<bool> parallel_to_the_one_before(const std::vector<MovingJoint>& joints) {
+    constexpr double kParallel = 1e-3;  // [rad]
+    std::vector<bool> result;
+    for (const std::size_t i : independent_joints(joints)) {
+      const bool pair = i > 0 && !joints[i - 1].mimic && joints[i].type != JointType::prismatic &&
+                        joints[i - 1].type != JointType::prismatic;
+      result.push_back(pair && (joints[i - 1].axis * (joints[i].origin.M * joints[i].axis)).Norm() < kParallel);
+    }
+    return result;
+  }
+
+  void consider(ConventionTrial candidate) {
+    if (std::none_of(trials_.begin(), trials_.end(),
+                     [&](const ConventionTrial& other) { return same_reading(other, candidate); })) {
+      trials_.push_back(std::move(candidate));
     }
   }
-  const double rms = std::sqrt(sum / count);
-  return std::isfinite(rms) ? rms : kInfinity;
-}
+
+  // The URDF's values, as they were read, changed by a matrix.
+  void consider(const char* cause, std::string description, const MatrixXd& change) {
+    consider(trial(cause, std::move(description), controller_,
+                   {.matrix = change * present_.matrix, .offset = present_.offset}));
+  }
+
+  void add_conventions(const std::vector<JointConvention>& others) {
+    for (const JointConvention& other : others) {
+      if (const auto reading = reading_of(other, names_, used_)) {
+        consider(trial("joint_convention", named(other), controller_, *reading));
+      }
+    }
+    if (used_ != nullptr) {
+      consider(trial("joint_convention", "the joint values as they are", controller_, as_they_are()));
+    }
+  }
+
+  void add_signs() {
+    for (Index j = 0; j < joint_count(); ++j) {
+      MatrixXd change = as_they_are().matrix;
+      change(j, j) = -1.0;
+      consider("joint_sign", name(j) + " with the opposite sign", change);
+    }
+    for (Index j = 0; used_ != nullptr && j < joint_count(); ++j) {
+      Reading flipped = present_;
+      flipped.matrix.col(j) *= -1.0;
+      consider(
+          trial("joint_sign",
+                "the controller's " + used_->controller_joints[static_cast<std::size_t>(j)] + " with the opposite sign",
+                controller_, flipped));
+    }
+  }
+
+  void add_units() {
+    for (const bool smaller : {true, false}) {
+      VectorXd every = VectorXd::Ones(joint_count());
+      for (Index j = 0; j < joint_count(); ++j) {
+        const double unit = turns(j) ? kDegree : kMillimetre;
+        VectorXd one = VectorXd::Ones(joint_count());
+        one[j] = smaller ? unit : 1.0 / unit;
+        every[j] = turns(j) ? one[j] : 1.0;
+        consider("joint_unit", name(j) + " " + units_exchanged(turns(j), smaller), one.asDiagonal());
+      }
+      consider("joint_unit", "all joint angles " + units_exchanged(true, smaller), every.asDiagonal());
+    }
+  }
+
+  static std::string units_exchanged(bool angle, bool smaller) {
+    const std::string large = angle ? "radians" : "metres";
+    const std::string small = angle ? "degrees" : "millimetres";
+    return smaller ? "in " + small + ", read as " + large : "in " + large + ", read as " + small;
+  }
+
+  // A joint counted against the horizontal, as teach pendants do behind a parallelogram.
+  void add_couplings() {
+    for (Index j = 1; j < joint_count(); ++j) {
+      for (const double sign : {1.0, -1.0}) {
+        if (parallel_[static_cast<std::size_t>(j)]) {
+          MatrixXd change = as_they_are().matrix;
+          change(j, j - 1) = sign;
+          consider("joint_convention", name(j) + (sign > 0.0 ? " + " : " - ") + name(j - 1) + " for " + name(j),
+                   change);
+        }
+      }
+    }
+  }
+
+  void add_exchanges() {
+    constexpr Index kMostJoints = 10;  // of which all pairs are tried
+    for (Index j = 0; joint_count() <= kMostJoints && j < joint_count(); ++j) {
+      for (Index k = j + 1; k < joint_count(); ++k) {
+        MatrixXd change = as_they_are().matrix;
+        change.row(j).swap(change.row(k));
+        consider("joint_columns", name(j) + " and " + name(k) + " exchanged", change);
+      }
+    }
+    consider("joint_columns", "the joints in reversed order", as_they_are().matrix.rowwise().reverse());
+  }
+
+  std::vector<std::string> names_;
+  std::vector<MovingJoint> joints_;
+  std::vector<bool> parallel_;
+  const JointConvention* used_;
+  Reading present_;
+  MatrixXd controller_;
+  std::vector<ConventionTrial> trials_;
+};
 
 }  // namespace
 
@@ -145,18 +224,28 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
                                              const Unknowns& free, const JointConvention* used,
                                              const std::vector<JointConvention>& others,
                                              const ConventionOptions& options) {
+  check(measurements, model);
+  check(free, model, measurements);
   std::vector<ConventionTrial> trials =
-      readings(independent_joint_names(model.joints), independent_joint_values(model.joints, measurements.joint_values),
-               used, others);
+      Readings(model.joints, independent_joint_values(model.joints, measurements.joint_values), used).all(others);
+  const TrialFit fit{.model = model, .free = free, .registration = options.registration, .joint = options.joint};
+  std::vector<Estimate> starts(trials.size());
+  const auto reread = [&](std::size_t i) {
+    Measurements result = measurements;
+    result.joint_values = trials[i].joint_values;
+    return result;
+  };
   parallel_for(trials.size(), options.threads, [&](std::size_t i) {
-    Measurements reread = measurements;
     trials[i].joint_values = all_joint_values(model.joints, trials[i].joint_values);
-    reread.joint_values = trials[i].joint_values;
-    const Estimate start = nominal_start(model, reread, options.registration);
-    trials[i].rms = rms_of(model, reread, start);
-    const Identification fit = identify_jointly(model, reread, start, free, options.joint);
-    if (plausible(model, fit.estimate.errors)) {
-      trials[i].rms = std::min(trials[i].rms, rms_of(model, reread, fit.estimate));
+    const Measurements as_read = reread(i);
+    starts[i] = nominal_start(model, as_read, options.registration);
+    trials[i].registered = rms_of(model, as_read, starts[i]);
+  });
+  const double limit = kWorthAFit * trials.front().registered;
+  parallel_for(trials.size(), options.threads, [&](std::size_t i) {
+    trials[i].rms = trials[i].registered;
+    if (trials[i].present || trials[i].registered < limit) {
+      trials[i].rms = fitted_rms(fit, reread(i), starts[i]);
     }
   });
   std::stable_sort(trials.begin(), trials.end(),

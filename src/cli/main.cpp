@@ -8,6 +8,7 @@
 #include <memory>
 #include <new>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/text.hpp"
@@ -43,7 +44,8 @@ std::vector<std::string> option_names(const CLI::App& subcommand) {
 
 // Says on one line why nothing was done.
 int refuse(const std::string& message) {
-  const std::string line = one_line(message) + "\n";
+  constexpr std::size_t kLongestMessage = 400;
+  const std::string line = shortened(one_line(message), kLongestMessage) + "\n";
   std::fwrite(line.data(), 1, line.size(), stderr);
   return bad_input;
 }
@@ -84,6 +86,19 @@ std::string usage_fault(const CLI::App& parser, const CLI::ParseError& error) {
   return command + ": " + in_plain_words(parser, error) + ", see " + command + " --help";
 }
 
+// The files that are read, which nothing may be written to.
+void note_inputs(const CLI::App& parser, const CLI::App& subcommand) {
+  std::vector<InputFile> inputs;
+  for (const CLI::App* app : {&parser, &subcommand}) {
+    for (const CLI::Option* option : app->get_options()) {
+      if (option->get_type_name() == "FILE" && option->count() > 0) {
+        inputs.push_back({.option = option->get_name(), .path = option->as<std::string>()});
+      }
+    }
+  }
+  protect_inputs(std::move(inputs));
+}
+
 int run(int argc, const char* const* argv) {
   CLI::App parser(
       "Kinematic calibration of robot arms: finds the geometric errors that explain what a tracker measured", "kdlcal");
@@ -111,6 +126,7 @@ int run(int argc, const char* const* argv) {
   }
   const auto chosen = std::find_if(subcommands.begin(), subcommands.end(),
                                    [](const Subcommand& subcommand) { return subcommand.app->parsed(); });
+  note_inputs(parser, *chosen->app);
   return chosen->run();
 }
 
