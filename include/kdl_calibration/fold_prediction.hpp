@@ -23,11 +23,14 @@ struct FoldPrediction {
   int not_converged = 0;  ///< of these
 };
 
+/// [m] of the points, in their order.
+std::vector<double> distances_of(const FoldPrediction& prediction);
+
 /// What folds are predicted by: a fit at its optimum. Keeps references.
 struct FoldTask {
   const FitProblem& problem;        ///< whose start is the optimum
   const Eigen::MatrixXd& triangle;  ///< R of the whitened Jacobian there, priors included, as WhitenedSummary::triangle
-  double noise = 0.0;               ///< [m] 1 sigma of a coordinate
+  double noise;                     ///< [m] 1 sigma of a coordinate
 };
 
 /// Predicts each fold from the rest without a fit of its own: at the optimum the gradient without a fold is that of the

@@ -54,7 +54,7 @@ public:
   long equations() const;          ///< measured coordinates, repeats counted each
   long points() const;             ///< measured points, repeats counted each
   double cost_of_repeats() const;  ///< the part of the cost that no estimate changes
-  double total_weight() const;     ///< sum over the points of 1 / mean variance of a coordinate
+  double total_weight() const;     ///< sum over the means of the points of a coordinate's information
 
 private:
   struct Data;

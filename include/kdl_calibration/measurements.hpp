@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
@@ -63,6 +64,9 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
 /// are averaged over the rows that have one: the mean is the eigenvector of the largest eigenvalue of sum q q^T
 /// (Markley, Cheng, Crassidis and Oshman 2007, eq. 13), on the side of the first.
 Measurements averaged(const Measurements& measurements);
+
+/// Least and largest value of each joint in the training rows; the least above the largest where there are none.
+JointRanges trained_ranges(const Measurements& measurements);
 
 /// The measurements of `second` behind those of `first`; same joints and targets. Where only one of them has
 /// orientations the rows of the other are points alone; the order is lost unless both have one.

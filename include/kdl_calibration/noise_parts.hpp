@@ -17,9 +17,14 @@ namespace kdl_calibration {
 /// and the misfit of configuration x target as part of the point; where no configuration has two targets the misfit is
 /// that of configuration x target.
 struct NoiseParts {
-  /// Variances [m^2], for orientations [rad^2]: misfit, target_misfit, common along x, y and z of W, independent along
-  /// x, y and z of W, orientation.
+  /// Places of the parts.
+  static constexpr Eigen::Index kMisfit = 0;
+  static constexpr Eigen::Index kTargetMisfit = 1;
+  static constexpr Eigen::Index kCommon = 2;       ///< along x, y and z of W
+  static constexpr Eigen::Index kIndependent = 5;  ///< along x, y and z of W
+  static constexpr Eigen::Index kOrientation = 8;
   static constexpr Eigen::Index kCount = 9;
+  /// Of each part [m^2], of the orientation [rad^2].
   using Variances = Eigen::Matrix<double, kCount, 1>;
   Variances variances = Variances::Zero();
   Eigen::Matrix<double, kCount, kCount> covariance =
@@ -33,10 +38,10 @@ struct NoiseParts {
   double degrees_of_freedom = 0.0;
   bool converged = false;
 
-  double misfit() const { return variances[0]; }
-  double target_misfit() const { return variances[1]; }
-  Eigen::Vector3d common() const { return variances.segment<3>(2); }
-  Eigen::Vector3d independent() const { return variances.segment<3>(5); }
+  double misfit() const { return variances[kMisfit]; }
+  double target_misfit() const { return variances[kTargetMisfit]; }
+  Eigen::Vector3d common() const { return variances.segment<3>(kCommon); }
+  Eigen::Vector3d independent() const { return variances.segment<3>(kIndependent); }
 
   /// For the fit: the same weights, whatever the measurements could not separate.
   NoiseModel model(const NoiseModel& stated) const;
@@ -46,6 +51,8 @@ struct NoiseParts {
   /// Satterthwaite's degrees of freedom of an estimated variance with this gradient by the parts' variances: 2 value^2
   /// over its variance; infinite where no estimated part enters.
   double freedom(double value, const Variances& gradient) const;
+  /// Those of the trace of point().
+  double freedom_of_point() const;
 };
 
 /// Restricted maximum likelihood of the parts that nobody stated (Patterson and Thompson 1971; Harville 1977), at the

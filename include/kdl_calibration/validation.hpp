@@ -66,6 +66,10 @@ struct HoldOut {
 /// 0 or not less than their number.
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed = 1);
 
+/// Whether the training rows of the others are as many equations as there are unknowns whichever fold is left out.
+bool can_be_left_out(const Measurements& measurements, const std::vector<std::vector<Eigen::Index>>& folds,
+                     Eigen::Index unknowns);
+
 /// Exact refits from the start without each fold in turn, on `threads` threads (0: all); the same for any number.
 HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads = 0);
 HoldOut leave_one_configuration_out(const FitProblem& problem, int threads = 0);

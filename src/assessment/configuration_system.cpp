@@ -1,8 +1,6 @@
 #include "assessment/configuration_system.hpp"
 
 #include <Eigen/Dense>
-#include <algorithm>
-#include <cmath>
 #include <map>
 #include <numeric>
 #include <utility>

@@ -2,13 +2,9 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <numbers>
-#include <tuple>
-#include <utility>
 
 #include "assessment/unit_columns.hpp"
 #include "kdl_calibration/kinematics.hpp"

@@ -20,10 +20,7 @@
 namespace kdl_calibration {
 namespace {
 
-using Eigen::Index;
-using Eigen::MatrixXd;
 using Eigen::Vector3d;
-using Eigen::VectorXd;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 

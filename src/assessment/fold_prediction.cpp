@@ -20,7 +20,6 @@ namespace {
 using Eigen::Index;
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kAsGoodAsLinear = 0.1;       // of the noise
@@ -88,6 +87,9 @@ public:
         add_points(systems[i], fold[i], *without, part.points);
       }
       if (without && as_good_as_linear(fold, *without, part.points)) {
+        if (problem_.options.after_fit) {
+          problem_.options.after_fit();
+        }
         return part;
       }
     }
@@ -175,6 +177,14 @@ private:
 };
 
 }  // namespace
+
+std::vector<double> distances_of(const FoldPrediction& prediction) {
+  std::vector<double> result;
+  for (const HeldOutPoint& point : prediction.points) {
+    result.push_back(point.distance);
+  }
+  return result;
+}
 
 FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Index>>& folds, int threads) {
   const FoldPredictor predictor(task);

@@ -1,15 +1,7 @@
 #include "kdl_calibration/influence.hpp"
 
 #include <Eigen/Dense>
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <limits>
-#include <map>
-#include <numbers>
-#include <numeric>
-#include <tuple>
-#include <utility>
 
 #include "assessment/configuration_system.hpp"
 #include "assessment/unit_columns.hpp"
@@ -18,9 +10,7 @@
 namespace kdl_calibration {
 
 using Eigen::Index;
-using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 namespace {

@@ -2,12 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
-#include <map>
-#include <numbers>
-#include <tuple>
 #include <utility>
 
 #include "assessment/noise_strata.hpp"
@@ -18,9 +13,7 @@
 namespace kdl_calibration {
 
 using Eigen::Index;
-using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate& estimate,
@@ -128,7 +121,7 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   VectorXd gradient = VectorXd::Zero(free.size());
   std::vector<std::pair<const Stratum*, Scatter>> tested;
   for (const Stratum& stratum : all) {
-    const bool of_means = stratum.information.size() > 0 && stratum.coefficients[noise_part::kOrientation] == 0.0;
+    const bool of_means = stratum.information.size() > 0 && stratum.coefficients[NoiseParts::kOrientation] == 0.0;
     const Scatter expected = of_means ? repeats.of(stratum) : Scatter{};
     if (expected.variance > 0.0) {
       information += stratum.information / expected.variance;

@@ -2,12 +2,8 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <map>
-#include <numbers>
-#include <tuple>
 #include <utility>
 
 #include "kdl_calibration/kinematics.hpp"
@@ -15,11 +11,7 @@
 
 namespace kdl_calibration {
 
-using Eigen::Index;
-using Eigen::Matrix3d;
-using Eigen::MatrixXd;
 using Eigen::Vector3d;
-using Eigen::VectorXd;
 
 namespace {
 

@@ -2,7 +2,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -19,7 +18,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 using Variances = NoiseParts::Variances;
-using namespace noise_part;
 
 // x >= 0 that minimises sum w (z - C x)^2 (Lawson and Hanson 1974, chapter 23), for a few unknowns.
 VectorXd nonnegative_least_squares(const MatrixXd& C, const VectorXd& z, const VectorXd& w) {
@@ -160,7 +158,8 @@ public:
       }
     }
     for (std::size_t s = 0; s < strata_.size(); ++s) {
-      const bool of_means = strata_[s].information.size() > 0 && strata_[s].coefficients[kOrientation] == 0.0;
+      const bool of_means =
+          strata_[s].information.size() > 0 && strata_[s].coefficients[NoiseParts::kOrientation] == 0.0;
       result.degrees_of_freedom += of_means ? freedom_[static_cast<Index>(s)] : 0.0;
     }
     return result;
@@ -261,6 +260,13 @@ double NoiseParts::freedom(double value, const Variances& gradient) const {
   return variance > 0.0 ? 2.0 * value * value / variance : std::numeric_limits<double>::infinity();
 }
 
+double NoiseParts::freedom_of_point() const {
+  Variances gradient = Variances::Ones();
+  gradient[kMisfit] = gradient[kTargetMisfit] = 3.0;
+  gradient[kOrientation] = 0.0;
+  return freedom(point().trace(), gradient);
+}
+
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options) {
   const NoiseSample sample = sampled(measurements, options);
@@ -268,8 +274,8 @@ NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measureme
   strata.add_means(model, estimate, free);
 
   Variances stated = Variances::Zero();
-  stated.segment<3>(kCommon) = options.noise.common.cwiseAbs2();
-  stated[kOrientation] = options.noise.orientation * options.noise.orientation;
+  stated.segment<3>(NoiseParts::kCommon) = options.noise.common.cwiseAbs2();
+  stated[NoiseParts::kOrientation] = options.noise.orientation * options.noise.orientation;
 
   const VectorXd information = sample.share * free.prior_information(options.priors);
   VectorXd gradient(free.size());
@@ -282,7 +288,7 @@ NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measureme
   }
   NoiseParts parts = reml.parts(stated);
   if (strata.stated()) {
-    parts.variances.segment<3>(kIndependent) = strata.mean_known();
+    parts.variances.segment<3>(NoiseParts::kIndependent) = strata.mean_known();
   }
   parts.covariance *= sample.share;
   parts.degrees_of_freedom /= sample.share;

@@ -5,7 +5,6 @@
 
 namespace kdl_calibration {
 
-using namespace noise_part;
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
@@ -111,7 +110,7 @@ void NoiseStrata::add_orientations(const WhitenedSystem& system) {
           stratum.add_row(system.jacobian.row(row), system.residual[row], factor);
         }
         stratum.count += 3.0;
-        stratum.coefficients[kOrientation] += factor;
+        stratum.coefficients[NoiseParts::kOrientation] += factor;
         stratum.summed += 1.0;
       }
     }
@@ -176,8 +175,8 @@ void NoiseStrata::add_repeats(const std::vector<Cell>& cells) {
       Stratum& stratum = repeats_[{kind, std::lround(together), axis}];
       stratum.squares += sum;
       stratum.count += count;
-      stratum.coefficients[kCommon + axis] += of_common;
-      stratum.coefficients[kIndependent + axis] += 1.0;
+      stratum.coefficients[NoiseParts::kCommon + axis] += of_common;
+      stratum.coefficients[NoiseParts::kIndependent + axis] += 1.0;
       stratum.known += known[axis] / rows;
       stratum.summed += 1.0;
     };
@@ -209,11 +208,11 @@ void NoiseStrata::add_means(const Means& means) {
     mean.add_row(sum, residuals, 1.0 / T);
     mean.count += 1.0;
     deviation.count += T - 1.0;
-    mean.coefficients[kMisfit] += T;
-    mean.coefficients[kCommon + axis] += T * means.inverse_weight;
+    mean.coefficients[NoiseParts::kMisfit] += T;
+    mean.coefficients[NoiseParts::kCommon + axis] += T * means.inverse_weight;
     for (Stratum* stratum : {&mean, &deviation}) {
-      stratum->coefficients[kTargetMisfit] += 1.0;
-      stratum->coefficients[kIndependent + axis] += means.inverse_weight;
+      stratum->coefficients[NoiseParts::kTargetMisfit] += 1.0;
+      stratum->coefficients[NoiseParts::kIndependent + axis] += means.inverse_weight;
       stratum->known += means.known[axis];
       stratum->summed += 1.0;
     }
@@ -241,19 +240,19 @@ MatrixXd NoiseStrata::unknown_parts(bool of_repeats_alone) const {
     }
   };
   if (several_targets_ && !of_repeats_alone) {
-    add(kMisfit, 1);
+    add(NoiseParts::kMisfit, 1);
   }
   if ((repeats || stated_) && !of_repeats_alone) {
-    add(kTargetMisfit, 1);
+    add(NoiseParts::kTargetMisfit, 1);
   }
   if (noise.common.isZero(0.0) && several_in_a_repeat_) {
-    add_axes(kCommon);
+    add_axes(NoiseParts::kCommon);
   }
   if (!stated_) {
-    add_axes(kIndependent);
+    add_axes(NoiseParts::kIndependent);
   }
   if (orientations && !(noise.orientation > 0.0)) {
-    add(kOrientation, 1);
+    add(NoiseParts::kOrientation, 1);
   }
   MatrixXd result(NoiseParts::kCount, static_cast<Index>(columns.size()));
   for (std::size_t i = 0; i < columns.size(); ++i) {

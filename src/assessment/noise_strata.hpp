@@ -13,15 +13,6 @@
 
 namespace kdl_calibration {
 
-/// Places of the parts among NoiseParts::variances.
-namespace noise_part {
-constexpr Eigen::Index kMisfit = 0;
-constexpr Eigen::Index kTargetMisfit = 1;
-constexpr Eigen::Index kCommon = 2;       ///< first of three axes
-constexpr Eigen::Index kIndependent = 5;  ///< first of three axes
-constexpr Eigen::Index kOrientation = 8;
-}  // namespace noise_part
-
 /// Combinations of measured coordinates that are independent of each other and have one variance
 ///   lambda = known + coefficients . variances,
 /// with J of these combinations: information J^T J, gradient J^T e and squares e^T e. Without information they are

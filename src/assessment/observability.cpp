@@ -2,16 +2,13 @@
 
 #include <Eigen/Dense>
 #include <cmath>
-#include <limits>
 
 #include "assessment/unit_columns.hpp"
 
 namespace kdl_calibration {
 
 using Eigen::Index;
-using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 ObservabilityIndices observability_indices(const MatrixXd& jacobian, Index configurations) {

@@ -5,6 +5,9 @@
 #include <limits>
 #include <vector>
 
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/prediction.hpp"
+
 namespace kdl_calibration {
 
 using Eigen::Index;
@@ -33,10 +36,7 @@ double rms_of(const ErrorModel& model, const Measurements& measurements, const E
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {
     if (observation.split == Split::train) {
-      const Eigen::Vector3d predicted =
-          estimate.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
-                           estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
-      sum += (observation.position - predicted).squaredNorm();
+      sum += (observation.position - predicted_point(estimate, X_BF, observation)).squaredNorm();
       count += 1.0;
     }
   }

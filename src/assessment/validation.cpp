@@ -216,6 +216,27 @@ RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::I
   return result;
 }
 
+bool can_be_left_out(const Measurements& measurements, const std::vector<std::vector<Eigen::Index>>& folds,
+                     Eigen::Index unknowns) {
+  std::vector<Eigen::Index> equations(static_cast<std::size_t>(measurements.joint_values.cols()), 0);
+  Eigen::Index all = 0;
+  for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
+    const Observation& observation = measurements.observations[i];
+    if (observation.split == Split::train) {
+      const bool pose = !measurements.orientations.empty() && !is_point(measurements.orientations[i]);
+      equations[static_cast<std::size_t>(observation.configuration)] += pose ? 6 : 3;
+      all += pose ? 6 : 3;
+    }
+  }
+  return folds.size() > 1 && std::all_of(folds.begin(), folds.end(), [&](const std::vector<Eigen::Index>& fold) {
+           Eigen::Index left = all;
+           for (const Eigen::Index c : fold) {
+             left -= equations[static_cast<std::size_t>(c)];
+           }
+           return left >= unknowns;
+         });
+}
+
 HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads) {
   return hold_out(problem.model, problem.measurements, folds, threads,
                   [&](const Measurements& fold) { return fit(with_measurements(problem, fold)); });

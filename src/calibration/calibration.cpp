@@ -173,7 +173,9 @@ Choice choose(const Setting& setting, const Measurements& measurements, const Ca
   }
   const Priors& stated = options.priors;
   const bool priors = options.automatic_priors || stated.length > 0.0 || stated.angle > 0.0 || stated.deflection > 0.0;
-  if (jointly && priors && !noise_is_stated(measurements, options)) {
+  if (jointly && (priors || choice_is_open(options)) &&
+      !weigh_by_estimated_noise(task, setting.free, joint.residuals) && priors &&
+      !noise_is_stated(measurements, options)) {
     make_absolute(task, setting.free, result.fit);
   }
   result.chosen = {.priors = stated, .gravity = options.gravity == Use::yes, .gain = options.joint_gain == Use::yes};
@@ -281,7 +283,7 @@ void note_what_is_open(const Judgement& judged, const CalibrationOptions& option
   }
 }
 
-// Each stage's part of the result.
+// Each stage's part of the result; what the choice knows of the noise goes behind what the judgement does.
 void put(Choice choice, Calibration& result) {
   result.tried = std::move(choice.tried);
   result.priors = choice.chosen.priors;
@@ -300,9 +302,7 @@ void put(Judgement judged, Calibration& result) {
   result.identifiability = std::move(judged.identifiability);
   result.fixed_by_gauge = std::move(judged.fixed_by_gauge);
   result.observability = judged.observability;
-  const std::optional<double> orientation_length = result.noise.orientation_length;
-  result.noise = judged.noise.report;
-  result.noise.orientation_length = orientation_length;
+  result.noise = std::move(judged.noise.report);
   result.covariance = std::move(judged.noise.covariance);
   result.influence = std::move(judged.influence);
 }
@@ -383,7 +383,8 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   }
   Judgement judged = judge(task, fitted, estimated);
   note_what_is_open(judged, options, fitted.identification);
-  const bool as_fitted = options.method == Method::joint && options.loss == Loss::none;
+  const bool as_fitted =
+      options.method == Method::joint && options.loss == Loss::none && arrived(fitted.identification);
   const Compared compared{.task = task,
                           .fit = fitted,
                           .known = setting.known,
@@ -410,9 +411,9 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                                            .tied = judged.identifiability.tied,
                                            .covariance = judged.noise.covariance,
                                            .noise = judged.noise.report});
-  put(std::move(choice), result);
   put(std::move(fitted), result);
   put(std::move(judged), result);
+  put(std::move(choice), result);
   put(std::move(comparison), result);
   put(std::move(held_out), result);
   judge_exported_urdf(setting, result);

@@ -29,54 +29,39 @@ Estimate rigid_fit(const Compared& compared) {
 
 using Folds = std::vector<std::vector<Eigen::Index>>;
 
-// Whether the rest determines as many unknowns whichever fold is left out.
-bool can_be_left_out(const Compared& compared, const Folds& folds) {
-  const Measurements& measurements = compared.task.measurements;
-  std::vector<long> equations(static_cast<std::size_t>(measurements.joint_values.cols()), 0);
-  long all = 0;
-  for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
-    const Observation& observation = measurements.observations[i];
-    if (observation.split == Split::train) {
-      const bool pose = !measurements.orientations.empty() && !is_point(measurements.orientations[i]);
-      equations[static_cast<std::size_t>(observation.configuration)] += pose ? 6 : 3;
-      all += pose ? 6 : 3;
-    }
-  }
-  const auto columns = static_cast<long>(compared.fit.free.size());
-  return folds.size() > 1 && std::all_of(folds.begin(), folds.end(), [&](const std::vector<Eigen::Index>& fold) {
-           long left = all;
-           for (const Eigen::Index c : fold) {
-             left -= equations[static_cast<std::size_t>(c)];
-           }
-           return left >= columns;
-         });
-}
-
 FitOptions counting(FitOptions options, const Compared& compared, const std::string& stage, std::size_t fits) {
   options.after_fit = counted_fits(compared.task.options, stage, fits);
   return options;
 }
 
+// Whether fits of large folds are faster than looking at their configurations one by one.
+bool is_many(const Folds& folds) {
+  std::size_t count = 0;
+  for (const std::vector<Eigen::Index>& fold : folds) {
+    count += fold.size();
+  }
+  return count > kMostLeftOutSingly;
+}
+
 // The nominal robot with base and targets registered to the others.
-FoldPrediction nominal_folds(const Compared& compared, const Folds& folds) {
+std::vector<double> nominal_folds(const Compared& compared, const Folds& folds) {
   const FitTask& task = compared.task;
+  if (is_many(folds)) {
+    return cross_validate_nominal(task.model, task.measurements, folds, compared.known, task.options.threads).distances;
+  }
   const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::deflections);
+  if (frames.size() == 0) {  // nothing is registered
+    const Measurements means = averaged(task.measurements);
+    return position_errors(task.model, task.start, means, Rows::train);
+  }
   FitOptions options;
   options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
   const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
   const Eigen::MatrixXd triangle = problem.whitened_summary(task.start).triangle;
   const FitProblem registered{
       .model = task.model, .measurements = task.measurements, .start = task.start, .free = frames, .options = options};
-  return predict_folds({.problem = registered, .triangle = triangle, .noise = compared.noise}, folds,
-                       task.options.threads);
-}
-
-std::vector<double> distances_of(const FoldPrediction& prediction) {
-  std::vector<double> result;
-  for (const HeldOutPoint& point : prediction.points) {
-    result.push_back(point.distance);
-  }
-  return result;
+  return distances_of(predict_folds({.problem = registered, .triangle = triangle, .noise = compared.noise}, folds,
+                                    task.options.threads));
 }
 
 // Each fold predicted by the nominal robot, by the calibrated one and by what a URDF can carry of it.
@@ -84,39 +69,41 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
                             HeldOutErrors& errors) {
   const FitTask& task = compared.task;
   const Estimate& estimate = compared.fit.identification.estimate;
-  const auto left_out = [&](const Unknowns& free, const FitOptions& options) {
+  const auto left_out = [&](const Unknowns& free, const Estimate& start, const FitOptions& options) {
     return cross_validate({.model = task.model,
                            .measurements = task.measurements,
-                           .start = estimate,
+                           .start = start,
                            .free = free,
                            .options = counting(options, compared, name, folds.size())},
                           folds, task.options.threads);
   };
   HoldOut after;
-  if (compared.triangle != nullptr) {
+  if (compared.triangle != nullptr && !is_many(folds)) {
     const FitProblem fitted{.model = task.model,
                             .measurements = task.measurements,
                             .start = estimate,
                             .free = compared.fit.free,
-                            .options = task.fit_options};
+                            .options = counting(task.fit_options, compared, name, folds.size())};
     errors.prediction = predict_folds({.problem = fitted, .triangle = *compared.triangle, .noise = compared.noise},
                                       folds, task.options.threads);
     after = {.distances = distances_of(errors.prediction),
              .refits = static_cast<int>(folds.size()),
              .not_converged = errors.prediction.not_converged};
   } else {
-    after = left_out(compared.fit.free, task.fit_options);
+    after = left_out(compared.fit.free, estimate, task.fit_options);
   }
   if (after.not_converged > 0) {
     errors.warnings.push_back(std::to_string(after.not_converged) + " of " + std::to_string(after.refits) + " " + name +
                               " fits did not converge");
   }
   BeforeAfter result;
-  result.before = error_statistics(distances_of(nominal_folds(compared, folds)));
+  result.before = error_statistics(nominal_folds(compared, folds));
   result.after = error_statistics(after.distances);
   if (deflects(compared)) {
-    result.rigid = error_statistics(
-        left_out(compared.fit.free.without(UnknownGroup::deflections), compared.rigid_options).distances);
+    Estimate rigid = estimate;  // what is not free stays where it is
+    rigid.deflections.setZero();
+    const Unknowns free = compared.fit.free.without(UnknownGroup::deflections);
+    result.rigid = error_statistics(left_out(free, rigid, compared.rigid_options).distances);
   }
   return result;
 }
@@ -171,7 +158,7 @@ HeldOutErrors hold_out(const Compared& compared) {
   const bool by_default = options.held_out && !options.leave_one_out && options.k_fold < 2;
   const bool many = singly.size() > kMostLeftOutSingly;
   const Folds default_folds = by_default && many ? make_folds(task.measurements, kFoldsOfMany) : singly;
-  if (by_default && !can_be_left_out(compared, default_folds)) {
+  if (by_default && !can_be_left_out(task.measurements, default_folds, compared.fit.free.size())) {
     result.warnings.emplace_back(
         "too few measurements to predict some of them from the others: nothing is known of unseen configurations");
     return result;

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstddef>
 #include <iterator>
-#include <optional>
 
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
@@ -67,19 +66,11 @@ void doubt_convergence(const Calibration& found, std::vector<Doubt>& doubts) {
 // The joints that stand still in all that was fitted.
 std::vector<std::string> joints_at_rest(const Calibration& found, const Measurements& measurements) {
   constexpr double kStill = 1e-4;  // [rad] or [m]
-  const auto joints = static_cast<Eigen::Index>(found.model.joints.size());
-  Eigen::VectorXd least = Eigen::VectorXd::Constant(joints, std::numeric_limits<double>::infinity());
-  Eigen::VectorXd most = -least;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      least = least.cwiseMin(measurements.joint_values.col(observation.configuration));
-      most = most.cwiseMax(measurements.joint_values.col(observation.configuration));
-    }
-  }
+  const JointRanges ranges = trained_ranges(measurements);
   std::vector<std::string> result;
-  for (Eigen::Index i = 0; i < joints; ++i) {
-    if (most[i] - least[i] < kStill) {
-      result.push_back(found.model.joints[static_cast<std::size_t>(i)].name);
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    if (ranges[i].second - ranges[i].first < kStill) {
+      result.push_back(found.model.joints[i].name);
     }
   }
   return result;
@@ -236,7 +227,9 @@ std::vector<std::string> warnings(const Calibration& found, const Measurements& 
   }
   if (found.noise.variance_factor > 1.0) {
     result.push_back("the residuals are " + rounded(std::sqrt(found.noise.variance_factor)) +
-                     " times the stated noise; the uncertainties were scaled up by that");
+                     " times the stated noise; " +
+                     (found.noise.parts ? "what is beyond it counts as misfit of the model"
+                                        : "the uncertainties were scaled up by that"));
   }
   if (found.lack_of_fit && found.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");

@@ -21,10 +21,7 @@ NewPoint new_point(const Eigen::Matrix3d& of_parameters, const NoiseReport& nois
     return result;
   }
   if (noise.parts) {
-    NoiseParts::Variances gradient = NoiseParts::Variances::Ones();
-    gradient.head<2>().setConstant(3.0);
-    gradient.tail<1>().setZero();
-    result.degrees_of_freedom = noise.parts->freedom(noise.parts->point().trace(), gradient);
+    result.degrees_of_freedom = noise.parts->freedom_of_point();
   }
   const double k = s2 > 0.0 ? s2 * s2 / sum.cwiseAbs2().sum() : 3.0;
   result.radius_95 = std::sqrt(s2 * f_critical(0.05, k, std::max(result.degrees_of_freedom, 1.0)));
@@ -32,8 +29,13 @@ NewPoint new_point(const Eigen::Matrix3d& of_parameters, const NoiseReport& nois
 }
 
 bool MeasuredRegion::holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const {
-  return (q.array() >= lower.array()).all() && (q.array() <= upper.array()).all() &&
-         of_parameters.trace() <= largest_variance;
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    const double value = q[static_cast<Eigen::Index>(i)];
+    if (!(joints[i].first <= value && value <= joints[i].second)) {
+      return false;
+    }
+  }
+  return of_parameters.trace() <= largest_variance;
 }
 
 MeasuredRegion measured_region(const Measurements& measurements, const FoldPrediction& held_out,
@@ -49,20 +51,21 @@ MeasuredRegion measured_region(const Measurements& measurements, const FoldPredi
       region.largest_variance = std::max(region.largest_variance, point.covariance.trace());
     }
   }
-  const auto joints = measurements.joint_values.rows();
-  region.lower = Eigen::VectorXd::Constant(joints, std::numeric_limits<double>::infinity());
-  region.upper = -region.lower;
+  if (ratios.empty()) {
+    region.largest_variance = std::numeric_limits<double>::infinity();
+  }
+  region.joints = trained_ranges(measurements);
+  for (auto& [lower, upper] : region.joints) {
+    const double beyond = kBeyond * (upper - lower);
+    lower -= beyond;
+    upper += beyond;
+  }
   std::vector<std::pair<double, double>> shares;  // ratio, share of its configuration
   for (const auto& [configuration, of_configuration] : ratios) {
-    region.lower = region.lower.cwiseMin(measurements.joint_values.col(configuration));
-    region.upper = region.upper.cwiseMax(measurements.joint_values.col(configuration));
     for (const double ratio : of_configuration) {
       shares.emplace_back(ratio, 1.0 / static_cast<double>(of_configuration.size()));
     }
   }
-  const Eigen::VectorXd beyond = kBeyond * (region.upper - region.lower);
-  region.lower -= beyond;
-  region.upper += beyond;
   if (ratios.size() < kFewest) {
     return region;
   }

@@ -28,8 +28,7 @@ struct MeasuredRegion {
   /// the share of its targets). 1 below 40 configurations.
   double radius_factor = 1.0;
   double largest_variance = 0.0;  ///< [m^2] trace of the covariance of a held-out point by the parameters
-  Eigen::VectorXd lower;          ///< joint values of the training rows, 5 % of their range beyond the least
-  Eigen::VectorXd upper;
+  JointRanges joints;             ///< of the training rows, and 5 % beyond on both sides
 
   bool holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const;
 };

@@ -16,8 +16,13 @@ struct EstimatedNoise {
 
 /// Estimates the parts of the noise that nobody stated at the end of `fit`, and fits the same parameters again with the
 /// weights that follow. `residuals`, those of the task's options, get these weights. Nothing happens, and nothing is
-/// estimated, where plain least squares were asked for, where rows are down-weighted, and where the fit did not arrive.
+/// estimated, where plain least squares were asked for, where these weights predict left-out configurations worse,
+/// where rows are down-weighted, and where the fit did not arrive.
 EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals);
+
+/// The same for a choice between models: the parts at the fit of `free` without priors, from the task's start. False
+/// where they are not to be estimated, or could not be; `residuals` is left as it was then.
+bool weigh_by_estimated_noise(const FitTask& task, const Unknowns& free, ResidualOptions& residuals);
 
 /// 1 sigma of a printed value and the degrees of freedom that it rests on.
 struct ValueUncertainty {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <set>
-#include <utility>
 
 #include "base/name_pattern.hpp"
 #include "base/text.hpp"

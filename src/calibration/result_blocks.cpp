@@ -1,24 +1,19 @@
 #include "calibration/result_blocks.hpp"
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <numeric>
-#include <utility>
 
 #include "base/csv.hpp"
+#include "base/number_text.hpp"
 #include "base/sha256.hpp"
 #include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/prediction.hpp"
 
 namespace kdl_calibration {
 namespace {
-
-std::vector<std::string> covariance_names(const Calibration& calibration) {
-  return calibration.free.names();
-}
 
 // Measured minus predicted, one for each observation.
 std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const Calibration& calibration) {
@@ -27,24 +22,15 @@ std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const C
   std::vector<Eigen::Vector3d> result;
   result.reserve(measurements.observations.size());
   for (const Observation& observation : measurements.observations) {
-    const Eigen::Vector3d& target = estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
-    result.emplace_back(observation.position -
-                        estimate.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] * target));
+    result.emplace_back(observation.position - predicted_point(estimate, X_BF, observation));
   }
   return result;
 }
 
 const char* split_name(const Observation& observation) { return observation.split == Split::train ? "train" : "test"; }
 
-// The shortest text that reads back to the same number; nothing where there is none.
-std::string csv_number(double value) {
-  if (!std::isfinite(value)) {
-    return {};
-  }
-  std::array<char, 32> text{};
-  const auto end = std::to_chars(text.data(), text.data() + text.size(), value).ptr;
-  return {text.data(), end};
-}
+// Nothing where there is no number.
+std::string csv_number(double value) { return std::isfinite(value) ? shortest(value) : std::string(); }
 
 Json frame_block(const Eigen::Isometry3d& frame, bool with_orientation) {
   Json result = {{"position", array(frame.translation())}};
@@ -83,7 +69,7 @@ Json statistics_json(const ErrorStatistics& statistics) {
 }
 
 Json covariance_json(const Calibration& calibration) {
-  const std::vector<std::string> names = covariance_names(calibration);
+  const std::vector<std::string> names = calibration.free.names();
   if (names.size() > kMostColumns || static_cast<std::size_t>(calibration.covariance.rows()) != names.size()) {
     return nullptr;
   }
@@ -143,7 +129,7 @@ std::string residuals_csv(const Measurements& measurements, const Calibration& c
 }
 
 std::string covariance_csv(const Calibration& calibration) {
-  const std::vector<std::string> names = covariance_names(calibration);
+  const std::vector<std::string> names = calibration.free.names();
   std::string csv = "parameter";
   for (const std::string& name : names) {
     csv += "," + csv_field(name);

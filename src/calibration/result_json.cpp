@@ -1,6 +1,5 @@
 #include "kdl_calibration/result_json.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -174,6 +173,7 @@ void add_details(const Calibration& calibration, const Measurements& measurement
   result["predicted_accuracy"] = {{"measured", statistics_json(calibration.predicted.measured)},
                                   {"workspace", statistics_json(calibration.predicted.workspace)},
                                   {"cell", calibration.predicted.cell},
+                                  {"radius_factor", calibration.predicted.radius_factor},
                                   {"cells", cells_json(calibration.predicted.cells)}};
   if (!calibration.predicted.asked.empty()) {
     result["predicted_accuracy"]["asked"] = asked_json(calibration.predicted.asked);

@@ -97,7 +97,7 @@ std::string noise_line(const NoiseReport& noise) {
       line += ", " + per_axis(Eigen::Vector3d::Constant(noise.target_misfit)) + " of a target in a configuration";
     }
   }
-  if (noise.model == "stated" || (noise.parts && !noise.parts->estimated[5])) {
+  if (noise.model == "stated" || (noise.parts && !noise.parts->estimated[NoiseParts::kIndependent])) {
     const bool more = noise.misfit > 0.0 || noise.target_misfit > 0.0;
     return line + (more ? " (as stated, the misfits from the residuals)" : " (as stated)");
   }

@@ -1,7 +1,6 @@
 #include "kdl_calibration/saved_calibration.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <set>

@@ -126,18 +126,15 @@ Fitted identify_in_gauge(const FitTask& task, const Unknowns& candidates, Unknow
   return fitted;
 }
 
-bool arrived(const Identification& found) {
-  return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
-}
-
 Unknowns parameters_of(const FitTask& task, const std::vector<std::string>& names, const Unknowns& deflections) {
   return Unknowns(task.model, task.start.targets, names)
       .with(task.model, UnknownGroup::deflections, deflections.deflections());
 }
 
+constexpr double kRounding = 1e-10;  // [m] misfits below that differ by rounding alone
+
 // Whether the complete set would explain most of a misfit that is more than rounding.
 bool has_more_to_explain(const FitTask& task, const Unknowns& complete, const WholeFit& fit) {
-  constexpr double kRounding = 1e-10;  // [m]
   constexpr double kMost = 0.5;        // of the cost
   constexpr long kFreedom = 20;        // fewer equations than that beyond the unknowns leave nothing to explain
   constexpr Eigen::Index kMany = 20000;
@@ -168,12 +165,10 @@ WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, co
                            .options = task.options,
                            .fit_options = task.fit_options};
   const Fitted narrow = identify_in_gauge(from_there, result.candidates, result.free, Steps::plain);
-  if (arrived(narrow.identification) && narrow.identification.rms <= wide.rms) {
+  if (arrived(narrow.identification) && narrow.identification.rms <= std::max(wide.rms, kRounding)) {
     result.identification = narrow.identification;
-    result.identification.iterations += wide.iterations;
   } else if (wide.termination == Termination::converged) {
     const bool explained = wide.rms < kExplained;
-    result.identification.iterations += narrow.identification.iterations;
     result.identification.termination = explained ? Termination::rank_deficient : Termination::stalled;
     result.identification.message =
         explained
@@ -181,6 +176,7 @@ WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, co
               "nominal"
             : "no arm near the nominal one explains the measurements";
   }
+  result.identification.iterations = wide.iterations + narrow.identification.iterations;
   std::vector<double>& history = result.identification.rms_history;
   history = wide.rms_history;
   history.insert(history.end(), narrow.identification.rms_history.begin(), narrow.identification.rms_history.end());
@@ -227,6 +223,10 @@ void hide_in_noise(const FitTask& task, WholeFit& fit) {
 }
 
 }  // namespace
+
+bool arrived(const Identification& found) {
+  return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
+}
 
 WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const Unknowns& candidates) {
   WholeFit result{.reduction = choice.reduction, .candidates = candidates};

@@ -25,6 +25,9 @@ struct WholeFit {
   Unknowns free;        ///< what the measurements tell of it, and was estimated
 };
 
+/// Whether a fit ended where its gradient vanishes.
+bool arrived(const Identification& found);
+
 /// Fits what the measurements determine of `candidates`, which are those of `choice`, from `task.start`. Where that set
 /// of parameters does not lead to the noise, the complete set with the errors that are usual of an arm goes on, and a
 /// set chosen at its end finishes: two parameters that are the same at the nominal geometry may differ at the true one.

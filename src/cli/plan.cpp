@@ -1,9 +1,7 @@
-#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <numbers>
 #include <optional>
-#include <set>
 
 #include "cli/cell_options.hpp"
 #include "cli/frames.hpp"

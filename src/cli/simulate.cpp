@@ -5,7 +5,6 @@
 #include "kdl_calibration/simulation.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <functional>
 #include <memory>
 #include <numbers>

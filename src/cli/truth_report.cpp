@@ -1,7 +1,6 @@
 #include "cli/truth_report.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <numbers>
 
 #include "cli/text.hpp"

@@ -9,7 +9,6 @@ using Eigen::Index;
 using Eigen::Isometry3d;
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 namespace {

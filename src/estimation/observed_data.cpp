@@ -1,6 +1,5 @@
 #include "estimation/observed_data.hpp"
 
-#include <algorithm>
 #include <map>
 
 #include "estimation/chain_kernel.hpp"

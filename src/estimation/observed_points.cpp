@@ -165,7 +165,6 @@ void Gathering::add_repeats() {
 void Gathering::add_repeat(RowIterator begin, RowIterator end, Information& information) {
   const NoiseModel& noise = options_.noise;
   const Matrix3d common = noise.common.cwiseAbs2().asDiagonal();
-  const double misfit = 3.0 * (noise.misfit * noise.misfit + noise.target_misfit * noise.target_misfit);
   std::vector<Index> coordinates;
   VectorXd z(3 * (end - begin));
   MatrixXd covariance = common.replicate(end - begin, end - begin);
@@ -180,7 +179,6 @@ void Gathering::add_repeat(RowIterator begin, RowIterator end, Information& info
     }
     z.segment<3>(i) = observation.position - points_[target].position;
     covariance.block<3, 3>(i, i) += own / options_.row_weight(*row);
-    totals_.weight += 3.0 / (covariance.block<3, 3>(i, i).trace() + misfit);
     append_coordinates(target, coordinates);
     totals_.equations += 3;
     totals_.points += 1;
@@ -220,6 +218,7 @@ void Gathering::take_means(const Information& information) {
     configuration_.information = std::make_shared<const MatrixXd>(with_misfit(of_measured, options_.noise));
     of_repeats_ = std::move(of_measured);
   }
+  totals_.weight += configuration_.information->trace() / 3.0;
   const VectorXd weighted = information.weighted(measured);
   const VectorXd mean = root_.solve(weighted);
   totals_.cost_of_repeats += information.squares - mean.dot(weighted);

@@ -111,6 +111,21 @@ Measurements averaged(const Measurements& measurements) {
   return means;
 }
 
+JointRanges trained_ranges(const Measurements& measurements) {
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  JointRanges ranges(static_cast<std::size_t>(measurements.joint_values.rows()), {kNone, -kNone});
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split != Split::train) {
+      continue;
+    }
+    for (std::size_t i = 0; i < ranges.size(); ++i) {
+      const double value = measurements.joint_values(static_cast<Eigen::Index>(i), observation.configuration);
+      ranges[i] = {std::min(ranges[i].first, value), std::max(ranges[i].second, value)};
+    }
+  }
+  return ranges;
+}
+
 Measurements joined(const Measurements& first, const Measurements& second) {
   Measurements result = first;
   const auto offset = static_cast<std::int32_t>(first.joint_values.cols());

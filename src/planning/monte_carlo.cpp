@@ -1,6 +1,5 @@
 #include "kdl_calibration/monte_carlo.hpp"
 
-#include <algorithm>
 #include <mutex>
 #include <utility>
 

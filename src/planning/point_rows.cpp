@@ -1,7 +1,5 @@
 #include "planning/point_rows.hpp"
 
-#include <cmath>
-
 namespace kdl_calibration {
 
 using Eigen::Index;

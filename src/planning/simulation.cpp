@@ -1,8 +1,6 @@
 #include "kdl_calibration/simulation.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <numbers>
 
 #include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/kinematics.hpp"

@@ -307,7 +307,7 @@ TEST(Calibration, PredictsPositionsAtAskedConfigurations) {
   EXPECT_LT(sums.squares / sums.count / 3.0, 4.0);
 }
 
-// Mean square 3 per point; 95 % within the radius.
+// Mean square 3 per point. The radius is that of a measured point, so that the true one lies inside more often.
 TEST(CalibrationLongRun, PredictsPositionsAtAskedConfigurations) {
   AskedErrors sums;
   for (std::uint64_t seed = 201; seed <= 240; ++seed) {
@@ -316,7 +316,7 @@ TEST(CalibrationLongRun, PredictsPositionsAtAskedConfigurations) {
   std::cout << "mean square over variance " << sums.squares / sums.count / 3.0 << ", within the 95 % radius "
             << sums.inside / sums.count << "\n";
   EXPECT_NEAR(sums.squares / sums.count / 3.0, 1.0, 0.15);
-  EXPECT_NEAR(sums.inside / sums.count, 0.95, 0.025);
+  EXPECT_GE(sums.inside / sums.count, 0.95);
 }
 
 TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
@@ -522,7 +522,7 @@ void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_b
       return *calibrate(model, measured, {.held_out = false}).lack_of_fit;
     };
     const LackOfFit clean = tested(measure(truth, q, noise, random));
-    EXPECT_EQ(clean.degrees_of_freedom, 270 - 33);
+    EXPECT_NEAR(clean.degrees_of_freedom, 270 - 33, 1e-6);
     EXPECT_EQ(clean.repeat_degrees_of_freedom, 3 * 30 * 3 * 9);
     mean += clean.p_value / runs;
     below += clean.p_value < 0.05 ? 1 : 0;
@@ -606,7 +606,7 @@ Measurements real_measurements() {
 
 TEST(CalibrationOnRealData, R2000iCFitsAsIndependentFitsDid) {
   const ErrorModel model = complete_model(fanuc());
-  const Calibration found = calibrate(model, real_measurements(), {.leave_one_out = true});
+  const Calibration found = calibrate(model, real_measurements(), {.weights = Weights::equal, .leave_one_out = true});
   ASSERT_TRUE(found.trusted()) << found.identification.message;
   EXPECT_EQ(found.identifiability.rank, 33);
   EXPECT_NEAR(found.train.after.rms, 0.000161, 0.000001);
@@ -637,6 +637,7 @@ TEST(CalibrationOnRealData, R2000iCChoosesPriorsAndGravityByItself) {
   EXPECT_TRUE(found.tried.front().gravity);
   EXPECT_LT(found.train.rigid->rms, 0.0002);  // the exported URDF alone
   EXPECT_LT(found.train.after.rms, found.train.rigid->rms);
+  EXPECT_GT(found.leave_one_out->rigid->rms, found.train.rigid->rms) << "fitted again without the deflections' values";
 }
 
 TEST(CalibrationOnRealDataLongRun, R2000iCPredictsWhatItsChoicesDidNotSee) {
@@ -658,13 +659,26 @@ TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies
   ASSERT_TRUE(found.lack_of_fit.has_value());
   EXPECT_LT(found.lack_of_fit->p_value, 1e-10);
   EXPECT_THAT(found.warnings, Contains(HasSubstr("lack of fit")));
-  EXPECT_EQ(found.noise.model, "residuals");
-  EXPECT_GT(found.noise.common.x(), found.noise.independent.x());
+  EXPECT_EQ(found.noise.model, "parts");
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(found.noise.common[axis], common[axis], 0.1 * common[axis]);
+    EXPECT_NEAR(found.noise.independent[axis], found.noise.repeats->independent[axis], 0.000001);
+  }
+  // What geometry misses is four times what repeats scatter, as left-out configurations show.
+  EXPECT_GT(found.noise.misfit, 0.00008);
+  EXPECT_LT(found.noise.misfit, 0.00012);
+}
+
+TEST(CalibrationOnRealData, R2000iCIsPredictedBetterWithWeightsByThePartsOfTheNoise) {
+  const Calibration found = calibrate(complete_model(fanuc()), real_measurements());
+  std::cout << "leave-one-out " << found.leave_one_out->after.rms * 1e3 << " mm\n";
+  EXPECT_LT(found.leave_one_out->after.rms, 0.0002);
 }
 
 TEST(CalibrationOnRealData, R2000iCMeansFitAsIndependentFitsDid) {
   const ErrorModel model = complete_model(fanuc());
-  const Calibration found = calibrate(model, averaged(real_measurements()), {.leave_one_out = true});
+  const Calibration found =
+      calibrate(model, averaged(real_measurements()), {.weights = Weights::equal, .leave_one_out = true});
   EXPECT_NEAR(found.train.after.rms, 0.000136, 0.000001);
   EXPECT_NEAR(found.train.after.max, 0.000267, 0.000001);
   EXPECT_NEAR(found.train.before.rms, 0.000615, 0.000001);

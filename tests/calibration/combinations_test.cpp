@@ -87,19 +87,21 @@ DenseNoise dense_noise(std::function<Matrix3d(const Observation&)> position, dou
 
 struct Statement {
   std::string name;
-  CalibrationOptions options;
+  CalibrationOptions options = {.weights = Weights::equal};
   DenseNoise dense;
 };
 
-std::vector<Statement> statements(const Measurements& measured) {
+std::vector<Statement> statements() {
   std::vector<Statement> all;
-  all.push_back({"equal weights", {}, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0)});
+  all.push_back({"equal weights",
+                 {.weights = Weights::equal},
+                 dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0)});
   const Vector3d per_axis(1e-4, 3e-4, 0.5e-4);
   const Vector3d common(2e-4, 0.0, 1e-4);
   const TrackerNoise tracker{.range = 5e-5, .range_per_metre = 2e-5, .transverse = 3e-5, .transverse_per_metre = 1e-4};
   for (const double orientation : {0.0, 2e-4}) {
     const auto add = [&](const std::string& name, const NoiseModel& noise, const DenseNoise& dense) {
-      Statement& statement = all.emplace_back(Statement{name, {}, dense});
+      Statement& statement = all.emplace_back(Statement{name, {.weights = Weights::equal}, dense});
       statement.name += orientation > 0.0 ? " and a sigma of orientations" : "";
       statement.options.noise = noise;
       statement.options.noise.orientation = orientation;
@@ -119,15 +121,6 @@ std::vector<Statement> statements(const Measurements& measured) {
     add("common", {.independent = per_axis, .common = common}, dense_noise(by_axis, orientation, common));
     add("tracker", {.tracker = tracker}, dense_noise(by_tracker, orientation));
     add("tracker and common", {.tracker = tracker, .common = common}, dense_noise(by_tracker, orientation, common));
-  }
-  const RepeatNoise repeats = noise_from_repeats(measured);
-  if (repeats.degrees_of_freedom > 0.0) {
-    const auto by_repeats = [=](const Observation&) { return Matrix3d(repeats.independent.cwiseAbs2().asDiagonal()); };
-    all.push_back({"repeats", {}, dense_noise(by_repeats, repeats.orientation, repeats.common)});
-    all.back().options.weights = Weights::repeats;
-    all.push_back({"repeats and a sigma of orientations", {}, dense_noise(by_repeats, 5e-4, repeats.common)});
-    all.back().options.weights = Weights::repeats;
-    all.back().options.noise.orientation = 5e-4;
   }
   return all;
 }
@@ -216,7 +209,7 @@ TEST(Combinations, RepeatsGiveTheSigmaOfOrientationsByTheirDifferences) {
 TEST(Combinations, MeasuredOrientationsWithEveryNoiseAreTheDenseFit) {
   for (const int repeats : {1, 3}) {
     const Arm arm = posed_arm(1, repeats);
-    for (const Statement& statement : statements(arm.measured)) {
+    for (const Statement& statement : statements()) {
       SCOPED_TRACE(statement.name + ", repeats " + std::to_string(repeats));
       expect_dense_fit(arm, calibrate(arm.model, arm.measured, statement.options), statement.dense);
     }
@@ -230,7 +223,7 @@ TEST(Combinations, KnownFramesWithEveryNoiseAreTheDenseFit) {
   std::vector<TargetFrame> targets = arm.robot.truth.targets;
   targets[0].X_FT.translate(Vector3d(-2e-4, 1e-4, 0.0));
   targets[0].X_FT.rotate(testing::turned_by({3e-4, 0.0, -2e-4}));
-  for (Statement& statement : statements(arm.measured)) {
+  for (Statement& statement : statements()) {
     for (const bool known_base : {true, false}) {
       SCOPED_TRACE(statement.name + (known_base ? ", known base" : ", known targets"));
       CalibrationOptions options = statement.options;
@@ -260,15 +253,14 @@ TEST(Combinations, SigmasOfRowsStandBeforeWhatIsStatedForAll) {
   for (Observation& o : arm.measured.observations) {
     o.sigma = own_sigma(o);
   }
-  for (Statement& statement : statements(arm.measured)) {
+  for (Statement& statement : statements()) {
     if (statement.name == "equal weights") {
       continue;  // a row without a sigma would then have one of a metre
     }
     SCOPED_TRACE(statement.name);
     const auto stated = statement.dense.position;
     const auto position = [=](const Observation& o) { return o.sigma > 0.0 ? isotropic(o.sigma) : stated(o); };
-    const double orientation = statement.name == "repeats" ? noise_from_repeats(arm.measured).orientation
-                                                           : statement.options.noise.orientation;
+    const double orientation = statement.options.noise.orientation;
     expect_dense_fit(arm, calibrate(arm.model, arm.measured, statement.options),
                      dense_noise(position, orientation, statement.dense.common));
   }
@@ -282,10 +274,7 @@ TEST(Combinations, WeightsOfRowsAreSharesOfTheirOwnInformation) {
   }
   const Estimate start = nominal_start(arm.model, arm.measured);
   const Unknowns free = Unknowns(arm.model, start.targets, reduced_model(arm.model, start.targets).kept);
-  for (Statement& statement : statements(arm.measured)) {
-    if (statement.options.weights == Weights::repeats) {
-      continue;  // which is a matter of calibrate
-    }
+  for (Statement& statement : statements()) {
     SCOPED_TRACE(statement.name);
     const JointOptions options{.residuals = {.noise = statement.options.noise, .row_weights = weights}};
     const Identification found = identify_jointly(arm.model, arm.measured, start, free, options);
@@ -309,13 +298,13 @@ TEST(Combinations, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) 
   const Arm poses = posed_arm(7, 1);
   const Arm repeated_poses = posed_arm(7, 2);
   for (const Arm* arm : {&points, &repeated, &poses, &repeated_poses}) {
-    const Calibration plain = calibrate(arm->model, arm->measured);
+    const Calibration plain = calibrate(arm->model, arm->measured, {.weights = Weights::equal});
     const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
     const DenseFit dense(arm->model, arm->measured, plain.free, equal);
     const double freedom = static_cast<double>(dense.equations() - dense.columns());
     const double sigma = std::sqrt(dense.cost(plain.identification.estimate) / freedom);
     EXPECT_NEAR(sigma, 1e-4, 4e-4 / std::sqrt(2.0 * freedom));
-    CalibrationOptions options;
+    CalibrationOptions options{.weights = Weights::equal};
     options.priors = {.length = 2e-4, .angle = 2e-4};
     const Calibration unstated = calibrate(arm->model, arm->measured, options);
     options.noise.independent.setConstant(sigma);
@@ -336,12 +325,12 @@ TEST(Combinations, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) 
 
 TEST(Combinations, SizesOfPriorsAreChosenAsBesideTheNoiseOfThePlainFit) {
   const Arm arm(8, published_targets(), 14, {.sigma = 2e-4});
-  const Calibration plain = calibrate(arm.model, arm.measured);
+  const Calibration plain = calibrate(arm.model, arm.measured, {.weights = Weights::equal});
   double squares = 0.0;
   for (const double distance : position_errors(arm.model, plain.identification.estimate, arm.measured)) {
     squares += distance * distance;
   }
-  CalibrationOptions options;
+  CalibrationOptions options{.weights = Weights::equal};
   options.automatic_priors = true;
   const Calibration unstated = calibrate(arm.model, arm.measured, options);
   options.noise.independent.setConstant(std::sqrt(squares / (3.0 * 42.0 - 33.0)));
@@ -412,9 +401,9 @@ TEST(Combinations, RobustLossesWithEveryNoiseAreReweightedDenseFits) {
   for (std::size_t row = 5; row < arm.measured.observations.size(); row += 17) {
     arm.measured.observations[row].position[static_cast<Index>(row % 3)] += 4e-3;  // outliers
   }
-  for (const Statement& statement : statements(arm.measured)) {
-    if (statement.options.noise.orientation > 0.0 || statement.options.weights == Weights::repeats) {
-      continue;  // points alone, and outliers spoil the scatter of the repeats
+  for (const Statement& statement : statements()) {
+    if (statement.options.noise.orientation > 0.0) {
+      continue;  // points alone
     }
     const bool simple = statement.dense.common.isZero();
     for (const Loss loss : simple ? std::vector<Loss>{Loss::huber} : std::vector<Loss>{Loss::huber, Loss::tukey}) {
@@ -484,7 +473,7 @@ Arm arm_in_doubt() {
 
 TEST(Combinations, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts) {
   const Arm arm = arm_in_doubt();
-  CalibrationOptions options;
+  CalibrationOptions options{.weights = Weights::equal};
   options.automatic_priors = true;
   options.noise.independent.setConstant(4e-4);
   options.leave_one_out = true;
@@ -548,7 +537,7 @@ TEST(Combinations, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts
 TEST(Combinations, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
   Arm arm = arm_in_doubt();
   arm.measured.observations[20].position.x() += 0.01;  // an outlier
-  CalibrationOptions options;
+  CalibrationOptions options{.weights = Weights::equal};
   options.priors = {.length = 1e-3, .angle = 1e-3};
   options.noise.independent = Vector3d(3e-4, 4e-4, 5e-4);
   options.noise.common.setConstant(1e-4);
@@ -577,7 +566,8 @@ TEST(Combinations, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
   const ErrorStatistics expected = error_statistics(after);
   EXPECT_NEAR(found.leave_one_out->after.rms, expected.rms, 1e-5 * expected.rms);
   EXPECT_NEAR(found.leave_one_out->after.p95, expected.p95, 1e-5 * expected.p95);
-  EXPECT_NEAR(found.leave_one_out->before.rms, error_statistics(before).rms, 1e-6 * error_statistics(before).rms);
+  // Without a fit of its own a fold is predicted to a tenth of the noise.
+  EXPECT_NEAR(found.leave_one_out->before.rms, error_statistics(before).rms, 0.1 * found.noise.sigma);
 }
 
 TEST(Combinations, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
@@ -601,7 +591,7 @@ TEST(Combinations, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
     std::vector<Index> expected(11);
     std::iota(expected.begin(), expected.end(), Index{0});
     EXPECT_EQ(all, expected);
-    CalibrationOptions options;
+    CalibrationOptions options{.weights = Weights::equal};
     options.priors = {.length = 1e-3, .angle = 1e-3};  // so that half of the configurations suffice
     options.noise.independent.setConstant(4e-4);
     options.k_fold = folds;
@@ -620,9 +610,10 @@ TEST(Combinations, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
     const ErrorStatistics statistics = error_statistics(distances);
     ASSERT_TRUE(found.k_fold.has_value());
     EXPECT_EQ(found.k_fold->after.count, 33);
-    EXPECT_NEAR(found.k_fold->after.rms, statistics.rms, 1e-6 * statistics.rms);
-    EXPECT_NEAR(found.k_fold->after.mean, statistics.mean, 1e-6 * statistics.mean);
-    EXPECT_NEAR(found.k_fold->after.max, statistics.max, 1e-6 * statistics.max);
+    // Without a fit of its own a fold is predicted to a tenth of the noise.
+    EXPECT_NEAR(found.k_fold->after.rms, statistics.rms, 0.1 * found.noise.sigma);
+    EXPECT_NEAR(found.k_fold->after.mean, statistics.mean, 0.1 * found.noise.sigma);
+    EXPECT_NEAR(found.k_fold->after.max, statistics.max, 0.1 * found.noise.sigma);
   }
 }
 
@@ -638,7 +629,7 @@ double chi_square_tail(int freedom, double x) {
 // One point in so many configurations that as many degrees of freedom are left; some parameters are fixed for that.
 struct Tight {
   Arm arm;
-  CalibrationOptions options;
+  CalibrationOptions options{.weights = Weights::equal};
 
   explicit Tight(int freedom, int configurations = 11)
       : arm(40 + static_cast<std::uint64_t>(freedom), published_targets(1), configurations, {.sigma = 1e-4}) {
@@ -802,6 +793,7 @@ TEST(Combinations, TestRowsChangeNothingThatIsFitted) {
   cases[1].first = "chosen priors and gravity";
   cases[1].second.automatic_priors = true;
   cases[1].second.gravity = Use::automatic;
+  cases[1].second.leave_one_out = true;
   cases[2].first = "nested and folds";
   cases[2].second.gravity = Use::automatic;
   cases[2].second.leave_one_out = true;

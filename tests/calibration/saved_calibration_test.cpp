@@ -85,8 +85,7 @@ TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
 TEST(SavedCalibration, HasTheCovarianceAndWhatItIsOf) {
   const Calibration& wrote = written().calibration;
   const SavedCalibration read = parse_calibration(written().json, written().robot);
-  EXPECT_EQ(read.free.names(),
-            wrote.free.names());
+  EXPECT_EQ(read.free.names(), wrote.free.names());
   ASSERT_EQ(read.covariance.rows(), wrote.covariance.rows());
   EXPECT_TRUE(read.covariance.triangularView<Eigen::Lower>().toDenseMatrix() ==
               wrote.covariance.triangularView<Eigen::Lower>().toDenseMatrix());

@@ -191,7 +191,7 @@ std::vector<Scenario> scenarios() {
        with_sigma(0.5 * kNoise),
        Termination::converged,
        {},
-       {R"(the residuals are (1\.[89]|2\.[01])[0-9]* times the stated noise; the uncertainties were scaled up by that)"}},
+       {R"(the residuals are (1\.[89]|2\.[01])[0-9]* times the stated noise; what is beyond it counts as misfit of the model)"}},
       {"too few iterations",
        with_too_few_iterations,
        Termination::iteration_limit,
@@ -392,7 +392,8 @@ TEST(HeldOut, IsLeaveOneOutAndTenFoldsOfMany) {
   ASSERT_TRUE(asked.leave_one_out && not_asked.leave_one_out);
   EXPECT_EQ(not_asked.leave_one_out->after.rms, asked.leave_one_out->after.rms);
   EXPECT_FALSE(not_asked.k_fold);
-  for (const auto& [count, singly] : {std::pair{200, true}, std::pair{201, false}}) {
+  constexpr int kMost = static_cast<int>(kMostLeftOutSingly);
+  for (const auto& [count, singly] : {std::pair{kMost, true}, std::pair{kMost + 1, false}}) {
     s.measure_at(random_configurations(limits_of(s.model.joints), count, s.random));
     const Calibration found = s.calibrated();
     EXPECT_EQ(found.leave_one_out.has_value(), singly) << count;
@@ -484,7 +485,7 @@ TEST(Warnings, LackOfFitIsWhatHappensOnceInAThousandTimes) {
     (warned ? below : above) = p;
     (warned ? loud : quiet) = amplitude;
   }
-  EXPECT_LT(above, 1.1e-3);
+  EXPECT_LT(above, 1.2e-3);
   EXPECT_GT(below, 0.9e-3);
 }
 

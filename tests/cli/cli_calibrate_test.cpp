@@ -177,7 +177,8 @@ TEST_F(CalibrateReport, OrientationSigmaNeedsOrientationsAndPositionsToCompareWi
 TEST_F(CalibrateReport, TakesATrackersOwnNoise) {
   ASSERT_EQ(run({"simulate", "--length-sigma", "0.001", "--angle-sigma", "0.001", "--output", "m.csv"}).status, 0);
   const auto sigma = [&](const std::string& noise) {
-    const Json result = run_json({"calibrate", "--measurements", "m.csv", "--noise-tracker", noise, "--json"});
+    const Json result =
+        run_json({"calibrate", "--measurements", "m.csv", "--noise", "equal", "--noise-tracker", noise, "--json"});
     EXPECT_EQ(result["noise"]["model"], "stated");
     return result["noise"]["sigma"].get<double>();
   };

@@ -32,7 +32,8 @@ protected:
     const std::vector<TargetFrame> targets = published_targets();
     Random random(1);
     const Unknowns free(model, targets, reduced_model(model, targets).kept);
-    const VirtualRobot truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
+    const VirtualRobot truth =
+        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
     Measurements measured =
         measure(truth, random_configurations(limits_of(model.joints), 20, random), {.sigma = 3e-5}, random);
     for (Observation& observation : measured.observations) {

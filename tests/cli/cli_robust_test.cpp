@@ -187,8 +187,8 @@ TEST_F(Limits, MemoryGrowsWithTheDataAlone) {
   const double large = peak("60000");
   std::printf("%.0f and %.0f MB, %.0f bytes for each further point\n", small / 1e6, large / 1e6,
               (large - small) / (3.0 * 40000.0));
-  EXPECT_GT(large - small, 50.0 * 3.0 * 40000.0);  // else something else was measured
-  EXPECT_LT(large - small, 500.0 * 3.0 * 40000.0);
+  EXPECT_GT(large - small, 50.0 * 3.0 * 40000.0);   // else something else was measured
+  EXPECT_LT(large - small, 800.0 * 3.0 * 40000.0);  // each of two threads holds the rows of a fold's rest
 }
 
 TEST_F(Limits, OfFileSizesAreStated) {
@@ -431,7 +431,8 @@ protected:
     }
     const auto& rms = result["position_error"]["train"]["after"]["rms"];
     EXPECT_TRUE(rms.is_number() || outcome.status == 1);
-    EXPECT_EQ(outcome.status == 0, result["termination"] == "converged" && rms < 0.005) << result["message"];
+    EXPECT_EQ(outcome.status == 0, result["doubts"].empty()) << result["doubts"];
+    EXPECT_TRUE(outcome.status == 1 || result["termination"] == "converged") << result["message"];
     last = result;
   }
 

@@ -157,7 +157,11 @@ TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
   for (const nlohmann::json& warning : result["warnings"]) {
     expected.push_back(kWarning + warning.get<std::string>());
   }
-  EXPECT_EQ(expected, std::vector<std::string>(lines.begin(), lines.end() - 1));
+  // The command line adds the options that help.
+  ASSERT_EQ(lines.size(), expected.size() + 1);
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    EXPECT_THAT(lines[i], ::testing::StartsWith(expected[i]));
+  }
 }
 
 TEST_F(CommandLineWarnings, CalibrateNamesNoConventionWhereTheMeasurementsAreToBlame) {
@@ -182,7 +186,7 @@ TEST_F(CommandLineWarnings, CalibrateStatesSingleFindingsWithoutDoubt) {
   for (Observation& observation : precise.observations) {
     observation.sigma = 1e-5;
   }
-  expect(calibrated(precise), 0, {"the residuals are [0-9.]+ times the stated noise; .* scaled up by that"});
+  expect(calibrated(precise), 0, {"the residuals are [0-9.]+ times the stated noise; .*"});
 
   Eigen::MatrixXd outside = measured.joint_values;
   outside(1, 4) = *model.joints[1].upper + 0.1;

@@ -90,40 +90,38 @@ class Session:
 
 def try_shares(drawing, shares, session, workers, only):
     """One defect that counts from each share."""
-    left = list(shares)
-    lock = threading.Lock()
 
-    def work(worker):
-        while True:
-            with lock:
-                if not left:
-                    return
-                share = left.pop(0)
-            for _ in range(40):
-                defect = drawing.draw(share)
-                if defect is None:
-                    break
-                if not re.search(only, f"{defect.path} {defect.kind} {defect.old} {defect.new}"):
-                    continue
-                if session.tried(worker, defect) in COUNTED:
-                    break
+    def work(worker, share):
+        for _ in range(40):
+            defect = drawing.draw(share)
+            if defect is None:
+                break
+            if not re.search(only, f"{defect.path} {defect.kind} {defect.old} {defect.new}"):
+                continue
+            if session.tried(worker, defect) in COUNTED:
+                break
 
-    _in_threads(work, workers)
+    _share_out(shares, work, workers)
 
 
 def try_all(defects, session, workers):
-    left = list(defects)
+    _share_out(defects, session.tried, workers)
+
+
+def _share_out(items, work, workers):
+    """Calls work(worker, item) with every item, each worker taking the next one."""
+    left = list(items)
     lock = threading.Lock()
 
-    def work(worker):
+    def take(worker):
         while True:
             with lock:
                 if not left:
                     return
-                defect = left.pop(0)
-            session.tried(worker, defect)
+                item = left.pop(0)
+            work(worker, item)
 
-    _in_threads(work, workers)
+    _in_threads(take, workers)
 
 
 def _in_threads(work, workers):
