@@ -15,6 +15,7 @@
 #include "cli/config_file.hpp"
 #include "cli/help.hpp"
 #include "cli/output_files.hpp"
+#include "cli/own_stack.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 
@@ -130,6 +131,18 @@ int run(int argc, const char* const* argv) {
   return chosen->run();
 }
 
+int run_or_refuse(int argc, const char* const* argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::bad_alloc&) {
+    return refuse("kdlcal: the memory does not suffice, expected less data");
+  } catch (const std::exception& error) {
+    return refuse(std::string("kdlcal: ") + error.what());
+  } catch (...) {
+    return refuse("kdlcal: failed for an unknown reason");
+  }
+}
+
 }  // namespace
 }  // namespace kdl_calibration::cli
 
@@ -137,13 +150,5 @@ int main(int argc, char** argv) {
   // A file that grows beyond what is allowed should be a failed write, not the end of the process.
   std::signal(SIGXFSZ, SIG_IGN);
   kdl_calibration::cli::remove_temporaries_on_signals();
-  try {
-    return kdl_calibration::cli::run(argc, argv);
-  } catch (const std::bad_alloc&) {
-    return kdl_calibration::cli::refuse("kdlcal: the memory does not suffice, expected less data");
-  } catch (const std::exception& error) {
-    return kdl_calibration::cli::refuse(std::string("kdlcal: ") + error.what());
-  } catch (...) {
-    return kdl_calibration::cli::refuse("kdlcal: failed for an unknown reason");
-  }
+  return kdl_calibration::cli::with_enough_stack([&] { return kdl_calibration::cli::run_or_refuse(argc, argv); });
 }

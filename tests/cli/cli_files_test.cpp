@@ -5,6 +5,7 @@
 
 #include <filesystem>
 
+#include "base/sha256.hpp"
 #include "cli_support.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "mistakes_support.hpp"
@@ -73,6 +74,72 @@ TEST_F(Files, NothingIsWrittenWhereStandardOutputIsFull) {
   }
 }
 
+// Whose files stand there in the end is open; that they do not belong together shows.
+TEST_F(Files, TwoRunsIntoTheSameFilesLeaveWholeOnesAndHashesThatTellThemApart) {
+  Measured other = measured(kMeasured.model, 2);
+  write("m2.csv", measurements_csv(other.data));
+  const auto command = [](const std::string& measurements) {
+    return std::vector<std::string>{"calibrate", "--measurements", measurements, "--output",
+                                    "c.urdf",    "--result",       "r.json",     "--force"};
+  };
+  std::map<std::string, nlohmann::json> alone;  // by the hash of the URDF
+  for (const char* name : {"m.csv", "m2.csv"}) {
+    ASSERT_EQ(run(command(name)).status, 0);
+    const nlohmann::json result = json_of("r.json");
+    EXPECT_EQ(result["exported_urdf"]["sha256"], sha256(text_of("c.urdf")));
+    alone[sha256(text_of("c.urdf"))] = result["parameters"];
+  }
+  ASSERT_EQ(alone.size(), 2U);
+  const std::size_t before = files().size();
+  for (int attempt = 0; attempt < 5; ++attempt) {
+    fs::remove(directory / "c.urdf");
+    fs::remove(directory / "r.json");
+    Process first(directory, command("m.csv"));
+    Process second(directory, command("m2.csv"));
+    const int statuses = WEXITSTATUS(first.wait()) + WEXITSTATUS(second.wait());
+    EXPECT_TRUE(statuses == 0 || statuses == 2) << statuses;  // a name that the other took meanwhile is refused
+    EXPECT_EQ(files().size(), before);
+    // Either URDF is one of the two, whole; so is the result, which says which one it belongs to.
+    EXPECT_EQ(alone.count(sha256(text_of("c.urdf"))), 1U);
+    const nlohmann::json result = json_of("r.json");
+    const std::string named = result["exported_urdf"]["sha256"];
+    ASSERT_EQ(alone.count(named), 1U);
+    EXPECT_EQ(result["parameters"], alone[named]);
+  }
+}
+
+TEST_F(Files, ASmallStackSuffices) {
+  if (kSanitized) {
+    GTEST_SKIP() << "a sanitizer needs more stack by itself";
+  }
+  const Surroundings small{.stack = 64 << 10U};
+  for (const std::vector<std::string>& command :
+       std::vector<std::vector<std::string>>{{"fk", "--joints", "0,0,0,0,0,0"},
+                                             {"model"},
+                                             {"calibrate", "--measurements", "m.csv", "--extras", "auto"},
+                                             {"validate", "--measurements", "m.csv", "--json"},
+                                             {"simulate", "--monte-carlo", "3"},
+                                             {"plan", "--configurations", "12", "--candidates", "60"}}) {
+    const Outcome usual = run(command);
+    const Outcome outcome = run(command, small);
+    EXPECT_EQ(outcome.status, usual.status) << command.front() << ": " << outcome.err;
+    EXPECT_EQ(outcome.out, usual.out) << command.front();
+  }
+  expect_refused({"calibrate", "--measurements", "none.csv"}, {"none.csv"}, small);
+}
+
+TEST_F(Files, SignalsCleanUpWithASmallStackAsWell) {
+  const auto before = files();
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT}) {
+    Process process(directory, {"simulate", "--monte-carlo", "100000", "--json"}, {.stack = 64 << 10U});
+    ::usleep(200'000);
+    process.send(signal);
+    const int status = process.wait();
+    EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == signal) << signal;
+    EXPECT_TRUE(files() == before);
+  }
+}
+
 TEST_F(Files, QuittingLeavesNothing) {
   const auto before = files();
   Process process(directory, {"simulate", "--monte-carlo", "100000", "--json"});
@@ -115,6 +182,31 @@ TEST_F(Files, AXacroFileIsNamedAsOne) {
   write("expanded.urdf", R"(<!-- from ${file} --><robot name="a" xmlns:xacro="http://ros.org/wiki/xacro">
 <link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>)");
   EXPECT_EQ(run({"model", "--urdf", "expanded.urdf"}).status, 0);
+}
+
+TEST_F(Files, OtherEncodingsOfAUrdfAreNamedWithTheirLine) {
+  const std::string arm = R"(<robot name="a"><link name="a"/><link name="b"/>
+<joint name="gelenk" type="continuous"><parent link="a"/><child link="b"/></joint>)";
+  const auto with = [&](const std::string& head, const std::string& letters) {
+    return write("arm.urdf", head + arm + "\n<!-- " + letters + " -->\n</robot>\n");
+  };
+  const std::vector<std::string> model = {"model", "--urdf", "arm.urdf"};
+  with("", "gr\xfc\xdf");
+  expect_refused(model, {"arm.urdf:3: letters in another encoding, such as Latin-1, expected XML in UTF-8"});
+  with("\n<?xml version=\"1.0\" encoding='iso-8859-1'?>\n", "gr\xfc\xdf");
+  expect_refused(model, {"arm.urdf:2: letters in the encoding 'ISO-8859-1', expected XML in UTF-8"});
+  write("arm.urdf", std::string("\xff\xfe<\0r\0", 6));
+  expect_refused(model, {"arm.urdf:1: UTF-16, expected XML in UTF-8"});
+  write("arm.urdf", arm + std::string("\0", 1));
+  expect_refused(model, {"arm.urdf:2: zero byte, expected XML in UTF-8"});
+  // What is the same in UTF-8, or is UTF-8.
+  with("<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>\n", "plain");
+  EXPECT_EQ(run(model).status, 0);
+  for (const char* head : {"", "\xef\xbb\xbf", "<?xml version=\"1.0\" encoding=\"utf-8\"?>"}) {
+    with(head, "gr\xc3\xbc\xc3\x9f");
+    const Outcome outcome = run(model);
+    EXPECT_EQ(outcome.status, 0) << outcome.err;
+  }
 }
 
 TEST_F(Files, JointValuesHaveTheLimitsOfFiles) {
@@ -173,7 +265,8 @@ TEST_F(Files, CalibrateDoubtsFeetAndWritesMarkedFiles) {
   const Outcome outcome = run({"calibrate", "--measurements", "feet.csv", "--result", "r.json"});
   EXPECT_EQ(outcome.status, 1) << outcome.err;
   EXPECT_THAT(outcome.err, HasSubstr("feet read as metres"));
-  EXPECT_THAT(json_of("r.json")["warnings"].dump(), HasSubstr("feet read as metres"));
+  EXPECT_THAT(json_of("r.json")["doubts"].dump(), HasSubstr("feet read as metres"));
+  EXPECT_EQ(json_of("r.json")["trusted"], false);
 }
 
 TEST_F(Files, ValidateNeedsMoreCoordinatesThanBaseAndTargetsTake) {
