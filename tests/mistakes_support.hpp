@@ -130,6 +130,22 @@ inline Measured measured(const ErrorModel& model, std::uint64_t seed, const Draw
   return {.model = model, .truth = robot.truth, .free = free, .data = std::move(data)};
 }
 
+/// What an arm of any kind may leave: errors of 0 to 3 degrees and 3 mm, compliance, gains, 1 to 5 targets, repeats.
+inline Measured correct_data(std::uint64_t seed) {
+  Random random(seed);
+  const ErrorModel model = random_arm(random);
+  Draw draw{.configurations = 12 + static_cast<int>(random.uniform(0.0, 40.0)),
+            .targets = 1 + static_cast<int>(seed % 5)};
+  draw.lever = random.uniform(0.005, 0.2);
+  draw.length = random.uniform(0.0, 0.003);
+  draw.angle = random.uniform(0.0, 3.0 * kDegree);
+  draw.noise = seed % 7 == 0 ? 0.0 : random.uniform(1e-5, 1e-4);
+  draw.deflection = seed % 3 == 0 ? 0.0 : random.uniform(0.0, 0.002);
+  draw.gain = seed % 4 == 0 ? random.uniform(0.0, 0.001) : 0.0;
+  draw.repeats = seed % 6 == 0 ? 3 : 1;
+  return measured(model, seed, draw);
+}
+
 /// X_WF in a configuration as it truly was.
 inline Eigen::Isometry3d true_flange(const Measured& m, int configuration) {
   Estimate rigid = m.truth;

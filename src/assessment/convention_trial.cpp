@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <limits>
@@ -23,7 +24,27 @@ using Eigen::VectorXd;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kDegree = std::numbers::pi / 180.0;
-constexpr double kMillimetre = 0.001;
+
+// What a joint value may have been meant in, and its factor where it was read as something else.
+struct Unit {
+  bool angle;
+  double factor;
+  const char* words;
+};
+
+constexpr std::array kUnits = {Unit{true, kDegree, "in degrees, read as radians"},
+                               Unit{true, 1.0 / kDegree, "in radians, read as degrees"},
+                               Unit{true, 0.9, "in gradians, read as degrees"},
+                               Unit{true, 0.9 * kDegree, "in gradians, read as radians"},
+                               Unit{true, 0.001, "in milliradians, read as radians"},
+                               Unit{true, 2.0 * std::numbers::pi, "in turns, read as radians"},
+                               Unit{true, 360.0, "in turns, read as degrees"},
+                               Unit{false, 0.001, "in millimetres, read as metres"},
+                               Unit{false, 1000.0, "in metres, read as millimetres"},
+                               Unit{false, 0.01, "in centimetres, read as metres"},
+                               Unit{false, 10.0, "in centimetres, read as millimetres"},
+                               Unit{false, 0.0254, "in inches, read as metres"},
+                               Unit{false, 25.4, "in inches, read as millimetres"}};
 
 // The joint values of the file, and the convention that made them the URDF's.
 struct Reading {
@@ -105,6 +126,10 @@ public:
 private:
   Index joint_count() const { return static_cast<Index>(names_.size()); }
   const std::string& name(Index j) const { return names_[static_cast<std::size_t>(j)]; }
+  // That the convention in use makes joints of.
+  std::string column(Index j) const {
+    return used_ != nullptr ? used_->controller_joints[static_cast<std::size_t>(j)] : std::string();
+  }
   bool turns(Index j) const { return joints_[static_cast<std::size_t>(j)].type != JointType::prismatic; }
   Reading as_they_are() const {
     return {.matrix = MatrixXd::Identity(joint_count(), joint_count()), .offset = VectorXd::Zero(joint_count())};
@@ -135,6 +160,14 @@ private:
                    {.matrix = change * present_.matrix, .offset = present_.offset}));
   }
 
+  // The same with the controller's values, where a convention makes others of them.
+  void consider_columns(const char* cause, const std::string& description, const MatrixXd& change) {
+    if (used_ != nullptr) {
+      consider(trial(cause, "the controller's " + description, controller_,
+                     {.matrix = present_.matrix * change, .offset = present_.offset}));
+    }
+  }
+
   void add_conventions(const std::vector<JointConvention>& others) {
     for (const JointConvention& other : others) {
       if (const auto reading = reading_of(other, names_, used_)) {
@@ -151,35 +184,26 @@ private:
       MatrixXd change = as_they_are().matrix;
       change(j, j) = -1.0;
       consider("joint_sign", name(j) + " with the opposite sign", change);
-    }
-    for (Index j = 0; used_ != nullptr && j < joint_count(); ++j) {
-      Reading flipped = present_;
-      flipped.matrix.col(j) *= -1.0;
-      consider(
-          trial("joint_sign",
-                "the controller's " + used_->controller_joints[static_cast<std::size_t>(j)] + " with the opposite sign",
-                controller_, flipped));
+      consider_columns("joint_sign", column(j) + " with the opposite sign", change);
     }
   }
 
   void add_units() {
-    for (const bool smaller : {true, false}) {
+    for (const Unit& unit : kUnits) {
       VectorXd every = VectorXd::Ones(joint_count());
       for (Index j = 0; j < joint_count(); ++j) {
-        const double unit = turns(j) ? kDegree : kMillimetre;
-        VectorXd one = VectorXd::Ones(joint_count());
-        one[j] = smaller ? unit : 1.0 / unit;
-        every[j] = turns(j) ? one[j] : 1.0;
-        consider("joint_unit", name(j) + " " + units_exchanged(turns(j), smaller), one.asDiagonal());
+        if (turns(j) == unit.angle) {
+          VectorXd one = VectorXd::Ones(joint_count());
+          one[j] = unit.factor;
+          every[j] = unit.factor;
+          consider("joint_unit", name(j) + " " + unit.words, one.asDiagonal());
+          consider_columns("joint_unit", column(j) + " " + unit.words, one.asDiagonal());
+        }
       }
-      consider("joint_unit", "all joint angles " + units_exchanged(true, smaller), every.asDiagonal());
+      if (unit.angle) {
+        consider("joint_unit", std::string("all joint angles ") + unit.words, every.asDiagonal());
+      }
     }
-  }
-
-  static std::string units_exchanged(bool angle, bool smaller) {
-    const std::string large = angle ? "radians" : "metres";
-    const std::string small = angle ? "degrees" : "millimetres";
-    return smaller ? "in " + small + ", read as " + large : "in " + large + ", read as " + small;
   }
 
   // A joint counted against the horizontal, as teach pendants do behind a parallelogram.
@@ -203,9 +227,12 @@ private:
         MatrixXd change = as_they_are().matrix;
         change.row(j).swap(change.row(k));
         consider("joint_columns", name(j) + " and " + name(k) + " exchanged", change);
+        consider_columns("joint_columns", column(j) + " and " + column(k) + " exchanged", change);
       }
     }
-    consider("joint_columns", "the joints in reversed order", as_they_are().matrix.rowwise().reverse());
+    const MatrixXd reversed = as_they_are().matrix.rowwise().reverse();
+    consider("joint_columns", "the joints in reversed order", reversed);
+    consider_columns("joint_columns", "joints in reversed order", reversed);
   }
 
   std::vector<std::string> names_;

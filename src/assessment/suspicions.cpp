@@ -10,6 +10,7 @@
 #include <set>
 #include <utility>
 
+#include "assessment/gain_trial.hpp"
 #include "assessment/order_check.hpp"
 #include "assessment/point_trial.hpp"
 #include "assessment/trial_fit.hpp"
@@ -229,6 +230,9 @@ public:
       judge_readings();
     }
     if (suspicions_.empty()) {
+      judge_gains();
+    }
+    if (suspicions_.empty()) {
       judge_order();
     }
     judge_lengths();
@@ -300,10 +304,10 @@ private:
   }
 
   void judge_readings() {
-    const double readings = 50.0;
     const std::vector<ConventionTrial> trials =
         try_conventions(model_, sample_.measurements, sample_.free, options_.used, options_.others,
                         {.registration = options_.registration, .joint = {}, .threads = options_.threads});
+    const double readings = 2.0 + static_cast<double>(trials.size());
     double best = fitted_;
     const auto consider = [&](const std::string& cause, const std::string& what, double left) {
       if (left < best && explains(left, fitted_, sample_.freedom, readings)) {
@@ -326,6 +330,38 @@ private:
                    sample_.measurements.configurations[static_cast<std::size_t>(exchange->from)] + " on",
                trial(exchange->repaired));
     }
+  }
+
+  // Whether one of the fit's own gains is beyond what is one.
+  bool has_wrong_gain() const {
+    for (std::size_t d = 0; d < model_.deflections.size() && fit_.deflections.size() > 0; ++d) {
+      if (model_.deflections[d].gain && std::abs(fit_.deflections[static_cast<Index>(d)]) > kLeastWrongGain) {
+        return true;
+      }
+    }
+    return false;
+  }
+
+  void judge_gains() {
+    constexpr double kWorthALook = 1e-4;  // of the arm's length
+    const auto joints = static_cast<double>(model_.joints.size());
+    const double freedom = sample_.freedom - joints;
+    if (!(freedom >= 1.0) || (!has_wrong_gain() && fitted_ < kWorthALook * arm_length(model_))) {
+      return;
+    }
+    const std::optional<GainTrial> found = try_gains(model_, sample_.measurements, nominal_, sample_.free);
+    if (!found || std::abs(found->factor - 1.0) < kLeastWrongGain ||
+        !explains(found->rms, found->rms_rigid, freedom, joints)) {
+      return;
+    }
+    const MovingJoint& joint = model_.joints[found->joint];
+    const bool turns = joint.type != JointType::prismatic;
+    suspect("joint_gain",
+            joint.name + (turns ? " turning " : " moving ") + significant(found->factor, 4) +
+                " times as far as its values say" +
+                (found->others > 0 ? ", and " + std::to_string(found->others) + " more joints likewise" : "") +
+                " (a unit, a gear ratio or an encoder set wrong)",
+            found->rms, found->rms_rigid);
   }
 
   void judge_order() {

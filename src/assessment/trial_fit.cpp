@@ -13,14 +13,18 @@ namespace kdl_calibration {
 using Eigen::Index;
 using Eigen::VectorXd;
 
+double arm_length(const ErrorModel& model) {
+  double length = model.tip_origin.p.Norm();
+  for (const MovingJoint& joint : model.joints) {
+    length += joint.origin.p.Norm();
+  }
+  return length;
+}
+
 bool plausible(const ErrorModel& model, const VectorXd& errors) {
   constexpr double kLargestAngle = 0.35;   // [rad]
   constexpr double kLargestShare = 0.005;  // of an arm of more than ten metres
-  double reach = model.tip_origin.p.Norm();
-  for (const MovingJoint& joint : model.joints) {
-    reach += joint.origin.p.Norm();
-  }
-  const double largest_length = std::max(0.05, kLargestShare * reach);
+  const double largest_length = std::max(0.05, kLargestShare * arm_length(model));
   for (std::size_t p = 0; p < model.parameters.size(); ++p) {
     const double limit = is_length(model, model.parameters[p]) ? largest_length : kLargestAngle;
     if (!(std::abs(errors[static_cast<Index>(p)]) < limit)) {

@@ -20,6 +20,9 @@ struct TrialFit {
 /// What a hypothesis may leave after registration, relative to the data as they are, to be worth a fit.
 constexpr double kWorthAFit = 2.0;
 
+/// [m] of the links one behind the other, that of the base included.
+double arm_length(const ErrorModel& model);
+
 /// Whether a robot may have these errors: 50 mm (0.5 % of an arm beyond ten metres), 0.35 rad. With larger ones a wrong
 /// reading may fit, e.g. the fifth joint's opposite sign as half a turn of the fourth and the sixth.
 bool plausible(const ErrorModel& model, const Eigen::VectorXd& errors);

@@ -345,7 +345,25 @@ void judge_exported_urdf(const Setting& setting, Calibration& result) {
   }
 }
 
-// What the whole of the data may be taken for. Where the base moved no target is accused of it.
+// What is left of the findings beside what the whole of the data may be taken for: where the base moved no target is
+// accused of it, and residuals of data that were read wrongly say nothing of single rows.
+void keep_beside_suspicions(const Measurements& measurements, const std::vector<Suspicion>& suspicions,
+                            std::vector<QualityFinding>& findings) {
+  const auto any = [&](const auto& matches) {
+    return std::any_of(suspicions.begin(), suspicions.end(),
+                       [&](const Suspicion& suspicion) { return suspicion.doubt && matches(suspicion.cause); });
+  };
+  const auto of_base = [](const std::string& cause) { return cause == "moved_base" || cause == "drift"; };
+  if (any([](const std::string& cause) { return cause == "exchanged_targets"; })) {
+    findings.clear();
+  } else if (any(of_base)) {
+    std::erase_if(findings, [](const QualityFinding& finding) { return finding.kind == QualityKind::slipped_target; });
+  } else if (any([](const std::string&) { return true; })) {
+    findings = check_distances(measurements);
+  }
+}
+
+// What the whole of the data may be taken for.
 void suspect(const Setting& setting, const Measurements& measurements, const CalibrationOptions& options,
              Calibration& result) {
   if (!options.try_readings) {
@@ -356,13 +374,7 @@ void suspect(const Setting& setting, const Measurements& measurements, const Cal
                                   .used = options.convention ? &*options.convention : nullptr,
                                   .others = options.other_conventions,
                                   .threads = options.threads});
-  const bool moved = std::any_of(result.suspicions.begin(), result.suspicions.end(), [](const Suspicion& suspicion) {
-    return suspicion.cause == "moved_base" || suspicion.cause == "drift";
-  });
-  if (moved) {
-    std::erase_if(result.findings,
-                  [](const QualityFinding& finding) { return finding.kind == QualityKind::slipped_target; });
-  }
+  keep_beside_suspicions(measurements, result.suspicions, result.findings);
 }
 
 }  // namespace
