@@ -33,6 +33,7 @@ struct Surroundings {
   std::string out = "/dev/null";  ///< where standard output goes
   std::string err = "/dev/null";  ///< where standard error goes
   rlim_t largest_file = 0;        ///< bytes that a file may have; 0: no limit
+  rlim_t stack = 0;               ///< bytes, as ulimit -s sets it; 0: that of the test
   unsigned user = 0;              ///< who runs it; 0: the one who runs the test
   rlim_t cpu_seconds = kSanitized ? 600 : 60;
   unsigned seconds = kSanitized ? 1200 : 300;                    ///< on the clock, of a machine that has other work
@@ -119,6 +120,9 @@ private:
     ::alarm(surroundings_.seconds);
     limit(RLIMIT_CPU, surroundings_.cpu_seconds, surroundings_.cpu_seconds + 5);
     limit(RLIMIT_CORE, 0, 0);
+    if (surroundings_.stack > 0) {
+      limit(RLIMIT_STACK, surroundings_.stack, surroundings_.stack);
+    }
     if (surroundings_.largest_file > 0) {
       limit(RLIMIT_FSIZE, surroundings_.largest_file, surroundings_.largest_file);
     }

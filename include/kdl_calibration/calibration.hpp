@@ -22,6 +22,7 @@
 #include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/suspicions.hpp"
 #include "kdl_calibration/unknowns.hpp"
 #include "kdl_calibration/validation.hpp"
 
@@ -61,7 +62,11 @@ struct CalibrationOptions {
   /// Where neither is asked for: leave-one-out or, above kMostLeftOutSingly configurations, ten folds. Without it the
   /// answer cannot be doubted for what it does at unseen configurations.
   bool held_out = true;
-  int threads = 0;            ///< 0: all
+  int threads = 0;           ///< 0: all
+  bool try_readings = true;  ///< look for suspicions
+  /// That made the joint values the URDF's, and others that may have been meant: suspicions are tried with them.
+  std::optional<JointConvention> convention;
+  std::vector<JointConvention> other_conventions;
   Configurations predict_at;  ///< where the predicted accuracy is asked for
   /// Called with what is being done ("leave-one-out") and how many of its fits are, from one thread at a time.
   std::function<void(const std::string& what, std::size_t done, std::size_t of)> progress;
@@ -196,6 +201,7 @@ struct Calibration {
   std::optional<LackOfFit> lack_of_fit;  ///< where there are repeats
   PredictedAccuracy predicted;
   std::vector<QualityFinding> findings;  ///< what is wrong with the measurements themselves, found before the fit
+  std::vector<Suspicion> suspicions;     ///< readings that would explain the measurements much better
   std::vector<double> weights;           ///< of each observation, where a robust loss was used
   double difference_to_kdl = 0.0;        ///< [m] of the flange pose at the measured configurations
   std::vector<std::string> warnings;
@@ -210,7 +216,8 @@ struct Calibration {
 
 /// The whole calibration: registration, reduction of the model to what the measured targets can show, choice of priors
 /// and deflections, identification, covariance, validation. No starting values are needed.
-/// Throws InputError: a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step
+/// Throws InputError: measurements that do not hold together or are another robot's, a sigma or prior that is negative
+/// or not finite, a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step
 /// with known frames, measured orientations, priors, deflections or a loss, fewer equations than unknowns, no training
 /// rows, noise from repeats without repeats, a sigma of orientations without one of positions or without orientations.
 /// Candidates that the measurements at hand cannot tell apart are fixed by the order of the reduction (base, targets,

@@ -15,9 +15,11 @@ namespace kdl_calibration {
 
 /// A way to read the joint values, and how well the model then fits.
 struct ConventionTrial {
-  std::string description;       ///< "the convention fanuc_r2000ic_165f_pendant.json", "joint_3 with the opposite sign"
-  bool present = false;          ///< the way the measurements were read
-  double rms = 0.0;              ///< [m] 3D, of the train rows after the fit; infinite where there is none
+  std::string cause;        ///< joint_convention, joint_sign, joint_unit or joint_columns; empty for the present one
+  std::string description;  ///< "the convention fanuc_r2000ic_165f_pendant.json", "joint_3 with the opposite sign"
+  bool present = false;     ///< the way the measurements were read
+  double registered = 0.0;  ///< [m] 3D, of the train rows with the nominal geometry, base and targets registered
+  double rms = 0.0;         ///< [m] the same after the fit; as registered where that says that a fit is in vain
   Eigen::MatrixXd joint_values;  ///< the measurements' joint values read that way
 };
 
@@ -29,10 +31,13 @@ struct ConventionOptions {
 
 /// Tries other readings of the joint values, which were converted with `used` (nullptr: taken as they are): with the
 /// convention (M, o) another one (M', o') gives q' = M' M^-1 (q - o) + o'. Tried are `others`, no convention where one
-/// was used, and the opposite sign of each single joint, of the URDF's and, where `used` couples joints, of the
-/// controller's. Conventions for other joints than the measurements' are left out, and so are those equal to `used`.
-/// Each is registered and fitted with `free` from the nominal geometry; a fit with errors beyond any robot's (50 mm,
-/// 0.35 rad) counts with its registration alone. Best first, the present reading among them. Nothing is changed.
+/// was used; the opposite sign of each single joint, of the URDF's and, where `used` couples joints, of the
+/// controller's; degrees and radians exchanged for one joint or for all of them (millimetres and metres of a slide);
+/// two joints exchanged and all of them in reversed order; and, of joints with parallel axes, the sum or the difference
+/// of a joint and the one in front of it. Conventions for other joints than the measurements' are left out, and so are
+/// readings that are equal to another one. Each is registered from the nominal geometry, and fitted with `free` where
+/// that leaves less than twice what the present reading does; a fit with errors beyond any robot's (50 mm, 0.35 rad)
+/// counts with its registration alone. Best first, the present reading among them. Nothing is changed.
 /// Throws InputError as identify_jointly does, and where `used` does not match the joints.
 std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
                                              const Unknowns& free, const JointConvention* used,

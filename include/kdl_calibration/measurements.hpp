@@ -43,6 +43,8 @@ struct Measurements {
   /// Empty where only points were measured, else one per observation: orientation of the target's frame in W.
   /// An observation that measured a point alone holds NaN in all four coefficients.
   std::vector<Eigen::Quaterniond> orientations;
+  /// Empty where nothing is known, else one per observation: its place in the order in which the arm was driven.
+  std::vector<std::int64_t> order;
   /// Empty where nothing is known, else one per joint. The reader fills it from the header's units where the columns
   /// bear the URDF's joint names, and leaves it empty behind a joint convention.
   std::vector<JointUnit> joint_units;
@@ -57,7 +59,8 @@ void drop_unused_orientations(std::vector<Eigen::Quaterniond>& orientations);
 Measurements subset(const Measurements& measurements, const std::function<bool(const Observation&)>& keep);
 
 /// One observation per configuration and target, ordered so: the mean over the repeats, with repeat 1. Its sigma is
-/// that of a mean of independent values, sqrt(sum sigma^2) / n, and 0 where one of the rows states none. Orientations
+/// that of a mean of independent values, sqrt(sum sigma^2) / n, and 0 where one of the rows states none; its order is
+/// that of the first row. Orientations
 /// are averaged over the rows that have one: the mean is the eigenvector of the largest eigenvalue of sum q q^T
 /// (Markley, Cheng, Crassidis and Oshman 2007, eq. 13), on the side of the first.
 Measurements averaged(const Measurements& measurements);
@@ -66,7 +69,7 @@ Measurements averaged(const Measurements& measurements);
 JointRanges trained_ranges(const Measurements& measurements);
 
 /// The measurements of `second` behind those of `first`; same joints and targets. Where only one of them has
-/// orientations the rows of the other are points alone.
+/// orientations the rows of the other are points alone; the order is lost unless both have one.
 Measurements joined(const Measurements& first, const Measurements& second);
 
 }  // namespace kdl_calibration

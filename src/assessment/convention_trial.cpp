@@ -2,16 +2,18 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <numbers>
 #include <utility>
 
+#include "assessment/trial_fit.hpp"
 #include "base/parallel.hpp"
-#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/prediction.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -21,6 +23,28 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+// What a joint value may have been meant in, and its factor where it was read as something else.
+struct Unit {
+  bool angle;
+  double factor;
+  const char* words;
+};
+
+constexpr std::array kUnits = {Unit{true, kDegree, "in degrees, read as radians"},
+                               Unit{true, 1.0 / kDegree, "in radians, read as degrees"},
+                               Unit{true, 0.9, "in gradians, read as degrees"},
+                               Unit{true, 0.9 * kDegree, "in gradians, read as radians"},
+                               Unit{true, 0.001, "in milliradians, read as radians"},
+                               Unit{true, 2.0 * std::numbers::pi, "in turns, read as radians"},
+                               Unit{true, 360.0, "in turns, read as degrees"},
+                               Unit{false, 0.001, "in millimetres, read as metres"},
+                               Unit{false, 1000.0, "in metres, read as millimetres"},
+                               Unit{false, 0.01, "in centimetres, read as metres"},
+                               Unit{false, 10.0, "in centimetres, read as millimetres"},
+                               Unit{false, 0.0254, "in inches, read as metres"},
+                               Unit{false, 25.4, "in inches, read as millimetres"}};
 
 // The joint values of the file, and the convention that made them the URDF's.
 struct Reading {
@@ -28,8 +52,11 @@ struct Reading {
   VectorXd offset;
 };
 
-ConventionTrial trial(std::string description, const MatrixXd& controller_values, const Reading& reading) {
-  return {.description = std::move(description),
+ConventionTrial trial(const char* cause, std::string description, const MatrixXd& controller_values,
+                      const Reading& reading) {
+  return {.cause = cause,
+          .description = std::move(description),
+          .registered = kInfinity,
           .rms = kInfinity,
           .joint_values = (reading.matrix * controller_values).colwise() + reading.offset};
 }
@@ -67,74 +94,155 @@ std::optional<Reading> reading_of(const JointConvention& convention, const std::
   return reading;
 }
 
-std::vector<ConventionTrial> readings(const std::vector<std::string>& names, const MatrixXd& joint_values,
-                                      const JointConvention* used, const std::vector<JointConvention>& others) {
-  const auto joints = static_cast<Index>(names.size());
-  Reading present{.matrix = MatrixXd::Identity(joints, joints), .offset = VectorXd::Zero(joints)};
-  if (used != nullptr) {
-    const JointConvention ordered = matched_convention(*used, names);
-    present = {.matrix = ordered.matrix, .offset = ordered.offset};
-  }
-  const MatrixXd controller = present.matrix.partialPivLu().solve(joint_values.colwise() - present.offset);
-  std::vector<ConventionTrial> trials = {
-      trial(used != nullptr ? named(*used) : "the joint values as they are", controller, present)};
-  trials.front().present = true;
-  const auto consider = [&](ConventionTrial candidate) {
-    if (std::none_of(trials.begin(), trials.end(), [&](const auto& other) { return same_reading(other, candidate); })) {
-      trials.push_back(std::move(candidate));
+// Collects readings of the controller's joint values that differ from each other.
+class Readings {
+public:
+  Readings(const std::vector<MovingJoint>& joints, const MatrixXd& joint_values, const JointConvention* used)
+      : names_(independent_joint_names(joints)), used_(used) {
+    for (const std::size_t i : independent_joints(joints)) {
+      joints_.push_back(joints[i]);
     }
-  };
-  for (const JointConvention& other : others) {
-    if (const auto reading = reading_of(other, names, used)) {
-      consider(trial(named(other), controller, *reading));
+    present_ = as_they_are();
+    if (used != nullptr) {
+      const JointConvention ordered = matched_convention(*used, names_);
+      present_ = {.matrix = ordered.matrix, .offset = ordered.offset};
     }
+    parallel_ = parallel_to_the_one_before(joints);
+    controller_ = present_.matrix.partialPivLu().solve(joint_values.colwise() - present_.offset);
+    trials_.push_back(
+        trial("", used != nullptr ? named(*used) : "the joint values as they are", controller_, present_));
+    trials_.front().present = true;
   }
-  if (used != nullptr) {
-    consider(trial("the joint values as they are", controller,
-                   {.matrix = MatrixXd::Identity(joints, joints), .offset = VectorXd::Zero(joints)}));
-  }
-  for (Index j = 0; j < joints; ++j) {
-    Reading flipped = present;
-    flipped.matrix.row(j) *= -1.0;
-    consider(trial(names[static_cast<std::size_t>(j)] + " with the opposite sign", controller, flipped));
-  }
-  for (Index j = 0; used != nullptr && j < joints; ++j) {
-    Reading flipped = present;
-    flipped.matrix.col(j) *= -1.0;
-    consider(
-        trial("the controller's " + used->controller_joints[static_cast<std::size_t>(j)] + " with the opposite sign",
-              controller, flipped));
-  }
-  return trials;
-}
 
-// Errors that no robot has: with enough of them a wrong reading may fit, e.g. the fifth joint's opposite sign as half a
-// turn of the fourth and the sixth.
-bool plausible(const ErrorModel& model, const VectorXd& errors) {
-  constexpr double kLargestLength = 0.05;  // [m]
-  constexpr double kLargestAngle = 0.35;   // [rad]
-  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-    const double limit = is_length(model, model.parameters[p]) ? kLargestLength : kLargestAngle;
-    if (!(std::abs(errors[static_cast<Index>(p)]) < limit)) {
-      return false;
-    }
+  std::vector<ConventionTrial> all(const std::vector<JointConvention>& others) && {
+    add_conventions(others);
+    add_signs();
+    add_units();
+    add_couplings();
+    add_exchanges();
+    return std::move(trials_);
   }
-  return true;
-}
 
-double rms_of(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate) {
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
-  double sum = 0.0;
-  double count = 0.0;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      sum += (observation.position - predicted_point(estimate, X_BF, observation)).squaredNorm();
-      count += 1.0;
+private:
+  Index joint_count() const { return static_cast<Index>(names_.size()); }
+  const std::string& name(Index j) const { return names_[static_cast<std::size_t>(j)]; }
+  // That the convention in use makes joints of.
+  std::string column(Index j) const {
+    return used_ != nullptr ? used_->controller_joints[static_cast<std::size_t>(j)] : std::string();
+  }
+  bool turns(Index j) const { return joints_[static_cast<std::size_t>(j)].type != JointType::prismatic; }
+  Reading as_they_are() const {
+    return {.matrix = MatrixXd::Identity(joint_count(), joint_count()), .offset = VectorXd::Zero(joint_count())};
+  }
+
+  // Of each independent joint, whether the joint in front of it is one, too, and both turn about parallel axes.
+  static std::vector<bool> parallel_to_the_one_before(const std::vector<MovingJoint>& joints) {
+    constexpr double kParallel = 1e-3;  // [rad]
+    std::vector<bool> result;
+    for (const std::size_t i : independent_joints(joints)) {
+      const bool pair = i > 0 && !joints[i - 1].mimic && joints[i].type != JointType::prismatic &&
+                        joints[i - 1].type != JointType::prismatic;
+      result.push_back(pair && (joints[i - 1].axis * (joints[i].origin.M * joints[i].axis)).Norm() < kParallel);
+    }
+    return result;
+  }
+
+  void consider(ConventionTrial candidate) {
+    if (std::none_of(trials_.begin(), trials_.end(),
+                     [&](const ConventionTrial& other) { return same_reading(other, candidate); })) {
+      trials_.push_back(std::move(candidate));
     }
   }
-  const double rms = std::sqrt(sum / count);
-  return std::isfinite(rms) ? rms : kInfinity;
-}
+
+  // The URDF's values, as they were read, changed by a matrix.
+  void consider(const char* cause, std::string description, const MatrixXd& change) {
+    consider(trial(cause, std::move(description), controller_,
+                   {.matrix = change * present_.matrix, .offset = present_.offset}));
+  }
+
+  // The same with the controller's values, where a convention makes others of them.
+  void consider_columns(const char* cause, const std::string& description, const MatrixXd& change) {
+    if (used_ != nullptr) {
+      consider(trial(cause, "the controller's " + description, controller_,
+                     {.matrix = present_.matrix * change, .offset = present_.offset}));
+    }
+  }
+
+  void add_conventions(const std::vector<JointConvention>& others) {
+    for (const JointConvention& other : others) {
+      if (const auto reading = reading_of(other, names_, used_)) {
+        consider(trial("joint_convention", named(other), controller_, *reading));
+      }
+    }
+    if (used_ != nullptr) {
+      consider(trial("joint_convention", "the joint values as they are", controller_, as_they_are()));
+    }
+  }
+
+  void add_signs() {
+    for (Index j = 0; j < joint_count(); ++j) {
+      MatrixXd change = as_they_are().matrix;
+      change(j, j) = -1.0;
+      consider("joint_sign", name(j) + " with the opposite sign", change);
+      consider_columns("joint_sign", column(j) + " with the opposite sign", change);
+    }
+  }
+
+  void add_units() {
+    for (const Unit& unit : kUnits) {
+      VectorXd every = VectorXd::Ones(joint_count());
+      for (Index j = 0; j < joint_count(); ++j) {
+        if (turns(j) == unit.angle) {
+          VectorXd one = VectorXd::Ones(joint_count());
+          one[j] = unit.factor;
+          every[j] = unit.factor;
+          consider("joint_unit", name(j) + " " + unit.words, one.asDiagonal());
+          consider_columns("joint_unit", column(j) + " " + unit.words, one.asDiagonal());
+        }
+      }
+      if (unit.angle) {
+        consider("joint_unit", std::string("all joint angles ") + unit.words, every.asDiagonal());
+      }
+    }
+  }
+
+  // A joint counted against the horizontal, as teach pendants do behind a parallelogram.
+  void add_couplings() {
+    for (Index j = 1; j < joint_count(); ++j) {
+      for (const double sign : {1.0, -1.0}) {
+        if (parallel_[static_cast<std::size_t>(j)]) {
+          MatrixXd change = as_they_are().matrix;
+          change(j, j - 1) = sign;
+          consider("joint_convention", name(j) + (sign > 0.0 ? " + " : " - ") + name(j - 1) + " for " + name(j),
+                   change);
+        }
+      }
+    }
+  }
+
+  void add_exchanges() {
+    constexpr Index kMostJoints = 10;  // of which all pairs are tried
+    for (Index j = 0; joint_count() <= kMostJoints && j < joint_count(); ++j) {
+      for (Index k = j + 1; k < joint_count(); ++k) {
+        MatrixXd change = as_they_are().matrix;
+        change.row(j).swap(change.row(k));
+        consider("joint_columns", name(j) + " and " + name(k) + " exchanged", change);
+        consider_columns("joint_columns", column(j) + " and " + column(k) + " exchanged", change);
+      }
+    }
+    const MatrixXd reversed = as_they_are().matrix.rowwise().reverse();
+    consider("joint_columns", "the joints in reversed order", reversed);
+    consider_columns("joint_columns", "joints in reversed order", reversed);
+  }
+
+  std::vector<std::string> names_;
+  std::vector<MovingJoint> joints_;
+  std::vector<bool> parallel_;
+  const JointConvention* used_;
+  Reading present_;
+  MatrixXd controller_;
+  std::vector<ConventionTrial> trials_;
+};
 
 }  // namespace
 
@@ -142,18 +250,28 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
                                              const Unknowns& free, const JointConvention* used,
                                              const std::vector<JointConvention>& others,
                                              const ConventionOptions& options) {
+  check(measurements, model);
+  check(free, model, measurements);
   std::vector<ConventionTrial> trials =
-      readings(independent_joint_names(model.joints), independent_joint_values(model.joints, measurements.joint_values),
-               used, others);
+      Readings(model.joints, independent_joint_values(model.joints, measurements.joint_values), used).all(others);
+  const TrialFit fit{.model = model, .free = free, .registration = options.registration, .joint = options.joint};
+  std::vector<Estimate> starts(trials.size());
+  const auto reread = [&](std::size_t i) {
+    Measurements result = measurements;
+    result.joint_values = trials[i].joint_values;
+    return result;
+  };
   parallel_for(trials.size(), options.threads, [&](std::size_t i) {
-    Measurements reread = measurements;
     trials[i].joint_values = all_joint_values(model.joints, trials[i].joint_values);
-    reread.joint_values = trials[i].joint_values;
-    const Estimate start = nominal_start(model, reread, options.registration);
-    trials[i].rms = rms_of(model, reread, start);
-    const Identification fit = identify_jointly(model, reread, start, free, options.joint);
-    if (plausible(model, fit.estimate.errors)) {
-      trials[i].rms = std::min(trials[i].rms, rms_of(model, reread, fit.estimate));
+    const Measurements as_read = reread(i);
+    starts[i] = nominal_start(model, as_read, options.registration);
+    trials[i].registered = rms_of(model, as_read, starts[i]);
+  });
+  const double limit = kWorthAFit * trials.front().registered;
+  parallel_for(trials.size(), options.threads, [&](std::size_t i) {
+    trials[i].rms = trials[i].registered;
+    if (trials[i].present || trials[i].registered < limit) {
+      trials[i].rms = fitted_rms(fit, reread(i), starts[i]);
     }
   });
   std::stable_sort(trials.begin(), trials.end(),

@@ -15,6 +15,7 @@
 #include "assessment/quality_findings.hpp"
 #include "base/robust_statistics.hpp"
 #include "kdl_calibration/data_quality.hpp"
+#include "kdl_calibration/measurements_check.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -82,6 +83,10 @@ DistanceLevels distance_levels(const Measurements& measurements, const std::vect
   const Scatter scatter = scatter_of(centred, fitted, options.noise_floor);
   result.limit = scatter.sigma *
                  threshold(options.false_alarm, static_cast<double>(centred.size()), 1, independent * scatter.freedom);
+  for (double& value : centred) {
+    value = std::abs(value);
+  }
+  result.limit = std::max(result.limit, limit_of_heavy_tails(std::move(centred)));
   return result;
 }
 
@@ -202,6 +207,7 @@ std::optional<std::pair<std::size_t, std::size_t>> swap_in_distances(const Measu
 }  // namespace
 
 std::vector<QualityFinding> check_distances(const Measurements& measurements, const QualityOptions& options) {
+  check(measurements);
   const std::vector<Group> groups = groups_of(measurements);
   const std::vector<double> relative = relative_sigmas(measurements);
   const DistanceLevels distances = distance_levels(measurements, groups, relative, options);

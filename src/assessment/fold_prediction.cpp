@@ -12,6 +12,7 @@
 #include "assessment/folds.hpp"
 #include "assessment/unit_columns.hpp"
 #include "base/parallel.hpp"
+#include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -137,7 +138,8 @@ private:
       }
     }
     const Estimate moved = problem_.free.moved(problem_.start, R_.triangularView<Eigen::Upper>().solve(without.step));
-    const std::vector<double> exact = position_errors(problem_.model, moved, held_out);
+    const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem_.model, moved, held_out.joint_values);
+    const std::vector<double> exact = position_errors(X_BF, moved, held_out);
     const double tolerance = std::max(kAsGoodAsLinear * task_.noise, kRounding);
     for (std::size_t i = 0; i < points.size(); ++i) {
       if (!(std::abs(exact[i] - points[i].distance) <= tolerance)) {

@@ -7,6 +7,7 @@
 
 #include "assessment/noise_strata.hpp"
 #include "base/f_distribution.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -17,6 +18,8 @@ using Eigen::VectorXd;
 
 std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate& estimate,
                                         const Measurements& measurements) {
+  check(measurements, model);
+  check(estimate, model, measurements);
   const Measurements means = averaged(measurements);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, means.joint_values);
   std::vector<const Observation*> rows;

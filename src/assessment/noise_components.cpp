@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/measurements_check.hpp"
 
 namespace kdl_calibration {
 
@@ -41,6 +42,7 @@ void add_orientation_scatter(const Measurements& measurements, RepeatNoise& nois
 }  // namespace
 
 RepeatNoise noise_from_repeats(const Measurements& measurements) {
+  check(measurements);
   const auto& rows = measurements.observations;
   const auto other_repeat = [&](const Observation& o) { return o.repeat != rows.front().repeat; };
   if (std::none_of(rows.begin(), rows.end(), other_repeat)) {

@@ -15,7 +15,7 @@
 #include "assessment/quality_findings.hpp"
 #include "base/robust_statistics.hpp"
 #include "kdl_calibration/data_quality.hpp"
-#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/input_check.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -93,9 +93,17 @@ void set_limits(const Measurements& measurements, double fitted, const std::vect
   const auto rows = measurements.observations.size();
   const double limit = inflation(measurements, fitted) *
                        threshold(options.false_alarm, 3.0 * static_cast<double>(rows), 1, kEfficiency * rest);
+  std::vector<double> sizes;
+  for (std::size_t row = 0; row < rows; ++row) {
+    for (Index axis = 0; axis < 3; ++axis) {
+      sizes.push_back(std::abs(table.residuals[row][axis]) / relative[row]);
+    }
+  }
+  const double heavy = limit_of_heavy_tails(std::move(sizes));
   table.limits.resize(rows);
   for (std::size_t row = 0; row < rows; ++row) {
-    table.limits[row] = limit * relative[row] * (measurements.observations[row].split == Split::train ? train : test);
+    const double sigma = measurements.observations[row].split == Split::train ? train : test;
+    table.limits[row] = relative[row] * std::max(limit * sigma, heavy);
   }
 }
 
@@ -278,10 +286,8 @@ std::vector<Found> rows_out(const Measurements& measurements, const ResidualTabl
 
 std::vector<QualityFinding> check_residuals(const ErrorModel& model, const Measurements& measurements,
                                             const Estimate& estimate, const QualityOptions& options) {
-  if (estimate.targets.size() != measurements.targets.size()) {
-    throw InputError(measurements.source + ": " + std::to_string(measurements.targets.size()) +
-                     " targets were measured, the preliminary fit has " + std::to_string(estimate.targets.size()));
-  }
+  check(measurements, model);
+  check(estimate, model, measurements);
   if (!(inflation(measurements, fitted_parameters(estimate)) < kLargestInflation)) {
     return {};
   }

@@ -9,6 +9,7 @@
 
 #include "assessment/folds.hpp"
 #include "base/parallel.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/random.hpp"
 
@@ -37,6 +38,8 @@ ErrorStatistics error_statistics(std::vector<double> distances) {
 
 std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
                                     Rows rows) {
+  check(measurements, model);
+  check(estimate, model, measurements);
   return position_errors(flange_poses(model, estimate, measurements.joint_values), estimate, measurements, rows);
 }
 
@@ -61,6 +64,8 @@ Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, cons
 }
 
 Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements, Rows rows) {
+  check(measurements, model);
+  check(estimate, model, measurements);
   return iso_9283(flange_poses(model, estimate, measurements.joint_values), estimate, measurements, rows);
 }
 

@@ -13,6 +13,12 @@ std::string_view trimmed(std::string_view text) {
 
 namespace {
 
+void append_code(char c, std::string& text) {
+  constexpr std::string_view kHexDigits = "0123456789abcdef";
+  const auto byte = static_cast<unsigned char>(c);
+  text += {'\\', 'x', kHexDigits[byte >> 4U], kHexDigits[byte & 0xfU]};
+}
+
 bool is_ascii(char c) { return static_cast<unsigned char>(c) < 0x80U; }
 
 }  // namespace
@@ -36,12 +42,10 @@ std::string printable(std::string_view value) {
   if (keep_unicode && length < value.size()) {
     while (length > 0 && (static_cast<unsigned char>(value[length]) & 0xc0U) == 0x80U) --length;
   }
-  constexpr std::string_view kHexDigits = "0123456789abcdef";
   std::string text;
   for (const char c : value.substr(0, length)) {
     if (is_control(c) || (!is_ascii(c) && !keep_unicode)) {
-      const auto byte = static_cast<unsigned char>(c);
-      text += {'\\', 'x', kHexDigits[byte >> 4U], kHexDigits[byte & 0xfU]};
+      append_code(c, text);
     } else {
       text += c;
     }
@@ -52,8 +56,32 @@ std::string printable(std::string_view value) {
 std::string shown(std::string_view value) { return "'" + printable(value) + "'"; }
 
 std::string one_line(std::string text) {
-  std::replace_if(text.begin(), text.end(), is_control, ' ');
-  return text;
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r' || c == '\t'; }, ' ');
+  return escaped(text);
+}
+
+std::string escaped(std::string_view text) {
+  std::string result;
+  for (const char c : text) {
+    if (is_control(c) && c != '\n' && c != '\t') {
+      append_code(c, result);
+    } else {
+      result += c;
+    }
+  }
+  return result;
+}
+
+std::string shortened(const std::string& text, std::size_t longest) {
+  if (text.size() <= longest) {
+    return text;
+  }
+  std::size_t length = longest;
+  while (length > 0 && (static_cast<unsigned char>(text[length]) & 0xc0U) == 0x80U) {  // inside a character of UTF-8
+    --length;
+  }
+  return text.substr(0, length) + "...";
 }
 
 std::string in_quotes(const std::string& name) { return "'" + one_line(name) + "'"; }

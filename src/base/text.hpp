@@ -16,8 +16,12 @@ bool is_control(char c);
 /// Labels end up in JSON results, so what counts is what the JSON writer takes.
 bool is_utf8(std::string_view text);
 
-/// The text with every control character turned into a blank, so that a message stays on one line.
+/// The text with line breaks and tabs turned into blanks, so that a message stays on one line, and escaped.
 std::string one_line(std::string text);
+/// The text with every control character but line feeds and tabs written out, as \x1b, so that no terminal obeys it.
+std::string escaped(std::string_view text);
+/// The text if it has at most `longest` bytes, else its beginning and an ellipsis.
+std::string shortened(const std::string& text, std::size_t longest);
 std::string in_quotes(const std::string& name);
 
 /// At most some 40 characters of a text for a message, on one line and printable.

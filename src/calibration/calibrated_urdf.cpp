@@ -8,6 +8,10 @@
 namespace kdl_calibration {
 
 std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const Eigen::VectorXd& errors) {
+  if (errors.size() != static_cast<Eigen::Index>(model.parameters.size()) || !errors.allFinite()) {
+    throw InputError("corrections of joint origins: " + std::to_string(errors.size()) + " errors, expected " +
+                     std::to_string(model.parameters.size()) + " that are finite");
+  }
   std::vector<OriginCorrection> corrections;
   for (int frame = 0; frame <= static_cast<int>(model.joints.size()); ++frame) {
     const KDL::Frame correction = frame_correction(model, errors, frame);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <iterator>
+#include <numeric>
 #include <utility>
 
 #include "calibration/comparison.hpp"
@@ -15,6 +16,8 @@
 #include "calibration/predicted_accuracy.hpp"
 #include "calibration/variance_components.hpp"
 #include "calibration/whole_fit.hpp"
+#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
@@ -58,10 +61,13 @@ struct Setting {
 };
 
 Setting set_up(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
-  require_training_rows(measurements);
-  require_comparable_orientations(measurements, options);
   Setting setting;
   setting.known = {.known_base = options.known_base, .known_targets = options.known_targets};
+  check(measurements, model);
+  check(setting.known);
+  check({.priors = options.priors, .noise = options.noise, .row_weights = {}}, measurements);
+  require_training_rows(measurements);
+  require_comparable_orientations(measurements, options);
   setting.model = with_candidates(model, options);
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   Registration registration = register_base_and_targets(flange_poses(folded(model, nominal), measurements.joint_values),
@@ -79,6 +85,38 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
   }
   setting.free = Unknowns(model, setting.start.targets, setting.choice.free);
   return setting;
+}
+
+// Takes away what joints that give way under gravity or have a gain explain: a finding has to stand beside those too.
+void keep_beside_deflections(const Setting& setting, const Measurements& measurements, const Estimate& estimate,
+                             std::vector<QualityFinding>& found) {
+  constexpr Eigen::Index kEquations = 2;  // for every column
+  ErrorModel wide = setting.model;
+  wide.deflections = gravity_deflections(setting.model);
+  const std::vector<Deflection> gains = gain_deflections(setting.model);
+  wide.deflections.insert(wide.deflections.end(), gains.begin(), gains.end());
+  std::vector<std::size_t> all(wide.deflections.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  FitProblem problem{.model = wide,
+                     .measurements = measurements,
+                     .start = estimate,
+                     .free = setting.free.with(wide, UnknownGroup::deflections, all),
+                     .options = {.loss = Loss::tukey}};
+  problem.start.deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(all.size()));
+  const LeastSquaresProblem equations(wide, measurements, problem.free);
+  if (equations.equations() < kEquations * equations.columns()) {
+    return;
+  }
+  const RobustIdentification fit = identify_robustly(problem);
+  if (fit.fit.termination != Termination::converged) {
+    return;
+  }
+  const std::vector<QualityFinding> again = check_measurements(wide, measurements, fit.fit.estimate);
+  std::erase_if(found, [&](const QualityFinding& finding) {
+    return std::none_of(again.begin(), again.end(), [&](const QualityFinding& other) {
+      return other.kind == finding.kind && other.targets == finding.targets;
+    });
+  });
 }
 
 // What is wrong with the measurements themselves, by the distances between targets and by a preliminary fit that
@@ -99,7 +137,11 @@ std::vector<QualityFinding> find_defects(const Setting& setting, const Measureme
   if (preliminary.fit.termination != Termination::converged) {
     return check_distances(measurements);
   }
-  return check_measurements(setting.model, measurements, preliminary.fit.estimate);
+  std::vector<QualityFinding> found = check_measurements(setting.model, measurements, preliminary.fit.estimate);
+  if (!found.empty()) {
+    keep_beside_deflections(setting, measurements, preliminary.fit.estimate, found);
+  }
+  return found;
 }
 
 // How the rows are weighed, and what takes part in the fit.
@@ -304,6 +346,38 @@ void judge_exported_urdf(const Setting& setting, Calibration& result) {
   }
 }
 
+// What is left of the findings beside what the whole of the data may be taken for: where the base moved no target is
+// accused of it, and residuals of data that were read wrongly say nothing of single rows.
+void keep_beside_suspicions(const Measurements& measurements, const std::vector<Suspicion>& suspicions,
+                            std::vector<QualityFinding>& findings) {
+  const auto any = [&](const auto& matches) {
+    return std::any_of(suspicions.begin(), suspicions.end(),
+                       [&](const Suspicion& suspicion) { return suspicion.doubt && matches(suspicion.cause); });
+  };
+  const auto of_base = [](const std::string& cause) { return cause == "moved_base" || cause == "drift"; };
+  if (any([](const std::string& cause) { return cause == "exchanged_targets"; })) {
+    findings.clear();
+  } else if (any(of_base)) {
+    std::erase_if(findings, [](const QualityFinding& finding) { return finding.kind == QualityKind::slipped_target; });
+  } else if (any([](const std::string&) { return true; })) {
+    findings = check_distances(measurements);
+  }
+}
+
+// What the whole of the data may be taken for.
+void suspect(const Setting& setting, const Measurements& measurements, const CalibrationOptions& options,
+             Calibration& result) {
+  if (!options.try_readings) {
+    return;
+  }
+  result.suspicions = suspicions(result.model, measurements, result.identification.estimate, result.free,
+                                 {.registration = setting.known,
+                                  .used = options.convention ? &*options.convention : nullptr,
+                                  .others = options.other_conventions,
+                                  .threads = options.threads});
+  keep_beside_suspicions(measurements, result.suspicions, result.findings);
+}
+
 }  // namespace
 
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
@@ -359,6 +433,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   put(std::move(comparison), result);
   put(std::move(held_out), result);
   judge_exported_urdf(setting, result);
+  suspect(setting, measurements, options, result);
   result.doubts = doubts(result, measurements, options);
   const std::vector<std::string> more = warnings(result, measurements, setting.ambiguity);
   result.warnings.insert(result.warnings.end(), more.begin(), more.end());

@@ -157,6 +157,14 @@ void doubt_size(const Calibration& found, std::vector<Doubt>& doubts) {
   }
 }
 
+void doubt_reading(const Calibration& found, std::vector<Doubt>& doubts) {
+  for (const Suspicion& suspicion : found.suspicions) {
+    if (suspicion.doubt) {
+      doubts.push_back({.cause = suspicion.cause, .message = suspicion.message});
+    }
+  }
+}
+
 }  // namespace
 
 double reach(const ErrorModel& model) {
@@ -183,6 +191,7 @@ std::vector<Doubt> doubts(const Calibration& found, const Measurements& measurem
   doubt_determination(found, measurements, options, result);
   doubt_predictions(found, result);
   doubt_size(found, result);
+  doubt_reading(found, result);
   return result;
 }
 
@@ -207,6 +216,11 @@ std::vector<std::string> warnings(const Calibration& found, const Measurements& 
   }
   for (const QualityFinding& finding : found.findings) {
     result.push_back("measurements: " + finding.message);
+  }
+  for (const Suspicion& suspicion : found.suspicions) {
+    if (!suspicion.doubt) {
+      result.push_back(suspicion.message);
+    }
   }
   if (!ambiguity.empty()) {
     result.push_back("registration: " + ambiguity);

@@ -1,5 +1,4 @@
 #include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 
 #include <unistd.h>
@@ -162,7 +161,10 @@ void name_options(std::vector<Doubt>& doubts) {
       {"not_converged", "--iterations sets their number"},
       {"not_determined", "kdlcal plan --measured FILE --add N chooses them"},
       {"unknown_length", "kdlcal plan --measured FILE --add N chooses them, --fix and --prior-length hold"},
-      {"joint_values", "--joint-convention says how to read them"}};
+      {"joint_convention", "--joint-convention says how to read the joint values"},
+      {"joint_sign", "--joint-convention says how to read the joint values"},
+      {"joint_unit", "--joint-convention says how to read the joint values"},
+      {"joint_columns", "--joint-convention says how to read the joint values"}};
   for (Doubt& doubt : doubts) {
     const auto found = help.find(doubt.cause);
     doubt.message += found != help.end() ? " (" + found->second + ")" : "";
@@ -233,6 +235,8 @@ ExitStatus run(const Arguments& arguments) {
   const ErrorModel model = complete_model(robot);
   const Measurements measurements = read(arguments.measurements, robot);
   CalibrationOptions options = calibration_options(arguments, measurements);
+  options.convention = convention_of(arguments.measurements);
+  options.other_conventions = conventions_at_hand(arguments.measurements);
   if (!arguments.predict_at.empty()) {
     options.predict_at = configurations_of(arguments.predict_at, arguments.measurements, robot);
   }
@@ -243,18 +247,9 @@ ExitStatus run(const Arguments& arguments) {
     options.progress = [&](const std::string& what, std::size_t done, std::size_t of) { progress(what, done, of); };
     calibration = calibrate(model, measurements, options);
   }
-  std::string hint;
-  if (!calibration.trusted() && calibration.identification.termination != Termination::rank_deficient) {
-    const Unknowns free = calibration.free.without(UnknownGroup::deflections);
-    hint = better_convention(arguments.measurements, model, measurements, free, calibration.train.after.rms);
-  }
-  if (!hint.empty()) {
-    calibration.doubts.push_back({.cause = "joint_values", .message = hint});
-  }
   const std::string result = filled_in(arguments, robot, measurements, options, calibration, files);
-  write_whole(files, arguments.force);
   name_options(calibration.doubts);
-  print(arguments.json ? result : table(arguments, robot, measurements, calibration));
+  write_whole(files, arguments.force, arguments.json ? result : table(arguments, robot, measurements, calibration));
   say_what_is_doubted(arguments, calibration);
   const std::vector<std::string> missed = unfulfilled(requirements, json_of(result, "the result"));
   for (const std::string& requirement : missed) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <sstream>
 #include <string>
+#include <string_view>
 
 #include "kdl_calibration/input_error.hpp"
 
@@ -27,7 +28,8 @@ std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& input) const 
   if (text.size() > kLargestFile) {
     throw InputError(where + ": larger than the limit of 1 MiB");
   }
-  std::istringstream stream(text);
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+  std::istringstream stream(text.starts_with(kByteOrderMark) ? text.substr(kByteOrderMark.size()) : text);
   const auto all = app_.get_subcommands([](const CLI::App*) { return true; });
   std::vector<CLI::ConfigItem> result;
   for (CLI::ConfigItem& item : ConfigBase::from_config(stream)) {

@@ -133,17 +133,16 @@ ExitStatus run_identification(const Arguments& arguments) {
   for (OutputFile& file : files) {
     file.text = csv;
   }
-  write_whole(files, arguments.force);
+  std::string text = csv;
   if (arguments.arm.json) {
-    print(json_text(identification_json(at)));
-  } else if (files.empty()) {
-    print(csv);
-  } else {
+    text = json_text(identification_json(at));
+  } else if (!files.empty()) {
     const std::size_t targets = at.estimate.targets.size();
-    print(std::to_string(at.configurations.size()) + " configurations, in each the identification Jacobian, " +
-          std::to_string(3 * targets) + " x " + std::to_string(at.free.size()) + ", and A, " +
-          std::to_string(3 * targets) + " x " + std::to_string(6 + 3 * targets) + "\n");
+    text = std::to_string(at.configurations.size()) + " configurations, in each the identification Jacobian, " +
+           std::to_string(3 * targets) + " x " + std::to_string(at.free.size()) + ", and A, " +
+           std::to_string(3 * targets) + " x " + std::to_string(6 + 3 * targets) + "\n";
   }
+  write_whole(files, arguments.force, text);
   return done;
 }
 

@@ -8,12 +8,14 @@
 #include <memory>
 #include <new>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/text.hpp"
 #include "cli/config_file.hpp"
 #include "cli/help.hpp"
 #include "cli/output_files.hpp"
+#include "cli/own_stack.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 
@@ -43,7 +45,8 @@ std::vector<std::string> option_names(const CLI::App& subcommand) {
 
 // Says on one line why nothing was done.
 int refuse(const std::string& message) {
-  const std::string line = one_line(message) + "\n";
+  constexpr std::size_t kLongestMessage = 400;
+  const std::string line = shortened(one_line(message), kLongestMessage) + "\n";
   std::fwrite(line.data(), 1, line.size(), stderr);
   return bad_input;
 }
@@ -84,6 +87,19 @@ std::string usage_fault(const CLI::App& parser, const CLI::ParseError& error) {
   return command + ": " + in_plain_words(parser, error) + ", see " + command + " --help";
 }
 
+// The files that are read, which nothing may be written to.
+void note_inputs(const CLI::App& parser, const CLI::App& subcommand) {
+  std::vector<InputFile> inputs;
+  for (const CLI::App* app : {&parser, &subcommand}) {
+    for (const CLI::Option* option : app->get_options()) {
+      if (option->get_type_name() == "FILE" && option->count() > 0) {
+        inputs.push_back({.option = option->get_name(), .path = option->as<std::string>()});
+      }
+    }
+  }
+  protect_inputs(std::move(inputs));
+}
+
 int run(int argc, const char* const* argv) {
   CLI::App parser(
       "Kinematic calibration of robot arms: finds the geometric errors that explain what a tracker measured", "kdlcal");
@@ -111,7 +127,20 @@ int run(int argc, const char* const* argv) {
   }
   const auto chosen = std::find_if(subcommands.begin(), subcommands.end(),
                                    [](const Subcommand& subcommand) { return subcommand.app->parsed(); });
+  note_inputs(parser, *chosen->app);
   return chosen->run();
+}
+
+int run_or_refuse(int argc, const char* const* argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::bad_alloc&) {
+    return refuse("kdlcal: the memory does not suffice, expected less data");
+  } catch (const std::exception& error) {
+    return refuse(std::string("kdlcal: ") + error.what());
+  } catch (...) {
+    return refuse("kdlcal: failed for an unknown reason");
+  }
 }
 
 }  // namespace
@@ -121,13 +150,5 @@ int main(int argc, char** argv) {
   // A file that grows beyond what is allowed should be a failed write, not the end of the process.
   std::signal(SIGXFSZ, SIG_IGN);
   kdl_calibration::cli::remove_temporaries_on_signals();
-  try {
-    return kdl_calibration::cli::run(argc, argv);
-  } catch (const std::bad_alloc&) {
-    return kdl_calibration::cli::refuse("kdlcal: the memory does not suffice, expected less data");
-  } catch (const std::exception& error) {
-    return kdl_calibration::cli::refuse(std::string("kdlcal: ") + error.what());
-  } catch (...) {
-    return kdl_calibration::cli::refuse("kdlcal: failed for an unknown reason");
-  }
+  return kdl_calibration::cli::with_enough_stack([&] { return kdl_calibration::cli::run_or_refuse(argc, argv); });
 }

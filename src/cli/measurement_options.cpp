@@ -8,49 +8,13 @@
 #include "cli/data_dir.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
-#include "cli/text.hpp"
-#include "kdl_calibration/convention_trial.hpp"
-#include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 
 namespace kdl_calibration::cli {
-namespace {
 
 namespace fs = std::filesystem;
-
-// The joint conventions beside the given file and beside the robots that come with kdlcal.
-std::vector<JointConvention> conventions_at_hand(const fs::path& given) {
-  std::vector<fs::path> directories;
-  if (!given.empty()) {
-    directories.push_back(fs::absolute(given).parent_path());
-  }
-  try {
-    directories.push_back(urdf_dir());
-  } catch (const InputError&) {  // kdlcal stands alone: the given file's neighbours remain
-  }
-  std::set<fs::path> files;
-  for (const fs::path& directory : directories) {
-    std::error_code error;
-    for (const fs::directory_entry& entry : fs::directory_iterator(directory, error)) {
-      if (entry.path().extension() == ".json") {
-        files.insert(entry.path());
-      }
-    }
-  }
-  std::vector<JointConvention> conventions;
-  for (const fs::path& file : files) {
-    try {
-      conventions.push_back(read_joint_convention(file));
-    } catch (const InputError&) {  // some other JSON file
-    }
-  }
-  return conventions;
-}
-
-}  // namespace
 
 void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
   add_file(app, "--measurements", arguments.measurements, "Measured points or poses (CSV)")->required();
@@ -113,26 +77,40 @@ RegistrationOptions known_frames(const MeasurementArguments& arguments, const Me
   return options;
 }
 
-// A fit with that share of another reading's misfit is the better explanation, even where its errors are large.
-constexpr double kBetter = 0.8;
+std::optional<JointConvention> convention_of(const MeasurementArguments& arguments) {
+  if (arguments.joint_convention.empty()) {
+    return std::nullopt;
+  }
+  return read_joint_convention(arguments.joint_convention);
+}
 
-std::string better_convention(const MeasurementArguments& arguments, const ErrorModel& model,
-                              const Measurements& measurements, const Unknowns& free, double fitted) {
-  std::optional<JointConvention> used;
-  if (!arguments.joint_convention.empty()) {
-    used = read_joint_convention(arguments.joint_convention);
+std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arguments) {
+  const fs::path given = arguments.joint_convention;
+  std::vector<fs::path> directories;
+  if (!given.empty()) {
+    directories.push_back(fs::absolute(given).parent_path());
   }
-  const std::vector<ConventionTrial> trials = try_conventions(model, measurements, free, used ? &*used : nullptr,
-                                                              conventions_at_hand(arguments.joint_convention),
-                                                              {.registration = known_frames(arguments, measurements)});
-  const std::optional<ConventionTrial> best = kdl_calibration::better_convention(trials);
-  if (!best || fitted < kBetter * best->rms) {
-    return {};
+  try {
+    directories.push_back(urdf_dir());
+  } catch (const InputError&) {  // kdlcal stands alone: the given file's neighbours remain
   }
-  const auto present = std::find_if(trials.begin(), trials.end(), [](const ConventionTrial& t) { return t.present; });
-  const std::string as_read = used ? "with the joint convention " + arguments.joint_convention : "as they were read";
-  return as_read + " the joint values leave a misfit of " + fixed(present->rms * 1e3, 1) + " mm; " + best->description +
-         " fits, with " + fixed(best->rms * 1e3, 3) + " mm; nothing was switched";
+  std::set<fs::path> files;
+  for (const fs::path& directory : directories) {
+    std::error_code error;
+    for (const fs::directory_entry& entry : fs::directory_iterator(directory, error)) {
+      if (entry.path().extension() == ".json") {
+        files.insert(entry.path());
+      }
+    }
+  }
+  std::vector<JointConvention> conventions;
+  for (const fs::path& file : files) {
+    try {
+      conventions.push_back(read_joint_convention(file));
+    } catch (const InputError&) {  // some other JSON file
+    }
+  }
+  return conventions;
 }
 
 }  // namespace kdl_calibration::cli

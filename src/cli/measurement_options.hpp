@@ -1,12 +1,12 @@
 #pragma once
 
 #include <CLI/App.hpp>
-#include <limits>
 #include <optional>
 #include <string>
+#include <vector>
 
-#include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/registration.hpp"
@@ -33,11 +33,9 @@ std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values);
 /// What is known of base and targets. Throws InputError where none of the known targets was measured.
 RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements);
 
-/// For measurements whose misfit is absurd: a sentence that names the joint convention (beside the one given, or beside
-/// the robots that come with kdlcal) or the joint with the opposite sign that fits. Empty where none does, and where
-/// `fitted` [m], the RMS of a calibration with the reading at hand, is better.
-std::string better_convention(const MeasurementArguments& arguments, const ErrorModel& model,
-                              const Measurements& measurements, const Unknowns& free,
-                              double fitted = std::numeric_limits<double>::infinity());
+/// The joint convention that was given.
+std::optional<JointConvention> convention_of(const MeasurementArguments& arguments);
+/// Those beside it and beside the robots that come with kdlcal: others that may have been meant.
+std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arguments);
 
 }  // namespace kdl_calibration::cli

@@ -41,6 +41,10 @@ Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments
       const std::string unit = length ? "metres" : arguments.degrees ? "degrees" : "radians";
       throw InputError("--joints: '" + arguments.joints[i] + "' for " + names[i] + " is no number, expected " + unit);
     }
+    if (!(std::abs(*value) <= kLargestNumber)) {
+      throw InputError("--joints: '" + arguments.joints[i] + "' for " + names[i] +
+                       " is out of range, expected at most 1e12");
+    }
     values[index] = arguments.degrees && !length ? *value * kDegree : *value;
   }
   return values;

@@ -15,6 +15,8 @@
 #include <system_error>
 #include <utility>
 
+#include "cli/data_dir.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
@@ -44,7 +46,7 @@ void end_by_signal(int signal) {
   std::raise(signal);  // whoever waits sees what ended the process: status 130 for Ctrl-C
 }
 
-constexpr std::array kEndingSignals = {SIGHUP, SIGINT, SIGTERM};
+constexpr std::array kEndingSignals = {SIGHUP, SIGINT, SIGQUIT, SIGPIPE, SIGTERM};
 
 // While it lives, the signals that end the process have to wait.
 class SignalsHeld {
@@ -200,11 +202,29 @@ Target checked_target(const OutputFile& file, bool force) {
   return target;
 }
 
+std::vector<InputFile> inputs_to_protect;
+
+void require_no_input(const OutputFile& file, const Target& target) {
+  struct stat own = {};
+  if (::stat(target.path.c_str(), &own) != 0) {
+    return;
+  }
+  for (const InputFile& input : inputs_to_protect) {
+    struct stat other = {};
+    const bool same = input.option != file.option && ::stat(input.path.c_str(), &other) == 0 &&
+                      own.st_dev == other.st_dev && own.st_ino == other.st_ino;
+    if (same) {
+      fail(file, "is the file that " + input.option + " reads, expected another one");
+    }
+  }
+}
+
 std::vector<Target> checked_targets(const std::vector<OutputFile>& files, bool force) {
   std::vector<Target> targets;
   targets.reserve(files.size());
   for (const OutputFile& file : files) {
     targets.push_back(checked_target(file, force));
+    require_no_input(file, targets.back());
   }
   for (std::size_t i = 0; i < files.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) {
@@ -217,6 +237,14 @@ std::vector<Target> checked_targets(const std::vector<OutputFile>& files, bool f
 }
 
 }  // namespace
+
+void protect_inputs(std::vector<InputFile> inputs) {
+  inputs_to_protect = std::move(inputs);
+  try {
+    inputs_to_protect.push_back({.option = "kdlcal itself", .path = default_urdf_path().string()});
+  } catch (const InputError&) {  // kdlcal stands alone
+  }
+}
 
 void remove_temporaries_on_signals() {
   for (const int signal : kEndingSignals) {
@@ -233,13 +261,14 @@ void require_writable(const std::vector<OutputFile>& files, bool force) {
   }
 }
 
-void write_whole(const std::vector<OutputFile>& files, bool force) {
+void write_whole(const std::vector<OutputFile>& files, bool force, const std::string& printed) {
   const std::vector<Target> targets = checked_targets(files, force);
   std::vector<std::unique_ptr<Temporary>> temporaries;
   for (std::size_t i = 0; i < files.size(); ++i) {
     temporaries.push_back(std::make_unique<Temporary>(files[i], targets[i].directory));
     temporaries.back()->write(targets[i].mode);
   }
+  print(printed);          // a standard output that is full or closed fails before anything has its name
   const SignalsHeld held;  // all the files or none
   try {
     for (std::size_t i = 0; i < files.size(); ++i) {

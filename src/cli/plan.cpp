@@ -282,9 +282,8 @@ ExitStatus run(const Arguments& arguments) {
   const Plan result = make_plan(set.request);
   if (!files.empty()) {
     files.front().text = plan_csv(result.sheet, set.request.robot.joints, set.joint_convention());
-    write_whole(files, arguments.force);
   }
-  print(arguments.json ? json(arguments, set, result) : table(arguments, result));
+  write_whole(files, arguments.force, arguments.json ? json(arguments, set, result) : table(arguments, result));
   return done;
 }
 

@@ -324,16 +324,17 @@ ExitStatus run_two_step(const Arguments& arguments) {
   for (OutputFile& file : files) {
     file.text = json_text(truth_of(robot, arguments, set, trial.robot));
   }
-  write_whole(files, arguments.force);
+  std::string text;
   if (arguments.json) {
     Json json = rounds_json(result);
     json.update({{"recorded", arguments.recorded}, {"seed", arguments.seed}});
     json.update(truth_json(set.model, estimate, trial.robot.truth, result.truth));
-    print(json_text(json));
+    text = json_text(json);
   } else {
-    print(two_step_heading(arguments, set, trial.held_out.cols()) + rounds_table(result) + "\n" +
-          truth_table(set.model, estimate, result.truth));
+    text = two_step_heading(arguments, set, trial.held_out.cols()) + rounds_table(result) + "\n" +
+           truth_table(set.model, estimate, result.truth);
   }
+  write_whole(files, arguments.force, text);
   return result.settled && result.truth.comparable() ? done : not_to_be_trusted;
 }
 
@@ -367,12 +368,10 @@ ExitStatus run(Arguments arguments) {
   for (OutputFile& file : files) {
     file.text = file.option == "--output" ? csv : truth;
   }
-  write_whole(files, arguments.force);
-  if (arguments.output.empty()) {
-    print(csv);
-  } else {
-    print(arguments.json ? truth : summary(arguments, result));
-  }
+  write_whole(files, arguments.force,
+              arguments.output.empty() ? csv
+              : arguments.json         ? truth
+                                       : summary(arguments, result));
   return done;
 }
 

@@ -1,5 +1,8 @@
 #include <algorithm>
+#include <cmath>
 #include <memory>
+#include <set>
+#include <utility>
 
 #include "cli/frames.hpp"
 #include "cli/measurement_options.hpp"
@@ -8,13 +11,13 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
-#include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/suspicions.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/validation.hpp"
 
@@ -64,7 +67,60 @@ Unknowns frames_only(const ErrorModel& model, const std::vector<TargetFrame>& ta
   return Unknowns(model, targets, names);
 }
 
-std::string json(const Errors& errors, const Registration& registration) {
+// What base and targets were registered to, and what that left to show an error.
+struct Freedom {
+  int unknowns = 0;
+  int coordinates = 0;  // of distinct points
+  int configurations = 0;
+  int points = 0;  // in a configuration, at most
+
+  int left() const { return coordinates - unknowns; }
+  // Of the root mean square over the points registered to: coordinates that the unknowns took are no error-free ones.
+  double correction() const { return std::sqrt(static_cast<double>(coordinates) / left()); }
+};
+
+Freedom freedom_of(const Measurements& measurements, const RegistrationOptions& known) {
+  std::set<std::pair<int, int>> points;
+  std::set<int> targets;
+  std::set<int> configurations;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      points.insert({observation.configuration, observation.target});
+      targets.insert(observation.target);
+      configurations.insert(observation.configuration);
+    }
+  }
+  const auto unknown_targets = static_cast<int>(targets.size()) - static_cast<int>(known.known_targets.size());
+  return {.unknowns = (known.known_base ? 0 : 6) + 3 * std::max(unknown_targets, 0),
+          .coordinates = 3 * static_cast<int>(points.size()),
+          .configurations = static_cast<int>(configurations.size()),
+          .points = static_cast<int>(targets.size())};
+}
+
+void require_freedom(const Freedom& freedom, const std::string& source) {
+  if (freedom.left() > 0) {
+    return;
+  }
+  const int needed = freedom.unknowns / (3 * std::max(freedom.points, 1)) + 1;
+  throw InputError(source + ": " + std::to_string(freedom.coordinates) + " coordinates in " +
+                   std::to_string(freedom.configurations) + " configurations, and base and targets take " +
+                   std::to_string(freedom.unknowns) + " of them: nothing is left to show an error, expected at least " +
+                   std::to_string(needed) + " configurations (or --known-base and --known-targets)");
+}
+
+constexpr int kPlenty = 4;  // coordinates for each unknown
+
+// More than 5 % of the length of the arm is no error of a robot.
+bool absurd(const ErrorModel& model, double misfit) {
+  constexpr double kShare = 0.05;
+  double reach = model.tip_origin.p.Norm();
+  for (const MovingJoint& joint : model.joints) {
+    reach += joint.origin.p.Norm();
+  }
+  return misfit > kShare * reach;
+}
+
+std::string json(const Errors& errors, const Registration& registration, const Freedom& freedom) {
   Json targets = Json::array();
   for (const TargetFrame& target : registration.targets) {
     targets.push_back(target_json(target));
@@ -73,6 +129,8 @@ std::string json(const Errors& errors, const Registration& registration) {
                      {{"all", statistics_json(errors.all)},
                       {"train", statistics_json(errors.train)},
                       {"test", statistics_json(errors.test)}}},
+                    {"degrees_of_freedom", freedom.left()},
+                    {"rms_corrected", registration.rms * freedom.correction()},
                     {"base", frame_json(registration.X_WB)},
                     {"targets", targets}});
 }
@@ -165,6 +223,28 @@ SavedCalibration arm_of(const Robot& robot, const std::string& result) {
   return nominal;
 }
 
+// Says what the measurements may have been meant for, and that a misfit is beyond any robot's.
+ExitStatus judged(const Arguments& arguments, const ErrorModel& model, const Measurements& fitted,
+                  const Estimate& estimate, const RegistrationOptions& known, double misfit) {
+  const std::optional<JointConvention> convention = convention_of(arguments.measurements);
+  bool doubted = false;
+  for (const Suspicion& suspicion : suspicions(model, fitted, estimate, frames_only(model, estimate.targets),
+                                               {.registration = known,
+                                               .used = convention ? &*convention : nullptr,
+                                               .others = conventions_at_hand(arguments.measurements)})) {
+    if (suspicion.cause != "joint_function") {  // which the errors of a nominal robot are
+      warn(suspicion.message);
+    }
+    doubted = doubted || suspicion.doubt;
+  }
+  if (!doubted && absurd(model, misfit)) {
+    warn("a misfit of " + fixed(misfit * 1e3, 1) + " mm is more than geometric errors explain; are units, signs and " +
+         "order of the joints right?");
+    doubted = true;
+  }
+  return doubted ? not_to_be_trusted : done;
+}
+
 ExitStatus run(const Arguments& arguments) {
   if (!arguments.truth.empty()) {
     return run_against_truth(arguments);
@@ -178,8 +258,11 @@ ExitStatus run(const Arguments& arguments) {
   const ErrorModel& model = arm.model;
   const Measurements measurements = read(arguments.measurements, robot);
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
+  const Measurements fitted = to_register(measurements);
+  const Freedom freedom = freedom_of(fitted, known);
+  require_freedom(freedom, measurements.source);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values);
-  const Registration registration = register_base_and_targets(X_BF, to_register(measurements), known);
+  const Registration registration = register_base_and_targets(X_BF, fitted, known);
   const Estimate estimate{.errors = arm.estimate.errors,
                           .X_WB = registration.X_WB,
                           .targets = registration.targets,
@@ -189,7 +272,7 @@ ExitStatus run(const Arguments& arguments) {
     return error_statistics(position_errors(X_BF, estimate, measurements, rows));
   };
   const Errors errors{.all = statistics(Rows::all), .train = statistics(Rows::train), .test = statistics(Rows::test)};
-  const std::string result = json(errors, registration);
+  const std::string result = json(errors, registration, freedom);
   print(arguments.json ? result : table(arguments, robot, errors, registration));
   if (only_test_rows(measurements)) {
     warn(measurements.source + ": no train rows, base and targets are registered to the test rows");
@@ -197,19 +280,17 @@ ExitStatus run(const Arguments& arguments) {
   if (registration.ambiguous) {
     warn("registration: " + registration.message);
   }
-  constexpr double absurd = 0.02;  // [m] more than geometric errors explain
-  const std::string hint = registration.rms > absurd
-                               ? better_convention(arguments.measurements, model, to_register(measurements),
-                                                   frames_only(model, registration.targets))
-                               : "";
-  if (!hint.empty()) {
-    warn(hint);
+  if (freedom.unknowns > 0 && freedom.coordinates < kPlenty * freedom.unknowns) {
+    warn("base and targets took " + std::to_string(freedom.unknowns) + " of " + std::to_string(freedom.coordinates) +
+         " coordinates: corrected for that, the rms is " + fixed(registration.rms * freedom.correction() * 1e3, 4) +
+         " mm");
   }
+  const ExitStatus status = judged(arguments, model, fitted, estimate, known, registration.rms);
   const std::vector<std::string> missed = unfulfilled(requirements, json_of(result, "the result"));
   for (const std::string& requirement : missed) {
     require_aloud(requirement);
   }
-  return hint.empty() && missed.empty() ? done : not_to_be_trusted;
+  return missed.empty() ? status : not_to_be_trusted;
 }
 
 }  // namespace

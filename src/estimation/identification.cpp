@@ -7,6 +7,7 @@
 
 #include "base/robust_statistics.hpp"
 #include "kdl_calibration/descent.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
@@ -37,6 +38,7 @@ std::string to_string(Termination termination) {
 }
 
 Estimate nominal_start(const ErrorModel& model, const Measurements& measurements, const RegistrationOptions& options) {
+  check(measurements, model);
   Estimate start;
   start.errors = VectorXd::Zero(static_cast<Index>(model.parameters.size()));
   const Registration registration = register_base_and_targets(
@@ -61,6 +63,10 @@ void require_enough_equations(const LeastSquaresProblem& problem, const std::str
 
 Identification identify_jointly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                 const Unknowns& free, const JointOptions& options) {
+  check(measurements, model);
+  check(start, model, measurements);
+  check(free, model, measurements);
+  check(options.residuals, measurements);
   const LeastSquaresProblem problem(model, measurements, free, options.residuals);
   require_enough_equations(problem, measurements.source);
   return descend(problem, start, options);
@@ -272,6 +278,9 @@ Identification identify_in_two_steps(const ErrorModel& model,
                                      const std::function<Measurements(int)>& measurements_of_round,
                                      const Estimate& start, const std::vector<std::size_t>& geometric,
                                      const TwoStepOptions& options) {
+  if (!measurements_of_round) {
+    throw InputError("the two-step procedure needs a function that gives the measurements of a round");
+  }
   Identification result;
   result.estimate = start;  // (i) all errors zero, unless the caller knows better
   result.termination = Termination::iteration_limit;
@@ -280,6 +289,8 @@ Identification identify_in_two_steps(const ErrorModel& model,
   std::vector<double> effects;
   for (int round = 0; round < options.rounds; ++round) {             // (viii)
     const Measurements measurements = measurements_of_round(round);  // (ii), (iii)
+    check(measurements, model);
+    check(estimate, model, measurements);
     const std::vector<Eigen::Isometry3d> T_robot =
         flange_poses(folded(model, estimate.errors), measurements.joint_values);                       // (iii), (iv)
     update_base_and_tools(T_robot, measurements, estimate);                                            // (v)

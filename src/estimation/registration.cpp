@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -364,6 +366,12 @@ Matrix3d target_orientation(const TargetSums& target, const Matrix3d& A) {
 
 Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
                                        const RegistrationOptions& options) {
+  check(measurements);
+  check(options);
+  if (X_BF.size() != measurements.configurations.size()) {
+    throw InputError(measurements.source + ": " + std::to_string(X_BF.size()) + " poses of the flange, expected " +
+                     std::to_string(measurements.configurations.size()) + ", one for each configuration");
+  }
   std::vector<const TargetFrame*> known;
   for (const std::string& name : measurements.targets) {
     known.push_back(find_target(options.known_targets, name));

@@ -9,6 +9,7 @@
 
 #include "base/number_text.hpp"
 #include "base/text.hpp"
+#include "kdl_calibration/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -21,7 +22,7 @@ struct FixedColumn {
 };
 
 /// Every column that is no joint.
-std::array<FixedColumn, 12> fixed_columns(Header& header) {
+std::array<FixedColumn, 13> fixed_columns(Header& header) {
   auto& [x, y, z] = header.position;
   auto& [qw, qx, qy, qz] = header.quaternion;
   return {{{"configuration", &header.configuration, false, true},
@@ -31,6 +32,7 @@ std::array<FixedColumn, 12> fixed_columns(Header& header) {
            {"z", &z, true, true},
            {"split", &header.split, false, false},
            {"repeat", &header.repeat, false, false},
+           {"order", &header.order, false, false},
            {"qw", &qw, false, false},
            {"qx", &qx, false, false},
            {"qy", &qy, false, false},
@@ -102,7 +104,7 @@ private:
     std::vector<std::string_view> units;
     if (const auto joint = joint_columns_.find(name); joint != joint_columns_.end()) {
       column = joint->second;
-      units = {"rad", "deg", "m", "mm"};
+      units = units_of(*column);
     }
     for (const FixedColumn& fixed : fixed_) {
       if (fixed.name != name) continue;
@@ -114,6 +116,19 @@ private:
       fail(place_, "column " + shown(cell) + " repeats '" + header_.names[column->index] + "'");
     }
     *column = {index, unit ? parse_unit(*unit, cell, units) : Unit::none};
+  }
+
+  std::vector<std::string_view> units_of(const Column& joint) const {
+    ValueKind kind = ValueKind::unknown;
+    for (std::size_t i = 0; i < header_.joints.size(); ++i) {
+      if (&header_.joints[i] == &joint) kind = kind_of_value(joints_, i);
+    }
+    for (std::size_t i = 0; i < header_.followers.size(); ++i) {
+      if (&header_.followers[i] == &joint) kind = kind_of_joint(joints_, joints_.followers[i]);
+    }
+    if (kind == ValueKind::angle) return {"rad", "deg"};
+    if (kind == ValueKind::length) return {"m", "mm"};
+    return {"rad", "deg", "m", "mm"};
   }
 
   Unit parse_unit(std::string_view unit, std::string_view cell, const std::vector<std::string_view>& allowed) const {
@@ -149,7 +164,7 @@ private:
   const ExpectedJoints& joints_;
   Place place_;
   Header header_;
-  std::array<FixedColumn, 12> fixed_;
+  std::array<FixedColumn, 13> fixed_;
   std::unordered_map<std::string_view, Column*> joint_columns_;
 };
 
@@ -163,6 +178,23 @@ double to_si(double value, Unit unit) {
 
 std::string in_unit(double value, Unit unit) { return shortest(std::round(value / to_si(1.0, unit) * 1e9) / 1e9); }
 
+ValueKind kind_of_joint(const ExpectedJoints& joints, std::size_t i) {
+  if (!joints.kinds_known) return ValueKind::unknown;
+  return joints.joints[i].type == JointType::prismatic ? ValueKind::length : ValueKind::angle;
+}
+
+ValueKind kind_of_value(const ExpectedJoints& joints, std::size_t i) {
+  const std::vector<std::size_t> independent = independent_joints(joints.joints);
+  if (joints.convention == nullptr) return kind_of_joint(joints, independent[i]);
+  std::optional<ValueKind> kind;
+  for (std::size_t row = 0; row < independent.size(); ++row) {
+    if (joints.convention->matrix(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(i)) == 0.0) continue;
+    const ValueKind own = kind_of_joint(joints, independent[row]);
+    kind = !kind || *kind == own ? own : ValueKind::unknown;
+  }
+  return kind.value_or(ValueKind::unknown);
+}
+
 bool is_fixed_column(std::string_view name) {
   Header header;
   const auto fixed = fixed_columns(header);
@@ -173,7 +205,7 @@ std::string expected_columns(const ExpectedJoints& joints) {
   std::vector<std::string> followers;
   for (const std::size_t i : joints.followers) followers.push_back(joints.joints[i].name);
   return "expected configuration, target, x, y, z and the joints " + comma_separated(joints.names) +
-         ", optionally split, repeat, qw, qx, qy, qz, sigma" +
+         ", optionally split, repeat, order, qw, qx, qy, qz, sigma" +
          (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
 }
 

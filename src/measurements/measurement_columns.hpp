@@ -36,7 +36,7 @@ struct Header {
   std::size_t line = 0;
   std::vector<std::string> names;  ///< as the file has them, for messages: units included, no empty ones at the end
   std::size_t fields = 0;          ///< with the empty ones at the end
-  Column configuration, split, repeat, target, sigma;
+  Column configuration, split, repeat, target, sigma, order;
   std::array<Column, 3> position;
   std::array<Column, 4> quaternion;  ///< w, x, y, z
   std::vector<Column> joints;        ///< in the order of the expected names
@@ -50,7 +50,15 @@ struct ExpectedJoints {
   const JointConvention* convention;
   const std::vector<MovingJoint>& joints;  ///< of the chain, base to tip
   std::vector<std::size_t> followers;      ///< those of them that mimic another
+  bool kinds_known = true;                 ///< whether `joints` says which of them turn and which slide
 };
+
+enum class ValueKind : std::uint8_t { unknown, angle, length };
+
+/// What value `i` of the expected joints (or follower) must be: behind a convention, what all joints are that follow
+/// from it.
+ValueKind kind_of_value(const ExpectedJoints& joints, std::size_t i);
+ValueKind kind_of_joint(const ExpectedJoints& joints, std::size_t i);
 
 /// Whether a column of the measurements that is no joint has this name.
 bool is_fixed_column(std::string_view name);

@@ -69,6 +69,7 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
     numbers[static_cast<std::size_t>(o.configuration)] = 0;
     kept.observations.push_back(o);
     if (!measurements.orientations.empty()) kept.orientations.push_back(measurements.orientations[i]);
+    if (!measurements.order.empty()) kept.order.push_back(measurements.order[i]);
   }
   std::vector<Eigen::Index> columns;
   for (std::size_t c = 0; c < numbers.size(); ++c) {
@@ -87,6 +88,7 @@ Measurements averaged(const Measurements& measurements) {
   Measurements means = measurements;
   means.observations.clear();
   means.orientations.clear();
+  means.order.clear();
   const auto& observations = measurements.observations;
   const auto key = [&](std::size_t i) { return std::pair(observations[i].configuration, observations[i].target); };
   std::vector<std::size_t> order(observations.size());
@@ -103,6 +105,7 @@ Measurements averaged(const Measurements& measurements) {
     if (!measurements.orientations.empty()) {
       means.orientations.push_back(mean_orientation(measurements.orientations, rows));
     }
+    if (!measurements.order.empty()) means.order.push_back(measurements.order[rows.front()]);
     rows.clear();
   }
   return means;
@@ -146,6 +149,11 @@ Measurements joined(const Measurements& first, const Measurements& second) {
     pad(second.observations.size());
   }
   result.orientations.insert(result.orientations.end(), second.orientations.begin(), second.orientations.end());
+  if (first.order.empty() || second.order.empty()) {
+    result.order.clear();
+  } else {
+    result.order.insert(result.order.end(), second.order.begin(), second.order.end());
+  }
   return result;
 }
 

@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <numeric>
 #include <optional>
 #include <system_error>
@@ -17,6 +18,7 @@
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements_check.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "measurements/measurement_columns.hpp"
 
@@ -83,6 +85,16 @@ public:
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error != std::errc() || end != text.data() + text.size() || value < 0) {
       fail_cell(header_.repeat, "is no repeat: expected an integer from 0 to 2147483647");
+    }
+    return value;
+  }
+
+  std::int64_t order() const {
+    const std::string_view text = trimmed(fields_[header_.order.index]);
+    std::int64_t value = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (error != std::errc() || end != text.data() + text.size()) {
+      fail_cell(header_.order, "is no place in an order: expected an integer");
     }
     return value;
   }
@@ -215,6 +227,7 @@ public:
     observations_.push_back(observation);
     lines_.push_back(line);
     if (present(header_.quaternion[0])) orientations_.push_back(row.quaternion());
+    if (present(header_.order)) order_.push_back(row.order());
   }
 
   Measurements finish(const ExpectedJoints& joints) && {
@@ -222,6 +235,7 @@ public:
       fail(source_, "no measurement behind the header in line " + std::to_string(header_.line));
     }
     check_duplicates();
+    check_missing_units(joints);
     Measurements result;
     result.source = source_;
     for (const MovingJoint& joint : joints.joints) result.joints.push_back(joint.name);
@@ -235,6 +249,7 @@ public:
     result.observations = std::move(observations_);
     drop_unused_orientations(orientations_);
     result.orientations = std::move(orientations_);
+    result.order = std::move(order_);
     if (joints.followers.empty()) {
       std::exchange(lines_, {});  // before the joint values are there twice
       std::exchange(first_rows_, {});
@@ -311,6 +326,71 @@ private:
              " is measured twice, before in line " + std::to_string(lines_[*twin]) + ": expected one row for each");
   }
 
+  /// Throws where a column without a unit holds what no robot has in rad or m.
+  void check_missing_units(const ExpectedJoints& joints) const {
+    if (!joints.kinds_known) return;
+    const std::size_t columns = joint_row_.size();
+    for (std::size_t j = 0; j < header_.joints.size(); ++j) {
+      if (header_.joints[j].unit != Unit::none) continue;
+      double largest = 0.0;
+      for (std::size_t i = j; i < joint_values_.size(); i += columns) {
+        largest = std::max(largest, std::abs(joint_values_[i]));
+      }
+      const ValueKind kind = kind_of_value(joints, j);
+      const std::string& name = joints.names[j];
+      if (kind == ValueKind::angle && largest > largest_angle(joints)) {
+        fail(source_, "joint values of " + shown(name) + " up to " + shortest(largest) +
+                          " without a unit are no radians: degrees? write " + printable(name) + "[deg] (or [rad])");
+      }
+      if (kind == ValueKind::length && largest > largest_length(joints)) {
+        fail(source_, "joint values of " + shown(name) + " up to " + shortest(largest) +
+                          " without a unit are no metres: millimetres? write " + printable(name) + "[mm] (or [m])");
+      }
+    }
+    check_missing_units_of_points(joints);
+  }
+
+  void check_missing_units_of_points(const ExpectedJoints& joints) const {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (header_.position[axis].unit != Unit::none) continue;
+      const auto of_axis = [&](const Observation& o) { return o.position[static_cast<Eigen::Index>(axis)]; };
+      const auto [low, high] =
+          std::minmax_element(observations_.begin(), observations_.end(),
+                              [&](const auto& a, const auto& b) { return of_axis(a) < of_axis(b); });
+      const double apart = of_axis(*high) - of_axis(*low);
+      if (apart > largest_length(joints)) {
+        const char name = "xyz"[axis];
+        fail(source_, "targets " + rounded(apart) + " m apart along " + name +
+                          " without a unit are beyond this robot: millimetres? write " + name + "[mm] (or [m])");
+      }
+    }
+  }
+
+  static std::string rounded(double value) { return shortest(std::round(value)); }
+
+  /// Two turns, or twice the widest limit.
+  static double largest_angle(const ExpectedJoints& joints) {
+    double largest = 2.0 * std::numbers::pi;
+    for (const MovingJoint& joint : joints.joints) {
+      if (joint.type != JointType::prismatic) {
+        largest = std::max({largest, std::abs(joint.lower.value_or(0.0)), std::abs(joint.upper.value_or(0.0))});
+      }
+    }
+    return 2.0 * largest;
+  }
+
+  /// Twenty times what the arm reaches, tools of a metre included.
+  static double largest_length(const ExpectedJoints& joints) {
+    double reach = 1.0;
+    for (const MovingJoint& joint : joints.joints) {
+      reach += joint.origin.p.Norm();
+      if (joint.type == JointType::prismatic) {
+        reach += std::max({1.0, std::abs(joint.lower.value_or(0.0)), std::abs(joint.upper.value_or(0.0))});
+      }
+    }
+    return 20.0 * reach;
+  }
+
   /// One configuration after the other, so that its values do not depend on where it stands.
   void convert_joints(const JointConvention& convention) {
     const auto size = static_cast<Eigen::Index>(header_.joints.size());
@@ -371,15 +451,21 @@ private:
   std::vector<double> joint_row_;
   std::vector<Observation> observations_;
   std::vector<Eigen::Quaterniond> orientations_;
+  std::vector<std::int64_t> order_;
   std::vector<std::size_t> lines_;  ///< of each observation
 };
 
-Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, const JointConvention* convention) {
+Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, const JointConvention* convention,
+                     bool kinds_known) {
   const std::vector<std::string> urdf_joints = independent_joint_names(chain);
   std::optional<JointConvention> matched;
   if (convention != nullptr) matched = matched_convention(*convention, urdf_joints);
-  ExpectedJoints joints{
-      matched ? matched->controller_joints : urdf_joints, urdf_joints, matched ? &*matched : nullptr, chain, {}};
+  ExpectedJoints joints{matched ? matched->controller_joints : urdf_joints,
+                        urdf_joints,
+                        matched ? &*matched : nullptr,
+                        chain,
+                        {},
+                        kinds_known};
   for (std::size_t i = 0; i < chain.size(); ++i) {
     if (chain[i].mimic) joints.followers.push_back(i);
   }
@@ -429,11 +515,13 @@ struct UsedColumns {
   bool repeat = false;
   bool sigma = false;
   bool quaternion = false;
+  bool order = false;
 };
 
 UsedColumns used_columns(const Measurements& measurements) {
   UsedColumns used;
   used.quaternion = !measurements.orientations.empty();
+  used.order = !measurements.order.empty();
   for (const Observation& o : measurements.observations) {
     used.split = used.split || o.split == Split::test;
     used.repeat = used.repeat || o.repeat != 1;
@@ -461,6 +549,7 @@ std::string csv_header(const Measurements& measurements, const UsedColumns& used
   text += ",x[m],y[m],z[m]";
   if (used.quaternion) text += ",qw,qx,qy,qz";
   if (used.sigma) text += ",sigma[m]";
+  if (used.order) text += ",order";
   return text + "\n";
 }
 
@@ -469,28 +558,29 @@ std::string csv_header(const Measurements& measurements, const UsedColumns& used
 Measurements parse_measurements(std::string_view csv, const std::vector<std::string>& urdf_joints,
                                 const JointConvention* convention, const std::string& source) {
   LineReader lines(csv, source);
-  return collect(lines, joints_named(urdf_joints), convention);
+  return collect(lines, joints_named(urdf_joints), convention, false);
 }
 
 Measurements parse_measurements(const Robot& robot, std::string_view csv, const JointConvention* convention,
                                 const std::string& source) {
   LineReader lines(csv, source);
-  return collect(lines, robot.joints, convention);
+  return collect(lines, robot.joints, convention, true);
 }
 
 Measurements read_measurements(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                const JointConvention* convention) {
   LineReader lines(file);
-  return collect(lines, joints_named(urdf_joints), convention);
+  return collect(lines, joints_named(urdf_joints), convention, false);
 }
 
 Measurements read_measurements(const Robot& robot, const std::filesystem::path& file,
                                const JointConvention* convention) {
   LineReader lines(file);
-  return collect(lines, robot.joints, convention);
+  return collect(lines, robot.joints, convention, true);
 }
 
 std::string measurements_csv(const Measurements& measurements) {
+  check(measurements);
   const UsedColumns used = used_columns(measurements);
   std::string text = csv_header(measurements, used);
   const auto configurations = csv_labels(measurements.configurations, "configuration", measurements.source);
@@ -520,6 +610,7 @@ std::string measurements_csv(const Measurements& measurements) {
       else
         text += ',';
     }
+    if (used.order) append_cell(measurements.order[i]);
     text += '\n';
   }
   return text;

@@ -23,6 +23,7 @@ Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
   const Measurements measurements = measure(robot, train, experiment.noise, random);
   CalibrationOptions options = experiment.calibration;
   options.held_out = false;  // what it would tell, the truth tells
+  options.try_readings = false;  // what was simulated is read as it is
   const Calibration calibration = calibrate(experiment.model, measurements, options);
   const Measurements truth = measure(robot, test, {}, random, Split::test);
   return {.distances = position_errors(experiment.model, calibration.identification.estimate, truth, Rows::test),
@@ -34,6 +35,14 @@ Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
 MonteCarloResult run_monte_carlo(const MonteCarlo& experiment) {
   if (experiment.runs < 1) {
     throw InputError("the number of Monte Carlo runs must be positive");
+  }
+  if (!experiment.train || !experiment.test) {
+    throw InputError("a Monte Carlo experiment needs functions that draw the configurations to fit and to predict");
+  }
+  const auto beyond = [&](std::size_t p) { return p >= experiment.model.parameters.size(); };
+  if (std::any_of(experiment.with_errors.begin(), experiment.with_errors.end(), beyond)) {
+    throw InputError("a Monte Carlo experiment has errors of parameters beyond the model's " +
+                     std::to_string(experiment.model.parameters.size()));
   }
   std::vector<Run> runs(static_cast<std::size_t>(experiment.runs));
   std::mutex mutex;

@@ -120,6 +120,17 @@ void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
   }
 }
 
+/// Throws InputError where macros are not expanded; `elements` are without comments.
+void refuse_xacro(std::string_view elements, const std::string& source) {
+  for (const char* mark : {"<xacro:", "${", "$(find "}) {
+    if (elements.find(mark) != std::string_view::npos) {
+      const std::string file = source.ends_with(".xacro") ? source.substr(0, source.size() - 6) : source;
+      throw InputError(source + ": this is a xacro file; expand it first: xacro " + source + " > " +
+                       (file.ends_with(".urdf") && file != source ? file : "robot.urdf"));
+    }
+  }
+}
+
 urdf::ModelInterfaceSharedPtr parse_model(std::string_view text, const std::string& source) {
   if (text.size() > kLargestText) {
     throw InputError(source + ": larger than the limit of 64 MiB");
@@ -130,9 +141,10 @@ urdf::ModelInterfaceSharedPtr parse_model(std::string_view text, const std::stri
   if (robot == nullptr) {
     throw InputError(source + ": no <robot> element, expected a URDF");
   }
-  check_tree(*robot, source);
   ElementPrinter printer;
   robot->Accept(&printer);
+  refuse_xacro(printer.CStr(), source);
+  check_tree(*robot, source);
 
   UrdfdomErrors errors;
   try {

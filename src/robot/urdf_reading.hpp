@@ -16,12 +16,13 @@
 
 namespace kdl_calibration {
 
+/// Throws InputError with the line where a text is not in UTF-8, by its bytes or by what it says of letters beyond
+/// ASCII.
+void require_utf8(std::string_view text, const std::string& source);
+
 /// Parses into `document`; tinyxml2 bounds the depth. Throws InputError with the line of the first mistake.
 inline void parse_xml(tinyxml2::XMLDocument& document, std::string_view text, const std::string& source) {
-  if (const std::size_t zero = text.find('\0'); zero != std::string_view::npos) {
-    const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(zero), '\n');
-    throw InputError(source + ":" + std::to_string(line) + ": zero byte, expected XML in UTF-8");
-  }
+  require_utf8(text, source);
   if (document.Parse(text.data(), text.size()) == tinyxml2::XML_SUCCESS) {
     return;
   }

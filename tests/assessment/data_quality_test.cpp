@@ -146,6 +146,51 @@ TEST(DataQuality, FindsNothingInAFewConfigurations) { expect_nothing_in_a_few_co
 
 TEST(DataQualityLongRun, FindsNothingInAFewConfigurations) { expect_nothing_in_a_few_configurations(200); }
 
+/// Student's t with four degrees of freedom.
+double heavy_tailed(Random& random) {
+  const double value = random.normal();
+  double squares = 0.0;
+  for (int i = 0; i < 4; ++i) {
+    squares += std::pow(random.normal(), 2);
+  }
+  return value / std::sqrt(squares / 4.0);
+}
+
+int sets_with_findings_in_heavy_tails(std::uint64_t seeds) {
+  int sets = 0;
+  for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
+    Measurements measured = experiment().measured(seed, kSmall, 0.0);
+    Random random(seed, 1);
+    for (Observation& observation : measured.observations) {
+      for (Eigen::Index axis = 0; axis < 3; ++axis) {
+        observation.position[axis] += kNoise * heavy_tailed(random);
+      }
+    }
+    sets += experiment().findings(measured).empty() ? 0 : 1;
+  }
+  return sets;
+}
+
+TEST(DataQuality, TakesNoHeavyTailsForTypingErrors) { EXPECT_LE(sets_with_findings_in_heavy_tails(30), 1); }
+
+TEST(DataQualityLongRun, TakesNoHeavyTailsForTypingErrors) { EXPECT_LE(sets_with_findings_in_heavy_tails(300), 6); }
+
+int typing_errors_named(std::uint64_t seeds, double amount) {
+  int named = 0;
+  for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
+    Measurements measured = experiment().measured(seed, kSmall, kNoise);
+    measured.observations[seed * 7 % measured.observations.size()].position[static_cast<Eigen::Index>(seed % 3)] +=
+        amount;
+    const std::vector<QualityFinding> findings = experiment().findings(measured);
+    named += findings.size() == 1 && findings[0].kind == QualityKind::mistyped_coordinate ? 1 : 0;
+  }
+  return named;
+}
+
+TEST(DataQuality, NamesATypingErrorOfHalfAMillimetre) { EXPECT_GE(typing_errors_named(30, 0.0005), 29); }
+
+TEST(DataQualityLongRun, NamesATypingErrorOfHalfAMillimetre) { EXPECT_GE(typing_errors_named(300, 0.0005), 294); }
+
 // ---- slips ---------------------------------------------------------------------------------------------------------
 
 TEST(DataQuality, NamesATargetThatSlipped) {
@@ -457,7 +502,9 @@ TEST(JointConventions, OfOtherRobotsAreLeftOut) {
   other.name = "other.json";
   other.urdf_joints[0] = "shoulder";
   const auto trials = try_conventions(experiment().model, measured, experiment().free, nullptr, {other});
-  EXPECT_EQ(trials.size(), 7U);  // as they are, and six signs
+  // As they are, six signs, degrees and radians of six joints and of all, J3 with J2, fifteen pairs, the reversed
+  // order.
+  EXPECT_EQ(trials.size(), 1U + 6U + 14U + 2U + 15U + 1U);
   for (const ConventionTrial& trial : trials) {
     EXPECT_THAT(trial.description, ::testing::Not(HasSubstr("other.json")));
   }

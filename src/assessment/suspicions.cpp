@@ -1,0 +1,479 @@
+#include "kdl_calibration/suspicions.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <numeric>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "assessment/gain_trial.hpp"
+#include "assessment/order_check.hpp"
+#include "assessment/point_trial.hpp"
+#include "assessment/trial_fit.hpp"
+#include "base/f_distribution.hpp"
+#include "kdl_calibration/convention_trial.hpp"
+#include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/lack_of_fit.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr std::size_t kMostConfigurations = 300;
+constexpr double kThird = 1.0 / 3.0;
+constexpr double kByChance = 1e-4;            // of all readings together
+constexpr double kNoMisfit = 1e-7;            // [m]
+constexpr double kLeastScale = 0.02;          // of points beside the nominal robot
+constexpr double kLeastCommonLength = 0.005;  // of fitted lengths that agree
+constexpr double kStandsStill = 0.05;         // of how far the flange moves
+
+std::string significant(double value, int digits) {
+  std::array<char, 32> text{};
+  const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, digits);
+  return {text.data(), result.ptr};
+}
+
+std::string in_mm(double metres) {
+  const double value = metres * 1e3;
+  const int decimals = value >= 99.95 ? 0 : value >= 0.995 ? 1 : 3;
+  std::array<char, 64> text{};
+  const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::fixed, decimals);
+  return (result.ec == std::errc() ? std::string(text.data(), result.ptr) : "many") + " mm";
+}
+
+// The train rows of configurations spread over the file, positions alone, and what belongs to them.
+struct Sample {
+  Measurements measurements;
+  Unknowns free;
+  double freedom = 0.0;  // distinct coordinates that the fit leaves
+  double points_of_a_configuration = 1.0;
+};
+
+// Of coordinates of targets those of their points, see Unknown::index.
+std::vector<std::size_t> coordinates(std::vector<std::size_t> of_targets) {
+  std::erase_if(of_targets, [](std::size_t index) { return index % 6 >= 3; });
+  return of_targets;
+}
+
+Sample sample_of(const ErrorModel& model, const Measurements& measurements, const Unknowns& free) {
+  std::set<std::int32_t> fitted;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      fitted.insert(observation.configuration);
+    }
+  }
+  const std::vector<std::int32_t> all(fitted.begin(), fitted.end());
+  std::set<std::int32_t> chosen;
+  const std::size_t count = std::min(all.size(), kMostConfigurations);
+  for (std::size_t i = 0; i < count; ++i) {
+    chosen.insert(all[i * all.size() / count]);
+  }
+  Sample sample{.measurements = {}, .free = free};
+  sample.measurements = subset(measurements, [&](const Observation& observation) {
+    return observation.split == Split::train && chosen.count(observation.configuration) > 0;
+  });
+  sample.measurements.orientations.clear();
+  for (Observation& observation : sample.measurements.observations) {
+    observation.sigma = 0.0;
+  }
+  sample.free = free.with(model, UnknownGroup::targets, coordinates(free.of(UnknownGroup::targets)));
+  std::set<std::pair<int, int>> points;
+  for (const Observation& observation : sample.measurements.observations) {
+    points.insert({observation.configuration, observation.target});
+  }
+  sample.freedom = 3.0 * static_cast<double>(points.size()) - static_cast<double>(sample.free.size());
+  sample.points_of_a_configuration =
+      static_cast<double>(points.size()) / static_cast<double>(std::max<std::size_t>(chosen.size(), 1));
+  return sample;
+}
+
+// Pairs of neighbours among the configurations with the same joint values; where one is for tests it is the second.
+std::vector<std::pair<Index, Index>> twins_of(const Measurements& measurements) {
+  const MatrixXd& q = measurements.joint_values;
+  std::vector<bool> test(static_cast<std::size_t>(q.cols()), false);
+  for (const Observation& observation : measurements.observations) {
+    test[static_cast<std::size_t>(observation.configuration)] = observation.split == Split::test;
+  }
+  std::vector<Index> order(static_cast<std::size_t>(q.cols()));
+  std::iota(order.begin(), order.end(), Index{0});
+  const auto column = [&](Index c) { return q.col(c); };
+  std::stable_sort(order.begin(), order.end(), [&](Index a, Index b) {
+    return std::lexicographical_compare(column(a).begin(), column(a).end(), column(b).begin(), column(b).end());
+  });
+  std::vector<std::pair<Index, Index>> twins;
+  for (std::size_t i = 1; i < order.size(); ++i) {
+    if (column(order[i - 1]) == column(order[i])) {
+      const bool exchanged = test[static_cast<std::size_t>(order[i - 1])] && !test[static_cast<std::size_t>(order[i])];
+      twins.emplace_back(exchanged ? order[i] : order[i - 1], exchanged ? order[i - 1] : order[i]);
+    }
+  }
+  return twins;
+}
+
+// A factor on all lengths, as the fitted ones show it.
+struct CommonScale {
+  double factor = 1.0;
+  double chance = 1.0;  // of errors that agree as well
+};
+
+// Sums over all points: of the columns of what is free (k) and of every error of the model (c), and of the points z.
+struct ScaleSums {
+  MatrixXd kk;
+  MatrixXd kc;
+  VectorXd kz;
+};
+
+ScaleSums scale_sums(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                     const Unknowns& free) {
+  std::vector<std::size_t> all(model.parameters.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  const Unknowns complete = Unknowns(model, fit.targets, {}).with(model, UnknownGroup::geometric, all);
+  const PositionPredictor of_free(model, fit, free);
+  const PositionPredictor of_all(model, fit, complete);
+  std::vector<std::vector<Matrix3Xd>> k;
+  std::vector<std::vector<Matrix3Xd>> c;
+  for (Index i = 0; i < measurements.joint_values.cols(); ++i) {
+    k.push_back(of_free.jacobians(measurements.joint_values.col(i)));
+    c.push_back(of_all.jacobians(measurements.joint_values.col(i)));
+  }
+  const Index columns = k.front().front().cols();
+  ScaleSums sums{.kk = MatrixXd::Zero(columns, columns),
+                 .kc = MatrixXd::Zero(columns, static_cast<Index>(model.parameters.size())),
+                 .kz = VectorXd::Zero(columns)};
+  for (const Observation& observation : measurements.observations) {
+    const auto i = static_cast<std::size_t>(observation.configuration);
+    const auto t = static_cast<std::size_t>(observation.target);
+    sums.kk += k[i][t].transpose() * k[i][t];
+    sums.kc += k[i][t].transpose() * c[i][t];
+    sums.kz += k[i][t].transpose() * observation.position;
+  }
+  return sums;
+}
+
+// The errors e of the fit beside what a scale f of the points would make of them, (f - 1) / f x with J x = points in
+// the least squares sense. Errors of the complete model, of usual size each, come out as M of them in what was fitted;
+// the common factor on their size is left open (F test).
+CommonScale common_scale(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                         const Unknowns& free) {
+  constexpr Index kFewest = 6;  // errors
+  constexpr Index kBase = 6;    // columns
+  const bool base_free = free.range(UnknownGroup::base).count == kBase;
+  const auto [first, count] = free.range(UnknownGroup::geometric);
+  if (!base_free || count < kFewest || measurements.observations.empty()) {
+    return {};
+  }
+  const ScaleSums sums = scale_sums(model, measurements, fit, free);
+  const Eigen::LDLT<MatrixXd> decomposed(sums.kk);
+  const VectorXd x = decomposed.solve(sums.kz).segment(first, count);
+  MatrixXd M = decomposed.solve(sums.kc).middleRows(first, count);
+  VectorXd e(count);
+  for (Index i = 0; i < count; ++i) {
+    e[i] = fit.errors[static_cast<Index>(free.geometric()[static_cast<std::size_t>(i)])];
+  }
+  for (Index p = 0; p < M.cols(); ++p) {
+    M.col(p) *= usual_error(model, model.parameters[static_cast<std::size_t>(p)]);
+  }
+  const double variance = std::pow(rms_of(model, measurements, fit), 2) / 3.0;
+  const MatrixXd of_fit = decomposed.solve(MatrixXd::Identity(sums.kk.rows(), sums.kk.cols()));
+  const Eigen::LDLT<MatrixXd> C(M * M.transpose() + variance * of_fit.block(first, first, count, count));
+  const VectorXd Cx = C.solve(x);
+  const double ee = e.dot(C.solve(e));
+  const double share = Cx.dot(e) / Cx.dot(x);
+  const double left = std::max(ee - share * Cx.dot(e), 1e-12 * ee);
+  CommonScale result;
+  if (std::isfinite(share) && left > 0.0) {
+    const auto freedom = static_cast<double>(count - 1);
+    result.factor = 1.0 / (1.0 - share);
+    result.chance = f_upper_tail((ee - left) / left * freedom, 1.0, freedom);
+  }
+  return result;
+}
+
+// Whether a misfit that another reading leaves is less than a third, and that is no chance among `readings` of them.
+bool explains(double other, double present, double freedom, double readings) {
+  if (!(present > kNoMisfit) || !(other < kThird * present) || !(freedom >= 1.0)) {
+    return false;
+  }
+  const double ratio = present / std::max(other, kNoMisfit * 1e-3);
+  return readings * f_upper_tail(ratio * ratio, freedom, freedom) < kByChance;
+}
+
+// Puts one question after the other.
+class Inquiry {
+public:
+  Inquiry(const ErrorModel& model, const Measurements& measurements, const Estimate& fit, const Unknowns& free,
+          const SuspicionOptions& options)
+      : model_(model),
+        measurements_(measurements),
+        fit_(fit),
+        options_(options),
+        sample_(sample_of(model, measurements, free)),
+        nominal_(nominal_start(model, sample_.measurements, options.registration)),
+        X_BF_(flange_poses(model, nominal_, sample_.measurements.joint_values)),
+        registered_(rms_of(model, sample_.measurements, nominal_)),
+        fitted_(std::min(plausible(model, fit.errors) ? rms_of(model, sample_.measurements, fit) : registered_,
+                         trial(sample_.measurements))) {}
+
+  std::vector<Suspicion> verdict() {
+    // One cause at a time: what explains the data by a coarser mistake makes the finer ones meaningless.
+    judge_scale();
+    if (suspicions_.empty()) {
+      judge_readings();
+    }
+    if (suspicions_.empty()) {
+      judge_gains();
+    }
+    if (suspicions_.empty()) {
+      judge_order();
+    }
+    judge_lengths();
+    judge_joint_functions();
+    note_copies();
+    return std::move(suspicions_);
+  }
+
+private:
+  bool enough_equations() const { return sample_.freedom >= 0.0; }
+
+  double trial(const Measurements& reading) const {
+    const TrialFit fit{.model = model_, .free = sample_.free, .registration = options_.registration, .joint = {}};
+    const Estimate start = nominal_start(model_, reading, options_.registration);
+    return rms_of(model_, reading, start) < kWorthAFit * registered_ && enough_equations()
+               ? fitted_rms(fit, reading, start)
+               : rms_of(model_, reading, start);
+  }
+
+  void suspect(const char* cause, const std::string& what, double left, double instead) {
+    suspicions_.push_back({.cause = cause,
+                           .message = "as they were read the measurements leave a misfit of " + in_mm(instead) +
+                                      "; with " + what + " it is " + in_mm(left) + "; nothing was switched"});
+  }
+
+  // Points that are too far apart, or hardly move, beside the nominal robot.
+  void judge_scale() {
+    if (options_.registration.known_base || !options_.registration.known_targets.empty()) {
+      return;
+    }
+    const std::optional<Vector3d> scales = coordinate_scales(X_BF_, sample_.measurements);
+    if (scales) {
+      const double common = std::cbrt(scales->prod());
+      const bool alike = scales->maxCoeff() < 2.0 * scales->minCoeff();
+      if (!alike || std::abs(common - 1.0) > kLeastScale) {
+        judge_scale(alike ? Vector3d::Constant(common) : *scales, alike);
+      }
+    }
+    if (suspicions_.empty() && relative_motion(X_BF_, sample_.measurements) < kStandsStill) {
+      suspicions_.push_back({.cause = "tool_frame",
+                             .message = "the measured points hardly move while the flange does: they seem to be "
+                                        "coordinates in the frame of the tool"});
+    }
+  }
+
+  void judge_scale(const Vector3d& factors, bool alike) {
+    const Measurements reading = divided(sample_.measurements, factors);
+    const double left = rms_of(model_, reading, nominal_start(model_, reading));
+    const double freedom = 3.0 * static_cast<double>(X_BF_.size()) - 9.0;
+    // In the unit of the robot, so that points do not look worse for being large.
+    const double present = registered_ / std::max(1.0, factors.maxCoeff());
+    if (relative_motion(X_BF_, reading) < kStandsStill || !explains(left, present, freedom, 1.0)) {
+      return;
+    }
+    if (!alike) {
+      Index axis = 0;
+      (factors / std::cbrt(factors.prod())).array().log().abs().maxCoeff(&axis);
+      suspect("length_unit",
+              std::string(1, static_cast<char>('x' + axis)) +
+                  " in another unit than the other coordinates (x, y and z are " + significant(factors[0], 3) + ", " +
+                  significant(factors[1], 3) + " and " + significant(factors[2], 3) + " times too large)",
+              left, registered_);
+      return;
+    }
+    const std::string units = units_of_factor(factors[0]);
+    const std::string apart = "points that are " + significant(factors[0], 4) + " times too far apart (";
+    suspect(units.empty() ? "scale" : "length_unit",
+            apart + (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) + ")", left, registered_);
+  }
+
+  void judge_readings() {
+    const std::vector<ConventionTrial> trials =
+        try_conventions(model_, sample_.measurements, sample_.free, options_.used, options_.others,
+                        {.registration = options_.registration, .joint = {}, .threads = options_.threads});
+    const double readings = 2.0 + static_cast<double>(trials.size());
+    double best = fitted_;
+    const auto consider = [&](const std::string& cause, const std::string& what, double left) {
+      if (left < best && explains(left, fitted_, sample_.freedom, readings)) {
+        best = left;
+        suspicions_.clear();
+        suspect(cause.c_str(), what, left, fitted_);
+      }
+    };
+    const auto joints = std::find_if(trials.begin(), trials.end(), [](const auto& trial) { return !trial.present; });
+    if (joints != trials.end()) {
+      consider(joints->cause, joints->description, joints->rms);
+    }
+    consider("mirrored", "the points mirrored (a left-handed frame, a wrong sign or two coordinates exchanged)",
+             trial(mirrored(sample_.measurements)));
+    if (const auto exchange = exchanged_targets(X_BF_, sample_.measurements, options_.registration)) {
+      const auto& names = sample_.measurements.targets;
+      consider("exchanged_targets",
+               "targets " + names[static_cast<std::size_t>(exchange->first)] + " and " +
+                   names[static_cast<std::size_t>(exchange->second)] + " exchanged from configuration " +
+                   sample_.measurements.configurations[static_cast<std::size_t>(exchange->from)] + " on",
+               trial(exchange->repaired));
+    }
+  }
+
+  // Whether one of the fit's own gains is beyond what is one.
+  bool has_wrong_gain() const {
+    for (std::size_t d = 0; d < model_.deflections.size() && fit_.deflections.size() > 0; ++d) {
+      if (model_.deflections[d].gain && std::abs(fit_.deflections[static_cast<Index>(d)]) > kLeastWrongGain) {
+        return true;
+      }
+    }
+    return false;
+  }
+
+  void judge_gains() {
+    constexpr double kWorthALook = 1e-4;  // of the arm's length
+    const auto joints = static_cast<double>(model_.joints.size());
+    const double freedom = sample_.freedom - joints;
+    if (!(freedom >= 1.0) || (!has_wrong_gain() && fitted_ < kWorthALook * arm_length(model_))) {
+      return;
+    }
+    const std::optional<GainTrial> found = try_gains(model_, sample_.measurements, nominal_, sample_.free);
+    if (!found || std::abs(found->factor - 1.0) < kLeastWrongGain ||
+        !explains(found->rms, found->rms_rigid, freedom, joints)) {
+      return;
+    }
+    const MovingJoint& joint = model_.joints[found->joint];
+    const bool turns = joint.type != JointType::prismatic;
+    suspect("joint_gain",
+            joint.name + (turns ? " turning " : " moving ") + significant(found->factor, 4) +
+                " times as far as its values say" +
+                (found->others > 0 ? ", and " + std::to_string(found->others) + " more joints likewise" : "") +
+                " (a unit, a gear ratio or an encoder set wrong)",
+            found->rms, found->rms_rigid);
+  }
+
+  void judge_order() {
+    const auto found = check_order(model_, sample_.measurements, fit_, sample_.free);
+    if (!found || found->kind == OrderFinding::Kind::step_of_target) {
+      return;
+    }
+    const std::string how =
+        in_mm(found->moved) + " (turned by " + significant(found->rotation.norm() * 1e3, 2) + " mrad)";
+    const std::string order = sample_.measurements.order.empty() ? " if the file is in the order of measurement" : "";
+    if (found->kind == OrderFinding::Kind::drift_of_base) {
+      suspect("drift", "a base that drifts against the measuring device, by " + how + " in all," + order, found->left,
+              fitted_);
+    } else {
+      suspect("moved_base",
+              "a base that moved against the measuring device by " + how + " after configuration " +
+                  sample_.measurements.configurations[static_cast<std::size_t>(found->last_before)] + order,
+              found->left, fitted_);
+    }
+  }
+
+  // Length errors that are the same share of their links, as the fit would find them behind a wrong unit.
+  void judge_lengths() {
+    const CommonScale common = common_scale(model_, sample_.measurements, fit_, sample_.free);
+    if (!suspicions_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.chance > kByChance) {
+      return;
+    }
+    const std::string units = units_of_factor(common.factor);
+    suspicions_.push_back({.cause = units.empty() ? "scale" : "length_unit",
+                           .message = "all lengths of the arm are found " + significant(common.factor, 5) +
+                                      " times as long as nominal (" +
+                                      (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) +
+                                      "); the fit absorbs that, nothing was switched"});
+  }
+
+  void judge_joint_functions() {
+    const double visits = static_cast<double>(X_BF_.size());
+    const double rest = sample_.freedom / std::max(sample_.points_of_a_configuration, 1.0) - 6.0;
+    if (!suspicions_.empty() || !(fitted_ > kNoMisfit) || !(rest > 0.0) || visits < 10.0) {
+      return;
+    }
+    const std::vector<double> shares = explained_by_joints(model_, fit_, sample_.measurements);
+    for (std::size_t j = 0; j < shares.size(); ++j) {
+      const double chance = f_upper_tail(shares[j] / 6.0 / std::max(1.0 - shares[j], 1e-12) * rest, 6.0, rest);
+      if (shares[j] > 0.5 && chance < 1e-3) {
+        suspicions_.push_back({.cause = "joint_function",
+                               .message = "a function of " + model_.joints[j].name + " alone explains " +
+                                          significant(100.0 * shares[j], 2) +
+                                          " % of the residuals' squares (p = " + significant(chance, 1) + ")",
+                               .doubt = false});
+      }
+    }
+  }
+
+  // Configurations that are the same one, and test rows that are train rows.
+  void note_copies() {
+    const std::vector<std::pair<Index, Index>> twins = twins_of(measurements_);
+    if (twins.empty()) {
+      return;
+    }
+    const auto label = [&](Index c) { return measurements_.configurations[static_cast<std::size_t>(c)]; };
+    const std::string more = twins.size() > 1 ? " (and " + std::to_string(twins.size() - 1) + " more)" : std::string();
+    suspicions_.push_back({.cause = "same_configuration",
+                           .message = "configurations " + label(twins.front().first) + " and " +
+                                      label(twins.front().second) + more +
+                                      " have the same joint values: repeats of one are expected under one label",
+                           .doubt = false});
+    constexpr std::size_t kLookedAt = 20;
+    const auto end = twins.begin() + static_cast<std::ptrdiff_t>(std::min(twins.size(), kLookedAt));
+    const auto copied = std::find_if(twins.begin(), end, [&](const auto& twin) { return is_copy(twin); });
+    if (copied != end) {
+      suspicions_.push_back({.cause = "copied_rows",
+                             .message = "test configuration " + label(copied->second) +
+                                        " has the very points of train configuration " + label(copied->first) +
+                                        ": copied rows test nothing",
+                             .doubt = false});
+    }
+  }
+
+  // Whether of twins one is for training, the other, told last, for tests and a point of both is the same.
+  bool is_copy(const std::pair<Index, Index>& twin) const {
+    const auto& rows = measurements_.observations;
+    return std::any_of(rows.begin(), rows.end(), [&](const Observation& test) {
+      return test.split == Split::test && test.configuration == twin.second &&
+             std::any_of(rows.begin(), rows.end(), [&](const Observation& train) {
+               return train.split == Split::train && train.configuration == twin.first && train.target == test.target &&
+                      train.position == test.position;
+             });
+    });
+  }
+
+  const ErrorModel& model_;
+  const Measurements& measurements_;
+  const Estimate& fit_;
+  const SuspicionOptions& options_;
+  Sample sample_;
+  Estimate nominal_;
+  std::vector<Eigen::Isometry3d> X_BF_;  // nominal
+  double registered_ = 0.0;
+  double fitted_ = 0.0;
+  std::vector<Suspicion> suspicions_;
+};
+
+}  // namespace
+
+std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                                  const Unknowns& free, const SuspicionOptions& options) {
+  check(measurements, model);
+  check(fit, model, measurements);
+  check(free, model, measurements);
+  check(options.registration);
+  return Inquiry(model, measurements, fit, free, options).verdict();
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,85 @@
+#include "kdl_calibration/measurements_check.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <string>
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+[[noreturn]] void refuse(const Measurements& measurements, const std::string& what) {
+  throw InputError((measurements.source.empty() ? "measurements" : measurements.source) + ": " + what);
+}
+
+void require_size(const Measurements& measurements, const char* what, std::size_t size, std::size_t expected) {
+  if (size != expected) {
+    refuse(measurements,
+           std::to_string(size) + " " + what + ", expected " + std::to_string(expected) + ", one for each");
+  }
+}
+
+// The sizes of what may be left out.
+void require_size_if_any(const Measurements& measurements, const char* what, std::size_t size, std::size_t expected) {
+  if (size != 0) {
+    require_size(measurements, what, size, expected);
+  }
+}
+
+std::string fault_of(const Measurements& measurements, const Observation& observation) {
+  const auto configurations = static_cast<std::ptrdiff_t>(measurements.configurations.size());
+  const auto targets = static_cast<std::ptrdiff_t>(measurements.targets.size());
+  if (observation.configuration < 0 || observation.configuration >= configurations) {
+    return "configuration " + std::to_string(observation.configuration) + " is not there, expected 0 to " +
+           std::to_string(configurations - 1);
+  }
+  if (observation.target < 0 || observation.target >= targets) {
+    return "target " + std::to_string(observation.target) + " is not there, expected 0 to " +
+           std::to_string(targets - 1);
+  }
+  if (!observation.position.allFinite()) {
+    return "a coordinate is not finite";
+  }
+  if (!std::isfinite(observation.sigma) || observation.sigma < 0.0) {
+    return "sigma is negative or not finite, expected 0 where none is stated";
+  }
+  return {};
+}
+
+bool is_orientation(const Eigen::Quaterniond& orientation) {
+  constexpr double kTolerance = 1e-3;
+  return is_point(orientation) || std::abs(orientation.norm() - 1.0) <= kTolerance;
+}
+
+}  // namespace
+
+void check(const Measurements& measurements) {
+  const std::size_t rows = measurements.observations.size();
+  require_size(measurements, "configurations", measurements.configurations.size(),
+               static_cast<std::size_t>(measurements.joint_values.cols()));
+  require_size_if_any(measurements, "names of joints", measurements.joints.size(),
+                      static_cast<std::size_t>(measurements.joint_values.rows()));
+  require_size_if_any(measurements, "orientations", measurements.orientations.size(), rows);
+  require_size_if_any(measurements, "places in the order", measurements.order.size(), rows);
+  require_size_if_any(measurements, "units of joints", measurements.joint_units.size(),
+                      static_cast<std::size_t>(measurements.joint_values.rows()));
+  if (!measurements.joint_values.allFinite()) {
+    refuse(measurements, "a joint value is not finite");
+  }
+  for (std::size_t row = 0; row < rows; ++row) {
+    const std::string fault = fault_of(measurements, measurements.observations[row]);
+    if (!fault.empty()) {
+      refuse(measurements, "observation " + std::to_string(row) + ": " + fault);
+    }
+  }
+  const auto wrong =
+      std::find_if_not(measurements.orientations.begin(), measurements.orientations.end(), is_orientation);
+  if (wrong != measurements.orientations.end()) {
+    refuse(measurements, "observation " + std::to_string(wrong - measurements.orientations.begin()) +
+                             ": the orientation is no unit quaternion");
+  }
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,63 @@
+#include "robot/urdf_reading.hpp"
+
+#include <cctype>
+
+#include "base/text.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+[[noreturn]] void refuse(const std::string& source, std::string_view before, const std::string& what) {
+  const auto line = 1 + std::count(before.begin(), before.end(), '\n');
+  throw InputError(source + ":" + std::to_string(line) + ": " + what + ", expected XML in UTF-8");
+}
+
+bool is_ascii(std::string_view text) {
+  return std::all_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 0x80U; });
+}
+
+// What stands in <?xml … encoding="…"?>, in capitals; empty where that says nothing.
+std::string stated_encoding(std::string_view text) {
+  const std::size_t start = text.find("<?xml");
+  const std::string_view declaration =
+      start == std::string_view::npos ? std::string_view() : text.substr(start, text.find("?>", start) - start);
+  const std::size_t word = declaration.find("encoding");
+  const std::size_t open = word == std::string_view::npos ? word : declaration.find_first_of("\"'", word);
+  if (open == std::string_view::npos) {
+    return {};
+  }
+  std::string name(declaration.substr(open + 1, declaration.find(declaration[open], open + 1) - open - 1));
+  std::transform(name.begin(), name.end(), name.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+  return name;
+}
+
+}  // namespace
+
+void require_utf8(std::string_view text, const std::string& source) {
+  if (text.starts_with("\xff\xfe") || text.starts_with("\xfe\xff")) {
+    refuse(source, {}, "UTF-16");
+  }
+  if (const std::size_t zero = text.find('\0'); zero != std::string_view::npos) {
+    refuse(source, text.substr(0, zero), "zero byte");
+  }
+  if (is_ascii(text)) {
+    return;
+  }
+  const std::string encoding = stated_encoding(text);
+  if (!encoding.empty() && encoding != "UTF-8" && encoding != "UTF8") {
+    refuse(source, text.substr(0, text.find("<?xml")), "letters in the encoding " + shown(encoding));
+  }
+  if (is_utf8(text)) {
+    return;
+  }
+  for (std::size_t start = 0; start < text.size();) {
+    const std::size_t end = std::min(text.find('\n', start), text.size());
+    if (!is_utf8(text.substr(start, end - start))) {
+      refuse(source, text.substr(0, start), "letters in another encoding, such as Latin-1");
+    }
+    start = end + 1;
+  }
+}
+
+}  // namespace kdl_calibration

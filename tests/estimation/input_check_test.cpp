@@ -1,0 +1,204 @@
+#include "kdl_calibration/input_check.hpp"
+
+#include <gmock/gmock.h>
+
+#include <functional>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/convention_trial.hpp"
+#include "kdl_calibration/data_quality.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/lack_of_fit.hpp"
+#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/monte_carlo.hpp"
+#include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/suspicions.hpp"
+#include "kdl_calibration/validation.hpp"
+#include "mistakes_support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using ::testing::HasSubstr;
+using testing::Measured;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+const Measured& sound() {
+  static const Measured instance = testing::measured(complete_model(testing::fanuc()), 1);
+  return instance;
+}
+
+Estimate rigid_truth() {
+  Estimate estimate = sound().truth;
+  estimate.deflections.resize(0);
+  return estimate;
+}
+
+void expect_refused(const std::string& where, const std::function<void()>& call, const std::string& words = "") {
+  try {
+    call();
+    ADD_FAILURE() << where << ": expected an InputError, nothing was thrown";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), HasSubstr(words)) << where;
+  }
+}
+
+using Spoil = std::function<void(Measurements&)>;
+
+/// Measurements that no reader makes, and the rule that the message names.
+std::vector<std::pair<Spoil, std::string>> spoilt() {
+  return {
+      {[](Measurements& m) { m.observations[3].configuration = 30; }, "configuration 30 is not there"},
+      {[](Measurements& m) { m.observations[3].configuration = -1; }, "configuration -1 is not there"},
+      {[](Measurements& m) { m.observations[3].target = 3; }, "target 3 is not there"},
+      {[](Measurements& m) { m.observations[3].target = -1; }, "target -1 is not there"},
+      {[](Measurements& m) { m.observations[3].position.y() = kNaN; }, "coordinate is not finite"},
+      {[](Measurements& m) { m.observations[3].sigma = -1.0; }, "sigma is negative"},
+      {[](Measurements& m) { m.observations[3].sigma = kNaN; }, "sigma is negative or not finite"},
+      {[](Measurements& m) { m.joint_values(2, 4) = kNaN; }, "joint value is not finite"},
+      {[](Measurements& m) { m.joint_values.conservativeResize(6, 29); }, "30 configurations, expected 29"},
+      {[](Measurements& m) { m.order.assign(3, 1); }, "3 places in the order"},
+      {[](Measurements& m) { m.orientations.resize(3, point_alone()); }, "3 orientations"},
+      {[](Measurements& m) { m.orientations.assign(m.observations.size(), Eigen::Quaterniond(2.0, 0.0, 0.0, 0.0)); },
+       "no unit quaternion"},
+      {[](Measurements& m) { m.joint_units.resize(2); }, "2 units of joints"}};
+}
+
+TEST(InputCheck, AcceptsWhatTheReaderMakes) {
+  EXPECT_NO_THROW(check(sound().data, sound().model));
+  EXPECT_NO_THROW(check(rigid_truth(), sound().model, sound().data));
+  EXPECT_NO_THROW(check(sound().free, sound().model, sound().data));
+  EXPECT_NO_THROW(check(ResidualOptions{}, sound().data));
+  EXPECT_NO_THROW(check(RegistrationOptions{}));
+}
+
+TEST(InputCheck, NamesWhatDoesNotHoldTogether) {
+  for (const auto& [spoil, words] : spoilt()) {
+    Measurements wrong = sound().data;
+    spoil(wrong);
+    expect_refused(
+        words, [&] { check(wrong); }, words);
+  }
+}
+
+TEST(InputCheck, EveryPublicFunctionRefusesMeasurementsThatDoNotHoldTogether) {
+  const Measured& m = sound();
+  const Estimate estimate = rigid_truth();
+  const std::vector<Eigen::Isometry3d> X_BF(m.data.configurations.size(), Eigen::Isometry3d::Identity());
+  const std::vector<std::pair<std::string, std::function<void(const Measurements&)>>> functions = {
+      {"calibrate", [&](const Measurements& d) { calibrate(m.model, d); }},
+      {"nominal_start", [&](const Measurements& d) { nominal_start(m.model, d); }},
+      {"identify_jointly", [&](const Measurements& d) { identify_jointly(m.model, d, estimate, m.free); }},
+      {"identify_robustly",
+       [&](const Measurements& d) {
+         identify_robustly({.model = m.model,
+                            .measurements = d,
+                            .start = estimate,
+                            .free = m.free,
+                            .options = {.loss = Loss::huber}});
+       }},
+      {"identify_in_two_steps",
+       [&](const Measurements& d) {
+         identify_in_two_steps(
+             m.model, [&](int) { return d; }, estimate, m.free.geometric());
+       }},
+      {"register_base_and_targets", [&](const Measurements& d) { register_base_and_targets(X_BF, d); }},
+      {"position_errors", [&](const Measurements& d) { position_errors(m.model, estimate, d); }},
+      {"registered", [&](const Measurements& d) { registered(m.model, estimate.errors, d); }},
+      {"iso_9283", [&](const Measurements& d) { iso_9283(m.model, estimate, d); }},
+      {"check_distances", [&](const Measurements& d) { check_distances(d); }},
+      {"check_residuals", [&](const Measurements& d) { check_residuals(m.model, d, estimate); }},
+      {"try_conventions", [&](const Measurements& d) { try_conventions(m.model, d, m.free, nullptr, {}); }},
+      {"suspicions", [&](const Measurements& d) { suspicions(m.model, d, estimate, m.free); }},
+      {"explained_by_joints", [&](const Measurements& d) { explained_by_joints(m.model, estimate, d); }},
+      {"noise_from_repeats", [&](const Measurements& d) { noise_from_repeats(d); }},
+      {"measurements_csv", [&](const Measurements& d) { measurements_csv(d); }}};
+  for (const auto& [name, function] : functions) {
+    for (const auto& [spoil, words] : spoilt()) {
+      Measurements wrong = m.data;
+      spoil(wrong);
+      expect_refused(std::string(name) + ": " + words, [&, &call = function] { call(wrong); });
+    }
+  }
+}
+
+TEST(InputCheck, RefusesDataOfAnotherRobot) {
+  Measurements other = sound().data;
+  other.joints[2] = "elbow";
+  expect_refused(
+      "names", [&] { check(other, sound().model); }, "another robot");
+  Measurements shorter = sound().data;
+  shorter.joints.resize(5);
+  shorter.joint_units.clear();
+  shorter.joint_values.conservativeResize(5, Eigen::NoChange);
+  expect_refused(
+      "rows", [&] { calibrate(sound().model, shorter); }, "5 joints, expected the robot's 6");
+}
+
+TEST(InputCheck, RefusesEstimatesAndParametersThatDoNotFit) {
+  const Measured& m = sound();
+  Estimate few = rigid_truth();
+  few.errors.conservativeResize(3);
+  expect_refused(
+      "errors", [&] { identify_jointly(m.model, m.data, few, m.free); }, "3 errors of an estimate");
+  Estimate one = rigid_truth();
+  one.targets.resize(1);
+  expect_refused(
+      "targets", [&] { position_errors(m.model, one, m.data); }, "1 targets of an estimate");
+  Estimate nan = rigid_truth();
+  nan.errors[0] = kNaN;
+  expect_refused(
+      "nan", [&] { iso_9283(m.model, nan, m.data); }, "not finite");
+  ErrorModel longer = m.model;
+  longer.parameters.push_back(longer.parameters.back());
+  longer.parameters.back().name += " again";
+  const Unknowns beyond = m.free.with(longer, UnknownGroup::geometric, {m.model.parameters.size()});
+  expect_refused(
+      "free", [&] { identify_jointly(m.model, m.data, rigid_truth(), beyond); }, "geometric parameter");
+  ErrorModel elastic = m.model;
+  elastic.deflections = gravity_deflections(m.model);
+  const Unknowns deflecting = m.free.with(elastic, UnknownGroup::deflections, {0});
+  expect_refused(
+      "deflection", [&] { identify_jointly(m.model, m.data, rigid_truth(), deflecting); }, "deflection");
+  expect_refused(
+      "corrections", [&] { origin_corrections(m.model, Eigen::VectorXd::Zero(2)); }, "2 errors");
+}
+
+TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
+  for (const double value : {-1.0, kNaN, std::numeric_limits<double>::infinity()}) {
+    const std::vector<std::function<void(CalibrationOptions&)>> changes = {
+        [&](CalibrationOptions& o) { o.priors.length = value; },
+        [&](CalibrationOptions& o) { o.priors.angle = value; },
+        [&](CalibrationOptions& o) { o.priors.deflection = value; },
+        [&](CalibrationOptions& o) { o.noise.independent.y() = value; },
+        [&](CalibrationOptions& o) { o.noise.common.z() = value; },
+        [&](CalibrationOptions& o) { o.noise.orientation = value; },
+        [&](CalibrationOptions& o) { o.noise.tracker = TrackerNoise{.range = value}; }};
+    for (std::size_t i = 0; i < changes.size(); ++i) {
+      CalibrationOptions options;
+      changes[i](options);
+      expect_refused(
+          std::to_string(i), [&] { calibrate(sound().model, sound().data, options); }, "0 or more");
+    }
+  }
+  JointOptions weights;
+  weights.residuals.row_weights = {1.0, 1.0};
+  expect_refused(
+      "weights", [&] { identify_jointly(sound().model, sound().data, rigid_truth(), sound().free, weights); },
+      "2 weights of rows");
+}
+
+TEST(InputCheck, RefusesEmptyCallbacks) {
+  expect_refused(
+      "rounds", [&] { identify_in_two_steps(sound().model, {}, rigid_truth(), {}); }, "needs a function");
+  expect_refused(
+      "monte carlo", [&] { run_monte_carlo({.model = sound().model, .runs = 1}); }, "needs functions");
+}
+
+}  // namespace
+}  // namespace kdl_calibration
