@@ -37,6 +37,17 @@ Measurements read_measurements(const Robot& robot, const std::filesystem::path& 
 Measurements parse_measurements(const Robot& robot, std::string_view csv, const JointConvention* convention = nullptr,
                                 const std::string& source = "measurements");
 
+/// Reads configurations from a plan or from measurements. Coordinates may be empty here, and the columns
+/// `configuration` (then counted), `target`, x, y and z may be absent.
+/// Throws InputError as read_measurements does.
+Measurements read_configurations(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
+                                 const JointConvention* convention = nullptr);
+Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,
+                                  const JointConvention* convention = nullptr, const std::string& source = "plan");
+/// The same for a robot some of whose joints may mimic others, see read_measurements.
+Measurements read_configurations(const Robot& robot, const std::filesystem::path& file,
+                                 const JointConvention* convention = nullptr);
+
 /// The CSV that read_measurements reads back to the same doubles; joint values in the URDF's convention. Columns
 /// split, repeat, quaternion and sigma appear only where the measurements use them, and a joint's unit only where
 /// `joint_units` knows it (the others are SI by default). Rows are in the order of the observations; configurations

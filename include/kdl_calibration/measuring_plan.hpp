@@ -1,13 +1,10 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <filesystem>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
@@ -40,16 +37,5 @@ struct MeasuringPlan {
 /// Throws InputError for a name that the format cannot hold and for a convention that mixes angles with lengths.
 std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& joints,
                      const JointConvention* convention = nullptr);
-
-/// Reads configurations from a plan or from measurements. Coordinates may be empty here, and the columns
-/// `configuration` (then counted), `target`, x, y and z may be absent.
-/// Throws InputError as read_measurements does.
-Measurements read_configurations(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
-                                 const JointConvention* convention = nullptr);
-Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,
-                                  const JointConvention* convention = nullptr, const std::string& source = "plan");
-/// The same for a robot some of whose joints may mimic others, see read_measurements.
-Measurements read_configurations(const Robot& robot, const std::filesystem::path& file,
-                                 const JointConvention* convention = nullptr);
 
 }  // namespace kdl_calibration

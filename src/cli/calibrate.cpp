@@ -21,7 +21,7 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"

@@ -10,7 +10,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"

@@ -145,7 +145,7 @@ private:
   void check_complete() const {
     std::vector<std::string> missing;
     for (const FixedColumn& fixed : fixed_) {
-      if (fixed.required && !present(*fixed.column)) missing.emplace_back(fixed.name);
+      if (fixed.required && joints_.with_points && !present(*fixed.column)) missing.emplace_back(fixed.name);
     }
     for (std::size_t i = 0; i < header_.joints.size(); ++i) {
       if (!present(header_.joints[i])) missing.push_back(joints_.names[i]);
@@ -204,8 +204,9 @@ bool is_fixed_column(std::string_view name) {
 std::string expected_columns(const ExpectedJoints& joints) {
   std::vector<std::string> followers;
   for (const std::size_t i : joints.followers) followers.push_back(joints.joints[i].name);
-  return "expected configuration, target, x, y, z and the joints " + comma_separated(joints.names) +
-         ", optionally split, repeat, order, qw, qx, qy, qz, sigma" +
+  const std::string points = "configuration, target, x, y, z";
+  return "expected " + (joints.with_points ? points + " and " : "") + "the joints " + comma_separated(joints.names) +
+         ", optionally " + (joints.with_points ? "" : points + ", ") + "split, repeat, order, qw, qx, qy, qz, sigma" +
          (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
 }
 

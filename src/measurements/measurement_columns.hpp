@@ -51,6 +51,7 @@ struct ExpectedJoints {
   const std::vector<MovingJoint>& joints;  ///< of the chain, base to tip
   std::vector<std::size_t> followers;      ///< those of them that mimic another
   bool kinds_known = true;                 ///< whether `joints` says which of them turn and which slide
+  bool with_points = true;                 ///< whether the file must say which target was measured where
 };
 
 enum class ValueKind : std::uint8_t { unknown, angle, length };

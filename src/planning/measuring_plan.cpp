@@ -4,15 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <optional>
 
 #include "base/csv.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
-#include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/mimic.hpp"
 
 namespace kdl_calibration {
@@ -125,113 +122,6 @@ void require_label(const std::string& text) {
   }
 }
 
-// The line with 0 in those of the columns that are empty. Lines with quotes are split as if commas in quotes were not
-// there, which is right as long as the quotes stand behind none of the columns; others are left to the reader.
-std::string filled(std::string_view line, char separator, const std::vector<std::size_t>& columns) {
-  std::string result;
-  std::size_t column = 0;
-  bool quoted = false;
-  std::string field;
-  const auto finish = [&] {
-    const bool blank = field.find_first_not_of(" \t\r") == std::string::npos;
-    if (blank && std::find(columns.begin(), columns.end(), column) != columns.end()) {
-      field = "0" + field;
-    }
-    result += field;
-    field.clear();
-    ++column;
-  };
-  for (const char c : line) {
-    quoted = c == '"' ? !quoted : quoted;
-    if (c == separator && !quoted) {
-      finish();
-      result += c;
-    } else {
-      field += c;
-    }
-  }
-  finish();
-  return result;
-}
-
-// The columns' names without units.
-std::vector<std::string> bare_names(std::string_view header, char separator) {
-  std::vector<std::string> names;
-  while (true) {
-    const std::size_t end = std::min(header.find(separator), header.size());
-    std::string_view name = header.substr(0, end);
-    name.remove_prefix(std::min(name.find_first_not_of(" \t\"\xEF\xBB\xBF"), name.size()));
-    names.emplace_back(name.substr(0, name.find_first_of(" \t\r\"[")));
-    if (end == header.size()) {
-      return names;
-    }
-    header.remove_prefix(end + 1);
-  }
-}
-
-// What a file of configurations may lack of a file of measurements.
-class Completion {
-public:
-  Completion(std::string_view header, char separator) : separator_(separator) {
-    const std::vector<std::string> names = bare_names(header, separator);
-    for (const char* name : {"configuration", "target", "x", "y", "z"}) {
-      if (std::find(names.begin(), names.end(), name) == names.end()) {
-        absent_.emplace_back(name);
-      }
-    }
-    for (std::size_t i = 0; i < names.size(); ++i) {
-      if (names[i] == "x" || names[i] == "y" || names[i] == "z") {
-        coordinates_.push_back(i);
-      }
-    }
-  }
-
-  std::string header(std::string_view line) const {
-    std::string result(line);
-    for (const std::string& name : absent_) {
-      result += separator_ + name;
-    }
-    return result;
-  }
-
-  // Zeros for coordinates; configurations are counted.
-  std::string row(std::string_view line) {
-    ++rows_;
-    std::string result = filled(line, separator_, coordinates_);
-    for (const std::string& name : absent_) {
-      result += separator_ + (name == "configuration" ? std::to_string(rows_) : name == "target" ? "1" : "0");
-    }
-    return result;
-  }
-
-private:
-  char separator_;
-  std::vector<std::string> absent_;
-  std::vector<std::size_t> coordinates_;
-  int rows_ = 0;
-};
-
-// The file as one of measurements.
-std::string completed(std::string_view csv) {
-  std::string text;
-  std::optional<Completion> completion;
-  while (!csv.empty()) {
-    const std::size_t end = std::min(csv.find('\n'), csv.size());
-    std::string_view line = csv.substr(0, end);
-    line.remove_suffix(!line.empty() && line.back() == '\r' ? 1 : 0);
-    const bool content = line.find_first_not_of(" \t\r,;") != std::string_view::npos && line.front() != '#';
-    if (content && !completion) {
-      completion.emplace(line, line.find(';') != std::string_view::npos ? ';' : ',');
-      text += completion->header(line);
-    } else {
-      text += content ? completion->row(line) : std::string(line);
-    }
-    text += "\n";
-    csv.remove_prefix(std::min(end + 1, csv.size()));
-  }
-  return text;
-}
-
 }  // namespace
 
 double travel_time(const std::vector<MovingJoint>& joints, const Eigen::Ref<const VectorXd>& from,
@@ -296,21 +186,6 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
     }
   }
   return csv;
-}
-
-Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,
-                                  const JointConvention* convention, const std::string& source) {
-  return parse_measurements(completed(csv), urdf_joints, convention, source);
-}
-
-Measurements read_configurations(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
-                                 const JointConvention* convention) {
-  return parse_configurations(read_text_file(file), urdf_joints, convention, one_line(file.string()));
-}
-
-Measurements read_configurations(const Robot& robot, const std::filesystem::path& file,
-                                 const JointConvention* convention) {
-  return parse_measurements(robot, completed(read_text_file(file)), convention, one_line(file.string()));
 }
 
 }  // namespace kdl_calibration

@@ -1,0 +1,117 @@
+#include <array>
+#include <charconv>
+#include <string>
+#include <vector>
+
+#include "base/csv.hpp"
+#include "base/text.hpp"
+#include "kdl_calibration/measurements_check.hpp"
+#include "kdl_calibration/measurements_file.hpp"
+#include "measurements/measurement_columns.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+template <typename Number>
+void append_number(std::string& text, Number value) {
+  std::array<char, 32> digits{};
+  const auto [end, error] = std::to_chars(digits.data(), digits.data() + digits.size(), value);
+  text.append(digits.data(), end);
+}
+
+std::vector<std::string> csv_labels(const std::vector<std::string>& labels, const char* what,
+                                    const std::string& source) {
+  std::vector<std::string> fields;
+  for (const std::string& label : labels) {
+    if (const std::string fault = label_fault(label); !fault.empty()) {
+      fail(source, std::string(what) + " " + shown(label) + " " + fault);
+    }
+    fields.push_back(csv_field(label));
+  }
+  return fields;
+}
+
+/// The optional columns that the measurements use.
+struct UsedColumns {
+  bool split = false;
+  bool repeat = false;
+  bool sigma = false;
+  bool quaternion = false;
+  bool order = false;
+};
+
+UsedColumns used_columns(const Measurements& measurements) {
+  UsedColumns used;
+  used.quaternion = !measurements.orientations.empty();
+  used.order = !measurements.order.empty();
+  for (const Observation& o : measurements.observations) {
+    used.split = used.split || o.split == Split::test;
+    used.repeat = used.repeat || o.repeat != 1;
+    used.sigma = used.sigma || o.sigma > 0.0;
+  }
+  return used;
+}
+
+std::string csv_header(const Measurements& measurements, const UsedColumns& used) {
+  std::string text = "configuration";
+  if (used.split) text += ",split";
+  if (used.repeat) text += ",repeat";
+  text += ",target";
+  const std::vector<std::string> names = csv_labels(measurements.joints, "joint", measurements.source);
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (is_fixed_column(measurements.joints[i])) {
+      fail(measurements.source, "joint " + shown(names[i]) + " is named like a column of the measurements");
+    }
+    const JointUnit unit = measurements.joint_units.empty() ? JointUnit::unstated : measurements.joint_units[i];
+    std::string name = measurements.joints[i];
+    if (unit == JointUnit::radian) name += "[rad]";
+    if (unit == JointUnit::metre) name += "[m]";
+    text += "," + csv_field(name);
+  }
+  text += ",x[m],y[m],z[m]";
+  if (used.quaternion) text += ",qw,qx,qy,qz";
+  if (used.sigma) text += ",sigma[m]";
+  if (used.order) text += ",order";
+  return text + "\n";
+}
+
+}  // namespace
+
+std::string measurements_csv(const Measurements& measurements) {
+  check(measurements);
+  const UsedColumns used = used_columns(measurements);
+  std::string text = csv_header(measurements, used);
+  const auto configurations = csv_labels(measurements.configurations, "configuration", measurements.source);
+  const auto targets = csv_labels(measurements.targets, "target", measurements.source);
+  const auto append_cell = [&text](auto value) {
+    text += ',';
+    append_number(text, value);
+  };
+  for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
+    const Observation& o = measurements.observations[i];
+    text += configurations[static_cast<std::size_t>(o.configuration)];
+    if (used.split) text += o.split == Split::test ? ",test" : ",train";
+    if (used.repeat) append_cell(o.repeat);
+    text += "," + targets[static_cast<std::size_t>(o.target)];
+    for (const double value : measurements.joint_values.col(o.configuration)) append_cell(value);
+    for (const double value : o.position) append_cell(value);
+    if (used.quaternion) {
+      const Eigen::Quaterniond& q = measurements.orientations[i];
+      if (is_point(q))
+        text += ",,,,";
+      else
+        for (const double value : {q.w(), q.x(), q.y(), q.z()}) append_cell(value);
+    }
+    if (used.sigma) {
+      if (o.sigma > 0.0)
+        append_cell(o.sigma);
+      else
+        text += ',';
+    }
+    if (used.order) append_cell(measurements.order[i]);
+    text += '\n';
+  }
+  return text;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,78 @@
+#include "measurements/missing_units.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "base/number_text.hpp"
+#include "base/text.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+std::string rounded(double value) { return shortest(std::round(value)); }
+
+// Two turns, or twice the widest limit.
+double largest_angle(const ExpectedJoints& joints) {
+  double largest = 2.0 * std::numbers::pi;
+  for (const MovingJoint& joint : joints.joints) {
+    if (joint.type != JointType::prismatic) {
+      largest = std::max({largest, std::abs(joint.lower.value_or(0.0)), std::abs(joint.upper.value_or(0.0))});
+    }
+  }
+  return 2.0 * largest;
+}
+
+// Twenty times what the arm reaches, tools of a metre included.
+double largest_length(const ExpectedJoints& joints) {
+  double reach = 1.0;
+  for (const MovingJoint& joint : joints.joints) {
+    reach += joint.origin.p.Norm();
+    if (joint.type == JointType::prismatic) {
+      reach += std::max({1.0, std::abs(joint.lower.value_or(0.0)), std::abs(joint.upper.value_or(0.0))});
+    }
+  }
+  return 20.0 * reach;
+}
+
+void check_units_of_points(const ExpectedJoints& joints, const ReadValues& read) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (!present(read.header.position[axis]) || read.header.position[axis].unit != Unit::none) continue;
+    const auto of_axis = [&](const Observation& o) { return o.position[static_cast<Eigen::Index>(axis)]; };
+    const auto [low, high] = std::minmax_element(read.observations.begin(), read.observations.end(),
+                                                 [&](const auto& a, const auto& b) { return of_axis(a) < of_axis(b); });
+    const double apart = of_axis(*high) - of_axis(*low);
+    if (apart > largest_length(joints)) {
+      const char name = "xyz"[axis];
+      fail(read.source, "targets " + rounded(apart) + " m apart along " + name +
+                            " without a unit are beyond this robot: millimetres? write " + name + "[mm] (or [m])");
+    }
+  }
+}
+
+}  // namespace
+
+void check_missing_units(const ExpectedJoints& joints, const ReadValues& read) {
+  if (!joints.kinds_known) return;
+  const std::size_t columns = read.columns;
+  for (std::size_t j = 0; j < read.header.joints.size(); ++j) {
+    if (read.header.joints[j].unit != Unit::none) continue;
+    double largest = 0.0;
+    for (std::size_t i = j; i < read.joint_values.size(); i += columns) {
+      largest = std::max(largest, std::abs(read.joint_values[i]));
+    }
+    const ValueKind kind = kind_of_value(joints, j);
+    const std::string& name = joints.names[j];
+    if (kind == ValueKind::angle && largest > largest_angle(joints)) {
+      fail(read.source, "joint values of " + shown(name) + " up to " + shortest(largest) +
+                            " without a unit are no radians: degrees? write " + printable(name) + "[deg] (or [rad])");
+    }
+    if (kind == ValueKind::length && largest > largest_length(joints)) {
+      fail(read.source, "joint values of " + shown(name) + " up to " + shortest(largest) +
+                            " without a unit are no metres: millimetres? write " + printable(name) + "[mm] (or [m])");
+    }
+  }
+  check_units_of_points(joints, read);
+}
+
+}  // namespace kdl_calibration
