@@ -131,7 +131,7 @@ inline std::vector<Mistake> point_mistakes() {
           scaled("millimetres", 1000.0, "length_unit", "millimetres read as metres"),
           scaled("metres as millimetres", 0.001, "length_unit", "metres read as millimetres"),
           scaled("inches as millimetres", 0.001 / 0.0254, "length_unit", "inches read as millimetres"),
-          scaled("three per cent", 1.03, "scale", "1.03"),
+          scaled("three per cent", 1.03, "scale", "(a unit, a temperature or a tracker set wrong)"),
           scaled("one per cent", 1.01, "scale", "1.0", {.length = 0.0003, .angle = 0.001}),
           {"z in millimetres", change([](Eigen::Vector3d& p) { p.z() *= 1000.0; }), "length_unit", "z in another unit"},
           {"left-handed", change([](Eigen::Vector3d& p) { p.y() = -p.y(); }), "mirrored", "mirrored"},

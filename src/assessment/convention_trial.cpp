@@ -267,7 +267,10 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
     starts[i] = nominal_start(model, as_read, options.registration);
     trials[i].registered = rms_of(model, as_read, starts[i]);
   });
-  const double limit = kWorthAFit * trials.front().registered;
+  const auto nearest = std::min_element(trials.begin(), trials.end(),
+                                        [](const auto& a, const auto& b) { return a.registered < b.registered; });
+  const double limit =
+      std::min(kWorthAFit * trials.front().registered, kWorthAFitBesideTheNearest * nearest->registered);
   parallel_for(trials.size(), options.threads, [&](std::size_t i) {
     trials[i].rms = trials[i].registered;
     if (trials[i].present || trials[i].registered < limit) {

@@ -14,6 +14,7 @@
 #include "assessment/order_check.hpp"
 #include "assessment/point_trial.hpp"
 #include "assessment/trial_fit.hpp"
+#include "assessment/trial_sample.hpp"
 #include "base/f_distribution.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/input_check.hpp"
@@ -29,6 +30,7 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr std::size_t kMostConfigurations = 300;
+constexpr std::size_t kMostPoses = 75;  // which are four points each
 constexpr double kThird = 1.0 / 3.0;
 constexpr double kByChance = 1e-4;            // of all readings together
 constexpr double kNoMisfit = 1e-7;            // [m]
@@ -48,52 +50,6 @@ std::string in_mm(double metres) {
   std::array<char, 64> text{};
   const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::fixed, decimals);
   return (result.ec == std::errc() ? std::string(text.data(), result.ptr) : "many") + " mm";
-}
-
-// The train rows of configurations spread over the file, positions alone, and what belongs to them.
-struct Sample {
-  Measurements measurements;
-  Unknowns free;
-  double freedom = 0.0;  // distinct coordinates that the fit leaves
-  double points_of_a_configuration = 1.0;
-};
-
-// Of coordinates of targets those of their points, see Unknown::index.
-std::vector<std::size_t> coordinates(std::vector<std::size_t> of_targets) {
-  std::erase_if(of_targets, [](std::size_t index) { return index % 6 >= 3; });
-  return of_targets;
-}
-
-Sample sample_of(const ErrorModel& model, const Measurements& measurements, const Unknowns& free) {
-  std::set<std::int32_t> fitted;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      fitted.insert(observation.configuration);
-    }
-  }
-  const std::vector<std::int32_t> all(fitted.begin(), fitted.end());
-  std::set<std::int32_t> chosen;
-  const std::size_t count = std::min(all.size(), kMostConfigurations);
-  for (std::size_t i = 0; i < count; ++i) {
-    chosen.insert(all[i * all.size() / count]);
-  }
-  Sample sample{.measurements = {}, .free = free};
-  sample.measurements = subset(measurements, [&](const Observation& observation) {
-    return observation.split == Split::train && chosen.count(observation.configuration) > 0;
-  });
-  sample.measurements.orientations.clear();
-  for (Observation& observation : sample.measurements.observations) {
-    observation.sigma = 0.0;
-  }
-  sample.free = free.with(model, UnknownGroup::targets, coordinates(free.of(UnknownGroup::targets)));
-  std::set<std::pair<int, int>> points;
-  for (const Observation& observation : sample.measurements.observations) {
-    points.insert({observation.configuration, observation.target});
-  }
-  sample.freedom = 3.0 * static_cast<double>(points.size()) - static_cast<double>(sample.free.size());
-  sample.points_of_a_configuration =
-      static_cast<double>(points.size()) / static_cast<double>(std::max<std::size_t>(chosen.size(), 1));
-  return sample;
 }
 
 // Pairs of neighbours among the configurations with the same joint values; where one is for tests it is the second.
@@ -210,13 +166,13 @@ bool explains(double other, double present, double freedom, double readings) {
 // Puts one question after the other.
 class Inquiry {
 public:
-  Inquiry(const ErrorModel& model, const Measurements& measurements, const Estimate& fit, const Unknowns& free,
+  Inquiry(const ErrorModel& model, const Measurements& measurements, const Estimate& fit, TrialSample sample,
           const SuspicionOptions& options)
       : model_(model),
         measurements_(measurements),
         fit_(fit),
         options_(options),
-        sample_(sample_of(model, measurements, free)),
+        sample_(std::move(sample)),
         nominal_(nominal_start(model, sample_.measurements, options.registration)),
         X_BF_(flange_poses(model, nominal_, sample_.measurements.joint_values)),
         registered_(rms_of(model, sample_.measurements, nominal_)),
@@ -241,6 +197,13 @@ public:
     return std::move(suspicions_);
   }
 
+  // Of the joint values alone, where the points are those of poses.
+  std::vector<Suspicion> verdict_of_poses() {
+    remark_ = " (orientations as points " + in_mm(kLeverOfOrientations) + " away)";
+    judge_readings();
+    return std::move(suspicions_);
+  }
+
 private:
   bool enough_equations() const { return sample_.freedom >= 0.0; }
 
@@ -255,7 +218,7 @@ private:
   void suspect(const char* cause, const std::string& what, double left, double instead) {
     suspicions_.push_back({.cause = cause,
                            .message = "as they were read the measurements leave a misfit of " + in_mm(instead) +
-                                      "; with " + what + " it is " + in_mm(left) + "; nothing was switched"});
+                                      remark_ + "; with " + what + " it is " + in_mm(left) + "; nothing was switched"});
   }
 
   // Points that are too far apart, or hardly move, beside the nominal robot.
@@ -263,11 +226,13 @@ private:
     if (options_.registration.known_base || !options_.registration.known_targets.empty()) {
       return;
     }
+    // Lengths that are not fitted cannot take it up, see judge_lengths.
+    const double least = sample_.free.geometric().empty() ? kLeastCommonLength : kLeastScale;
     const std::optional<Vector3d> scales = coordinate_scales(X_BF_, sample_.measurements);
     if (scales) {
       const double common = std::cbrt(scales->prod());
       const bool alike = scales->maxCoeff() < 2.0 * scales->minCoeff();
-      if (!alike || std::abs(common - 1.0) > kLeastScale) {
+      if (!alike || std::abs(common - 1.0) > least) {
         judge_scale(alike ? Vector3d::Constant(common) : *scales, alike);
       }
     }
@@ -457,11 +422,12 @@ private:
   const Measurements& measurements_;
   const Estimate& fit_;
   const SuspicionOptions& options_;
-  Sample sample_;
+  TrialSample sample_;
   Estimate nominal_;
   std::vector<Eigen::Isometry3d> X_BF_;  // nominal
   double registered_ = 0.0;
   double fitted_ = 0.0;
+  std::string remark_;  // behind the misfit
   std::vector<Suspicion> suspicions_;
 };
 
@@ -473,7 +439,22 @@ std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& m
   check(fit, model, measurements);
   check(free, model, measurements);
   check(options.registration);
-  return Inquiry(model, measurements, fit, free, options).verdict();
+  const auto sample = [&](const Measurements& all, const Unknowns& unknowns, std::size_t most) {
+    return trial_sample(model, all, unknowns, most);
+  };
+  std::vector<Suspicion> found =
+      Inquiry(model, measurements, fit, sample(measurements, free, kMostConfigurations), options).verdict();
+  const bool doubted = std::any_of(found.begin(), found.end(), [](const Suspicion& one) { return one.doubt; });
+  if (!doubted && !measurements.orientations.empty()) {
+    PosePoints points = pose_points(model, measurements, fit, free, options.registration);
+    SuspicionOptions of_points = options;
+    of_points.registration = std::move(points.registration);
+    Inquiry inquiry(model, points.measurements, points.fit, sample(points.measurements, points.free, kMostPoses),
+                    of_points);
+    std::vector<Suspicion> more = inquiry.verdict_of_poses();
+    found.insert(found.begin(), more.begin(), more.end());
+  }
+  return found;
 }
 
 }  // namespace kdl_calibration

@@ -19,6 +19,9 @@ struct TrialFit {
 
 /// What a hypothesis may leave after registration, relative to the data as they are, to be worth a fit.
 constexpr double kWorthAFit = 2.0;
+/// The same relative to the hypothesis that leaves the least after registration: the errors of an arm, in their
+/// directions, do not make a right reading look that much worse than a wrong one.
+constexpr double kWorthAFitBesideTheNearest = 5.0;
 
 /// [m] of the links one behind the other, that of the base included.
 double arm_length(const ErrorModel& model);

@@ -502,9 +502,8 @@ TEST(JointConventions, OfOtherRobotsAreLeftOut) {
   other.name = "other.json";
   other.urdf_joints[0] = "shoulder";
   const auto trials = try_conventions(experiment().model, measured, experiment().free, nullptr, {other});
-  // As they are, six signs, degrees and radians of six joints and of all, J3 with J2, fifteen pairs, the reversed
-  // order.
-  EXPECT_EQ(trials.size(), 1U + 6U + 14U + 2U + 15U + 1U);
+  // As they are, six signs, seven units of six joints and of all, J3 with J2, fifteen pairs, the reversed order.
+  EXPECT_EQ(trials.size(), 1U + 6U + 49U + 2U + 15U + 1U);
   for (const ConventionTrial& trial : trials) {
     EXPECT_THAT(trial.description, ::testing::Not(HasSubstr("other.json")));
   }

@@ -138,6 +138,18 @@ TEST(Suspicions, LeaveATargetThatSlippedToTheChecksOfTargets) {
   }
 }
 
+// As where a URDF is validated: no length of the arm can take the factor up.
+TEST(Suspicions, TellAScaleOfThePointsBesideGeometryThatIsHeld) {
+  for (const double factor : {1.008, 1.02}) {
+    Measured m = measured(large_arm(), 6, {.length = 0.0003, .angle = 0.0003});
+    for_rows(m, [&](Observation& o) { o.position *= factor; });
+    const Unknowns frames = m.free.without(UnknownGroup::geometric);
+    const std::vector<Suspicion> found = suspicions(m.model, m.data, nominal_start(m.model, m.data), frames);
+    ASSERT_THAT(causes(found), ElementsAre("scale")) << text(found);
+    EXPECT_THAT(found.front().message, HasSubstr(factor < 1.01 ? "1.00" : "1.0"));
+  }
+}
+
 // A fit with gains leaves no misfit behind that would show what the values are wrong by.
 TEST(Suspicions, DoubtAGainThatTheFitTookForOne) {
   for (const double factor : {0.9, 1.02}) {

@@ -7,6 +7,8 @@
 #include <string>
 
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "mistake_table.hpp"
 
 namespace kdl_calibration::testing {
@@ -213,6 +215,74 @@ TEST(MistakesLongRun, SlipsOfAMillimetreAreFoundInNinetyEightPercent) {
 }
 TEST(MistakesLongRun, TypingErrorsOfHalfAMillimetreAreFoundInNinetyEightPercent) {
   EXPECT_GE(findings_of(200, QualityKind::mistyped_coordinate, mistype), 196U);
+}
+
+// ---- real arms -----------------------------------------------------------------------------------------------------
+
+struct RealSet {
+  ErrorModel model;
+  Measurements data;
+  CalibrationOptions options;
+};
+
+RealSet fanuc_series() {
+  const Robot robot = fanuc();
+  RealSet set{.model = complete_model(robot), .data = {}, .options = {}};
+  set.options.convention = read_joint_convention(std::string(URDF_DIR) + "/fanuc_r2000ic_165f_serial.json");
+  set.data = read_measurements(robot, std::string(SHARED_DATA_DIR) + "/r2000ic_165f_tracker/measurements.csv",
+                               &*set.options.convention);
+  return set;
+}
+
+RealSet ur10_poses() {
+  const std::string folder = std::string(SHARED_DATA_DIR) + "/ur10_tracker_poses";
+  const Robot robot = load_robot(folder + "/ur10.urdf", {.base = "base_link", .tip = "tool0"});
+  return {
+      .model = complete_model(robot), .data = read_measurements(robot, folder + "/measurements.csv"), .options = {}};
+}
+
+std::vector<std::string> causes_of(const RealSet& set) {
+  std::vector<std::string> causes;
+  const Calibration found = calibrate(set.model, set.data, set.options);
+  for (const Suspicion& suspicion : found.suspicions) {
+    causes.push_back(suspicion.cause + ": " + suspicion.message);
+  }
+  for (const QualityFinding& finding : found.findings) {
+    causes.push_back("finding: " + finding.message);
+  }
+  return causes;
+}
+
+TEST(MistakesOnRealData, NothingIsSaidOfWhatIsRight) {
+  for (RealSet set : {fanuc_series(), ur10_poses()}) {
+    EXPECT_THAT(causes_of(set), ::testing::IsEmpty());
+    set.options.gravity = Use::automatic;
+    set.options.joint_gain = Use::automatic;
+    set.options.automatic_priors = true;
+    EXPECT_THAT(causes_of(set), ::testing::IsEmpty());
+  }
+}
+
+// Of a controller whose joints a convention makes others of, the controller's columns are what is exchanged.
+TEST(MistakesOnRealData, ColumnsOfTheControllerThatWereExchangedAreNamed) {
+  RealSet set = fanuc_series();
+  const Eigen::MatrixXd matrix = set.options.convention->matrix;
+  Eigen::MatrixXd controller = matrix.inverse() * set.data.joint_values;
+  controller.row(0).swap(controller.row(1));
+  set.data.joint_values = matrix * controller;
+  EXPECT_THAT(causes_of(set), ::testing::ElementsAre(HasSubstr("the controller's J1 and J2 exchanged")));
+}
+
+// The measured frame stands on the axis of the last joint: its orientation alone shows how that turns.
+TEST(MistakesOnRealData, OrientationsShowWhatPointsDoNot) {
+  RealSet wrong_sign = ur10_poses();
+  wrong_sign.data.joint_values.row(5) *= -1.0;
+  EXPECT_THAT(causes_of(wrong_sign), ::testing::ElementsAre(::testing::AllOf(
+                                         HasSubstr("joint_sign"), HasSubstr("(orientations as points 100 mm away)"),
+                                         HasSubstr("wrist_3_joint with the opposite sign"))));
+  RealSet degrees = ur10_poses();
+  degrees.data.joint_values.row(5) /= kDegree;
+  EXPECT_THAT(causes_of(degrees), ::testing::ElementsAre(HasSubstr("wrist_3_joint in degrees, read as radians")));
 }
 
 }  // namespace

@@ -1,0 +1,40 @@
+#pragma once
+
+// The part of the measurements with which other readings are tried. Not installed.
+
+#include <cstddef>
+
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/least_squares.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/registration.hpp"
+
+namespace kdl_calibration {
+
+/// Positions alone of the train rows of configurations spread over the file, and what belongs to them.
+struct TrialSample {
+  Measurements measurements;
+  Unknowns free;
+  double freedom = 0.0;  ///< distinct coordinates that the fit leaves
+  double points_of_a_configuration = 1.0;
+};
+
+TrialSample trial_sample(const ErrorModel& model, const Measurements& measurements, const Unknowns& free,
+                         std::size_t most_configurations);
+
+/// [m] of the points that stand for a measured orientation from the measured point.
+constexpr double kLeverOfOrientations = 0.1;
+
+/// The measurements with every pose as four points: the measured one and one along each axis of the target's frame,
+/// targets "A", "A.x", "A.y" and "A.z". Known targets and free ones stay so.
+struct PosePoints {
+  Measurements measurements;
+  Estimate fit;
+  Unknowns free;
+  RegistrationOptions registration;
+};
+
+PosePoints pose_points(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                       const Unknowns& free, const RegistrationOptions& registration);
+
+}  // namespace kdl_calibration
