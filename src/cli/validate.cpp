@@ -1,9 +1,12 @@
 #include <algorithm>
 #include <memory>
 
+#include "base/sha256.hpp"
 #include "cli/frames.hpp"
 #include "cli/measurement_options.hpp"
 #include "cli/options.hpp"
+#include "cli/output_files.hpp"
+#include "cli/report_pages.hpp"
 #include "cli/requirements.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
@@ -30,6 +33,8 @@ struct Arguments {
   std::string truth;
   std::vector<std::string> requirements;
   std::uint64_t seed = 1;
+  std::string report;
+  bool force = false;
   bool json = false;
 };
 
@@ -124,6 +129,9 @@ ExitStatus run_against_truth(const Arguments& arguments) {
   if (arguments.result.empty()) {
     throw InputError("validate: --truth alone, expected --result beside it");
   }
+  if (!arguments.report.empty()) {
+    throw InputError("validate: --report shows measurements, expected it without --truth");
+  }
   if (!arguments.measurements.measurements.empty()) {
     throw InputError("validate: --measurements beside --result and --truth, expected one of the two");
   }
@@ -165,6 +173,50 @@ SavedCalibration arm_of(const Robot& robot, const std::string& result) {
   return nominal;
 }
 
+// What the page says beyond the numbers that are printed: where they come from, and the terms of ISO 9283.
+Json with_provenance(const Arguments& arguments, const Robot& robot, const Measurements& measurements, Json result,
+                     const Iso9283& iso) {
+  result["iso_9283"] = {{"accuracy", statistics_json(iso.accuracy)},
+                        {"repeatability", statistics_json(iso.repeatability)}};
+  result["input"] = {{"urdf", robot.source},
+                     {"base", robot.base},
+                     {"tip", robot.tip},
+                     {"configurations", measurements.joint_values.cols()},
+                     {"observations", measurements.observations.size()}};
+  Json files = {{{"role", "urdf"}, {"path", robot.source}, {"sha256", sha256(robot.urdf)}}};
+  const MeasurementArguments& measured = arguments.measurements;
+  for (const auto& [role, path] :
+       {std::pair{"measurements", &measured.measurements}, std::pair{"joint-convention", &measured.joint_convention},
+        std::pair{"known-base", &measured.known_base}, std::pair{"known-targets", &measured.known_targets},
+        std::pair{"result", &arguments.result}}) {
+    if (!path->empty()) {
+      files.push_back({{"role", role}, {"path", *path}, {"sha256", sha256_of_file(*path)}});
+    }
+  }
+  result["provenance"] = {{"files_read", files}};
+  return result;
+}
+
+std::vector<std::string> warnings_of(const Measurements& measurements, const Registration& registration) {
+  std::vector<std::string> warnings;
+  if (only_test_rows(measurements)) {
+    warnings.push_back(measurements.source + ": no train rows, base and targets are registered to the test rows");
+  }
+  if (registration.ambiguous) {
+    warnings.push_back("registration: " + registration.message);
+  }
+  return warnings;
+}
+
+// Where the misfit is absurd, the reading of the joint values that fits.
+std::string hint_of(const Arguments& arguments, const ErrorModel& model, const Measurements& measurements,
+                    const Registration& registration) {
+  constexpr double absurd = 0.02;  // [m] more than geometric errors explain
+  return registration.rms > absurd ? better_convention(arguments.measurements, model, to_register(measurements),
+                                                       frames_only(model, registration.targets))
+                                   : "";
+}
+
 ExitStatus run(const Arguments& arguments) {
   if (!arguments.truth.empty()) {
     return run_against_truth(arguments);
@@ -173,6 +225,11 @@ ExitStatus run(const Arguments& arguments) {
     throw InputError("validate: --measurements is required, or --result and --truth, see kdlcal validate --help");
   }
   const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);
+  std::vector<OutputFile> files;
+  if (!arguments.report.empty()) {
+    files.push_back({.option = "--report", .path = arguments.report, .text = {}});
+  }
+  require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const SavedCalibration arm = arm_of(robot, arguments.result);
   const ErrorModel& model = arm.model;
@@ -190,22 +247,30 @@ ExitStatus run(const Arguments& arguments) {
   };
   const Errors errors{.all = statistics(Rows::all), .train = statistics(Rows::train), .test = statistics(Rows::test)};
   const std::string result = json(errors, registration);
+  const std::string hint = hint_of(arguments, model, measurements, registration);
+  const std::vector<std::string> missed = unfulfilled(requirements, json_of(result, "the result"));
+  std::vector<std::string> doubts = missed;
+  if (!hint.empty()) {
+    doubts.insert(doubts.begin(), hint);
+  }
+  for (OutputFile& file : files) {
+    file.text =
+        validation_page({.result = with_provenance(arguments, robot, measurements, json_of(result, "the result"),
+                                                   iso_9283(X_BF, estimate, measurements, Rows::all)),
+                         .robot = robot,
+                         .reported = {.model = model, .estimate = estimate, .measurements = measurements},
+                         .warnings = warnings_of(measurements, registration),
+                         .requirements = arguments.requirements,
+                         .doubts = doubts});
+  }
+  write_whole(files, arguments.force);
   print(arguments.json ? result : table(arguments, robot, errors, registration));
-  if (only_test_rows(measurements)) {
-    warn(measurements.source + ": no train rows, base and targets are registered to the test rows");
+  for (const std::string& warning : warnings_of(measurements, registration)) {
+    warn(warning);
   }
-  if (registration.ambiguous) {
-    warn("registration: " + registration.message);
-  }
-  constexpr double absurd = 0.02;  // [m] more than geometric errors explain
-  const std::string hint = registration.rms > absurd
-                               ? better_convention(arguments.measurements, model, to_register(measurements),
-                                                   frames_only(model, registration.targets))
-                               : "";
   if (!hint.empty()) {
     warn(hint);
   }
-  const std::vector<std::string> missed = unfulfilled(requirements, json_of(result, "the result"));
   for (const std::string& requirement : missed) {
     require_aloud(requirement);
   }
@@ -225,6 +290,8 @@ Subcommand add_validate(CLI::App& parser) {
   add_file(*app, "--truth", arguments->truth,
            "Compare --result with the true errors, base and targets that simulate wrote (JSON)");
   add_require(*app, arguments->requirements);
+  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
+  app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_seed(*app, arguments->seed);
   add_json_flag(*app, arguments->json);
   add_example(*app,
