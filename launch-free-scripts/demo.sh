@@ -21,10 +21,10 @@ cd "$root/build/demo"
 show simulate --configurations 30 --test-configurations 100 --targets 3 --noise 0.00003 \
   --joint-ranges=-90:90,-75:60,-90:90,-90:90,-120:120,-180:180 \
   --seed 1 --output measurements.csv --truth truth.json
-show calibrate --measurements measurements.csv --output calibrated.urdf --result result.json
+show calibrate --measurements measurements.csv --output calibrated.urdf --result result.json --report report.html
 # The estimator as published, on the same measurements; it finds the same errors, so its list of them is left out.
 show calibrate --measurements measurements.csv --method two-step --result two_step.json | sed '/^geometric errors/,$d'
 show validate --urdf calibrated.urdf --measurements measurements.csv
 
 echo
-echo "The files are in $root/build/demo"
+echo "The files are in $root/build/demo; the page to look at is $root/build/demo/report.html"

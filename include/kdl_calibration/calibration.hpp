@@ -12,6 +12,7 @@
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/fold_prediction.hpp"
 #include "kdl_calibration/identifiability.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/influence.hpp"
@@ -193,6 +194,8 @@ struct Calibration {
   std::optional<ErrorStatistics> nested_leave_one_out;
   std::optional<BeforeAfter> k_fold;
   int folds = 0;  ///< of k_fold
+  /// Point by point what leave-one-out or k_fold predicts; empty where the folds were fitted again.
+  std::vector<HeldOutPoint> held_out_points;
   Iso9283 iso_before;
   Iso9283 iso_after;
   std::optional<Iso9283> iso_test_before;

@@ -44,6 +44,7 @@
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/registration.hpp"
+#include "kdl_calibration/report_page.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/robot.hpp"

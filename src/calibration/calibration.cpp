@@ -323,6 +323,7 @@ void put(HeldOutErrors held_out, Calibration& result) {
   result.nested_leave_one_out = held_out.nested_leave_one_out;
   result.k_fold = held_out.k_fold;
   result.folds = held_out.folds;
+  result.held_out_points = std::move(held_out.prediction.points);
   result.warnings = std::move(held_out.warnings);
 }
 

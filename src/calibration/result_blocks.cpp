@@ -111,6 +111,20 @@ Json residuals_json(const Measurements& measurements, const Calibration& calibra
           {all.size() > kMostRows ? "largest" : "rows", rows}};
 }
 
+Json held_out_points_json(const Measurements& measurements, const Calibration& calibration) {
+  const std::vector<HeldOutPoint>& points = calibration.held_out_points;
+  if (points.empty() || points.size() > kMostRows) {
+    return nullptr;
+  }
+  Json result = Json::array();
+  for (const HeldOutPoint& point : points) {
+    result.push_back({{"configuration", measurements.configurations[static_cast<std::size_t>(point.configuration)]},
+                      {"target", measurements.targets[static_cast<std::size_t>(point.target)]},
+                      {"distance", finite_or_null(point.distance)}});
+  }
+  return result;
+}
+
 std::string residuals_csv(const Measurements& measurements, const Calibration& calibration) {
   const std::vector<Eigen::Vector3d> all = residuals(measurements, calibration);
   std::string csv = "configuration,repeat,target,split,dx[m],dy[m],dz[m],distance[m]\n";

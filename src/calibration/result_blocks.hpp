@@ -30,6 +30,9 @@ constexpr std::size_t kMostRows = 5000;
 constexpr std::size_t kLargestRows = 200;
 Json residuals_json(const Measurements& measurements, const Calibration& calibration);
 
+/// Points that were left out and predicted, up to kMostRows, else null: {"configuration", "target", "distance"}.
+Json held_out_points_json(const Measurements& measurements, const Calibration& calibration);
+
 /// What the exported URDF alone is worth.
 Json exported_urdf_json(const Robot& robot, const Calibration& calibration);
 

@@ -309,6 +309,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   add_details(calibration, measurements, result);
   result["covariance"] = covariance_json(calibration);
   result["residuals"] = residuals_json(measurements, calibration);
+  result["held_out_points"] = held_out_points_json(measurements, calibration);
   result["difference_to_kdl"] = calibration.difference_to_kdl;
   result["warnings"] = calibration.warnings;
   result["provenance"] = provenance_json(provenance);

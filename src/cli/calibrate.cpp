@@ -16,6 +16,7 @@
 #include "cli/measurement_options.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
+#include "cli/plan_command.hpp"
 #include "cli/progress.hpp"
 #include "cli/requirements.hpp"
 #include "cli/subcommands.hpp"
@@ -23,6 +24,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/report_page.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
 
@@ -36,6 +38,7 @@ struct Arguments {
   std::string result;
   std::string residuals;
   std::string covariance;
+  std::string report;
   std::vector<std::string> notes;
   std::vector<std::string> requirements;
   std::string method = "joint";
@@ -60,7 +63,8 @@ std::vector<OutputFile> outputs(const Arguments& arguments) {
   std::vector<OutputFile> files;
   for (const auto& [option, path] :
        {std::pair{"--output", &arguments.output}, std::pair{"--result", &arguments.result},
-        std::pair{"--residuals", &arguments.residuals}, std::pair{"--covariance", &arguments.covariance}}) {
+        std::pair{"--residuals", &arguments.residuals}, std::pair{"--covariance", &arguments.covariance},
+        std::pair{"--report", &arguments.report}}) {
     if (!path->empty()) {
       files.push_back({.option = option, .path = *path, .text = {}});
     }
@@ -205,13 +209,24 @@ void say_what_is_doubted(const Arguments& arguments, const Calibration& calibrat
   }
 }
 
-// The texts of the files to write; returns that of the result, which names the hashes of the others.
+std::string page_of(const std::string& result, const Robot& robot, const Measurements& measurements,
+                    const CalibrationOptions& options) {
+  return calibration_page({.result = result,
+                           .source = "the result",
+                           .robot = &robot,
+                           .measurements = &measurements,
+                           .known = {.known_base = options.known_base, .known_targets = options.known_targets},
+                           .plan_command = plan_command(json_of(result, "the result"))});
+}
+
+// The texts of the files to write; returns that of the result, which names the hashes of the others. The page shows the
+// result and so stands beside it.
 std::string filled_in(const Arguments& arguments, const Robot& robot, const Measurements& measurements,
                       const CalibrationOptions& options, const Calibration& calibration,
                       std::vector<OutputFile>& files) {
   Provenance provenance{.notes = notes_of(arguments.notes), .files_read = files_read(arguments, robot)};
   for (OutputFile& file : files) {
-    if (file.option == "--result") {
+    if (file.option == "--result" || file.option == "--report") {
       continue;
     }
     file.text = file.option == "--output"      ? calibrated_urdf(robot, calibration)
@@ -221,7 +236,9 @@ std::string filled_in(const Arguments& arguments, const Robot& robot, const Meas
   }
   const std::string result = result_json(robot, measurements, options, calibration, provenance);
   for (OutputFile& file : files) {
-    file.text = file.option == "--result" ? result : file.text;
+    file.text = file.option == "--result"   ? result
+                : file.option == "--report" ? page_of(result, robot, measurements, options)
+                                            : file.text;
   }
   return result;
 }
@@ -336,7 +353,8 @@ void add_groups(CLI::App& app) {
   add_group(app, "Input",
             {"--measurements", "--urdf", "--base", "--tip", "--joint-convention", "--known-base", "--known-targets",
              "--predict-at"});
-  add_group(app, "Output", {"--output", "--result", "--residuals", "--covariance", "--note", "--json", "--force"});
+  add_group(app, "Output",
+            {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--json", "--force"});
   add_group(app, "Model",
             {"--method", "--iterations", "--model", "--fix", "--free", "--prior", "--prior-length", "--prior-angle",
              "--prior-deflection", "--gravity", "--joint-gain", "--extras"});
@@ -358,6 +376,7 @@ Subcommand add_calibrate(CLI::App& parser) {
            "Predict the targets and their uncertainty at these configurations (CSV as measurements, no coordinates)");
   add_file(*app, "--residuals", arguments->residuals, "Write measured minus predicted point of every row (CSV)");
   add_file(*app, "--covariance", arguments->covariance, "Write the covariance of all estimated parameters (CSV)");
+  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
   app->add_option("--note", arguments->notes, "Put key=value into the result, such as serial=R1234; repeatable")
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);

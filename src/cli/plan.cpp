@@ -9,6 +9,7 @@
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/progress.hpp"
+#include "cli/report_pages.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -52,6 +53,7 @@ struct Arguments {
   std::uint64_t seed = 1;
   int threads = 0;
   std::string output;
+  std::string report;
   bool force = false;
   bool json = false;
 };
@@ -270,8 +272,11 @@ void require_sound(const Arguments& arguments) {
 ExitStatus run(const Arguments& arguments) {
   require_sound(arguments);
   std::vector<OutputFile> files;
-  if (!arguments.output.empty()) {
-    files.push_back({.option = "--output", .path = arguments.output, .text = {}});
+  for (const auto& [option, path] :
+       {std::pair{"--output", &arguments.output}, std::pair{"--report", &arguments.report}}) {
+    if (!path->empty()) {
+      files.push_back({.option = option, .path = *path, .text = {}});
+    }
   }
   require_writable(files, arguments.force);
   Setting set = setting(arguments);
@@ -280,8 +285,14 @@ ExitStatus run(const Arguments& arguments) {
   Progress trying("Monte Carlo");
   set.request.trying = [&](double share) { trying(share); };
   const Plan result = make_plan(set.request);
-  if (!files.empty()) {
-    files.front().text = plan_csv(result.sheet, set.request.robot.joints, set.joint_convention());
+  for (OutputFile& file : files) {
+    file.text = file.option == "--output"
+                    ? plan_csv(result.sheet, set.request.robot.joints, set.joint_convention())
+                    : plan_page(json_of(json(arguments, set, result), "the plan"), set.request, result,
+                                {{"noise", result.experiment.noise.tracker ? "of the tracker"
+                                                                           : fixed(arguments.noise.sigma * 1e3, 4) +
+                                                                                 " mm of a coordinate, 1 sigma"},
+                                 {"seed", std::to_string(arguments.seed)}});
   }
   write_whole(files, arguments.force, arguments.json ? json(arguments, set, result) : table(arguments, result));
   return done;
@@ -356,6 +367,7 @@ Subcommand add_plan(CLI::App& parser) {
   add_seed(*app, arguments->seed);
   add_count(*app, "--threads", arguments->threads, 0, 1'024, "Threads; 0: one per core. The plan is the same");
   add_file(*app, "--output", arguments->output, "Write the plan (CSV) that calibrate reads once it is filled in");
+  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);
   add_example(*app, "kdlcal plan --configurations 30 --least-height 0.2 --least-radius 0.7 --output plan.csv");

@@ -15,6 +15,7 @@
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/progress.hpp"
+#include "cli/report_pages.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
@@ -52,6 +53,7 @@ struct Arguments {
   std::uint64_t seed = 1;
   std::string output;
   std::string truth;
+  std::string report;
   bool force = false;
   bool json = false;
 };
@@ -243,39 +245,67 @@ std::string summary(const Arguments& arguments, const Simulation& simulation) {
          fixed(arguments.sizes.angle / kDegree, 4) + " deg (1 sigma); seed " + std::to_string(arguments.seed) + "\n";
 }
 
+void add_output(const std::string& option, const std::string& path, std::vector<OutputFile>& files) {
+  if (!path.empty()) {
+    files.push_back({.option = option, .path = path, .text = {}});
+  }
+}
+
+// What was drawn and measured, for a page.
+PageFacts in_words(const Arguments& arguments, const Robot& robot, const Setup& set) {
+  return {{"robot", robot.name},
+          {"configurations", std::to_string(set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations})},
+          {"targets", std::to_string(set.targets.size())},
+          {"noise", fixed(arguments.noise.sigma * 1e3, 4) + " mm of a coordinate, 1 sigma"},
+          {"true errors", "lengths " + fixed(arguments.sizes.length * 1e3, 3) + " mm, angles " +
+                              fixed(arguments.sizes.angle / kDegree, 4) + " deg, 1 sigma"},
+          {"seed", std::to_string(arguments.seed)}};
+}
+
+Json monte_carlo_json(const MonteCarloResult& result) {
+  return {{"runs", result.runs},
+          {"not_trusted", result.not_trusted},
+          {"held_out_error",
+           {{"all", statistics_json(result.all)},
+            {"mean_of_run", statistics_json(result.means)},
+            {"max_of_run", statistics_json(result.maxima)}}}};
+}
+
 ExitStatus run_many(const Arguments& arguments) {
   if (!arguments.output.empty() || !arguments.truth.empty()) {
-    throw InputError("--monte-carlo: writes no files, expected it without --output and --truth");
+    throw InputError("--monte-carlo: writes no measurements, expected it without --output and --truth");
   }
+  std::vector<OutputFile> files;
+  add_output("--report", arguments.report, files);
+  require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const Setup set = setup(robot, arguments);
   const int test = arguments.test_configurations > 0 ? arguments.test_configurations : kTestsOfMonteCarlo;
   Progress progress("simulating");
-  const MonteCarloResult result = run_monte_carlo(
-      {.model = set.model,
-       .with_errors = set.with_errors,
-       .targets = set.targets,
-       .sizes = arguments.sizes,
-       .noise = arguments.noise,
-       .train = [&](Random& random) { return to_fit(arguments, set, random); },
-       .test = [&](Random& random) { return random_configurations(set.model.joints, set.ranges, test, random); },
-       .calibration = {},
-       .runs = arguments.monte_carlo,
-       .seed = arguments.seed,
-       .threads = arguments.threads,
-       .progress = [&](double share) { progress(share); }});
-  if (arguments.json) {
-    print(json_text({{"runs", result.runs},
-                     {"not_trusted", result.not_trusted},
-                     {"held_out_error",
-                      {{"all", statistics_json(result.all)},
-                       {"mean_of_run", statistics_json(result.means)},
-                       {"max_of_run", statistics_json(result.maxima)}}}}));
-    return done;
+  const MonteCarlo experiment{
+      .model = set.model,
+      .with_errors = set.with_errors,
+      .targets = set.targets,
+      .sizes = arguments.sizes,
+      .noise = arguments.noise,
+      .train = [&](Random& random) { return to_fit(arguments, set, random); },
+      .test = [&](Random& random) { return random_configurations(set.model.joints, set.ranges, test, random); },
+      .calibration = {},
+      .runs = arguments.monte_carlo,
+      .seed = arguments.seed,
+      .threads = arguments.threads,
+      .progress = [&](double share) { progress(share); }};
+  const MonteCarloResult result = run_monte_carlo(experiment);
+  for (OutputFile& file : files) {
+    file.text = monte_carlo_page(monte_carlo_json(result), experiment, result, in_words(arguments, robot, set));
   }
-  print(std::to_string(result.runs) + " runs, " + std::to_string(result.not_trusted) + " of them not to be trusted\n" +
-        statistics_heading("held-out error [mm]") + statistics_row("all points", result.all) +
-        statistics_row("mean of a run", result.means) + statistics_row("largest of a run", result.maxima));
+  write_whole(files, arguments.force,
+              arguments.json
+                  ? json_text(monte_carlo_json(result))
+                  : std::to_string(result.runs) + " runs, " + std::to_string(result.not_trusted) +
+                        " of them not to be trusted\n" + statistics_heading("held-out error [mm]") +
+                        statistics_row("all points", result.all) + statistics_row("mean of a run", result.means) +
+                        statistics_row("largest of a run", result.maxima));
   return done;
 }
 
@@ -299,12 +329,20 @@ std::string two_step_heading(const Arguments& arguments, const Setup& set, Eigen
          " mm; held out " + std::to_string(held_out) + " configurations; seed " + std::to_string(arguments.seed) + "\n";
 }
 
+// The rounds of the same robot where every round measures the same configurations, or not.
+Json measured_the_other_way(const Arguments& arguments, const Setup& set, TwoStepTrial trial) {
+  Random random(arguments.seed);
+  trial.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);
+  trial.recorded = !arguments.recorded;
+  trial.progress = {};
+  return rounds_json(run_two_step_trial(trial, random));
+}
+
 ExitStatus run_two_step(const Arguments& arguments) {
   require_two_step(arguments);
   std::vector<OutputFile> files;
-  if (!arguments.truth.empty()) {
-    files.push_back({.option = "--truth", .path = arguments.truth, .text = {}});
-  }
+  add_output("--truth", arguments.truth, files);
+  add_output("--report", arguments.report, files);
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const Setup set = setup(robot, arguments);
@@ -321,14 +359,16 @@ ExitStatus run_two_step(const Arguments& arguments) {
                            .progress = std::ref(progress)};
   const TwoStepTrialResult result = run_two_step_trial(trial, random);
   const Estimate& estimate = result.identification.estimate;
+  Json json = rounds_json(result);
+  json.update({{"recorded", arguments.recorded}, {"seed", arguments.seed}});
+  json.update(truth_json(set.model, estimate, trial.robot.truth, result.truth));
   for (OutputFile& file : files) {
-    file.text = json_text(truth_of(robot, arguments, set, trial.robot));
+    file.text = file.option == "--truth" ? json_text(truth_of(robot, arguments, set, trial.robot))
+                                         : two_step_page(json, measured_the_other_way(arguments, set, trial),
+                                                         in_words(arguments, robot, set));
   }
   std::string text;
   if (arguments.json) {
-    Json json = rounds_json(result);
-    json.update({{"recorded", arguments.recorded}, {"seed", arguments.seed}});
-    json.update(truth_json(set.model, estimate, trial.robot.truth, result.truth));
     text = json_text(json);
   } else {
     text = two_step_heading(arguments, set, trial.held_out.cols()) + rounds_table(result) + "\n" +
@@ -351,16 +391,15 @@ ExitStatus run(Arguments arguments) {
   if (arguments.monte_carlo > 0) {
     return run_many(arguments);
   }
+  if (!arguments.report.empty()) {
+    throw InputError("--report: shows what --monte-carlo or --two-step found, expected one of them beside it");
+  }
   if (arguments.output.empty() && arguments.json) {
     throw InputError("--json without --output: both would go to standard output, expected --output");
   }
   std::vector<OutputFile> files;
-  if (!arguments.output.empty()) {
-    files.push_back({.option = "--output", .path = arguments.output, .text = {}});
-  }
-  if (!arguments.truth.empty()) {
-    files.push_back({.option = "--truth", .path = arguments.truth, .text = {}});
-  }
+  add_output("--output", arguments.output, files);
+  add_output("--truth", arguments.truth, files);
   require_writable(files, arguments.force);
   const Simulation result = simulation(load(arguments.robot), arguments);
   const std::string csv = measurements_csv(result.measurements);
@@ -429,6 +468,8 @@ Subcommand add_simulate(CLI::App& parser) {
   add_seed(*app, arguments->seed);
   add_file(*app, "--output", arguments->output, "Write the measurements (CSV) [standard output]");
   add_file(*app, "--truth", arguments->truth, "Write the true errors, base and targets (JSON)");
+  add_file(*app, "--report", arguments->report,
+           "With --monte-carlo or --two-step: write a page for people that opens in any browser (HTML)");
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);
   add_example(*app,

@@ -22,5 +22,6 @@ Subcommand add_simulate(CLI::App& parser);
 Subcommand add_calibrate(CLI::App& parser);
 Subcommand add_validate(CLI::App& parser);
 Subcommand add_plan(CLI::App& parser);
+Subcommand add_report(CLI::App& parser);
 
 }  // namespace kdl_calibration::cli

@@ -4,9 +4,12 @@
 #include <set>
 #include <utility>
 
+#include "base/sha256.hpp"
 #include "cli/frames.hpp"
 #include "cli/measurement_options.hpp"
 #include "cli/options.hpp"
+#include "cli/output_files.hpp"
+#include "cli/report_pages.hpp"
 #include "cli/requirements.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
@@ -33,6 +36,8 @@ struct Arguments {
   std::string truth;
   std::vector<std::string> requirements;
   std::uint64_t seed = 1;
+  std::string report;
+  bool force = false;
   bool json = false;
 };
 
@@ -182,6 +187,9 @@ ExitStatus run_against_truth(const Arguments& arguments) {
   if (arguments.result.empty()) {
     throw InputError("validate: --truth alone, expected --result beside it");
   }
+  if (!arguments.report.empty()) {
+    throw InputError("validate: --report shows measurements, expected it without --truth");
+  }
   if (!arguments.measurements.measurements.empty()) {
     throw InputError("validate: --measurements beside --result and --truth, expected one of the two");
   }
@@ -223,36 +231,80 @@ SavedCalibration arm_of(const Robot& robot, const std::string& result) {
   return nominal;
 }
 
-// Says what the measurements may have been meant for, and that a misfit is beyond any robot's.
-ExitStatus judged(const Arguments& arguments, const ErrorModel& model, const Measurements& fitted,
-                  const Estimate& estimate, const RegistrationOptions& known, double misfit) {
+// What there is to say beside the numbers.
+struct Words {
+  std::vector<std::string> warnings;
+  std::vector<std::string> doubts;  // why the answer is not to be trusted
+};
+
+// What the measurements may have been meant for, and a misfit that is beyond any robot's.
+Words judged(const Arguments& arguments, const ErrorModel& model, const Measurements& fitted, const Estimate& estimate,
+             const RegistrationOptions& known) {
   const std::optional<JointConvention> convention = convention_of(arguments.measurements);
-  bool doubted = false;
+  Words words;
   for (const Suspicion& suspicion : suspicions(model, fitted, estimate, frames_only(model, estimate.targets),
                                                {.registration = known,
                                                .used = convention ? &*convention : nullptr,
                                                .others = conventions_at_hand(arguments.measurements)})) {
     if (suspicion.cause != "joint_function") {  // which the errors of a nominal robot are
-      warn(suspicion.message);
+      (suspicion.doubt ? words.doubts : words.warnings).push_back(suspicion.message);
     }
-    doubted = doubted || suspicion.doubt;
   }
-  if (!doubted && absurd(model, misfit)) {
-    warn("a misfit of " + fixed(misfit * 1e3, 1) + " mm is more than geometric errors explain; are units, signs and " +
-         "order of the joints right?");
-    doubted = true;
-  }
-  return doubted ? not_to_be_trusted : done;
+  return words;
 }
 
-ExitStatus run(const Arguments& arguments) {
-  if (!arguments.truth.empty()) {
-    return run_against_truth(arguments);
+// Before that: what base and targets rest on.
+std::vector<std::string> warnings_of(const Measurements& measurements, const Registration& registration,
+                                     const Freedom& freedom) {
+  std::vector<std::string> warnings;
+  if (only_test_rows(measurements)) {
+    warnings.push_back(measurements.source + ": no train rows, base and targets are registered to the test rows");
   }
+  if (registration.ambiguous) {
+    warnings.push_back("registration: " + registration.message);
+  }
+  if (freedom.unknowns > 0 && freedom.coordinates < kPlenty * freedom.unknowns) {
+    warnings.push_back("base and targets took " + std::to_string(freedom.unknowns) + " of " +
+                       std::to_string(freedom.coordinates) + " coordinates: corrected for that, the rms is " +
+                       fixed(registration.rms * freedom.correction() * 1e3, 4) + " mm");
+  }
+  return warnings;
+}
+
+// What the page says beyond the numbers that are printed: where they come from, and the terms of ISO 9283.
+Json with_provenance(const Arguments& arguments, const Robot& robot, const Measurements& measurements, Json result,
+                     const Iso9283& iso) {
+  result["iso_9283"] = {{"accuracy", statistics_json(iso.accuracy)},
+                        {"repeatability", statistics_json(iso.repeatability)}};
+  result["input"] = {{"urdf", robot.source},
+                     {"base", robot.base},
+                     {"tip", robot.tip},
+                     {"configurations", measurements.joint_values.cols()},
+                     {"observations", measurements.observations.size()}};
+  Json files = {{{"role", "urdf"}, {"path", robot.source}, {"sha256", sha256(robot.urdf)}}};
+  const MeasurementArguments& measured = arguments.measurements;
+  for (const auto& [role, path] :
+       {std::pair{"measurements", &measured.measurements}, std::pair{"joint-convention", &measured.joint_convention},
+        std::pair{"known-base", &measured.known_base}, std::pair{"known-targets", &measured.known_targets},
+        std::pair{"result", &arguments.result}}) {
+    if (!path->empty()) {
+      files.push_back({{"role", role}, {"path", *path}, {"sha256", sha256_of_file(*path)}});
+    }
+  }
+  result["provenance"] = {{"files_read", files}};
+  return result;
+}
+
+ExitStatus run_against_measurements(const Arguments& arguments) {
   if (arguments.measurements.measurements.empty()) {
     throw InputError("validate: --measurements is required, or --result and --truth, see kdlcal validate --help");
   }
   const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);
+  std::vector<OutputFile> files;
+  if (!arguments.report.empty()) {
+    files.push_back({.option = "--report", .path = arguments.report, .text = {}});
+  }
+  require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const SavedCalibration arm = arm_of(robot, arguments.result);
   const ErrorModel& model = arm.model;
@@ -273,24 +325,41 @@ ExitStatus run(const Arguments& arguments) {
   };
   const Errors errors{.all = statistics(Rows::all), .train = statistics(Rows::train), .test = statistics(Rows::test)};
   const std::string result = json(errors, registration, freedom);
-  print(arguments.json ? result : table(arguments, robot, errors, registration));
-  if (only_test_rows(measurements)) {
-    warn(measurements.source + ": no train rows, base and targets are registered to the test rows");
+  Words words = judged(arguments, model, fitted, estimate, known);
+  if (words.doubts.empty() && absurd(model, registration.rms)) {
+    words.doubts.push_back(
+        "a misfit of " + fixed(registration.rms * 1e3, 1) +
+        " mm is more than geometric errors explain; are units, signs and order of the joints right?");
   }
-  if (registration.ambiguous) {
-    warn("registration: " + registration.message);
-  }
-  if (freedom.unknowns > 0 && freedom.coordinates < kPlenty * freedom.unknowns) {
-    warn("base and targets took " + std::to_string(freedom.unknowns) + " of " + std::to_string(freedom.coordinates) +
-         " coordinates: corrected for that, the rms is " + fixed(registration.rms * freedom.correction() * 1e3, 4) +
-         " mm");
-  }
-  const ExitStatus status = judged(arguments, model, fitted, estimate, known, registration.rms);
+  const std::vector<std::string> before = warnings_of(measurements, registration, freedom);
+  words.warnings.insert(words.warnings.begin(), before.begin(), before.end());
   const std::vector<std::string> missed = unfulfilled(requirements, json_of(result, "the result"));
+  for (OutputFile& file : files) {
+    std::vector<std::string> doubts = words.doubts;
+    doubts.insert(doubts.end(), missed.begin(), missed.end());
+    file.text =
+        validation_page({.result = with_provenance(arguments, robot, measurements, json_of(result, "the result"),
+                                                   iso_9283(X_BF, estimate, measurements, Rows::all)),
+                         .robot = robot,
+                         .reported = {.model = model, .estimate = estimate, .measurements = measurements},
+                         .warnings = words.warnings,
+                         .requirements = arguments.requirements,
+                         .doubts = doubts});
+  }
+  write_whole(files, arguments.force, arguments.json ? result : table(arguments, robot, errors, registration));
+  for (const std::vector<std::string>& messages : {words.warnings, words.doubts}) {
+    for (const std::string& message : messages) {
+      warn(message);
+    }
+  }
   for (const std::string& requirement : missed) {
     require_aloud(requirement);
   }
-  return missed.empty() ? status : not_to_be_trusted;
+  return missed.empty() && words.doubts.empty() ? done : not_to_be_trusted;
+}
+
+ExitStatus run(const Arguments& arguments) {
+  return arguments.truth.empty() ? run_against_measurements(arguments) : run_against_truth(arguments);
 }
 
 }  // namespace
@@ -306,6 +375,8 @@ Subcommand add_validate(CLI::App& parser) {
   add_file(*app, "--truth", arguments->truth,
            "Compare --result with the true errors, base and targets that simulate wrote (JSON)");
   add_require(*app, arguments->requirements);
+  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
+  app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_seed(*app, arguments->seed);
   add_json_flag(*app, arguments->json);
   add_example(*app,

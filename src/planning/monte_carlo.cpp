@@ -1,9 +1,13 @@
 #include "kdl_calibration/monte_carlo.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <mutex>
 #include <utility>
 
 #include "base/parallel.hpp"
+#include "base/thinned.hpp"
+#include "kdl_calibration/experiment.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -81,10 +85,41 @@ MonteCarloResult run_monte_carlo(const MonteCarlo& experiment) {
     }
     result.rms = (result.rms / static_cast<double>(experiment.runs)).cwiseSqrt();
   }
+  result.all_errors = thinned(all);
+  result.mean_errors = thinned(means);
+  result.largest_errors = thinned(maxima);
   result.all = error_statistics(std::move(all));
   result.means = error_statistics(std::move(means));
   result.maxima = error_statistics(std::move(maxima));
   return result;
+}
+
+std::vector<double> predicted_errors(const MonteCarlo& experiment) {
+  constexpr int kRuns = 20;
+  constexpr Eigen::Index kConfigurations = 30;
+  std::vector<double> sigmas;
+  if (!(experiment.noise.sigma > 0.0) || experiment.noise.tracker || experiment.noise.orientation_sigma > 0.0) {
+    return sigmas;
+  }
+  const Experiment nominal =
+      nominal_experiment(experiment.model, experiment.targets,
+                         {.sigma = experiment.noise.sigma / std::sqrt(static_cast<double>(experiment.noise.repeats))});
+  for (int r = 0; r < std::min(kRuns, experiment.runs); ++r) {
+    Random random(experiment.seed, static_cast<std::uint64_t>(r));
+    virtual_robot(experiment.model, experiment.with_errors, experiment.targets, experiment.sizes, random,
+                  experiment.X_WB);  // draws before the configurations are drawn
+    const Eigen::MatrixXd train = experiment.train(random);
+    const Eigen::MatrixXd test = experiment.test(random);
+    const Eigen::MatrixXd known = information(nominal, train);
+    for (Eigen::Index c = 0; c < std::min(kConfigurations, test.cols()); ++c) {
+      const double sigma = predicted(nominal, known, test.col(c), 1).worst_configuration;
+      if (std::isfinite(sigma)) {
+        sigmas.push_back(sigma);
+      }
+    }
+  }
+  std::sort(sigmas.begin(), sigmas.end());
+  return sigmas;
 }
 
 }  // namespace kdl_calibration

@@ -202,4 +202,66 @@ Plan make_plan(const PlanRequest& request) {
   return plan;
 }
 
+namespace {
+
+// From the least number of configurations that could determine the model to all of them, denser where there are few.
+std::vector<int> counts_to_show(const Experiment& experiment, int all, bool given) {
+  constexpr double kStep = 1.15;
+  const auto coordinates = static_cast<Eigen::Index>(3 * experiment.targets.size());
+  const auto least = static_cast<int>((columns(experiment) + coordinates - 1) / coordinates);
+  std::vector<int> counts;
+  for (int count = given ? 1 : std::min(all, least); count < all;
+       count = std::max(count + 1, static_cast<int>(kStep * count))) {
+    counts.push_back(count);
+  }
+  counts.push_back(all);
+  return counts;
+}
+
+// Information of the plan without its least useful configurations, for each of the counts (ascending).
+std::vector<MatrixXd> reduced_designs(const Experiment& experiment, const MatrixXd& candidates,
+                                      const Selection& selection, const std::vector<int>& counts) {
+  std::vector<MatrixXd> own;
+  for (const Eigen::Index c : selection.chosen) {
+    own.push_back(information(experiment, candidates.col(c)));
+  }
+  MatrixXd left = selection.information;
+  std::vector<MatrixXd> result(counts.size());
+  for (std::size_t k = counts.size(); k-- > 0;) {
+    while (own.size() > static_cast<std::size_t>(counts[k])) {
+      const MatrixXd covariance = left.completeOrthogonalDecomposition().pseudoInverse();
+      const auto least = std::min_element(own.begin(), own.end(), [&](const MatrixXd& a, const MatrixXd& b) {
+        return covariance.cwiseProduct(a).sum() < covariance.cwiseProduct(b).sum();
+      });
+      left -= *least;
+      own.erase(least);
+    }
+    result[k] = left;
+  }
+  return result;
+}
+
+}  // namespace
+
+std::vector<CountedAccuracy> accuracy_by_count(const PlanRequest& request, const Plan& plan) {
+  constexpr int kDraws = 20;
+  constexpr Eigen::Index kMostTasks = 500;
+  const Experiment& experiment = plan.experiment;
+  Choice among = choice(request, plan);
+  among.tasks = MatrixXd(among.tasks.leftCols(std::min(kMostTasks, among.tasks.cols())));
+  const std::vector<int> counts =
+      counts_to_show(experiment, static_cast<int>(plan.selection.chosen.size()), !among.given.isZero());
+  const std::vector<MatrixXd> designs = reduced_designs(experiment, among.candidates, plan.selection, counts);
+  const std::vector<Prediction> planned = predicted(experiment, designs, among.tasks, request.threads);
+  std::vector<CountedAccuracy> result;
+  for (std::size_t k = 0; k < counts.size(); ++k) {
+    const Prediction random = mean_of(predicted(
+        experiment,
+        random_designs(experiment, among.candidates, among.given, counts[k], kDraws, request.seed, request.threads),
+        among.tasks, request.threads));
+    result.push_back({.count = counts[k], .plan = planned[k].sigma.mean, .random = random.sigma.mean});
+  }
+  return result;
+}
+
 }  // namespace kdl_calibration

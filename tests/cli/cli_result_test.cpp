@@ -130,6 +130,22 @@ TEST_F(CalibrateResult, WritesResidualsAndCovarianceAsInTheResult) {
   }
 }
 
+TEST_F(CalibrateResult, HoldsEveryPointThatWasLeftOut) {
+  ASSERT_EQ(run(calibrate({"--result", "r.json"})).status, 0);
+  const Json result = json_of("r.json");
+  const Json& points = result["held_out_points"];
+  ASSERT_EQ(points.size(), 60U);
+  double squares = 0.0;
+  for (const Json& point : points) {
+    squares += point["distance"].get<double>() * point["distance"].get<double>();
+  }
+  EXPECT_NEAR(std::sqrt(squares / 60.0), result["position_error"]["leave_one_out"]["after"]["rms"].get<double>(),
+              1e-15);
+  EXPECT_EQ(points[0]["configuration"], result["residuals"]["rows"][0]["configuration"]);
+  ASSERT_EQ(run(calibrate({"--loss", "huber", "--result", "robust.json"})).status, 0);
+  EXPECT_TRUE(json_of("robust.json")["held_out_points"].is_null()) << "each fold was fitted again";
+}
+
 TEST_F(CalibrateResult, MustBeWhatIsRequired) {
   const Json result = run_json(calibrate({"--json"}));
   const double rms = result["position_error"]["leave_one_out"]["after"]["rms"].get<double>() * 1e3;

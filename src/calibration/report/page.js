@@ -1,0 +1,59 @@
+// Which sections a page has, and what stands above and below them. A new kind of page is one more entry.
+
+const PAGES = {
+  calibration: { title: "Calibration report", sections: [
+    ["verdict", "Verdict", calibrationVerdict], ["provenance", "Provenance", provenance], ["accuracy", "Accuracy", accuracy],
+    ["robot", "The robot in 3D", robotInSpace, "3D"], ["residuals", "Residuals", residuals], ["parameters", "Parameters", parameters],
+    ["effects", "Effects beyond geometry", effects, "Effects"], ["influence", "Influence and convergence", influence, "Influence"],
+    ["next", "What to measure next", next, "Next"]] },
+  validation: { title: "Validation report", sections: [
+    ["verdict", "Verdict", validationVerdict], ["provenance", "Provenance", provenance], ["accuracy", "Accuracy", validationAccuracy],
+    ["robot", "The robot in 3D", robotInSpace], ["residuals", "Residuals", residuals]] },
+  plan: { title: "Measuring plan", sections: [
+    ["verdict", "The plan", planVerdict], ["accuracy", "Predicted accuracy", planAccuracy], ["robot", "Configurations in 3D", planInSpace]] },
+  monte_carlo: { title: "Monte Carlo report", sections: [
+    ["verdict", "Verdict", monteCarloVerdict], ["accuracy", "Held-out errors against the prediction", monteCarloErrors]] },
+  two_step: { title: "Two-step procedure", sections: [
+    ["verdict", "Verdict", twoStepVerdict], ["convergence", "Convergence by round", convergence], ["truth", "Estimated beside true parameters", againstTruth]] },
+};
+
+function saveJson() {
+  const link = el("a", { download: (DATA.kind || "report") + ".json", href: URL.createObjectURL(new Blob([JSON.stringify(DATA, null, 2)], { type: "application/json" })) });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+function start() {
+  const page = PAGES[DATA.kind] || { title: "Report", sections: [] };
+  const stated = (DATA.setup || []).find(([key]) => key === "robot");
+  const subject = DATA.robot ? DATA.robot.name : stated ? stated[1] : (RESULT.input || {}).urdf || "";
+  const serial = noteOf("serial");
+  document.title = `${page.title}${subject ? ": " + cut(subject, 60) : ""}`;
+  document.getElementById("top").append(el("div", { class: "inner" },
+    el("p", { class: "over" }, page.title),
+    el("h1", {}, subject ? named(subject, 80) : page.title),
+    serial ? el("p", { class: "serial" }, "serial ", named(serial, 80)) : null,
+    el("button", { type: "button", class: "save", onclick: saveJson }, "Save the numbers (JSON)")));
+  const main = document.getElementById("report");
+  main.replaceChildren();
+  const contents = document.getElementById("contents");
+  const list = el("ol", {});
+  page.sections.forEach(([id, title, content, name], index) => {
+    const section = el("section", { id, "aria-labelledby": id + "-title" }, el("h2", { id: id + "-title" }, el("span", { class: "count" }, String(index + 1)), title));
+    main.append(section);
+    try {
+      section.append(...[content()].flat(3).filter((node) => node !== null && node !== undefined && node !== false));
+    } catch (error) {
+      section.append(missing("This section could not be drawn: " + error.message));
+      console.error(error);
+    }
+    list.append(el("li", {}, el("a", { href: "#" + id }, name || title)));
+  });
+  contents.append(list);
+  const software = RESULT.software || DATA.software || {};
+  document.getElementById("end").append(el("div", { class: "inner" },
+    el("p", {}, `${software.name || "kdl_calibration"} ${software.version || ""}. Lengths in millimetres, angles in degrees, unless stated. This file holds all it shows and loads nothing.`)));
+  select(CONFIGURATIONS.length ? 0 : -1);
+}
+window.kdlcal = { data: DATA, points: POINTS, predictedPoint, framesAt, moved, select, selected: SELECTED };
+start();

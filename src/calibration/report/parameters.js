@@ -1,0 +1,230 @@
+// Parameters, effects beyond geometry, influence, convergence, and what to measure next.
+
+const isAngle = (p) => p.kind === "rotation" || p.kind === "joint_offset" && !jointIsLinear(p.joint) || /\.R[xyz]$/.test(p.name);
+const jointIsLinear = (name) => JOINTS.some((joint) => joint.name === name && isLinear(joint));
+const WEAK = new Set((RESULT.weak || []).flat());
+function unitOf(p) {
+  if (p.kind === "deflection" && /^gain/.test(p.name)) return { unit: "%", factor: 100, decimals: 4 };
+  return isAngle(p) || p.kind === "deflection" ? { unit: "°", factor: 1 / DEGREE, decimals: 5 } : { unit: "mm", factor: 1e3, decimals: 4 };
+}
+// "x shift of link 1": what the letters of a name stand for.
+function meaning(p) {
+  if (p.kind === "deflection") return /^gain/.test(p.name) ? "gain of the joint" : "sag of the joint under gravity";
+  if (p.kind === "joint_offset") return "zero offset";
+  const axis = p.axis || (p.name.match(/[xyz]$/) || [""])[0];
+  return `${axis} ${p.kind === "rotation" ? "turn" : "shift"}`;
+}
+
+function intervalBar(p, most) {
+  const { factor } = unitOf(p);
+  const at = (value) => 50 + (46 * value * factor) / (most || 1);
+  const half = p.interval_95 ? (p.interval_95[1] - p.interval_95[0]) / 2 : null;
+  const clamp = (x) => Math.max(1, Math.min(99, x));
+  return svg("svg", { class: "interval", viewBox: "0 0 100 14", preserveAspectRatio: "none", "aria-hidden": "true" },
+    svg("line", { class: "nominal", x1: 50, x2: 50, y1: 0, y2: 14 }),
+    half === null ? null : svg("rect", { class: "span", x: clamp(at(p.error - half)), y: 4, height: 6, width: Math.max(0.6, clamp(at(p.error + half)) - clamp(at(p.error - half))) }),
+    svg("rect", { class: "value", x: clamp(at(p.error)) - 0.5, y: 1, height: 12, width: 1 }));
+}
+function parameterRows(list) {
+  const most = {};
+  for (const p of list) {
+    const { unit, factor } = unitOf(p);
+    const reach = p.interval_95 ? Math.max(Math.abs(p.interval_95[0] - p.nominal), Math.abs(p.interval_95[1] - p.nominal)) : Math.abs(p.error);
+    most[unit] = Math.max(most[unit] || 0, reach * factor);
+  }
+  return list.map((p) => {
+    const { unit, factor, decimals } = unitOf(p);
+    const half = p.interval_95 ? ((p.interval_95[1] - p.interval_95[0]) / 2) * factor : null;
+    const marks = [p.gauge ? "held, gauge" : null, !p.identifiable && !p.gauge ? "not determined" : null, WEAK.has(p.name) ? "weak" : null].filter(Boolean);
+    return { cells: [el("strong", { class: "parameter" }, named(p.name, 24)), meaning(p), p.gauge ? null : fixed(p.error * factor, decimals),
+      half === null ? (p.gauge ? null : "–") : "± " + fixed(half, decimals), unit, p.gauge ? "" : intervalBar(p, most[unit]), marks.join(", ")],
+      attributes: { class: p.gauge ? "gauge" : WEAK.has(p.name) ? "weak" : null } };
+  });
+}
+function parameterTables() {
+  const groups = new Map();
+  const add = (key, p) => groups.set(key, [...(groups.get(key) || []), p]);
+  for (const p of RESULT.parameters || []) {
+    if (p.name.startsWith("base.")) continue;
+    const point = p.name.lastIndexOf(".");
+    if (point > 0 && p.joint === null) continue;
+    add(p.joint || "behind the last joint", p);
+  }
+  if (!groups.size) return missing("No geometric error was estimated.");
+  const headings = ["parameter", "what it is", " error", " 95 %", "unit", "about nominal", "remark"];
+  const rows = Array.from(groups, ([joint, list]) => [{ cells: [named(joint, 60)], attributes: { class: "grouphead" } }, ...parameterRows(list)]).flat();
+  const whole = table(headings, rows, { label: "Parameters", class: "parameters" });
+  for (const head of whole.querySelectorAll("tr.grouphead td")) head.colSpan = headings.length;
+  return whole;
+}
+function frameRows() {
+  const rows = [];
+  const digits = (v) => fixed(v * 1e3, 3);
+  const base = RESULT.base;
+  if (base) rows.push(["base, in the measuring device's frame", ...base.position.map(digits), base.std ? base.std.slice(0, 3).map((v) => (v === null ? "–" : fixed(v * 1e3, 3))).join(", ") : null]);
+  for (const target of RESULT.targets || []) {
+    rows.push([el("span", {}, "target ", named(target.name, 30), ", on the flange"), ...target.position.map(digits),
+      target.std ? target.std.slice(0, 3).map((v) => (v === null ? "–" : fixed(v * 1e3, 3))).join(", ") : null]);
+  }
+  return rows.length ? table(["frame", " x [mm]", " y [mm]", " z [mm]", " 1 σ [mm]"], rows.slice(0, MOST_ROWS), { label: "Base and targets" }) : null;
+}
+
+function heatMap(block) {
+  const n = block.names.length;
+  return figure({ title: "Strongest correlations", caption: "a dark field: the measurements hardly tell the two apart", class: "heat" }, (width) => {
+    const left = 70;
+    const size = Math.min(30, (width - left - 8) / n);
+    const root = svg("svg", { viewBox: `0 0 ${width} ${size * n + 78}`, width, height: size * n + 78, role: "img", "aria-label": "Correlations of parameters" });
+    const places = [];
+    block.matrix.forEach((row, r) => {
+      root.append(svg("text", { x: left - 6, y: size * (r + 0.5) + 4, "text-anchor": "end" }, cut(block.names[r], 10)),
+        svg("text", { x: 0, y: 0, "text-anchor": "end", transform: `translate(${left + size * (r + 0.6)} ${size * n + 8}) rotate(-60)` }, cut(block.names[r], 10)));
+      row.forEach((value, c) => {
+        const strength = Math.abs(value);
+        root.append(svg("rect", { class: value < 0 ? "cell negative" : "cell positive", x: left + size * c + 0.5, y: size * r + 0.5, width: size - 1, height: size - 1, "fill-opacity": (0.06 + 0.94 * strength * strength).toFixed(3) }));
+        if (r !== c && strength > 0.3 && size > 17) root.append(svg("text", { class: strength > 0.72 ? "on" : "off", x: left + size * (c + 0.5), y: size * (r + 0.5) + 4, "text-anchor": "middle" }, value < 0 ? "−" : "+"));
+        places.push([left + size * (c + 0.5), size * (r + 0.5), () => [`${block.names[r]} and ${block.names[c]}: ${fixed(value, 3)}`], null]);
+      });
+    });
+    pickable(root, places);
+    return root;
+  });
+}
+
+// Held-out RMS over the size of the priors, one curve for each choice of the effects.
+function triedCurves() {
+  const tried = RESULT.tried || [];
+  if (tried.length < 2) return null;
+  const groups = new Map();
+  for (const option of tried) {
+    const key = [option.gravity ? "gravity" : null, option.joint_gain ? "gain" : null].filter(Boolean).join(" and ") || "geometry alone";
+    groups.set(key, [...(groups.get(key) || []), option]);
+  }
+  const sizes = Array.from(new Set(tried.map((o) => o.priors.length).filter((v) => v > 0))).sort((a, b) => a - b);
+  if (sizes.length < 2) return table(["effects", " held-out RMS [mm]"], Array.from(groups, ([key, list]) => [key, mm(list[0].held_out_rms)]), { label: "Tried" });
+  const none = sizes[sizes.length - 1] * 1e3 * 3.16;
+  const kinds = ["after", "before", "held", "test"];  // the first group holds what was chosen
+  const series = Array.from(groups, ([text, list], i) => ({ kind: kinds[i % 4], text,
+    points: list.map((o) => [o.priors.length > 0 ? o.priors.length * 1e3 : none, o.held_out_rms * 1e3]).sort((a, b) => a[0] - b[0]) }));
+  const ticks = sizes.map((v) => ({ value: v * 1e3, label: short(v * 1e3, 2) })).concat([{ value: none, label: "none" }]);
+  return lines({ title: "What cross-validation tried", caption: "the lowest point was chosen", xLog: true, xTicks: ticks, xLabel: "prior of lengths [mm], of angles [mrad]",
+    yLabel: "held-out RMS [mm]", hint: (p) => `${p[0] === none ? "no prior" : "prior " + short(p[0], 2) + " mm, mrad"}: ${fixed(p[1], 4)} mm` }, series);
+}
+function parameters() {
+  const priors = RESULT.priors || {};
+  const held = priors.length > 0 || priors.angle > 0;
+  const weak = (RESULT.weak || []).map((names) => names.join(", "));
+  const fixedByGauge = RESULT.fixed_by_gauge || [];
+  return [
+    note("Bars show the 95 % interval about the nominal value, on one scale for all lengths and one for all angles of a group. “Weak” belongs to a combination that the measurements hardly determine; “gauge” was held because no measurement can tell it."),
+    parameterTables(),
+    el("h3", {}, "Base and targets"), frameRows(),
+    facts([["priors in force", held ? `1 σ of lengths ${mm(priors.length)} mm, of angles ${short(priors.angle * 1e3)} mrad` : "none"],
+      ["weak together", weak.length ? weak.slice(0, 20).join("; ") : null], ["fixed by gauge", fixedByGauge.length ? fixedByGauge.slice(0, 60).join(", ") : null]]),
+    el("div", { class: "plots" }, DATA.correlations && DATA.correlations.names.length ? heatMap(DATA.correlations) : missing("The result has no covariance."), triedCurves()),
+  ];
+}
+
+// One entry for each effect: what it is, its coefficient, and its curve with the band.
+function effectEntries() {
+  return (RESULT.parameters || []).filter((p) => p.kind === "deflection").map((p) => {
+    const curve = (DATA.effects || []).find((effect) => effect.name === p.name);
+    return Object.assign({ p, group: /^gain/.test(p.name) ? "gain" : "gravity" }, curve ? { curve: curve.curve, joint: JOINTS[curve.joint_index] } : {});
+  });
+}
+function effectFigure(entry) {
+  const { joint, curve, p } = entry;
+  const unit = isLinear(joint) ? 1e3 : 1 / DEGREE;
+  const points = curve.map((c) => [jointValue(joint, c[0]), c[1] * unit]);
+  const known = curve.every((c) => c[2] !== null);
+  const edge = (sign) => curve.map((c) => [jointValue(joint, c[0]), (c[1] + sign * c[2]) * unit]);
+  const band = known ? [...edge(1), ...edge(-1).reverse()] : null;
+  return lines({ title: cut(p.name, 24), caption: `on ${cut(joint.name, 24)}`, height: 180, xLabel: `joint value [${jointUnit(joint)}]`, yLabel: `[${jointUnit(joint)}]`,
+    limits: band ? band.map((b) => b[1]) : [] }, [{ kind: "after", text: known ? "with its 95 % band" : "estimate", points, band, smooth: true }]);
+}
+function effects() {
+  const entries = effectEntries();
+  const tried = RESULT.tried || [];
+  const rows = [];
+  for (const [field, text] of [["gravity", "compliance under gravity"], ["joint_gain", "joint gains"]]) {
+    const best = (wanted) => Math.min(...tried.filter((o) => o[field] === wanted).map((o) => o.held_out_rms), Infinity);
+    const [without, withIt] = [best(false), best(true)];
+    const accepted = entries.some((e) => e.group === (field === "gravity" ? "gravity" : "gain"));
+    if (Number.isFinite(without) && Number.isFinite(withIt)) rows.push([text, mm(without), mm(withIt), accepted ? "accepted" : "refused"]);
+    else if (accepted) rows.push([text, null, null, "asked for"]);
+    else rows.push([text, null, null, "not tried"]);
+  }
+  const explained = (RESULT.lack_of_fit || {}).explained_by_joint || [];
+  const curves = entries.filter((e) => e.curve);
+  return [
+    table(["effect", " held-out RMS without [mm]", " with it [mm]", "choice"], rows, { label: "Effects" }),
+    entries.length ? table(["parameter", "what it is", " value", " 95 %", "unit", "about nominal", "remark"], parameterRows(entries.map((e) => e.p)), { label: "Effects", class: "parameters" }) : note("No effect beyond geometry is part of this calibration."),
+    entries.length && !curves.length ? missing(whyMissing("measurements")) : null,
+    curves.length ? el("div", { class: "plots small" }, curves.slice(0, 24).map(effectFigure)) : null,
+    explained.length ? [el("h3", {}, "What a function of each joint would still explain"), table(["joint", " share of the residuals [%]"],
+      explained.map((share, j) => [JOINTS[j] ? named(JOINTS[j].name, 30) : `joint ${j + 1}`, fixed(share * 100, 1)]), { label: "Explained by joints" })] : null,
+  ];
+}
+
+function influenceFigure(block) {
+  const items = block.configurations.filter((entry) => entry.cook !== null);
+  const x = Object.assign(spread(items.map((i) => i.leverage).concat([0]), 0.05), { label: "leverage" });
+  const y = Object.assign(logSpread(items.map((i) => i.cook).concat([block.cook_limit])), { label: "Cook's distance" });
+  const numbers = new Map(CONFIGURATIONS.map((configuration, c) => [configuration.name, c]));
+  const node = figure({ title: "Influence of each configuration", caption: "above the line: leaving it out changes the answer" }, (width) => axes(width, { x, y, label: "Influence" }, (g, sx, sy, box, root) => {
+    const limit = sy(block.cook_limit);
+    g.append(svg("line", { class: "limit", x1: box.left, x2: box.right, y1: limit, y2: limit }), svg("text", { class: "limit", x: box.right, y: limit - 5, "text-anchor": "end" }, `limit ${short(block.cook_limit, 2)}`));
+    const at = items.map((item) => [sx(item.leverage), sy(Math.max(item.cook, y.low))]);
+    g.append(dots(at.filter((_, i) => !items[i].influential && !items[i].high_leverage), "after"), crosses(at.filter((_, i) => items[i].influential)),
+      dots(at.filter((_, i) => items[i].high_leverage), "before"));
+    items.forEach((item, i) => {
+      if (numbers.get(item.configuration) === SELECTED.c && SELECTED.c >= 0) g.append(svg("circle", { class: "ring", cx: at[i][0], cy: at[i][1], r: 6 }));
+    });
+    pickable(root, items.map((item, i) => [at[i][0], at[i][1], () => [`Configuration ${cut(item.configuration, 60)}`, `leverage ${short(item.leverage)}${item.high_leverage ? ", high" : ""}`, `Cook's distance ${short(item.cook)}${item.influential ? ", influential" : ""}`],
+      numbers.has(item.configuration) ? () => select(numbers.get(item.configuration)) : null]));
+  }));
+  FOLLOWERS.push(node.redraw);
+  return node;
+}
+function influence() {
+  const block = RESULT.influence;
+  const history = RESULT.history || [];
+  const figures = [];
+  if (block) figures.push(influenceFigure(block));
+  if (history.length > 1) {
+    figures.push(lines({ title: "Misfit before each iteration", caption: "RMS of the fitted points, as they are weighted", xLabel: (RESULT.input || {}).method === "two-step" ? "round" : "iteration", yLabel: "misfit [mm]", yLog: true,
+      hint: (p) => `${p[0]}: ${short(p[1], 4)} mm`, xTicks: history.length <= 12 ? history.map((_, i) => ({ value: i + 1, label: String(i + 1) })) : undefined },
+    [{ kind: "after", text: "misfit", points: history.map((value, i) => [i + 1, value * 1e3]) }]));
+  }
+  return [block ? null : missing("Leverage and influence are calculated for up to 5,000 configurations."),
+    figures.length ? el("div", { class: "plots" }, figures) : null,
+    RESULT.convergence_factor ? note(`Each round left ${fixed(RESULT.convergence_factor, 3)} of the change of the round before.`) : null];
+}
+
+function copyButton(text) {
+  const button = el("button", { type: "button", onclick: async () => {
+    try {
+      await navigator.clipboard.writeText(text);
+    } catch (error) {
+      const range = document.createRange();
+      range.selectNodeContents(button.previousSibling);
+      getSelection().removeAllRanges();
+      getSelection().addRange(range);
+      document.execCommand("copy");
+    }
+    button.textContent = "copied";
+    setTimeout(() => { button.textContent = "copy"; }, 1500);
+  } }, "copy");
+  return button;
+}
+function next() {
+  const predicted = RESULT.predicted_accuracy || {};
+  const cells = (predicted.cells || []).filter((cell) => Number.isFinite(cell.mean)).sort((a, b) => b.mean - a.mean);
+  return [
+    cells.length ? [note("Where a point is predicted least certainly. Configurations chosen by the command below help there."),
+      table([" x [m]", " y [m]", " z [m]", " mean 1 σ [mm]", " largest [mm]", " configurations"],
+        cells.slice(0, 10).map((cell) => [...cell.centre.map((v) => fixed(v, 2)), mm(cell.mean), mm(cell.max), String(cell.count)]), { label: "Least certain cells" })]
+      : missing("The result has no predicted accuracy over the workspace."),
+    DATA.plan_command ? el("div", { class: "command" }, el("code", {}, DATA.plan_command), copyButton(DATA.plan_command)) : missing("The command needs the names of the files, which this page does not have."),
+  ];
+}

@@ -1,0 +1,16 @@
+#pragma once
+
+#include <string>
+
+#include "cli/frames.hpp"
+
+namespace kdl_calibration::cli {
+
+/// A word of a command as a POSIX shell reads it back.
+std::string shell_word(const std::string& text);
+
+/// The command that chooses further configurations for a result, with the files that the result names; empty where it
+/// names none.
+std::string plan_command(const Json& result);
+
+}  // namespace kdl_calibration::cli

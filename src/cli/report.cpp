@@ -1,0 +1,111 @@
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include "base/sha256.hpp"
+#include "base/text_file.hpp"
+#include "cli/frames.hpp"
+#include "cli/measurement_options.hpp"
+#include "cli/options.hpp"
+#include "cli/output_files.hpp"
+#include "cli/plan_command.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/report_page.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+struct Arguments {
+  std::string result;
+  std::string urdf;
+  MeasurementArguments measurements;
+  std::string output;
+  bool force = false;
+};
+
+std::string text_at(const Json& object, const char* key) {
+  return object.is_object() && object.contains(key) && object[key].is_string() ? object[key].get<std::string>()
+                                                                               : std::string();
+}
+
+// The hash of the file that took part in this role; none where the result does not name one.
+std::optional<std::string> hash_of(const Json& result, const std::string& role) {
+  if (!result.is_object() || !result.contains("provenance") || !result["provenance"].is_object() ||
+      !result["provenance"].contains("files_read")) {
+    return std::nullopt;
+  }
+  for (const Json& file : result["provenance"]["files_read"]) {
+    if (text_at(file, "role") == role) {
+      return text_at(file, "sha256");
+    }
+  }
+  return std::nullopt;
+}
+
+// Other measurements, or the same ones read in another way, would show residuals that the result never had.
+void require_same_files(const Arguments& arguments, const Json& result) {
+  const MeasurementArguments& given = arguments.measurements;
+  for (const auto& [role, path] :
+       {std::pair{"measurements", &given.measurements}, std::pair{"joint-convention", &given.joint_convention},
+        std::pair{"known-base", &given.known_base}, std::pair{"known-targets", &given.known_targets}}) {
+    const std::optional<std::string> hash = hash_of(result, role);
+    const std::string option = std::string("--") + role;
+    if (path->empty() && hash) {
+      throw InputError(option + ": " + arguments.result + " was made with one, expected the same file here");
+    }
+    if (!path->empty() && hash && sha256_of_file(*path) != *hash) {
+      throw InputError(option + ": '" + *path + "' is not the file that " + arguments.result +
+                       " was made with, its hash is another one; expected that file");
+    }
+  }
+}
+
+ExitStatus run(const Arguments& arguments) {
+  const std::string& measurements_file = arguments.measurements.measurements;
+  if (!measurements_file.empty() && arguments.urdf.empty()) {
+    throw InputError("--measurements: are of a robot, expected --urdf FILE beside it");
+  }
+  std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
+  require_writable(files, arguments.force);
+  const std::string text = read_text_file(arguments.result);
+  const Json result = json_of(text, arguments.result);
+  CalibrationPage page{.result = text, .source = arguments.result, .plan_command = plan_command(result)};
+  std::optional<Robot> robot;
+  std::optional<Measurements> measurements;
+  if (!arguments.urdf.empty()) {
+    const Json input = result.is_object() && result.contains("input") ? result["input"] : Json::object();
+    robot = load({.urdf = arguments.urdf, .base = text_at(input, "base"), .tip = text_at(input, "tip")});
+    page.robot = &*robot;
+  }
+  if (!measurements_file.empty()) {
+    require_same_files(arguments, result);
+    measurements = read(arguments.measurements, *robot);
+    page.measurements = &*measurements;
+    page.known = known_frames(arguments.measurements, *measurements);
+  }
+  files.front().text = calibration_page(page);
+  write_whole(files, arguments.force);
+  print("Written: " + arguments.output + "\n");
+  return done;
+}
+
+}  // namespace
+
+Subcommand add_report(CLI::App& parser) {
+  CLI::App* app = parser.add_subcommand("report", "The page for people from a result, without a fit");
+  const auto arguments = std::make_shared<Arguments>();
+  add_file(*app, "--result", arguments->result, "The result that calibrate wrote (JSON)")->required();
+  add_file(*app, "--urdf", arguments->urdf, "The robot that was calibrated, for its picture; checked by its hash");
+  add_measurement_options(*app, arguments->measurements);
+  app->get_option("--measurements")->required(false);
+  add_file(*app, "--output", arguments->output, "Write the page (HTML)")->required();
+  app->add_flag("--force", arguments->force, "Overwrite files that exist");
+  add_example(*app,
+              "kdlcal report --result result.json --urdf robot.urdf --measurements measurements.csv"
+              " --output report.html");
+  return {.app = app, .run = [arguments] { return run(*arguments); }};
+}
+
+}  // namespace kdl_calibration::cli

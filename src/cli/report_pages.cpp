@@ -1,0 +1,123 @@
+#include "cli/report_pages.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <set>
+
+#include "cli/truth_report.hpp"
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+Json page_data(const char* kind, const Json& result) {
+  return {{"kind", kind},
+          {"software", {{"name", "kdl_calibration"}, {"version", KDL_CALIBRATION_VERSION}}},
+          {"result", result}};
+}
+
+Json setup_json(const PageFacts& setup) {
+  Json list = Json::array();
+  for (const auto& [key, value] : setup) {
+    list.push_back({key, value});
+  }
+  return list;
+}
+
+Json block(const std::string& text) { return json_of(text, "the page"); }
+
+std::string page_of(const Json& data) { return report_page(data.dump(-1, ' ', false, Json::error_handler_t::replace)); }
+
+Json sample_json(const ErrorStatistics& statistics, const std::vector<double>& values) {
+  return {{"count", statistics.count}, {"values", values}};
+}
+
+Json places_json(const std::vector<Eigen::Isometry3d>& poses) {
+  Json list = Json::array();
+  for (const Eigen::Isometry3d& pose : poses) {
+    list.push_back(position_json(pose.translation()));
+  }
+  return list;
+}
+
+// At most this many of the candidates that were not taken, evenly spaced.
+std::vector<Eigen::Index> rejected(const PlanRequest& request, const Plan& plan) {
+  constexpr Eigen::Index kMost = 1500;
+  const std::set<Eigen::Index> chosen(plan.selection.chosen.begin(), plan.selection.chosen.end());
+  const Eigen::Index count = request.candidates;
+  std::vector<Eigen::Index> result;
+  for (Eigen::Index i = 0; i < std::min(kMost, count); ++i) {
+    const Eigen::Index candidate = i * count / std::min(kMost, count);
+    if (chosen.count(candidate) == 0) {
+      result.push_back(candidate);
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+std::string monte_carlo_page(const Json& result, const MonteCarlo& experiment, const MonteCarloResult& runs,
+                             const PageFacts& setup) {
+  Json data = page_data("monte_carlo", result);
+  data["setup"] = setup_json(setup);
+  data["distributions"] = {{"all", sample_json(runs.all, runs.all_errors)},
+                           {"means", sample_json(runs.means, runs.mean_errors)},
+                           {"maxima", sample_json(runs.maxima, runs.largest_errors)}};
+  const std::vector<double> predicted = predicted_errors(experiment);
+  data["predicted"] = {{"count", predicted.size()}, {"values", predicted}};
+  return page_of(data);
+}
+
+std::string two_step_page(const Json& result, const Json& other, const PageFacts& setup) {
+  Json data = page_data("two_step", result);
+  data["setup"] = setup_json(setup);
+  data["other"] = other;
+  return page_of(data);
+}
+
+std::string plan_page(const Json& result, const PlanRequest& request, const Plan& plan, const PageFacts& setup) {
+  Json data = page_data("plan", result);
+  data["setup"] = setup_json(setup);
+  const ErrorModel& model = plan.experiment.model;
+  const Estimate nominal{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+                         .X_WB = Eigen::Isometry3d::Identity(),
+                         .targets = plan.experiment.targets,
+                         .deflections = {}};
+  data["robot"] = block(reported_robot(request.robot, model, nominal));
+  const FoldedChain chain = folded(model, nominal.errors);
+  Json configurations = Json::array();
+  for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
+    const Eigen::VectorXd q = plan.sheet.joint_values.col(static_cast<Eigen::Index>(c));
+    configurations.push_back(
+        {{"name", plan.sheet.configurations[c]}, {"joint_values", std::vector<double>(q.begin(), q.end())}});
+  }
+  data["configurations"] = configurations;
+  data["chosen"] = places_json(flange_poses(chain, plan.sheet.joint_values));
+  data["rejected"] =
+      places_json(flange_poses(chain, plan.drawn.joint_values(Eigen::all, rejected(request, plan)).eval()));
+  if (request.cell.tracker) {
+    data["tracker"] = position_json(request.cell.tracker->position);
+  }
+  Json counted = Json::array();
+  for (const CountedAccuracy& entry : accuracy_by_count(request, plan)) {
+    const auto finite = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
+    counted.push_back({{"count", entry.count}, {"plan", finite(entry.plan)}, {"random", finite(entry.random)}});
+  }
+  data["by_count"] = counted;
+  return page_of(data);
+}
+
+std::string validation_page(const ValidationPage& page) {
+  Json data = page_data("validation", page.result);
+  data["trusted"] = page.doubts.empty();
+  data["requirements"] = page.requirements;
+  data["missed"] = page.doubts;
+  data["warnings"] = page.warnings;
+  data["robot"] = block(reported_robot(page.robot, page.reported.model, page.reported.estimate));
+  data["measured"] = block(reported_measurements(page.reported));
+  return page_of(data);
+}
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,340 @@
+"""The pages of kdlcal in a real browser: nothing is asked of the network, nothing is complained of, every section is
+there, and the numbers are those of the data. Exit status 77 where there is no browser."""
+
+import argparse
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import browser
+
+ARGUMENTS = None
+SKIPPED = 77
+
+SECTIONS = {
+    "calibration": ["verdict", "provenance", "accuracy", "robot", "residuals", "parameters", "effects", "influence", "next"],
+    "validation": ["verdict", "provenance", "accuracy", "robot", "residuals"],
+    "plan": ["verdict", "accuracy", "robot"],
+    "monte_carlo": ["verdict", "accuracy"],
+    "two_step": ["verdict", "convergence", "truth"],
+}
+HOSTILE = ["</script><script>document.title='no'</script>", "<img src=x onerror=\"document.title='no'\">", "a 'quote' \"",
+           "\U0001F916 robot", "x" * 300, "\u05e2\u05d1\u05e8\u05d9\u05ea"]
+
+
+def kdlcal(folder, *words, expected=(0,)):
+    done = subprocess.run([ARGUMENTS.kdlcal, *map(str, words)], cwd=folder, capture_output=True, text=True, timeout=300)
+    if done.returncode not in expected:
+        raise AssertionError(f"kdlcal {' '.join(map(str, words))}: status {done.returncode}\n{done.stderr}")
+    return done.stdout
+
+
+def simulated(folder, name, *options):
+    kdlcal(folder, "simulate", "--noise", "3e-5", "--seed", "1", "--length-sigma", "0.001", "--angle-sigma", "0.001",
+           *options, "--output", name)
+
+
+def urdf():
+    return pathlib.Path(ARGUMENTS.urdf_dir) / "fanuc_r2000ic_165f.urdf"
+
+
+def on_a_rail():
+    """The FANUC on a linear axis: seven joints."""
+    rail = """<link name="rail_base"/><joint name="rail" type="prismatic"><parent link="rail_base"/>
+      <child link="base_link"/><origin xyz="0 0 0.1"/><axis xyz="1 0 0"/>
+      <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+    return urdf().read_text().replace("</robot>", rail)
+
+
+def short_number(metres):
+    return f"{metres * 1e3:.3f}"
+
+
+class Pages(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.browser = browser.driver()
+        cls.folder = tempfile.TemporaryDirectory(prefix="kdlcal_pages_")
+        cls.path = pathlib.Path(cls.folder.name)
+        simulated(cls.path, "demo.csv", "--configurations", "30", "--test-configurations", "20", "--joint-ranges",
+                  "-90:90,-75:60,-90:90,-90:90,-120:120,-180:180")
+        kdlcal(cls.path, "calibrate", "--measurements", "demo.csv", "--output", "demo.urdf", "--result", "demo.json",
+               "--report", "demo.html", "--note", "serial=R1", "--note", "payload=120 kg")
+
+    @classmethod
+    def tearDownClass(cls):
+        browser.close(cls.browser)
+        cls.folder.cleanup()
+
+    def js(self, code, *arguments):
+        return self.browser.execute_script(code, *arguments)
+
+    def data(self):
+        return json.loads(self.js("return document.getElementById('data').textContent"))
+
+    def open(self, name, dark=False, width=1200):
+        browser.set_colours(self.browser, dark)
+        browser.set_size(self.browser, width, 900)
+        browser.open_page(self.browser, self.path / name)
+
+    def check_page(self, name, kind="calibration"):
+        """What holds of every page. Returns its data."""
+        self.open(name)
+        data = self.data()
+        self.assertEqual(data["kind"], kind)
+        self.assertEqual(self.js("return Array.from(document.querySelectorAll('main > section'), (s) => s.id)"), SECTIONS[kind])
+        self.assertEqual(self.js("return Array.from(document.querySelectorAll('main > section'), (s) => s.children.length).filter((n) => n < 2)"), [])
+        self.assertNotIn("could not be drawn", self.js("return document.body.innerText"))
+        for text in ["NaN", "undefined", "Infinity", "[object"]:
+            self.assertNotIn(text, self.js("return document.getElementById('report').innerText"))
+            self.assertNotIn(text, self.js("return Array.from(document.querySelectorAll('svg *'), (n) => Array.from(n.attributes, (a) => a.value).join(' ')).join(' ')"))
+        light = browser.screenshot(self.browser)
+        self.assertGreater(browser.colours(light), 20)
+        if self.js("return document.getElementById('view') !== null"):
+            self.check_canvas()
+        self.open(name, dark=True)
+        dark = browser.screenshot(self.browser)
+        self.assertGreater(browser.colours(dark), 20)
+        self.assertGreater(browser.brightness(light), 180)
+        self.assertLess(browser.brightness(dark), 90)
+        self.open(name, width=400)
+        self.assertGreater(browser.colours(browser.screenshot(self.browser)), 20)
+        self.assertLessEqual(self.js("return document.documentElement.scrollWidth"), 400)
+        printed = browser.pdf(self.browser)
+        self.assertTrue(printed.startswith(b"%PDF"))
+        self.assertGreater(len(printed), 20000)
+        self.assertEqual(browser.requests(self.browser), [])
+        self.assertEqual(browser.complaints(self.browser), [])
+        self.open(name)
+        return data
+
+    def check_canvas(self):
+        different = self.js("""const c = document.getElementById('view'); const g = c.getContext('2d');
+          const p = g.getImageData(0, 0, c.width, c.height).data; const found = new Set();
+          for (let i = 0; i < p.length; i += 404) found.add(p[i] + ',' + p[i + 1] + ',' + p[i + 2]); return found.size;""")
+        self.assertGreater(different, 5)
+
+    def check_kinematics(self):
+        """The tool in the picture stands where the result predicts it: measured minus residual."""
+        largest = self.js("""let most = 0;
+          for (const p of kdlcal.data.measured.points) {
+            const found = kdlcal.predictedPoint(kdlcal.data.robot, kdlcal.data.measured.configurations[p.configuration], p.target);
+            for (let i = 0; i < 3; ++i) most = Math.max(most, Math.abs(found[i] - (p.measured[i] - p.residual[i])));
+          } return most;""")
+        self.assertLess(largest, 1e-9)
+
+    def check_tiles(self, data):
+        """The figures at the top are those of the data."""
+        shown = self.js("return Array.from(document.querySelectorAll('#verdict .tile .value'), (n) => n.textContent)")
+        errors = data["result"]["position_error"]
+        held_out = errors.get("leave_one_out") or errors.get("k_fold")
+        expected = [short_number(held_out["after"][k]) for k in ("rms", "max")] if held_out else []
+        if "test" in errors:
+            expected.append(short_number(errors["test"]["after"]["rms"]))
+        expected.append(short_number(errors["train"]["after"]["rms"]))
+        self.assertEqual(shown, expected)
+
+    def rows_of(self, section):
+        return self.js("return Array.from(document.querySelectorAll(arguments[0] + ' tbody tr'), (r) => Array.from(r.cells, (c) => c.textContent))",
+                       "#" + section)
+
+    def check_calibration(self, name):
+        data = self.check_page(name)
+        self.check_tiles(data)
+        self.check_kinematics()
+        rows = {row[0]: row[1:] for row in self.rows_of("accuracy")}
+        for title, statistics in [("Fitted, before", data["result"]["position_error"]["train"]["before"]),
+                                  ("Fitted, after", data["result"]["position_error"]["train"]["after"])]:
+            self.assertEqual(rows[title], [short_number(statistics[k]) for k in ("rms", "mean", "p95", "max")] + [str(statistics["count"])])
+        return data
+
+    def test_calibration_of_the_demo(self):
+        data = self.check_calibration("demo.html")
+        self.assertEqual(self.js("return document.querySelector('#verdict .headline').textContent"), "To be trusted where it was measured")
+        for parameter in data["result"]["parameters"]:
+            if not parameter["name"].startswith("base.") and parameter["joint"]:
+                self.assertIn(parameter["name"], self.js("return document.getElementById('parameters').innerText"))
+        self.assertEqual(self.js("return document.querySelector('#next .command code').textContent"), data["plan_command"])
+
+    def test_a_click_on_a_residual_chooses_its_configuration(self):
+        from selenium.webdriver.common.action_chains import ActionChains
+        self.open("demo.html")
+        view_before = self.js("return document.getElementById('view').toDataURL()")
+        plot = self.js("""const s = document.querySelectorAll('#residuals figure svg')[0]; s.scrollIntoView({block: 'center'});
+          return s;""")
+        place = self.js("""const s = arguments[0]; const m = s.querySelector('.dots.after').getAttribute('d').match(/M([\\d.]+) ([\\d.]+)/g)[40].match(/[\\d.]+/g).map(Number);
+          const b = s.getBoundingClientRect(); const f = b.width / s.viewBox.baseVal.width; return [m[0] * f - b.width / 2, m[1] * f - b.height / 2];""", plot)
+        chains = ActionChains(self.browser)
+        chains.move_to_element_with_offset(plot, round(place[0]), round(place[1])).perform()
+        hint = self.js("return document.getElementById('tip').innerText")
+        self.assertRegex(hint, r"Configuration \S+, target [ABC]")
+        named = hint.split(",")[0].replace("Configuration ", "").strip()
+        ActionChains(self.browser).click().perform()
+        self.assertEqual(self.js("return document.body.dataset.configuration"), named)
+        self.assertNotEqual(named, self.js("return kdlcal.data.measured.configurations[0].name"))
+        self.assertEqual(self.js("return kdlcalView.joints()"), self.js("return kdlcal.data.measured.configurations.find((c) => c.name === arguments[0]).joint_values", named))
+        self.assertNotEqual(self.js("return document.getElementById('view').toDataURL()"), view_before)
+        chosen = self.js("return Array.from(document.querySelectorAll('#robot tr.selected'), (r) => r.cells[0].textContent)")
+        self.assertEqual(chosen, [named] * 3)
+        self.assertIn(named, self.js("return document.querySelector('.chosen').innerText"))
+
+    def test_slider_keys_and_layers_change_the_picture(self):
+        from selenium.webdriver.common.by import By
+        from selenium.webdriver.common.keys import Keys
+        self.open("demo.html")
+        picture = lambda: self.js("return document.getElementById('view').toDataURL()")
+        seen = [picture()]
+
+        def changed():
+            seen.append(picture())
+            self.assertNotIn(seen[-1], seen[:-1])
+
+        self.browser.find_element(By.ID, "exaggeration").send_keys(Keys.ARROW_RIGHT * 6)
+        self.assertIn("errors ×", self.js("return document.querySelector('output').textContent"))
+        changed()
+        view = self.browser.find_element(By.ID, "view")
+        for keys in [Keys.ARROW_LEFT * 3, "+", Keys.SHIFT + Keys.ARROW_UP + Keys.NULL, "n"]:
+            view.send_keys(keys)
+            changed()
+        self.browser.find_element(By.CSS_SELECTOR, "[data-layer=robot]").click()
+        changed()
+        self.browser.find_element(By.CSS_SELECTOR, "[data-layer=cells]").click()
+        changed()
+
+    def test_a_row_of_the_table_chooses_and_so_does_the_picture(self):
+        self.open("demo.html")
+        self.js("document.querySelector('#robot details').open = true; document.querySelector('#robot tbody tr:nth-child(7) button').click()")
+        self.assertEqual(self.js("return document.querySelector('#robot tbody tr:nth-child(7)').className.includes('selected')"), True)
+        named = self.js("return document.querySelector('#robot tbody tr:nth-child(7)').cells[0].textContent")
+        self.assertEqual(self.js("return document.body.dataset.configuration"), named)
+        self.js("""const v = kdlcalView; const other = v.at.find(([, , p]) => p.c !== kdlcal.selected.c && p.choose); const b = v.canvas.getBoundingClientRect();
+          for (const type of ['pointerdown', 'pointerup']) v.canvas.dispatchEvent(new PointerEvent(type, {pointerId: 1, clientX: b.left + other[0], clientY: b.top + other[1], bubbles: true}));""")
+        self.assertNotEqual(self.js("return document.body.dataset.configuration"), named)
+
+    def test_numbers_can_be_saved(self):
+        self.open("demo.html")
+        saved = self.js("""let text = null; const real = URL.createObjectURL; window.Saved = [];
+          URL.createObjectURL = (blob) => { Saved.push(blob); return real.call(URL, blob); };
+          HTMLAnchorElement.prototype.click = function () {};
+          document.querySelector('.save').click(); return Saved.length;""")
+        self.assertEqual(saved, 1)
+        text = self.browser.execute_async_script("const done = arguments[0]; Saved[0].text().then(done);")
+        self.assertEqual(json.loads(text), self.data())
+
+    def test_hostile_names_are_text(self):
+        lines = (self.path / "demo.csv").read_text().splitlines()
+        names = dict(zip("ABC", HOSTILE))
+        header = lines[0].split(",")
+        column = header.index("target")
+        quoted = lambda text: '"' + text.replace('"', '""') + '"'
+        out = [lines[0]]
+        for line in lines[1:]:
+            if line.startswith("#"):
+                continue
+            fields = line.split(",")
+            fields[column] = quoted(names[fields[column]])
+            fields[header.index("configuration")] = quoted(HOSTILE[5] + " " + fields[header.index("configuration")] + HOSTILE[3])
+            out.append(",".join(fields))
+        (self.path / "hostile.csv").write_text("\n".join(out) + "\n")
+        robot = urdf().read_text().replace("joint_1", "&lt;script&gt;document.title='no'&lt;/script&gt;").replace("link_2", HOSTILE[4])
+        (self.path / "hostile.urdf").write_text(robot)
+        csv = (self.path / "hostile.csv").read_text().replace("joint_1[", quoted("<script>document.title='no'</script>[")[:-1], 1)
+        csv = csv.replace("'no'</script>[rad]", "'no'</script>[rad]\"", 1)
+        (self.path / "hostile.csv").write_text(csv)
+        kdlcal(self.path, "calibrate", "--urdf", "hostile.urdf", "--measurements", "hostile.csv", "--report", "hostile.html",
+               "--note", "<b>serial</b>=" + HOSTILE[1], "--note", "operator=" + HOSTILE[4], expected=(0, 1))
+        self.check_page("hostile.html")
+        self.check_kinematics()
+        self.assertNotEqual(self.js("return document.title"), "no")
+        self.assertEqual(self.js("return document.querySelectorAll('main script, main img, main b, header img').length"), 0)
+        text = self.js("return document.body.textContent")
+        for name in [*names.values(), HOSTILE[5], "<script>document.title='no'</script>"[:20]]:
+            self.assertIn(name[:18], text)
+        self.assertIn(HOSTILE[1], self.js("return document.getElementById('provenance').textContent"))
+
+    def test_fit_that_is_not_determined(self):
+        simulated(self.path, "deficient.csv", "--configurations", "25", "--joint-ranges", "-90:90,-75:60,-90:90,10:10,-120:120,-180:180")
+        kdlcal(self.path, "calibrate", "--measurements", "deficient.csv", "--report", "deficient.html", expected=(1,))
+        data = self.check_calibration("deficient.html")
+        self.assertEqual(self.js("return document.querySelector('#verdict .headline').textContent"), "Not to be trusted")
+        for doubt in data["result"]["doubts"]:
+            self.assertIn(doubt["message"], self.js("return document.getElementById('verdict').textContent"))
+
+    def test_seven_joints_with_a_linear_axis(self):
+        (self.path / "rail.urdf").write_text(on_a_rail())
+        simulated(self.path, "rail.csv", "--urdf", "rail.urdf", "--configurations", "40")
+        kdlcal(self.path, "calibrate", "--urdf", "rail.urdf", "--measurements", "rail.csv", "--report", "rail.html", expected=(0, 1))
+        data = self.check_calibration("rail.html")
+        self.assertEqual(len(data["robot"]["joints"]), 7)
+        self.assertRegex(self.rows_of("verdict")[0][1], r"^−?[\d.]+ to [\d.]+ mm$")
+
+    def test_page_from_a_result_alone_says_what_is_missing(self):
+        kdlcal(self.path, "report", "--result", "demo.json", "--output", "alone.html")
+        data = self.check_page("alone.html")
+        self.check_tiles(data)
+        for section, why in [("robot", "robot"), ("residuals", "robot")]:
+            self.assertIn(data["missing"][why], self.js("return document.getElementById(arguments[0]).innerText", section))
+
+    def test_validation(self):
+        kdlcal(self.path, "validate", "--urdf", "demo.urdf", "--measurements", "demo.csv", "--report", "validation.html")
+        data = self.check_page("validation.html", "validation")
+        self.check_kinematics()
+        self.assertEqual(self.rows_of("accuracy")[0][1], short_number(data["result"]["position_error"]["all"]["rms"]))
+
+    def test_plan(self):
+        kdlcal(self.path, "plan", "--configurations", "15", "--candidates", "400", "--workspace", "200", "--starts", "2", "--report", "plan.html")
+        data = self.check_page("plan.html", "plan")
+        self.assertEqual(len(self.rows_of("robot")), 15)
+        self.assertEqual(self.rows_of("accuracy")[0][1], short_number(data["result"]["sigma"]["plan"]["mean"]))
+
+    def test_monte_carlo(self):
+        kdlcal(self.path, "simulate", "--configurations", "20", "--noise", "3e-5", "--monte-carlo", "20", "--report", "monte_carlo.html")
+        data = self.check_page("monte_carlo.html", "monte_carlo")
+        self.assertEqual(self.rows_of("accuracy")[0][1], short_number(data["result"]["held_out_error"]["all"]["rms"]))
+
+    def test_two_step(self):
+        kdlcal(self.path, "simulate", "--joint-ranges", "published", "--two-step", "12", "--report", "two_step.html", expected=(0, 1))
+        data = self.check_page("two_step.html", "two_step")
+        self.assertEqual(len(self.rows_of("truth")), len(data["result"]["parameters"]))
+
+    def real(self, *way):
+        if not ARGUMENTS.data:
+            self.skipTest("no real measurements")
+        return pathlib.Path(ARGUMENTS.data).joinpath(*way)
+
+    def test_the_real_arm(self):
+        measured = self.real("r2000ic_165f_tracker", "measurements.csv")
+        kdlcal(self.path, "calibrate", "--measurements", measured, "--joint-convention", pathlib.Path(ARGUMENTS.urdf_dir) / "fanuc_r2000ic_165f_serial.json",
+               "--prior", "auto", "--extras", "auto", "--report", "real.html")
+        data = self.check_calibration("real.html")
+        self.assertGreater(len(data["effects"]), 0)
+        self.assertIn("gravity", self.js("return document.getElementById('effects').innerText"))
+
+    def test_poses_of_the_ur10(self):
+        folder = self.real("ur10_tracker_poses")
+        kdlcal(self.path, "calibrate", "--urdf", folder / "ur10.urdf", "--measurements", folder / "measurements.csv", "--report", "ur10.html", expected=(0, 1))
+        self.check_calibration("ur10.html")
+
+
+def main():
+    global ARGUMENTS
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--kdlcal", required=True)
+    parser.add_argument("--urdf-dir", required=True)
+    parser.add_argument("--data", default="")
+    parser.add_argument("tests", nargs="*")
+    ARGUMENTS = parser.parse_args()
+    try:
+        browser.close(browser.driver())
+    except browser.Skipped as reason:
+        print(f"The pages are not tested in a browser: {reason}.")
+        return SKIPPED
+    result = unittest.main(module=__name__, argv=[sys.argv[0], "-v", *ARGUMENTS.tests], exit=False).result
+    return 0 if result.wasSuccessful() else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,188 @@
+// The page for people: which subcommands write it, by which rules, and what it refuses.
+
+#include "cli_support.hpp"
+#include "report_page_support.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::testing {
+namespace {
+
+using ::testing::HasSubstr;
+using Json = nlohmann::json;
+using Words = std::vector<std::string>;
+
+class PageOfKdlcal : public CommandLine {
+protected:
+  void SetUp() override {
+    CommandLine::SetUp();
+    const Outcome outcome =
+        run({"simulate", "--configurations", "20", "--test-configurations", "5", "--noise", "3e-5", "--seed", "3",
+             "--length-sigma", "0.001", "--angle-sigma", "0.001", "--output", "m.csv", "--truth", "truth.json"});
+    ASSERT_EQ(outcome.status, 0) << outcome.err;
+  }
+
+  void calibrate_with_page() {
+    const Outcome outcome = run({"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--result", "r.json",
+                                 "--report", "c.html", "--note", "serial=R1"});
+    ASSERT_EQ(outcome.status, 0) << outcome.err;
+  }
+
+  Json page(const std::string& name) const { return data_of_page(text_of(name)); }
+
+  const std::string urdf = std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf";
+};
+
+TEST_F(PageOfKdlcal, IsMadeAgainFromTheResultWithoutAFit) {
+  calibrate_with_page();
+  Json expected = json_of("r.json");
+  expected.erase("covariance");
+  expected["residuals"]["complete"] = true;
+  expected["influence"]["complete"] = true;
+  EXPECT_EQ(page("c.html")["result"], expected);
+  const std::string source = page("c.html")["result"]["input"]["urdf"];
+  const Outcome outcome =
+      run({"report", "--result", "r.json", "--urdf", source, "--measurements", "m.csv", "--output", "again.html"});
+  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_TRUE(text_of("again.html") == text_of("c.html"));
+}
+
+TEST_F(PageOfKdlcal, WithoutRobotAndMeasurementsSaysWhatIsMissing) {
+  calibrate_with_page();
+  ASSERT_EQ(run({"report", "--result", "r.json", "--output", "alone.html"}).status, 0);
+  const Json alone = page("alone.html");
+  EXPECT_THAT(alone["missing"]["robot"], HasSubstr("URDF"));
+  EXPECT_THAT(alone["missing"]["measurements"], HasSubstr("measurements"));
+  ASSERT_EQ(run({"report", "--result", "r.json", "--urdf", urdf, "--output", "robot.html"}).status, 0);
+  EXPECT_TRUE(page("robot.html").contains("robot"));
+  EXPECT_FALSE(page("robot.html").contains("measured"));
+}
+
+TEST_F(PageOfKdlcal, NamesTheCommandThatPlansWhatComesNext) {
+  write("with space.csv", text_of("m.csv"));
+  ASSERT_EQ(run({"calibrate", "--measurements", "with space.csv", "--report", "c.html"}).status, 0);
+  const std::string command = page("c.html")["plan_command"];
+  EXPECT_THAT(command, HasSubstr("kdlcal plan --urdf "));
+  EXPECT_THAT(command, HasSubstr(" --measured 'with space.csv' --add 10 --output plan.csv"));
+}
+
+TEST_F(PageOfKdlcal, OfAnotherRobotOrOtherMeasurementsIsRefused) {
+  calibrate_with_page();
+  expect_refused({"report", "--result", "r.json", "--urdf", "c.urdf", "--output", "x.html"}, {"c.urdf", "hash"});
+  write("other.csv", text_of("m.csv") + "# more\n");
+  expect_refused({"report", "--result", "r.json", "--urdf", urdf, "--measurements", "other.csv", "--output", "x.html"},
+                 {"--measurements", "other.csv", "hash"});
+  expect_refused({"report", "--result", "r.json", "--measurements", "m.csv", "--output", "x.html"},
+                 {"--measurements", "--urdf"});
+  expect_refused({"report", "--result", "m.csv", "--output", "x.html"}, {"m.csv", "JSON"});
+  expect_refused({"report", "--result", "truth.json", "--output", "x.html"}, {"truth.json", "calibrate"});
+  expect_refused({"report", "--result", "r.json", "--urdf", urdf, "--measurements", "m.csv", "--joint-convention",
+                  std::string(URDF_DIR) + "/none.json", "--output", "x.html"},
+                 {"none.json"});
+}
+
+TEST_F(PageOfKdlcal, AsksForTheJointConventionThatTheResultWasMadeWith) {
+  const std::string convention = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_serial.json";
+  std::string csv = text_of("m.csv");
+  for (int joint = 1; joint <= 6; ++joint) {
+    const std::string urdf_name = "joint_" + std::to_string(joint);
+    csv.replace(csv.find(urdf_name), urdf_name.size(), "J" + std::to_string(joint));
+  }
+  write("j.csv", csv);
+  ASSERT_LE(
+      run({"calibrate", "--measurements", "j.csv", "--joint-convention", convention, "--result", "r.json"}).status, 1);
+  expect_refused({"report", "--result", "r.json", "--urdf", urdf, "--measurements", "j.csv", "--output", "x.html"},
+                 {"--joint-convention", "r.json"});
+}
+
+TEST_F(PageOfKdlcal, IsWrittenByTheRulesOfTheOtherOutputs) {
+  calibrate_with_page();
+  expect_refused({"calibrate", "--measurements", "m.csv", "--result", "new.json", "--report", "c.html"},
+                 {"--report", "c.html", "--force"});
+  expect_refused({"report", "--result", "r.json", "--output", "c.html"}, {"--output", "c.html", "--force"});
+  expect_refused({"calibrate", "--measurements", "m.csv", "--result", "same", "--report", "same"},
+                 {"--report", "same", "--result"});
+  expect_refused({"calibrate", "--measurements", "m.csv", "--report", "nowhere/c.html"}, {"--report", "nowhere"});
+  EXPECT_EQ(run({"report", "--result", "r.json", "--output", "c.html", "--force"}).status, 0);
+  EXPECT_THAT(page("c.html")["missing"], ::testing::Contains(::testing::_).Times(2));
+}
+
+TEST_F(PageOfKdlcal, OfAValidationHasItsNumbers) {
+  calibrate_with_page();
+  const Json printed =
+      run_json({"validate", "--urdf", "c.urdf", "--measurements", "m.csv", "--report", "v.html", "--json"});
+  const Json data = page("v.html");
+  EXPECT_EQ(data["kind"], "validation");
+  EXPECT_EQ(data["result"]["position_error"], printed["position_error"]);
+  EXPECT_EQ(data["trusted"], true);
+  EXPECT_EQ(data["measured"]["points"].size(), 75U);
+  expect_refused({"validate", "--urdf", "c.urdf", "--measurements", "m.csv", "--report", "v.html"},
+                 {"--report", "v.html", "--force"});
+  expect_refused({"validate", "--result", "r.json", "--truth", "truth.json", "--report", "t.html"},
+                 {"--report", "--truth"});
+  const Outcome missed = run({"validate", "--urdf", "c.urdf", "--measurements", "m.csv", "--report", "w.html",
+                              "--require", "all.rms<=0.001mm"});
+  EXPECT_EQ(missed.status, 1);
+  EXPECT_EQ(page("w.html")["trusted"], false);
+  EXPECT_THAT(page("w.html")["missed"][0], HasSubstr("all.rms"));
+  EXPECT_THAT(page("w.html")["requirements"], ::testing::ElementsAre("all.rms<=0.001mm"));
+}
+
+TEST_F(PageOfKdlcal, OfAPlanHasItsNumbers) {
+  const Words plan = {"plan", "--configurations", "14", "--candidates", "300", "--workspace", "100", "--starts", "2"};
+  Words with_page = plan;
+  with_page.insert(with_page.end(), {"--report", "p.html", "--output", "p.csv", "--json"});
+  const Json printed = run_json(with_page);
+  const Json data = page("p.html");
+  EXPECT_EQ(data["kind"], "plan");
+  EXPECT_EQ(data["result"], printed);
+  EXPECT_EQ(data["chosen"].size(), 14U);
+  EXPECT_EQ(data["rejected"].size(), 286U);
+  const Json& counted = data["by_count"];
+  EXPECT_EQ(counted.back()["count"], 14);
+  EXPECT_NEAR(counted.back()["plan"].get<double>(), printed["sigma"]["plan"]["mean"].get<double>(), 1e-12);
+  for (std::size_t i = 1; i < counted.size(); ++i) {
+    if (!counted[i - 1]["plan"].is_null()) {
+      EXPECT_LE(counted[i]["plan"].get<double>(), counted[i - 1]["plan"].get<double>() * (1.0 + 1e-9));
+    }
+  }
+  EXPECT_FALSE(text_of("p.csv").empty());
+}
+
+TEST_F(PageOfKdlcal, OfMonteCarloRunsHasTheirErrorsAndThePrediction) {
+  const Words words = {"simulate", "--configurations", "20", "--noise",        "3e-5",   "--monte-carlo",
+                       "20",       "--seed",           "4",  "--length-sigma", "0.0003", "--angle-sigma",
+                       "0.0003"};
+  Words with_page = words;
+  with_page.insert(with_page.end(), {"--report", "m.html", "--json"});
+  const Json printed = run_json(with_page);
+  const Json data = page("m.html");
+  EXPECT_EQ(data["kind"], "monte_carlo");
+  EXPECT_EQ(data["result"], printed);
+  EXPECT_EQ(data["distributions"]["all"]["count"], printed["held_out_error"]["all"]["count"]);
+  EXPECT_EQ(data["distributions"]["all"]["values"].back(), printed["held_out_error"]["all"]["max"]);
+  EXPECT_EQ(data["distributions"]["means"]["values"].size(), 20U);
+  double squares = 0.0;
+  for (const Json& sigma : data["predicted"]["values"]) {
+    squares += sigma.get<double>() * sigma.get<double>();
+  }
+  const double predicted = std::sqrt(squares / static_cast<double>(data["predicted"]["values"].size()));
+  EXPECT_NEAR(predicted / printed["held_out_error"]["all"]["rms"].get<double>(), 1.0, 0.25);
+  expect_refused({"simulate", "--report", "x.html"}, {"--report", "--monte-carlo", "--two-step"});
+}
+
+TEST_F(PageOfKdlcal, OfTheTwoStepProcedureHasFreshAndRecordedRounds) {
+  const Words words = {"simulate", "--joint-ranges", "published", "--two-step", "6"};
+  Words fresh = words;
+  fresh.insert(fresh.end(), {"--report", "f.html", "--json"});
+  Words recorded = words;
+  recorded.insert(recorded.end(), {"--recorded", "--report", "r.html", "--json"});
+  const Json of_fresh = Json::parse(run(fresh).out);
+  const Json of_recorded = Json::parse(run(recorded).out);
+  EXPECT_EQ(page("f.html")["kind"], "two_step");
+  EXPECT_EQ(page("f.html")["result"], of_fresh);
+  EXPECT_EQ(page("f.html")["other"]["rounds"], of_recorded["rounds"]);
+  EXPECT_EQ(page("r.html")["other"]["rounds"], of_fresh["rounds"]);
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing
