@@ -295,6 +295,14 @@ Json with_provenance(const Arguments& arguments, const Robot& robot, const Measu
   return result;
 }
 
+Errors errors_of(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
+                 const Measurements& measurements) {
+  const auto statistics = [&](Rows rows) {
+    return error_statistics(position_errors(X_BF, estimate, measurements, rows));
+  };
+  return {.all = statistics(Rows::all), .train = statistics(Rows::train), .test = statistics(Rows::test)};
+}
+
 ExitStatus run_against_measurements(const Arguments& arguments) {
   if (arguments.measurements.measurements.empty()) {
     throw InputError("validate: --measurements is required, or --result and --truth, see kdlcal validate --help");
@@ -319,11 +327,7 @@ ExitStatus run_against_measurements(const Arguments& arguments) {
                           .X_WB = registration.X_WB,
                           .targets = registration.targets,
                           .deflections = arm.estimate.deflections};
-
-  const auto statistics = [&](Rows rows) {
-    return error_statistics(position_errors(X_BF, estimate, measurements, rows));
-  };
-  const Errors errors{.all = statistics(Rows::all), .train = statistics(Rows::train), .test = statistics(Rows::test)};
+  const Errors errors = errors_of(X_BF, estimate, measurements);
   const std::string result = json(errors, registration, freedom);
   Words words = judged(arguments, model, fitted, estimate, known);
   if (words.doubts.empty() && absurd(model, registration.rms)) {
