@@ -115,9 +115,9 @@ void require_freedom(const Freedom& freedom, const std::string& source) {
 
 constexpr int kPlenty = 4;  // coordinates for each unknown
 
-// More than 5 % of the length of the arm is no error of a robot.
+// More than 10 % of the length of the arm is no error of a robot: 3 degrees in every joint leave half of that.
 bool absurd(const ErrorModel& model, double misfit) {
-  constexpr double kShare = 0.05;
+  constexpr double kShare = 0.1;
   double reach = model.tip_origin.p.Norm();
   for (const MovingJoint& joint : model.joints) {
     reach += joint.origin.p.Norm();

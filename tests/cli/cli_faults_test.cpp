@@ -51,11 +51,23 @@ protected:
 
   static std::string words_for(int error) { return std::generic_category().message(error); }
 
-  // Status 2 and one line that names option, file and error; every file as it was before, none left behind.
+  // Status 2 and one line that names option, file and error; every file as it was before, none left behind. What goes
+  // to standard output is there before anything is renamed.
   void expect_nothing_written(const std::vector<std::string>& arguments, const Fault& fault, const std::string& option,
                               const std::string& file) {
     SCOPED_TRACE("call " + fault.number + " of " + fault.call + ": " + words_for(fault.error));
-    expect_refused(arguments, {option + ": '" + file + "' cannot be written: " + words_for(fault.error)}, with(fault));
+    const std::string fact = option + ": '" + file + "' cannot be written: " + words_for(fault.error);
+    if (fault.call != "rename") {
+      expect_refused(arguments, {fact}, with(fault));
+      return;
+    }
+    const auto before = files();
+    const Outcome outcome = run(arguments, with(fault));
+    EXPECT_EQ(outcome.status, 2) << outcome.err;
+    EXPECT_NE(outcome.out, "");
+    EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+    EXPECT_THAT(outcome.err, HasSubstr(fact));
+    EXPECT_TRUE(files() == before) << "a file was written or changed";
   }
 };
 

@@ -145,7 +145,13 @@ TEST_F(ValidateTable, JsonHoldsEachStatisticInMetresAndTheFrames) {
   Json a = {{"name", "A"}, {"position", frame_json(found.targets[0].X_FT)["position"]}};
   Json b = frame_json(found.targets[1].X_FT);
   b["name"] = "B";
-  expect_near(run_json({"validate", "--measurements", "m.csv", "--json"}),
+  Json got = run_json({"validate", "--measurements", "m.csv", "--json"});
+  // Of 24 points base and targets took 6 and 2 x 3 coordinates.
+  EXPECT_EQ(got["degrees_of_freedom"], 60);
+  EXPECT_NEAR(got["rms_corrected"].get<double>(), errors(found, Rows::train).rms * std::sqrt(72.0 / 60.0), 1e-9);
+  got.erase("degrees_of_freedom");
+  got.erase("rms_corrected");
+  expect_near(got,
               {{"position_error",
                 {{"all", statistics(Rows::all)}, {"train", statistics(Rows::train)}, {"test", statistics(Rows::test)}}},
                {"base", frame_json(found.X_WB)},
@@ -365,7 +371,8 @@ TEST_F(Tables, WarningsStayOnOneLineWhateverNamesHold) {
   const std::string name = "test\nrows\t.csv";
   write(name,
         "configuration,target,split,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,x,y,z\n"
-        "1,A,test,0,0,0,0,0,0,1,2,3\n2,A,test,0.1,0.2,0.3,0.4,0.5,0.6,1,2,4\n");
+        "1,A,test,0,0,0,0,0,0,1,2,3\n2,A,test,0.1,0.2,0.3,0.4,0.5,0.6,1,2,4\n"
+        "3,A,test,0.5,0,0,0,0,0,1,3,3\n4,A,test,0,0.4,0.3,0.4,0,0.6,2,2,4\n5,A,test,0,0,0.3,0,0.5,0.6,1,2.5,4\n");
   const Outcome outcome = run({"validate", "--measurements", name});
   EXPECT_EQ(outcome.err.rfind("kdlcal: warning: test rows .csv: no train rows, ", 0), 0U) << outcome.err;
   for (const std::string& line : lines_of(outcome.err)) {

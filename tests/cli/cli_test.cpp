@@ -816,11 +816,11 @@ TEST_F(CommandLineOnRealData, SaysWhichJointConventionFits) {
   const Outcome outcome =
       run({"calibrate", "--measurements", measurements, "--joint-convention", kPendant, "--result", "r.json"});
   EXPECT_EQ(outcome.status, 1);
-  EXPECT_THAT(outcome.err, AllOf(HasSubstr(kPendant), HasSubstr("fanuc_r2000ic_165f_serial.json fits")));
-  EXPECT_THAT(json_of("r.json")["doubts"].dump(), HasSubstr("_serial.json fits"));
+  EXPECT_THAT(outcome.err, HasSubstr("with the convention fanuc_r2000ic_165f_serial.json it is 0.161 mm"));
+  EXPECT_THAT(json_of("r.json")["doubts"].dump(), HasSubstr("_serial.json it is 0.161 mm"));
   const Outcome valid = run({"validate", "--measurements", measurements, "--joint-convention", kPendant});
   EXPECT_EQ(valid.status, 1);
-  EXPECT_THAT(valid.err, HasSubstr("fanuc_r2000ic_165f_serial.json fits"));
+  EXPECT_THAT(valid.err, HasSubstr("with the convention fanuc_r2000ic_165f_serial.json it is 0.621 mm"));
   const Outcome right = run({"calibrate", "--measurements", measurements, "--joint-convention", kSerial});
   EXPECT_EQ(right.status, 0);
   EXPECT_THAT(right.err, ::testing::Not(HasSubstr("convention")));
