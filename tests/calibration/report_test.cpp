@@ -826,6 +826,20 @@ KDL::Vector predicted_point(const KDL::Frame& X_BF, const Estimate& estimate, in
   return to_kdl(estimate.X_WB) * (X_BF * KDL::Vector(point.x(), point.y(), point.z()));
 }
 
+void expect_held_out_points(Expected& expected, const Case& c) {
+  const std::vector<HeldOutPoint>& points = c.calibration.held_out_points;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const std::string path = "/held_out_points/" + std::to_string(i);
+    expected.is(path + "/configuration",
+                c.measurements.configurations[static_cast<std::size_t>(points[i].configuration)]);
+    expected.is(path + "/target", c.measurements.targets[static_cast<std::size_t>(points[i].target)]);
+    expected.number(path + "/distance", points[i].distance);
+  }
+  if (points.empty()) {
+    expected.is("/held_out_points", nullptr);
+  }
+}
+
 /// Of every row, by KDL's prediction.
 void expect_residuals(Expected& expected, const Case& c) {
   const Estimate& estimate = c.calibration.identification.estimate;
@@ -905,6 +919,7 @@ Expected expected_result(const Case& c) {
   expect_predictions(expected, c.calibration);
   expect_influence(expected, c);
   expect_residuals(expected, c);
+  expect_held_out_points(expected, c);
   expect_covariance(expected, c.calibration);
   expect_exported(expected, c);
   expected.is("/provenance/notes", Json::object());

@@ -7,6 +7,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/result_json.hpp"
+#include "report_page_support.hpp"
 
 namespace kdl_calibration::testing {
 namespace {
@@ -233,11 +234,12 @@ std::vector<OptionCase> noise_options() {
        kMeasured + Words{"--leave-one-out", "--prior", "auto"}},
       {"KFoldAddsAPrediction",
        {"--k-fold", "2"},
-       both_checks(is_library([](auto& o) {
-                     o.leave_one_out = true;
-                     o.k_fold = 2;
-                   }),
-                   changes_only({"position_error/k_fold"})),
+       both_checks(
+           is_library([](auto& o) {
+             o.leave_one_out = true;
+             o.k_fold = 2;
+           }),
+           changes_only({"position_error/k_fold", "held_out_points/*/configuration", "held_out_points/*/distance"})),
        kMeasured + Words{"--leave-one-out"}},
       {"KFoldOfEveryConfigurationIsLeaveOneOut",
        {"--k-fold", "12"},
@@ -320,6 +322,14 @@ std::vector<OptionCase> file_options() {
          const std::string csv = effect.with.files.at("c.csv");
          EXPECT_EQ(static_cast<std::size_t>(std::count(csv.begin(), csv.end(), '\n')),
                    1 + effect.with.json["covariance"]["names"].size());
+       },
+       kMeasured},
+      {"ReportShowsTheResult",
+       {"--report", "c.html"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         const Json page = data_of_page(effect.with.files.at("c.html"));
+         EXPECT_EQ(page["result"]["parameters"], effect.with.json["parameters"]);
        },
        kMeasured},
       {"NoteStandsInTheResult", {"--note", "serial=7"}, changes_only({"provenance/notes/serial"}), kMeasured},

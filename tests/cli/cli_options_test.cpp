@@ -7,6 +7,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/registration.hpp"
 #include "kdl_calibration/validation.hpp"
+#include "report_page_support.hpp"
 
 namespace kdl_calibration::testing {
 namespace {
@@ -27,7 +28,8 @@ TEST_F(OptionsOfKdlcal, EverySubcommandHasATable) {
       names.push_back(line.substr(2, line.find(' ', 2) - 2));
     }
   }
-  EXPECT_THAT(names, ElementsAre("model", "fk", "jacobian", "simulate", "calibrate", "validate", "plan"));
+  EXPECT_THAT(names, ElementsAre("model", "fk", "jacobian", "simulate", "calibrate", "validate", "plan",
+                                 "report"));  // of which cli_report_test tells
 }
 
 // ---- model ---------------------------------------------------------------------------------------------------------
@@ -391,6 +393,21 @@ std::vector<OptionCase> validate_options() {
        },
        measured},
       {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json(), measured},
+      {"ReportShowsThePositionError",
+       {"--report", "v.html"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         const Json page = data_of_page(effect.with.files.at("v.html"));
+         EXPECT_EQ(page["result"]["position_error"], effect.with.json["position_error"]);
+       },
+       measured},
+      {"ForceReplacesAPage",
+       {"--force"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_EQ(data_of_page(effect.with.files.at("old.html"))["kind"], "validation");
+       },
+       measured + Words{"--report", "old.html"}},
   };
 }
 
@@ -434,6 +451,7 @@ class ValidateOption : public OptionEffect {};
 TEST_P(ValidateOption, HasItsEffectAndNoOther) {
   const Measurements measured = measured_fanuc({.sigma = 2e-5}, false);
   write("m.csv", measurements_csv(measured));
+  write("old.html", "old");
   write("controller.csv", in_controller_joints(measured, kFanucCoupled));
   write("coupled.json", kFanucCoupled);
   write("known.json", R"({"base": {"position": [2.001, 1.0, 0.502], "quaternion_wxyz": [0.6, 0, 0, 0.8]},

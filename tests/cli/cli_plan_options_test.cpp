@@ -8,6 +8,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
+#include "report_page_support.hpp"
 
 namespace kdl_calibration::testing {
 namespace {
@@ -434,6 +435,12 @@ std::vector<OptionCase> robot_options() {
          const Measurements read = parse_configurations(effect.with.files.at("p.csv"), joint_names(fanuc()));
          EXPECT_LT((read.joint_values - chosen(effect.with)).cwiseAbs().maxCoeff(), 1e-10);
          EXPECT_EQ(read.targets.size(), 3U);
+       }},
+      {"ReportShowsThePlan",
+       {"--report", "p.html"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         EXPECT_EQ(data_of_page(effect.with.files.at("p.html"))["result"], effect.with.json);
        }},
       {"ForceOverwrites",
        {"--force"},

@@ -5,6 +5,7 @@
 #include "cli_options_support.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
+#include "report_page_support.hpp"
 
 namespace kdl_calibration::testing {
 namespace {
@@ -328,6 +329,13 @@ std::vector<OptionCase> procedure_options() {
              EXPECT_EQ(effect.with.json["recorded"], true);
              EXPECT_EQ(recorded[0]["misfit"], fresh[0]["misfit"]);
              EXPECT_NE(recorded[1]["misfit"], fresh[1]["misfit"]);
+           },
+           {"--json", "--two-step", "3"}},
+          {"ReportShowsTheRounds",
+           {"--report", "t.html"},
+           [](const Effect& effect) {
+             EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+             EXPECT_EQ(data_of_page(effect.with.files.at("t.html"))["result"], effect.with.json);
            },
            {"--json", "--two-step", "3"}}};
 }
