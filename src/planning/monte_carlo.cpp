@@ -26,7 +26,7 @@ Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
   const Eigen::MatrixXd test = experiment.test(random);
   const Measurements measurements = measure(robot, train, experiment.noise, random);
   CalibrationOptions options = experiment.calibration;
-  options.held_out = false;  // what it would tell, the truth tells
+  options.held_out = false;      // what it would tell, the truth tells
   options.try_readings = false;  // what was simulated is read as it is
   const Calibration calibration = calibrate(experiment.model, measurements, options);
   const Measurements truth = measure(robot, test, {}, random, Split::test);
