@@ -214,6 +214,9 @@ Json measurements_block(const ReportedMeasurements& reported) {
                       {"test", observation.split == Split::test},
                       {"measured", array(observation.position)},
                       {"residual", array(after[row])}});
+    if (!measurements.order.empty()) {
+      points.back()["order"] = measurements.order[row];
+    }
     if (!before.empty()) {
       points.back()["before"] = array(before[row]);
     }

@@ -219,6 +219,26 @@ TEST(ReportPage, ResidualsArePredictedByTheChain) {
   }
 }
 
+TEST(ReportPage, PointsHaveTheirPlaceInTheOrderOfMeasurementWhereThatIsStated) {
+  Measured setting = measured(12);
+  const ErrorModel& model = setting.model;
+  const Estimate estimate = nominal_start(model, setting.measurements);
+  const auto points = [&] {
+    return Json::parse(reported_measurements(
+        {.model = model, .estimate = estimate, .measurements = setting.measurements, .before = nullptr}))["points"];
+  };
+  EXPECT_FALSE(points()[0].contains("order"));
+  const auto rows = static_cast<std::int64_t>(setting.measurements.observations.size());
+  for (std::int64_t row = 0; row < rows; ++row) {
+    setting.measurements.order.push_back(1000 - row);
+  }
+  const Json with_order = points();
+  ASSERT_EQ(with_order.size(), setting.measurements.observations.size());
+  for (std::size_t i = 0; i < with_order.size(); ++i) {
+    EXPECT_EQ(with_order[i]["order"], 1000 - with_order[i]["row"].get<std::int64_t>());
+  }
+}
+
 TEST(ReportPage, SaysWhatItWasNotGiven) {
   const Measured setting = measured(12);
   const std::string result = result_of(setting);

@@ -87,7 +87,7 @@ const POINTS = (() => {
     const target = MEASURED.targets[first.target];
     const left = first.test ? undefined : heldOut.get(JSON.stringify([configuration, target]));
     return {
-      c: first.configuration, t: first.target, configuration, target, test: first.test, row: first.row, rows: rows.length,
+      c: first.configuration, t: first.target, configuration, target, test: first.test, row: first.row, order: first.order, rows: rows.length,
       measured: mean(rows, "measured"), residual: mean(rows, "residual"), before: mean(rows, "before"),
       heldOut: left === undefined ? null : left,
     };

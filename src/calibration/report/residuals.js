@@ -81,7 +81,8 @@ function sightParts(point) {
   return [along(u), along(level), along(upright)];
 }
 function otherResiduals() {
-  const order = POINTS.map((point) => ({ x: point.row + 1, y: norm(point.residual) * 1e3, point }));
+  const stated = POINTS.every((point) => point.order !== undefined);
+  const order = POINTS.map((point) => ({ x: stated ? point.order : point.row + 1, y: norm(point.residual) * 1e3, point }));
   const parts = POINTS.map(sightParts);
   const sight = POINTS.map((point, i) => ({ x: parts[i][1], y: parts[i][0], point }));
   const most = Math.max(...sight.flatMap((s) => [Math.abs(s.x), Math.abs(s.y)])) * 1.06 || 1;
@@ -93,7 +94,7 @@ function otherResiduals() {
   const zero = (g, sx, sy, box) => g.append(svg("line", { class: "zero", x1: box.left, x2: box.right, y1: sy(0), y2: sy(0) }));
   return [
     el("div", { class: "plots small" },
-      scatter({ title: "In the order of measurement", x: Object.assign(spread(order.map((i) => i.x), 0.02), { label: "row of the file" }),
+      scatter({ title: "In the order of measurement", x: Object.assign(spread(order.map((i) => i.x), 0.02), { label: stated ? "place in the order" : "row of the file" }),
         y: Object.assign(spread(order.map((i) => i.y).concat([0]), 0.04), { label: "residual [mm]" }) }, order),
       scatter({ title: "Along and across the line of sight", x: { low: -most, high: most, label: "across, level [mm]" }, y: { low: -most, high: most, label: "along [mm]" },
         under: (g, sx, sy, box) => {
