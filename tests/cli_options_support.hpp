@@ -257,7 +257,7 @@ protected:
 
   /// A result without its word on the file of options, which alone may tell the two ways apart.
   static std::string without_config(const std::string& text) {
-    static const std::regex entry(R"(,\s*\{\s*"role": "config"[^}]*\})");
+    static const std::regex entry(R"(,\s*\{\s*"role":\s*"config"[^}]*\})");
     return std::regex_replace(text, entry, "");
   }
 

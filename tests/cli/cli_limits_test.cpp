@@ -143,7 +143,6 @@ TEST_F(ExactLimits, OfTextFilesAre64MiB) {
       GTEST_SKIP() << "no room for a sparse file";
     }
     for (const Words& command : std::vector<Words>{{"model", "--urdf", "huge"},
-                                                   {"simulate", "--plan", "huge"},
                                                    {"simulate", "--target-file", "huge"},
                                                    {"fk", "--joints", "0,0,0,0,0,0", "--joint-convention", "huge"}}) {
       const Outcome outcome = run(command);

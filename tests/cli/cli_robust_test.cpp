@@ -207,7 +207,7 @@ TEST_F(Limits, OfFileSizesAreStated) {
   }
   refuse({"validate", "--measurements", "huge"}, "huge: larger than the limit of 16 GiB");
   refuse({"model", "--urdf", "huge"}, "huge: larger than the limit of 64 MiB");
-  refuse({"simulate", "--plan", "huge"}, "huge: larger than the limit of 64 MiB");
+  refuse({"simulate", "--plan", "huge"}, "huge: larger than the limit of 16 GiB");
   refuse({"simulate", "--target-file", "huge"}, "huge: larger than the limit of 64 MiB");
   refuse({"fk", "--joints", "0,0,0,0,0,0", "--joint-convention", "huge"}, "huge: larger than the limit of 64 MiB");
   refuse({"calibrate", "--measurements", "m.csv", "--known-base", "huge"}, "huge: larger than the limit of 64 MiB");
