@@ -173,7 +173,8 @@ int sets_with_findings_in_heavy_tails(std::uint64_t seeds) {
 
 TEST(DataQuality, TakesNoHeavyTailsForTypingErrors) { EXPECT_LE(sets_with_findings_in_heavy_tails(30), 1); }
 
-TEST(DataQualityLongRun, TakesNoHeavyTailsForTypingErrors) { EXPECT_LE(sets_with_findings_in_heavy_tails(300), 6); }
+// A quarter of the sets without the limit of heavy tails; fewer would cost the power below.
+TEST(DataQualityLongRun, TakesNoHeavyTailsForTypingErrors) { EXPECT_LE(sets_with_findings_in_heavy_tails(300), 15); }
 
 int typing_errors_named(std::uint64_t seeds, double amount) {
   int named = 0;
