@@ -282,9 +282,9 @@ TEST_F(Conventions, TheRightOneIsNamedWhereAnOffsetHasTheWrongSign) {
   // A fit finds the offset as one of joint 4: what was read is 0.8 rad more than what was meant. No robot is off by
   // that.
   const auto joint_4 = [&](const std::string& convention, int status) {
-    const Outcome outcome = run({"calibrate", "--measurements", "c.csv", "--json", "--joint-convention", convention});
-    EXPECT_EQ(outcome.status, status) << outcome.err;
-    const Json result = Json::parse(outcome.out);
+    const Outcome fitted = run({"calibrate", "--measurements", "c.csv", "--json", "--joint-convention", convention});
+    EXPECT_EQ(fitted.status, status) << fitted.err;
+    const Json result = Json::parse(fitted.out);
     for (const Json& parameter : result["parameters"]) {
       if (parameter["name"] == "dq4") {
         return parameter["error"].get<double>();
