@@ -153,7 +153,7 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   }
   result.f = squares / result.degrees_of_freedom;
   result.repeat_degrees_of_freedom = 3.0 * strata.repeat_freedom();
-  result.p_value = f_upper_tail(-sum_of_logarithms / tests, 2.0 * tests, 1e9);
+  result.p_value = reduced_chi_squared_tail(-sum_of_logarithms / tests, 2.0 * tests);
   return result;
 }
 

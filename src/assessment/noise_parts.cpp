@@ -131,7 +131,6 @@ public:
 
   /// How probable squares of the means as large as theirs, or larger, are of these variances.
   double tail_of_means() const {
-    constexpr double kKnown = 1e9;  // degrees of freedom of what is stated
     double ratio = 0.0;
     double freedom = 0.0;
     for (std::size_t i = 0; i < strata_.size(); ++i) {
@@ -141,7 +140,7 @@ public:
         freedom += freedom_[s];
       }
     }
-    return freedom > 0.0 ? f_upper_tail(ratio / freedom, freedom, kKnown) : 1.0;
+    return freedom > 0.0 ? reduced_chi_squared_tail(ratio / freedom, freedom) : 1.0;
   }
 
   NoiseParts parts(const Variances& stated) const {

@@ -16,6 +16,7 @@
 #include "assessment/trial_fit.hpp"
 #include "assessment/trial_sample.hpp"
 #include "base/f_distribution.hpp"
+#include "base/number_text.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -37,12 +38,6 @@ constexpr double kNoMisfit = 1e-7;            // [m]
 constexpr double kLeastScale = 0.02;          // of points beside the nominal robot
 constexpr double kLeastCommonLength = 0.005;  // of fitted lengths that agree
 constexpr double kStandsStill = 0.05;         // of how far the flange moves
-
-std::string significant(double value, int digits) {
-  std::array<char, 32> text{};
-  const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, digits);
-  return {text.data(), result.ptr};
-}
 
 std::string in_mm(double metres) {
   const double value = metres * 1e3;

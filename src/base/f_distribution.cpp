@@ -70,6 +70,11 @@ private:
 
 double f_upper_tail(double f, double a, double b) { return f > 0.0 ? FDistribution(a, b).beyond(f).probability : 1.0; }
 
+double reduced_chi_squared_tail(double ratio, double freedom) {
+  constexpr double kKnown = 1e9;  // degrees of freedom of a denominator that does not scatter
+  return f_upper_tail(ratio, freedom, kKnown);
+}
+
 double f_critical(double tail, double a, double b) {
   constexpr double kAsGoodAsInfinite = 1e7;
   constexpr double kSettled = 1e-13;  // of the tail

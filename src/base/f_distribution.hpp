@@ -8,6 +8,9 @@ namespace kdl_calibration {
 /// continued fraction, Abramowitz and Stegun 26.5.8 and 26.6.2).
 double f_upper_tail(double f, double a, double b);
 
+/// P(X / freedom > ratio) of a chi-squared X with that many degrees of freedom.
+double reduced_chi_squared_tail(double ratio, double freedom);
+
 /// The value that an F with a and b degrees of freedom exceeds with probability `tail`; b may be infinite.
 double f_critical(double tail, double a, double b);
 

@@ -15,4 +15,11 @@ inline std::string shortest(double value) {
   return {digits.data(), result.ptr};
 }
 
+/// At most so many significant digits, with a point in every locale.
+inline std::string significant(double value, int digits) {
+  std::array<char, 32> text{};
+  const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, digits);
+  return {text.data(), result.ptr};
+}
+
 }  // namespace kdl_calibration

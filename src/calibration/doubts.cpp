@@ -1,12 +1,11 @@
 #include "calibration/doubts.hpp"
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <iterator>
 
+#include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
@@ -16,11 +15,7 @@
 namespace kdl_calibration {
 namespace {
 
-std::string rounded(double value) {
-  std::array<char, 32> text{};  // in any locale
-  const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, 4);
-  return {text.data(), result.ptr};
-}
+std::string rounded(double value) { return significant(value, 4); }
 
 std::string millimetres(double metres) { return rounded(metres * 1e3) + " mm"; }
 

@@ -66,8 +66,8 @@ namespace {
 
 // How often this variance is the stated one; 1 where it may be just that.
 double excess_over_stated(double variance, double degrees_of_freedom) {
-  const bool worse =
-      degrees_of_freedom > 0.0 && variance > 1.0 && f_upper_tail(variance, degrees_of_freedom, 1e9) < kMisfitCertain;
+  const bool worse = degrees_of_freedom > 0.0 && variance > 1.0 &&
+                     reduced_chi_squared_tail(variance, degrees_of_freedom) < kMisfitCertain;
   return worse ? variance : 1.0;
 }
 

@@ -9,7 +9,6 @@
 namespace kdl_calibration {
 
 double excess_over_priors(const Calibration& found) {
-  constexpr double kKnown = 1e9;  // degrees of freedom of what is stated
   const Eigen::VectorXd information = found.free.prior_information(found.priors);
   double squares = 0.0;
   double expected = 0.0;
@@ -22,7 +21,7 @@ double excess_over_priors(const Calibration& found) {
     }
   }
   const double ratio = expected > 0.0 ? squares / expected : 1.0;
-  const bool contradicted = ratio > 1.0 && f_upper_tail(ratio, expected, kKnown) < kMisfitCertain;
+  const bool contradicted = ratio > 1.0 && reduced_chi_squared_tail(ratio, expected) < kMisfitCertain;
   return contradicted ? std::sqrt(ratio) : 1.0;
 }
 
