@@ -179,7 +179,7 @@ INSTANTIATE_TEST_SUITE_P(Passes, LeastSquares,
                                            Case{.name = "deflections", .deflections = true, .free_deflections = true},
                                            Case{.name = "orientations", .orientations = true},
                                            Case{.name = "common_noise", .common = 2e-4}),
-                         [](const auto& info) { return std::string(info.param.name); });
+                         [](const auto& instance) { return std::string(instance.param.name); });
 
 }  // namespace
 }  // namespace kdl_calibration
