@@ -100,10 +100,15 @@ configure_and_build() {
 
 # run_tests <preset>: all but those that take long.
 run_tests() {
-  (cd "$root/build/$1" && ctest --output-on-failure -j 2 -LE long)
+  (cd "$root/build/$1" && ctest --output-on-failure -j 2 -LE 'long|campaign')
 }
 
 # run_long_tests <preset>: Monte Carlo over many seconds.
 run_long_tests() {
   (cd "$root/build/$1" && ctest --output-on-failure -j 2 -L long)
+}
+
+# run_campaigns <preset>: Monte Carlo over many minutes.
+run_campaigns() {
+  (cd "$root/build/$1" && ctest --output-on-failure -j 2 -L campaign)
 }

@@ -12,7 +12,7 @@ install_missing "${build_packages[@]}" "${test_packages[@]}" gcovr
 configure_and_build coverage -D KDL_CALIBRATION_SHARED_DATA_DIR="$data"
 find "$root/build/coverage" -name '*.gcda' -delete
 # With a full disk the counters cannot be written either, and say so.
-(cd "$root/build/coverage" && ctest --output-on-failure -j 2 -LE long --exclude-regex OnAFullDisk)
+(cd "$root/build/coverage" && ctest --output-on-failure -j 2 -LE 'long|campaign' --exclude-regex OnAFullDisk)
 
 build=$root/build/coverage
 gcovr --root "$root" --filter "$root/src/" --exclude-throw-branches --exclude-unreachable-branches \

@@ -320,7 +320,7 @@ void expect_coverage(int runs, double tolerance) {
 
 TEST(NoiseParts, CoverWhatTheyPromise) { expect_coverage(10, 0.04); }
 
-TEST(NoisePartsLongRun, CoverWhatTheyPromise) { expect_coverage(100, 0.012); }
+TEST(NoisePartsCampaign, CoverWhatTheyPromise) { expect_coverage(100, 0.012); }
 
 }  // namespace
 }  // namespace kdl_calibration

@@ -227,7 +227,7 @@ double mean_held_out(int style, double tilt) {
   return sum / kSeeds;
 }
 
-TEST(ParametersOfRealArmsLongRun, NearlyParallelAxesCostNoAccuracy) {
+TEST(ParametersOfRealArmsCampaign, NearlyParallelAxesCostNoAccuracy) {
   for (int style = 0; style < 3; ++style) {
     const double parallel = mean_held_out(style, 0.0);
     for (const double tilt : {3e-4, 1e-3, 1e-2, 3.14}) {

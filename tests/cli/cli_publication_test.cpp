@@ -95,7 +95,8 @@ TEST_F(TwoStep, TheTableShowsEachRoundInMillimetres) {
   for (std::string line; std::getline(table, line);) {
     std::istringstream numbers(line);
     std::array<double, 5> shown{};
-    if (!(numbers >> shown[0] >> shown[1] >> shown[2] >> shown[3] >> shown[4]) || shown[0] != round + 1.0) {
+    if (!(numbers >> shown[0] >> shown[1] >> shown[2] >> shown[3] >> shown[4]) ||
+        shown[0] != static_cast<double>(round + 1)) {
       continue;
     }
     ASSERT_LT(round, found["rounds"].size()) << line;
