@@ -32,25 +32,57 @@ struct Part {
   bool converged = true;
 };
 
-// C, dy: covariance and step of the columns times R without the fold.
-struct WithoutFold {
-  MatrixXd covariance;
-  VectorXd step;
-};
+// Covariance C and step dy of the columns times R without a fold of rows B, e: C = (I - B^T B)^-1, dy = -C B^T e. A
+// fold has fewer rows than the columns of a wide model, and then with G = (I - B B^T)^-1
+//   C = I + B^T G B,  dy = -B^T G e.
+class WithoutFold {
+public:
+  WithoutFold(const std::vector<ConfigurationSystem>& fold, Index columns) {
+    Index rows = 0;
+    for (const ConfigurationSystem& system : fold) {
+      rows += system.B.rows();
+    }
+    B_.resize(rows, columns);
+    VectorXd e(rows);
+    Index row = 0;
+    for (const ConfigurationSystem& system : fold) {
+      B_.middleRows(row, system.B.rows()) = system.B;
+      e.segment(row, system.e.size()) = system.e;
+      row += system.B.rows();
+    }
+    narrow_ = rows < columns;
+    MatrixXd left = MatrixXd::Identity(narrow_ ? rows : columns, narrow_ ? rows : columns);
+    if (narrow_) {
+      left.noalias() -= B_ * B_.transpose();
+    } else {
+      left.noalias() -= B_.transpose() * B_;
+    }
+    const Eigen::LDLT<MatrixXd> factor(left);
+    determined_ = factor.info() == Eigen::Success && factor.vectorD().minCoeff() > kLeftOfInformation;
+    if (determined_) {
+      inverse_ = factor.solve(MatrixXd::Identity(left.rows(), left.cols()));
+      step_ = narrow_ ? VectorXd(-B_.transpose() * (inverse_ * e)) : VectorXd(-inverse_ * (B_.transpose() * e));
+    }
+  }
 
-std::optional<WithoutFold> solve_without(const std::vector<ConfigurationSystem>& fold, Index columns) {
-  MatrixXd information = MatrixXd::Identity(columns, columns);
-  VectorXd gradient = VectorXd::Zero(columns);
-  for (const ConfigurationSystem& system : fold) {
-    information.noalias() -= system.B.transpose() * system.B;
-    gradient.noalias() -= system.B.transpose() * system.e;
+  bool is_determined() const { return determined_; }
+  const VectorXd& step() const { return step_; }
+  // J C J^T.
+  Matrix3d covariance(const MatrixXd& J) const {
+    if (!narrow_) {
+      return J * inverse_ * J.transpose();
+    }
+    const MatrixXd crossed = J * B_.transpose();
+    return J * J.transpose() + crossed * inverse_ * crossed.transpose();
   }
-  const Eigen::LDLT<MatrixXd> factor(information);
-  if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > kLeftOfInformation)) {
-    return std::nullopt;
-  }
-  return WithoutFold{.covariance = factor.solve(MatrixXd::Identity(columns, columns)), .step = factor.solve(gradient)};
-}
+
+private:
+  MatrixXd B_;
+  bool narrow_ = false;
+  bool determined_ = false;
+  MatrixXd inverse_;
+  VectorXd step_;
+};
 
 // Everything that folds have in common. Keeps references.
 class FoldPredictor {
@@ -83,7 +115,10 @@ public:
       for (const Index c : fold) {
         systems.push_back(systems_.of(rows_.at(c)));
       }
-      without = solve_without(systems, R_.cols());
+      without.emplace(systems, R_.cols());
+      if (!without->is_determined()) {
+        without.reset();
+      }
       for (std::size_t i = 0; i < fold.size() && without; ++i) {
         add_points(systems[i], fold[i], *without, part.points);
       }
@@ -111,13 +146,12 @@ private:
   void add_points(const ConfigurationSystem& system, Index configuration, const WithoutFold& without,
                   std::vector<HeldOutPoint>& points) const {
     const Eigen::PartialPivLU<MatrixXd> to_metres(system.U);
-    const VectorXd left = to_metres.solve(VectorXd(system.e - system.B * without.step));
+    const VectorXd left = to_metres.solve(VectorXd(system.e - system.B * without.step()));
     const MatrixXd J = to_metres.solve(system.B);
     const Matrix3d R_WF = problem_.start.X_WB.linear() * X_BF_[static_cast<std::size_t>(configuration)].linear();
     for (std::size_t i = 0; i < system.targets.size(); ++i) {
       const auto first = static_cast<Index>(3 * i);
-      const auto rows = J.middleRows<3>(first);
-      const Matrix3d in_flange = rows * without.covariance * rows.transpose();
+      const Matrix3d in_flange = without.covariance(J.middleRows(first, 3));
       points.push_back({.configuration = static_cast<std::int32_t>(configuration),
                         .target = system.targets[i],
                         .distance = left.segment<3>(first).norm(),
@@ -137,7 +171,7 @@ private:
         held_out.observations.back().configuration = static_cast<std::int32_t>(i);
       }
     }
-    const Estimate moved = problem_.free.moved(problem_.start, R_.triangularView<Eigen::Upper>().solve(without.step));
+    const Estimate moved = problem_.free.moved(problem_.start, R_.triangularView<Eigen::Upper>().solve(without.step()));
     const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem_.model, moved, held_out.joint_values);
     const std::vector<double> exact = position_errors(X_BF, moved, held_out);
     const double tolerance = std::max(kAsGoodAsLinear * task_.noise, kRounding);
