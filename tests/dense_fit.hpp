@@ -76,7 +76,7 @@ public:
 
   double cost(const Estimate& estimate) const { return residuals(estimate).squaredNorm(); }
 
-  /// Of the prediction: minus the derivative of the residuals. No deflections.
+  /// Of the prediction: minus the derivative of the residuals. No effects.
   Eigen::MatrixXd jacobian(const Estimate& estimate) const {
     constexpr double kStep = 1e-5;
     Eigen::MatrixXd J(equations_ + prior_count(), columns());

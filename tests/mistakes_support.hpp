@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -71,12 +71,12 @@ inline ErrorModel random_arm(Random& random) {
 struct Draw {
   int configurations = 30;
   int targets = 3;
-  double lever = 0.1;       ///< [m] of the targets from the flange's axis
-  double length = 0.001;    ///< [m] 1 sigma of the arm's length errors
-  double angle = 0.005;     ///< [rad] 1 sigma of its angle errors
-  double noise = 0.00003;   ///< [m]
-  double deflection = 0.0;  ///< [rad] 1 sigma of the joints' compliance under gravity
-  double gain = 0.0;        ///< 1 sigma of the joints' gains
+  double lever = 0.1;      ///< [m] of the targets from the flange's axis
+  double length = 0.001;   ///< [m] 1 sigma of the arm's length errors
+  double angle = 0.005;    ///< [rad] 1 sigma of its angle errors
+  double noise = 0.00003;  ///< [m]
+  double effect = 0.0;     ///< [rad] 1 sigma of the joints' compliance under gravity
+  double gain = 0.0;       ///< 1 sigma of the joints' gains
   int repeats = 1;
 };
 
@@ -106,16 +106,15 @@ inline Measured measured(const ErrorModel& model, std::uint64_t seed, const Draw
   X_WB.linear() = rotation_exp({random.normal(), random.normal(), random.normal()});
   X_WB.translation() = Eigen::Vector3d(random.uniform(1.0, 4.0), random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0));
   ErrorModel moving = model;
-  moving.deflections = gravity_deflections(model);
-  const std::size_t gravity = moving.deflections.size();
-  const std::vector<Deflection> gains = gain_deflections(model);
-  moving.deflections.insert(moving.deflections.end(), gains.begin(), gains.end());
+  moving.effects = load_terms(model);
+  const std::size_t gravity = moving.effects.size();
+  const std::vector<EffectTerm> gains = gain_terms(model);
+  moving.effects.insert(moving.effects.end(), gains.begin(), gains.end());
   VirtualRobot robot =
       virtual_robot(moving, free.geometric(), targets, {.length = draw.length, .angle = draw.angle}, random, X_WB);
-  robot.truth.deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(moving.deflections.size()));
-  for (std::size_t d = 0; d < moving.deflections.size(); ++d) {
-    robot.truth.deflections[static_cast<Eigen::Index>(d)] =
-        random.normal() * (d < gravity ? draw.deflection : draw.gain);
+  robot.truth.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(moving.effects.size()));
+  for (std::size_t d = 0; d < moving.effects.size(); ++d) {
+    robot.truth.effects[static_cast<Eigen::Index>(d)] = random.normal() * (d < gravity ? draw.effect : draw.gain);
   }
   JointRanges ranges = limits_of(model.joints);
   for (auto& [lower, upper] : ranges) {
@@ -140,7 +139,7 @@ inline Measured correct_data(std::uint64_t seed) {
   draw.length = random.uniform(0.0, 0.003);
   draw.angle = random.uniform(0.0, 3.0 * kDegree);
   draw.noise = seed % 7 == 0 ? 0.0 : random.uniform(1e-5, 1e-4);
-  draw.deflection = seed % 3 == 0 ? 0.0 : random.uniform(0.0, 0.002);
+  draw.effect = seed % 3 == 0 ? 0.0 : random.uniform(0.0, 0.002);
   draw.gain = seed % 4 == 0 ? random.uniform(0.0, 0.001) : 0.0;
   draw.repeats = seed % 6 == 0 ? 3 : 1;
   return measured(model, seed, draw);
@@ -149,7 +148,7 @@ inline Measured correct_data(std::uint64_t seed) {
 /// X_WF in a configuration as it truly was.
 inline Eigen::Isometry3d true_flange(const Measured& m, int configuration) {
   Estimate rigid = m.truth;
-  rigid.deflections.resize(0);
+  rigid.effects.resize(0);
   return m.truth.X_WB * flange_poses(m.model, rigid, m.data.joint_values.col(configuration)).front();
 }
 

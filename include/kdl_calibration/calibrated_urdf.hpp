@@ -18,7 +18,7 @@ std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const 
 
 /// The robot's URDF with the errors corrected.
 std::string calibrated_urdf(const Robot& robot, const ErrorModel& model, const Eigen::VectorXd& errors);
-/// The robot's URDF with what it can carry of a calibration: the rigid fit, where deflections were fitted as well.
+/// The robot's URDF with what it can carry of a calibration: the rigid fit, where effects were fitted as well.
 std::string calibrated_urdf(const Robot& robot, const Calibration& calibration);
 
 }  // namespace kdl_calibration

@@ -10,12 +10,12 @@
 
 #include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/data_quality.hpp"
-#include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/fold_prediction.hpp"
 #include "kdl_calibration/identifiability.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/influence.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_components.hpp"
@@ -34,8 +34,21 @@ enum class ModelChoice { irreducible, complete };
 /// How rows are weighed: by the parts of the noise, estimated where not stated; all alike, or as stated; or by the
 /// parts with repeats demanded.
 enum class Weights { automatic, equal, repeats };
-/// Whether something takes part in the fit: no, yes, or as cross-validation says.
-enum class Use { no, yes, automatic };
+
+/// What besides the geometry moves the arm.
+struct Effects {
+  std::vector<EffectGroup> groups;  ///< these
+  bool automatic = false;           ///< or those that cross-validation accepts
+};
+
+/// A choice of effects and of priors, and what cross-validation said of it.
+struct ModelOption {
+  Priors priors;
+  std::vector<std::string> effects;  ///< groups, in the order in which they were added
+  bool sized = false;                ///< whether the priors' sizes were estimated with it
+  double held_out_rms = 0.0;         ///< [m]; infinite where the rest does not determine what was left out
+  double evidence = 0.0;             ///< log of the likelihood of the sizes, comparable among options alike in `sized`
+};
 
 struct Configurations {
   std::vector<std::string> names;
@@ -49,9 +62,8 @@ struct CalibrationOptions {
   std::vector<std::string> fix;   ///< names or patterns with * and ? that are not estimated
   std::vector<std::string> free;  ///< names or patterns that are estimated in addition
   Priors priors;
-  bool automatic_priors = false;  ///< choose their size by cross-validation instead
-  Use gravity = Use::no;          ///< joint compliance under gravity
-  Use joint_gain = Use::no;
+  bool automatic_priors = false;  ///< their sizes by evidence, or none, as cross-validation says
+  Effects effects;
   Loss loss = Loss::none;
   NoiseModel noise;  ///< as stated by the user; the default weighs all rows alike
   Weights weights = Weights::automatic;
@@ -78,11 +90,11 @@ struct CalibrationOptions {
 constexpr std::size_t kMostLeftOutSingly = 5000;
 constexpr int kFoldsOfMany = 10;
 
-/// One line of the result: a geometric, base or target parameter or a deflection. SI units.
+/// One line of the result: a geometric, base or target parameter or a effect. SI units.
 struct ParameterEstimate {
   std::string name;
   std::string joint;  ///< URDF joint whose origin carries it; empty for base and targets
-  std::string kind;   ///< "joint_offset", "translation", "rotation", "deflection"
+  std::string kind;   ///< "joint_offset", "translation", "rotation", "effect"
   std::string axis;   ///< "x", "y", "z"; empty for the axis of a skewed joint
   double nominal = 0.0;
   double value = 0.0;  ///< nominal + error
@@ -96,13 +108,13 @@ struct ParameterEstimate {
 struct BeforeAfter {
   ErrorStatistics before;  ///< nominal geometry, base and targets registered
   ErrorStatistics after;
-  /// Where deflections were fitted: the rigid robot that the URDF can carry, fitted without them.
+  /// Where effects were fitted: the rigid robot that the URDF can carry, fitted without them.
   std::optional<ErrorStatistics> rigid;
 };
 
 /// What the exported URDF alone is worth, with a base and targets of its own.
 struct ExportedUrdf {
-  Estimate estimate;          ///< without deflections
+  Estimate estimate;          ///< without effects
   bool nominal_kept = false;  ///< because the calibration does not help: the URDF is the one that was read
   ErrorStatistics train;
   Iso9283 iso;
@@ -173,7 +185,7 @@ struct PredictedAccuracy {
 };
 
 struct Calibration {
-  ErrorModel model;  ///< with the deflections that were considered
+  ErrorModel model;  ///< with the effects that were considered
   Identification identification;
   Reduction reduction;
   Unknowns free;                            ///< what was estimated
@@ -183,7 +195,7 @@ struct Calibration {
   bool minimum_norm = false;                ///< of all answers that are as good, the one with the smallest errors
   ObservabilityIndices observability;
   NoiseReport noise;
-  std::vector<ParameterEstimate> parameters;  ///< base, targets, geometric, deflections: estimated ones and the gauge
+  std::vector<ParameterEstimate> parameters;  ///< base, targets, geometric, effects: estimated ones and the gauge
   Eigen::MatrixXd covariance;                 ///< of the columns of `free`
   std::vector<ModelOption> tried;             ///< best first, where something was chosen
   Priors priors;                              ///< in force
@@ -218,10 +230,10 @@ struct Calibration {
 };
 
 /// The whole calibration: registration, reduction of the model to what the measured targets can show, choice of priors
-/// and deflections, identification, covariance, validation. No starting values are needed.
+/// and effects, identification, covariance, validation. No starting values are needed.
 /// Throws InputError: measurements that do not hold together or are another robot's, a sigma or prior that is negative
 /// or not finite, a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step
-/// with known frames, measured orientations, priors, deflections or a loss, fewer equations than unknowns, no training
+/// with known frames, measured orientations, priors, effects or a loss, fewer equations than unknowns, no training
 /// rows, noise from repeats without repeats, a sigma of orientations without one of positions or without orientations.
 /// Candidates that the measurements at hand cannot tell apart are fixed by the order of the reduction (base, targets,
 /// joint offsets, links): each is kept only where its column raises the rank at the data. What is dropped stays exactly

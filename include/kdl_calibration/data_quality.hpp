@@ -60,7 +60,7 @@ std::vector<QualityFinding> check_distances(const Measurements& measurements, co
 /// checked along the axes of W. Sigma is pooled over targets and axes; rows with a stated sigma count in proportion to
 /// it. Test rows are checked too, against the larger of the scatter of the train rows and their own. As a robust fit
 /// may have left out a row that weighs much, the limits are those of a leverage h of 2.5 times the mean one, p / n for
-/// p unknowns and n equations (repeats counted once), i.e. larger by 1 / sqrt(1 - h); errors and deflections that are
+/// p unknowns and n equations (repeats counted once), i.e. larger by 1 / sqrt(1 - h); errors and effects that are
 /// not zero count as unknowns, base and targets always. Empty where that exceeds 5: with so few measurements a robust
 /// fit may follow any of them. Throws InputError where the estimate has another number of targets.
 std::vector<QualityFinding> check_residuals(const ErrorModel& model, const Measurements& measurements,

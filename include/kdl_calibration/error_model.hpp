@@ -38,18 +38,52 @@ struct PointMass {
   KDL::Vector centre;  ///< in that frame, behind the joint's motion [m]
 };
 
-/// A deflection of one joint that depends on the configuration and that no URDF can carry:
-///   q_effective = q + value · basis(q).
-/// Under gravity the basis is the torque of the masses about the joint's axis over its largest value, so that `value`
-/// is the deflection [rad or m] where the load is largest; with a gain it is q itself.
-struct Deflection {
-  std::string name;   ///< "gravity2_4": of joint 2 under a mass at joint frame 4; "gravity2"; "gain3"
+/// Kinds of motion of the joints beyond what stands on the drawing. What a kind adds is one function in joint_effects.
+enum class EffectGroup : std::uint8_t {
+  gravity,    ///< the joint gives way under the arm's own weight
+  gain,       ///< it turns more or less than it was told
+  backlash,   ///< its play lies on the side to which gravity pulls
+  harmonics,  ///< its encoder or gear is off centre: once and twice a turn
+  tables      ///< any smooth function of its value
+};
+constexpr std::size_t kEffectGroups = 5;
+
+/// A smooth function of a joint's value as a sum of sines of growing frequency, see joint_effects.hpp.
+struct TableTerm {
+  int number = 1;       ///< j, from 1
+  double length = 0.0;  ///< [rad or m] over which the function forgets itself
+  double lower = 0.0;   ///< [rad or m] of the measured range, at whose ends the joint's value is held
+  double upper = 0.0;
+};
+
+/// The linear function of the direction of gravity seen from a link that the torque about a joint is made of.
+struct GravityTerm {
+  int link = 0;  ///< number of the joint that the link stands behind, from 0
+  int axis =
+      0;  ///< of the link's frame, 0 to 2; kSlide: the way of that joint, which slides; kOwn: of the joint itself
+  static constexpr int kSlide = 3;
+  static constexpr int kOwn = 4;
+};
+
+/// A motion of a joint about its own axis that the rigid chain does not have:
+///   q_effective = q + value · (raw(q) - mean) / scale,
+/// with `raw` of the values that were commanded at the nominal geometry, so that it never depends on what is estimated.
+struct EffectTerm {
+  std::string name;   ///< "gravity.2.3x": of joint 2 under link 3; "gain.3", "harmonics.3.sin1", "tables.3.12"
   std::string joint;  ///< URDF joint
   int index = 0;      ///< of the joint
-  bool gain = false;
-  std::vector<PointMass> masses;
-  double largest = 1.0;  ///< what the torque is divided by
+  EffectGroup group = EffectGroup::gravity;
+  std::vector<PointMass> masses;  ///< where there are, the torque of these instead of a GravityTerm; or the backlash's
+  GravityTerm gravity;
+  int harmonic = 0;  ///< times a turn, negative for the cosine
+  TableTerm table;
+  double mean = 0.0;
+  double scale = 1.0;
+  double sigma = 0.0;  ///< 1 sigma of the value beforehand [rad, m or per unit], 0: nothing is known
 };
+
+/// Terms that share their size: all of a group, or those of one joint's table. "gravity", "tables.3".
+std::string size_name(const EffectTerm& term);
 
 /// The complete model: every joint its offset, every link the translations and rotations along the axes of the next
 /// joint's frame, less those along the link's own joint axis where the two are parallel (they equal the joint offset
@@ -61,7 +95,7 @@ struct ErrorModel {
   KDL::Frame tip_origin;
   std::string tip_joint;  ///< the fixed joint that carries the errors of the last link; empty where there is none
   std::vector<ErrorParameter> parameters;
-  std::vector<Deflection> deflections;                ///< none unless asked for, see deflection.hpp
+  std::vector<EffectTerm> effects;                    ///< none unless asked for, see effect.hpp
   std::vector<PointMass> link_masses;                 ///< as far as the URDF states them
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);  ///< unit vector of its direction in the base frame
 };

@@ -13,7 +13,7 @@ namespace kdl_calibration {
 
 /// d(position of every target in W) / d(free parameters) in one configuration, by products of 4 x 4 matrices with one
 /// factor's derivative: 3 targets' coordinates (x y z of the first, then of the next) x the columns of `free`,
-/// [m] per m or rad. `q` has one value per joint. Throws InputError for a free deflection, which no URDF carries.
+/// [m] per m or rad. `q` has one value per joint. Throws InputError for a free effect, which no URDF carries.
 Eigen::MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
                                         const Eigen::VectorXd& q);
 

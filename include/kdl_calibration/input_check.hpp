@@ -12,11 +12,11 @@ namespace kdl_calibration {
 /// As check(measurements), and they are of this model's robot: as many joints, with its names where they are stated.
 void check(const Measurements& measurements, const ErrorModel& model);
 
-/// One error for each parameter, one deflection for each of the model's or none, all finite, and a target for each that
+/// One error for each parameter, one effect for each of the model's or none, all finite, and a target for each that
 /// was measured.
 void check(const Estimate& estimate, const ErrorModel& model, const Measurements& measurements);
 
-/// Indices of parameters and deflections that the model has, and coordinates of targets that were measured.
+/// Indices of parameters and effects that the model has, and coordinates of targets that were measured.
 void check(const Unknowns& free, const ErrorModel& model, const Measurements& measurements);
 
 /// Sigmas of noise and priors that are finite and not negative, a weight of 0 or more for each row or none.

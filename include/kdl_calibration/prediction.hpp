@@ -11,7 +11,7 @@
 
 namespace kdl_calibration {
 
-/// X_BF for each column of `joint_values`, joint deflections included.
+/// X_BF for each column of `joint_values`, joint effects included.
 std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate,
                                             const Eigen::MatrixXd& joint_values);
 
@@ -19,7 +19,7 @@ std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estim
 Eigen::Vector3d predicted_point(const Estimate& estimate, const std::vector<Eigen::Isometry3d>& X_BF,
                                 const Observation& observation);
 
-/// Twists of the free chain columns (base, geometric, deflections) at an estimate; those of the deflections are per
+/// Twists of the free chain columns (base, geometric, effects) at an estimate; those of the effects are per
 /// unit of the joint's motion and still lack the factor basis(q).
 std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns);
 

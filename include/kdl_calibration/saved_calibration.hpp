@@ -13,7 +13,7 @@ namespace kdl_calibration {
 
 /// What a result says of the robot: enough for every prediction of the calibrated arm, without a fit.
 struct SavedCalibration {
-  ErrorModel model;   ///< with the deflections that were estimated
+  ErrorModel model;   ///< with the effects that were estimated
   Estimate estimate;  ///< base and targets: identity and none where the file does not have them
   Unknowns free;
   /// Of the columns of `free` in their order; infinite variance where not determined; empty where the
@@ -30,7 +30,7 @@ struct SavedCalibration {
 SavedCalibration load_calibration(const std::filesystem::path& result, const Robot& robot);
 SavedCalibration parse_calibration(std::string_view json, const Robot& robot, const std::string& source = "result");
 
-/// Poses of the flange in the base frame at the joint values (joints x N), deflections included.
+/// Poses of the flange in the base frame at the joint values (joints x N), effects included.
 std::vector<Eigen::Isometry3d> flange_poses(const SavedCalibration& saved, const Eigen::MatrixXd& joint_values);
 
 }  // namespace kdl_calibration

@@ -14,27 +14,26 @@
 namespace kdl_calibration {
 
 /// Everything that is estimated: the geometric errors of the complete model (zero where not free), the base in the
-/// measuring device's frame, the targets on the flange and the deflections of the joints.
+/// measuring device's frame, the targets on the flange and the effects of the joints.
 struct Estimate {
   Eigen::VectorXd errors;
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   std::vector<TargetFrame> targets;
-  Eigen::VectorXd deflections;  ///< one per deflection of the model; may be empty for none
+  Eigen::VectorXd effects;  ///< one per effect of the model; may be empty for none
 };
 
 /// 1 sigma of the geometric errors before anything is measured, as residuals of their own; 0: none.
 struct Priors {
-  double length = 0.0;      ///< [m]
-  double angle = 0.0;       ///< [rad]
-  double deflection = 0.0;  ///< [rad or m] where the load is largest; for a gain, per unit
+  double length = 0.0;  ///< [m]
+  double angle = 0.0;   ///< [rad]
 };
 
 /// Kinds of unknowns, in the order of their columns.
 enum class UnknownGroup : std::uint8_t {
-  base,         ///< Tx Ty Tz Rx Ry Rz: a motion of the base in its own frame
-  geometric,    ///< ErrorModel::parameters
-  deflections,  ///< ErrorModel::deflections
-  targets       ///< of each target x y z in the flange frame, then Rx Ry Rz in the target's own
+  base,       ///< Tx Ty Tz Rx Ry Rz: a motion of the base in its own frame
+  geometric,  ///< ErrorModel::parameters
+  effects,    ///< ErrorModel::effects
+  targets     ///< of each target x y z in the flange frame, then Rx Ry Rz in the target's own
 };
 constexpr std::size_t kUnknownGroups = 4;
 
@@ -43,7 +42,8 @@ struct Unknown {
   UnknownGroup group = UnknownGroup::base;
   std::size_t index = 0;
   std::string name;
-  bool length = false;  ///< [m] rather than [rad]; a gain is neither and false
+  bool length = false;  ///< [m] rather than [rad]
+  double sigma = 0.0;   ///< of an effect: 1 sigma beforehand, EffectTerm::sigma
 };
 
 /// Neighbouring columns.
@@ -88,10 +88,10 @@ public:
   /// Indices of a group's unknowns, ascending.
   const std::vector<std::size_t>& of(UnknownGroup group) const { return indices_[static_cast<std::size_t>(group)]; }
   const std::vector<std::size_t>& geometric() const { return of(UnknownGroup::geometric); }
-  const std::vector<std::size_t>& deflections() const { return of(UnknownGroup::deflections); }
+  const std::vector<std::size_t>& effects() const { return of(UnknownGroup::effects); }
 
   /// All columns, those first that are to be kept where others can do the same: base, targets, geometric errors,
-  /// deflections. It is the order in which the reduction of the model keeps its candidates.
+  /// effects. It is the order in which the reduction of the model keeps its candidates.
   std::vector<Eigen::Index> order_of_choice() const;
 
   /// The estimate moved by a step in the columns' coordinates: X_WB and the orientations of targets by
@@ -101,7 +101,7 @@ public:
   /// The step that moves `from` to `to`, as far as unknowns can.
   Eigen::VectorXd difference(const Estimate& from, const Estimate& to) const;
 
-  /// What a prior is about: the value of an error or a deflection, a coordinate of a target [m]; zero for base and
+  /// What a prior is about: the value of an error or a effect, a coordinate of a target [m]; zero for base and
   /// orientations, which count from wherever they are.
   static double value(const Estimate& estimate, const Unknown& unknown);
   /// What the priors tell of each column, 1 / sigma^2; 0 where they say nothing.

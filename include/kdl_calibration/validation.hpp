@@ -80,42 +80,6 @@ HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& meas
 HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
                                             const RegistrationOptions& options = {});
 
-/// A choice of priors and of the deflections that take part, and what cross-validation said of it.
-struct ModelOption {
-  Priors priors;
-  bool gravity = false;
-  bool gain = false;
-  double held_out_rms = 0.0;  ///< [m]
-};
-
-/// What to choose among. An axis with one entry is not up for choice.
-struct ModelOptions {
-  std::vector<Priors> priors;
-  std::vector<bool> gravity = {false};
-  std::vector<bool> gain = {false};
-};
-
-/// Prior sizes from none to 0.03 mm and mrad in half decades; millimetres and milliradians go together because an
-/// arm of about a metre turns the one into the other.
-std::vector<Priors> prior_sizes();
-
-/// Cross-validates every combination and returns them all, best first. A deflection is accepted only where it improves
-/// the held-out RMS of the same priors by more than 2 %. The deflections of `free` are ignored: the options say which
-/// are.
-std::vector<ModelOption> choose_model(const FitProblem& problem, const ModelOptions& options, int threads = 0);
-
-/// How many fits that takes.
-std::size_t fits_to_choose(const Measurements& measurements, const ModelOptions& options);
-
-/// The unknowns, the fit options and the fit that an option stands for.
-Unknowns with_deflections(const ErrorModel& model, const Unknowns& free, const ModelOption& option);
-FitOptions with_priors(const FitOptions& options, const Priors& priors);
-FitProblem with_option(const FitProblem& problem, const ModelOption& option);
-
-/// Leave-one-configuration-out in which the choice is made anew without each configuration: what the whole procedure,
-/// choice included, achieves on new data.
-HoldOut nested_leave_one_out(const FitProblem& problem, const ModelOptions& options, int threads = 0);
-
 /// Largest difference between our flange pose and that of KDL::ChainFkSolverPos_recursive on the chain with error
 /// segments, over the columns of `joint_values`, or 1,000 of them evenly spaced where there are more [m, or elements of
 /// the rotation matrix].

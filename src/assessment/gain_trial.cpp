@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "assessment/trial_fit.hpp"
-#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
 
@@ -14,24 +14,24 @@ using Eigen::Index;
 std::optional<GainTrial> try_gains(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                    const Unknowns& free) {
   ErrorModel wide = model;
-  wide.deflections = gain_deflections(model);
-  std::vector<std::size_t> all(wide.deflections.size());
+  wide.effects = gain_terms(model);
+  std::vector<std::size_t> all(wide.effects.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
   Estimate from = start;
-  from.deflections = Eigen::VectorXd::Zero(static_cast<Index>(all.size()));
-  const Unknowns rigid = free.without(UnknownGroup::deflections);
+  from.effects = Eigen::VectorXd::Zero(static_cast<Index>(all.size()));
+  const Unknowns rigid = free.without(UnknownGroup::effects);
   const Estimate without = identify_jointly(wide, measurements, from, rigid).estimate;
   const Estimate with =
-      identify_jointly(wide, measurements, from, rigid.with(wide, UnknownGroup::deflections, all)).estimate;
+      identify_jointly(wide, measurements, from, rigid.with(wide, UnknownGroup::effects, all)).estimate;
   Index largest = 0;
-  if (all.empty() || !plausible(wide, with.errors) || !(with.deflections.cwiseAbs().maxCoeff(&largest) > 0.0)) {
+  if (all.empty() || !plausible(wide, with.errors) || !(with.effects.cwiseAbs().maxCoeff(&largest) > 0.0)) {
     return std::nullopt;
   }
-  GainTrial result{.joint = static_cast<std::size_t>(wide.deflections[static_cast<std::size_t>(largest)].index),
-                   .factor = 1.0 + with.deflections[largest],
+  GainTrial result{.joint = static_cast<std::size_t>(wide.effects[static_cast<std::size_t>(largest)].index),
+                   .factor = 1.0 + with.effects[largest],
                    .rms = rms_of(wide, measurements, with),
                    .rms_rigid = std::min(rms_of(wide, measurements, from), rms_of(wide, measurements, without))};
-  result.others = static_cast<int>((with.deflections.array().abs() > kLeastWrongGain).count()) - 1;
+  result.others = static_cast<int>((with.effects.array().abs() > kLeastWrongGain).count()) - 1;
   return result;
 }
 

@@ -22,7 +22,7 @@ struct GainTrial {
   double rms_rigid = 0.0;  ///< [m] without
 };
 
-/// Fits from `start`, which is rigid, without deflections and with the gains of all joints beside what is free of base,
+/// Fits from `start`, which is rigid, without effects and with the gains of all joints beside what is free of base,
 /// targets and geometry. Nothing where those errors are beyond any robot's. Rows with Split::train alone.
 std::optional<GainTrial> try_gains(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                    const Unknowns& free);

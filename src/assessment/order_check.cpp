@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "base/f_distribution.hpp"
-#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -267,7 +267,7 @@ Candidate best_candidate(const OrderedResiduals& residuals, int targets) {
   return best;
 }
 
-// The model and the estimate with the deflections that joints may have, all of them free, where the data leave a rest.
+// The model and the estimate with the effects that joints may have, all of them free, where the data leave a rest.
 struct Widened {
   ErrorModel model;
   Estimate estimate;
@@ -277,17 +277,17 @@ struct Widened {
 Widened widened(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                 const Unknowns& free) {
   Widened result{.model = model, .estimate = estimate, .free = free};
-  if (result.model.deflections.empty()) {
-    result.model.deflections = gravity_deflections(model);
-    const std::vector<Deflection> gains = gain_deflections(model);
-    result.model.deflections.insert(result.model.deflections.end(), gains.begin(), gains.end());
-    result.estimate.deflections = VectorXd::Zero(static_cast<Index>(result.model.deflections.size()));
-  } else if (estimate.deflections.size() == 0) {
-    result.estimate.deflections = VectorXd::Zero(static_cast<Index>(result.model.deflections.size()));
+  if (result.model.effects.empty()) {
+    result.model.effects = load_terms(model);
+    const std::vector<EffectTerm> gains = gain_terms(model);
+    result.model.effects.insert(result.model.effects.end(), gains.begin(), gains.end());
+    result.estimate.effects = VectorXd::Zero(static_cast<Index>(result.model.effects.size()));
+  } else if (estimate.effects.size() == 0) {
+    result.estimate.effects = VectorXd::Zero(static_cast<Index>(result.model.effects.size()));
   }
-  std::vector<std::size_t> all(result.model.deflections.size());
+  std::vector<std::size_t> all(result.model.effects.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
-  result.free = free.with(result.model, UnknownGroup::deflections, all);
+  result.free = free.with(result.model, UnknownGroup::effects, all);
   constexpr double kRest = 1.5;  // equations for every column
   const auto cells =
       static_cast<double>(measurements.joint_values.cols()) * static_cast<double>(measurements.targets.size());

@@ -25,7 +25,7 @@ struct OrderFinding {
 
 /// The best single explanation of the residuals by a step of the base between two visits of the arm (base.Tx … base.Rz
 /// from there on), by a drift of it in proportion to the visits, or by a step of one target, to first order and beside
-/// all free parameters and the joints' deflections under gravity and gains, as far as the data leave freedom for those.
+/// all free parameters and the joints' effects under gravity and gains, as far as the data leave freedom for those.
 /// A visit is a configuration's repeat; visits stand in the order of Measurements::order, else of their first rows.
 /// Nothing unless the gain is beyond chance: F test with a false alarm of 1e-5 over all places, as if all points of a
 /// configuration had the same misfit, and unless it takes away `least_share` of the squares. Rows with Split::train

@@ -44,7 +44,7 @@ struct ResidualTable {
 };
 
 double fitted_parameters(const Estimate& estimate) {
-  return static_cast<double>((estimate.errors.array() != 0.0).count() + (estimate.deflections.array() != 0.0).count()) +
+  return static_cast<double>((estimate.errors.array() != 0.0).count() + (estimate.effects.array() != 0.0).count()) +
          6.0 + 3.0 * static_cast<double>(estimate.targets.size());
 }
 

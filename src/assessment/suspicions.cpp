@@ -294,8 +294,10 @@ private:
 
   // Whether one of the fit's own gains is beyond what is one.
   bool has_wrong_gain() const {
-    for (std::size_t d = 0; d < model_.deflections.size() && fit_.deflections.size() > 0; ++d) {
-      if (model_.deflections[d].gain && std::abs(fit_.deflections[static_cast<Index>(d)]) > kLeastWrongGain) {
+    for (std::size_t d = 0; d < model_.effects.size() && fit_.effects.size() > 0; ++d) {
+      const EffectTerm& term = model_.effects[d];
+      const double gain = fit_.effects[static_cast<Index>(d)] / term.scale;
+      if (term.group == EffectGroup::gain && std::abs(gain) > kLeastWrongGain) {
         return true;
       }
     }

@@ -103,15 +103,15 @@ PosePoints pose_points(const ErrorModel& model, const Measurements& measurements
       result.measurements.observations.push_back(point);
     }
   }
-  std::vector<std::string> names = free.without(UnknownGroup::targets).without(UnknownGroup::deflections).names();
+  std::vector<std::string> names = free.without(UnknownGroup::targets).without(UnknownGroup::effects).names();
   for (std::size_t k = 0; k < result.fit.targets.size(); ++k) {
     if (free.column(UnknownGroup::targets, 6 * (k / levers().size()))) {
       const std::vector<std::string> own = target_parameter_names(result.fit.targets[k]);
       names.insert(names.end(), own.begin(), own.end());
     }
   }
-  result.free = Unknowns(model, result.fit.targets, names)
-                    .with(model, UnknownGroup::deflections, free.of(UnknownGroup::deflections));
+  result.free =
+      Unknowns(model, result.fit.targets, names).with(model, UnknownGroup::effects, free.of(UnknownGroup::effects));
   return result;
 }
 

@@ -60,7 +60,7 @@ Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, cons
                     const RegistrationOptions& options) {
   const Registration registration =
       register_base_and_targets(flange_poses(folded(model, errors), measurements.joint_values), measurements, options);
-  return {.errors = errors, .X_WB = registration.X_WB, .targets = registration.targets, .deflections = {}};
+  return {.errors = errors, .X_WB = registration.X_WB, .targets = registration.targets, .effects = {}};
 }
 
 Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements, Rows rows) {
@@ -199,15 +199,6 @@ HoldOut hold_out(const ErrorModel& model, const Measurements& measurements,
   return result;
 }
 
-constexpr int kMostSingleFolds = 40;  // configurations that are left out one by one where a model is chosen
-constexpr int kFolds = 10;
-constexpr double kWorthwhile = 0.98;
-
-std::vector<std::vector<Eigen::Index>> folds_for_choice(const Measurements& measurements) {
-  const auto all = make_folds(measurements, 0);
-  return all.size() <= static_cast<std::size_t>(kMostSingleFolds) ? all : make_folds(measurements, kFolds);
-}
-
 }  // namespace
 
 RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::Index>& fold) {
@@ -277,72 +268,6 @@ HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& meas
 HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
                                             const RegistrationOptions& options) {
   return cross_validate_nominal(model, measurements, make_folds(measurements, 0), options);
-}
-
-std::vector<Priors> prior_sizes() {
-  std::vector<Priors> sizes = {{}};
-  for (const double size : {3e-3, 1e-3, 3e-4, 1e-4, 3e-5}) {
-    sizes.push_back({.length = size, .angle = size, .deflection = size});
-  }
-  return sizes;
-}
-
-Unknowns with_deflections(const ErrorModel& model, const Unknowns& free, const ModelOption& option) {
-  std::vector<std::size_t> deflections;
-  for (std::size_t d = 0; d < model.deflections.size(); ++d) {
-    if (model.deflections[d].gain ? option.gain : option.gravity) {
-      deflections.push_back(d);
-    }
-  }
-  return free.with(model, UnknownGroup::deflections, deflections);
-}
-
-FitOptions with_priors(const FitOptions& options, const Priors& priors) {
-  FitOptions result = options;
-  result.joint.residuals.priors = priors;
-  return result;
-}
-
-FitProblem with_option(const FitProblem& problem, const ModelOption& option) {
-  FitProblem result = problem;
-  result.free = with_deflections(problem.model, problem.free, option);
-  result.options = with_priors(problem.options, option.priors);
-  return result;
-}
-
-std::size_t fits_to_choose(const Measurements& measurements, const ModelOptions& options) {
-  return options.priors.size() * options.gravity.size() * options.gain.size() * folds_for_choice(measurements).size();
-}
-
-std::vector<ModelOption> choose_model(const FitProblem& problem, const ModelOptions& options, int threads) {
-  std::vector<ModelOption> tried;
-  for (const Priors& priors : options.priors) {
-    for (const bool gravity : options.gravity) {
-      for (const bool gain : options.gain) {
-        tried.push_back({.priors = priors, .gravity = gravity, .gain = gain});
-      }
-    }
-  }
-  const auto folds = folds_for_choice(problem.measurements);
-  parallel_for(tried.size(), threads, [&](std::size_t i) {
-    const HoldOut held_out = cross_validate(with_option(problem, tried[i]), folds, 1);
-    tried[i].held_out_rms = error_statistics(held_out.distances).rms;
-  });
-  // What is added must earn its place: each deflection counts as 2 % of held-out error.
-  const auto charged = [](const ModelOption& option) {
-    return option.held_out_rms / std::pow(kWorthwhile, (option.gravity ? 1 : 0) + (option.gain ? 1 : 0));
-  };
-  std::stable_sort(tried.begin(), tried.end(),
-                   [&](const ModelOption& a, const ModelOption& b) { return charged(a) < charged(b); });
-  return tried;
-}
-
-HoldOut nested_leave_one_out(const FitProblem& problem, const ModelOptions& options, int threads) {
-  const auto folds = make_folds(problem.measurements, 0);
-  return hold_out(problem.model, problem.measurements, folds, threads, [&](const Measurements& fold) {
-    const FitProblem without_fold = with_measurements(problem, fold);
-    return fit(with_option(without_fold, choose_model(without_fold, options, 1).front()));
-  });
 }
 
 namespace {

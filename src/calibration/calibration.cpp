@@ -8,6 +8,7 @@
 
 #include "calibration/comparison.hpp"
 #include "calibration/doubts.hpp"
+#include "calibration/effect_choice.hpp"
 #include "calibration/minimum_norm.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/noise_stage.hpp"
@@ -16,9 +17,9 @@
 #include "calibration/predicted_accuracy.hpp"
 #include "calibration/variance_components.hpp"
 #include "calibration/whole_fit.hpp"
-#include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -36,28 +37,14 @@ void require_training_rows(const Measurements& measurements) {
   }
 }
 
-// The model with the deflections that may take part.
-ErrorModel with_candidates(const ErrorModel& model, const CalibrationOptions& options) {
-  ErrorModel result = model;
-  result.deflections.clear();
-  const auto add = [&](Use use, const std::vector<Deflection>& candidates) {
-    if (use != Use::no) {
-      result.deflections.insert(result.deflections.end(), candidates.begin(), candidates.end());
-    }
-  };
-  add(options.gravity, gravity_deflections(model));
-  add(options.joint_gain, gain_deflections(model));
-  return result;
-}
-
 // What every stage knows: the robot, where the fit starts, what it may change.
 struct Setting {
   RegistrationOptions known;  // frames
-  ErrorModel model;           // with the deflections that may take part
+  ErrorModel model;           // with the effects that may take part
   Estimate start;             // the nominal robot, registered
   std::string ambiguity;      // of the registration
   ParameterChoice choice;
-  Unknowns free;  // without deflections
+  Unknowns free;  // without effects
 };
 
 Setting set_up(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
@@ -68,7 +55,8 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
   check({.priors = options.priors, .noise = options.noise, .row_weights = {}}, measurements);
   require_training_rows(measurements);
   require_comparable_orientations(measurements, options);
-  setting.model = with_candidates(model, options);
+  setting.model = model;
+  setting.model.effects.clear();
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   Registration registration = register_base_and_targets(flange_poses(folded(model, nominal), measurements.joint_values),
                                                         measurements, setting.known);
@@ -76,7 +64,7 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
   setting.start = {.errors = nominal,
                    .X_WB = registration.X_WB,
                    .targets = std::move(registration.targets),
-                   .deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(setting.model.deflections.size()))};
+                   .effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(setting.model.effects.size()))};
   setting.choice = choose_parameters(model, setting.start.targets, options);
   if (setting.choice.free.empty()) {
     throw InputError(
@@ -88,21 +76,21 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
 }
 
 // Takes away what joints that give way under gravity or have a gain explain: a finding has to stand beside those too.
-void keep_beside_deflections(const Setting& setting, const Measurements& measurements, const Estimate& estimate,
-                             std::vector<QualityFinding>& found) {
+void keep_beside_effects(const Setting& setting, const Measurements& measurements, const Estimate& estimate,
+                         std::vector<QualityFinding>& found) {
   constexpr Eigen::Index kEquations = 2;  // for every column
   ErrorModel wide = setting.model;
-  wide.deflections = gravity_deflections(setting.model);
-  const std::vector<Deflection> gains = gain_deflections(setting.model);
-  wide.deflections.insert(wide.deflections.end(), gains.begin(), gains.end());
-  std::vector<std::size_t> all(wide.deflections.size());
+  wide.effects = load_terms(setting.model);
+  const std::vector<EffectTerm> gains = gain_terms(setting.model);
+  wide.effects.insert(wide.effects.end(), gains.begin(), gains.end());
+  std::vector<std::size_t> all(wide.effects.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
   FitProblem problem{.model = wide,
                      .measurements = measurements,
                      .start = estimate,
-                     .free = setting.free.with(wide, UnknownGroup::deflections, all),
+                     .free = setting.free.with(wide, UnknownGroup::effects, all),
                      .options = {.loss = Loss::tukey}};
-  problem.start.deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(all.size()));
+  problem.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(all.size()));
   const LeastSquaresProblem equations(wide, measurements, problem.free);
   if (equations.equations() < kEquations * equations.columns()) {
     return;
@@ -139,22 +127,19 @@ std::vector<QualityFinding> find_defects(const Setting& setting, const Measureme
   }
   std::vector<QualityFinding> found = check_measurements(setting.model, measurements, preliminary.fit.estimate);
   if (!found.empty()) {
-    keep_beside_deflections(setting, measurements, preliminary.fit.estimate, found);
+    keep_beside_effects(setting, measurements, preliminary.fit.estimate, found);
   }
   return found;
 }
 
-// How the rows are weighed, and what takes part in the fit.
-struct Choice {
+// How the rows are weighed.
+struct Weighing {
   FitOptions fit;
   std::optional<double> orientation_length;
-  std::vector<ModelOption> tried;  // best first, where something was chosen
-  ModelOption chosen;
-  FitOptions rigid_fit;  // of a fit without deflections, with the priors that are best for it
 };
 
-Choice choose(const Setting& setting, const Measurements& measurements, const CalibrationOptions& options) {
-  Choice result;
+Weighing weigh(const Setting& setting, const Measurements& measurements, const CalibrationOptions& options) {
+  Weighing result;
   result.fit.loss = options.loss;
   JointOptions& joint = result.fit.joint;
   if (options.weights == Weights::repeats) {
@@ -172,31 +157,61 @@ Choice choose(const Setting& setting, const Measurements& measurements, const Ca
     result.orientation_length = orientation_length_of_residuals(task, setting.free);
     joint.residuals.orientation_length = *result.orientation_length;
   }
-  const Priors& stated = options.priors;
-  const bool priors = options.automatic_priors || stated.length > 0.0 || stated.angle > 0.0 || stated.deflection > 0.0;
-  if (jointly && (priors || choice_is_open(options)) &&
-      !weigh_by_estimated_noise(task, setting.free, joint.residuals) && priors &&
+  const bool priors = options.priors.length > 0.0 || options.priors.angle > 0.0 || choice_is_open(options);
+  if (jointly && priors && !weigh_by_estimated_noise(task, setting.free, joint.residuals) &&
       !noise_is_stated(measurements, options)) {
     make_absolute(task, setting.free, result.fit);
   }
-  result.chosen = {.priors = stated, .gravity = options.gravity == Use::yes, .gain = options.joint_gain == Use::yes};
-  if (jointly && choice_is_open(options)) {
-    FitOptions counted = result.fit;
-    counted.after_fit =
-        counted_fits(options, "choice of the model", fits_to_choose(measurements, model_options(options)));
-    result.tried = choose_model({.model = setting.model,
-                                 .measurements = measurements,
-                                 .start = setting.start,
-                                 .free = setting.free,
-                                 .options = counted},
-                                model_options(options), options.threads);
-    result.chosen = result.tried.front();
-  }
-  const auto rigid = std::find_if(result.tried.begin(), result.tried.end(),
-                                  [](const ModelOption& option) { return !option.gravity && !option.gain; });
-  result.rigid_fit = with_priors(result.fit, rigid != result.tried.end() ? rigid->priors : result.chosen.priors);
-  result.fit = with_priors(result.fit, result.chosen.priors);
+  joint.residuals.priors = options.priors;
   return result;
+}
+
+// The rigid robot, and what was chosen beside it from its fit.
+struct Chosen {
+  ErrorModel rigid;
+  WholeFit fit;  // of the rigid robot
+  Choice choice;
+  FitOptions rigid_options;  // with the priors that are best without effects
+};
+
+constexpr double kExplained = 1e-10;  // [m] what leaves that little has nothing to learn
+
+ChoiceTask choice_task(const Chosen& chosen, const Measurements& measurements, const CalibrationOptions& options,
+                       double orientation_length) {
+  return {.model = chosen.rigid,
+          .measurements = measurements,
+          .optimum = chosen.fit.identification.estimate,
+          .free = chosen.fit.free,
+          .options = options,
+          .orientation_length = orientation_length};
+}
+
+// Puts the chosen effects into the model and the chosen priors into the fit.
+void choose(const FitTask& rigid, Chosen& chosen, Setting& setting, Weighing& weighing) {
+  chosen.rigid = setting.model;
+  chosen.choice.priors = rigid.options.priors;
+  chosen.choice.rigid_priors = rigid.options.priors;
+  const Identification& found = chosen.fit.identification;
+  // Priors would hide that the measurements leave something open.
+  const bool automatic = rigid.options.automatic_priors || rigid.options.effects.automatic;
+  const bool open = automatic && chosen.fit.free != chosen.fit.candidates;
+  if (choice_is_open(rigid.options) && rigid.options.method == Method::joint && arrived(found) &&
+      found.rms > kExplained && !open) {
+    chosen.choice = choose_effects(
+        choice_task(chosen, rigid.measurements, rigid.options, weighing.fit.joint.residuals.orientation_length));
+  }
+  chosen.rigid_options = weighing.fit;
+  chosen.rigid_options.joint.residuals.priors = chosen.choice.rigid_priors;
+  weighing.fit.joint.residuals.priors = chosen.choice.priors;
+  setting.model.effects = chosen.choice.terms;
+  setting.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(setting.model.effects.size()));
+}
+
+// Of base, targets and geometry, and of every effect of the model.
+Unknowns with_all_effects(const ErrorModel& model, const Unknowns& rigid) {
+  std::vector<std::size_t> all(model.effects.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  return rigid.with(model, UnknownGroup::effects, all);
 }
 
 // What the measurements determine, and how well.
@@ -212,16 +227,16 @@ struct Judgement {
   Influence influence;
 };
 
-// Of base, targets and geometry without priors, where the fit had those or deflections.
+// Of base, targets and geometry without priors, where the fit had those or effects.
 std::optional<Identifiability> rigid_identifiability(const FitTask& task, const WholeFit& fitted,
                                                      ResidualOptions residuals) {
   const Priors& priors = residuals.priors;
-  const bool with_priors = priors.length > 0.0 || priors.angle > 0.0 || priors.deflection > 0.0;
-  if (!with_priors && fitted.candidates.deflections().empty()) {
+  const bool with_priors = priors.length > 0.0 || priors.angle > 0.0;
+  if (!with_priors && fitted.candidates.effects().empty()) {
     return std::nullopt;
   }
   residuals.priors = {};
-  const Unknowns rigid = fitted.candidates.without(UnknownGroup::deflections);
+  const Unknowns rigid = fitted.candidates.without(UnknownGroup::effects);
   const Estimate& estimate = fitted.identification.estimate;
   const LeastSquaresProblem problem(task.model, task.measurements, rigid, residuals);
   return identifiability(problem.whitened_summary(estimate).triangle, rigid.names());
@@ -285,10 +300,10 @@ void note_what_is_open(const Judgement& judged, const CalibrationOptions& option
 }
 
 // Each stage's part of the result; what the choice knows of the noise goes behind what the judgement does.
-void put(Choice choice, Calibration& result) {
-  result.tried = std::move(choice.tried);
-  result.priors = choice.chosen.priors;
-  result.noise.orientation_length = choice.orientation_length;
+void put(Chosen chosen, const Weighing& weighing, Calibration& result) {
+  result.tried = std::move(chosen.choice.tried);
+  result.priors = chosen.choice.priors;
+  result.noise.orientation_length = weighing.orientation_length;
 }
 
 void put(WholeFit fitted, Calibration& result) {
@@ -382,31 +397,38 @@ void suspect(const Setting& setting, const Measurements& measurements, const Cal
 }  // namespace
 
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
-  const Setting setting = set_up(model, measurements, options);
+  Setting setting = set_up(model, measurements, options);
   std::vector<QualityFinding> findings = find_defects(setting, measurements);
-  Choice choice = choose(setting, measurements, options);
+  Weighing weighing = weigh(setting, measurements, options);
   const FitTask task{.model = setting.model,
                      .measurements = measurements,
                      .start = setting.start,
                      .options = options,
-                     .fit_options = choice.fit};
-  WholeFit fitted = fit_whole(task, setting.choice, with_deflections(setting.model, setting.free, choice.chosen));
-  const EstimatedNoise estimated = fit_with_estimated_noise(task, fitted, choice.fit.joint.residuals);
+                     .fit_options = weighing.fit};
+  Chosen chosen{.rigid = {}, .fit = fit_whole(task, setting.choice, setting.free), .choice = {}, .rigid_options = {}};
+  choose(task, chosen, setting, weighing);
+  WholeFit fitted = chosen.choice.tried.empty()
+                        ? chosen.fit
+                        : fit_whole(task, setting.choice, with_all_effects(setting.model, setting.free));
+  const EstimatedNoise estimated = fit_with_estimated_noise(task, fitted, weighing.fit.joint.residuals);
   if (estimated.parts) {
-    choice.rigid_fit.joint.residuals.noise = choice.fit.joint.residuals.noise;
+    chosen.rigid_options.joint.residuals.noise = weighing.fit.joint.residuals.noise;
   }
   const bool smallest = options.model == ModelChoice::complete && options.method == Method::joint &&
-                        options.loss == Loss::none && take_smallest_errors(task, choice.fit.joint.residuals, fitted);
+                        options.loss == Loss::none && take_smallest_errors(task, weighing.fit.joint.residuals, fitted);
   Judgement judged = judge(task, fitted, estimated);
   note_what_is_open(judged, options, fitted.identification);
   const bool as_fitted =
       options.method == Method::joint && options.loss == Loss::none && arrived(fitted.identification);
+  const ChoiceTask choices =
+      choice_task(chosen, measurements, options, weighing.fit.joint.residuals.orientation_length);
   const Compared compared{.task = task,
                           .fit = fitted,
                           .known = setting.known,
-                          .rigid_options = choice.rigid_fit,
+                          .rigid_options = chosen.rigid_options,
                           .triangle = as_fitted ? &judged.triangle : nullptr,
-                          .noise = judged.noise.report.sigma};
+                          .noise = judged.noise.report.sigma,
+                          .choice = choices};
   Comparison comparison = compare(compared);
   HeldOutErrors held_out = hold_out(compared);
 
@@ -430,7 +452,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                                            .noise = judged.noise.report});
   put(std::move(fitted), result);
   put(std::move(judged), result);
-  put(std::move(choice), result);
+  put(std::move(chosen), weighing, result);
   put(std::move(comparison), result);
   put(std::move(held_out), result);
   judge_exported_urdf(setting, result);

@@ -15,18 +15,18 @@ bool has_test_rows(const Measurements& measurements) {
                      [](const Observation& observation) { return observation.split == Split::test; });
 }
 
-bool deflects(const Compared& compared) { return !compared.fit.free.deflections().empty(); }
+bool has_effects(const Compared& compared) { return !compared.fit.free.effects().empty(); }
 
-// The best that a URDF can carry: where deflections were fitted, a fit without them.
+// The best that a URDF can carry: where effects were fitted, a fit without them.
 Estimate rigid_fit(const Compared& compared) {
   const FitTask& task = compared.task;
-  return deflects(compared) ? fit({.model = task.model,
-                                   .measurements = task.measurements,
-                                   .start = task.start,
-                                   .free = compared.fit.free.without(UnknownGroup::deflections),
-                                   .options = compared.rigid_options})
-                                  .estimate
-                            : compared.fit.identification.estimate;
+  return has_effects(compared) ? fit({.model = task.model,
+                                      .measurements = task.measurements,
+                                      .start = task.start,
+                                      .free = compared.fit.free.without(UnknownGroup::effects),
+                                      .options = compared.rigid_options})
+                                     .estimate
+                               : compared.fit.identification.estimate;
 }
 
 using Folds = std::vector<std::vector<Eigen::Index>>;
@@ -48,7 +48,7 @@ bool is_many(const Folds& folds) {
 // The nominal robot with base and targets registered to the others.
 std::vector<double> nominal_folds(const Compared& compared, const Folds& folds) {
   const FitTask& task = compared.task;
-  const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::deflections);
+  const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
   if (frames.size() == 0) {  // nothing is registered
     const Measurements means = averaged(task.measurements);
     return position_errors(task.model, task.start, means, Rows::train);
@@ -103,10 +103,10 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
   BeforeAfter result;
   result.before = error_statistics(nominal_folds(compared, folds));
   result.after = error_statistics(after.distances);
-  if (deflects(compared)) {
+  if (has_effects(compared)) {
     Estimate rigid = estimate;  // what is not free stays where it is
-    rigid.deflections.setZero();
-    const Unknowns free = compared.fit.free.without(UnknownGroup::deflections);
+    rigid.effects.setZero();
+    const Unknowns free = compared.fit.free.without(UnknownGroup::effects);
     result.rigid = error_statistics(left_out(free, rigid, compared.rigid_options).distances);
   }
   return result;
@@ -141,7 +141,7 @@ Comparison compare(const Compared& compared) {
     result.iso_test_before = iso_9283(X_BF_before, task.start, measurements, Rows::test);
     result.iso_test_after = iso_9283(X_BF_after, estimate, measurements, Rows::test);
   }
-  if (deflects(compared)) {
+  if (has_effects(compared)) {
     const std::vector<Eigen::Isometry3d> X_BF_rigid = poses_of(rigid);
     result.train.rigid = statistics(rigid, X_BF_rigid, Rows::train);
     result.exported.iso = iso_9283(X_BF_rigid, rigid, measurements);
@@ -171,15 +171,8 @@ HeldOutErrors hold_out(const Compared& compared) {
     result.leave_one_out = predicted_folds(compared, singly, "leave-one-out", result);
   }
   if (options.leave_one_out && options.nested && choice_is_open(options)) {
-    const std::size_t fits = singly.size() * (fits_to_choose(task.measurements, model_options(options)) + 1);
     result.nested_leave_one_out = error_statistics(
-        nested_leave_one_out({.model = task.model,
-                              .measurements = task.measurements,
-                              .start = task.start,
-                              .free = compared.fit.free,
-                              .options = counting(task.fit_options, compared, "nested leave-one-out", fits)},
-                             model_options(options), options.threads)
-            .distances);
+        nested_distances(compared.choice, counted_fits(options, "nested leave-one-out", singly.size())));
   }
   if (options.k_fold > 1 || (by_default && many)) {
     const Folds folds = options.k_fold > 1 ? make_folds(task.measurements, options.k_fold) : default_folds;
@@ -202,24 +195,6 @@ std::function<void()> counted_fits(const CalibrationOptions& options, const std:
     ++count->done;
     progress(stage, count->done, fits);
   };
-}
-
-namespace {
-
-std::vector<bool> choices(Use use) {
-  return use == Use::automatic ? std::vector<bool>{false, true} : std::vector<bool>{use == Use::yes};
-}
-
-}  // namespace
-
-bool choice_is_open(const CalibrationOptions& options) {
-  return options.automatic_priors || options.gravity == Use::automatic || options.joint_gain == Use::automatic;
-}
-
-ModelOptions model_options(const CalibrationOptions& options) {
-  return {.priors = options.automatic_priors ? prior_sizes() : std::vector<Priors>{options.priors},
-          .gravity = choices(options.gravity),
-          .gain = choices(options.joint_gain)};
 }
 
 }  // namespace kdl_calibration

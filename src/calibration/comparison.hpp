@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "calibration/effect_choice.hpp"
 #include "calibration/whole_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/fold_prediction.hpp"
@@ -15,9 +16,10 @@ struct Compared {
   const FitTask& task;
   const WholeFit& fit;
   const RegistrationOptions& known;  ///< frames
-  const FitOptions& rigid_options;   ///< of a fit without deflections
+  const FitOptions& rigid_options;   ///< of a fit without effects
   const Eigen::MatrixXd* triangle;   ///< of the whitened system at the fit; nullptr where folds must be fitted again
   double noise;                      ///< [m] of a coordinate
+  const ChoiceTask& choice;          ///< that the nested leave-one-out repeats
 };
 
 /// How far the fitted and the test rows are from the nominal and from the calibrated robot.
@@ -45,9 +47,5 @@ HeldOutErrors hold_out(const Compared& compared);
 
 /// Called behind each fit of a stage with this many of them; for FitOptions.
 std::function<void()> counted_fits(const CalibrationOptions& options, const std::string& stage, std::size_t fits);
-
-/// What is up for choice by cross-validation.
-bool choice_is_open(const CalibrationOptions& options);
-ModelOptions model_options(const CalibrationOptions& options);
 
 }  // namespace kdl_calibration

@@ -82,7 +82,7 @@ std::vector<std::string> missing_parameters(const Calibration& found, const Cali
   const auto told_apart = std::count_if(candidates.begin(), candidates.end(), [&](const std::string& name) {
     return std::find(kept.begin(), kept.end(), name) != kept.end();
   });
-  const auto estimated = static_cast<std::ptrdiff_t>(found.free.names().size() - found.free.deflections().size());
+  const auto estimated = static_cast<std::ptrdiff_t>(found.free.names().size() - found.free.effects().size());
   return estimated < told_apart ? found.fixed_by_gauge : std::vector<std::string>();
 }
 

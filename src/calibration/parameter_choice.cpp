@@ -5,6 +5,7 @@
 
 #include "base/name_pattern.hpp"
 #include "base/text.hpp"
+#include "calibration/effect_choice.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/reduction.hpp"
 
@@ -74,7 +75,9 @@ std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, c
 ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
                                   const CalibrationOptions& options, ReductionOptions reduction) {
   const std::vector<std::string> names = all_names(model, targets);
-  const std::set<std::string> fixed = matching(options.fix, names, "--fix");
+  std::vector<std::string> of_parameters = options.fix;
+  std::erase_if(of_parameters, is_of_effects);
+  const std::set<std::string> fixed = matching(of_parameters, names, "--fix");
   const std::set<std::string> freed = matching(options.free, names, "--free");
   reduction.fixed = fixed_frames(targets, options, fixed, freed);
   ParameterChoice choice{.reduction = reduced_model(model, targets, reduction), .free = {}, .complete = {}};

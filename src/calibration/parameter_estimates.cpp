@@ -69,11 +69,11 @@ std::vector<ParameterEstimate> all_parameters(const ErrorModel& model, const Est
                    .value = parameter.nominal + error,
                    .error = error});
   }
-  for (std::size_t d = 0; d < model.deflections.size() && estimate.deflections.size() > 0; ++d) {
-    const double value = estimate.deflections[static_cast<Eigen::Index>(d)];
-    all.push_back({.name = model.deflections[d].name,
-                   .joint = model.deflections[d].joint,
-                   .kind = "deflection",
+  for (std::size_t d = 0; d < model.effects.size() && estimate.effects.size() > 0; ++d) {
+    const double value = estimate.effects[static_cast<Eigen::Index>(d)];
+    all.push_back({.name = model.effects[d].name,
+                   .joint = model.effects[d].joint,
+                   .kind = "effect",
                    .axis = {},
                    .value = value,
                    .error = value});

@@ -3,13 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <numeric>
 #include <set>
 #include <utility>
 
 #include "base/thinned.hpp"
-#include "kdl_calibration/deflection.hpp"
+#include "calibration/parameter_estimates.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/link_shapes.hpp"
 #include "kdl_calibration/prediction.hpp"
 
@@ -191,7 +193,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
   }
   const std::vector<double> distances = norms(after);
   const std::vector<std::size_t> shown = shown_rows(distances);
-  const bool deflects = reported.estimate.deflections.size() > 0 && !reported.estimate.deflections.isZero(0.0);
+  const bool has_effects = reported.estimate.effects.size() > 0 && !reported.estimate.effects.isZero(0.0);
 
   std::vector<int> number(measurements.configurations.size(), -1);  // of a configuration on the page
   Json configurations = Json::array();
@@ -203,8 +205,9 @@ Json measurements_block(const ReportedMeasurements& reported) {
       number[c] = static_cast<int>(configurations.size());
       const Eigen::VectorXd q = measurements.joint_values.col(observation.configuration);
       configurations.push_back({{"name", measurements.configurations[c]}, {"joint_values", numbers_json(q)}});
-      if (deflects) {
-        configurations.back()["deflected"] = numbers_json(deflected(reported.model, reported.estimate.deflections, q));
+      if (has_effects) {
+        configurations.back()["effective"] =
+            numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q));
       }
     }
     points.push_back({{"row", row},
@@ -256,42 +259,49 @@ Json distribution_json(std::vector<double> values) {
   return {{"count", count}, {"values", thinned(std::move(values))}};
 }
 
-Json effects_block(const SavedCalibration& saved, const Measurements& measurements, const Json& parameters) {
-  Json effects = Json::array();
-  const std::vector<Deflection>& deflections = saved.model.deflections;
+Json effects_block(const SavedCalibration& saved, const Measurements& measurements) {
+  Json curves = Json::array();
+  const std::vector<EffectTerm>& terms = saved.model.effects;
   const JointRanges ranges = trained_ranges(measurements);
   Eigen::VectorXd middle(static_cast<Index>(ranges.size()));
   for (std::size_t j = 0; j < ranges.size(); ++j) {
     middle[static_cast<Index>(j)] = 0.5 * (ranges[j].first + ranges[j].second);
   }
-  for (std::size_t d = 0; d < deflections.size(); ++d) {
-    const auto joint = static_cast<std::size_t>(deflections[d].index);
-    const auto& [lower, upper] = ranges[joint];
-    const auto parameter = std::find_if(parameters.begin(), parameters.end(), [&](const Json& entry) {
-      return entry.value("name", std::string()) == deflections[d].name;
-    });
-    if (parameter == parameters.end() || !(lower <= upper)) {
+  const ColumnRange columns = saved.free.range(UnknownGroup::effects);
+  const bool known = saved.covariance.size() > 0 && columns.count == static_cast<Index>(terms.size());
+  // Every group of every joint, summed over its terms.
+  std::map<std::pair<EffectGroup, int>, std::vector<Index>> of;
+  for (std::size_t e = 0; e < terms.size(); ++e) {
+    of[{terms[e].group, terms[e].index}].push_back(static_cast<Index>(e));
+  }
+  for (const auto& [key, members] : of) {
+    const auto& [group, joint] = key;
+    const auto& [lower, upper] = ranges[static_cast<std::size_t>(joint)];
+    if (!(lower <= upper)) {
       continue;
     }
     Eigen::MatrixXd q = middle.replicate(1, kCurvePoints);
-    q.row(deflections[d].index) = Eigen::RowVectorXd::LinSpaced(kCurvePoints, lower, upper);
-    const Eigen::MatrixXd basis = deflection_basis(saved.model, q);
-    const double value = saved.estimate.deflections[static_cast<Index>(d)];
-    const Json& interval = parameter->at("interval_95");
-    const bool known = interval.is_array();
-    const double half = known ? 0.5 * (interval.at(1).get<double>() - interval.at(0).get<double>()) : 0.0;
+    q.row(joint) = Eigen::RowVectorXd::LinSpaced(kCurvePoints, lower, upper);
+    const Eigen::MatrixXd basis = effect_basis(saved.model, q)(members, Eigen::all);
+    const Eigen::RowVectorXd along = Eigen::VectorXd(saved.estimate.effects(members)).transpose() * basis;
+    Eigen::MatrixXd covariance;
+    if (known) {
+      covariance = saved.covariance.block(columns.first, columns.first, columns.count, columns.count)(members, members);
+    }
     Json curve = Json::array();
     for (Index i = 0; i < kCurvePoints; ++i) {
-      const double at = basis(static_cast<Index>(d), i);
-      curve.push_back({q(deflections[d].index, i), value * at, known ? Json(half * std::abs(at)) : Json(nullptr)});
+      const double variance = known ? basis.col(i).dot(covariance * basis.col(i)) : 0.0;
+      curve.push_back(
+          {q(joint, i), along[i],
+           known && std::isfinite(variance) ? Json(half_width_95(std::sqrt(variance), kInfinity)) : Json(nullptr)});
     }
-    effects.push_back({{"name", deflections[d].name},
-                       {"joint", deflections[d].joint},
-                       {"joint_index", deflections[d].index},
-                       {"group", deflections[d].gain ? "gain" : "gravity"},
-                       {"curve", curve}});
+    curves.push_back({{"group", to_string(group)},
+                      {"joint", terms[static_cast<std::size_t>(members.front())].joint},
+                      {"joint_index", joint},
+                      {"terms", members.size()},
+                      {"curve", curve}});
   }
-  return effects;
+  return curves;
 }
 
 Json correlations_block(const Json& covariance) {

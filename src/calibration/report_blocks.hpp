@@ -21,9 +21,9 @@ std::vector<std::size_t> shown_rows(const std::vector<double>& distances);
 /// {"count", "values"}: the values in ascending order, thinned where there are many.
 Json distribution_json(std::vector<double> values);
 
-/// What each deflection does over the measured range of its joint, the others at their middle, with its 95 % band:
-/// [joint value, deflection, half width of the band] [rad] or [m].
-Json effects_block(const SavedCalibration& saved, const Measurements& measurements, const Json& parameters);
+/// What each group of effects does to each joint over its measured range, the others at their middle, with its 95 %
+/// band: [joint value, effect, half width of the band] [rad] or [m].
+Json effects_block(const SavedCalibration& saved, const Measurements& measurements);
 
 /// The strongest correlations of a covariance {"names", "lower_triangle"}, and the matrix of the parameters in them.
 Json correlations_block(const Json& covariance);

@@ -140,7 +140,7 @@ Json calibration_data(const CalibrationPage& page, Json result) {
       const Estimate before = nominal_start(saved.model, *page.measurements, page.known);
       data["measured"] = measurements_block(
           {.model = saved.model, .estimate = saved.estimate, .measurements = *page.measurements, .before = &before});
-      data["effects"] = effects_block(saved, *page.measurements, result["parameters"]);
+      data["effects"] = effects_block(saved, *page.measurements);
     }
   }
   result.erase("covariance");

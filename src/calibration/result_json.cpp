@@ -5,6 +5,7 @@
 #include <set>
 
 #include "base/sha256.hpp"
+#include "calibration/effects_json.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/result_blocks.hpp"
 #include "kdl_calibration/reduction.hpp"
@@ -44,9 +45,7 @@ Json noise_json(const NoiseReport& noise) {
   return result;
 }
 
-Json priors_json(const Priors& priors) {
-  return {{"length", priors.length}, {"angle", priors.angle}, {"deflection", priors.deflection}};
-}
+Json priors_json(const Priors& priors) { return {{"length", priors.length}, {"angle", priors.angle}}; }
 
 Json iso_json(const Iso9283& iso) {
   return {{"accuracy", statistics_json(iso.accuracy)}, {"repeatability", statistics_json(iso.repeatability)}};
@@ -131,9 +130,10 @@ void add_details(const Calibration& calibration, const Measurements& measurement
   Json tried = Json::array();
   for (const ModelOption& option : calibration.tried) {
     tried.push_back({{"priors", priors_json(option.priors)},
-                     {"gravity", option.gravity},
-                     {"joint_gain", option.gain},
-                     {"held_out_rms", option.held_out_rms}});
+                     {"effects", option.effects},
+                     {"sized", option.sized},
+                     {"held_out_rms", finite_or_null(option.held_out_rms)},
+                     {"evidence", finite_or_null(option.evidence)}});
   }
   result["tried"] = tried;
   const ObservabilityIndices& o = calibration.observability;
@@ -202,6 +202,9 @@ Json input_json(const Robot& robot, const Measurements& measurements, const Cali
 Json parameters_json(const std::vector<ParameterEstimate>& parameters) {
   Json result = Json::array();
   for (const ParameterEstimate& parameter : parameters) {
+    if (parameter.kind == "effect") {  // has a block of its own
+      continue;
+    }
     result.push_back({{"name", parameter.name},
                       {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
                       {"kind", parameter.kind},
@@ -300,6 +303,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
     result["convergence_factor"] = found.convergence_factor;
   }
   result["parameters"] = parameters_json(calibration.parameters);
+  result["effects"] = effects_json(calibration);
   result["model"] = reduction_json(calibration.reduction);
   result["base"] = base_json(calibration);
   result["targets"] = targets_json(calibration);

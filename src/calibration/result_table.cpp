@@ -6,12 +6,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <numbers>
 #include <set>
+#include <utility>
 
 #include "base/text.hpp"
 #include "base/wrapped_text.hpp"
 #include "calibration/parameter_estimates.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -35,15 +38,22 @@ std::string right(const std::string& text, std::size_t width) {
   return std::string(width - std::min(width, text.size()), ' ') + text;
 }
 
+std::string priors_in_words(const Priors& priors) {
+  if (!(priors.length > 0.0) && !(priors.angle > 0.0)) {
+    return "no priors";
+  }
+  return format("priors of %.3g mm", priors.length * 1e3) + format(" and %.3g mrad", priors.angle * 1e3);
+}
+
 // Positions errors of the means of the repeats, as in all tables.
 void add_errors(const Calibration& calibration, std::string& text) {
   text += "\n" + statistics_heading("position error [mm]");
   const auto add = [&](const std::string& what, const ErrorStatistics& before, const ErrorStatistics& after) {
     text += statistics_row(what + ", nominal", before) + statistics_row(what + ", calibrated", after);
   };
-  const bool deflects = calibration.train.rigid.has_value();
+  const bool has_effects = calibration.train.rigid.has_value();
   add("fitted", calibration.iso_before.accuracy, calibration.iso_after.accuracy);
-  if (deflects) {
+  if (has_effects) {
     text += statistics_row("fitted, URDF alone", calibration.exported.iso.accuracy);
   }
   if (calibration.iso_test_before && calibration.iso_test_after) {
@@ -121,9 +131,9 @@ void add_figures(const Calibration& calibration, std::string& text) {
   }
   if (!calibration.tried.empty()) {
     const ModelOption& chosen = calibration.tried.front();
-    text += format("chosen by cross-validation: priors %.3g mm", chosen.priors.length * 1e3) +
-            format(" and %.3g mrad,", chosen.priors.angle * 1e3) + " gravity " + (chosen.gravity ? "yes" : "no") +
-            ",\n  joint gain " + (chosen.gain ? "yes" : "no") + "\n";
+    text += wrapped("chosen by cross-validation: " + priors_in_words(chosen.priors) + ", beyond geometry " +
+                        (chosen.effects.empty() ? "nothing" : comma_separated(chosen.effects)),
+                    0, 2);
   }
 }
 
@@ -175,16 +185,9 @@ struct DisplayUnit {
 constexpr DisplayUnit kMillimetres{.per_si = 1e3, .value = "%10.4f", .sigma = "  +- %.4f", .name = " mm "};
 constexpr DisplayUnit kDegrees{
     .per_si = 180.0 / std::numbers::pi, .value = "%10.5f", .sigma = "  +- %.5f", .name = " deg"};
-constexpr DisplayUnit kPercent{.per_si = 100.0, .value = "%10.5f", .sigma = "  +- %.5f", .name = " %  "};
 
-// A prismatic joint's offset and its deflection are lengths, and a gain is neither length nor angle.
+// A prismatic joint's offset is a length.
 const DisplayUnit& unit_of(const ErrorModel& model, const std::string& name) {
-  const auto is_it = [&](const auto& entry) { return entry.name == name; };
-  const auto deflection = std::find_if(model.deflections.begin(), model.deflections.end(), is_it);
-  if (deflection != model.deflections.end()) {
-    const bool slides = model.joints[static_cast<std::size_t>(deflection->index)].type == JointType::prismatic;
-    return deflection->gain ? kPercent : slides ? kMillimetres : kDegrees;
-  }
   return is_length(model, model.parameters[parameter_index(model, name)]) ? kMillimetres : kDegrees;
 }
 
@@ -192,9 +195,6 @@ const DisplayUnit& unit_of(const ErrorModel& model, const std::string& name) {
 std::string in_words(const ErrorModel& model, const ParameterEstimate& parameter) {
   if (parameter.kind == "joint_offset") {
     return "zero offset of " + parameter.joint;
-  }
-  if (parameter.kind == "deflection") {
-    return (parameter.name.rfind("gain", 0) == 0 ? "gain of " : "sag under gravity of ") + parameter.joint;
   }
   const ErrorParameter& error = model.parameters[parameter_index(model, parameter.name)];
   return parameter.axis + (parameter.kind == "translation" ? " shift" : " turn") + " of link " +
@@ -219,9 +219,34 @@ std::string parameter_line(const ErrorModel& model, const ParameterEstimate& par
 void add_parameters(const Calibration& calibration, const std::string& fixed, std::string& text) {
   text += "\ngeometric errors, +- half of the 95 % interval\n";
   for (const ParameterEstimate& parameter : calibration.parameters) {
-    if (parameter.name.find('.') == std::string::npos) {
+    if (parameter.name.find('.') == std::string::npos) {  // no frame's and no effect's
       text += parameter_line(calibration.model, parameter, fixed);
     }
+  }
+}
+
+// The largest motion of each joint by each group of effects at the measured configurations.
+void add_effects(const Calibration& calibration, const Measurements& measurements, std::string& text) {
+  const std::vector<EffectTerm>& terms = calibration.model.effects;
+  if (terms.empty()) {
+    return;
+  }
+  const Eigen::MatrixXd basis = effect_basis(calibration.model, measurements.joint_values);
+  std::map<std::pair<EffectGroup, int>, Eigen::RowVectorXd> motion;
+  for (std::size_t e = 0; e < terms.size(); ++e) {
+    const auto row = static_cast<Eigen::Index>(e);
+    Eigen::RowVectorXd& sum = motion[{terms[e].group, terms[e].index}];
+    if (sum.size() == 0) {
+      sum = Eigen::RowVectorXd::Zero(basis.cols());
+    }
+    sum += calibration.identification.estimate.effects[row] * basis.row(row);
+  }
+  text += "\neffects beyond geometry, largest motion at the measured configurations\n";
+  for (const auto& [key, moved] : motion) {
+    const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(key.second)];
+    const DisplayUnit& unit = joint.type == JointType::prismatic ? kMillimetres : kDegrees;
+    text += "  " + padded(to_string(key.first), 12) + padded(joint.name, 34) +
+            format(unit.value, moved.cwiseAbs().maxCoeff() * unit.per_si) + unit.name + "\n";
   }
 }
 
@@ -345,6 +370,7 @@ std::string result_table(const Measurements& measurements, const Calibration& ca
   add_figures(calibration, text);
   if (calibration.trusted()) {
     add_parameters(calibration, options.fixed, text);
+    add_effects(calibration, measurements, text);
     if (options.convention != nullptr) {
       add_controller_offsets(calibration, *options.convention, text);
     }

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cstddef>
 #include <limits>
-#include <set>
+#include <utility>
 
 #include "base/json_tree.hpp"
 #include "base/sha256.hpp"
 #include "base/text_file.hpp"
-#include "kdl_calibration/deflection.hpp"
+#include "calibration/effects_json.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -52,18 +52,7 @@ std::vector<TargetFrame> targets_of(const Node& top) {
   return targets;
 }
 
-// The deflections that the file has values of, in the order in which the model has them.
-std::vector<Deflection> deflections_of(const ErrorModel& model, const std::set<std::string>& names) {
-  std::vector<Deflection> result;
-  for (const std::vector<Deflection>& all : {gravity_deflections(model), gain_deflections(model)}) {
-    std::copy_if(all.begin(), all.end(), std::back_inserter(result),
-                 [&](const Deflection& deflection) { return names.count(deflection.name) > 0; });
-  }
-  return result;
-}
-
 void read_parameters(const Node& top, SavedCalibration& saved) {
-  std::vector<std::pair<std::string, double>> deflections;
   saved.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.parameters.size()));
   for (const Node& node : elements(member(top, "parameters"))) {
     const std::string name = tree::name(member(node, "name"));
@@ -74,27 +63,16 @@ void read_parameters(const Node& top, SavedCalibration& saved) {
                                     [&](const ErrorParameter& parameter) { return parameter.name == name; });
     if (known != saved.model.parameters.end()) {
       saved.estimate.errors[known - saved.model.parameters.begin()] = number(member(node, "error"));
-    } else if (has(node, "kind") && tree::name(member(node, "kind")) == "deflection") {
-      deflections.emplace_back(name, number(member(node, "error")));
     } else {
       throw InputError(node.where + ": this robot has no parameter '" + name +
                        "', expected the result of the same URDF, base and tip");
     }
   }
-  std::set<std::string> names;
-  for (const auto& [name, value] : deflections) {
-    names.insert(name);
-  }
-  saved.model.deflections = deflections_of(saved.model, names);
-  saved.estimate.deflections = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.deflections.size()));
-  for (const auto& [name, value] : deflections) {
-    const auto known = std::find_if(saved.model.deflections.begin(), saved.model.deflections.end(),
-                                    [&, &of = name](const Deflection& deflection) { return deflection.name == of; });
-    if (known == saved.model.deflections.end()) {
-      throw InputError(top.where + ": this robot has no deflection '" + name +
-                       "', expected the result of the same URDF");
-    }
-    saved.estimate.deflections[known - saved.model.deflections.begin()] = value;
+  if (has(top, "effects")) {
+    SavedEffects effects = read_effects(member(top, "effects"), saved.model);
+    saved.model.gravity = effects.gravity;
+    saved.model.effects = std::move(effects.terms);
+    saved.estimate.effects = std::move(effects.values);
   }
 }
 
@@ -106,7 +84,7 @@ void read_covariance(const Node& block, SavedCalibration& saved) {
   }
   saved.free = Unknowns(saved.model, saved.estimate.targets, names);
   if (saved.free.names() != names) {
-    fail(member(block, "names"), "the parameters in the order base, geometry, deflections, targets");
+    fail(member(block, "names"), "the parameters in the order base, geometry, effects, targets");
   }
   const std::vector<Node> rows = elements(member(block, "lower_triangle"));
   const auto size = static_cast<Eigen::Index>(names.size());

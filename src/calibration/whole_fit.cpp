@@ -26,9 +26,9 @@ void require_two_step_data(const Unknowns& free, const Measurements& measurement
                      ": --method two-step fits points; measured orientations need --method joint");
   }
   const bool priors = options.automatic_priors || options.priors.length > 0.0 || options.priors.angle > 0.0;
-  const bool deflections = options.gravity != Use::no || options.joint_gain != Use::no;
-  if (priors || deflections || options.loss != Loss::none || options.weights == Weights::repeats) {
-    throw InputError("--method two-step: the published procedure has no priors, deflections, losses or noise model");
+  const bool effects = options.effects.automatic || !options.effects.groups.empty();
+  if (priors || effects || options.loss != Loss::none || options.weights == Weights::repeats) {
+    throw InputError("--method two-step: the published procedure has no priors, effects, losses or noise model");
   }
 }
 
@@ -126,9 +126,8 @@ Fitted identify_in_gauge(const FitTask& task, const Unknowns& candidates, Unknow
   return fitted;
 }
 
-Unknowns parameters_of(const FitTask& task, const std::vector<std::string>& names, const Unknowns& deflections) {
-  return Unknowns(task.model, task.start.targets, names)
-      .with(task.model, UnknownGroup::deflections, deflections.deflections());
+Unknowns parameters_of(const FitTask& task, const std::vector<std::string>& names, const Unknowns& effects) {
+  return Unknowns(task.model, task.start.targets, names).with(task.model, UnknownGroup::effects, effects.effects());
 }
 
 constexpr double kRounding = 1e-10;  // [m] misfits below that differ by rounding alone

@@ -22,6 +22,7 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/report_page.hpp"
@@ -44,10 +45,9 @@ struct Arguments {
   std::string method = "joint";
   std::string model = "irreducible";
   CalibrationOptions options;
-  std::string prior;
-  std::string extras;
-  bool gravity = false;
-  bool joint_gain = false;
+  std::string prior;                 // empty: not said
+  std::vector<std::string> effects;  // the same
+  std::vector<double> gravity_direction = {0.0, 0.0, -1.0};
   std::string loss = "none";
   std::string noise = "auto";
   std::vector<double> noise_independent;
@@ -129,15 +129,45 @@ NoiseModel noise_model(const Arguments& arguments) {
   return noise;
 }
 
-Use use(bool wanted, bool automatic) { return automatic ? Use::automatic : wanted ? Use::yes : Use::no; }
+Effects effects_of(const std::vector<std::string>& words) {
+  Effects effects;
+  for (const std::string& word : words) {
+    const std::optional<EffectGroup> group = effect_group(word);
+    if (group) {
+      effects.groups.push_back(*group);
+    } else if (words.size() > 1) {
+      throw InputError("--effects: " + shown(word) +
+                       " is not accepted in a list, expected groups alone: gravity, gain, "
+                       "backlash, harmonics, tables");
+    }
+    effects.automatic = effects.automatic || word == "auto";
+  }
+  std::sort(effects.groups.begin(), effects.groups.end());
+  if (std::adjacent_find(effects.groups.begin(), effects.groups.end()) != effects.groups.end()) {
+    throw InputError("--effects: a group is given more than once, expected each once");
+  }
+  return effects;
+}
+
+KDL::Vector gravity_of(const std::vector<double>& direction) {
+  const Eigen::Map<const Eigen::VectorXd> g(direction.data(), static_cast<Eigen::Index>(direction.size()));
+  if (g.size() != 3 || !(g.norm() > 0.0)) {
+    throw InputError("--gravity-direction: expected three numbers x,y,z that are not all 0");
+  }
+  return {g[0] / g.norm(), g[1] / g.norm(), g[2] / g.norm()};
+}
 
 CalibrationOptions calibration_options(const Arguments& arguments, const Measurements& measurements) {
   CalibrationOptions options = arguments.options;
   options.method = arguments.method == "joint" ? Method::joint : Method::two_step;
   options.model = arguments.model == "irreducible" ? ModelChoice::irreducible : ModelChoice::complete;
-  options.automatic_priors = arguments.prior == "auto";
-  options.gravity = use(arguments.gravity, arguments.extras == "auto");
-  options.joint_gain = use(arguments.joint_gain, arguments.extras == "auto");
+  // What nobody asked for is chosen by the data, but for fits that are plain by what they are.
+  const bool plain =
+      options.method == Method::two_step || options.model == ModelChoice::complete || options.loss != Loss::none;
+  const bool stated = options.priors.length > 0.0 || options.priors.angle > 0.0;
+  options.automatic_priors = arguments.prior.empty() ? !plain && !stated : arguments.prior == "auto";
+  options.effects = effects_of(arguments.effects);
+  options.effects.automatic = arguments.effects.empty() ? !plain : options.effects.automatic;
   options.loss = arguments.loss == "huber" ? Loss::huber : arguments.loss == "tukey" ? Loss::tukey : Loss::none;
   options.noise = noise_model(arguments);
   options.weights = arguments.noise == "repeats" ? Weights::repeats
@@ -249,7 +279,8 @@ ExitStatus run(const Arguments& arguments) {
   std::vector<OutputFile> files = outputs(arguments);
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
-  const ErrorModel model = complete_model(robot);
+  ErrorModel model = complete_model(robot);
+  model.gravity = gravity_of(arguments.gravity_direction);
   const Measurements measurements = read(arguments.measurements, robot);
   CalibrationOptions options = calibration_options(arguments, measurements);
   options.convention = convention_of(arguments.measurements);
@@ -275,6 +306,22 @@ ExitStatus run(const Arguments& arguments) {
   return calibration.trusted() && missed.empty() ? done : not_to_be_trusted;
 }
 
+// Options that have another name now.
+void refuse_old_names(CLI::App& app) {
+  for (const auto& [old_name, instead] :
+       {std::pair{"--gravity", "--effects gravity"}, std::pair{"--joint-gain", "--effects gain"},
+        std::pair{"--extras", "--effects auto"},
+        std::pair{"--prior-deflection", "--effects, whose sizes are estimated"}}) {
+    app.add_option_function<std::vector<std::string>>(
+           old_name,
+           [old = std::string(old_name), next = std::string(instead)](const std::vector<std::string>&) {
+             throw InputError(old + ": no longer an option, expected " + next);
+           })
+        ->expected(0, 1)
+        ->group("");
+  }
+}
+
 void add_fit_options(CLI::App& app, Arguments& arguments) {
   app.add_option("--method", arguments.method, "Estimator: joint or two-step")
       ->type_name("NAME")
@@ -298,19 +345,25 @@ void add_fit_options(CLI::App& app, Arguments& arguments) {
       ->type_name("RAD")
       ->check(number_from(0.0, "an angle in radians, 0 or more"))
       ->capture_default_str();
-  app.add_option("--prior-deflection", arguments.options.priors.deflection,
-                 "1 sigma of joint deflections beforehand, rad at the largest load; 0: none")
-      ->type_name("RAD")
-      ->check(number_from(0.0, "an angle in radians, 0 or more"))
+  app.add_option(
+         "--prior", arguments.prior,
+         "Sizes of the priors: by evidence where that predicts better (auto), or as stated (none) [auto, unless "
+         "stated, two-step or complete]")
+      ->type_name("NAME")
+      ->check(one_of({"auto", "none"}));
+  add_list(
+      app, "--effects", arguments.effects,
+      "Beyond geometry: none, auto (what cross-validation accepts), or groups: gravity, gain, backlash, harmonics, "
+      "tables [auto, unless two-step, complete or with a loss]")
+      ->type_name("NAME,...")
+      ->check(one_of({"none", "auto", "gravity", "gain", "backlash", "harmonics", "tables"}));
+  app.add_option("--gravity-direction", arguments.gravity_direction, "Direction of gravity in the base frame, x,y,z")
+      ->type_name("X,Y,Z")
+      ->delimiter(',')
+      ->expected(3)
+      ->check(number_between(-1e6, 1e6, "a number"))
       ->capture_default_str();
-  app.add_option("--prior", arguments.prior, "auto: choose the size of the priors by cross-validation")
-      ->type_name("auto")
-      ->check(one_of({"auto"}));
-  app.add_flag("--gravity", arguments.gravity, "Estimate the joints' compliance under gravity");
-  app.add_flag("--joint-gain", arguments.joint_gain, "Estimate a gain of every joint");
-  app.add_option("--extras", arguments.extras, "auto: accept or refuse compliance and gains by cross-validation")
-      ->type_name("auto")
-      ->check(one_of({"auto"}));
+  refuse_old_names(app);
 }
 
 void add_noise_options(CLI::App& app, Arguments& arguments) {
@@ -357,7 +410,7 @@ void add_groups(CLI::App& app) {
             {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--json", "--force"});
   add_group(app, "Model",
             {"--method", "--iterations", "--model", "--fix", "--free", "--prior", "--prior-length", "--prior-angle",
-             "--prior-deflection", "--gravity", "--joint-gain", "--extras"});
+             "--effects", "--gravity-direction"});
   add_group(app, "Noise",
             {"--loss", "--noise", "--noise-independent", "--noise-common", "--noise-tracker", "--orientation-sigma"});
   add_group(app, "Validation", {"--leave-one-out", "--nested", "--k-fold", "--require", "--threads"});

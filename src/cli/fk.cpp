@@ -49,7 +49,7 @@ CalibratedArm calibrated(const Robot& robot, const std::string& result, const Ei
   }
   const std::string urdf = calibrated_urdf(robot, saved.model, saved.estimate.errors);
   return {.robot = parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result),
-          .joint_values = deflected(saved.model, saved.estimate.deflections, q)};
+          .joint_values = effective_joint_values(saved.model, saved.estimate.effects, q)};
 }
 
 std::string json(const std::vector<NamedFrame>& frames) {

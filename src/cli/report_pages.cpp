@@ -84,7 +84,7 @@ std::string plan_page(const Json& result, const PlanRequest& request, const Plan
   const Estimate nominal{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
                          .X_WB = Eigen::Isometry3d::Identity(),
                          .targets = plan.experiment.targets,
-                         .deflections = {}};
+                         .effects = {}};
   data["robot"] = block(reported_robot(request.robot, model, nominal));
   const FoldedChain chain = folded(model, nominal.errors);
   Json configurations = Json::array();

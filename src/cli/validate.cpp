@@ -170,7 +170,7 @@ Estimate estimate_of(const Json& json, const std::string& source, const ErrorMod
   return {.errors = errors_of(json, source, model),
           .X_WB = base_of(json, source),
           .targets = targets_of(json, source),
-          .deflections = {}};
+          .effects = {}};
 }
 
 // Those that the truth was measured in, or within the limits.
@@ -326,7 +326,7 @@ ExitStatus run_against_measurements(const Arguments& arguments) {
   const Estimate estimate{.errors = arm.estimate.errors,
                           .X_WB = registration.X_WB,
                           .targets = registration.targets,
-                          .deflections = arm.estimate.deflections};
+                          .effects = arm.estimate.effects};
   const Errors errors = errors_of(X_BF, estimate, measurements);
   const std::string result = json(errors, registration, freedom);
   Words words = judged(arguments, model, fitted, estimate, known);

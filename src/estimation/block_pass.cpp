@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <map>
 
 namespace kdl_calibration {
 
@@ -30,17 +31,29 @@ void turn_information(const MatrixXd& given, const Matrix3d& R_FW, MatrixXd& inf
 }  // namespace
 
 BlockLinearisation::BlockLinearisation(const ErrorModel& model, const Unknowns& unknowns, const Estimate& estimate)
-    : unknowns_(unknowns),
-      estimate_(estimate),
-      chain_(folded(model, estimate.errors)),
-      twists_(chain_twists(model, estimate, unknowns)) {}
+    : unknowns_(unknowns), estimate_(estimate), chain_(folded(model, estimate.errors)) {
+  const std::vector<ParameterTwist> all = chain_twists(model, estimate, unknowns);
+  const ColumnRange effects = unknowns.range(UnknownGroup::effects);
+  std::map<int, Index> of_joint;
+  for (std::size_t column = 0; column < all.size(); ++column) {
+    const auto next = static_cast<Index>(twists_.size());
+    const bool of_effect = static_cast<Index>(column) >= effects.first && !effects.empty();
+    const Index twist = of_effect ? of_joint.emplace(all[column].frame, next).first->second : next;
+    twist_of_.push_back(twist);
+    if (twist == next) {
+      twists_.push_back(all[column]);
+    }
+  }
+}
 
 void BlockLinearisation::at(const Eigen::Ref<const VectorXd>& q, const Eigen::Ref<const VectorXd>& basis,
                             const ObservedConfiguration& configuration, Block& block) const {
-  const Isometry3d X_BF = flange_jacobian(chain_, twists_, q, block.jacobian);
-  Index deflection_column = unknowns_.range(UnknownGroup::deflections).first;
-  for (const std::size_t d : unknowns_.deflections()) {
-    block.jacobian.col(deflection_column++) *= basis[static_cast<Index>(d)];
+  const Isometry3d X_BF = flange_jacobian(chain_, twists_, q, block.twists);
+  block.twist_of = twist_of_;
+  block.factors.setOnes(static_cast<Index>(twist_of_.size()));
+  Index effect_column = unknowns_.range(UnknownGroup::effects).first;
+  for (const std::size_t d : unknowns_.effects()) {
+    block.factors[effect_column++] = basis[static_cast<Index>(d)];
   }
   const Isometry3d X_FW = (estimate_.X_WB * X_BF).inverse();
   const auto points = static_cast<Index>(configuration.points.size());
@@ -86,7 +99,11 @@ void BlockLinearisation::add_orientation(const ObservedPoint& point, const Isome
 
 void whiten(const Block& block, Index columns, MatrixXd& rows) {
   rows.setZero(block.residual.size(), columns + 1);
-  rows.leftCols(block.jacobian.cols()).noalias() = block.twist_rows * block.jacobian;
+  const MatrixXd of_twists = block.twist_rows * block.twists;
+  for (std::size_t column = 0; column < block.twist_of.size(); ++column) {
+    const auto at = static_cast<Index>(column);
+    rows.col(at) = block.factors[at] * of_twists.col(block.twist_of[column]);
+  }
   for (std::size_t a = 0; a < block.columns.size(); ++a) {
     if (block.columns[a] >= 0) {
       rows(static_cast<Index>(a), block.columns[a]) += 1.0;
@@ -117,7 +134,8 @@ void BlockPass::add(const Estimate& estimate, BlockWorkspace& workspace, NormalE
 void BlockPass::add_block(BlockWorkspace& workspace, NormalEquations& equations) const {
   const Block& block = workspace.block;
   Matrix6Xd& weighted_rows = workspace.weighted_rows;
-  Eigen::Matrix<double, Eigen::Dynamic, 6>& Jt = workspace.transposed_jacobian;
+  Eigen::Matrix<double, Eigen::Dynamic, 6>& Tt = workspace.transposed_twists;
+  VectorXd& products = workspace.products;
   VectorXd& force = workspace.force;
   const Index chain = unknowns_.chain().count;
   auto chain_hessian = equations.hessian.topLeftCorner(chain, chain);
@@ -128,11 +146,31 @@ void BlockPass::add_block(BlockWorkspace& workspace, NormalEquations& equations)
   weighted_rows.noalias() = block.twist_rows.transpose().lazyProduct(block.information);
   const Matrix6d flange_information = weighted_rows.lazyProduct(block.twist_rows);
   const Vector6d wrench = weighted_rows.lazyProduct(block.residual);
-  Jt = block.jacobian.transpose();
-  equations.gradient.head(chain).noalias() += Jt.lazyProduct(wrench);
+  Tt = block.twists.transpose();
+  products.resize(Tt.rows());
+  const ColumnRange effects = unknowns_.range(UnknownGroup::effects);
+  const Index rigid = effects.empty() ? chain : effects.first;  // columns with a twist of their own
+  // Adds Tt · vector, spread over the columns that each twist has, to the first `count` of `sums`.
+  const auto add_spread = [&](const Vector6d& vector, Index count, auto&& sums) {
+    const Index needed = count <= rigid ? count : Tt.rows();
+    products.head(needed).noalias() = Tt.topRows(needed).lazyProduct(vector);
+    const Index own = std::min(count, rigid);
+    sums.head(own) += products.head(own);
+    for (Index first = own; first < count;) {
+      const Index twist = block.twist_of[static_cast<std::size_t>(first)];
+      Index end = first + 1;
+      while (end < count && block.twist_of[static_cast<std::size_t>(end)] == twist) {
+        ++end;
+      }
+      sums.segment(first, end - first).noalias() += products[twist] * block.factors.segment(first, end - first);
+      first = end;
+    }
+  };
+  add_spread(wrench, chain, equations.gradient);
   for (Index column = 0; column < chain; ++column) {  // the upper triangle
-    const Vector6d weighted_column = flange_information.lazyProduct(block.jacobian.col(column));
-    chain_hessian.col(column).head(column + 1).noalias() += Jt.topRows(column + 1).lazyProduct(weighted_column);
+    const Index twist = block.twist_of[static_cast<std::size_t>(column)];
+    const Vector6d weighted_column = flange_information.lazyProduct(block.twists.col(twist)) * block.factors[column];
+    add_spread(weighted_column, column + 1, chain_hessian.col(column));
   }
   for (std::size_t a = 0; a < block.columns.size(); ++a) {
     const Index column = block.columns[a];
@@ -141,7 +179,7 @@ void BlockPass::add_block(BlockWorkspace& workspace, NormalEquations& equations)
     }
     const auto row = static_cast<Index>(a);
     equations.gradient[column] += force[row];
-    equations.hessian.col(column).head(chain).noalias() += Jt.lazyProduct(weighted_rows.col(row));
+    add_spread(weighted_rows.col(row), chain, equations.hessian.col(column));
     for (std::size_t b = 0; b < block.columns.size(); ++b) {
       if (block.columns[b] >= 0) {
         equations.hessian(block.columns[b], column) += block.information(static_cast<Index>(b), row);

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "estimation/observed_data.hpp"
-#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/linear_system.hpp"
 #include "kdl_calibration/prediction.hpp"
 
@@ -15,8 +15,13 @@ namespace kdl_calibration {
 /// One configuration, linearised in the flange frame. Rows: three per measured position, three per orientation.
 ///   residual = measured - predicted,  motion of the predicted points per flange twist = twist_rows (rows x 6),
 ///   per target parameter = unit, so that row r belongs to the target column `columns[r]` (-1: fixed).
+///
+/// Many effects turn the same joint: their columns are one twist times what each effect is worth there. `twists` holds
+/// every twist once, and chain column c is twists.col(twist_of[c]) · factors[c].
 struct Block {
-  Matrix6Xd jacobian;  // of the chain columns
+  Matrix6Xd twists;
+  std::vector<Eigen::Index> twist_of;
+  Eigen::VectorXd factors;
   Eigen::VectorXd residual;
   Eigen::Matrix<double, Eigen::Dynamic, 6> twist_rows;
   Eigen::MatrixXd information;
@@ -28,7 +33,7 @@ class BlockLinearisation {
 public:
   BlockLinearisation(const ErrorModel& model, const Unknowns& unknowns, const Estimate& estimate);
 
-  /// At joint values q, deflections included; `basis` holds basis(q) of the model's deflections where one is free.
+  /// At joint values q, effects included; `basis` holds basis(q) of the model's effects where one is free.
   void at(const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& basis,
           const ObservedConfiguration& configuration, Block& block) const;
 
@@ -39,14 +44,16 @@ private:
   const Unknowns& unknowns_;
   const Estimate& estimate_;
   FoldedChain chain_;
-  std::vector<ParameterTwist> twists_;
+  std::vector<ParameterTwist> twists_;  // every one once
+  std::vector<Eigen::Index> twist_of_;
 };
 
 /// What a pass over the blocks needs to remember, for one thread.
 struct BlockWorkspace {
   Block block;
   Eigen::Matrix<double, 6, Eigen::Dynamic> weighted_rows;
-  Eigen::Matrix<double, Eigen::Dynamic, 6> transposed_jacobian;
+  Eigen::Matrix<double, Eigen::Dynamic, 6> transposed_twists;
+  Eigen::VectorXd products;  ///< of one column with every twist
   Eigen::VectorXd force;
 };
 
@@ -68,14 +75,15 @@ public:
     for (const LaneGroup& group : data_.groups) {
       for (std::size_t c = 0; c < group.configurations; ++c) {
         group.read(c, q, alike);
-        linearisation.at(deflected(model_, estimate.deflections, q).col(0), Eigen::VectorXd(), alike, block);
+        linearisation.at(effective_joint_values(model_, estimate.effects, q).col(0), Eigen::VectorXd(), alike, block);
         visitor(block);
       }
     }
-    const Eigen::MatrixXd joints = deflected(model_, estimate.deflections, data_.joint_values);
+    const Eigen::MatrixXd joints =
+        effective_joint_values(model_, estimate.effects, data_.joint_values, data_.effect_basis);
     for (const ObservedConfiguration& configuration : data_.configurations) {
       const Eigen::Index c = configuration.column;
-      linearisation.at(joints.col(c), data_.deflection_basis.col(c), configuration, block);
+      linearisation.at(joints.col(c), data_.effect_basis.col(c), configuration, block);
       visitor(block);
     }
   }

@@ -108,9 +108,9 @@ bool beyond_reason(const ErrorModel& model, const VectorXd& errors) {
 
 constexpr double kDeficientPivot = 1e-11;
 
-constexpr double kUsualDeflection = 0.005;  // [rad], [m] or per unit
-constexpr double kUsualTarget = 0.1;        // [m] from the flange
-constexpr double kUsualFrame = 3.0;         // [m] or [rad] of a frame from where it was registered: anywhere
+constexpr double kUsualEffect = 0.005;  // [rad], [m] or per unit
+constexpr double kUsualTarget = 0.1;    // [m] from the flange
+constexpr double kUsualFrame = 3.0;     // [m] or [rad] of a frame from where it was registered: anywhere
 
 // What is usual is that of an arm of up to ten metres; a larger one has larger errors, and coarser rounding.
 double size_of(const ErrorModel& model) {
@@ -123,7 +123,7 @@ double size_of(const ErrorModel& model) {
 }
 
 // Of every column: how far the estimate is from what is expected beforehand, and the inverse square of the distance
-// that is usual. Errors and deflections are expected to be zero, targets at the flange, frames where they start.
+// that is usual. Errors and effects are expected to be zero, targets at the flange, frames where they start.
 struct Expectation {
   VectorXd distance;
   VectorXd information;
@@ -136,8 +136,8 @@ double usual_distance(const ErrorModel& model, const Unknown& unknown) {
       return kUsualFrame;
     case UnknownGroup::geometric:
       return usual_error(model, model.parameters[unknown.index]);
-    case UnknownGroup::deflections:
-      return kUsualDeflection;
+    case UnknownGroup::effects:
+      return kUsualEffect;
     case UnknownGroup::targets:
       return unknown.length ? kUsualTarget : kUsualFrame;
   }
@@ -149,7 +149,7 @@ Expectation expectation(const ErrorModel& model, const Unknowns& unknowns, const
   const double size = size_of(model);
   Index column = 0;
   for (const Unknown& unknown : unknowns.columns()) {
-    const bool grows = unknown.length && unknown.group != UnknownGroup::deflections;
+    const bool grows = unknown.length && unknown.group != UnknownGroup::effects;
     const double usual = usual_distance(model, unknown) * (grows ? size : 1.0);
     result.distance[column] = Unknowns::value(start, unknown);
     result.information[column++] = 1.0 / (usual * usual);

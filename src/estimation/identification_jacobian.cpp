@@ -14,8 +14,8 @@ using Eigen::MatrixXd;
 
 MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
                                  const Eigen::VectorXd& q) {
-  if (!free.deflections().empty()) {
-    throw InputError("the published identification Jacobian has no columns for deflections, expected none to be free");
+  if (!free.effects().empty()) {
+    throw InputError("the published identification Jacobian has no columns for effects, expected none to be free");
   }
   const Eigen::Isometry3d X_BF = flange_pose(folded(model, estimate.errors), q);
   const Eigen::Matrix3d R_WB = estimate.X_WB.linear();

@@ -47,13 +47,12 @@ void check(const Measurements& measurements, const ErrorModel& model) {
 void check(const Estimate& estimate, const ErrorModel& model, const Measurements& measurements) {
   require_count("errors of an estimate", static_cast<std::size_t>(estimate.errors.size()), model.parameters.size());
   require_count("targets of an estimate", estimate.targets.size(), measurements.targets.size());
-  if (estimate.deflections.size() != 0) {
-    require_count("deflections of an estimate", static_cast<std::size_t>(estimate.deflections.size()),
-                  model.deflections.size());
+  if (estimate.effects.size() != 0) {
+    require_count("effects of an estimate", static_cast<std::size_t>(estimate.effects.size()), model.effects.size());
   }
   const bool finite_targets = std::all_of(estimate.targets.begin(), estimate.targets.end(),
                                           [](const TargetFrame& target) { return target.X_FT.matrix().allFinite(); });
-  if (!estimate.errors.allFinite() || !estimate.deflections.allFinite() || !estimate.X_WB.matrix().allFinite() ||
+  if (!estimate.errors.allFinite() || !estimate.effects.allFinite() || !estimate.X_WB.matrix().allFinite() ||
       !finite_targets) {
     throw InputError("the estimate has a value that is not finite");
   }
@@ -61,7 +60,7 @@ void check(const Estimate& estimate, const ErrorModel& model, const Measurements
 
 void check(const Unknowns& free, const ErrorModel& model, const Measurements& measurements) {
   require_indices("a free geometric parameter", free.geometric(), model.parameters.size());
-  require_indices("a free deflection", free.deflections(), model.deflections.size());
+  require_indices("a free effect", free.effects(), model.effects.size());
   if (!free.range(UnknownGroup::targets).empty() &&
       free.of(UnknownGroup::targets).back() >= 6 * measurements.targets.size()) {
     throw InputError("free coordinates of a target beyond the " + std::to_string(measurements.targets.size()) +
@@ -72,7 +71,6 @@ void check(const Unknowns& free, const ErrorModel& model, const Measurements& me
 void check(const ResidualOptions& options, const Measurements& measurements) {
   require_sigma("the prior of lengths", options.priors.length);
   require_sigma("the prior of angles", options.priors.angle);
-  require_sigma("the prior of deflections", options.priors.deflection);
   for (int axis = 0; axis < 3; ++axis) {
     require_sigma("the noise of points by themselves", options.noise.independent[axis]);
     require_sigma("the noise common to a repeat", options.noise.common[axis]);

@@ -21,7 +21,7 @@ struct LaneWorkspace {
   ChainKernelSums sums;
 };
 
-/// For rigid joints: estimates whose deflections are zero.
+/// For rigid joints: estimates whose effects are zero.
 class LanePass {
 public:
   /// Keeps references to `unknowns` and `groups`.

@@ -33,9 +33,9 @@ struct LeastSquaresProblem::Data {
         lanes(model, unknowns, observed.groups),
         blocks(model, unknowns, observed) {}
 
-  // The lanes know nothing of joints that deflect.
+  // The lanes know nothing of effects.
   bool side_by_side(const Estimate& estimate) const {
-    const bool rigid = estimate.deflections.size() == 0 || estimate.deflections.isZero(0.0);
+    const bool rigid = estimate.effects.size() == 0 || estimate.effects.isZero(0.0);
     return !observed.groups.empty() && rigid;
   }
 

@@ -3,7 +3,7 @@
 #include <map>
 
 #include "estimation/chain_kernel.hpp"
-#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -31,7 +31,7 @@ LaneGroup group_for(const ObservedConfiguration& configuration, Index joints) {
 }
 
 bool could_be_alike(const Unknowns& unknowns, const Measurements& measurements, const NoiseModel& noise) {
-  return noise.is_isotropic() && measurements.orientations.empty() && unknowns.deflections().empty() &&
+  return noise.is_isotropic() && measurements.orientations.empty() && unknowns.effects().empty() &&
          (measurements.joint_values.array().abs() <= kLargestAngle).all();
 }
 
@@ -123,7 +123,7 @@ ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const M
   }
   data.totals = gathering.totals();
   data.joint_values = measurements.joint_values;
-  data.deflection_basis = deflection_basis(model, data.joint_values);
+  data.effect_basis = effect_basis(model, data.joint_values);
   return data;
 }
 

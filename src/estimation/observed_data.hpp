@@ -35,13 +35,13 @@ struct ObservedData {
   ObservedTotals totals;
   std::vector<LaneGroup> groups;
   std::vector<ObservedConfiguration> configurations;
-  // Of the configurations one by one: joints x N, and basis(q) of the model's deflections x N.
+  // Of the configurations one by one: joints x N, and basis(q) of the model's effects x N.
   Eigen::MatrixXd joint_values;
-  Eigen::MatrixXd deflection_basis;
+  Eigen::MatrixXd effect_basis;
 };
 
 /// Groups are worth while, and possible, where points alone were measured with isotropic noise, few of the
-/// configurations differ in what was measured of them, and no deflection is free.
+/// configurations differ in what was measured of them, and no effect is free.
 ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
                       const ResidualOptions& options);
 

@@ -1,6 +1,6 @@
 #include "kdl_calibration/prediction.hpp"
 
-#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
 
@@ -12,7 +12,7 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate, const MatrixXd& joint_values) {
-  return flange_poses(folded(model, estimate.errors), deflected(model, estimate.deflections, joint_values));
+  return flange_poses(folded(model, estimate.errors), effective_joint_values(model, estimate.effects, joint_values));
 }
 
 Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>& X_BF,
@@ -29,8 +29,8 @@ std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate
   }
   const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, unknowns.geometric());
   twists.insert(twists.end(), geometric.begin(), geometric.end());
-  for (const std::size_t d : unknowns.deflections()) {
-    const int joint = model.deflections[d].index;
+  for (const std::size_t d : unknowns.effects()) {
+    const int joint = model.effects[d].index;
     const bool prismatic = model.joints[static_cast<std::size_t>(joint)].type == JointType::prismatic;
     ParameterTwist& twist = twists.emplace_back();
     twist.frame = joint;
@@ -47,13 +47,13 @@ PositionPredictor::PositionPredictor(const ErrorModel& model, const Estimate& es
       twists_(chain_twists(model, estimate, unknowns)) {}
 
 std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q) const {
-  const MatrixXd joints = deflected(model_, estimate_.deflections, q);
+  const MatrixXd joints = effective_joint_values(model_, estimate_.effects, q);
   Matrix6Xd chain;
   const Matrix3d R_WF = estimate_.X_WB.linear() * flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
-  if (!unknowns_.deflections().empty()) {
-    const MatrixXd basis = deflection_basis(model_, q);
-    Index column = unknowns_.range(UnknownGroup::deflections).first;
-    for (const std::size_t d : unknowns_.deflections()) {
+  if (!unknowns_.effects().empty()) {
+    const MatrixXd basis = effect_basis(model_, q);
+    Index column = unknowns_.range(UnknownGroup::effects).first;
+    for (const std::size_t d : unknowns_.effects()) {
       chain.col(column++) *= basis(static_cast<Index>(d), 0);
     }
   }

@@ -14,7 +14,7 @@ using Eigen::Isometry3d;
 using Eigen::VectorXd;
 
 constexpr std::array<UnknownGroup, kUnknownGroups> kGroups = {UnknownGroup::base, UnknownGroup::geometric,
-                                                              UnknownGroup::deflections, UnknownGroup::targets};
+                                                              UnknownGroup::effects, UnknownGroup::targets};
 constexpr std::array<int, 6> kNotFree = {-1, -1, -1, -1, -1, -1};
 
 std::size_t number_of(UnknownGroup group) { return static_cast<std::size_t>(group); }
@@ -27,11 +27,11 @@ std::vector<Unknown> listed_errors(const ErrorModel& model) {
   return result;
 }
 
-std::vector<Unknown> listed_deflections(const ErrorModel& model) {
+std::vector<Unknown> listed_effects(const ErrorModel& model) {
   std::vector<Unknown> result;
-  for (const Deflection& deflection : model.deflections) {
-    const JointType type = model.joints[static_cast<std::size_t>(deflection.index)].type;
-    result.push_back({.name = deflection.name, .length = type == JointType::prismatic && !deflection.gain});
+  for (const EffectTerm& effect : model.effects) {
+    const JointType type = model.joints[static_cast<std::size_t>(effect.index)].type;
+    result.push_back({.name = effect.name, .length = type == JointType::prismatic, .sigma = effect.sigma});
   }
   return result;
 }
@@ -40,7 +40,7 @@ double prior_of_error(const Priors& priors, const Unknown& error) {
   return error.length ? priors.length : priors.angle;
 }
 
-double prior_of_deflection(const Priors& priors, const Unknown&) { return priors.deflection; }
+double prior_of_effect(const Priors&, const Unknown& effect) { return effect.sigma; }
 
 // Groups of values that are added up, with the model's list of them and the sigma that their priors state. A new group
 // takes its line here, and one in UnknownGroup.
@@ -52,7 +52,7 @@ struct Values {
 };
 constexpr std::array<Values, 2> kValues = {
     {{UnknownGroup::geometric, &Estimate::errors, listed_errors, prior_of_error},
-     {UnknownGroup::deflections, &Estimate::deflections, listed_deflections, prior_of_deflection}}};
+     {UnknownGroup::effects, &Estimate::effects, listed_effects, prior_of_effect}}};
 
 // Nothing for frames, which are moved.
 const Values* values_of(UnknownGroup group) {
@@ -130,7 +130,7 @@ Unknowns::Unknowns(const ErrorModel& model, const std::vector<TargetFrame>& targ
   for (const std::string& name : names) {
     const auto place = places.find(name);
     if (place == places.end()) {
-      parameter_index(model, name);  // throws: neither frame, deflection nor parameter
+      parameter_index(model, name);  // throws: neither frame, effect nor parameter
     }
     free.push_back(all[place->second]);
   }

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 
@@ -93,7 +93,7 @@ Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_val
     result.configurations.push_back(std::to_string(c + 1));
     const Eigen::Isometry3d X_WF =
         robot.truth.X_WB *
-        flange_pose(chain, deflected(robot.model, robot.truth.deflections, joint_values.col(c)).col(0));
+        flange_pose(chain, effective_joint_values(robot.model, robot.truth.effects, joint_values.col(c)).col(0));
     for (int repeat = 1; repeat <= noise.repeats; ++repeat) {
       const Eigen::Vector3d drift = noise.common.isZero(0.0)
                                         ? Eigen::Vector3d(Eigen::Vector3d::Zero())

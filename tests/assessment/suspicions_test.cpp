@@ -4,9 +4,9 @@
 
 #include <algorithm>
 
-#include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "mistake_table.hpp"
 
 namespace kdl_calibration {
@@ -94,7 +94,7 @@ void expect_silence(std::uint64_t first, std::uint64_t last) {
 }
 
 TEST(Suspicions, SayNothingAboutCorrectDataOfRandomArms) { expect_silence(1, 12); }
-TEST(SuspicionsLongRun, SayNothingAboutCorrectDataOfThreeHundredRandomArms) { expect_silence(1, 300); }
+TEST(SuspicionsCampaign, SayNothingAboutCorrectDataOfThreeHundredRandomArms) { expect_silence(1, 300); }
 
 TEST(Suspicions, SayNothingAboutShortLeversFewConfigurationsAndRepeats) {
   for (const ErrorModel* model : {&large_arm(), &light_arm()}) {
@@ -158,13 +158,13 @@ TEST(Suspicions, TellAScaleOfThePointsBesideGeometryThatIsHeld) {
 TEST(Suspicions, DoubtAGainThatTheFitTookForOne) {
   for (const double factor : {0.9, 1.02}) {
     Measured m = measured(light_arm(), 5);
-    m.model.deflections = gain_deflections(m.model);
+    m.model.effects = gain_terms(m.model);
     m.data.joint_values.row(2) *= factor;
-    const Unknowns free = m.free.with(m.model, UnknownGroup::deflections, {0, 1, 2, 3, 4, 5});
+    const Unknowns free = m.free.with(m.model, UnknownGroup::effects, {0, 1, 2, 3, 4, 5});
     Estimate start = nominal_start(m.model, m.data);
-    start.deflections = Eigen::VectorXd::Zero(6);
+    start.effects = Eigen::VectorXd::Zero(6);
     const Estimate fit = identify_jointly(m.model, m.data, start, free).estimate;
-    ASSERT_NEAR(1.0 + fit.deflections[2], 1.0 / factor, 1e-3);
+    ASSERT_NEAR(1.0 + fit.effects[2], 1.0 / factor, 1e-3);
     const std::vector<Suspicion> found = suspicions(m.model, m.data, fit, free);
     ASSERT_THAT(causes(found), ElementsAre("joint_gain")) << text(found);
     EXPECT_THAT(found.front().message, HasSubstr(factor < 1.0 ? "elbow turning 1.11" : "elbow turning 0.980"));
@@ -176,7 +176,7 @@ TEST(Suspicions, RemarkThatAFunctionOfOneJointExplainsTheResiduals) {
   const Eigen::MatrixXd said = m.data.joint_values;
   Random random(3);
   VirtualRobot robot{.model = m.model, .truth = m.truth};
-  robot.truth.deflections.resize(0);
+  robot.truth.effects.resize(0);
   // A ring of the first joint that is off centre twice a turn.
   Eigen::MatrixXd real = said;
   real.row(0).array() += 0.0005 * (2.0 * said.row(0).array()).sin();

@@ -31,7 +31,7 @@ struct Experiment {
     return {.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
             .X_WB = Eigen::Isometry3d::Identity(),
             .targets = published_targets(),
-            .deflections = {}};
+            .effects = {}};
   }
 };
 

@@ -308,7 +308,7 @@ class Pages(unittest.TestCase):
     def test_the_real_arm(self):
         measured = self.real("r2000ic_165f_tracker", "measurements.csv")
         kdlcal(self.path, "calibrate", "--measurements", measured, "--joint-convention", pathlib.Path(ARGUMENTS.urdf_dir) / "fanuc_r2000ic_165f_serial.json",
-               "--prior", "auto", "--extras", "auto", "--report", "real.html")
+               "--prior", "auto", "--effects", "auto", "--report", "real.html")
         data = self.check_calibration("real.html")
         self.assertGreater(len(data["effects"]), 0)
         self.assertIn("gravity", self.js("return document.getElementById('effects').innerText"))

@@ -625,7 +625,7 @@ TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {
   const Simulated s(15, 0.00003);
   CalibrationOptions options;
   options.automatic_priors = true;
-  options.gravity = Use::automatic;
+  options.effects.automatic = true;
   options.leave_one_out = true;
   options.threads = 1;
   const Calibration one = calibrate(s.model, s.measured, options);
@@ -636,7 +636,7 @@ TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {
   for (std::size_t i = 0; i < one.tried.size(); ++i) {
     EXPECT_EQ(one.tried[i].held_out_rms, three.tried[i].held_out_rms);
   }
-  EXPECT_FALSE(one.tried.front().gravity);  // there is none in the simulation
+  EXPECT_THAT(one.tried.front().effects, ::testing::IsEmpty());  // there is none in the simulation
 }
 
 Measurements real_measurements() {
@@ -663,8 +663,7 @@ TEST(CalibrationOnRealData, R2000iCFitsAsIndependentFitsDid) {
 Calibration chosen_by_itself(bool nested) {
   CalibrationOptions options;
   options.automatic_priors = true;
-  options.gravity = Use::automatic;
-  options.joint_gain = Use::automatic;
+  options.effects.automatic = true;
   options.leave_one_out = true;
   options.nested = nested;
   return calibrate(complete_model(fanuc()), real_measurements(), options);
@@ -673,13 +672,13 @@ Calibration chosen_by_itself(bool nested) {
 TEST(CalibrationOnRealData, R2000iCChoosesPriorsAndGravityByItself) {
   const Calibration found = chosen_by_itself(false);
   ASSERT_TRUE(found.trusted()) << found.identification.message;
-  std::cout << "chosen: priors " << found.priors.length << ", gravity " << found.tried.front().gravity << ", gain "
-            << found.tried.front().gain << "; leave-one-out " << found.leave_one_out->after.rms * 1e3 << " mm\n";
+  std::cout << "chosen: priors " << found.priors.length << ", effects " << found.model.effects.size()
+            << "; leave-one-out " << found.leave_one_out->after.rms * 1e3 << " mm\n";
   EXPECT_LE(found.leave_one_out->after.rms, 0.00019);
-  EXPECT_TRUE(found.tried.front().gravity);
+  EXPECT_THAT(found.tried.front().effects, ::testing::Contains("gravity"));
   EXPECT_LT(found.train.rigid->rms, 0.0002);  // the exported URDF alone
   EXPECT_LT(found.train.after.rms, found.train.rigid->rms);
-  EXPECT_GT(found.leave_one_out->rigid->rms, found.train.rigid->rms) << "fitted again without the deflections' values";
+  EXPECT_GT(found.leave_one_out->rigid->rms, found.train.rigid->rms) << "fitted again without the effects' values";
 }
 
 TEST(CalibrationOnRealDataLongRun, R2000iCPredictsWhatItsChoicesDidNotSee) {

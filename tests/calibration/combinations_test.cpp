@@ -323,24 +323,22 @@ TEST(Combinations, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) 
   }
 }
 
-TEST(Combinations, SizesOfPriorsAreChosenAsBesideTheNoiseOfThePlainFit) {
+// Sizes are found beside noise that is estimated with them: what was stated of it changes nothing.
+TEST(Combinations, SizesOfPriorsAreThoseOfTheResidualsWhateverNoiseIsStated) {
   const Arm arm(8, published_targets(), 14, {.sigma = 2e-4});
-  const Calibration plain = calibrate(arm.model, arm.measured, {.weights = Weights::equal});
-  double squares = 0.0;
-  for (const double distance : position_errors(arm.model, plain.identification.estimate, arm.measured)) {
-    squares += distance * distance;
-  }
   CalibrationOptions options{.weights = Weights::equal};
   options.automatic_priors = true;
   const Calibration unstated = calibrate(arm.model, arm.measured, options);
-  options.noise.independent.setConstant(std::sqrt(squares / (3.0 * 42.0 - 33.0)));
+  options.noise.independent.setConstant(1e-4);
   const Calibration stated = calibrate(arm.model, arm.measured, options);
-  ASSERT_EQ(unstated.tried.size(), prior_sizes().size());
-  for (std::size_t i = 0; i < stated.tried.size(); ++i) {
-    EXPECT_EQ(unstated.tried[i].priors.length, stated.tried[i].priors.length);
-    EXPECT_NEAR(unstated.tried[i].held_out_rms, stated.tried[i].held_out_rms, 1e-7 * stated.tried[i].held_out_rms);
+  ASSERT_EQ(unstated.tried.size(), 2U);  // none, and of these sizes
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_NEAR(unstated.tried[i].priors.length, stated.tried[i].priors.length, 1e-3 * stated.tried[i].priors.length);
+    EXPECT_NEAR(unstated.tried[i].held_out_rms, stated.tried[i].held_out_rms, 1e-3 * stated.tried[i].held_out_rms);
   }
-  EXPECT_GT(unstated.tried.front().priors.length, 0.0);
+  EXPECT_TRUE(unstated.tried.front().sized);
+  EXPECT_GT(unstated.priors.length, 1e-4);
+  EXPECT_LT(unstated.priors.length, 3e-3);
   EXPECT_EQ(unstated.priors.length, unstated.tried.front().priors.length);
 }
 
@@ -455,13 +453,6 @@ Measurements without(const Measurements& measurements, const std::vector<Index>&
   });
 }
 
-void expect_near(std::vector<double> found, std::vector<double> expected, double relative) {
-  ASSERT_EQ(found.size(), expected.size());
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    EXPECT_NEAR(found[i], expected[i], relative * expected[i]) << "distance " << i;
-  }
-}
-
 // Few configurations, much noise: what is best depends on which are there. The last four are held out by their split.
 Arm arm_in_doubt() {
   Arm arm(29, published_targets(), 15, {.sigma = 4e-4, .repeats = 2});
@@ -471,67 +462,32 @@ Arm arm_in_doubt() {
   return arm;
 }
 
+// Every choice, size and fit made by a calibration that has never seen the configuration. The nested prediction is
+// linear and weighs means alike, so that it is not the same to the last digit.
 TEST(Combinations, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts) {
   const Arm arm = arm_in_doubt();
   CalibrationOptions options{.weights = Weights::equal};
   options.automatic_priors = true;
-  options.noise.independent.setConstant(4e-4);
   options.leave_one_out = true;
   options.nested = true;
   const Calibration found = calibrate(arm.model, arm.measured, options);
-  const Estimate start = nominal_start(arm.model, arm.measured);
-  const FitOptions fit_options{.joint = {.residuals = {.noise = options.noise}}};
   std::vector<double> expected;
   std::set<double> chosen;
   for (Index c = 0; c < 11; ++c) {
-    const Measurements others = without(arm.measured, {c});
-    // Every size of the priors by leave-one-out among the others.
-    double best = 1e9;
-    Priors priors;
-    for (const Priors& size : prior_sizes()) {
-      FitOptions with_size = fit_options;
-      with_size.joint.residuals.priors = size;
-      std::vector<double> inner;
-      for (Index d = 0; d < 11; ++d) {
-        if (d != c) {
-          const Measurements rest = without(arm.measured, {c, d});
-          const auto own = distances_to_means(
-              arm,
-              fit({.model = arm.model, .measurements = rest, .start = start, .free = found.free, .options = with_size})
-                  .estimate,
-              d);
-          inner.insert(inner.end(), own.begin(), own.end());
-        }
-      }
-      if (const double rms = error_statistics(inner).rms; rms < best) {
-        best = rms;
-        priors = size;
-      }
-    }
-    chosen.insert(priors.length);
-    FitOptions with_best = fit_options;
-    with_best.joint.residuals.priors = priors;
-    const auto own = distances_to_means(
-        arm,
-        fit({.model = arm.model, .measurements = others, .start = start, .free = found.free, .options = with_best})
-            .estimate,
-        c);
+    const Calibration others =
+        calibrate(arm.model, without(arm.measured, {c}),
+                  {.automatic_priors = true, .weights = Weights::equal, .held_out = false, .try_readings = false});
+    chosen.insert(others.priors.length);
+    const auto own = distances_to_means(arm, others.identification.estimate, c);
     expected.insert(expected.end(), own.begin(), own.end());
   }
   EXPECT_GT(chosen.size(), 1U) << "the choice is the same without any of them: a leak would not show";
-  const ModelOptions model_options{.priors = prior_sizes()};
-  const HoldOut nested = nested_leave_one_out(
-      {.model = arm.model, .measurements = arm.measured, .start = start, .free = found.free, .options = fit_options},
-      model_options, 1);
-  EXPECT_EQ(nested.refits, 11);
-  EXPECT_EQ(nested.not_converged, 0);
-  expect_near(nested.distances, expected, 1e-6);
   const ErrorStatistics statistics = error_statistics(expected);
   ASSERT_TRUE(found.nested_leave_one_out.has_value());
   EXPECT_EQ(found.nested_leave_one_out->count, 33);
-  EXPECT_NEAR(found.nested_leave_one_out->rms, statistics.rms, 1e-6 * statistics.rms);
-  EXPECT_NEAR(found.nested_leave_one_out->max, statistics.max, 1e-6 * statistics.max);
-  EXPECT_NE(found.nested_leave_one_out->rms, found.leave_one_out->after.rms);
+  EXPECT_NEAR(found.nested_leave_one_out->rms, statistics.rms, 0.02 * statistics.rms);
+  EXPECT_NEAR(found.nested_leave_one_out->max, statistics.max, 0.05 * statistics.max);
+  EXPECT_GT(std::abs(found.nested_leave_one_out->rms - found.leave_one_out->after.rms), 0.02 * statistics.rms);
 }
 
 TEST(Combinations, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
@@ -741,7 +697,7 @@ std::vector<double> fitted_numbers(const Calibration& c, const std::vector<Obser
   for (const TargetFrame& target : estimate.targets) {
     append(all, target.X_FT.matrix());
   }
-  append(all, estimate.deflections);
+  append(all, estimate.effects);
   append(all, c.covariance);
   append(all, c.exported.estimate.errors);
   for (const ParameterEstimate& parameter : c.parameters) {
@@ -758,7 +714,7 @@ std::vector<double> fitted_numbers(const Calibration& c, const std::vector<Obser
     all.push_back(c.noise.repeats->orientation);
   }
   for (const ModelOption& option : c.tried) {
-    all.insert(all.end(), {option.priors.length, option.gravity ? 1.0 : 0.0, option.held_out_rms});
+    all.insert(all.end(), {option.priors.length, static_cast<double>(option.effects.size()), option.held_out_rms});
   }
   for (const ErrorStatistics& s : {c.train.before, c.train.after, c.iso_before.accuracy, c.iso_after.accuracy,
                                    c.iso_after.repeatability, c.predicted.workspace}) {
@@ -790,12 +746,12 @@ bool same_bytes(const std::vector<double>& a, const std::vector<double>& b) {
 TEST(Combinations, TestRowsChangeNothingThatIsFitted) {
   std::vector<std::pair<std::string, CalibrationOptions>> cases(6);
   cases[0].first = "equal weights";
-  cases[1].first = "chosen priors and gravity";
+  cases[1].first = "chosen priors and effects";
   cases[1].second.automatic_priors = true;
-  cases[1].second.gravity = Use::automatic;
+  cases[1].second.effects.automatic = true;
   cases[1].second.leave_one_out = true;
   cases[2].first = "nested and folds";
-  cases[2].second.gravity = Use::automatic;
+  cases[2].second.effects.automatic = true;
   cases[2].second.leave_one_out = true;
   cases[2].second.nested = true;
   cases[2].second.k_fold = 3;

@@ -63,7 +63,7 @@ TEST(Mistakes, ACrossSectionOfTheTableIsDoubted) {
   }
 }
 
-TEST(MistakesLongRun, TheWholeTableIsDoubtedOnTwoRobotsWithThreeSeeds) {
+TEST(MistakesCampaign, TheWholeTableIsDoubtedOnTwoRobotsWithThreeSeeds) {
   const std::vector<Mistake> all = table();
   EXPECT_GE(all.size(), 40U);
   for (const Mistake& mistake : all) {
@@ -98,7 +98,7 @@ int false_alarms(std::uint64_t first, std::uint64_t last) {
 
 TEST(Mistakes, CorrectDataOfRandomArmsAreLeftAlone) { EXPECT_LE(false_alarms(1, 15), 1); }
 
-TEST(MistakesLongRun, CorrectDataOfThreeHundredRandomArmsAreLeftAlone) { EXPECT_LE(false_alarms(1, 300), 1); }
+TEST(MistakesCampaign, CorrectDataOfThreeHundredRandomArmsAreLeftAlone) { EXPECT_LE(false_alarms(1, 300), 1); }
 
 // ---- how often what was changed is found ---------------------------------------------------------------------------
 
@@ -263,8 +263,7 @@ std::vector<std::string> causes_of(const RealSet& set) {
 TEST(MistakesOnRealData, NothingIsSaidOfWhatIsRight) {
   for (RealSet set : {fanuc_series(), ur10_poses()}) {
     EXPECT_THAT(causes_of(set), ::testing::IsEmpty());
-    set.options.gravity = Use::automatic;
-    set.options.joint_gain = Use::automatic;
+    set.options.effects.automatic = true;
     set.options.automatic_priors = true;
     EXPECT_THAT(causes_of(set), ::testing::IsEmpty());
   }

@@ -180,7 +180,7 @@ TEST(ReportPage, TheChainOfThePageIsThatOfKdl) {
   const Estimate estimate{.errors = random_errors(model, random, 0.01, 0.02),
                           .X_WB = Eigen::Isometry3d(Eigen::Translation3d(0.3, -1.0, 0.2)),
                           .targets = circle_of_targets(),
-                          .deflections = {}};
+                          .effects = {}};
   const Json page = Json::parse(reported_robot(robot, model, estimate));
   const Eigen::VectorXd q = random_joints(model, random);
   Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();

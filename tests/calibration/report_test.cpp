@@ -2,6 +2,7 @@
 // the whole output, so that a field or a line without an expectation fails.
 
 #include "base/sha256.hpp"
+#include "base/wrapped_text.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
@@ -24,8 +25,8 @@
 #include <set>
 
 #include "base/f_distribution.hpp"
-#include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "printed_text.hpp"
@@ -141,26 +142,27 @@ void add_cases_of_repeats(std::vector<Case>& cases) {
       poses.calibrated("orientations", poses.measured(poses.configurations(15), noise), {.weights = Weights::repeats}));
 }
 
-void add_cases_of_deflections(std::vector<Case>& cases) {
+void add_cases_of_effects(std::vector<Case>& cases) {
   Setup s(fanuc(), published_targets(), 4);
-  s.truth.model.deflections = gravity_deflections(s.model);
-  const auto count = static_cast<Eigen::Index>(s.truth.model.deflections.size());
-  s.truth.truth.deflections = Eigen::VectorXd::LinSpaced(count, 4e-4, 8e-4);
+  s.truth.model.effects = load_terms(s.model);
+  const auto count = static_cast<Eigen::Index>(s.truth.model.effects.size());
+  s.truth.truth.effects = Eigen::VectorXd::LinSpaced(count, 4e-4, 8e-4);
   const Measurements sagging =
       joined(s.measured(s.configurations(24), kPoints), s.measured(s.configurations(5), kPoints, Split::test));
   cases.push_back(s.calibrated("gravity and gains", sagging,
-                               {.priors = {.length = 1e-3, .angle = 2e-3, .deflection = 3e-3},
-                                .gravity = Use::yes,
-                                .joint_gain = Use::yes,
+                               {.priors = {.length = 1e-3, .angle = 2e-3},
+                                .effects = {.groups = {EffectGroup::gravity, EffectGroup::gain}},
                                 .leave_one_out = true}));
-  const Measurements few = subset(sagging, [](const Observation& o) { return o.configuration < 9; });
-  cases.push_back(s.calibrated(
-      "automatic choice, nested", few,
-      {.priors = {.length = 1e-3, .angle = 2e-3}, .gravity = Use::automatic, .leave_one_out = true, .nested = true}));
+  const Measurements few = subset(sagging, [](const Observation& o) { return o.configuration < 14; });
+  cases.push_back(s.calibrated("automatic choice, nested", few,
+                               {.priors = {.length = 1e-3, .angle = 2e-3},
+                                .effects = {.automatic = true},
+                                .leave_one_out = true,
+                                .nested = true}));
   Setup odd(parse_robot(kOddArm), testing::targets_at({{0.1, 0.0, 0.05}, {0.0, 0.12, 0.0}}), 5);
   cases.push_back(odd.calibrated("odd arm", odd.measured(odd.configurations(30), kPoints),
-                                 {.gravity = Use::yes,
-                                  .joint_gain = Use::yes,
+                                 {.effects = {.groups = {EffectGroup::gravity, EffectGroup::backlash,
+                                                         EffectGroup::harmonics, EffectGroup::tables}},
                                   .weights = Weights::equal,
                                   .predict_at = {{"here"}, odd.configurations(1)}}));
 }
@@ -170,7 +172,7 @@ const std::vector<Case>& cases() {
     std::vector<Case> result;
     add_cases_of_points(result);
     add_cases_of_repeats(result);
-    add_cases_of_deflections(result);
+    add_cases_of_effects(result);
     return result;
   }();
   return all;
@@ -278,18 +280,17 @@ void paint_judgement(Painter& p, Calibration& c) {
   c.identifiability.weak = {{"Rz3", "A.x"}, {"base.Tx"}};
   c.fixed_by_gauge = {"Tz3", "base.Ry"};
   for (double* value : {&c.observability.O1, &c.observability.O2, &c.observability.O3, &c.observability.O4,
-                        &c.observability.O5, &c.priors.length, &c.priors.angle, &c.priors.deflection}) {
+                        &c.observability.O5, &c.priors.length, &c.priors.angle}) {
     p.paint(*value);
   }
   c.tried.resize(2);
   for (ModelOption& option : c.tried) {
-    for (double* value :
-         {&option.priors.length, &option.priors.angle, &option.priors.deflection, &option.held_out_rms}) {
+    for (double* value : {&option.priors.length, &option.priors.angle, &option.held_out_rms, &option.evidence}) {
       p.paint(*value);
     }
   }
-  c.tried[0].gravity = true;
-  c.tried[1].gain = true;
+  c.tried[0].effects = {"gravity", "gain"};
+  c.tried[0].sized = true;
   c.findings = {{.kind = QualityKind::mistyped_coordinate,
                  .configuration = "7",
                  .repeat = 2,
@@ -324,7 +325,7 @@ void paint_judgement(Painter& p, Calibration& c) {
   c.doubts = {{.cause = "first", .message = "what is doubted"}, {.cause = "second", .message = "and why"}};
 }
 
-/// The calibration of the odd arm with gravity, gains and predictions, each number replaced.
+/// The calibration of the odd arm with effects and predictions, each number replaced.
 Case painted() {
   Case result = case_of("odd arm");
   result.name = "painted";
@@ -576,6 +577,9 @@ void expect_fit(Expected& expected, const Case& c) {
 void expect_parameters(Expected& expected, const Calibration& found) {
   for (std::size_t i = 0; i < found.parameters.size(); ++i) {
     const ParameterEstimate& parameter = found.parameters[i];
+    if (parameter.kind == "effect") {  // the last ones, which have a block of their own
+      continue;
+    }
     const std::string path = "/parameters/" + std::to_string(i);
     expected.is(path + "/name", parameter.name);
     expected.is(path + "/joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint));
@@ -711,19 +715,62 @@ void expect_noise(Expected& expected, const Calibration& found) {
   }
 }
 
+/// What an effect's function is made of, beside its group and joint.
+void expect_function(Expected& expected, const std::string& path, const EffectTerm& term) {
+  const std::string axes[] = {"x", "y", "z", "slide", "own"};
+  if (term.group == EffectGroup::gravity) {
+    expected.is(path + "/link", term.gravity.link + 1);
+    expected.is(path + "/axis", axes[term.gravity.axis]);
+  } else if (term.group == EffectGroup::backlash) {
+    expected.number(path + "/mass", term.masses.at(0).mass);
+  } else if (term.group == EffectGroup::harmonics) {
+    expected.is(path + "/of", term.harmonic < 0 ? "cos" : "sin");
+    expected.is(path + "/times", std::abs(term.harmonic));
+  } else if (term.group == EffectGroup::tables) {
+    expected.is(path + "/number", term.table.number);
+    expected.number(path + "/length", term.table.length);
+    expected.number(path + "/lower", term.table.lower);
+    expected.number(path + "/upper", term.table.upper);
+  } else {
+    expected.is(path, Json::object());
+  }
+}
+
+void expect_effects(Expected& expected, const Calibration& found) {
+  const KDL::Vector& g = found.model.gravity;
+  expected.numbers("/effects/gravity_direction", std::vector<double>{g.x(), g.y(), g.z()});
+  for (std::size_t i = 0; i < found.model.effects.size(); ++i) {
+    const EffectTerm& term = found.model.effects[i];
+    const ParameterEstimate& estimate = parameter_of(found, term.name);
+    const std::string path = "/effects/terms/" + std::to_string(i);
+    expected.is(path + "/name", term.name);
+    expected.is(path + "/joint", term.joint);
+    expected.is(path + "/group", to_string(term.group));
+    expect_function(expected, path + "/function", term);
+    expected.number(path + "/mean", term.mean);
+    expected.number(path + "/scale", term.scale);
+    expected.number(path + "/sigma", term.sigma);
+    expected.number(path + "/value", estimate.value);
+    expected.number(path + "/std", estimate.std);
+  }
+  if (found.model.effects.empty()) {
+    expected.is("/effects/terms", Json::array());
+  }
+}
+
 void expect_choices(Expected& expected, const Calibration& found) {
   const auto priors = [&](const std::string& path, const Priors& p) {
     expected.number(path + "/length", p.length);
     expected.number(path + "/angle", p.angle);
-    expected.number(path + "/deflection", p.deflection);
   };
   priors("/priors", found.priors);
   for (std::size_t i = 0; i < found.tried.size(); ++i) {
     const std::string path = "/tried/" + std::to_string(i);
     priors(path + "/priors", found.tried[i].priors);
-    expected.is(path + "/gravity", found.tried[i].gravity);
-    expected.is(path + "/joint_gain", found.tried[i].gain);
+    expected.texts(path + "/effects", found.tried[i].effects);
+    expected.is(path + "/sized", found.tried[i].sized);
     expected.number(path + "/held_out_rms", found.tried[i].held_out_rms);
+    expected.number(path + "/evidence", found.tried[i].evidence);
   }
   if (found.tried.empty()) {
     expected.is("/tried", Json::array());
@@ -813,7 +860,7 @@ void expect_influence(Expected& expected, const Case& c) {
 /// KDL's pose of the flange for each configuration.
 std::vector<KDL::Frame> kdl_poses(const ErrorModel& model, const Estimate& estimate, const Eigen::MatrixXd& q) {
   const KDL::Chain chain = error_chain(model, estimate.errors);
-  const Eigen::MatrixXd there = deflected(model, estimate.deflections, q);
+  const Eigen::MatrixXd there = effective_joint_values(model, estimate.effects, q);
   std::vector<KDL::Frame> poses;
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
     poses.push_back(testing::kdl_pose(chain, there.col(c)));
@@ -915,6 +962,7 @@ Expected expected_result(const Case& c) {
   expect_reduction(expected, "/model", c.calibration.reduction);
   expect_accuracy(expected, c.calibration);
   expect_noise(expected, c.calibration);
+  expect_effects(expected, c.calibration);
   expect_choices(expected, c.calibration);
   expect_predictions(expected, c.calibration);
   expect_influence(expected, c);
@@ -966,7 +1014,7 @@ TEST(ReportJson, ACalibrationOfEachSortHasTheFieldsOfThatSort) {
       {"/noise/repeats/orientation", {"orientations"}},
       {"/lack_of_fit", {"repeats", "noise from repeats", "orientations"}},
       {"/targets/0/quaternion_wxyz", {"orientations"}},
-      {"/tried/0", {"automatic choice, nested"}},
+      {"/tried/0", {"automatic choice, nested", "gravity and gains", "odd arm"}},
       {"/findings/0", {"robust loss"}},
       {"/fixed_by_gauge/0", {"complete model", "a joint that never moves"}},
       {"/predicted_accuracy/asked", {"noise that is stated, predictions", "a joint that never moves", "odd arm"}}};
@@ -979,7 +1027,7 @@ TEST(ReportJson, ACalibrationOfEachSortHasTheFieldsOfThatSort) {
     EXPECT_TRUE(has(c.name, "/position_error/leave_one_out")) << c.name;
     for (const char* rows : {"train", "leave_one_out"}) {
       EXPECT_EQ(has(c.name, ("/position_error/" + std::string(rows) + "/exported_urdf").c_str()),
-                !c.calibration.free.deflections().empty())
+                !c.calibration.free.effects().empty())
           << c.name;
     }
   }
@@ -1063,7 +1111,7 @@ TEST(ReportJson, TheExportedUrdfIsJudgedWithItsOwnBaseAndTargets) {
     const ErrorModel& model = c.calibration.model;
     Estimate start = start_of(c);
     start.errors = c.calibration.exported.estimate.errors;
-    const Unknowns frames = c.calibration.free.without(UnknownGroup::geometric).without(UnknownGroup::deflections);
+    const Unknowns frames = c.calibration.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
     const Estimate rigid = identify_jointly(model, c.measurements, start, frames).estimate;
     for (const auto& [key, split] : {std::pair{"train", Split::train}, std::pair{"test", Split::test}}) {
       if (errors.contains(key)) {
@@ -1178,13 +1226,6 @@ std::vector<Wanted> wanted_parameters(const Calibration& found, const Estimate& 
                       .nominal = parameter.nominal,
                       .error = estimate.errors[static_cast<Eigen::Index>(p)]});
   }
-  for (std::size_t d = 0; d < found.model.deflections.size(); ++d) {
-    wanted.push_back({.name = found.model.deflections[d].name,
-                      .joint = found.model.deflections[d].joint,
-                      .kind = "deflection",
-                      .axis = "",
-                      .error = estimate.deflections[static_cast<Eigen::Index>(d)]});
-  }
   return wanted;
 }
 
@@ -1200,6 +1241,12 @@ TEST(ReportJson, ParametersAreThoseOfTheEstimateAndItsCovariance) {
     std::map<std::string, Json> printed;
     for (const Json& parameter : c.result["parameters"]) {
       printed[parameter["name"]] = parameter;
+    }
+    EXPECT_EQ(c.result["effects"]["terms"].size(), found.model.effects.size()) << c.name;
+    for (const Json& term : c.result["effects"]["terms"]) {
+      const auto column = std::find(columns.begin(), columns.end(), term["name"].get<std::string>());
+      ASSERT_NE(column, columns.end()) << c.name << ", " << term["name"];
+      EXPECT_EQ(term["std"], std::sqrt(found.covariance(column - columns.begin(), column - columns.begin())));
     }
     for (const Wanted& wanted : wanted_parameters(found, start_of(c))) {
       const std::string what = c.name + ", " + wanted.name;
@@ -1422,31 +1469,33 @@ void expect_figures(std::vector<std::string>& lines, const Calibration& found) {
   }
   if (!found.tried.empty()) {
     const ModelOption& chosen = found.tried[0];
-    lines.push_back("chosen by cross-validation: priors " + three_digits(chosen.priors.length * 1e3) + " mm and " +
-                    three_digits(chosen.priors.angle * 1e3) + " mrad, gravity " + (chosen.gravity ? "yes" : "no") +
-                    ",");
-    lines.push_back(std::string("joint gain ") + (chosen.gain ? "yes" : "no"));
+    const bool priors = chosen.priors.length > 0.0 || chosen.priors.angle > 0.0;
+    std::string text = "chosen by cross-validation: ";
+    text += priors ? "priors of " + three_digits(chosen.priors.length * 1e3) + " mm and " +
+                         three_digits(chosen.priors.angle * 1e3) + " mrad"
+                   : "no priors";
+    text += ", beyond geometry ";
+    for (std::size_t i = 0; i < chosen.effects.size(); ++i) {
+      text += (i > 0 ? ", " : "") + chosen.effects[i];
+    }
+    for (const std::string& part : testing::lines_of(wrapped(text + (chosen.effects.empty() ? "nothing" : ""), 0, 2))) {
+      lines.push_back(squeezed(part));
+    }
   }
 }
 
-/// Of joints and links by the joint's type in the URDF, of deflections by their name.
+/// Of joints and links by the joint's type in the URDF.
 std::string unit_by_hand(const Case& c, const ParameterEstimate& parameter) {
-  if (parameter.name.rfind("gain", 0) == 0) {
-    return "%";
-  }
   const auto slide = std::find_if(c.robot.joints.begin(), c.robot.joints.end(), [&](const MovingJoint& joint) {
     return joint.name == parameter.joint && joint.type == JointType::prismatic;
   });
-  const bool of_joint = parameter.kind == "joint_offset" || parameter.kind == "deflection";
+  const bool of_joint = parameter.kind == "joint_offset";
   return parameter.kind == "translation" || (of_joint && slide != c.robot.joints.end()) ? "mm" : "deg";
 }
 
 std::string words_by_hand(const ParameterEstimate& parameter) {
   if (parameter.kind == "joint_offset") {
     return "zero offset of " + parameter.joint;
-  }
-  if (parameter.kind == "deflection") {
-    return (parameter.name.rfind("gain", 0) == 0 ? "gain of " : "sag under gravity of ") + parameter.joint;
   }
   const std::string link = parameter.name.substr(2);  // "Tx1"
   return parameter.axis + (parameter.kind == "translation" ? " shift" : " turn") + " of link " + link + " (origin of " +
@@ -1457,10 +1506,10 @@ void expect_errors(std::vector<std::string>& lines, const Case& c) {
   lines.insert(lines.end(), {"", "geometric errors, +- half of the 95 % interval"});
   for (const ParameterEstimate& parameter : c.calibration.parameters) {
     if (parameter.name.find('.') != std::string::npos) {
-      continue;  // of base and targets
+      continue;  // of base, targets and effects
     }
     const std::string unit = unit_by_hand(c, parameter);
-    const double factor = unit == "mm" ? 1e3 : unit == "%" ? 100.0 : kDegreesPerRadian;
+    const double factor = unit == "mm" ? 1e3 : kDegreesPerRadian;
     const int digits = unit == "mm" ? 4 : 5;
     std::string line = parameter.name + " " + words_by_hand(parameter) + " " +
                        decimals(parameter.error * factor, digits) + " " + unit + " ";
@@ -1472,6 +1521,37 @@ void expect_errors(std::vector<std::string>& lines, const Case& c) {
                                     : "fixed";
     }
     lines.push_back(line);
+  }
+}
+
+/// What a group alone makes of the joint values.
+void expect_motions(std::vector<std::string>& lines, const Case& c) {
+  const Calibration& found = c.calibration;
+  if (found.model.effects.empty()) {
+    return;
+  }
+  lines.insert(lines.end(), {"", "effects beyond geometry, largest motion at the measured configurations"});
+  for (const EffectGroup group :
+       {EffectGroup::gravity, EffectGroup::gain, EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables}) {
+    ErrorModel alone = found.model;
+    std::erase_if(alone.effects, [&](const EffectTerm& term) { return term.group != group; });
+    std::vector<double> values;
+    std::set<int> joints;
+    for (const EffectTerm& term : alone.effects) {
+      values.push_back(parameter_of(found, term.name).value);
+      joints.insert(term.index);
+    }
+    const Eigen::VectorXd all =
+        Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+    const Eigen::MatrixXd moved =
+        effective_joint_values(alone, all, c.measurements.joint_values) - c.measurements.joint_values;
+    for (const int joint : joints) {
+      const MovingJoint& own = c.robot.joints[static_cast<std::size_t>(joint)];
+      const bool slides = own.type == JointType::prismatic;
+      const double most = moved.row(joint).cwiseAbs().maxCoeff() * (slides ? 1e3 : kDegreesPerRadian);
+      lines.push_back(std::string(to_string(group)) + " " + own.name + " " + decimals(most, slides ? 4 : 5) +
+                      (slides ? " mm" : " deg"));
+    }
   }
 }
 
@@ -1537,6 +1617,7 @@ std::vector<std::string> expected_table(const Case& c) {
   expect_figures(lines, c.calibration);
   if (c.calibration.doubts.empty()) {
     expect_errors(lines, c);
+    expect_motions(lines, c);
     expect_most_influential(lines, c);
     expect_points(lines, c.calibration);
   }
@@ -1593,9 +1674,9 @@ TEST(ReportTable, NumbersStandBelowTheirHeadingsUpToKilometres) {
 
 TEST(ReportTable, NamesTheChosenPriorsInMillimetresAndMilliradians) {
   Calibration found;
-  found.tried.push_back({.priors = {.length = 3e-4, .angle = 1e-3}, .gain = true});
+  found.tried.push_back({.priors = {.length = 3e-4, .angle = 1e-3}, .effects = {"gravity", "gain"}});
   const std::string table = result_table({}, found);
-  EXPECT_NE(table.find("chosen by cross-validation: priors 0.3 mm and 1 mrad, gravity no,\n  joint gain yes\n"),
+  EXPECT_NE(table.find("chosen by cross-validation: priors of 0.3 mm and 1 mrad, beyond geometry\n  gravity, gain\n"),
             std::string::npos)
       << table;
 }
@@ -1639,10 +1720,7 @@ TEST(ReportTable, ShowsJointOffsetsAsTheControllerCounts) {
 Calibration with_one_parameter(const ErrorModel& model, const std::string& name, double error, double std) {
   Calibration calibration;
   calibration.model = model;
-  const char* kind = name.rfind("dq", 0) == 0  ? "joint_offset"
-                     : name.rfind('g', 0) == 0 ? "deflection"
-                     : name.front() == 'T'     ? "translation"
-                                               : "rotation";
+  const char* kind = name.rfind("dq", 0) == 0 ? "joint_offset" : name.front() == 'T' ? "translation" : "rotation";
   calibration.parameters.push_back({.name = name,
                                     .joint = "j",
                                     .kind = kind,
@@ -1663,23 +1741,18 @@ std::string line_of(const Calibration& calibration, const std::string& name) {
 }
 
 TEST(ReportUnits, EachParameterIsPrintedInTheUnitOfItsKind) {
-  ErrorModel model = complete_model(parse_robot(kOddArm));
-  model.deflections = gain_deflections(model);
-  model.deflections.push_back({.name = "gravity1_6", .joint = "turn", .index = 0, .masses = {}});
-  model.deflections.push_back({.name = "gravity2_6", .joint = "slide", .index = 1, .masses = {}});
+  const ErrorModel model = complete_model(parse_robot(kOddArm));
   const double degree = 1.0 / kDegreesPerRadian;
   struct Printed {
     const char* name;
     double per_unit;  // SI
     const char* printed;
   };
-  // Joint 2 is prismatic; gains have no dimension on any joint.
+  // Joint 2 is prismatic.
   for (const Printed& c :
        {Printed{"dq1", degree, "1.25000 deg +- 0.97998"}, Printed{"dq2", 1e-3, "1.2500 mm +- 0.9800"},
         Printed{"dq3", degree, "1.25000 deg +- 0.97998"}, Printed{"Tx1", 1e-3, "1.2500 mm +- 0.9800"},
-        Printed{"Ry3", degree, "1.25000 deg +- 0.97998"}, Printed{"gain1", 1e-2, "1.25000 % +- 0.97998"},
-        Printed{"gain2", 1e-2, "1.25000 % +- 0.97998"}, Printed{"gravity1_6", degree, "1.25000 deg +- 0.97998"},
-        Printed{"gravity2_6", 1e-3, "1.2500 mm +- 0.9800"}}) {
+        Printed{"Ry3", degree, "1.25000 deg +- 0.97998"}}) {
     const Calibration found = with_one_parameter(model, c.name, 1.25 * c.per_unit, 0.5 * c.per_unit);
     EXPECT_THAT(line_of(found, c.name), ::testing::EndsWith(std::string(" ") + c.printed));
   }

@@ -8,8 +8,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/result_json.hpp"
@@ -27,7 +27,9 @@ using testing::kOddArm;
 struct Written {
   Robot robot = parse_robot(kOddArm);
   Measurements measured;
-  CalibrationOptions options{.gravity = Use::yes, .joint_gain = Use::yes, .held_out = false};
+  CalibrationOptions options{
+      .effects = {.groups = {EffectGroup::gravity, EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables}},
+      .held_out = false};
   Calibration calibration;
   std::string json;
 
@@ -40,9 +42,8 @@ struct Written {
     const Unknowns free(model, targets, reduced_model(model, targets).kept);
     VirtualRobot truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random,
                                        Eigen::Isometry3d(Eigen::Translation3d(2.0, 1.0, 0.5)));
-    truth.model.deflections = gravity_deflections(model);
-    truth.truth.deflections =
-        Eigen::VectorXd::Constant(static_cast<Eigen::Index>(truth.model.deflections.size()), 4e-4);
+    truth.model.effects = load_terms(model);
+    truth.truth.effects = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(truth.model.effects.size()), 4e-4);
     measured = measure(truth, random_configurations(limits_of(model.joints), 30, random), {.sigma = 3e-5}, random);
     calibration = calibrate(model, measured, options);
     json = result_json(robot, measured, options, calibration);
@@ -68,9 +69,9 @@ TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
   const Estimate& wrote = written().calibration.identification.estimate;
   const SavedCalibration read = parse_calibration(written().json, written().robot);
   EXPECT_TRUE(read.estimate.errors == wrote.errors);
-  ASSERT_EQ(read.model.deflections.size(), written().calibration.model.deflections.size());
-  ASSERT_GT(read.model.deflections.size(), 2U);
-  EXPECT_TRUE(read.estimate.deflections == wrote.deflections);
+  ASSERT_EQ(read.model.effects.size(), written().calibration.model.effects.size());
+  ASSERT_GT(read.model.effects.size(), 2U);
+  EXPECT_TRUE(read.estimate.effects == wrote.effects);
   EXPECT_TRUE(read.estimate.X_WB.translation() == wrote.X_WB.translation());
   EXPECT_LT((read.estimate.X_WB.linear() - wrote.X_WB.linear()).norm(), 1e-14);
   ASSERT_EQ(read.estimate.targets.size(), 2U);
@@ -141,8 +142,6 @@ TEST(SavedCalibration, NeedsNothingButParameters) {
   EXPECT_EQ(read.covariance.size(), 0);
   EXPECT_THAT(refusal(R"({"parameters": [{"name": "dq9", "error": 0.002}]})", written().robot),
               HasSubstr("r.json: parameters[0]: this robot has no parameter 'dq9'"));
-  EXPECT_THAT(refusal(R"({"parameters": [{"name": "sag7", "kind": "deflection", "error": 1}]})", written().robot),
-              HasSubstr("no deflection 'sag7'"));
   EXPECT_THAT(refusal(R"({"parameters": [{"name": "dq2"}]})", written().robot), HasSubstr("\"error\" is missing"));
   EXPECT_THAT(refusal("{}", written().robot), HasSubstr("\"parameters\" is missing"));
 }

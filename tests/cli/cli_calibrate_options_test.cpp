@@ -59,8 +59,11 @@ Check changes(const std::vector<std::string>& here, const std::vector<std::strin
   };
 }
 
-const Words kMeasured = {"--measurements", "m.csv"};
-const Words kPoses = {"--measurements", "poses.csv"};
+const Words kOfM = {"--measurements", "m.csv"};
+const Words kNoEffects = {"--effects", "none"};
+const Words kNoPriors = {"--prior", "none"};
+const Words kMeasured = kOfM + kNoEffects + kNoPriors;
+const Words kPoses = Words{"--measurements", "poses.csv"} + kNoEffects + kNoPriors;
 const Words kStated = kMeasured + Words{"--noise-independent", "2e-5"};
 
 Eigen::Isometry3d known_base() {
@@ -123,27 +126,30 @@ std::vector<OptionCase> geometry_options() {
        both_checks(is_library([](auto& o) { o.priors.angle = 7e-4; }),
                    changes({"priors/angle"}, {"priors/length", "input"})),
        kMeasured},
-      {"PriorDeflectionIsOfDeflections",
-       {"--prior-deflection", "1e-5"},
-       both_checks(is_library([](auto& o) {
-                     o.gravity = Use::yes;
-                     o.priors.deflection = 1e-5;
-                   }),
-                   changes({"priors/deflection"}, {"priors/length", "priors/angle", "input"})),
-       kMeasured + Words{"--gravity"}},
-      {"PriorAutoChoosesTheSize",
-       {"--prior", "auto"},
-       is_library([](auto& o) { o.automatic_priors = true; }),
-       kMeasured},
-      {"GravityIsCompliance", {"--gravity"}, is_library([](auto& o) { o.gravity = Use::yes; }), kMeasured},
-      {"JointGainIsAGain", {"--joint-gain"}, is_library([](auto& o) { o.joint_gain = Use::yes; }), kMeasured},
-      {"ExtrasAutoChoosesBoth",
-       {"--extras", "auto"},
+      {"PriorNoneIsNone", {"--prior", "none"}, is_library([](auto&) {}), kOfM + kNoEffects},
+      {"NothingSaidIsAllAutomatic",
+       {"--threads", "1"},
+       [](const Effect& effect) {
+         CalibrationOptions options{.automatic_priors = true, .effects = {.groups = {}, .automatic = true}};
+         const Json expected = Json::parse(library_result(effect.directory, "m.csv", options));
+         EXPECT_EQ(without_provenance(expected), without_provenance(effect.with.json));
+       },
+       kOfM},
+      {"EffectsOfAGroup",
+       {"--effects", "gravity"},
+       is_library([](auto& o) { o.effects.groups = {EffectGroup::gravity}; }),
+       kOfM + kNoPriors},
+      {"EffectsOfSomeGroups",
+       {"--effects", "harmonics,gain"},
        is_library([](auto& o) {
-         o.gravity = Use::automatic;
-         o.joint_gain = Use::automatic;
+         o.effects.groups = {EffectGroup::gain, EffectGroup::harmonics};
        }),
-       kMeasured},
+       kOfM + kNoPriors},
+      {"EffectsNoneAreNone", {"--effects", "none"}, is_library([](auto&) {}), kOfM + kNoPriors},
+      {"GravityDirectionIsThatOfTheSag",
+       {"--gravity-direction", "0,2,0"},
+       changes({"effects/gravity_direction/*", "effects/terms"}, {"input", "findings"}),
+       kOfM + kNoPriors + Words{"--effects", "gravity"}},
       {"KnownBaseIsHeld",
        {"--known-base", "known.json"},
        is_library([](auto& o) { o.known_base = known_base(); }),
@@ -231,7 +237,7 @@ std::vector<OptionCase> noise_options() {
                      o.automatic_priors = true;
                    }),
                    changes_only({"position_error/nested_leave_one_out"})),
-       kMeasured + Words{"--leave-one-out", "--prior", "auto"}},
+       kOfM + kNoEffects + Words{"--leave-one-out", "--prior", "auto"}},
       {"KFoldAddsAPrediction",
        {"--k-fold", "2"},
        both_checks(
@@ -255,7 +261,7 @@ std::vector<OptionCase> noise_options() {
 std::vector<OptionCase> file_options() {
   const Words threads = {"--threads", "1"};
   return {
-      {"MeasurementsAreFitted", {"--measurements", "m.csv"}, is_library([](auto&) {})},
+      {"MeasurementsAreFitted", kOfM, is_library([](auto&) {}), kNoEffects + kNoPriors},
       {"JointConventionReadsTheControllersValues",
        {"--joint-convention", "coupled.json"},
        [](const Effect& effect) {
@@ -268,7 +274,7 @@ std::vector<OptionCase> file_options() {
            expect_near(expected[part], effect.with.json[part], 1e-9, part);
          }
        },
-       {"--measurements", "controller.csv"}},
+       Words{"--measurements", "controller.csv"} + kNoEffects + kNoPriors},
       {"PredictAtIsWhereTheAccuracyIsAsked",
        {"--predict-at", "asked.csv"},
        both_checks(is_library([](auto& o) {

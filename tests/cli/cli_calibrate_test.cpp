@@ -68,9 +68,10 @@ TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadme) {
             "--test-configurations", "5", "--output", "m.csv"});
   write("asked.csv", "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0,0,0,0,0,0\n");
   std::set<std::string> keys;
-  collect_keys(run_json({"calibrate", "--measurements", "m.csv", "--noise", "repeats", "--prior", "auto", "--gravity",
-                         "--leave-one-out", "--nested", "--k-fold", "3", "--predict-at", "asked.csv", "--json"}),
-               keys);
+  collect_keys(
+      run_json({"calibrate", "--measurements", "m.csv", "--noise", "repeats", "--prior", "auto", "--effects", "auto",
+                "--leave-one-out", "--nested", "--k-fold", "3", "--predict-at", "asked.csv", "--json"}),
+      keys);
   simulate({"--output", "points.csv"});
   Measurements points = read_measurements(directory / "points.csv", joint_names(fanuc()));
   points.observations[40].position.y() += 0.01;

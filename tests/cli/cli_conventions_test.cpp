@@ -282,7 +282,8 @@ TEST_F(Conventions, TheRightOneIsNamedWhereAnOffsetHasTheWrongSign) {
   // A fit finds the offset as one of joint 4: what was read is 0.8 rad more than what was meant. No robot is off by
   // that.
   const auto joint_4 = [&](const std::string& convention, int status) {
-    const Outcome fitted = run({"calibrate", "--measurements", "c.csv", "--json", "--joint-convention", convention});
+    const Outcome fitted = run({"calibrate", "--measurements", "c.csv", "--json", "--joint-convention", convention,
+                                "--effects", "none", "--prior", "none"});
     EXPECT_EQ(fitted.status, status) << fitted.err;
     const Json result = Json::parse(fitted.out);
     for (const Json& parameter : result["parameters"]) {

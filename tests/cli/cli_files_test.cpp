@@ -116,7 +116,7 @@ TEST_F(Files, ASmallStackSuffices) {
   for (const std::vector<std::string>& command :
        std::vector<std::vector<std::string>>{{"fk", "--joints", "0,0,0,0,0,0"},
                                              {"model"},
-                                             {"calibrate", "--measurements", "m.csv", "--extras", "auto"},
+                                             {"calibrate", "--measurements", "m.csv", "--effects", "auto"},
                                              {"validate", "--measurements", "m.csv", "--json"},
                                              {"simulate", "--monte-carlo", "3"},
                                              {"plan", "--configurations", "12", "--candidates", "60"}}) {

@@ -94,8 +94,8 @@ TEST_F(ExactLimits, OfSigmas) {
                              "--base-sigma", "--target-sigma"}) {
     sigma({"simulate"}, option);
   }
-  for (const char* option : {"--prior-length", "--prior-angle", "--prior-deflection", "--noise-independent",
-                             "--noise-common", "--noise-tracker", "--orientation-sigma"}) {
+  for (const char* option : {"--prior-length", "--prior-angle", "--noise-independent", "--noise-common",
+                             "--noise-tracker", "--orientation-sigma"}) {
     sigma({"calibrate", "--measurements", "m.csv"}, option);
   }
   for (const char* option : {"--configuration-noise", "--prior-length", "--prior-angle", "--noise-tracker"}) {

@@ -312,8 +312,7 @@ Check is_registered(const std::function<RegistrationOptions(const std::filesyste
     const Eigen::VectorXd none = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
     const Registration registration = register_base_and_targets(
         flange_poses(folded(model, none), measurements.joint_values), measurements, known(effect.directory));
-    const Estimate estimate{
-        .errors = none, .X_WB = registration.X_WB, .targets = registration.targets, .deflections = {}};
+    const Estimate estimate{.errors = none, .X_WB = registration.X_WB, .targets = registration.targets, .effects = {}};
     const auto rms = [&](Rows rows) {
       return error_statistics(position_errors(model, estimate, measurements, rows)).rms;
     };

@@ -367,6 +367,16 @@ TEST_F(BadTable, OptionsOfCalibrateThatContradictEachOther) {
   }
   refused({"--fix", std::string(1000, '*') + "?"}, {"base"});
   refused({"--loss", "cauchy"}, {"'cauchy'", "none, huber, tukey"});
+  refused({"--effects", "sag"}, {"--effects", "'sag'", "gravity", "tables"});
+  refused({"--effects", "gravity,gravity"}, {"--effects", "more than once"});
+  refused({"--effects", "gravity,auto"}, {"--effects", "'auto'", "groups alone"});
+  refused({"--gravity-direction", "0,0,0"}, {"--gravity-direction", "not all 0"});
+  refused({"--gravity-direction", "0,1"}, {"--gravity-direction"});
+  refused({"--gravity"}, {"--gravity: no longer an option, expected --effects gravity"});
+  refused({"--joint-gain"}, {"--joint-gain: no longer an option, expected --effects gain"});
+  refused({"--extras", "auto"}, {"--extras: no longer an option, expected --effects auto"});
+  refused({"--prior-deflection", "1e-4"}, {"--prior-deflection: no longer an option"});
+  refused({"--method", "two-step", "--effects", "gravity"}, {"two-step", "effects"});
   refused({"--prior", "0.1"}, {"'0.1'", "auto"});
   refused({"--prior-length", "-1"}, {"--prior-length", "'-1'"});
   refused({"--prior-angle", "1e-200"}, {"--prior-angle", "'1e-200'", "from 1e-15 to 1e12"});
@@ -468,7 +478,7 @@ TEST_F(Traps, RobotsOfANanometreAndOfAThousandKilometres) {
               0);
     expect_answer({"--urdf", "r.urdf"}, length);
     expect_answer({"--urdf", "r.urdf", "--method", "two-step", "--iterations", "50"}, length + " two-step");
-    expect_answer({"--urdf", "r.urdf", "--gravity", "--joint-gain", "--leave-one-out"}, length + " with extras");
+    expect_answer({"--urdf", "r.urdf", "--effects", "gravity,gain", "--leave-one-out"}, length + " with effects");
     EXPECT_NE(run({"validate", "--urdf", "r.urdf", "--measurements", "m.csv"}).status, 2);
   }
 }

@@ -792,8 +792,9 @@ protected:
 };
 
 TEST_F(CommandLineOnRealData, CalibratesTheR2000) {
-  const Outcome outcome = run({"calibrate", "--measurements", measurements, "--joint-convention", kSerial, "--noise",
-                               "equal", "--leave-one-out", "--output", "c.urdf", "--result", "r.json"});
+  const Outcome outcome =
+      run({"calibrate", "--measurements", measurements, "--joint-convention", kSerial, "--noise", "equal", "--effects",
+           "none", "--prior", "none", "--leave-one-out", "--output", "c.urdf", "--result", "r.json"});
   ASSERT_EQ(outcome.status, 0) << outcome.err;
   const Json result = json_of("r.json");
   EXPECT_EQ(result["rank"], 33);

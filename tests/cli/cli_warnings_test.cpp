@@ -132,7 +132,8 @@ TEST_F(CommandLineWarnings, CalibrateDoubtsAMisfitThatNoGeometryExplains) {
 TEST_F(CommandLineWarnings, CalibrateKeepsTheNominalRobotWhereNothingIsGained) {
   truth.truth.errors.setZero();
   write("m.csv", measurements_csv(at(measured.joint_values)));
-  expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf"}, 1, {kFileDoesNotSaySo},
+  expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--effects", "none", "--prior", "none"}, 1,
+         {kFileDoesNotSaySo},
          {"the calibrated robot is no better than the nominal one at configurations that were not fitted "
           "\\(leave-one-out\\): [0-9.e-]+ mm against [0-9.e-]+ mm; .*",
           "the calibration does not help: the nominal robot is kept, and the URDF to write is the one that was read"});
@@ -176,7 +177,7 @@ TEST_F(CommandLineWarnings, CalibrateNamesNoConventionWhereTheMeasurementsAreToB
 TEST_F(CommandLineWarnings, CalibrateStatesSingleFindingsWithoutDoubt) {
   const auto calibrated = [&](const Measurements& measurements) {
     write("m.csv", measurements_csv(measurements));
-    return Arguments{"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--force"};
+    return Arguments{"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--force", "--effects", "none"};
   };
   Measurements mistyped = measured;
   mistyped.observations[40].position.y() += 0.01;

@@ -2,8 +2,8 @@
 
 #include <gmock/gmock.h>
 
-#include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -85,9 +85,9 @@ TEST_P(IdentificationJacobian, AIsThePublishedMatrixWrittenOut) {
                                      "u_A.x", "u_A.y", "u_A.z", "u_B.x", "u_B.y", "u_B.z", "u_C.x", "u_C.y", "u_C.z"));
 }
 
-TEST_P(IdentificationJacobian, RefusesDeflections) {
-  model.deflections = gain_deflections(model);
-  const Unknowns free(model, estimate.targets, {model.deflections.front().name});
+TEST_P(IdentificationJacobian, RefusesEffects) {
+  model.effects = gain_terms(model);
+  const Unknowns free(model, estimate.targets, {model.effects.front().name});
   EXPECT_THROW(identification_jacobian(model, estimate, free, q), InputError);
 }
 

@@ -35,7 +35,7 @@ const Measured& sound() {
 
 Estimate rigid_truth() {
   Estimate estimate = sound().truth;
-  estimate.deflections.resize(0);
+  estimate.effects.resize(0);
   return estimate;
 }
 
@@ -161,10 +161,10 @@ TEST(InputCheck, RefusesEstimatesAndParametersThatDoNotFit) {
   expect_refused(
       "free", [&] { identify_jointly(m.model, m.data, rigid_truth(), beyond); }, "geometric parameter");
   ErrorModel elastic = m.model;
-  elastic.deflections = gravity_deflections(m.model);
-  const Unknowns deflecting = m.free.with(elastic, UnknownGroup::deflections, {0});
+  elastic.effects = load_terms(m.model);
+  const Unknowns with_effect = m.free.with(elastic, UnknownGroup::effects, {0});
   expect_refused(
-      "deflection", [&] { identify_jointly(m.model, m.data, rigid_truth(), deflecting); }, "deflection");
+      "effect", [&] { identify_jointly(m.model, m.data, rigid_truth(), with_effect); }, "effect");
   expect_refused(
       "corrections", [&] { origin_corrections(m.model, Eigen::VectorXd::Zero(2)); }, "2 errors");
 }
@@ -174,7 +174,6 @@ TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
     const std::vector<std::function<void(CalibrationOptions&)>> changes = {
         [&](CalibrationOptions& o) { o.priors.length = value; },
         [&](CalibrationOptions& o) { o.priors.angle = value; },
-        [&](CalibrationOptions& o) { o.priors.deflection = value; },
         [&](CalibrationOptions& o) { o.noise.independent.y() = value; },
         [&](CalibrationOptions& o) { o.noise.common.z() = value; },
         [&](CalibrationOptions& o) { o.noise.orientation = value; },

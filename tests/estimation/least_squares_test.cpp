@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "dense_fit.hpp"
-#include "kdl_calibration/deflection.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -23,8 +23,8 @@ using Eigen::VectorXd;
 /// What is measured and estimated decides which pass goes over the data: side by side, or block by block.
 struct Case {
   const char* name;
-  bool deflections = false;       // in the model
-  bool free_deflections = false;  // and to be estimated
+  bool effects = false;       // in the model
+  bool free_effects = false;  // and to be estimated
   bool orientations = false;
   double common = 0.0;  // [m]
 };
@@ -35,21 +35,24 @@ constexpr double kOrientationSigma = 3e-4;
 class LeastSquares : public ::testing::TestWithParam<Case> {
 protected:
   LeastSquares() {
-    if (GetParam().deflections) {
-      model.deflections = gain_deflections(model);
+    if (GetParam().effects) {
+      model.effects = gain_terms(model);
+      for (EffectTerm& term : model.effects) {
+        term.sigma = 0.01;
+      }
     }
     for (TargetFrame& target : targets) {
       target.with_orientation = GetParam().orientations;
     }
     std::vector<std::string> names = reduced_model(model, targets).kept;
-    if (GetParam().free_deflections) {
-      for (const Deflection& deflection : model.deflections) {
-        names.push_back(deflection.name);
+    if (GetParam().free_effects) {
+      for (const EffectTerm& effect : model.effects) {
+        names.push_back(effect.name);
       }
     }
     free = Unknowns(model, targets, names);
     measured = measured_with(1);
-    options.priors = {.length = 0.002, .angle = 0.003, .deflection = 0.01};
+    options.priors = {.length = 0.002, .angle = 0.003};
     options.noise.independent.setConstant(kSigma);
     options.noise.common.setConstant(GetParam().common);
     options.noise.orientation = GetParam().orientations ? kOrientationSigma : 0.0;
@@ -76,8 +79,8 @@ protected:
   Estimate near_nominal() const {
     Estimate estimate{.errors = VectorXd::Constant(static_cast<Index>(model.parameters.size()), 1e-4),
                       .targets = targets};
-    if (GetParam().deflections) {
-      estimate.deflections = VectorXd::Constant(static_cast<Index>(model.deflections.size()), 1e-3);
+    if (GetParam().effects) {
+      estimate.effects = VectorXd::Constant(static_cast<Index>(model.effects.size()), 1e-3);
     }
     return estimate;
   }
@@ -90,9 +93,9 @@ protected:
   ResidualOptions options;
 };
 
-// Every row by itself, by KDL and central differences. Those know nothing of deflections.
+// Every row by itself, by KDL and central differences. Those know nothing of effects.
 TEST_P(LeastSquares, EquationsAreThoseOfTheRowsWrittenOut) {
-  if (GetParam().deflections) {
+  if (GetParam().effects) {
     return;
   }
   const LeastSquaresProblem problem(model, measured, free, options);
@@ -174,9 +177,8 @@ TEST_P(LeastSquares, AWorkspaceRemembersNothingOfTheProblemBefore) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Passes, LeastSquares,
-                         ::testing::Values(Case{.name = "side_by_side"},
-                                           Case{.name = "held_deflections", .deflections = true},
-                                           Case{.name = "deflections", .deflections = true, .free_deflections = true},
+                         ::testing::Values(Case{.name = "side_by_side"}, Case{.name = "held_effects", .effects = true},
+                                           Case{.name = "effects", .effects = true, .free_effects = true},
                                            Case{.name = "orientations", .orientations = true},
                                            Case{.name = "common_noise", .common = 2e-4}),
                          [](const auto& instance) { return std::string(instance.param.name); });

@@ -5,8 +5,8 @@
 #include <Eigen/Geometry>
 #include <numeric>
 
-#include "kdl_calibration/deflection.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "support.hpp"
@@ -29,7 +29,10 @@ Isometry3d random_frame(Random& random) {
 // The odd arm with gains, two targets of which the second has an orientation, and something free of every group.
 struct OddArm {
   OddArm() {
-    model.deflections = gain_deflections(model);
+    model.effects = gain_terms(model);
+    for (EffectTerm& term : model.effects) {
+      term.sigma = 0.125;
+    }
     targets = testing::targets_at({{0.1, 0.0, 0.2}, {0.0, 0.1, 0.3}});
     targets[1].with_orientation = true;
     free = Unknowns(model, targets, names);
@@ -39,11 +42,11 @@ struct OddArm {
     Estimate estimate{.errors = testing::random_errors(model, random, 0.01, 0.02),
                       .X_WB = random_frame(random),
                       .targets = targets,
-                      .deflections = VectorXd(static_cast<Index>(model.deflections.size()))};
+                      .effects = VectorXd(static_cast<Index>(model.effects.size()))};
     for (TargetFrame& target : estimate.targets) {
       target.X_FT = random_frame(random);
     }
-    for (double& value : estimate.deflections) {
+    for (double& value : estimate.effects) {
       value = 0.01 * random.normal();
     }
     return estimate;
@@ -59,7 +62,7 @@ struct OddArm {
 
   ErrorModel model = complete_model(parse_robot(testing::kOddArm));
   std::vector<TargetFrame> targets;
-  std::vector<std::string> names = {"B.Ry", "gain3", "A.z", "dq3", "base.Rz", "B.x", "dq2", "base.Ty", "gain1"};
+  std::vector<std::string> names = {"B.Ry", "gain.3", "A.z", "dq3", "base.Rz", "B.x", "dq2", "base.Ty", "gain.1"};
   Unknowns free;
   Random random{7};
 };
@@ -68,13 +71,13 @@ void expect_same_frame(const Isometry3d& a, const Isometry3d& b) {
   EXPECT_LT((a.matrix() - b.matrix()).cwiseAbs().maxCoeff(), 1e-14) << a.matrix() << "\nand\n" << b.matrix();
 }
 
-TEST(Unknowns, StandInTheOrderBaseGeometricDeflectionsTargets) {
+TEST(Unknowns, StandInTheOrderBaseGeometricEffectsTargets) {
   const OddArm arm;
   EXPECT_THAT(arm.free.names(),
-              ElementsAre("base.Ty", "base.Rz", "dq2", "dq3", "gain1", "gain3", "A.z", "B.x", "B.Ry"));
+              ElementsAre("base.Ty", "base.Rz", "dq2", "dq3", "gain.1", "gain.3", "A.z", "B.x", "B.Ry"));
   Index column = 0;
   for (const auto& [group, count] : {std::pair{UnknownGroup::base, 2}, std::pair{UnknownGroup::geometric, 2},
-                                     std::pair{UnknownGroup::deflections, 2}, std::pair{UnknownGroup::targets, 3}}) {
+                                     std::pair{UnknownGroup::effects, 2}, std::pair{UnknownGroup::targets, 3}}) {
     EXPECT_EQ(arm.free.range(group).first, column);
     EXPECT_EQ(arm.free.range(group).count, count);
     column += count;
@@ -96,7 +99,7 @@ TEST(Unknowns, AreFoundByNameAndByPlace) {
   EXPECT_EQ(arm.free.column("dq1"), std::nullopt);
   EXPECT_EQ(arm.free.column(UnknownGroup::geometric, parameter_index(arm.model, "dq1")), std::nullopt);
   EXPECT_THAT(arm.free.geometric(), ElementsAre(parameter_index(arm.model, "dq2"), parameter_index(arm.model, "dq3")));
-  EXPECT_THAT(arm.free.deflections(), ElementsAre(0, 2));
+  EXPECT_THAT(arm.free.effects(), ElementsAre(0, 2));
   EXPECT_THAT(arm.free.target_columns(0), ElementsAre(-1, -1, 6, -1, -1, -1));
   EXPECT_THAT(arm.free.target_columns(1), ElementsAre(7, -1, -1, -1, 8, -1));
 }
@@ -125,10 +128,10 @@ TEST(Unknowns, TakeANameOnce) {
 
 TEST(Unknowns, AreExchangedGroupByGroup) {
   const OddArm arm;
-  const Unknowns rigid = arm.free.without(UnknownGroup::deflections);
+  const Unknowns rigid = arm.free.without(UnknownGroup::effects);
   EXPECT_THAT(rigid.names(), ElementsAre("base.Ty", "base.Rz", "dq2", "dq3", "A.z", "B.x", "B.Ry"));
   EXPECT_NE(rigid, arm.free);
-  EXPECT_EQ(rigid.with(arm.model, UnknownGroup::deflections, {2, 0}), arm.free);
+  EXPECT_EQ(rigid.with(arm.model, UnknownGroup::effects, {2, 0}), arm.free);
   // Every coordinate of the targets, orientations that were not measured included.
   std::vector<std::size_t> coordinates(12);
   std::iota(coordinates.begin(), coordinates.end(), 0U);
@@ -141,7 +144,7 @@ TEST(Unknowns, AreExchangedGroupByGroup) {
 TEST(Unknowns, SubsetKeepsTheMarkedOnes) {
   const OddArm arm;
   const Unknowns few = arm.free.subset({false, true, false, true, true, false, false, false, true});
-  EXPECT_THAT(few.names(), ElementsAre("base.Rz", "dq3", "gain1", "B.Ry"));
+  EXPECT_THAT(few.names(), ElementsAre("base.Rz", "dq3", "gain.1", "B.Ry"));
   EXPECT_EQ(few.column("B.Ry"), 3);
   EXPECT_THAT(few.target_columns(1), ElementsAre(-1, -1, -1, -1, 3, -1));
 }
@@ -181,10 +184,10 @@ TEST(Unknowns, MoveFramesInTheirOwnAxesAndValuesByAddition) {
   errors[static_cast<Index>(parameter_index(arm.model, "dq2"))] += step[2];
   errors[static_cast<Index>(parameter_index(arm.model, "dq3"))] += step[3];
   EXPECT_EQ(moved.errors, errors);
-  VectorXd deflections = start.deflections;
-  deflections[0] += step[4];
-  deflections[2] += step[5];
-  EXPECT_EQ(moved.deflections, deflections);
+  VectorXd effects = start.effects;
+  effects[0] += step[4];
+  effects[2] += step[5];
+  EXPECT_EQ(moved.effects, effects);
 }
 
 TEST(Unknowns, DifferenceUndoesTheMove) {
@@ -197,22 +200,22 @@ TEST(Unknowns, DifferenceUndoesTheMove) {
   }
 }
 
-TEST(Unknowns, AnEstimateWithoutDeflectionsHasThemAtZero) {
+TEST(Unknowns, AnEstimateWithoutEffectsHasThemAtZero) {
   OddArm arm;
   Estimate start = arm.random_estimate();
-  start.deflections.resize(0);
+  start.effects.resize(0);
   const VectorXd step = arm.random_step();
   const Estimate moved = arm.free.moved(start, step);
-  ASSERT_EQ(moved.deflections.size(), static_cast<Index>(arm.model.deflections.size()));
-  EXPECT_EQ(moved.deflections[0], step[4]);
-  EXPECT_EQ(moved.deflections[1], 0.0);
+  ASSERT_EQ(moved.effects.size(), static_cast<Index>(arm.model.effects.size()));
+  EXPECT_EQ(moved.effects[0], step[4]);
+  EXPECT_EQ(moved.effects[1], 0.0);
   EXPECT_EQ(arm.free.difference(start, moved)[5], step[5]);
-  EXPECT_EQ(arm.free.without(UnknownGroup::deflections).moved(start, VectorXd::Zero(7)).deflections.size(), 0);
+  EXPECT_EQ(arm.free.without(UnknownGroup::effects).moved(start, VectorXd::Zero(7)).effects.size(), 0);
 }
 
-TEST(Unknowns, PriorsTellOfErrorsAndDeflectionsByTheirKind) {
+TEST(Unknowns, PriorsTellOfErrorsAndEffectsByTheirKind) {
   const OddArm arm;
-  const VectorXd information = arm.free.prior_information({.length = 0.5, .angle = 0.25, .deflection = 0.125});
+  const VectorXd information = arm.free.prior_information({.length = 0.5, .angle = 0.25});
   VectorXd expected(9);
   expected << 0.0, 0.0, 4.0, 16.0, 64.0, 64.0, 0.0, 0.0, 0.0;
   EXPECT_EQ(information, expected) << information.transpose();
@@ -226,7 +229,7 @@ TEST(Unknowns, PriorsCountFromTheValue) {
     return Unknowns::value(estimate, arm.free.columns()[static_cast<std::size_t>(*arm.free.column(name))]);
   };
   EXPECT_EQ(value("dq3"), estimate.errors[static_cast<Index>(parameter_index(arm.model, "dq3"))]);
-  EXPECT_EQ(value("gain3"), estimate.deflections[2]);
+  EXPECT_EQ(value("gain.3"), estimate.effects[2]);
   EXPECT_EQ(value("A.z"), estimate.targets[0].X_FT.translation().z());
   EXPECT_EQ(value("B.Ry"), 0.0);
   EXPECT_EQ(value("base.Ty"), 0.0);

@@ -106,8 +106,10 @@ CalibrationOptions options_from(Reader& reader) {
   options.method = (first & 1U) != 0 ? Method::two_step : Method::joint;
   options.model = (first & 2U) != 0 ? ModelChoice::complete : ModelChoice::irreducible;
   options.loss = kLosses.at((first >> 2U) % kLosses.size());
-  options.gravity = (first & 64U) != 0 ? Use::yes : Use::no;
-  options.joint_gain = (first & 128U) != 0 ? Use::yes : Use::no;
+  if ((first & 64U) != 0) {
+    options.effects.groups = {EffectGroup::gravity, EffectGroup::tables};
+  }
+  options.effects.automatic = (first & 128U) != 0;
   options.leave_one_out = (second & 7U) == 1;
   options.k_fold = (second & 7U) == 2 ? 3 : 0;
   options.weights = (second & 8U) != 0 ? Weights::repeats : Weights::automatic;

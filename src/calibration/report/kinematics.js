@@ -44,8 +44,8 @@ function framesAt(robot, q) {
   frames.push(times(frames[frames.length - 1], robot.tip_correction));
   return frames;
 }
-// What the arm is driven by: the commanded values, and what deflects the joints.
-const drivenBy = (configuration) => configuration.deflected || configuration.joint_values;
+// What the arm is driven by: the commanded values, and what effects make of them.
+const drivenBy = (configuration) => configuration.effective || configuration.joint_values;
 // Where a target is expected, in the frame of the measuring device [m].
 function predictedPoint(robot, configuration, target) {
   const frames = framesAt(robot, drivenBy(configuration));

@@ -4,12 +4,10 @@ const isAngle = (p) => p.kind === "rotation" || p.kind === "joint_offset" && !jo
 const jointIsLinear = (name) => JOINTS.some((joint) => joint.name === name && isLinear(joint));
 const WEAK = new Set((RESULT.weak || []).flat());
 function unitOf(p) {
-  if (p.kind === "deflection" && /^gain/.test(p.name)) return { unit: "%", factor: 100, decimals: 4 };
-  return isAngle(p) || p.kind === "deflection" ? { unit: "°", factor: 1 / DEGREE, decimals: 5 } : { unit: "mm", factor: 1e3, decimals: 4 };
+  return isAngle(p) ? { unit: "°", factor: 1 / DEGREE, decimals: 5 } : { unit: "mm", factor: 1e3, decimals: 4 };
 }
 // "x shift of link 1": what the letters of a name stand for.
 function meaning(p) {
-  if (p.kind === "deflection") return /^gain/.test(p.name) ? "gain of the joint" : "sag of the joint under gravity";
   if (p.kind === "joint_offset") return "zero offset";
   const axis = p.axis || (p.name.match(/[xyz]$/) || [""])[0];
   return `${axis} ${p.kind === "rotation" ? "turn" : "shift"}`;
@@ -91,24 +89,14 @@ function heatMap(block) {
   });
 }
 
-// Held-out RMS over the size of the priors, one curve for each choice of the effects.
-function triedCurves() {
+// What cross-validation compared.
+const effectsInWords = (names) => (names || []).join(" + ") || "geometry alone";
+function triedTable() {
   const tried = RESULT.tried || [];
   if (tried.length < 2) return null;
-  const groups = new Map();
-  for (const option of tried) {
-    const key = [option.gravity ? "gravity" : null, option.joint_gain ? "gain" : null].filter(Boolean).join(" and ") || "geometry alone";
-    groups.set(key, [...(groups.get(key) || []), option]);
-  }
-  const sizes = Array.from(new Set(tried.map((o) => o.priors.length).filter((v) => v > 0))).sort((a, b) => a - b);
-  if (sizes.length < 2) return table(["effects", " held-out RMS [mm]"], Array.from(groups, ([key, list]) => [key, mm(list[0].held_out_rms)]), { label: "Tried" });
-  const none = sizes[sizes.length - 1] * 1e3 * 3.16;
-  const kinds = ["after", "before", "held", "test"];  // the first group holds what was chosen
-  const series = Array.from(groups, ([text, list], i) => ({ kind: kinds[i % 4], text,
-    points: list.map((o) => [o.priors.length > 0 ? o.priors.length * 1e3 : none, o.held_out_rms * 1e3]).sort((a, b) => a[0] - b[0]) }));
-  const ticks = sizes.map((v) => ({ value: v * 1e3, label: short(v * 1e3, 2) })).concat([{ value: none, label: "none" }]);
-  return lines({ title: "What cross-validation tried", caption: "the lowest point was chosen", xLog: true, xTicks: ticks, xLabel: "prior of lengths [mm], of angles [mrad]",
-    yLabel: "held-out RMS [mm]", hint: (p) => `${p[0] === none ? "no prior" : "prior " + short(p[0], 2) + " mm, mrad"}: ${fixed(p[1], 4)} mm` }, series);
+  const rows = tried.map((o, i) => [effectsInWords(o.effects), o.sized ? `${mm(o.priors.length)} mm, ${short(o.priors.angle * 1e3)} mrad` : "as stated",
+    o.held_out_rms === null ? null : mm(o.held_out_rms), i === 0 ? "chosen" : ""]);
+  return el("div", {}, el("h3", {}, "What cross-validation tried"), table(["beyond geometry", "priors", " held-out RMS [mm]", ""], rows, { label: "Tried" }));
 }
 function parameters() {
   const priors = RESULT.priors || {};
@@ -121,46 +109,41 @@ function parameters() {
     el("h3", {}, "Base and targets"), frameRows(),
     facts([["priors in force", held ? `1 σ of lengths ${mm(priors.length)} mm, of angles ${short(priors.angle * 1e3)} mrad` : "none"],
       ["weak together", weak.length ? weak.slice(0, 20).join("; ") : null], ["fixed by gauge", fixedByGauge.length ? fixedByGauge.slice(0, 60).join(", ") : null]]),
-    el("div", { class: "plots" }, DATA.correlations && DATA.correlations.names.length ? heatMap(DATA.correlations) : missing("The result has no covariance."), triedCurves()),
+    el("div", { class: "plots" }, DATA.correlations && DATA.correlations.names.length ? heatMap(DATA.correlations) : missing("The result has no covariance."), triedTable()),
   ];
 }
 
-// One entry for each effect: what it is, its coefficient, and its curve with the band.
-function effectEntries() {
-  return (RESULT.parameters || []).filter((p) => p.kind === "deflection").map((p) => {
-    const curve = (DATA.effects || []).find((effect) => effect.name === p.name);
-    return Object.assign({ p, group: /^gain/.test(p.name) ? "gain" : "gravity" }, curve ? { curve: curve.curve, joint: JOINTS[curve.joint_index] } : {});
-  });
-}
+const EFFECTS = { gravity: "joints that give way under the arm's weight", gain: "joint gains", backlash: "backlash",
+  harmonics: "eccentric encoders and gears", tables: "tables of the joints" };
 function effectFigure(entry) {
-  const { joint, curve, p } = entry;
+  const joint = JOINTS[entry.joint_index];
   const unit = isLinear(joint) ? 1e3 : 1 / DEGREE;
+  const curve = entry.curve;
   const points = curve.map((c) => [jointValue(joint, c[0]), c[1] * unit]);
   const known = curve.every((c) => c[2] !== null);
   const edge = (sign) => curve.map((c) => [jointValue(joint, c[0]), (c[1] + sign * c[2]) * unit]);
   const band = known ? [...edge(1), ...edge(-1).reverse()] : null;
-  return lines({ title: cut(p.name, 24), caption: `on ${cut(joint.name, 24)}`, height: 180, xLabel: `joint value [${jointUnit(joint)}]`, yLabel: `[${jointUnit(joint)}]`,
+  return lines({ title: `${entry.group} of ${cut(joint.name, 20)}`, caption: `${entry.terms} ${entry.terms === 1 ? "term" : "terms"}, the other joints at their middle`, height: 180, xLabel: `joint value [${jointUnit(joint)}]`, yLabel: `[${jointUnit(joint)}]`,
     limits: band ? band.map((b) => b[1]) : [] }, [{ kind: "after", text: known ? "with its 95 % band" : "estimate", points, band, smooth: true }]);
 }
 function effects() {
-  const entries = effectEntries();
+  const terms = (RESULT.effects || {}).terms || [];
   const tried = RESULT.tried || [];
-  const rows = [];
-  for (const [field, text] of [["gravity", "compliance under gravity"], ["joint_gain", "joint gains"]]) {
-    const best = (wanted) => Math.min(...tried.filter((o) => o[field] === wanted).map((o) => o.held_out_rms), Infinity);
-    const [without, withIt] = [best(false), best(true)];
-    const accepted = entries.some((e) => e.group === (field === "gravity" ? "gravity" : "gain"));
-    if (Number.isFinite(without) && Number.isFinite(withIt)) rows.push([text, mm(without), mm(withIt), accepted ? "accepted" : "refused"]);
-    else if (accepted) rows.push([text, null, null, "asked for"]);
-    else rows.push([text, null, null, "not tried"]);
-  }
+  const rms = (o) => (o.held_out_rms === null ? Infinity : o.held_out_rms);
+  const rows = Object.keys(EFFECTS).map((group) => {
+    const own = terms.filter((term) => term.group === group).length;
+    const best = (wanted) => Math.min(...tried.filter((o) => (o.effects || []).includes(group) === wanted).map(rms), Infinity);
+    const [without, withIt] = [best(false), best(true)].map((value) => (Number.isFinite(value) ? mm(value) : null));
+    const choice = own > 0 ? "part of the calibration" : withIt !== null ? "refused" : "not tried";
+    return [EFFECTS[group], own || null, withIt === null ? null : without, withIt, choice];
+  });
   const explained = (RESULT.lack_of_fit || {}).explained_by_joint || [];
-  const curves = entries.filter((e) => e.curve);
+  const curves = DATA.effects || [];
   return [
-    table(["effect", " held-out RMS without [mm]", " with it [mm]", "choice"], rows, { label: "Effects" }),
-    entries.length ? table(["parameter", "what it is", " value", " 95 %", "unit", "about nominal", "remark"], parameterRows(entries.map((e) => e.p)), { label: "Effects", class: "parameters" }) : note("No effect beyond geometry is part of this calibration."),
-    entries.length && !curves.length ? missing(whyMissing("measurements")) : null,
-    curves.length ? el("div", { class: "plots small" }, curves.slice(0, 24).map(effectFigure)) : null,
+    table(["effect", " terms", " held-out RMS without [mm]", " with it [mm]", "choice"], rows, { label: "Effects" }),
+    terms.length ? null : note("No effect beyond geometry is part of this calibration."),
+    terms.length && !curves.length ? missing(whyMissing("measurements")) : null,
+    curves.length ? el("div", { class: "plots small" }, curves.slice(0, 36).map(effectFigure)) : null,
     explained.length ? [el("h3", {}, "What a function of each joint would still explain"), table(["joint", " share of the residuals [%]"],
       explained.map((share, j) => [JOINTS[j] ? named(JOINTS[j].name, 30) : `joint ${j + 1}`, fixed(share * 100, 1)]), { label: "Explained by joints" })] : null,
   ];

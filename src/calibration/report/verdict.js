@@ -106,8 +106,7 @@ function provenance() {
   const input = RESULT.input || {};
   const software = RESULT.software || DATA.software || {};
   const priors = RESULT.priors || {};
-  const held = [priors.length > 0 ? `lengths ${mm(priors.length)} mm` : null, priors.angle > 0 ? `angles ${short(priors.angle * 1e3)} mrad` : null,
-    priors.deflection > 0 ? `deflections ${short(priors.deflection * 1e3)} mrad` : null].filter(Boolean);
+  const held = [priors.length > 0 ? `lengths ${mm(priors.length)} mm` : null, priors.angle > 0 ? `angles ${short(priors.angle * 1e3)} mrad` : null].filter(Boolean);
   const files = RESULT.provenance ? [...(RESULT.provenance.files_read || []), ...(RESULT.provenance.files_written || [])] : [];
   return [
     el("div", { class: "columns" },

@@ -1,0 +1,483 @@
+#include "calibration/effect_choice.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+#include "base/name_pattern.hpp"
+#include "base/parallel.hpp"
+#include "kdl_calibration/group_sizes.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/least_squares.hpp"
+#include "kdl_calibration/validation.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr std::size_t kMostConfigurations = 2000;
+constexpr std::size_t kMostSingleFolds = 40;
+constexpr int kFolds = 10;
+constexpr double kEvidence = 2.0;        // that an effect must add
+constexpr double kWorthwhile = 0.98;     // of the held-out RMS
+constexpr double kRounding = 1e-9;       // [m] of the numbers in a file
+constexpr double kLeastPrior = 1e-7;     // [m or rad]
+constexpr double kMostOfTable = 2e-3;    // [m or rad]
+constexpr double kLargestMotion = 0.02;  // [m or rad] what moves a joint by more is no effect but a mistake
+constexpr double kFlatTable = 5e-6;      // [m or rad]
+constexpr double kUnlimited = std::numeric_limits<double>::infinity();
+constexpr double kEquations = 1.1;  // for every column
+
+bool is_fixed(const CalibrationOptions& options, const EffectTerm& term) {
+  return std::any_of(options.fix.begin(), options.fix.end(), [&](const std::string& pattern) {
+    return is_of_effects(pattern) && matches_pattern(pattern, term.name);
+  });
+}
+
+// The rows of the data and what they would be at zero errors and effects: y = J x, linearised at the optimum.
+struct LinearRows {
+  MatrixXd J;
+  VectorXd y;
+  std::vector<Index> first;  // row of each configuration, and the number of rows
+  double unit = 1.0;         // [m] that a residual of 1 stands for
+};
+
+// Of the columns, values and all: the terms start from zero.
+struct Candidate {
+  ErrorModel model;
+  Unknowns free;
+  bool sized = false;  // the geometry, by evidence
+};
+
+Candidate with_terms(const ErrorModel& rigid, const Unknowns& free, const std::vector<EffectTerm>& terms, bool sized) {
+  Candidate result{.model = rigid, .free = {}, .sized = sized};
+  result.model.effects = terms;
+  std::vector<std::size_t> all(terms.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  result.free = free.with(result.model, UnknownGroup::effects, all);
+  return result;
+}
+
+LinearRows linear_rows(const Candidate& candidate, const Measurements& means, Estimate optimum,
+                       double orientation_length) {
+  optimum.effects = VectorXd::Zero(static_cast<Index>(candidate.model.effects.size()));
+  ResidualOptions residuals;
+  residuals.orientation_length = orientation_length;
+  const LeastSquaresProblem problem(candidate.model, means, candidate.free, residuals);
+  WhitenedSystem system = problem.whitened(optimum);
+  LinearRows rows{.J = std::move(system.jacobian), .y = std::move(system.residual), .first = std::move(system.blocks)};
+  for (const std::size_t i : candidate.free.geometric()) {
+    const Index column = *candidate.free.column(UnknownGroup::geometric, i);
+    rows.y += rows.J.col(column) * optimum.errors[static_cast<Index>(i)];
+  }
+  const auto points = static_cast<double>(std::max(problem.points(), 1L));
+  rows.unit = 1.0 / std::sqrt(problem.total_weight() / points);
+  return rows;
+}
+
+LinearSums sums_of(const LinearRows& rows, const std::vector<Index>& configurations) {
+  LinearSums sums{.information = MatrixXd::Zero(rows.J.cols(), rows.J.cols()), .moment = VectorXd::Zero(rows.J.cols())};
+  for (const Index c : configurations) {
+    const Index first = rows.first[static_cast<std::size_t>(c)];
+    const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
+    const auto J = rows.J.middleRows(first, count);
+    const auto y = rows.y.segment(first, count);
+    sums.information.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
+    sums.moment.noalias() += J.transpose() * y;
+    sums.squares += y.squaredNorm();
+    sums.equations += static_cast<double>(count);
+  }
+  sums.information.triangularView<Eigen::StrictlyUpper>() = sums.information.transpose();
+  return sums;
+}
+
+// The groups of a candidate: lengths and angles where their sizes are looked for or stated, then the effects'.
+struct Groups {
+  SizedGroups columns;
+  std::vector<std::string> names;
+  SizeLimits limits;
+};
+
+Groups groups_of(const Candidate& candidate, const Priors& stated) {
+  Groups result;
+  std::map<std::string, std::size_t> number;
+  const auto add = [&](const std::string& name, Index column, double size, double most) {
+    const auto [found, is_new] = number.emplace(name, result.columns.size());
+    if (is_new) {
+      result.columns.emplace_back();
+      result.names.push_back(name);
+      result.limits.held.push_back(size);
+      result.limits.most.push_back(most);
+    }
+    result.columns[found->second].push_back(column);
+  };
+  const ColumnRange geometric = candidate.free.range(UnknownGroup::geometric);
+  for (Index column = geometric.first; column < geometric.end(); ++column) {
+    const bool length = candidate.free.columns()[static_cast<std::size_t>(column)].length;
+    const double size = length ? stated.length : stated.angle;
+    if (candidate.sized || size > 0.0) {
+      add(length ? "length" : "angle", column, candidate.sized ? 0.0 : size, kUnlimited);
+    }
+  }
+  for (const std::size_t e : candidate.free.effects()) {
+    const EffectTerm& term = candidate.model.effects[e];
+    add(size_name(term), *candidate.free.column(UnknownGroup::effects, e), 0.0,
+        term.group == EffectGroup::tables ? kMostOfTable : kUnlimited);
+  }
+  return result;
+}
+
+// What a candidate is worth.
+struct Worth {
+  bool determined = false;
+  GroupSizes sizes;
+  Groups groups;
+  double motion = 0.0;  // [m or rad] largest of a joint by all effects
+  VectorXd squares;     // [m^2] of each held-out configuration, summed over its points
+  double held_out_rms = std::numeric_limits<double>::infinity();
+};
+
+std::vector<Index> all_columns(Index count) {
+  std::vector<Index> columns(static_cast<std::size_t>(count));
+  std::iota(columns.begin(), columns.end(), Index{0});
+  return columns;
+}
+
+// The choice at one set of data.
+class Chooser {
+public:
+  Chooser(const ChoiceTask& task, Measurements means, int threads)
+      : task_(task), means_(std::move(means)), threads_(threads) {
+    const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
+    folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);
+    points_ = static_cast<double>(means_.observations.size());
+  }
+
+  const Measurements& means() const { return means_; }
+
+  // `terms`: those of the choice and those whose size is zero, as the columns of `values` behind the rigid ones.
+  struct Outcome {
+    Choice choice;
+    std::vector<EffectTerm> terms;
+    VectorXd values;
+  };
+
+  Outcome choose() const {
+    const CalibrationOptions& options = task_.options;
+    const bool asked = !options.effects.automatic;
+    Outcome outcome;
+    Choice& result = outcome.choice;
+    bool sized = false;
+    std::vector<EffectTerm>& terms = outcome.terms;
+    std::vector<std::string> names;
+    for (std::size_t g = 0; asked && g < options.effects.groups.size(); ++g) {
+      append(terms, terms_of(options.effects.groups[g]));
+      names.emplace_back(to_string(options.effects.groups[g]));
+    }
+    Worth current = worth_of({}, {}, false, result.tried);
+    if (options.automatic_priors) {
+      Worth with_sizes = worth_of({}, {}, true, result.tried);
+      sized = with_sizes.held_out_rms < current.held_out_rms;
+      current = sized ? std::move(with_sizes) : std::move(current);
+    }
+    result.rigid_priors = priors_of(current, sized);
+    if (asked && !terms.empty()) {
+      current = worth_of(terms, names, sized, result.tried);
+    } else if (!asked) {
+      add_what_helps(sized, terms, names, current, result.tried);
+    }
+    result.priors = priors_of(current, sized);
+    result.terms = with_sigmas(terms, current);
+    mark_chosen(names, sized, result.tried);
+    outcome.values = current.sizes.values;
+    return outcome;
+  }
+
+private:
+  static void append(std::vector<EffectTerm>& terms, const std::vector<EffectTerm>& more) {
+    terms.insert(terms.end(), more.begin(), more.end());
+  }
+
+  std::vector<EffectTerm> allowed(std::vector<EffectTerm> terms) const {
+    std::erase_if(terms, [&](const EffectTerm& term) { return is_fixed(task_.options, term); });
+    return terms;
+  }
+
+  std::vector<EffectTerm> terms_of(EffectGroup group) const {
+    return allowed(effect_terms(task_.model, group, means_.joint_values));
+  }
+
+  // Groups that the number of configurations allows; tables from the longest length to the shortest.
+  struct Option {
+    std::string name;
+    std::vector<EffectTerm> terms;
+  };
+  std::vector<Option> options() const {
+    const std::map<EffectGroup, Index> least = {{EffectGroup::gravity, 12},
+                                                {EffectGroup::gain, 20},
+                                                {EffectGroup::backlash, 20},
+                                                {EffectGroup::harmonics, 20},
+                                                {EffectGroup::tables, 50}};
+    std::vector<Option> result;
+    for (const auto& [group, configurations] : least) {
+      if (means_.joint_values.cols() >= configurations) {
+        result.push_back({.name = to_string(group), .terms = terms_of(group)});
+      }
+    }
+    return result;
+  }
+
+  // Folds are predicted only where the evidence is at least `wanted`.
+  Worth worth_of(const std::vector<EffectTerm>& terms, const std::vector<std::string>& names, bool sized,
+                 std::vector<ModelOption>& tried, double wanted = -kUnlimited) const {
+    const Candidate candidate = with_terms(task_.model, task_.free, terms, sized);
+    Worth worth;
+    worth.groups = groups_of(candidate, task_.options.priors);
+    const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
+    if (static_cast<double>(rows.J.rows()) < kEquations * static_cast<double>(rows.J.cols())) {
+      return worth;
+    }
+    const Index configurations = static_cast<Index>(rows.first.size()) - 1;
+    const std::vector<Index> columns = all_columns(rows.J.cols());
+    const LinearSums all = sums_of(rows, all_columns(configurations));
+    const double rounding = kRounding / rows.unit;
+    const SizeEstimator whole(all, columns, worth.groups.columns);
+    if (!whole.is_determined()) {
+      return worth;
+    }
+    worth.sizes = whole.estimate({}, worth.groups.limits, rounding);
+    worth.motion = motion_of(candidate, worth.sizes.values);
+    if (worth.sizes.evidence >= wanted) {
+      predict_folds(rows, all, worth);
+    }
+    tried.push_back({.priors = priors_of(worth, sized),
+                     .effects = names,
+                     .sized = sized,
+                     .held_out_rms = worth.held_out_rms,
+                     .evidence = worth.sizes.evidence});
+    return worth;
+  }
+
+  double motion_of(const Candidate& candidate, const VectorXd& values) const {
+    if (candidate.model.effects.empty()) {
+      return 0.0;
+    }
+    const ColumnRange effects = candidate.free.range(UnknownGroup::effects);
+    const MatrixXd moved =
+        effective_joint_values(candidate.model, values.segment(effects.first, effects.count), means_.joint_values) -
+        means_.joint_values;
+    return moved.cwiseAbs().maxCoeff();
+  }
+
+  void predict_folds(const LinearRows& rows, const LinearSums& all, Worth& worth) const {
+    const std::vector<Index> columns = all_columns(rows.J.cols());
+    const double rounding = kRounding / rows.unit;
+    worth.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
+    std::vector<int> predicted(folds_.size(), 0);
+    parallel_for(folds_.size(), threads_, [&](std::size_t f) {
+      LinearSums without = all;
+      without -= sums_of(rows, folds_[f]);
+      const SizeEstimator rest(without, columns, worth.groups.columns);
+      if (!rest.is_determined()) {
+        return;
+      }
+      const VectorXd x = rest.estimate(worth.sizes.sizes, worth.groups.limits, rounding).values;
+      for (const Index c : folds_[f]) {
+        const Index first = rows.first[static_cast<std::size_t>(c)];
+        const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
+        worth.squares[c] = (rows.y.segment(first, count) - rows.J.middleRows(first, count) * x).squaredNorm();
+      }
+      predicted[f] = 1;
+    });
+    worth.squares *= rows.unit * rows.unit;
+    worth.determined = std::all_of(predicted.begin(), predicted.end(), [](int p) { return p == 1; });
+    if (worth.determined) {
+      worth.held_out_rms = std::sqrt(worth.squares.sum() / points_);
+    }
+  }
+
+  static bool helps(const Worth& with, const Worth& without) {
+    if (!with.determined || with.motion > kLargestMotion ||
+        !(with.held_out_rms <= kWorthwhile * without.held_out_rms)) {
+      return false;
+    }
+    const VectorXd gain = without.squares - with.squares;
+    const auto n = static_cast<double>(gain.size());
+    const double mean = gain.mean();
+    const double error = std::sqrt((gain.array() - mean).square().sum() / (n * std::max(n - 1.0, 1.0)));
+    return mean > error;
+  }
+
+  // The best of what is left, again and again.
+  void add_what_helps(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
+                      std::vector<ModelOption>& tried) const {
+    std::vector<Option> left = options();
+    while (current.determined && !left.empty()) {
+      std::optional<std::size_t> best;
+      Worth of_best;
+      for (std::size_t i = 0; i < left.size(); ++i) {
+        const double wanted = current.sizes.evidence + kEvidence;
+        Worth with = worth_of(joined(terms, left[i].terms), extended(names, left[i].name), sized, tried, wanted);
+        if (left[i].name == to_string(EffectGroup::tables) && with.determined) {
+          shorten(sized, terms, names, left[i], with, tried);
+        }
+        if (helps(with, current) && (!best || with.sizes.evidence > of_best.sizes.evidence)) {
+          best = i;
+          of_best = std::move(with);
+        }
+      }
+      if (!best) {
+        return;
+      }
+      append(terms, left[*best].terms);
+      names.push_back(left[*best].name);
+      left.erase(left.begin() + static_cast<std::ptrdiff_t>(*best));
+      current = std::move(of_best);
+    }
+  }
+
+  // Tables that forget themselves sooner, as long as they predict better.
+  void shorten(bool sized, const std::vector<EffectTerm>& terms, const std::vector<std::string>& names, Option& tables,
+               Worth& best, std::vector<ModelOption>& tried) const {
+    for (const double degrees : {10.0, 4.0}) {
+      const double length = degrees * std::numbers::pi / 180.0;
+      Option shorter{.name = tables.name, .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
+      std::erase_if(shorter.terms, [&](const EffectTerm& term) {  // what is flat already is not bent more
+        return size_of(best, size_name(term)) < kFlatTable;
+      });
+      Worth with = worth_of(joined(terms, shorter.terms), extended(names, shorter.name), sized, tried);
+      if (!(with.held_out_rms < best.held_out_rms)) {
+        return;
+      }
+      tables = std::move(shorter);
+      best = std::move(with);
+    }
+  }
+
+  static std::vector<EffectTerm> joined(std::vector<EffectTerm> terms, const std::vector<EffectTerm>& more) {
+    append(terms, more);
+    return terms;
+  }
+
+  static std::vector<std::string> extended(std::vector<std::string> names, const std::string& name) {
+    names.push_back(name);
+    return names;
+  }
+
+  static double size_of(const Worth& worth, const std::string& name) {
+    const auto found = std::find(worth.groups.names.begin(), worth.groups.names.end(), name);
+    const auto number = static_cast<std::size_t>(found - worth.groups.names.begin());
+    return number < worth.sizes.sizes.size() ? worth.sizes.sizes[number] : 0.0;
+  }
+
+  Priors priors_of(const Worth& worth, bool sized) const {
+    if (!sized || worth.sizes.sizes.empty()) {
+      return task_.options.priors;
+    }
+    return {.length = std::max(size_of(worth, "length"), kLeastPrior),
+            .angle = std::max(size_of(worth, "angle"), kLeastPrior)};
+  }
+
+  static std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const Worth& worth) {
+    for (EffectTerm& term : terms) {
+      term.sigma = size_of(worth, size_name(term));
+    }
+    std::erase_if(terms, [](const EffectTerm& term) { return !(term.sigma > 0.0); });
+    return terms;
+  }
+
+  // The chosen one first, the others by what they predict.
+  static void mark_chosen(const std::vector<std::string>& names, bool sized, std::vector<ModelOption>& tried) {
+    std::stable_sort(tried.begin(), tried.end(),
+                     [](const ModelOption& a, const ModelOption& b) { return a.held_out_rms < b.held_out_rms; });
+    const auto chosen = std::find_if(tried.begin(), tried.end(), [&](const ModelOption& option) {
+      return option.effects == names && option.sized == sized;
+    });
+    if (chosen != tried.end()) {
+      std::rotate(tried.begin(), chosen, chosen + 1);
+    }
+  }
+
+  const ChoiceTask& task_;
+  Measurements means_;
+  int threads_;
+  std::vector<std::vector<Index>> folds_;
+  double points_ = 0.0;
+};
+
+// The training rows as the means of their repeats; of many configurations some, evenly spaced.
+Measurements rows_for_choice(const Measurements& measurements) {
+  std::vector<Index> trained;
+  for (const std::vector<Index>& fold : make_folds(measurements, 0)) {
+    trained.insert(trained.end(), fold.begin(), fold.end());
+  }
+  std::sort(trained.begin(), trained.end());
+  std::vector<bool> taken(static_cast<std::size_t>(measurements.joint_values.cols()), false);
+  const std::size_t count = std::min(trained.size(), kMostConfigurations);
+  for (std::size_t i = 0; i < count; ++i) {
+    taken[static_cast<std::size_t>(trained[i * trained.size() / count])] = true;
+  }
+  return averaged(subset(measurements, [&](const Observation& o) {
+    return o.split == Split::train && taken[static_cast<std::size_t>(o.configuration)];
+  }));
+}
+
+}  // namespace
+
+bool choice_is_open(const CalibrationOptions& options) {
+  return options.automatic_priors || options.effects.automatic || !options.effects.groups.empty();
+}
+
+Choice choose_effects(const ChoiceTask& task) {
+  return Chooser(task, rows_for_choice(task.measurements), task.options.threads).choose().choice;
+}
+
+bool is_of_effects(const std::string& pattern) {
+  const std::string group = pattern.substr(0, pattern.find_first_of(".*?"));
+  return effect_group(group).has_value();
+}
+
+std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold) {
+  const Measurements means = rows_for_choice(task.measurements);
+  const std::vector<std::vector<Index>> folds = make_folds(means, 0);
+  std::vector<std::vector<double>> distances(folds.size());
+  parallel_for(folds.size(), task.options.threads, [&](std::size_t f) {
+    const auto is_left_out = [&](const Observation& o) {
+      return std::find(folds[f].begin(), folds[f].end(), o.configuration) != folds[f].end();
+    };
+    const Measurements rest = subset(means, [&](const Observation& o) { return !is_left_out(o); });
+    const Chooser::Outcome chosen = Chooser(task, rest, 1).choose();
+    const Candidate candidate = with_terms(task.model, task.free, chosen.terms, false);
+    const Measurements fold = subset(means, is_left_out);
+    const LinearRows left = linear_rows(candidate, fold, task.optimum, task.orientation_length);
+    if (chosen.values.size() == left.J.cols()) {
+      const VectorXd error = (left.y - left.J * chosen.values) * left.unit;
+      std::vector<Index> next(left.first.begin(), left.first.end());  // position rows come first
+      for (const Observation& o : fold.observations) {
+        Index& row = next[static_cast<std::size_t>(o.configuration)];
+        distances[f].push_back(error.segment<3>(row).norm());
+        row += 3;
+      }
+    }
+    if (after_fold) {
+      after_fold();
+    }
+  });
+  std::vector<double> result;
+  for (const std::vector<double>& fold : distances) {
+    result.insert(result.end(), fold.begin(), fold.end());
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

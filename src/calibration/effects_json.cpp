@@ -1,0 +1,163 @@
+#include "calibration/effects_json.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "calibration/parameter_estimates.hpp"
+#include "calibration/result_blocks.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using tree::elements;
+using tree::member;
+using tree::Node;
+using tree::number;
+
+constexpr const char* kAxes[] = {"x", "y", "z", "slide", "own"};
+
+// What the function is made of, beside its group and joint.
+Json function_json(const EffectTerm& term) {
+  switch (term.group) {
+    case EffectGroup::gravity:
+      return {{"link", term.gravity.link + 1}, {"axis", kAxes[term.gravity.axis]}};
+    case EffectGroup::backlash:
+      return {{"mass", term.masses.front().mass}};
+    case EffectGroup::harmonics:
+      return {{"of", term.harmonic > 0 ? "sin" : "cos"}, {"times", std::abs(term.harmonic)}};
+    case EffectGroup::tables:
+      return {{"number", term.table.number},
+              {"length", term.table.length},
+              {"lower", term.table.lower},
+              {"upper", term.table.upper}};
+    case EffectGroup::gain:
+      break;
+  }
+  return Json::object();
+}
+
+int whole_number(const Node& node, int least, int most) {
+  const double value = number(node);
+  if (value != std::floor(value) || value < least || value > most) {
+    tree::fail(node, "a whole number from " + std::to_string(least) + " to " + std::to_string(most));
+  }
+  return static_cast<int>(value);
+}
+
+double positive(const Node& node) {
+  const double value = number(node);
+  if (!(value > 0.0)) {
+    tree::fail(node, "a number above 0");
+  }
+  return value;
+}
+
+void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) {
+  const auto joints = static_cast<int>(model.joints.size());
+  switch (term.group) {
+    case EffectGroup::gravity: {
+      term.gravity.link = whole_number(member(node, "link"), 1, joints) - 1;
+      const Node axis = member(node, "axis");
+      const auto* const found = std::find(std::begin(kAxes), std::end(kAxes), tree::name(axis));
+      if (found == std::end(kAxes)) {
+        tree::fail(axis, "x, y, z, slide or own");
+      }
+      term.gravity.axis = static_cast<int>(found - std::begin(kAxes));
+      return;
+    }
+    case EffectGroup::backlash:
+      for (int frame = term.index + 1; frame <= joints; ++frame) {
+        term.masses.push_back({.frame = frame, .mass = positive(member(node, "mass")), .centre = {}});
+      }
+      return;
+    case EffectGroup::harmonics:
+      term.harmonic = whole_number(member(node, "times"), 1, 1000);
+      if (tree::name(member(node, "of")) != "sin") {
+        term.harmonic = -term.harmonic;
+      }
+      return;
+    case EffectGroup::tables:
+      term.table = {.number = whole_number(member(node, "number"), 1, 1000),
+                    .length = positive(member(node, "length")),
+                    .lower = number(member(node, "lower")),
+                    .upper = number(member(node, "upper"))};
+      if (!(term.table.lower < term.table.upper)) {
+        tree::fail(member(node, "upper"), "a number above 'lower'");
+      }
+      return;
+    case EffectGroup::gain:
+      return;
+  }
+}
+
+EffectTerm read_term(const Node& node, const ErrorModel& model) {
+  EffectTerm term;
+  term.name = tree::name(member(node, "name"));
+  const Node joint = member(node, "joint");
+  term.joint = tree::name(joint);
+  const auto found = std::find_if(model.joints.begin(), model.joints.end(),
+                                  [&](const MovingJoint& moving) { return moving.name == term.joint; });
+  if (found == model.joints.end()) {
+    tree::fail(joint, "a moving joint of this robot");
+  }
+  term.index = static_cast<int>(found - model.joints.begin());
+  const Node group = member(node, "group");
+  const std::optional<EffectGroup> known = effect_group(tree::name(group));
+  if (!known) {
+    tree::fail(group, "gravity, gain, backlash, harmonics or tables");
+  }
+  term.group = *known;
+  term.mean = number(member(node, "mean"));
+  term.scale = positive(member(node, "scale"));
+  term.sigma = positive(member(node, "sigma"));
+  read_function(member(node, "function"), model, term);
+  return term;
+}
+
+}  // namespace
+
+Json effects_json(const Calibration& calibration) {
+  Json terms = Json::array();
+  for (const ParameterEstimate& parameter : calibration.parameters) {
+    const auto term = std::find_if(calibration.model.effects.begin(), calibration.model.effects.end(),
+                                   [&](const EffectTerm& other) { return other.name == parameter.name; });
+    if (term == calibration.model.effects.end()) {
+      continue;
+    }
+    terms.push_back({{"name", term->name},
+                     {"joint", term->joint},
+                     {"group", to_string(term->group)},
+                     {"function", function_json(*term)},
+                     {"mean", term->mean},
+                     {"scale", term->scale},
+                     {"sigma", term->sigma},
+                     {"value", parameter.value},
+                     {"std", finite_or_null(parameter.std)}});
+  }
+  const KDL::Vector& g = calibration.model.gravity;
+  return {{"gravity_direction", {g.x(), g.y(), g.z()}}, {"terms", terms}};
+}
+
+SavedEffects read_effects(const Node& block, const ErrorModel& model) {
+  SavedEffects saved;
+  const Eigen::Vector3d gravity = tree::numbers<3>(member(block, "gravity_direction"));
+  saved.gravity = {gravity.x(), gravity.y(), gravity.z()};
+  const Node terms = member(block, "terms");
+  if (!terms.json.is_array()) {
+    tree::fail(terms, "an array");
+  }
+  std::vector<double> values;
+  if (!terms.json.empty()) {
+    for (const Node& node : elements(terms)) {
+      saved.terms.push_back(read_term(node, model));
+      values.push_back(number(member(node, "value")));
+    }
+  }
+  saved.values = Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+  return saved;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,24 @@
+#pragma once
+
+// Not installed. The block `effects` of the result: what besides the geometry moves the arm, so that a program may
+// apply it.
+
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "base/json_tree.hpp"
+#include "kdl_calibration/calibration.hpp"
+
+namespace kdl_calibration {
+
+nlohmann::ordered_json effects_json(const Calibration& calibration);
+
+struct SavedEffects {
+  std::vector<EffectTerm> terms;
+  Eigen::VectorXd values;
+  KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);
+};
+/// Throws InputError where a term is not one of this robot's.
+SavedEffects read_effects(const tree::Node& block, const ErrorModel& model);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,254 @@
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/random.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "mistakes_support.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using ::testing::Contains;
+using testing::fanuc;
+using ::testing::IsEmpty;
+using testing::kOddArm;
+
+/// An arm that does more than its geometry says, and what a tracker saw of it.
+struct Arm {
+  ErrorModel model;
+  VirtualRobot truth;
+  Measurements measured;
+  Eigen::MatrixXd unseen;
+
+  Arm(const Robot& robot, unsigned seed, int configurations, const std::vector<std::pair<EffectGroup, double>>& effects,
+      double sigma = 5e-5)
+      : model(complete_model(robot)) {
+    Random random(seed);
+    const std::vector<TargetFrame> targets = published_targets();
+    const Unknowns free(model, targets, reduced_model(model, targets).kept);
+    truth = virtual_robot(model, free.geometric(), targets, {.length = 5e-4, .angle = 5e-4}, random,
+                          Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)));
+    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), configurations, random);
+    unseen = random_configurations(limits_of(model.joints), 200, random);
+    std::vector<double> values;
+    for (const auto& [group, size] : effects) {
+      for (const EffectTerm& term : effect_terms(model, group, q)) {
+        truth.model.effects.push_back(term);
+        values.push_back(size * random.normal());
+      }
+    }
+    truth.truth.effects = Eigen::Map<Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+    measured = measure(truth, q, {.sigma = sigma}, random);
+    for (Observation& o : measured.observations) {
+      o.sigma = 0.0;  // nothing is stated
+    }
+  }
+
+  /// [m] RMS at configurations that were not measured.
+  double error_at_unseen(const Calibration& found) const {
+    Random random(1);
+    return error_statistics(position_errors(found.model, found.identification.estimate,
+                                            measure(truth, unseen, {.sigma = 0.0}, random)))
+        .rms;
+  }
+};
+
+CalibrationOptions automatic() {
+  return {.automatic_priors = true, .effects = {.automatic = true}, .held_out = false, .try_readings = false};
+}
+
+const CalibrationOptions kGeometry{.held_out = false, .try_readings = false};
+
+TEST(EffectChoice, FindsEachEffectAndPredictsByIt) {
+  for (const EffectGroup group :
+       {EffectGroup::gravity, EffectGroup::gain, EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables}) {
+    const Arm arm(fanuc(), 10 + static_cast<unsigned>(group), 60, {{group, 3e-4}});
+    const Calibration found = calibrate(arm.model, arm.measured, automatic());
+    ASSERT_FALSE(found.tried.empty());
+    EXPECT_FALSE(found.tried.front().effects.empty()) << to_string(group);
+    const double with = arm.error_at_unseen(found);
+    const double without = arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry));
+    std::cout << to_string(group) << ": " << ::testing::PrintToString(found.tried.front().effects) << ", unseen "
+              << with * 1e3 << " mm, by geometry " << without * 1e3 << " mm\n";
+    EXPECT_LT(with, 0.6 * without) << to_string(group);
+    EXPECT_LT(found.noise.sigma, 8e-5) << to_string(group);
+  }
+}
+
+TEST(EffectChoice, FindsTheSizeOfWhatIsThere) {
+  const Arm arm(fanuc(), 3, 100, {{EffectGroup::gravity, 2e-4}});
+  CalibrationOptions options = kGeometry;
+  options.effects.groups = {EffectGroup::gravity};
+  const Calibration found = calibrate(arm.model, arm.measured, options);
+  ASSERT_EQ(found.model.effects.size(), arm.truth.model.effects.size());
+  EXPECT_GT(found.model.effects.front().sigma, 1e-4);
+  EXPECT_LT(found.model.effects.front().sigma, 4e-4);
+  // What is true of the values lies where their covariance says.
+  const ColumnRange columns = found.free.range(UnknownGroup::effects);
+  ASSERT_EQ(columns.count, static_cast<Eigen::Index>(found.model.effects.size()));
+  int inside = 0;
+  for (Eigen::Index e = 0; e < columns.count; ++e) {
+    const double error = found.identification.estimate.effects[e] - arm.truth.truth.effects[e];
+    const double sigma = std::sqrt(found.covariance(columns.first + e, columns.first + e));
+    inside += std::abs(error) < 2.0 * sigma ? 1 : 0;
+  }
+  EXPECT_GE(inside, static_cast<int>(0.8 * static_cast<double>(columns.count)));
+}
+
+TEST(EffectChoice, LeavesARigidArmRigid) {
+  int kept = 0;
+  double worse = 0.0;
+  for (unsigned seed = 0; seed < 8; ++seed) {
+    const Arm arm(seed % 2 == 0 ? fanuc() : parse_robot(kOddArm), 50 + seed, seed % 3 == 0 ? 15 : 45, {});
+    const Calibration found = calibrate(arm.model, arm.measured, automatic());
+    kept += found.model.effects.empty() ? 0 : 1;
+    worse = std::max(worse,
+                     arm.error_at_unseen(found) / arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry)));
+  }
+  EXPECT_LE(kept, 1);
+  EXPECT_LT(worse, 1.1);
+}
+
+TEST(EffectChoice, NothingIsChosenWhereNothingIsLeft) {
+  const Arm arm(fanuc(), 4, 30, {}, 0.0);
+  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  EXPECT_THAT(found.model.effects, IsEmpty());
+  EXPECT_LT(arm.error_at_unseen(found), 1e-12);
+  EXPECT_LE(found.identification.iterations, 8);
+}
+
+TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
+  const Arm arm(fanuc(), 5, 24, {{EffectGroup::gravity, 3e-4}});
+  CalibrationOptions options = automatic();
+  options.leave_one_out = true;
+  options.nested = true;
+  const Calibration found = calibrate(arm.model, arm.measured, options);
+  ASSERT_TRUE(found.nested_leave_one_out.has_value());
+  EXPECT_EQ(found.nested_leave_one_out->count, 72);
+  EXPECT_GT(found.nested_leave_one_out->rms, 0.9 * found.leave_one_out->after.rms);
+  EXPECT_LT(found.nested_leave_one_out->rms, 2.0 * found.leave_one_out->after.rms);
+  // Spoiling a configuration changes what is predicted of it by just that, as nothing was learnt from it.
+  Measurements spoilt = arm.measured;
+  for (Observation& o : spoilt.observations) {
+    if (o.configuration == 7) {
+      o.position.x() += 1e-3;
+    }
+  }
+  const Calibration other = calibrate(arm.model, spoilt, options);
+  EXPECT_GT(other.nested_leave_one_out->max, 0.5e-3);
+}
+
+TEST(EffectChoice, HeldTermsTakeNoPart) {
+  const Arm arm(fanuc(), 6, 40, {{EffectGroup::gravity, 3e-4}});
+  CalibrationOptions options = kGeometry;
+  options.effects.groups = {EffectGroup::gravity, EffectGroup::gain};
+  options.fix = {"gravity.2.*", "gain.4"};
+  const Calibration found = calibrate(arm.model, arm.measured, options);
+  ASSERT_FALSE(found.model.effects.empty());
+  for (const EffectTerm& term : found.model.effects) {
+    EXPECT_NE(term.name.rfind("gravity.2.", 0), 0U) << term.name;
+    EXPECT_NE(term.name, "gain.4");
+  }
+  // A pattern that says nothing of effects is about parameters.
+  options.fix = {"*4"};
+  const Calibration other = calibrate(arm.model, arm.measured, options);
+  EXPECT_FALSE(other.free.column("Tz4").has_value());
+}
+
+TEST(EffectChoice, AnArmOnAWallSagsAlongItsOwnDirection) {
+  Arm arm(fanuc(), 7, 60, {});
+  arm.truth.model.gravity = KDL::Vector(1.0, 0.0, 0.0);
+  arm.truth.model.effects = effect_terms(arm.truth.model, EffectGroup::gravity, arm.measured.joint_values);
+  Random random(8);
+  arm.truth.truth.effects = Eigen::VectorXd::NullaryExpr(static_cast<Eigen::Index>(arm.truth.model.effects.size()),
+                                                         [&](Eigen::Index) { return 3e-4 * random.normal(); });
+  arm.measured = measure(arm.truth, arm.measured.joint_values, {.sigma = 5e-5}, random);
+  CalibrationOptions options = kGeometry;
+  options.effects.groups = {EffectGroup::gravity};
+  const double upright = arm.error_at_unseen(calibrate(arm.model, arm.measured, options));
+  ErrorModel on_wall = arm.model;
+  on_wall.gravity = arm.truth.model.gravity;
+  const double known = arm.error_at_unseen(calibrate(on_wall, arm.measured, options));
+  EXPECT_LT(known, 0.7 * upright);
+}
+
+TEST(EffectChoice, OfFewConfigurationsOnlyWhatTheyCanTell) {
+  const Arm arm(fanuc(), 9, 13, {{EffectGroup::gravity, 3e-4}});
+  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  for (const ModelOption& option : found.tried) {
+    EXPECT_THAT(option.effects, ::testing::AnyOf(IsEmpty(), ::testing::ElementsAre("gravity")));
+  }
+}
+
+// ---- rigid arms ----------------------------------------------------------------------------------------------------
+
+struct Rigid {
+  int arms = 0;
+  int kept = 0;        // an effect
+  int much_worse = 0;  // by more than 10 %
+  double ratio = 0.0;  // of the errors at unseen configurations, mean of logarithms
+};
+
+/// What automatic choices make of arms that geometry explains, against geometry alone.
+Rigid of_rigid_arms(unsigned first, unsigned count) {
+  Rigid result;
+  for (unsigned seed = first; seed < first + count; ++seed) {
+    Random random(seed);
+    const ErrorModel model = testing::random_arm(random);
+    const int configurations = static_cast<int>(12.0 * std::pow(200.0 / 12.0, random.uniform(0.0, 1.0)));
+    const testing::Draw draw{.configurations = configurations,
+                             .targets = 2 + static_cast<int>(seed % 2),
+                             .length = random.uniform(1e-4, 1e-3),
+                             .angle = random.uniform(1e-4, 5e-3),
+                             .noise = random.uniform(1e-5, 1e-4)};
+    const testing::Measured m = testing::measured(model, seed, draw);
+    const testing::Measured unseen =
+        testing::measured(model, seed, {.configurations = 300, .targets = draw.targets, .noise = 0.0});
+    const auto error_of = [&](const Calibration& found) {
+      const auto truly = flange_poses(m.model, m.truth, unseen.data.joint_values);
+      const auto predicted = flange_poses(found.model, found.identification.estimate, unseen.data.joint_values);
+      double squares = 0.0;
+      for (std::size_t c = 0; c < truly.size(); ++c) {
+        for (std::size_t k = 0; k < m.truth.targets.size(); ++k) {
+          const Estimate& estimate = found.identification.estimate;
+          squares += (m.truth.X_WB * truly[c] * m.truth.targets[k].X_FT.translation() -
+                      estimate.X_WB * predicted[c] * estimate.targets[k].X_FT.translation())
+                         .squaredNorm();
+        }
+      }
+      return std::sqrt(squares);
+    };
+    const Calibration found = calibrate(m.model, m.data, automatic());
+    const double ratio = error_of(found) / error_of(calibrate(m.model, m.data, kGeometry));
+    ++result.arms;
+    result.kept += found.model.effects.empty() ? 0 : 1;
+    result.much_worse += ratio > 1.1 ? 1 : 0;
+    result.ratio += std::log(ratio) / count;
+  }
+  std::cout << result.arms << " rigid arms: effects kept in " << result.kept << ", error at unseen configurations "
+            << std::exp(result.ratio) << " of geometry's, worse by more than 10 % in " << result.much_worse << "\n";
+  return result;
+}
+
+TEST(EffectChoiceLongRun, RigidArmsStayRigid) {
+  const Rigid found = of_rigid_arms(1000, 40);
+  EXPECT_LE(found.kept, 7);
+  EXPECT_LT(found.ratio, std::log(1.02));
+}
+
+TEST(EffectChoiceCampaign, ThreeHundredRigidArmsStayRigid) {
+  const Rigid found = of_rigid_arms(1, 300);
+  EXPECT_LE(found.kept, 21);
+  EXPECT_LE(found.much_worse, 1);
+  EXPECT_LT(found.ratio, std::log(1.02));
+}
+
+}  // namespace
+}  // namespace kdl_calibration

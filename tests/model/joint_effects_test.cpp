@@ -1,0 +1,320 @@
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <cmath>
+#include <kdl/chaindynparam.hpp>
+#include <numeric>
+
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using testing::fanuc;
+
+TEST(JointEffects, GravityBendsTheSecondAndThirdJointOfTheR2000iC) {
+  // The first axis is vertical; the wrist's levers are small beside the arm's.
+  const std::vector<EffectTerm> found = load_terms(complete_model(fanuc()));
+  std::vector<std::string> names;
+  for (const EffectTerm& effect : found) {
+    names.push_back(effect.name);
+  }
+  EXPECT_THAT(names, ::testing::ElementsAre("gravity2_3", "gravity2_4", "gravity3_4"));
+}
+
+TEST(JointEffects, BasisIsTheHorizontalLeverOverItsLargest) {
+  ErrorModel model = complete_model(fanuc());
+  model.effects = load_terms(model);
+  Random random(1);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 50, random);
+  const Eigen::MatrixXd basis = effect_basis(model, q);
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    // Upper arm of 1.075 m along z, turned by q2 about x: horizontal lever 1.075 sin q2.
+    EXPECT_NEAR(std::abs(basis(0, c)) * model.effects[0].scale, 1.075 * std::abs(std::sin(q(1, c))), 1e-12);
+  }
+  EXPECT_LE(basis.cwiseAbs().maxCoeff(), 1.05);
+}
+
+TEST(JointEffects, WithLinkMassesTheTorqueIsThatOfTheKdlSolver) {
+  std::string urdf = fanuc().urdf;
+  const auto add_mass = [&](const std::string& link, const std::string& inertial) {
+    const std::string tag = "<link name=\"" + link + "\">";
+    const auto at = urdf.find(tag);
+    ASSERT_NE(at, std::string::npos) << link;
+    urdf.insert(at + tag.size(), inertial);
+  };
+  add_mass("link_2",
+           "<inertial><origin xyz='0 0.1 0.5'/><mass value='200'/><inertia ixx='1' iyy='1' izz='1' ixy='0' "
+           "ixz='0' iyz='0'/></inertial>");
+  add_mass("link_3",
+           "<inertial><origin xyz='0.05 0.6 0.1'/><mass value='150'/><inertia ixx='1' iyy='1' izz='1' "
+           "ixy='0' ixz='0' iyz='0'/></inertial>");
+  const Robot robot = parse_robot(urdf);
+  ErrorModel model = complete_model(robot);
+  model.effects = load_terms(model);
+  ASSERT_EQ(model.effects.size(), 2U);
+  KDL::ChainDynParam solver(robot.chain, KDL::Vector(0.0, 0.0, -1.0));
+  Random random(2);
+  for (int i = 0; i < 50; ++i) {
+    const Eigen::VectorXd q = random_configurations(limits_of(model.joints), 1, random).col(0);
+    KDL::JntArray joints(6);
+    KDL::JntArray torque(6);
+    joints.data = q;
+    solver.JntToGravity(joints, torque);
+    const Eigen::MatrixXd basis = effect_basis(model, q);
+    for (std::size_t d = 0; d < 2; ++d) {
+      // KDL gives the torque that holds the arm against gravity.
+      EXPECT_NEAR(basis(static_cast<Eigen::Index>(d), 0) * model.effects[d].scale,
+                  -torque(static_cast<unsigned>(model.effects[d].index)), 1e-9);
+    }
+  }
+}
+
+// The odd arm with masses on every link, on those behind fixed joints as well.
+Robot heavy_odd_arm() {
+  std::string urdf = testing::kOddArm;
+  urdf.insert(urdf.find("<joint"),  // and on one behind two of them
+              "<link name=\"gripper\"/>"
+              "<joint name=\"adapter\" type=\"fixed\"><parent link=\"tool\"/><child link=\"gripper\"/>"
+              "<origin xyz=\"0.1 0.2 -0.3\" rpy=\"0.4 -0.5 0.6\"/></joint>");
+  double mass = 3.0;
+  for (const std::string link : {"world", "a", "b", "bracket", "c", "d", "e", "tool", "gripper"}) {
+    const std::string tag = "<link name=\"" + link + "\"/>";
+    const auto at = urdf.find(tag);
+    const std::string inertial = "<inertial><origin xyz='0.1 " + std::to_string(0.02 * mass) + " -0.05' rpy='0 0 0'/>" +
+                                 "<mass value='" + std::to_string(mass) +
+                                 "'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>";
+    urdf.replace(at, tag.size(), "<link name=\"" + link + "\">" + inertial + "</link>");
+    mass += 2.0;
+  }
+  return parse_robot(urdf);
+}
+
+TEST(JointEffects, MassesBehindFixedJointsPullAsTheKdlSolverSays) {
+  const Robot robot = heavy_odd_arm();
+  ErrorModel model = complete_model(robot);
+  ASSERT_EQ(model.link_masses.size(), 8U);  // all but the base link's
+  for (const Eigen::Vector3d& down : {Eigen::Vector3d(0.0, 0.0, -1.0), Eigen::Vector3d(0.48, -0.6, -0.64)}) {
+    model.gravity = KDL::Vector(down.x(), down.y(), down.z());
+    model.effects = load_terms(model);
+    std::vector<int> joints;
+    for (const EffectTerm& effect : model.effects) {
+      joints.push_back(effect.index);
+    }
+    EXPECT_THAT(joints, ::testing::IsSupersetOf({0, 2, 3}));
+    KDL::ChainDynParam solver(robot.chain, model.gravity);
+    Random random(4);
+    for (int i = 0; i < 50; ++i) {
+      const Eigen::VectorXd q = testing::random_joints(model, random);
+      KDL::JntArray values(5);
+      KDL::JntArray torque(5);
+      values.data = q;
+      ASSERT_EQ(solver.JntToGravity(values, torque), 0);
+      const Eigen::MatrixXd basis = effect_basis(model, q);
+      for (std::size_t d = 0; d < model.effects.size(); ++d) {
+        const int joint = model.effects[d].index;
+        EXPECT_NEAR(basis(static_cast<Eigen::Index>(d), 0) * model.effects[d].scale,
+                    -torque(static_cast<unsigned>(joint)), 1e-9)
+            << model.effects[d].name;
+      }
+      // What bends the joints: each by its value times its basis, and only its own.
+      Eigen::VectorXd values_of = Eigen::VectorXd::LinSpaced(static_cast<Eigen::Index>(joints.size()), 0.001, 0.004);
+      Eigen::VectorXd expected = q;
+      for (std::size_t d = 0; d < joints.size(); ++d) {
+        expected[joints[d]] += values_of[static_cast<Eigen::Index>(d)] * basis(static_cast<Eigen::Index>(d), 0);
+      }
+      EXPECT_LT((effective_joint_values(model, values_of, q) - expected).norm(), 1e-15);
+    }
+  }
+}
+
+// Every linear function of gravity in a link that a joint feels, as it is.
+std::vector<EffectTerm> whole_gravity_basis(const ErrorModel& model) {
+  std::vector<EffectTerm> terms;
+  for (int joint = 0; joint < static_cast<int>(model.joints.size()); ++joint) {
+    for (int link = joint; link < static_cast<int>(model.joints.size()); ++link) {
+      for (int axis = 0; axis <= GravityTerm::kOwn; ++axis) {
+        const auto type = model.joints[static_cast<std::size_t>(axis == GravityTerm::kSlide ? link : joint)].type;
+        const bool fits = axis < GravityTerm::kSlide || type == JointType::prismatic;
+        if (fits) {
+          terms.push_back({.name = std::to_string(terms.size()),
+                           .index = joint,
+                           .masses = {},
+                           .gravity = {.link = link, .axis = axis},
+                           .table = {}});
+        }
+      }
+    }
+  }
+  return terms;
+}
+
+TEST(JointEffects, TheTorqueOfAnyMassesIsALinearFunctionOfTheGravityTerms) {
+  const Robot robot = heavy_odd_arm();
+  ErrorModel model = complete_model(robot);
+  model.gravity = KDL::Vector(0.48, -0.6, -0.64);
+  model.effects = whole_gravity_basis(model);
+  KDL::ChainDynParam solver(robot.chain, model.gravity);
+  Random random(6);
+  constexpr Eigen::Index kCount = 200;
+  Eigen::MatrixXd q(5, kCount);
+  Eigen::MatrixXd torques(5, kCount);
+  for (Eigen::Index c = 0; c < kCount; ++c) {
+    q.col(c) = testing::random_joints(model, random);
+    KDL::JntArray values(5);
+    KDL::JntArray torque(5);
+    values.data = q.col(c);
+    ASSERT_EQ(solver.JntToGravity(values, torque), 0);
+    torques.col(c) = torque.data;
+  }
+  const Eigen::MatrixXd basis = effect_basis(model, q);
+  for (int joint = 0; joint < 5; ++joint) {
+    std::vector<Eigen::Index> own;
+    for (std::size_t e = 0; e < model.effects.size(); ++e) {
+      if (model.effects[e].index == joint) {
+        own.push_back(static_cast<Eigen::Index>(e));
+      }
+    }
+    const Eigen::MatrixXd columns = basis(own, Eigen::all).transpose();
+    const Eigen::VectorXd torque = torques.row(joint).transpose();
+    const Eigen::VectorXd rest = torque - columns * columns.completeOrthogonalDecomposition().solve(torque);
+    EXPECT_LT(rest.norm(), 1e-10 * torques.norm()) << "joint " << joint + 1;
+    EXPECT_GT(torque.norm(), 0.01 * torques.norm()) << "nothing to explain";
+  }
+}
+
+TEST(JointEffects, TermsHaveZeroMeanAndUnitScaleOverTheJointValuesTheyAreMadeFor) {
+  ErrorModel model = complete_model(fanuc());
+  Random random(7);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  for (const EffectGroup group :
+       {EffectGroup::gravity, EffectGroup::gain, EffectGroup::backlash, EffectGroup::harmonics}) {
+    model.effects = effect_terms(model, group, q);
+    ASSERT_FALSE(model.effects.empty()) << to_string(group);
+    const Eigen::MatrixXd basis = effect_basis(model, q);
+    for (std::size_t e = 0; e < model.effects.size(); ++e) {
+      const auto row = basis.row(static_cast<Eigen::Index>(e)).array();
+      EXPECT_EQ(model.effects[e].group, group);
+      EXPECT_NEAR(row.mean(), 0.0, 1e-12) << model.effects[e].name;
+      EXPECT_NEAR(std::sqrt(row.square().mean()), 1.0, 1e-12) << model.effects[e].name;
+    }
+  }
+}
+
+TEST(JointEffects, GravityTermsThatRepeatEachOtherOrHardlyChangeAreLeftOut) {
+  ErrorModel model = complete_model(fanuc());
+  Random random(8);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 200, random);
+  model.effects = effect_terms(model, EffectGroup::gravity, q);
+  const Eigen::MatrixXd basis = effect_basis(model, q);
+  // The first axis is vertical: nothing turns it. Joint 2 sees its own link, the next and those of the wrist.
+  for (const EffectTerm& term : model.effects) {
+    EXPECT_GT(term.index, 0) << term.name;
+  }
+  EXPECT_EQ(model.effects.size(), 30U);
+  for (int joint = 1; joint < 6; ++joint) {
+    std::vector<Eigen::Index> own;
+    for (std::size_t e = 0; e < model.effects.size(); ++e) {
+      if (model.effects[e].index == joint) {
+        own.push_back(static_cast<Eigen::Index>(e));
+      }
+    }
+    const Eigen::MatrixXd columns = basis(own, Eigen::all).transpose();
+    EXPECT_EQ(Eigen::ColPivHouseholderQR<Eigen::MatrixXd>(columns).rank(), columns.cols()) << joint + 1;
+  }
+  EXPECT_TRUE(effect_terms(model, EffectGroup::gravity, q.leftCols(1)).empty()) << "of one configuration";
+}
+
+TEST(JointEffects, BacklashLiesWhereGravityPulls) {
+  ErrorModel model = complete_model(fanuc());
+  Random random(9);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  model.effects = effect_terms(model, EffectGroup::backlash, q);
+  const auto second = std::find_if(model.effects.begin(), model.effects.end(),
+                                   [](const EffectTerm& term) { return term.name == "backlash.2"; });
+  ASSERT_NE(second, model.effects.end());
+  // Torque of unit masses at the frames behind it, by hand; over 0.15 of its mean size; tanh.
+  Eigen::VectorXd torque(q.cols());
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    KDL::Frame pose = KDL::Frame::Identity();
+    KDL::Vector origin;
+    KDL::Vector axis;
+    double sum = 0.0;
+    for (std::size_t i = 0; i <= model.joints.size(); ++i) {
+      pose = pose * (i < 6 ? model.joints[i].origin : model.tip_origin);
+      if (i == 1) {
+        origin = pose.p;
+        axis = pose.M * model.joints[1].axis;
+      } else if (i > 1) {
+        sum += KDL::dot(axis, (pose.p - origin) * model.gravity);
+      }
+      if (i < 6) {
+        pose = pose * KDL::Frame(KDL::Rotation::Rot2(model.joints[i].axis, q(static_cast<Eigen::Index>(i), c)));
+      }
+    }
+    torque[c] = sum;
+  }
+  Eigen::VectorXd expected = (torque / (0.15 * torque.cwiseAbs().mean())).array().tanh();
+  expected.array() -= expected.mean();
+  expected /= std::sqrt(expected.array().square().mean());
+  const Eigen::VectorXd got = effect_basis(model, q).row(second - model.effects.begin());
+  EXPECT_LT((got - expected).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+// The sum of the squared functions is the covariance of the process (Rasmussen and Williams 2006, 4.17).
+TEST(JointEffects, TablesHaveTheCovarianceOfMaternThreeHalves) {
+  ErrorModel model = complete_model(fanuc());
+  Eigen::MatrixXd q = Eigen::MatrixXd::Zero(6, 41);
+  q.row(2) = Eigen::RowVectorXd::LinSpaced(41, -1.0, 1.4);
+  for (const double length : {0.5, 0.2, 0.1}) {
+    model.effects = table_terms(model, q, length);
+    for (const EffectTerm& term : model.effects) {
+      ASSERT_EQ(term.index, 2) << "the others do not move";
+      ASSERT_EQ(size_name(term), "tables.3");
+    }
+    const Eigen::MatrixXd basis = effect_basis(model, q);
+    const Eigen::MatrixXd covariance = basis.transpose() * basis;
+    for (Eigen::Index a = 0; a < q.cols(); ++a) {
+      for (Eigen::Index b = 0; b < q.cols(); ++b) {
+        const double r = std::sqrt(3.0) * std::abs(q(2, a) - q(2, b)) / length;
+        EXPECT_NEAR(covariance(a, b), (1.0 + r) * std::exp(-r), 0.03) << length << ": " << a << ", " << b;
+      }
+    }
+    // Beyond the measured range the value is held.
+    Eigen::MatrixXd beyond = q.rightCols(1);
+    beyond(2, 0) += 0.7;
+    EXPECT_EQ(effect_basis(model, beyond), effect_basis(model, q.rightCols(1)));
+  }
+}
+
+TEST(JointEffects, IsIdentifiedFromMeasurements) {
+  ErrorModel model = complete_model(fanuc());
+  model.effects = load_terms(model);
+  for (const EffectTerm& gain : gain_terms(model)) {
+    model.effects.push_back(gain);
+  }
+  Random random(3);
+  const std::vector<TargetFrame> targets = published_targets();
+  const Unknowns rigid(model, targets, reduced_model(model, targets).kept);
+  VirtualRobot robot = virtual_robot(model, rigid.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
+  robot.truth.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.effects.size()));
+  robot.truth.effects.head<4>() << 0.001, -0.0005, 0.0008, 0.0002;
+  const Measurements measured = measure(robot, random_configurations(limits_of(model.joints), 60, random), {}, random);
+  std::vector<std::size_t> effects(model.effects.size());
+  std::iota(effects.begin(), effects.end(), 0U);
+  const Unknowns free = rigid.with(model, UnknownGroup::effects, effects);
+  const Identification found = identify_jointly(model, measured, nominal_start(model, measured), free);
+  ASSERT_EQ(found.termination, Termination::converged) << found.message;
+  EXPECT_LT((found.estimate.effects - robot.truth.effects).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_LT(found.rms, 1e-11);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
