@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/result_blocks.hpp"
@@ -37,6 +38,11 @@ Json function_json(const EffectTerm& term) {
       break;
   }
   return Json::object();
+}
+
+// Of the joint, as measured; null of nothing.
+Json range_json(const std::pair<double, double>& range) {
+  return range.first <= range.second ? Json::array({range.first, range.second}) : Json(nullptr);
 }
 
 int whole_number(const Node& node, int least, int most) {
@@ -119,7 +125,8 @@ EffectTerm read_term(const Node& node, const ErrorModel& model) {
 
 }  // namespace
 
-Json effects_json(const Calibration& calibration) {
+Json effects_json(const Calibration& calibration, const Measurements& measurements) {
+  const JointRanges ranges = trained_ranges(measurements);
   Json terms = Json::array();
   for (const ParameterEstimate& parameter : calibration.parameters) {
     const auto term = std::find_if(calibration.model.effects.begin(), calibration.model.effects.end(),
@@ -134,8 +141,9 @@ Json effects_json(const Calibration& calibration) {
                      {"mean", term->mean},
                      {"scale", term->scale},
                      {"sigma", term->sigma},
-                     {"value", parameter.value},
-                     {"std", finite_or_null(parameter.std)}});
+                     {"coefficient", parameter.value},
+                     {"std", finite_or_null(parameter.std)},
+                     {"valid_range", range_json(ranges[static_cast<std::size_t>(term->index)])}});
   }
   const KDL::Vector& g = calibration.model.gravity;
   return {{"gravity_direction", {g.x(), g.y(), g.z()}}, {"terms", terms}};
@@ -153,7 +161,7 @@ SavedEffects read_effects(const Node& block, const ErrorModel& model) {
   if (!terms.json.empty()) {
     for (const Node& node : elements(terms)) {
       saved.terms.push_back(read_term(node, model));
-      values.push_back(number(member(node, "value")));
+      values.push_back(number(member(node, "coefficient")));
     }
   }
   saved.values = Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));

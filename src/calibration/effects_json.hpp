@@ -11,7 +11,7 @@
 
 namespace kdl_calibration {
 
-nlohmann::ordered_json effects_json(const Calibration& calibration);
+nlohmann::ordered_json effects_json(const Calibration& calibration, const Measurements& measurements);
 
 struct SavedEffects {
   std::vector<EffectTerm> terms;

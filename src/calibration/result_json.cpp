@@ -303,7 +303,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
     result["convergence_factor"] = found.convergence_factor;
   }
   result["parameters"] = parameters_json(calibration.parameters);
-  result["effects"] = effects_json(calibration);
+  result["effects"] = effects_json(calibration, measurements);
   result["model"] = reduction_json(calibration.reduction);
   result["base"] = base_json(calibration);
   result["targets"] = targets_json(calibration);

@@ -342,6 +342,9 @@ void add_main_figures(const Calibration& calibration, std::string& text) {
     text += format("                      at unseen configurations %.3f mm  (", held_out->after.rms * 1e3) +
             (calibration.leave_one_out ? std::string("leave-one-out") : std::to_string(calibration.folds) + "-fold") +
             ")\n";
+    if (held_out->rigid) {
+      text += format("                      there by the exported URDF alone %.3f mm\n", held_out->rigid->rms * 1e3);
+    }
   }
 }
 

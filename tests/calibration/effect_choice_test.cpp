@@ -1,9 +1,11 @@
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <numeric>
 
+#include "calibration/parameter_estimates.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
@@ -184,6 +186,42 @@ TEST(EffectChoice, OfFewConfigurationsOnlyWhatTheyCanTell) {
   const Calibration found = calibrate(arm.model, arm.measured, automatic());
   for (const ModelOption& option : found.tried) {
     EXPECT_THAT(option.effects, ::testing::AnyOf(IsEmpty(), ::testing::ElementsAre("gravity")));
+  }
+}
+
+/// Share of the geometric errors that lie in their 95 % intervals, over arms without effects.
+double covered(unsigned first, unsigned count, int configurations, bool with_effects) {
+  double inside = 0.0;
+  double all = 0.0;
+  for (unsigned seed = first; seed < first + count; ++seed) {
+    std::vector<std::pair<EffectGroup, double>> effects;
+    if (with_effects) {
+      effects.emplace_back(EffectGroup::gravity, 2e-4);
+    }
+    const Arm arm(fanuc(), seed, configurations, effects);
+    const Calibration found = calibrate(arm.model, arm.measured, automatic());
+    for (std::size_t p = 0; p < arm.model.parameters.size(); ++p) {
+      const auto parameter =
+          std::find_if(found.parameters.begin(), found.parameters.end(),
+                       [&](const ParameterEstimate& e) { return e.name == arm.model.parameters[p].name; });
+      if (parameter == found.parameters.end() || !parameter->identifiable) {
+        continue;
+      }
+      const double error = parameter->error - arm.truth.truth.errors[static_cast<Eigen::Index>(p)];
+      inside += std::abs(error) <= half_width_95(parameter->std, parameter->degrees_of_freedom) ? 1.0 : 0.0;
+      all += 1.0;
+    }
+  }
+  std::cout << configurations << " configurations" << (with_effects ? " of an arm that sags" : "") << ": "
+            << 100.0 * inside / all << " % of " << all << " errors in their intervals\n";
+  return inside / all;
+}
+
+TEST(EffectChoiceLongRun, IntervalsHoldBesideAutomaticChoices) {
+  for (const auto& [configurations, with_effects] : {std::pair{30, false}, std::pair{10, false}, std::pair{40, true}}) {
+    const double share = covered(200, 60, configurations, with_effects);
+    EXPECT_GT(share, 0.90);
+    EXPECT_LT(share, 0.98);
   }
 }
 

@@ -736,7 +736,8 @@ void expect_function(Expected& expected, const std::string& path, const EffectTe
   }
 }
 
-void expect_effects(Expected& expected, const Calibration& found) {
+void expect_effects(Expected& expected, const Case& c) {
+  const Calibration& found = c.calibration;
   const KDL::Vector& g = found.model.gravity;
   expected.numbers("/effects/gravity_direction", std::vector<double>{g.x(), g.y(), g.z()});
   for (std::size_t i = 0; i < found.model.effects.size(); ++i) {
@@ -750,8 +751,10 @@ void expect_effects(Expected& expected, const Calibration& found) {
     expected.number(path + "/mean", term.mean);
     expected.number(path + "/scale", term.scale);
     expected.number(path + "/sigma", term.sigma);
-    expected.number(path + "/value", estimate.value);
+    expected.number(path + "/coefficient", estimate.value);
     expected.number(path + "/std", estimate.std);
+    const auto& [lower, upper] = trained_ranges(c.measurements).at(static_cast<std::size_t>(term.index));
+    expected.numbers(path + "/valid_range", std::vector<double>{lower, upper});
   }
   if (found.model.effects.empty()) {
     expected.is("/effects/terms", Json::array());
@@ -962,7 +965,7 @@ Expected expected_result(const Case& c) {
   expect_reduction(expected, "/model", c.calibration.reduction);
   expect_accuracy(expected, c.calibration);
   expect_noise(expected, c.calibration);
-  expect_effects(expected, c.calibration);
+  expect_effects(expected, c);
   expect_choices(expected, c.calibration);
   expect_predictions(expected, c.calibration);
   expect_influence(expected, c);
@@ -1393,6 +1396,9 @@ void expect_verdict(std::vector<std::string>& lines, const Case& c) {
     lines.push_back("at the test rows " + mm(found.iso_test_after->accuracy.rms) + " mm");
   }
   lines.push_back("at unseen configurations " + mm(found.held_out()->after.rms) + " mm (" + held_out_name(found) + ")");
+  if (found.held_out()->rigid) {
+    lines.push_back("there by the exported URDF alone " + mm(found.held_out()->rigid->rms) + " mm");
+  }
 }
 
 void expect_accuracies(std::vector<std::string>& lines, const Calibration& found) {
