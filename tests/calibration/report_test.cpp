@@ -738,6 +738,7 @@ void expect_function(Expected& expected, const std::string& path, const EffectTe
 
 void expect_effects(Expected& expected, const Case& c) {
   const Calibration& found = c.calibration;
+  const JointRanges ranges = trained_ranges(c.measurements);
   const KDL::Vector& g = found.model.gravity;
   expected.numbers("/effects/gravity_direction", std::vector<double>{g.x(), g.y(), g.z()});
   for (std::size_t i = 0; i < found.model.effects.size(); ++i) {
@@ -753,7 +754,7 @@ void expect_effects(Expected& expected, const Case& c) {
     expected.number(path + "/sigma", term.sigma);
     expected.number(path + "/coefficient", estimate.value);
     expected.number(path + "/std", estimate.std);
-    const auto& [lower, upper] = trained_ranges(c.measurements).at(static_cast<std::size_t>(term.index));
+    const auto& [lower, upper] = ranges.at(static_cast<std::size_t>(term.index));
     expected.numbers(path + "/valid_range", std::vector<double>{lower, upper});
   }
   if (found.model.effects.empty()) {
