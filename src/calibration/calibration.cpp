@@ -207,6 +207,12 @@ void choose(const FitTask& rigid, Chosen& chosen, Setting& setting, Weighing& we
   setting.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(setting.model.effects.size()));
 }
 
+// Whether what was chosen is what was fitted already.
+bool is_plain(const Choice& choice, const CalibrationOptions& options) {
+  return choice.terms.empty() && choice.priors.length == options.priors.length &&
+         choice.priors.angle == options.priors.angle;
+}
+
 // Of base, targets and geometry, and of every effect of the model.
 Unknowns with_all_effects(const ErrorModel& model, const Unknowns& rigid) {
   std::vector<std::size_t> all(model.effects.size());
@@ -407,7 +413,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                      .fit_options = weighing.fit};
   Chosen chosen{.rigid = {}, .fit = fit_whole(task, setting.choice, setting.free), .choice = {}, .rigid_options = {}};
   choose(task, chosen, setting, weighing);
-  WholeFit fitted = chosen.choice.tried.empty()
+  WholeFit fitted = is_plain(chosen.choice, options)
                         ? chosen.fit
                         : fit_whole(task, setting.choice, with_all_effects(setting.model, setting.free));
   const EstimatedNoise estimated = fit_with_estimated_noise(task, fitted, weighing.fit.joint.residuals);

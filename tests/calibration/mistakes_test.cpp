@@ -36,10 +36,11 @@ bool doubts_for(const Calibration& found, const std::string& cause, const std::s
 }
 
 // No more than one explanation of the data, the right one.
-void expect_named(const Mistake& mistake, const ErrorModel& model, std::uint64_t seed) {
+void expect_named(const Mistake& mistake, const ErrorModel& model, std::uint64_t seed,
+                  const CalibrationOptions& options = {}) {
   Measured m = measured(model, seed, mistake.draw);
   mistake.make(m);
-  const Calibration found = calibrate(model, m.data);
+  const Calibration found = calibrate(model, m.data, options);
   const std::string where = mistake.name + ", " + model.joints.front().name + ", seed " + std::to_string(seed);
   EXPECT_FALSE(found.trusted()) << where;
   EXPECT_TRUE(doubts_for(found, mistake.cause, mistake.words)) << where << "\n" << said(found);
@@ -60,6 +61,15 @@ TEST(Mistakes, ACrossSectionOfTheTableIsDoubted) {
   const std::vector<Mistake> all = table();
   for (std::size_t i = 0; i < all.size(); i += 5) {
     expect_named(all[i], i % 2 == 0 ? large_arm() : light_arm(), 4);
+  }
+}
+
+// Neither effects nor priors explain a mistake away.
+TEST(Mistakes, AreDoubtedBesideAutomaticChoices) {
+  const std::vector<Mistake> all = table();
+  for (std::size_t i = 2; i < all.size(); i += 5) {
+    expect_named(all[i], i % 2 == 0 ? large_arm() : light_arm(), 4,
+                 {.automatic_priors = true, .effects = {.groups = {}, .automatic = true}});
   }
 }
 
