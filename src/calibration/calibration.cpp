@@ -220,6 +220,15 @@ Unknowns with_all_effects(const ErrorModel& model, const Unknowns& rigid) {
   return rigid.with(model, UnknownGroup::effects, all);
 }
 
+// The rigid robot, then what was chosen beside it.
+WholeFit fit_what_is_chosen(const FitTask& task, Setting& setting, Weighing& weighing, Chosen& chosen) {
+  chosen.fit = fit_whole(task, setting.choice, setting.free);
+  choose(task, chosen, setting, weighing);
+  return is_plain(chosen.choice, task.options)
+             ? chosen.fit
+             : fit_whole(task, setting.choice, with_all_effects(setting.model, setting.free));
+}
+
 // What the measurements determine, and how well.
 struct Judgement {
   int rank = 0;                     // of the candidates, with what the priors say of them
@@ -411,11 +420,8 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                      .start = setting.start,
                      .options = options,
                      .fit_options = weighing.fit};
-  Chosen chosen{.rigid = {}, .fit = fit_whole(task, setting.choice, setting.free), .choice = {}, .rigid_options = {}};
-  choose(task, chosen, setting, weighing);
-  WholeFit fitted = is_plain(chosen.choice, options)
-                        ? chosen.fit
-                        : fit_whole(task, setting.choice, with_all_effects(setting.model, setting.free));
+  Chosen chosen;
+  WholeFit fitted = fit_what_is_chosen(task, setting, weighing, chosen);
   const EstimatedNoise estimated = fit_with_estimated_noise(task, fitted, weighing.fit.joint.residuals);
   if (estimated.parts) {
     chosen.rigid_options.joint.residuals.noise = weighing.fit.joint.residuals.noise;

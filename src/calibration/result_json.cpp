@@ -124,18 +124,22 @@ Json doubts_json(const std::vector<Doubt>& doubts) {
   return result;
 }
 
-// What goes beyond the fit: choice of model, lack of fit, predicted accuracy, down-weighted rows.
-void add_details(const Calibration& calibration, const Measurements& measurements, Json& result) {
-  result["priors"] = priors_json(calibration.priors);
+Json tried_json(const std::vector<ModelOption>& options) {
   Json tried = Json::array();
-  for (const ModelOption& option : calibration.tried) {
+  for (const ModelOption& option : options) {
     tried.push_back({{"priors", priors_json(option.priors)},
                      {"effects", option.effects},
                      {"sized", option.sized},
                      {"held_out_rms", finite_or_null(option.held_out_rms)},
                      {"evidence", finite_or_null(option.evidence)}});
   }
-  result["tried"] = tried;
+  return tried;
+}
+
+// What goes beyond the fit: choice of model, lack of fit, predicted accuracy, down-weighted rows.
+void add_details(const Calibration& calibration, const Measurements& measurements, Json& result) {
+  result["priors"] = priors_json(calibration.priors);
+  result["tried"] = tried_json(calibration.tried);
   const ObservabilityIndices& o = calibration.observability;
   result["observability"] = {{"O1", o.O1}, {"O2", o.O2}, {"O3", o.O3}, {"O4", o.O4}, {"O5", o.O5}};
   Json singular_values = Json::array();
