@@ -409,6 +409,16 @@ void suspect(const Setting& setting, const Measurements& measurements, const Cal
   keep_beside_suspicions(measurements, result.suspicions, result.findings);
 }
 
+// What can be said once all is known.
+void judge_as_a_whole(const Setting& setting, const Measurements& measurements, const CalibrationOptions& options,
+                      Calibration& result) {
+  judge_exported_urdf(setting, result);
+  suspect(setting, measurements, options, result);
+  result.doubts = doubts(result, measurements, options);
+  const std::vector<std::string> more = warnings(result, measurements, setting.ambiguity);
+  result.warnings.insert(result.warnings.end(), more.begin(), more.end());
+}
+
 }  // namespace
 
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
@@ -467,31 +477,12 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   put(std::move(chosen), weighing, result);
   put(std::move(comparison), result);
   put(std::move(held_out), result);
-  judge_exported_urdf(setting, result);
-  suspect(setting, measurements, options, result);
-  result.doubts = doubts(result, measurements, options);
-  const std::vector<std::string> more = warnings(result, measurements, setting.ambiguity);
-  result.warnings.insert(result.warnings.end(), more.begin(), more.end());
+  judge_as_a_whole(setting, measurements, options, result);
   return result;
 }
 
 const BeforeAfter* Calibration::held_out() const {
   return leave_one_out ? &*leave_one_out : k_fold ? &*k_fold : nullptr;
-}
-
-int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements) {
-  int outside = 0;
-  for (Eigen::Index c = 0; c < measurements.joint_values.cols(); ++c) {
-    bool inside = true;
-    for (std::size_t i = 0; i < model.joints.size(); ++i) {
-      const double value = measurements.joint_values(static_cast<Eigen::Index>(i), c);
-      const double slack = 1e-9;
-      inside = inside && !(value < model.joints[i].lower.value_or(value) - slack) &&
-               !(value > model.joints[i].upper.value_or(value) + slack);
-    }
-    outside += inside ? 0 : 1;
-  }
-  return outside;
 }
 
 }  // namespace kdl_calibration

@@ -258,4 +258,19 @@ bool is_uncertain_elsewhere(const Calibration& calibration) {
          calibration.predicted.workspace.rms > calibration.train.before.rms;
 }
 
+int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements) {
+  int outside = 0;
+  for (Eigen::Index c = 0; c < measurements.joint_values.cols(); ++c) {
+    bool inside = true;
+    for (std::size_t i = 0; i < model.joints.size(); ++i) {
+      const double value = measurements.joint_values(static_cast<Eigen::Index>(i), c);
+      const double slack = 1e-9;
+      inside = inside && !(value < model.joints[i].lower.value_or(value) - slack) &&
+               !(value > model.joints[i].upper.value_or(value) + slack);
+    }
+    outside += inside ? 0 : 1;
+  }
+  return outside;
+}
+
 }  // namespace kdl_calibration
