@@ -126,8 +126,10 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
     return result;
   }
   weighed.start = again.estimate;
-  // What the model misses may be of another kind than these parts: then their weights do harm.
-  const bool other_weights = !weighed.options.joint.residuals.noise.is_isotropic();
+  // What the model misses may be of another kind than these parts: then their weights do harm. Beside priors, whose fit
+  // needs the parts anyway, there are no others to choose.
+  const bool with_priors = fit.free.prior_information(residuals.priors).any();
+  const bool other_weights = !weighed.options.joint.residuals.noise.is_isotropic() && !with_priors;
   const double noise = std::sqrt(parts.point().trace() / 3.0);
   if (other_weights && held_out_rms(weighed, noise) > held_out_rms(plain, noise)) {
     return result;

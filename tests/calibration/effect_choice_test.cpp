@@ -126,6 +126,24 @@ TEST(EffectChoice, NothingIsChosenWhereNothingIsLeft) {
   EXPECT_LE(found.identification.iterations, 8);
 }
 
+// Of an arm that is as drawn, where priors leave the geometry nearly nominal.
+TEST(EffectChoice, TheNoiseIsInPartsBesideChosenPriors) {
+  Arm arm(fanuc(), 2, 30, {});
+  arm.truth.truth.errors.setZero();
+  Random random(3);
+  arm.measured = measure(arm.truth, arm.measured.joint_values,
+                         {.sigma = 1e-5, .repeats = 5, .common = Eigen::Vector3d::Constant(5e-5)}, random);
+  for (Observation& o : arm.measured.observations) {
+    o.sigma = 0.0;
+  }
+  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  ASSERT_TRUE(found.tried.front().sized);
+  ASSERT_TRUE(found.noise.parts.has_value());
+  EXPECT_NEAR(found.noise.sigma, std::hypot(1e-5, 5e-5), 1e-5);
+  EXPECT_NEAR(found.noise.independent.norm() / std::sqrt(3.0), 1e-5, 2e-6);
+  EXPECT_NEAR(found.noise.common.norm() / std::sqrt(3.0), 5e-5, 1e-5);
+}
+
 TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
   const Arm arm(fanuc(), 5, 24, {{EffectGroup::gravity, 3e-4}});
   CalibrationOptions options = automatic();
