@@ -14,6 +14,7 @@
 #include "base/name_pattern.hpp"
 #include "base/parallel.hpp"
 #include "kdl_calibration/group_sizes.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/validation.hpp"
@@ -163,8 +164,6 @@ public:
     points_ = static_cast<double>(means_.observations.size());
   }
 
-  const Measurements& means() const { return means_; }
-
   // `terms`: those of the choice and those whose size is zero, as the columns of `values` behind the rigid ones.
   struct Outcome {
     Choice choice;
@@ -193,6 +192,11 @@ public:
     result.rigid_priors = priors_of(current, sized);
     if (asked && !terms.empty()) {
       current = worth_of(terms, names, sized, result.tried);
+      if (current.sizes.sizes.empty()) {
+        throw InputError(means_.source + ": too few measurements for the effects asked for, " +
+                         std::to_string(terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
+                         " parameters");
+      }
     } else if (!asked) {
       add_what_helps(sized, terms, names, current, result.tried);
     }
@@ -318,7 +322,7 @@ private:
     return mean > error;
   }
 
-  // The best of what is left, again and again.
+  // The likeliest of what helps, again and again.
   void add_what_helps(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
                       std::vector<ModelOption>& tried) const {
     std::vector<Option> left = options();

@@ -38,8 +38,9 @@ bool is_of_effects(const std::string& pattern);
 /// Sizes by evidence (see SizeEstimator), the choice by cross-validation: leave-one-out below 40 configurations, else
 /// ten folds, of at most 2,000 configurations, evenly spaced. Repeats count as their mean. Sizes and noise are found
 /// again inside every fold; everything is linear around the optimum of the rigid model, which effects move by
-/// micrometres. One group is added at a time, the best first, while the evidence rises by at least 2 and the held-out
-/// mean square falls by 4 % (the RMS by 2 %) and by more than one standard error of its difference over configurations.
+/// micrometres. One group is added at a time, the likeliest first, while the evidence rises by at least 2 and the
+/// held-out mean square falls by 4 % (the RMS by 2 %) and by more than one standard error of its difference over
+/// configurations. Throws InputError where effects are asked for by name and the measurements are too few for them.
 Choice choose_effects(const ChoiceTask& task);
 
 /// [m] of each left-out point from its prediction, where the choice is made anew without its configuration.

@@ -7,6 +7,7 @@
 
 #include "calibration/parameter_estimates.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/random.hpp"
@@ -142,6 +143,18 @@ TEST(EffectChoice, TheNoiseIsInPartsBesideChosenPriors) {
   EXPECT_NEAR(found.noise.sigma, std::hypot(1e-5, 5e-5), 1e-5);
   EXPECT_NEAR(found.noise.independent.norm() / std::sqrt(3.0), 1e-5, 2e-6);
   EXPECT_NEAR(found.noise.common.norm() / std::sqrt(3.0), 5e-5, 1e-5);
+}
+
+TEST(EffectChoice, TooFewMeasurementsForWhatIsAskedAreRefused) {
+  const Arm arm(fanuc(), 9, 9, {});  // 81 equations
+  CalibrationOptions options = kGeometry;
+  options.effects.groups = {EffectGroup::gravity, EffectGroup::harmonics};
+  try {
+    calibrate(arm.model, arm.measured, options);
+    ADD_FAILURE() << "not refused";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("simulation: too few measurements for the effects asked for"));
+  }
 }
 
 TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
