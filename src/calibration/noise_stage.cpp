@@ -29,6 +29,8 @@ Matrix3d log_derivative(const Vector3d& r) {
   return Matrix3d::Identity() + 0.5 * S + factor * S * S;
 }
 
+constexpr double kByChance = 1.1;  // ratio of held-out errors
+
 // What the printed six values of a frame change per unit of its columns.
 Eigen::Matrix<double, 6, 6> printed_frame(const Matrix3d& position, const Matrix3d& rotation) {
   Eigen::Matrix<double, 6, 6> result = Eigen::Matrix<double, 6, 6>::Zero();
@@ -84,6 +86,20 @@ double held_out_rms(const FitProblem& problem, double noise) {
 
 }  // namespace
 
+namespace {
+
+// What the model misses may be of another kind than the parts of the noise: then their weights predict left-out
+// configurations worse than those of `problem`, at whose optimum it starts.
+bool do_harm(const NoiseModel& noise, const FitProblem& problem, double sigma) {
+  FitProblem weighed = problem;
+  weighed.options.joint.residuals.noise = noise;
+  const Identification found = kdl_calibration::fit(weighed);
+  weighed.start = found.estimate;
+  return !arrived(found) || held_out_rms(weighed, sigma) > held_out_rms(problem, sigma);
+}
+
+}  // namespace
+
 bool weigh_by_estimated_noise(const FitTask& task, const Unknowns& free, ResidualOptions& residuals) {
   if (!is_estimated(task.options)) {
     return false;
@@ -94,10 +110,20 @@ bool weigh_by_estimated_noise(const FitTask& task, const Unknowns& free, Residua
     return false;
   }
   const NoiseParts parts = estimate_noise(task.model, task.measurements, plain.estimate, free, residuals);
-  if (parts.converged) {
-    residuals.noise = parts.model(task.options.noise);
+  if (!parts.converged) {
+    return false;
   }
-  return parts.converged;
+  FitProblem problem{.model = task.model,
+                     .measurements = task.measurements,
+                     .start = plain.estimate,
+                     .free = free,
+                     .options = {.joint = joint}};
+  const NoiseModel noise = parts.model(task.options.noise);
+  if (!noise.is_isotropic() && do_harm(noise, problem, std::sqrt(parts.point().trace() / 3.0))) {
+    return false;
+  }
+  residuals.noise = noise;
+  return true;
 }
 
 EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals) {
@@ -126,12 +152,12 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
     return result;
   }
   weighed.start = again.estimate;
-  // What the model misses may be of another kind than these parts: then their weights do harm. Beside priors, whose fit
-  // needs the parts anyway, there are no others to choose.
+  // Beside priors the plain weights are those of earlier parts already, and better or worse by chance.
   const bool with_priors = fit.free.prior_information(residuals.priors).any();
-  const bool other_weights = !weighed.options.joint.residuals.noise.is_isotropic() && !with_priors;
+  const double worse = with_priors ? kByChance : 1.0;
+  const bool other_weights = !weighed.options.joint.residuals.noise.is_isotropic();
   const double noise = std::sqrt(parts.point().trace() / 3.0);
-  if (other_weights && held_out_rms(weighed, noise) > held_out_rms(plain, noise)) {
+  if (other_weights && held_out_rms(weighed, noise) > worse * held_out_rms(plain, noise)) {
     return result;
   }
   residuals = weighed.options.joint.residuals;
