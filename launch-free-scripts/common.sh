@@ -98,9 +98,11 @@ configure_and_build() {
   (cd "$root" && cmake --preset "$preset" "$@" && cmake --build "build/$preset" -j "$jobs")
 }
 
-# run_tests <preset>: all but those that take long.
+# run_tests <preset> [more options of ctest]: all but those that take long.
 run_tests() {
-  (cd "$root/build/$1" && ctest --output-on-failure -j 2 -LE 'long|campaign')
+  local preset=$1
+  shift
+  (cd "$root/build/$preset" && ctest --output-on-failure -j 2 -LE 'long|campaign' "$@")
 }
 
 # run_long_tests <preset>: Monte Carlo over many seconds.
