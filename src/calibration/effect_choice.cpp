@@ -359,6 +359,9 @@ private:
       std::erase_if(shorter.terms, [&](const EffectTerm& term) {  // what is flat already is not bent more
         return size_of(best, size_name(term)) < kFlatTable;
       });
+      if (shorter.terms.empty()) {
+        return;
+      }
       Worth with = worth_of(joined(terms, shorter.terms), extended(names, shorter.name), sized, tried);
       if (!(with.held_out_rms < best.held_out_rms)) {
         return;
