@@ -13,6 +13,7 @@
 #include "kdl_calibration/experiment.hpp"
 #include "kdl_calibration/fold_prediction.hpp"
 #include "kdl_calibration/fold_sums.hpp"
+#include "kdl_calibration/group_sizes.hpp"
 #include "kdl_calibration/identifiability.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/identification_jacobian.hpp"
