@@ -79,6 +79,9 @@ public:
         visitor(block);
       }
     }
+    if (data_.configurations.empty()) {
+      return;
+    }
     const Eigen::MatrixXd joints =
         effective_joint_values(model_, estimate.effects, data_.joint_values, data_.effect_basis);
     for (const ObservedConfiguration& configuration : data_.configurations) {
