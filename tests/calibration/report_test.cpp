@@ -160,7 +160,7 @@ void add_cases_of_effects(std::vector<Case>& cases) {
                                 .leave_one_out = true,
                                 .nested = true}));
   Setup odd(parse_robot(kOddArm), testing::targets_at({{0.1, 0.0, 0.05}, {0.0, 0.12, 0.0}}), 5);
-  cases.push_back(odd.calibrated("odd arm", odd.measured(odd.configurations(30), kPoints),
+  cases.push_back(odd.calibrated("odd arm", odd.measured(odd.configurations(45), kPoints),
                                  {.effects = {.groups = {EffectGroup::gravity, EffectGroup::backlash,
                                                          EffectGroup::harmonics, EffectGroup::tables}},
                                   .weights = Weights::equal,
@@ -1541,12 +1541,15 @@ void expect_motions(std::vector<std::string>& lines, const Case& c) {
   for (const EffectGroup group :
        {EffectGroup::gravity, EffectGroup::gain, EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables}) {
     ErrorModel alone = found.model;
-    std::erase_if(alone.effects, [&](const EffectTerm& term) { return term.group != group; });
+    alone.effects.clear();
     std::vector<double> values;
     std::set<int> joints;
-    for (const EffectTerm& term : alone.effects) {
-      values.push_back(parameter_of(found, term.name).value);
-      joints.insert(term.index);
+    for (std::size_t e = 0; e < found.model.effects.size(); ++e) {
+      if (found.model.effects[e].group == group) {
+        alone.effects.push_back(found.model.effects[e]);
+        values.push_back(found.identification.estimate.effects[static_cast<Eigen::Index>(e)]);
+        joints.insert(found.model.effects[e].index);
+      }
     }
     const Eigen::VectorXd all =
         Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
