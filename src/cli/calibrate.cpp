@@ -161,6 +161,7 @@ CalibrationOptions calibration_options(const Arguments& arguments, const Measure
   CalibrationOptions options = arguments.options;
   options.method = arguments.method == "joint" ? Method::joint : Method::two_step;
   options.model = arguments.model == "irreducible" ? ModelChoice::irreducible : ModelChoice::complete;
+  options.loss = arguments.loss == "huber" ? Loss::huber : arguments.loss == "tukey" ? Loss::tukey : Loss::none;
   // What nobody asked for is chosen by the data, but for fits that are plain by what they are.
   const bool plain =
       options.method == Method::two_step || options.model == ModelChoice::complete || options.loss != Loss::none;
@@ -168,7 +169,6 @@ CalibrationOptions calibration_options(const Arguments& arguments, const Measure
   options.automatic_priors = arguments.prior.empty() ? !plain && !stated : arguments.prior == "auto";
   options.effects = effects_of(arguments.effects);
   options.effects.automatic = arguments.effects.empty() ? !plain : options.effects.automatic;
-  options.loss = arguments.loss == "huber" ? Loss::huber : arguments.loss == "tukey" ? Loss::tukey : Loss::none;
   options.noise = noise_model(arguments);
   options.weights = arguments.noise == "repeats" ? Weights::repeats
                     : arguments.noise == "equal" ? Weights::equal
@@ -348,7 +348,7 @@ void add_fit_options(CLI::App& app, Arguments& arguments) {
   app.add_option(
          "--prior", arguments.prior,
          "Sizes of the priors: by evidence where that predicts better (auto), or as stated (none) [auto, unless "
-         "stated, two-step or complete]")
+         "stated, two-step, complete or with a loss]")
       ->type_name("NAME")
       ->check(one_of({"auto", "none"}));
   add_list(

@@ -87,6 +87,13 @@ std::vector<OptionCase> geometry_options() {
          o.iterations = 5;
        }),
        kMeasured + Words{"--iterations", "5"}},
+      {"MethodTwoStepIsPlainByItself",
+       {"--method", "two-step"},
+       is_library([](auto& o) {
+         o.method = Method::two_step;
+         o.iterations = 5;
+       }),
+       kOfM + Words{"--iterations", "5"}},
       {"IterationsAreTheLimit",
        {"--iterations", "2"},
        both_checks(is_library([](auto& o) { o.iterations = 2; }),
@@ -101,6 +108,10 @@ std::vector<OptionCase> geometry_options() {
        {"--model", "complete"},
        is_library([](auto& o) { o.model = ModelChoice::complete; }),
        kMeasured},
+      {"ModelCompleteIsPlainByItself",
+       {"--model", "complete"},
+       is_library([](auto& o) { o.model = ModelChoice::complete; }),
+       kOfM},
       {"FixHoldsParametersAtZero",
        {"--fix", "dq2,*3"},
        both_checks(is_library([](auto& o) {
@@ -170,6 +181,7 @@ std::vector<OptionCase> noise_options() {
        {"--loss", "huber"},
        is_library([](auto& o) { o.loss = Loss::huber; }),
        kMeasured},
+      {"LossIsPlainByItself", {"--loss", "huber"}, is_library([](auto& o) { o.loss = Loss::huber; }), kOfM},
       {"LossTukeyWeighsOutliersDown",
        {"--loss", "tukey"},
        is_library([](auto& o) { o.loss = Loss::tukey; }),
