@@ -90,7 +90,7 @@ struct CalibrationOptions {
 constexpr std::size_t kMostLeftOutSingly = 5000;
 constexpr int kFoldsOfMany = 10;
 
-/// One line of the result: a geometric, base or target parameter or a effect. SI units.
+/// One line of the result: a geometric, base or target parameter, or an effect. SI units.
 struct ParameterEstimate {
   std::string name;
   std::string joint;  ///< URDF joint whose origin carries it; empty for base and targets
@@ -185,7 +185,7 @@ struct PredictedAccuracy {
 };
 
 struct Calibration {
-  ErrorModel model;  ///< with the effects that were considered
+  ErrorModel model;  ///< with the effects that were chosen
   Identification identification;
   Reduction reduction;
   Unknowns free;                            ///< what was estimated

@@ -59,8 +59,8 @@ struct TableTerm {
 /// The linear function of the direction of gravity seen from a link that the torque about a joint is made of.
 struct GravityTerm {
   int link = 0;  ///< number of the joint that the link stands behind, from 0
-  int axis =
-      0;  ///< of the link's frame, 0 to 2; kSlide: the way of that joint, which slides; kOwn: of the joint itself
+  /// Of the link's frame, 0 to 2; kSlide: the way of that joint, which slides; kOwn: of the joint itself.
+  int axis = 0;
   static constexpr int kSlide = 3;
   static constexpr int kOwn = 4;
 };
@@ -95,7 +95,7 @@ struct ErrorModel {
   KDL::Frame tip_origin;
   std::string tip_joint;  ///< the fixed joint that carries the errors of the last link; empty where there is none
   std::vector<ErrorParameter> parameters;
-  std::vector<EffectTerm> effects;                    ///< none unless asked for, see effect.hpp
+  std::vector<EffectTerm> effects;                    ///< none unless asked for, see joint_effects.hpp
   std::vector<PointMass> link_masses;                 ///< as far as the URDF states them
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);  ///< unit vector of its direction in the base frame
 };

@@ -20,13 +20,11 @@ struct LinearSums {
 using SizedGroups = std::vector<std::vector<Eigen::Index>>;
 
 struct GroupSizes {
-  std::vector<double> sizes;  ///< 1 sigma of each group; kNoSize where it is switched off
+  std::vector<double> sizes;  ///< 1 sigma of each group; 0 where it is switched off
   double sigma = 0.0;         ///< of a row
   double evidence = 0.0;      ///< log of the likelihood of sizes and sigma, but for a constant of the free columns
-  double freedom = 0.0;       ///< number of values, free ones included, that the rows tell
   Eigen::VectorXd values;     ///< of the columns; zero in groups that are switched off
 };
-constexpr double kNoSize = 0.0;
 
 /// Of each group; empty: nothing is known.
 struct SizeLimits {

@@ -1,8 +1,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
@@ -13,6 +15,7 @@ namespace kdl_calibration {
 /// "gravity", "gain", "backlash", "harmonics", "tables".
 const char* to_string(EffectGroup group);
 std::optional<EffectGroup> effect_group(const std::string& name);
+std::vector<std::string> effect_group_names();
 
 /// The terms of a group that joint values (joints x N) can tell apart: each less its mean over them, over its standard
 /// deviation. Left out are those that hardly change there and those that others of the same joint say as well; a table
@@ -36,6 +39,12 @@ std::vector<EffectTerm> load_terms(const ErrorModel& model);
 
 /// One gain per moving joint: `value` is its share.
 std::vector<EffectTerm> gain_terms(const ErrorModel& model);
+
+/// Both: what joints may be expected to do where nothing is known of them.
+std::vector<EffectTerm> load_and_gain_terms(const ErrorModel& model);
+
+/// The terms of the model by group and joint: their places in its list.
+std::map<std::pair<EffectGroup, int>, std::vector<Eigen::Index>> terms_by_joint(const ErrorModel& model);
 
 /// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N.
 Eigen::MatrixXd effect_basis(const ErrorModel& model, const Eigen::MatrixXd& joint_values);

@@ -65,6 +65,9 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
 /// (Markley, Cheng, Crassidis and Oshman 2007, eq. 13), on the side of the first.
 Measurements averaged(const Measurements& measurements);
 
+/// The training rows of at most so many configurations, evenly spaced over those that have any.
+Measurements training_sample(const Measurements& measurements, std::size_t most_configurations);
+
 /// Least and largest value of each joint in the training rows; the least above the largest where there are none.
 JointRanges trained_ranges(const Measurements& measurements);
 

@@ -66,6 +66,8 @@ public:
 
   /// The same, with exactly these (see Unknown::index) of one group.
   Unknowns with(const ErrorModel& model, UnknownGroup group, const std::vector<std::size_t>& indices) const;
+  /// The same, with all of one group.
+  Unknowns with_all(const ErrorModel& model, UnknownGroup group) const;
   /// The same without a group.
   Unknowns without(UnknownGroup group) const;
   /// Those whose columns are marked, one mark for each.
@@ -101,7 +103,7 @@ public:
   /// The step that moves `from` to `to`, as far as unknowns can.
   Eigen::VectorXd difference(const Estimate& from, const Estimate& to) const;
 
-  /// What a prior is about: the value of an error or a effect, a coordinate of a target [m]; zero for base and
+  /// What a prior is about: the value of an error or an effect, a coordinate of a target [m]; zero for base and
   /// orientations, which count from wherever they are.
   static double value(const Estimate& estimate, const Unknown& unknown);
   /// What the priors tell of each column, 1 / sigma^2; 0 where they say nothing.

@@ -1,7 +1,6 @@
 #include "assessment/gain_trial.hpp"
 
 #include <cmath>
-#include <numeric>
 #include <vector>
 
 #include "assessment/trial_fit.hpp"
@@ -15,16 +14,14 @@ std::optional<GainTrial> try_gains(const ErrorModel& model, const Measurements& 
                                    const Unknowns& free) {
   ErrorModel wide = model;
   wide.effects = gain_terms(model);
-  std::vector<std::size_t> all(wide.effects.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
   Estimate from = start;
-  from.effects = Eigen::VectorXd::Zero(static_cast<Index>(all.size()));
+  from.effects = Eigen::VectorXd::Zero(static_cast<Index>(wide.effects.size()));
   const Unknowns rigid = free.without(UnknownGroup::effects);
   const Estimate without = identify_jointly(wide, measurements, from, rigid).estimate;
   const Estimate with =
-      identify_jointly(wide, measurements, from, rigid.with(wide, UnknownGroup::effects, all)).estimate;
+      identify_jointly(wide, measurements, from, rigid.with_all(wide, UnknownGroup::effects)).estimate;
   Index largest = 0;
-  if (all.empty() || !plausible(wide, with.errors) || !(with.effects.cwiseAbs().maxCoeff(&largest) > 0.0)) {
+  if (wide.effects.empty() || !plausible(wide, with.errors) || !(with.effects.cwiseAbs().maxCoeff(&largest) > 0.0)) {
     return std::nullopt;
   }
   GainTrial result{.joint = static_cast<std::size_t>(wide.effects[static_cast<std::size_t>(largest)].index),

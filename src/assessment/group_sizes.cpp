@@ -153,7 +153,6 @@ GroupSizes SizeEstimator::estimate(const std::vector<double>& start, const SizeL
       .sizes = {},
       .sigma = std::sqrt(variance),
       .evidence = -0.5 * (left * std::log(variance) + fit.log_determinant + fit.squares / variance + fit.penalty),
-      .freedom = fit.gamma.sum() + static_cast<double>(free_.size()),
       .values = all_values(fit.x)};
   std::transform(variances.begin(), variances.end(), std::back_inserter(result.sizes),
                  [](double v) { return std::sqrt(v); });

@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <limits>
 #include <map>
-#include <numeric>
 #include <set>
 #include <utility>
 #include <vector>
@@ -278,16 +277,12 @@ Widened widened(const ErrorModel& model, const Measurements& measurements, const
                 const Unknowns& free) {
   Widened result{.model = model, .estimate = estimate, .free = free};
   if (result.model.effects.empty()) {
-    result.model.effects = load_terms(model);
-    const std::vector<EffectTerm> gains = gain_terms(model);
-    result.model.effects.insert(result.model.effects.end(), gains.begin(), gains.end());
+    result.model.effects = load_and_gain_terms(model);
     result.estimate.effects = VectorXd::Zero(static_cast<Index>(result.model.effects.size()));
   } else if (estimate.effects.size() == 0) {
     result.estimate.effects = VectorXd::Zero(static_cast<Index>(result.model.effects.size()));
   }
-  std::vector<std::size_t> all(result.model.effects.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  result.free = free.with(result.model, UnknownGroup::effects, all);
+  result.free = free.with_all(result.model, UnknownGroup::effects);
   constexpr double kRest = 1.5;  // equations for every column
   const auto cells =
       static_cast<double>(measurements.joint_values.cols()) * static_cast<double>(measurements.targets.size());

@@ -85,9 +85,7 @@ struct ScaleSums {
 
 ScaleSums scale_sums(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                      const Unknowns& free) {
-  std::vector<std::size_t> all(model.parameters.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  const Unknowns complete = Unknowns(model, fit.targets, {}).with(model, UnknownGroup::geometric, all);
+  const Unknowns complete = Unknowns(model, fit.targets, {}).with_all(model, UnknownGroup::geometric);
   const PositionPredictor of_free(model, fit, free);
   const PositionPredictor of_all(model, fit, complete);
   std::vector<std::vector<Matrix3Xd>> k;

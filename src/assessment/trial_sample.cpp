@@ -22,22 +22,7 @@ std::vector<std::size_t> coordinates(std::vector<std::size_t> of_targets) {
 
 TrialSample trial_sample(const ErrorModel& model, const Measurements& measurements, const Unknowns& free,
                          std::size_t most_configurations) {
-  std::set<std::int32_t> fitted;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      fitted.insert(observation.configuration);
-    }
-  }
-  const std::vector<std::int32_t> all(fitted.begin(), fitted.end());
-  std::set<std::int32_t> chosen;
-  const std::size_t count = std::min(all.size(), most_configurations);
-  for (std::size_t i = 0; i < count; ++i) {
-    chosen.insert(all[i * all.size() / count]);
-  }
-  TrialSample sample{.measurements = {}, .free = free};
-  sample.measurements = subset(measurements, [&](const Observation& observation) {
-    return observation.split == Split::train && chosen.count(observation.configuration) > 0;
-  });
+  TrialSample sample{.measurements = training_sample(measurements, most_configurations), .free = free};
   sample.measurements.orientations.clear();
   for (Observation& observation : sample.measurements.observations) {
     observation.sigma = 0.0;
@@ -49,7 +34,8 @@ TrialSample trial_sample(const ErrorModel& model, const Measurements& measuremen
   }
   sample.freedom = 3.0 * static_cast<double>(points.size()) - static_cast<double>(sample.free.size());
   sample.points_of_a_configuration =
-      static_cast<double>(points.size()) / static_cast<double>(std::max<std::size_t>(chosen.size(), 1));
+      static_cast<double>(points.size()) /
+      static_cast<double>(std::max<Eigen::Index>(sample.measurements.joint_values.cols(), 1));
   return sample;
 }
 

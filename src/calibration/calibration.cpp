@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <iterator>
-#include <numeric>
 #include <utility>
 
 #include "calibration/comparison.hpp"
@@ -40,7 +39,7 @@ void require_training_rows(const Measurements& measurements) {
 // What every stage knows: the robot, where the fit starts, what it may change.
 struct Setting {
   RegistrationOptions known;  // frames
-  ErrorModel model;           // with the effects that may take part
+  ErrorModel model;           // with the effects that were chosen
   Estimate start;             // the nominal robot, registered
   std::string ambiguity;      // of the registration
   ParameterChoice choice;
@@ -61,10 +60,8 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
   Registration registration = register_base_and_targets(flange_poses(folded(model, nominal), measurements.joint_values),
                                                         measurements, setting.known);
   setting.ambiguity = std::move(registration.message);
-  setting.start = {.errors = nominal,
-                   .X_WB = registration.X_WB,
-                   .targets = std::move(registration.targets),
-                   .effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(setting.model.effects.size()))};
+  setting.start = {
+      .errors = nominal, .X_WB = registration.X_WB, .targets = std::move(registration.targets), .effects = {}};
   setting.choice = choose_parameters(model, setting.start.targets, options);
   if (setting.choice.free.empty()) {
     throw InputError(
@@ -80,17 +77,13 @@ void keep_beside_effects(const Setting& setting, const Measurements& measurement
                          std::vector<QualityFinding>& found) {
   constexpr Eigen::Index kEquations = 2;  // for every column
   ErrorModel wide = setting.model;
-  wide.effects = load_terms(setting.model);
-  const std::vector<EffectTerm> gains = gain_terms(setting.model);
-  wide.effects.insert(wide.effects.end(), gains.begin(), gains.end());
-  std::vector<std::size_t> all(wide.effects.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
+  wide.effects = load_and_gain_terms(setting.model);
   FitProblem problem{.model = wide,
                      .measurements = measurements,
                      .start = estimate,
-                     .free = setting.free.with(wide, UnknownGroup::effects, all),
+                     .free = setting.free.with_all(wide, UnknownGroup::effects),
                      .options = {.loss = Loss::tukey}};
-  problem.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(all.size()));
+  problem.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(wide.effects.size()));
   const LeastSquaresProblem equations(wide, measurements, problem.free);
   if (equations.equations() < kEquations * equations.columns()) {
     return;
@@ -213,20 +206,13 @@ bool is_plain(const Choice& choice, const CalibrationOptions& options) {
          choice.priors.angle == options.priors.angle;
 }
 
-// Of base, targets and geometry, and of every effect of the model.
-Unknowns with_all_effects(const ErrorModel& model, const Unknowns& rigid) {
-  std::vector<std::size_t> all(model.effects.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  return rigid.with(model, UnknownGroup::effects, all);
-}
-
 // The rigid robot, then what was chosen beside it.
 WholeFit fit_what_is_chosen(const FitTask& task, Setting& setting, Weighing& weighing, Chosen& chosen) {
   chosen.fit = fit_whole(task, setting.choice, setting.free);
   choose(task, chosen, setting, weighing);
   return is_plain(chosen.choice, task.options)
              ? chosen.fit
-             : fit_whole(task, setting.choice, with_all_effects(setting.model, setting.free));
+             : fit_whole(task, setting.choice, setting.free.with_all(setting.model, UnknownGroup::effects));
 }
 
 // What the measurements determine, and how well.

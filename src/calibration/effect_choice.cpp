@@ -11,8 +11,8 @@
 #include <optional>
 #include <utility>
 
-#include "base/name_pattern.hpp"
 #include "base/parallel.hpp"
+#include "calibration/parameter_choice.hpp"
 #include "kdl_calibration/group_sizes.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
@@ -39,12 +39,6 @@ constexpr double kFlatTable = 5e-6;      // [m or rad]
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 constexpr double kEquations = 1.1;  // for every column
 
-bool is_fixed(const CalibrationOptions& options, const EffectTerm& term) {
-  return std::any_of(options.fix.begin(), options.fix.end(), [&](const std::string& pattern) {
-    return is_of_effects(pattern) && matches_pattern(pattern, term.name);
-  });
-}
-
 // The rows of the data and what they would be at zero errors and effects: y = J x, linearised at the optimum.
 struct LinearRows {
   MatrixXd J;
@@ -63,9 +57,7 @@ struct Candidate {
 Candidate with_terms(const ErrorModel& rigid, const Unknowns& free, const std::vector<EffectTerm>& terms, bool sized) {
   Candidate result{.model = rigid, .free = {}, .sized = sized};
   result.model.effects = terms;
-  std::vector<std::size_t> all(terms.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  result.free = free.with(result.model, UnknownGroup::effects, all);
+  result.free = free.with_all(result.model, UnknownGroup::effects);
   return result;
 }
 
@@ -148,7 +140,7 @@ struct Worth {
   double held_out_rms = std::numeric_limits<double>::infinity();
 };
 
-std::vector<Index> all_columns(Index count) {
+std::vector<Index> all_of(Index count) {
   std::vector<Index> columns(static_cast<std::size_t>(count));
   std::iota(columns.begin(), columns.end(), Index{0});
   return columns;
@@ -213,7 +205,7 @@ private:
   }
 
   std::vector<EffectTerm> allowed(std::vector<EffectTerm> terms) const {
-    std::erase_if(terms, [&](const EffectTerm& term) { return is_fixed(task_.options, term); });
+    std::erase_if(terms, [&](const EffectTerm& term) { return fixes_effect(task_.options, term); });
     return terms;
   }
 
@@ -252,8 +244,8 @@ private:
       return worth;
     }
     const Index configurations = static_cast<Index>(rows.first.size()) - 1;
-    const std::vector<Index> columns = all_columns(rows.J.cols());
-    const LinearSums all = sums_of(rows, all_columns(configurations));
+    const std::vector<Index> columns = all_of(rows.J.cols());
+    const LinearSums all = sums_of(rows, all_of(configurations));
     const double rounding = kRounding / rows.unit;
     const SizeEstimator whole(all, columns, worth.groups.columns);
     if (!whole.is_determined()) {
@@ -284,7 +276,7 @@ private:
   }
 
   void predict_folds(const LinearRows& rows, const LinearSums& all, Worth& worth) const {
-    const std::vector<Index> columns = all_columns(rows.J.cols());
+    const std::vector<Index> columns = all_of(rows.J.cols());
     const double rounding = kRounding / rows.unit;
     worth.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
     std::vector<int> predicted(folds_.size(), 0);
@@ -422,21 +414,8 @@ private:
   double points_ = 0.0;
 };
 
-// The training rows as the means of their repeats; of many configurations some, evenly spaced.
-Measurements rows_for_choice(const Measurements& measurements) {
-  std::vector<Index> trained;
-  for (const std::vector<Index>& fold : make_folds(measurements, 0)) {
-    trained.insert(trained.end(), fold.begin(), fold.end());
-  }
-  std::sort(trained.begin(), trained.end());
-  std::vector<bool> taken(static_cast<std::size_t>(measurements.joint_values.cols()), false);
-  const std::size_t count = std::min(trained.size(), kMostConfigurations);
-  for (std::size_t i = 0; i < count; ++i) {
-    taken[static_cast<std::size_t>(trained[i * trained.size() / count])] = true;
-  }
-  return averaged(subset(measurements, [&](const Observation& o) {
-    return o.split == Split::train && taken[static_cast<std::size_t>(o.configuration)];
-  }));
+Measurements means_of(const ChoiceTask& task) {
+  return averaged(training_sample(task.measurements, kMostConfigurations));
 }
 
 }  // namespace
@@ -446,16 +425,11 @@ bool choice_is_open(const CalibrationOptions& options) {
 }
 
 Choice choose_effects(const ChoiceTask& task) {
-  return Chooser(task, rows_for_choice(task.measurements), task.options.threads).choose().choice;
-}
-
-bool is_of_effects(const std::string& pattern) {
-  const std::string group = pattern.substr(0, pattern.find_first_of(".*?"));
-  return effect_group(group).has_value();
+  return Chooser(task, means_of(task), task.options.threads).choose().choice;
 }
 
 std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold) {
-  const Measurements means = rows_for_choice(task.measurements);
+  const Measurements means = means_of(task);
   const std::vector<std::vector<Index>> folds = make_folds(means, 0);
   std::vector<std::vector<double>> distances(folds.size());
   parallel_for(folds.size(), task.options.threads, [&](std::size_t f) {

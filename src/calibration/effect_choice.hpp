@@ -32,9 +32,6 @@ struct Choice {
 /// Whether there is anything to choose or to size.
 bool choice_is_open(const CalibrationOptions& options);
 
-/// Whether a pattern of CalibrationOptions::fix is about effects: it begins with the name of one of their groups.
-bool is_of_effects(const std::string& pattern);
-
 /// Sizes by evidence (see SizeEstimator), the choice by cross-validation: leave-one-out below 40 configurations, else
 /// ten folds, of at most 2,000 configurations, evenly spaced. Repeats count as their mean. Sizes and noise are found
 /// again inside every fold; everything is linear around the optimum of the rigid model, which effects move by

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "base/text.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/result_blocks.hpp"
 #include "kdl_calibration/joint_effects.hpp"
@@ -113,7 +114,7 @@ EffectTerm read_term(const Node& node, const ErrorModel& model) {
   const Node group = member(node, "group");
   const std::optional<EffectGroup> known = effect_group(tree::name(group));
   if (!known) {
-    tree::fail(group, "gravity, gain, backlash, harmonics or tables");
+    tree::fail(group, "one of " + comma_separated(effect_group_names()));
   }
   term.group = *known;
   term.mean = number(member(node, "mean"));
@@ -145,8 +146,7 @@ Json effects_json(const Calibration& calibration, const Measurements& measuremen
                      {"std", finite_or_null(parameter.std)},
                      {"valid_range", range_json(ranges[static_cast<std::size_t>(term->index)])}});
   }
-  const KDL::Vector& g = calibration.model.gravity;
-  return {{"gravity_direction", {g.x(), g.y(), g.z()}}, {"terms", terms}};
+  return {{"gravity_direction", array(to_eigen(calibration.model.gravity))}, {"terms", terms}};
 }
 
 SavedEffects read_effects(const Node& block, const ErrorModel& model) {

@@ -84,18 +84,24 @@ double held_out_rms(const FitProblem& problem, double noise) {
       .rms;
 }
 
-}  // namespace
-
-namespace {
-
 // What the model misses may be of another kind than the parts of the noise: then their weights predict left-out
-// configurations worse than those of `problem`, at whose optimum it starts.
-bool do_harm(const NoiseModel& noise, const FitProblem& problem, double sigma) {
-  FitProblem weighed = problem;
+// configurations worse than `plain` does, by more than `allowed`. Both problems start at their optimum.
+bool do_harm(const FitProblem& weighed, const FitProblem& plain, const NoiseParts& parts, double allowed) {
+  const double sigma = std::sqrt(parts.point().trace() / 3.0);
+  return !weighed.options.joint.residuals.noise.is_isotropic() &&
+         held_out_rms(weighed, sigma) > allowed * held_out_rms(plain, sigma);
+}
+
+// At its optimum; nothing where the fit does not arrive.
+std::optional<FitProblem> weighed_by(const NoiseModel& noise, const FitProblem& plain) {
+  FitProblem weighed = plain;
   weighed.options.joint.residuals.noise = noise;
-  const Identification found = kdl_calibration::fit(weighed);
-  weighed.start = found.estimate;
-  return !arrived(found) || held_out_rms(weighed, sigma) > held_out_rms(problem, sigma);
+  Identification found = kdl_calibration::fit(weighed);
+  if (!arrived(found)) {
+    return std::nullopt;
+  }
+  weighed.start = std::move(found.estimate);
+  return weighed;
 }
 
 }  // namespace
@@ -113,14 +119,17 @@ bool weigh_by_estimated_noise(const FitTask& task, const Unknowns& free, Residua
   if (!parts.converged) {
     return false;
   }
-  FitProblem problem{.model = task.model,
-                     .measurements = task.measurements,
-                     .start = plain.estimate,
-                     .free = free,
-                     .options = {.joint = joint}};
+  const FitProblem problem{.model = task.model,
+                           .measurements = task.measurements,
+                           .start = plain.estimate,
+                           .free = free,
+                           .options = {.joint = joint}};
   const NoiseModel noise = parts.model(task.options.noise);
-  if (!noise.is_isotropic() && do_harm(noise, problem, std::sqrt(parts.point().trace() / 3.0))) {
-    return false;
+  if (!noise.is_isotropic()) {
+    const std::optional<FitProblem> weighed = weighed_by(noise, problem);
+    if (!weighed || do_harm(*weighed, problem, parts, 1.0)) {
+      return false;
+    }
   }
   residuals.noise = noise;
   return true;
@@ -139,29 +148,20 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   if (!parts.converged) {
     return result;
   }
-  FitProblem weighed{.model = task.model,
-                     .measurements = task.measurements,
-                     .start = fit.identification.estimate,
-                     .free = fit.free,
-                     .options = task.fit_options};
-  weighed.options.after_fit = nullptr;
-  const FitProblem plain = weighed;
-  weighed.options.joint.residuals.noise = parts.model(options.noise);
-  Identification again = kdl_calibration::fit(weighed);
-  if (!arrived(again)) {
-    return result;
-  }
-  weighed.start = again.estimate;
+  FitProblem plain{.model = task.model,
+                   .measurements = task.measurements,
+                   .start = fit.identification.estimate,
+                   .free = fit.free,
+                   .options = task.fit_options};
+  plain.options.after_fit = nullptr;
+  const std::optional<FitProblem> weighed = weighed_by(parts.model(options.noise), plain);
   // Beside priors the plain weights are those of earlier parts already, and better or worse by chance.
   const bool with_priors = fit.free.prior_information(residuals.priors).any();
-  const double worse = with_priors ? kByChance : 1.0;
-  const bool other_weights = !weighed.options.joint.residuals.noise.is_isotropic();
-  const double noise = std::sqrt(parts.point().trace() / 3.0);
-  if (other_weights && held_out_rms(weighed, noise) > worse * held_out_rms(plain, noise)) {
+  if (!weighed || do_harm(*weighed, plain, parts, with_priors ? kByChance : 1.0)) {
     return result;
   }
-  residuals = weighed.options.joint.residuals;
-  fit.identification.estimate = std::move(again.estimate);
+  residuals = weighed->options.joint.residuals;
+  fit.identification.estimate = weighed->start;
   result.parts = std::move(parts);
   return result;
 }

@@ -5,12 +5,16 @@
 
 #include "base/name_pattern.hpp"
 #include "base/text.hpp"
-#include "calibration/effect_choice.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
 namespace {
+
+bool is_of_effects(const std::string& pattern) {
+  return effect_group(pattern.substr(0, pattern.find_first_of(".*?"))).has_value();
+}
 
 std::set<std::string> matching(const std::vector<std::string>& patterns, const std::vector<std::string>& names,
                                const std::string& option) {
@@ -71,6 +75,12 @@ std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, c
 }
 
 }  // namespace
+
+bool fixes_effect(const CalibrationOptions& options, const EffectTerm& term) {
+  return std::any_of(options.fix.begin(), options.fix.end(), [&](const std::string& pattern) {
+    return is_of_effects(pattern) && matches_pattern(pattern, term.name);
+  });
+}
 
 ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
                                   const CalibrationOptions& options, ReductionOptions reduction) {

@@ -269,12 +269,7 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
   }
   const ColumnRange columns = saved.free.range(UnknownGroup::effects);
   const bool known = saved.covariance.size() > 0 && columns.count == static_cast<Index>(terms.size());
-  // Every group of every joint, summed over its terms.
-  std::map<std::pair<EffectGroup, int>, std::vector<Index>> of;
-  for (std::size_t e = 0; e < terms.size(); ++e) {
-    of[{terms[e].group, terms[e].index}].push_back(static_cast<Index>(e));
-  }
-  for (const auto& [key, members] : of) {
+  for (const auto& [key, members] : terms_by_joint(saved.model)) {
     const auto& [group, joint] = key;
     const auto& [lower, upper] = ranges[static_cast<std::size_t>(joint)];
     if (!(lower <= upper)) {

@@ -227,26 +227,18 @@ void add_parameters(const Calibration& calibration, const std::string& fixed, st
 
 // The largest motion of each joint by each group of effects at the measured configurations.
 void add_effects(const Calibration& calibration, const Measurements& measurements, std::string& text) {
-  const std::vector<EffectTerm>& terms = calibration.model.effects;
-  if (terms.empty()) {
+  if (calibration.model.effects.empty()) {
     return;
   }
   const Eigen::MatrixXd basis = effect_basis(calibration.model, measurements.joint_values);
-  std::map<std::pair<EffectGroup, int>, Eigen::RowVectorXd> motion;
-  for (std::size_t e = 0; e < terms.size(); ++e) {
-    const auto row = static_cast<Eigen::Index>(e);
-    Eigen::RowVectorXd& sum = motion[{terms[e].group, terms[e].index}];
-    if (sum.size() == 0) {
-      sum = Eigen::RowVectorXd::Zero(basis.cols());
-    }
-    sum += calibration.identification.estimate.effects[row] * basis.row(row);
-  }
+  const Eigen::VectorXd& values = calibration.identification.estimate.effects;
   text += "\neffects beyond geometry, largest motion at the measured configurations\n";
-  for (const auto& [key, moved] : motion) {
+  for (const auto& [key, terms] : terms_by_joint(calibration.model)) {
     const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(key.second)];
     const DisplayUnit& unit = joint.type == JointType::prismatic ? kMillimetres : kDegrees;
+    const double largest = (values(terms).transpose() * basis(terms, Eigen::all)).cwiseAbs().maxCoeff();
     text += "  " + padded(to_string(key.first), 12) + padded(joint.name, 34) +
-            format(unit.value, moved.cwiseAbs().maxCoeff() * unit.per_si) + unit.name + "\n";
+            format(unit.value, largest * unit.per_si) + unit.name + "\n";
   }
 }
 

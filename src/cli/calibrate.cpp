@@ -137,8 +137,7 @@ Effects effects_of(const std::vector<std::string>& words) {
       effects.groups.push_back(*group);
     } else if (words.size() > 1) {
       throw InputError("--effects: " + shown(word) +
-                       " is not accepted in a list, expected groups alone: gravity, gain, "
-                       "backlash, harmonics, tables");
+                       " is not accepted in a list, expected groups alone: " + comma_separated(effect_group_names()));
     }
     effects.automatic = effects.automatic || word == "auto";
   }
@@ -351,12 +350,14 @@ void add_fit_options(CLI::App& app, Arguments& arguments) {
          "stated, two-step, complete or with a loss]")
       ->type_name("NAME")
       ->check(one_of({"auto", "none"}));
-  add_list(
-      app, "--effects", arguments.effects,
-      "Beyond geometry: none, auto (what cross-validation accepts), or groups: gravity, gain, backlash, harmonics, "
-      "tables [auto, unless two-step, complete or with a loss]")
+  std::vector<std::string> effect_words = {"none", "auto"};
+  const std::vector<std::string> groups = effect_group_names();
+  effect_words.insert(effect_words.end(), groups.begin(), groups.end());
+  add_list(app, "--effects", arguments.effects,
+           "Beyond geometry: none, auto (what cross-validation accepts), or groups: " + comma_separated(groups) +
+               " [auto, unless two-step, complete or with a loss]")
       ->type_name("NAME,...")
-      ->check(one_of({"none", "auto", "gravity", "gain", "backlash", "harmonics", "tables"}));
+      ->check(one_of(effect_words));
   app.add_option("--gravity-direction", arguments.gravity_direction, "Direction of gravity in the base frame, x,y,z")
       ->type_name("X,Y,Z")
       ->delimiter(',')

@@ -174,6 +174,14 @@ Unknowns Unknowns::with(const ErrorModel& model, UnknownGroup group, const std::
   return result;
 }
 
+Unknowns Unknowns::with_all(const ErrorModel& model, UnknownGroup group) const {
+  std::vector<std::size_t> indices;
+  for (const Unknown& unknown : listed(group, model, targets_)) {
+    indices.push_back(unknown.index);
+  }
+  return with(model, group, indices);
+}
+
 Unknowns Unknowns::without(UnknownGroup group) const {
   std::vector<bool> marked;
   for (const Unknown& unknown : columns_) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <set>
 #include <utility>
 
 namespace kdl_calibration {
@@ -109,6 +110,24 @@ Measurements averaged(const Measurements& measurements) {
     rows.clear();
   }
   return means;
+}
+
+Measurements training_sample(const Measurements& measurements, std::size_t most_configurations) {
+  std::set<std::int32_t> trained;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      trained.insert(observation.configuration);
+    }
+  }
+  const std::vector<std::int32_t> all(trained.begin(), trained.end());
+  std::set<std::int32_t> chosen;
+  const std::size_t count = std::min(all.size(), most_configurations);
+  for (std::size_t i = 0; i < count; ++i) {
+    chosen.insert(all[i * all.size() / count]);
+  }
+  return subset(measurements, [&](const Observation& observation) {
+    return observation.split == Split::train && chosen.count(observation.configuration) > 0;
+  });
 }
 
 JointRanges trained_ranges(const Measurements& measurements) {

@@ -289,6 +289,14 @@ std::optional<EffectGroup> effect_group(const std::string& name) {
   return std::nullopt;
 }
 
+std::vector<std::string> effect_group_names() {
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < kEffectGroups; ++i) {
+    names.emplace_back(to_string(static_cast<EffectGroup>(i)));
+  }
+  return names;
+}
+
 std::string size_name(const EffectTerm& term) {
   const std::string group = to_string(term.group);
   return term.group == EffectGroup::tables ? group + "." + std::to_string(term.index + 1) : group;
@@ -380,6 +388,21 @@ std::vector<EffectTerm> gain_terms(const ErrorModel& model) {
   std::vector<EffectTerm> result;
   for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
     result.push_back(term_of(model, joint, EffectGroup::gain));
+  }
+  return result;
+}
+
+std::vector<EffectTerm> load_and_gain_terms(const ErrorModel& model) {
+  std::vector<EffectTerm> result = load_terms(model);
+  const std::vector<EffectTerm> gains = gain_terms(model);
+  result.insert(result.end(), gains.begin(), gains.end());
+  return result;
+}
+
+std::map<std::pair<EffectGroup, int>, std::vector<Index>> terms_by_joint(const ErrorModel& model) {
+  std::map<std::pair<EffectGroup, int>, std::vector<Index>> result;
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    result[{model.effects[e].group, model.effects[e].index}].push_back(static_cast<Index>(e));
   }
   return result;
 }

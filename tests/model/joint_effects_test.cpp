@@ -176,12 +176,7 @@ TEST(JointEffects, TheTorqueOfAnyMassesIsALinearFunctionOfTheGravityTerms) {
   }
   const Eigen::MatrixXd basis = effect_basis(model, q);
   for (int joint = 0; joint < 5; ++joint) {
-    std::vector<Eigen::Index> own;
-    for (std::size_t e = 0; e < model.effects.size(); ++e) {
-      if (model.effects[e].index == joint) {
-        own.push_back(static_cast<Eigen::Index>(e));
-      }
-    }
+    const std::vector<Eigen::Index> own = terms_by_joint(model).at({EffectGroup::gravity, joint});
     const Eigen::MatrixXd columns = basis(own, Eigen::all).transpose();
     const Eigen::VectorXd torque = torques.row(joint).transpose();
     const Eigen::VectorXd rest = torque - columns * columns.completeOrthogonalDecomposition().solve(torque);
@@ -220,12 +215,7 @@ TEST(JointEffects, GravityTermsThatRepeatEachOtherOrHardlyChangeAreLeftOut) {
   }
   EXPECT_EQ(model.effects.size(), 30U);
   for (int joint = 1; joint < 6; ++joint) {
-    std::vector<Eigen::Index> own;
-    for (std::size_t e = 0; e < model.effects.size(); ++e) {
-      if (model.effects[e].index == joint) {
-        own.push_back(static_cast<Eigen::Index>(e));
-      }
-    }
+    const std::vector<Eigen::Index> own = terms_by_joint(model).at({EffectGroup::gravity, joint});
     const Eigen::MatrixXd columns = basis(own, Eigen::all).transpose();
     EXPECT_EQ(Eigen::ColPivHouseholderQR<Eigen::MatrixXd>(columns).rank(), columns.cols()) << joint + 1;
   }
