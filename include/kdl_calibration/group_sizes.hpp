@@ -49,7 +49,7 @@ public:
 
 private:
   struct Fit {
-    Eigen::VectorXd x;      // of the sized columns, in units of scale_
+    Eigen::VectorXd x;      // of the sized columns
     Eigen::VectorXd gamma;  // of each group
     double squares = 0.0;   // of what is left
     double log_determinant = 0.0;

@@ -56,8 +56,11 @@ SizeEstimator::SizeEstimator(const LinearSums& sums, const std::vector<Index>& c
   if (!determined_) {
     return;
   }
-  const auto solved = [&](const auto& right) {
-    return (scale.asDiagonal() * root.solve(scale.asDiagonal() * right)).eval();
+  const auto solved = [&](auto right) {  // what is empty has no first entry, which Eigen would ask for
+    if (right.size() > 0) {
+      right = (scale.asDiagonal() * root.solve(scale.asDiagonal() * right)).eval();
+    }
+    return right;
   };
   const MatrixXd coupling = sums.information(free_, sized_);
   const VectorXd own = sums.moment(free_);
@@ -70,6 +73,9 @@ SizeEstimator::SizeEstimator(const LinearSums& sums, const std::vector<Index>& c
 
 SizeEstimator::Fit SizeEstimator::solve(const std::vector<double>& variances, double variance) const {
   const Index n = information_.cols();
+  if (n == 0) {
+    return {.x = {}, .gamma = VectorXd::Zero(static_cast<Index>(groups_.size())), .squares = std::max(squares_, 0.0)};
+  }
   // In units of the groups' sizes: M = I + S A S / sigma^2 is never singular, and a size of zero takes a group out.
   VectorXd S = VectorXd::Zero(n);
   for (std::size_t g = 0; g < groups_.size(); ++g) {

@@ -196,6 +196,9 @@ void choose(const FitTask& rigid, Chosen& chosen, Setting& setting, Weighing& we
   chosen.rigid_options = weighing.fit;
   chosen.rigid_options.joint.residuals.priors = chosen.choice.rigid_priors;
   weighing.fit.joint.residuals.priors = chosen.choice.priors;
+  if (!chosen.choice.terms.empty()) {  // weights by what geometry alone leaves would hold everything near nominal
+    weighing.fit.joint.residuals.noise = noise_of_means(rigid.measurements, rigid.options, chosen.choice.noise);
+  }
   setting.model.effects = chosen.choice.terms;
   setting.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(setting.model.effects.size()));
 }

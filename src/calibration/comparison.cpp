@@ -2,9 +2,8 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <memory>
-#include <mutex>
 
+#include "calibration/counted_fits.hpp"
 #include "kdl_calibration/fold_sums.hpp"
 
 namespace kdl_calibration {
@@ -180,21 +179,6 @@ HeldOutErrors hold_out(const Compared& compared) {
     result.k_fold = predicted_folds(compared, folds, std::to_string(folds.size()) + "-fold", result);
   }
   return result;
-}
-
-std::function<void()> counted_fits(const CalibrationOptions& options, const std::string& stage, std::size_t fits) {
-  if (!options.progress) {
-    return {};
-  }
-  struct Count {
-    std::mutex mutex;
-    std::size_t done = 0;
-  };
-  return [count = std::make_shared<Count>(), stage, fits, progress = options.progress] {
-    const std::lock_guard lock(count->mutex);
-    ++count->done;
-    progress(stage, count->done, fits);
-  };
 }
 
 }  // namespace kdl_calibration

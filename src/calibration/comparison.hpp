@@ -45,7 +45,4 @@ struct HeldOutErrors {
 };
 HeldOutErrors hold_out(const Compared& compared);
 
-/// Called behind each fit of a stage with this many of them; for FitOptions.
-std::function<void()> counted_fits(const CalibrationOptions& options, const std::string& stage, std::size_t fits);
-
 }  // namespace kdl_calibration

@@ -12,6 +12,8 @@
 #include <utility>
 
 #include "base/parallel.hpp"
+#include "base/text.hpp"
+#include "calibration/counted_fits.hpp"
 #include "calibration/parameter_choice.hpp"
 #include "kdl_calibration/group_sizes.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -135,6 +137,7 @@ struct Worth {
   bool determined = false;
   GroupSizes sizes;
   Groups groups;
+  double noise = 0.0;   // [m] of a coordinate of a mean
   double motion = 0.0;  // [m or rad] largest of a joint by all effects
   VectorXd squares;     // [m^2] of each held-out configuration, summed over its points
   double held_out_rms = std::numeric_limits<double>::infinity();
@@ -149,8 +152,10 @@ std::vector<Index> all_of(Index count) {
 // The choice at one set of data.
 class Chooser {
 public:
-  Chooser(const ChoiceTask& task, Measurements means, int threads)
-      : task_(task), means_(std::move(means)), threads_(threads) {
+  // Inside another choice nobody is told what is being tried.
+  enum class Place { outermost, inside };
+  Chooser(const ChoiceTask& task, Measurements means, int threads, Place place)
+      : task_(task), means_(std::move(means)), threads_(threads), place_(place) {
     const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
     folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);
     points_ = static_cast<double>(means_.observations.size());
@@ -194,6 +199,7 @@ public:
     }
     result.priors = priors_of(current, sized);
     result.terms = with_sigmas(terms, current);
+    result.noise = current.noise;
     mark_chosen(names, sized, result.tried);
     outcome.values = current.sizes.values;
     return outcome;
@@ -252,9 +258,13 @@ private:
       return worth;
     }
     worth.sizes = whole.estimate({}, worth.groups.limits, rounding);
+    worth.noise = worth.sizes.sigma * rows.unit;
     worth.motion = motion_of(candidate, worth.sizes.values);
     if (worth.sizes.evidence >= wanted) {
-      predict_folds(rows, all, worth);
+      const std::string what =
+          "trying " + (names.empty() ? "geometry alone" : comma_separated(names)) + (sized ? " with priors" : "");
+      predict_folds(rows, all, worth,
+                    place_ == Place::outermost ? counted_fits(task_.options, what, folds_.size()) : nullptr);
     }
     tried.push_back({.priors = priors_of(worth, sized),
                      .effects = names,
@@ -275,7 +285,8 @@ private:
     return moved.cwiseAbs().maxCoeff();
   }
 
-  void predict_folds(const LinearRows& rows, const LinearSums& all, Worth& worth) const {
+  void predict_folds(const LinearRows& rows, const LinearSums& all, Worth& worth,
+                     const std::function<void()>& after_fold) const {
     const std::vector<Index> columns = all_of(rows.J.cols());
     const double rounding = kRounding / rows.unit;
     worth.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
@@ -294,6 +305,9 @@ private:
         worth.squares[c] = (rows.y.segment(first, count) - rows.J.middleRows(first, count) * x).squaredNorm();
       }
       predicted[f] = 1;
+      if (after_fold) {
+        after_fold();
+      }
     });
     worth.squares *= rows.unit * rows.unit;
     worth.determined = std::all_of(predicted.begin(), predicted.end(), [](int p) { return p == 1; });
@@ -410,6 +424,7 @@ private:
   const ChoiceTask& task_;
   Measurements means_;
   int threads_;
+  Place place_;
   std::vector<std::vector<Index>> folds_;
   double points_ = 0.0;
 };
@@ -425,7 +440,7 @@ bool choice_is_open(const CalibrationOptions& options) {
 }
 
 Choice choose_effects(const ChoiceTask& task) {
-  return Chooser(task, means_of(task), task.options.threads).choose().choice;
+  return Chooser(task, means_of(task), task.options.threads, Chooser::Place::outermost).choose().choice;
 }
 
 std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold) {
@@ -437,7 +452,7 @@ std::vector<double> nested_distances(const ChoiceTask& task, const std::function
       return std::find(folds[f].begin(), folds[f].end(), o.configuration) != folds[f].end();
     };
     const Measurements rest = subset(means, [&](const Observation& o) { return !is_left_out(o); });
-    const Chooser::Outcome chosen = Chooser(task, rest, 1).choose();
+    const Chooser::Outcome chosen = Chooser(task, rest, 1, Chooser::Place::inside).choose();
     const Candidate candidate = with_terms(task.model, task.free, chosen.terms, false);
     const Measurements fold = subset(means, is_left_out);
     const LinearRows left = linear_rows(candidate, fold, task.optimum, task.orientation_length);

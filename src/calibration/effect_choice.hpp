@@ -26,6 +26,7 @@ struct Choice {
   std::vector<EffectTerm> terms;  ///< with their sigmas
   Priors priors;
   Priors rigid_priors;  ///< that are best where there are no effects
+  double noise = 0.0;   ///< [m] 1 sigma of a coordinate of a mean, by the evidence of what is chosen
   std::vector<ModelOption> tried;
 };
 

@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "calibration/noise_report.hpp"
 #include "kdl_calibration/fold_prediction.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/validation.hpp"
@@ -164,6 +165,20 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   fit.identification.estimate = weighed->start;
   result.parts = std::move(parts);
   return result;
+}
+
+NoiseModel noise_of_means(const Measurements& measurements, const CalibrationOptions& options, double sigma) {
+  NoiseModel noise = options.noise;
+  if (noise_is_stated(measurements, options)) {
+    noise.target_misfit = sigma;
+    return noise;
+  }
+  const auto is_fitted = [](const Observation& observation) { return observation.split == Split::train; };
+  const Measurements rows = subset(measurements, is_fitted);
+  const double repeats = static_cast<double>(rows.observations.size()) /
+                         static_cast<double>(std::max<std::size_t>(averaged(rows).observations.size(), 1));
+  noise.independent.setConstant(sigma * std::sqrt(repeats));
+  return noise;
 }
 
 std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unknowns& free, const MatrixXd& covariance,

@@ -464,6 +464,26 @@ TEST(HeldOut, ReportsEachFitAndWhatItIsFor) {
   EXPECT_EQ(reported.back(), "3-fold 3/3");
 }
 
+TEST(HeldOut, ReportsWhichModelIsTried) {
+  std::vector<std::string> reported;
+  CalibrationOptions options{.threads = 1};
+  options.automatic_priors = true;
+  options.effects.automatic = true;
+  options.progress = [&](const std::string& what, std::size_t done, std::size_t of) {
+    if (done == of) {
+      reported.push_back(what);
+    }
+  };
+  const Calibration found = Series().calibrated(options);
+  ASSERT_GE(reported.size(), 3U);
+  EXPECT_EQ(reported[0], "trying geometry alone");
+  EXPECT_EQ(reported[1], "trying geometry alone with priors");
+  EXPECT_EQ(reported.back(), "leave-one-out");
+  const auto predicted = std::count_if(found.tried.begin(), found.tried.end(),
+                                       [](const ModelOption& option) { return std::isfinite(option.held_out_rms); });
+  EXPECT_EQ(static_cast<std::ptrdiff_t>(reported.size()) - 1, predicted);
+}
+
 // ---- numbers of warnings -------------------------------------------------------------------------------------------
 
 TEST(Warnings, NumbersOfTheNoiseAreThoseOfTheResult) {

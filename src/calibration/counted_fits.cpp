@@ -1,0 +1,23 @@
+#include "calibration/counted_fits.hpp"
+
+#include <memory>
+#include <mutex>
+
+namespace kdl_calibration {
+
+std::function<void()> counted_fits(const CalibrationOptions& options, const std::string& stage, std::size_t fits) {
+  if (!options.progress) {
+    return {};
+  }
+  struct Count {
+    std::mutex mutex;
+    std::size_t done = 0;
+  };
+  return [count = std::make_shared<Count>(), stage, fits, progress = options.progress] {
+    const std::lock_guard lock(count->mutex);
+    ++count->done;
+    progress(stage, count->done, fits);
+  };
+}
+
+}  // namespace kdl_calibration
