@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <map>
 #include <optional>
 #include <string>
@@ -48,6 +49,13 @@ std::map<std::pair<EffectGroup, int>, std::vector<Eigen::Index>> terms_by_joint(
 
 /// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N.
 Eigen::MatrixXd effect_basis(const ErrorModel& model, const Eigen::MatrixXd& joint_values);
+
+constexpr std::size_t kFewJoints = 32;  ///< with which nothing is allocated where so promised
+
+/// What the terms add to the values of each joint at one configuration: `motion` (joints) [rad or m]. `values` holds
+/// one value per term. Allocates nothing for few joints.
+void effect_motion(const ErrorModel& model, const Eigen::VectorXd& values, const Eigen::Ref<const Eigen::VectorXd>& q,
+                   Eigen::Ref<Eigen::VectorXd> motion);
 
 /// The joint values that the rigid chain needs to stand where the real one does: joints x N. `values` holds one value
 /// per term of the model; empty means none.

@@ -3,6 +3,7 @@
 // Everything that the library offers.
 
 #include "kdl_calibration/arm_body.hpp"
+#include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/convention_trial.hpp"

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
+#include <memory_resource>
 #include <numbers>
 
 #include "kdl_calibration/kinematics.hpp"
@@ -15,17 +17,21 @@ namespace {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
+using Eigen::Ref;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 // Axis and origin of every joint, and the frame behind its motion, in the base frame; the tip's frame last.
 struct JointFrames {
-  std::vector<Vector3d> axes;
-  std::vector<Eigen::Isometry3d> moved;
+  std::pmr::vector<Vector3d> axes;
+  std::pmr::vector<Eigen::Isometry3d> moved;
 };
 
-JointFrames joint_frames(const ErrorModel& model, const VectorXd& q) {
-  JointFrames frames;
+JointFrames joint_frames(const ErrorModel& model, const Ref<const VectorXd>& q,
+                         std::pmr::memory_resource* memory = std::pmr::get_default_resource()) {
+  JointFrames frames{.axes = std::pmr::vector<Vector3d>(memory), .moved = std::pmr::vector<Eigen::Isometry3d>(memory)};
+  frames.axes.reserve(model.joints.size());
+  frames.moved.reserve(model.joints.size() + 1);
   KDL::Frame pose = KDL::Frame::Identity();
   for (std::size_t i = 0; i < model.joints.size(); ++i) {
     const MovingJoint& joint = model.joints[i];
@@ -55,7 +61,8 @@ double torque(const ErrorModel& model, const EffectTerm& term, const JointFrames
 }
 
 // The linear function of the direction of gravity in a link, see GravityTerm.
-double gravity_moment(const ErrorModel& model, const EffectTerm& term, const VectorXd& q, const JointFrames& frames) {
+double gravity_moment(const ErrorModel& model, const EffectTerm& term, const Ref<const VectorXd>& q,
+                      const JointFrames& frames) {
   const Vector3d gravity = to_eigen(model.gravity);
   const Vector3d& axis = frames.axes[static_cast<std::size_t>(term.index)];
   const auto link = static_cast<std::size_t>(term.gravity.link);
@@ -69,7 +76,8 @@ double gravity_moment(const ErrorModel& model, const EffectTerm& term, const Vec
   }
 }
 
-constexpr double kPlay = 0.15;  // of the torque's mean size, where the play has mostly changed sides
+constexpr double kLeastLever = 1e-3;  // [m] on the average; less is no load that changes sides
+constexpr double kPlay = 0.15;        // of the torque's mean size, where the play has mostly changed sides
 
 double harmonic(int times, double q) { return times > 0 ? std::sin(times * q) : std::cos(-times * q); }
 
@@ -90,7 +98,8 @@ double table_value(const TableTerm& table, double q) {
          (1.0 + width * width / 3.0);
 }
 
-double raw_value(const ErrorModel& model, const EffectTerm& term, const VectorXd& q, const JointFrames& frames) {
+double raw_value(const ErrorModel& model, const EffectTerm& term, const Ref<const VectorXd>& q,
+                 const JointFrames& frames) {
   const double own = q[term.index];
   switch (term.group) {
     case EffectGroup::gravity:
@@ -217,10 +226,11 @@ void add_backlash(const ErrorModel& model, std::size_t joint, const MatrixXd& q,
   for (const JointFrames& at : frames) {
     sum += std::abs(torque(model, term, at));
   }
-  const double play = kPlay * sum / static_cast<double>(q.cols());
-  if (!(play > 0.0)) {
+  const double mean = sum / static_cast<double>(q.cols());
+  if (!(mean > kLeastLever)) {
     return;
   }
+  const double play = kPlay * mean;
   for (PointMass& mass : term.masses) {
     mass.mass = 1.0 / play;
   }
@@ -420,6 +430,19 @@ MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values) {
     }
   }
   return basis;
+}
+
+void effect_motion(const ErrorModel& model, const VectorXd& values, const Ref<const VectorXd>& q,
+                   Ref<VectorXd> motion) {
+  alignas(Eigen::Isometry3d) std::array<std::byte, (kFewJoints + 1) * (sizeof(Eigen::Isometry3d) + sizeof(Vector3d))>
+      bytes;
+  std::pmr::monotonic_buffer_resource memory(bytes.data(), bytes.size());
+  const JointFrames frames = joint_frames(model, q, &memory);
+  motion.setZero();
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    const EffectTerm& term = model.effects[e];
+    motion[term.index] += values[static_cast<Index>(e)] * (raw_value(model, term, q, frames) - term.mean) / term.scale;
+  }
 }
 
 MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values) {

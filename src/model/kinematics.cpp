@@ -4,6 +4,8 @@
 #include <cmath>
 #include <kdl/chainjnttojacsolver.hpp>
 
+#include "model/manipulator_jacobian.hpp"
+
 namespace kdl_calibration {
 namespace {
 
@@ -103,21 +105,8 @@ Matrix6Xd matrix_derivative_jacobian(const ErrorModel& model, const Eigen::Vecto
 }
 
 Matrix6Xd cross_product_jacobian(const FoldedChain& chain, const Eigen::VectorXd& q) {
-  const Eigen::Vector3d tip = flange_pose(chain, q).translation();
   Matrix6Xd jacobian(6, q.size());
-  Eigen::Isometry3d pose = chain.links[0];
-  for (Eigen::Index i = 0; i < q.size(); ++i) {
-    const auto joint = static_cast<std::size_t>(i);
-    const Eigen::Vector3d axis = pose.linear().col(2);
-    if (chain.prismatic[joint]) {
-      jacobian.col(i) << axis, Eigen::Vector3d::Zero();
-      pose.translation() += axis * q[i];
-    } else {
-      jacobian.col(i) << axis.cross(tip - pose.translation()), axis;
-      pose.linear() = pose.linear() * Eigen::AngleAxisd(q[i], Eigen::Vector3d::UnitZ()).toRotationMatrix();
-    }
-    pose = pose * chain.links[joint + 1];
-  }
+  manipulator_jacobian(chain, q, jacobian);
   return jacobian;
 }
 

@@ -5,7 +5,9 @@
 
 #include <cstdlib>
 
+#include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -58,6 +60,28 @@ TEST(Allocation, CorrelatedNoiseTakesNonePerConfiguration) {
   options.noise.independent.setConstant(1e-5);
   options.noise.common.setConstant(5e-5);
   EXPECT_EQ(allocations_of_a_pass(300, options), allocations_of_a_pass(30, options));
+}
+
+TEST(Allocation, ACalibratedArmIsAskedWithoutAny) {
+  ErrorModel model = complete_model(testing::fanuc());
+  Random random(2);
+  const Eigen::MatrixXd q = random_configurations(published_ranges(model.joints), 40, random);
+  for (const std::string& name : effect_group_names()) {
+    const std::vector<EffectTerm> terms = effect_terms(model, *effect_group(name), q);
+    model.effects.insert(model.effects.end(), terms.begin(), terms.end());
+  }
+  const auto count = static_cast<Eigen::Index>(model.effects.size());
+  const CalibratedArm arm(model, testing::random_errors(model, random, 0.001, 0.001),
+                          Eigen::VectorXd::Constant(count, 1e-4));
+  Matrix6Xd jacobian(6, arm.joints());
+  double sum = 0.0;
+  const long before = allocations;
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    sum += arm.flange_pose(q.col(c)).translation().x();
+    sum += arm.flange_pose(q.col(c), jacobian).translation().x();
+  }
+  EXPECT_EQ(allocations, before);
+  EXPECT_NE(sum, 0.0);
 }
 
 }  // namespace

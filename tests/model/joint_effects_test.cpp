@@ -29,6 +29,19 @@ TEST(JointEffects, GravityBendsTheSecondAndThirdJointOfTheR2000iC) {
   EXPECT_THAT(names, ::testing::ElementsAre("gravity2_3", "gravity2_4", "gravity3_4"));
 }
 
+TEST(JointEffects, NoBacklashWhereNothingLoadsTheJoint) {
+  // The flange stands on the sixth axis: what torque there is comes from rounding.
+  const ErrorModel model = complete_model(fanuc());
+  Random random(1);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 50, random);
+  std::vector<int> joints;
+  for (const EffectTerm& term : effect_terms(model, EffectGroup::backlash, q)) {
+    joints.push_back(term.index);
+    EXPECT_LT(term.masses.front().mass, 1e4);
+  }
+  EXPECT_THAT(joints, ::testing::ElementsAre(1, 2, 3, 4)) << "the first axis is vertical";
+}
+
 TEST(JointEffects, BasisIsTheHorizontalLeverOverItsLargest) {
   ErrorModel model = complete_model(fanuc());
   model.effects = load_terms(model);

@@ -1,0 +1,102 @@
+#include "kdl_calibration/calibrated_arm.hpp"
+
+#include <array>
+#include <cstddef>
+#include <memory_resource>
+#include <string>
+
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "model/manipulator_jacobian.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Isometry3d;
+using Eigen::Map;
+using Eigen::Ref;
+using Eigen::VectorXd;
+
+constexpr double kStep = 1e-5;  // [rad or m]
+
+// Numbers on the stack, for few joints.
+class Scratch {
+public:
+  double* numbers(Index count) {
+    return static_cast<double*>(memory_.allocate(static_cast<std::size_t>(count) * sizeof(double), kAlignment));
+  }
+
+private:
+  static constexpr std::size_t kAlignment = 32;
+  alignas(kAlignment) std::array<std::byte, (12 * kFewJoints + 8) * sizeof(double)> bytes_;
+  std::pmr::monotonic_buffer_resource memory_{bytes_.data(), bytes_.size()};
+};
+
+void require_one_each(const char* what, const Ref<const VectorXd>& values, std::size_t count, const char* of) {
+  if (static_cast<std::size_t>(values.size()) != count) {
+    throw InputError("calibrated arm: " + std::to_string(values.size()) + " " + what + ", expected " +
+                     std::to_string(count) + ", one for each " + of);
+  }
+}
+
+}  // namespace
+
+CalibratedArm::CalibratedArm(const ErrorModel& model, const VectorXd& errors, const VectorXd& effects)
+    : model_(model), effects_(effects) {
+  require_one_each("errors", errors, model.parameters.size(), "parameter");
+  if (effects.size() > 0) {
+    require_one_each("effects", effects, model.effects.size(), "term");
+  }
+  if (!errors.allFinite() || !effects.allFinite()) {
+    throw InputError("calibrated arm: an error or an effect is not finite, expected finite ones");
+  }
+  chain_ = folded(model, errors);
+  if (effects_.isZero(0.0)) {
+    effects_.resize(0);
+  }
+}
+
+Isometry3d CalibratedArm::flange_pose(const Ref<const VectorXd>& q) const {
+  require_one_each("joint values", q, model_.joints.size(), "joint");
+  if (effects_.size() == 0) {
+    return kdl_calibration::flange_pose(chain_, q);
+  }
+  Scratch scratch;
+  Map<VectorXd> moved(scratch.numbers(q.size()), q.size());
+  effect_motion(model_, effects_, q, moved);
+  moved += q;
+  return kdl_calibration::flange_pose(chain_, moved);
+}
+
+Isometry3d CalibratedArm::flange_pose(const Ref<const VectorXd>& q, Matrix6Xd& jacobian) const {
+  require_one_each("joint values", q, model_.joints.size(), "joint");
+  const Index n = q.size();
+  jacobian.resize(6, n);
+  if (effects_.size() == 0) {
+    return manipulator_jacobian(chain_, q, jacobian);
+  }
+  Scratch scratch;
+  Map<VectorXd> moved(scratch.numbers(n), n);
+  effect_motion(model_, effects_, q, moved);
+  moved += q;
+  Map<Matrix6Xd> rigid(scratch.numbers(6 * n), 6, n);
+  const Isometry3d pose = manipulator_jacobian(chain_, moved, rigid);
+  jacobian = rigid;
+  Map<VectorXd> beside(scratch.numbers(n), n);
+  Map<VectorXd> above(scratch.numbers(n), n);
+  Map<VectorXd> below(scratch.numbers(n), n);
+  beside = q;
+  for (Index k = 0; k < n; ++k) {
+    beside[k] = q[k] + kStep;
+    effect_motion(model_, effects_, beside, above);
+    beside[k] = q[k] - kStep;
+    effect_motion(model_, effects_, beside, below);
+    beside[k] = q[k];
+    above = (above - below) / (2.0 * kStep);
+    jacobian.col(k).noalias() += rigid * above;
+  }
+  return pose;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,39 @@
+#pragma once
+
+// Not installed.
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+
+/// X_BF, and in `jacobian` (6 x joints) the flange's twist in the base frame per unit of each joint, linear velocity of
+/// its origin first: axis x lever arm. Allocates nothing.
+inline Eigen::Isometry3d manipulator_jacobian(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q,
+                                              Eigen::Ref<Matrix6Xd> jacobian) {
+  Eigen::Isometry3d pose = chain.links[0];
+  for (Eigen::Index i = 0; i < q.size(); ++i) {
+    const auto joint = static_cast<std::size_t>(i);
+    jacobian.col(i) << pose.translation(), pose.linear().col(2);
+    if (chain.prismatic[joint]) {
+      pose.translation() += pose.linear().col(2) * q[i];
+    } else {
+      pose.linear() = pose.linear() * Eigen::AngleAxisd(q[i], Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    }
+    pose = pose * chain.links[joint + 1];
+  }
+  for (Eigen::Index i = 0; i < q.size(); ++i) {
+    const Eigen::Vector3d origin = jacobian.col(i).head<3>();
+    const Eigen::Vector3d axis = jacobian.col(i).tail<3>();
+    if (chain.prismatic[static_cast<std::size_t>(i)]) {
+      jacobian.col(i) << axis, Eigen::Vector3d::Zero();
+    } else {
+      jacobian.col(i) << axis.cross(pose.translation() - origin), axis;
+    }
+  }
+  return pose;
+}
+
+}  // namespace kdl_calibration
