@@ -14,7 +14,7 @@ struct HeldOutPoint {
   std::int32_t target = 0;
   double repeats = 1.0;                                  ///< that the mean is of
   Eigen::Vector3d measured = Eigen::Vector3d::Zero();    ///< [m] that mean, in W
-  double distance = 0.0;                                 ///< [m] between both
+  Eigen::Vector3d residual = Eigen::Vector3d::Zero();    ///< [m] that mean minus its prediction, along W
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< [m^2] of the prediction by the parameters alone, along W
 };
 

@@ -33,6 +33,9 @@ std::string residuals_csv(const Measurements& measurements, const Calibration& c
 /// The covariance of everything estimated, SI units, as CSV with the parameters' names; empty where not determined.
 std::string covariance_csv(const Calibration& calibration);
 
+/// The block `effects` that a truth shares with a result, as JSON: the model's terms with these coefficients.
+std::string effects_json(const ErrorModel& model, const Eigen::VectorXd& coefficients);
+
 /// The irreducible model as JSON: parameters, dropped, gauge, candidates, rank.
 std::string model_json(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Reduction& reduction);
 

@@ -154,7 +154,7 @@ private:
       const Matrix3d in_flange = without.covariance(J.middleRows(first, 3));
       points.push_back({.configuration = static_cast<std::int32_t>(configuration),
                         .target = system.targets[i],
-                        .distance = left.segment<3>(first).norm(),
+                        .residual = R_WF * left.segment<3>(first),
                         .covariance = R_WF * in_flange * R_WF.transpose()});
     }
   }
@@ -176,7 +176,7 @@ private:
     const std::vector<double> exact = position_errors(X_BF, moved, held_out);
     const double tolerance = std::max(kAsGoodAsLinear * task_.noise, kRounding);
     for (std::size_t i = 0; i < points.size(); ++i) {
-      if (!(std::abs(exact[i] - points[i].distance) <= tolerance)) {
+      if (!(std::abs(exact[i] - points[i].residual.norm()) <= tolerance)) {
         return false;
       }
     }
@@ -189,12 +189,12 @@ private:
     part.converged = refitted.converged;
     if (!with_covariance) {
       const Matrix3d unknown = Matrix3d::Constant(std::numeric_limits<double>::infinity());
-      part.points.assign(refitted.distances.size(), {.covariance = unknown});
+      part.points.assign(refitted.residuals.size(), {.covariance = unknown});
     }
-    for (std::size_t i = 0; i < refitted.distances.size(); ++i) {
+    for (std::size_t i = 0; i < refitted.residuals.size(); ++i) {
       part.points[i].configuration = refitted.configurations[i];
       part.points[i].target = refitted.targets[i];
-      part.points[i].distance = refitted.distances[i];
+      part.points[i].residual = refitted.residuals[i];
     }
   }
 
@@ -215,7 +215,7 @@ private:
 std::vector<double> distances_of(const FoldPrediction& prediction) {
   std::vector<double> result;
   for (const HeldOutPoint& point : prediction.points) {
-    result.push_back(point.distance);
+    result.push_back(point.residual.norm());
   }
   return result;
 }

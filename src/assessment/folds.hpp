@@ -2,6 +2,7 @@
 
 // Not installed.
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <vector>
 
@@ -11,7 +12,7 @@ namespace kdl_calibration {
 
 /// A fold predicted by a fit to all other training configurations. Points are ordered by configuration and target.
 struct RefittedFold {
-  std::vector<double> distances;             ///< [m] from the means of the repeats
+  std::vector<Eigen::Vector3d> residuals;    ///< [m] of the means of the repeats, along W
   std::vector<std::int32_t> configurations;  ///< of each, as in the measurements
   std::vector<std::int32_t> targets;
   bool converged = true;

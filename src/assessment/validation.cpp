@@ -206,16 +206,16 @@ RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::I
   const Measurements rest = without(measurements, fold);
   const Identification found = fit(with_measurements(problem, rest));
   const Measurements means = averaged(rest);
-  RefittedFold result{.distances = position_errors(problem.model, found.estimate, means, Rows::test),
-                      .configurations = {},
-                      .targets = {},
-                      .converged = found.termination == Termination::converged};
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem.model, found.estimate, means.joint_values);
+  RefittedFold result{
+      .residuals = {}, .configurations = {}, .targets = {}, .converged = found.termination == Termination::converged};
   std::map<std::string, std::int32_t> number;
   for (const Eigen::Index c : fold) {
     number[measurements.configurations[static_cast<std::size_t>(c)]] = static_cast<std::int32_t>(c);
   }
   for (const Observation& o : means.observations) {
     if (o.split == Split::test) {
+      result.residuals.emplace_back(o.position - predicted_point(found.estimate, X_BF, o));
       result.configurations.push_back(number.at(rest.configurations[static_cast<std::size_t>(o.configuration)]));
       result.targets.push_back(o.target);
     }

@@ -6,9 +6,11 @@
 #include <utility>
 
 #include "base/text.hpp"
+#include "calibration/effect_findings.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/result_blocks.hpp"
 #include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/result_json.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -39,6 +41,17 @@ Json function_json(const EffectTerm& term) {
       break;
   }
   return Json::object();
+}
+
+Json term_json(const EffectTerm& term, double coefficient) {
+  return {{"name", term.name},
+          {"joint", term.joint},
+          {"group", to_string(term.group)},
+          {"function", function_json(term)},
+          {"mean", term.mean},
+          {"scale", term.scale},
+          {"sigma", term.sigma},
+          {"coefficient", coefficient}};
 }
 
 // Of the joint, as measured; null of nothing.
@@ -135,18 +148,21 @@ Json effects_json(const Calibration& calibration, const Measurements& measuremen
     if (term == calibration.model.effects.end()) {
       continue;
     }
-    terms.push_back({{"name", term->name},
-                     {"joint", term->joint},
-                     {"group", to_string(term->group)},
-                     {"function", function_json(*term)},
-                     {"mean", term->mean},
-                     {"scale", term->scale},
-                     {"sigma", term->sigma},
-                     {"coefficient", parameter.value},
-                     {"std", finite_or_null(parameter.std)},
-                     {"valid_range", range_json(ranges[static_cast<std::size_t>(term->index)])}});
+    terms.push_back(term_json(*term, parameter.value));
+    terms.back()["std"] = finite_or_null(parameter.std);
+    terms.back()["valid_range"] = range_json(ranges[static_cast<std::size_t>(term->index)]);
   }
-  return {{"gravity_direction", array(to_eigen(calibration.model.gravity))}, {"terms", terms}};
+  return {{"gravity_direction", array(to_eigen(calibration.model.gravity))},
+          {"terms", terms},
+          {"findings", effect_findings(calibration, measurements)}};
+}
+
+std::string effects_json(const ErrorModel& model, const Eigen::VectorXd& coefficients) {
+  Json terms = Json::array();
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    terms.push_back(term_json(model.effects[e], coefficients[static_cast<Eigen::Index>(e)]));
+  }
+  return Json({{"gravity_direction", array(to_eigen(model.gravity))}, {"terms", terms}}).dump();
 }
 
 SavedEffects read_effects(const Node& block, const ErrorModel& model) {

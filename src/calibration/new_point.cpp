@@ -50,7 +50,7 @@ MeasuredRegion measured_region(const Measurements& measurements, const FoldPredi
   for (const HeldOutPoint& point : held_out.points) {
     const double radius =
         new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise).radius_95;
-    ratios[point.configuration].push_back(point.distance / radius);
+    ratios[point.configuration].push_back(point.residual.norm() / radius);
     if (std::isfinite(point.covariance.trace())) {
       region.largest_variance = std::max(region.largest_variance, point.covariance.trace());
     }

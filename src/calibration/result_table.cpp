@@ -13,6 +13,7 @@
 
 #include "base/text.hpp"
 #include "base/wrapped_text.hpp"
+#include "calibration/effect_findings.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 
@@ -230,15 +231,15 @@ void add_effects(const Calibration& calibration, const Measurements& measurement
   if (calibration.model.effects.empty()) {
     return;
   }
-  const Eigen::MatrixXd basis = effect_basis(calibration.model, measurements.joint_values);
-  const Eigen::VectorXd& values = calibration.identification.estimate.effects;
   text += "\neffects beyond geometry, largest motion at the measured configurations\n";
-  for (const auto& [key, terms] : terms_by_joint(calibration.model)) {
-    const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(key.second)];
+  for (const EffectMotion& motion : effect_motions(calibration, measurements)) {
+    const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.joint)];
     const DisplayUnit& unit = joint.type == JointType::prismatic ? kMillimetres : kDegrees;
-    const double largest = (values(terms).transpose() * basis(terms, Eigen::all)).cwiseAbs().maxCoeff();
-    text += "  " + padded(to_string(key.first), 12) + padded(joint.name, 34) +
-            format(unit.value, largest * unit.per_si) + unit.name + "\n";
+    text += "  " + padded(to_string(motion.group), 12) + padded(joint.name, 34) +
+            format(unit.value, motion.largest() * unit.per_si) + unit.name + "\n";
+  }
+  for (const std::string& finding : effect_findings(calibration, measurements)) {
+    text += wrapped(finding, 2, 4);
   }
 }
 

@@ -248,11 +248,26 @@ std::string page_of(const std::string& result, const Robot& robot, const Measure
                            .plan_command = plan_command(json_of(result, "the result"))});
 }
 
-// The texts of the files to write; returns that of the result, which names the hashes of the others. The page shows the
-// result and so stands beside it.
-std::string filled_in(const Arguments& arguments, const Robot& robot, const Measurements& measurements,
-                      const CalibrationOptions& options, const Calibration& calibration,
-                      std::vector<OutputFile>& files) {
+// The result and what came of what was required of it, which the result then holds as well.
+struct JudgedResult {
+  std::string text;
+  std::vector<std::string> missed;
+};
+JudgedResult judged_result(std::string text, const std::vector<std::string>& requirements) {
+  if (requirements.empty()) {
+    return {.text = std::move(text), .missed = {}};
+  }
+  Json json = json_of(text, "the result");
+  const std::vector<Judged> outcomes = judged(parse_requirements(requirements), json);
+  json["requirements"] = judged_json(outcomes);
+  return {.text = json.dump(2) + "\n", .missed = unfulfilled(outcomes)};
+}
+
+// The texts of the files to write; returns the result, which names the hashes of the others. The page shows the result
+// and so stands beside it.
+JudgedResult filled_in(const Arguments& arguments, const Robot& robot, const Measurements& measurements,
+                       const CalibrationOptions& options, const Calibration& calibration,
+                       std::vector<OutputFile>& files) {
   Provenance provenance{.notes = notes_of(arguments.notes), .files_read = files_read(arguments, robot)};
   for (OutputFile& file : files) {
     if (file.option == "--result" || file.option == "--report") {
@@ -263,18 +278,19 @@ std::string filled_in(const Arguments& arguments, const Robot& robot, const Meas
                                                : covariance_csv(calibration);
     provenance.files_written.push_back({.role = file.option.substr(2), .path = file.path, .sha256 = sha256(file.text)});
   }
-  const std::string result = result_json(robot, measurements, options, calibration, provenance);
+  JudgedResult result =
+      judged_result(result_json(robot, measurements, options, calibration, provenance), arguments.requirements);
   for (OutputFile& file : files) {
-    file.text = file.option == "--result"   ? result
-                : file.option == "--report" ? page_of(result, robot, measurements, options)
+    file.text = file.option == "--result"   ? result.text
+                : file.option == "--report" ? page_of(result.text, robot, measurements, options)
                                             : file.text;
   }
   return result;
 }
 
 ExitStatus run(const Arguments& arguments) {
-  const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);
-  notes_of(arguments.notes);  // refused before the work
+  parse_requirements(arguments.requirements);  // refused before the work, as are
+  notes_of(arguments.notes);
   std::vector<OutputFile> files = outputs(arguments);
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
@@ -294,15 +310,15 @@ ExitStatus run(const Arguments& arguments) {
     options.progress = [&](const std::string& what, std::size_t done, std::size_t of) { progress(what, done, of); };
     calibration = calibrate(model, measurements, options);
   }
-  const std::string result = filled_in(arguments, robot, measurements, options, calibration, files);
+  const JudgedResult result = filled_in(arguments, robot, measurements, options, calibration, files);
   name_options(calibration.doubts);
-  write_whole(files, arguments.force, arguments.json ? result : table(arguments, robot, measurements, calibration));
+  write_whole(files, arguments.force,
+              arguments.json ? result.text : table(arguments, robot, measurements, calibration));
   say_what_is_doubted(arguments, calibration);
-  const std::vector<std::string> missed = unfulfilled(requirements, json_of(result, "the result"));
-  for (const std::string& requirement : missed) {
+  for (const std::string& requirement : result.missed) {
     require_aloud(requirement);
   }
-  return calibration.trusted() && missed.empty() ? done : not_to_be_trusted;
+  return calibration.trusted() && result.missed.empty() ? done : not_to_be_trusted;
 }
 
 // Options that have another name now.

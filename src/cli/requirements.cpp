@@ -107,18 +107,39 @@ Requirement parse_requirement(const std::string& text) {
   return result;
 }
 
-std::vector<std::string> unfulfilled(const std::vector<Requirement>& requirements, const Json& json) {
-  std::vector<std::string> result;
+std::vector<Judged> judged(const std::vector<Requirement>& requirements, const Json& json) {
+  std::vector<Judged> result;
   for (const Requirement& requirement : requirements) {
     const Json* value = found_at(json, requirement.path);
     if (value == nullptr && json.contains("position_error")) {
       value = found_at(json["position_error"], requirement.path);
     }
     const bool known = value != nullptr && value->is_number();
+    result.push_back({.text = requirement.text, .message = {}});
     if (!known || !holds(value->get<double>(), requirement.comparison, requirement.value)) {
-      result.push_back("'" + requirement.text + "' is not fulfilled: the value is " +
-                       (known ? value->dump() : std::string("not determined")));
+      result.back().message = "'" + requirement.text + "' is not fulfilled: the value is " +
+                              (known ? value->dump() : std::string("not determined"));
     }
+  }
+  return result;
+}
+
+std::vector<std::string> unfulfilled(const std::vector<Judged>& judged) {
+  std::vector<std::string> result;
+  for (const Judged& requirement : judged) {
+    if (!requirement.message.empty()) {
+      result.push_back(requirement.message);
+    }
+  }
+  return result;
+}
+
+Json judged_json(const std::vector<Judged>& judged) {
+  Json result = Json::array();
+  for (const Judged& requirement : judged) {
+    result.push_back({{"text", requirement.text},
+                      {"fulfilled", requirement.message.empty()},
+                      {"message", requirement.message.empty() ? Json(nullptr) : Json(requirement.message)}});
   }
   return result;
 }

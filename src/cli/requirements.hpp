@@ -19,9 +19,19 @@ struct Requirement {
 /// Throws InputError where the text is none.
 Requirement parse_requirement(const std::string& text);
 
-/// A sentence for each that the JSON does not fulfil. `position_error.` before a path and `.after` in it may be left
-/// out; what is null or absent fulfils nothing.
-std::vector<std::string> unfulfilled(const std::vector<Requirement>& requirements, const Json& json);
+/// What came of one. `position_error.` before a path and `.after` in it may be left out; what is null or absent fulfils
+/// nothing.
+struct Judged {
+  std::string text;     ///< of the requirement
+  std::string message;  ///< a sentence where it is not fulfilled, else empty
+};
+std::vector<Judged> judged(const std::vector<Requirement>& requirements, const Json& json);
+
+/// The messages of those that are not fulfilled.
+std::vector<std::string> unfulfilled(const std::vector<Judged>& judged);
+
+/// [{text, fulfilled, message}], as a result has it under "requirements".
+Json judged_json(const std::vector<Judged>& judged);
 
 /// --require
 void add_require(CLI::App& app, std::vector<std::string>& texts);

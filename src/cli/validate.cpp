@@ -337,7 +337,7 @@ ExitStatus run_against_measurements(const Arguments& arguments) {
   }
   const std::vector<std::string> before = warnings_of(measurements, registration, freedom);
   words.warnings.insert(words.warnings.begin(), before.begin(), before.end());
-  const std::vector<std::string> missed = unfulfilled(requirements, json_of(result, "the result"));
+  const std::vector<std::string> missed = unfulfilled(judged(requirements, json_of(result, "the result")));
   for (OutputFile& file : files) {
     std::vector<std::string> doubts = words.doubts;
     doubts.insert(doubts.end(), missed.begin(), missed.end());

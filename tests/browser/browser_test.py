@@ -204,6 +204,62 @@ class Pages(unittest.TestCase):
         self.browser.find_element(By.CSS_SELECTOR, "[data-layer=cells]").click()
         changed()
 
+    def test_arrows_show_the_errors_that_the_result_holds(self):
+        self.open("demo.html")
+        data = self.data()
+        held_out = {(p["configuration"], p["target"]): p for p in data["result"]["held_out_points"]}
+        arrows = self.js("""const base = kdlcal.data.robot.base;
+          return kdlcalView.scene.points.map((p, i) => [kdlcal.points[i].configuration, kdlcal.points[i].target, kdlcal.points[i].test,
+            p.arrows.map((a) => [a.kind, Math.hypot(...a.vector)]),
+            p.arrows.map((a) => [0, 1, 2].map((r) => base[4 * r] * a.vector[0] + base[4 * r + 1] * a.vector[1] + base[4 * r + 2] * a.vector[2]))]);""")
+        self.assertEqual(len(held_out), 90)
+        squares = {"before": 0.0, "after": 0.0, "held": 0.0}
+        for configuration, target, test, kinds, in_device in arrows:
+            self.assertEqual([kind for kind, _ in kinds], ["before", "after"] + ([] if test else ["held"]))
+            if not test:
+                for kind, size in kinds:
+                    squares[kind] += size**2
+                point = held_out[configuration, target]
+                self.assertAlmostEqual(kinds[2][1], point["distance"], delta=1e-12)
+                for found, expected in zip(in_device[2], point["residual"]):
+                    self.assertAlmostEqual(found, expected, delta=1e-12)
+        self.assertGreater(squares["before"], squares["held"])
+        self.assertGreater(squares["held"], squares["after"])
+
+    def test_keys_walk_through_a_chart(self):
+        from selenium.webdriver.common.action_chains import ActionChains
+        from selenium.webdriver.common.keys import Keys
+        self.open("demo.html")
+        press = lambda keys: ActionChains(self.browser).send_keys(keys).perform()
+        hint = lambda: self.js("return document.getElementById('tip').hidden ? null : document.getElementById('tip').innerText")
+        self.js("const s = document.querySelectorAll('#residuals figure svg')[0]; s.scrollIntoView({block: 'center'}); s.focus();")
+        self.assertIsNone(hint())
+        seen = []
+        for key in [Keys.ARROW_RIGHT] * 3 + [Keys.END, Keys.HOME, Keys.ARROW_LEFT]:
+            press(key)
+            seen.append(hint())
+            self.assertRegex(seen[-1], r"^Configuration \S+, target [ABC]")
+        self.assertEqual(len(set(seen[:4])), 4)
+        self.assertEqual(seen[4:], [seen[0]] * 2)
+        press(Keys.END + Keys.ENTER)
+        named = seen[3].split(",")[0].replace("Configuration ", "")
+        self.assertEqual(self.js("return document.body.dataset.configuration"), named)
+        self.assertEqual(hint(), seen[3])
+        press(Keys.TAB)
+        self.assertIsNone(hint())
+
+    def test_what_was_required_and_missed_comes_first(self):
+        kdlcal(self.path, "calibrate", "--measurements", "demo.csv", "--require", "leave_one_out.rms<1um,rank>3", "--result", "missed.json",
+               "--report", "missed.html", expected=(1,))
+        self.check_calibration("missed.html")
+        self.assertEqual(self.js("return document.querySelector('#verdict .headline').textContent"), "Not as required")
+        verdict = self.js("return document.getElementById('verdict').innerText")
+        self.assertIn("'leave_one_out.rms<1um' is not fulfilled", verdict)
+        self.assertNotIn("'rank>3' is not", verdict)
+        kdlcal(self.path, "report", "--result", "missed.json", "--output", "again.html")
+        self.open("again.html")
+        self.assertEqual(self.js("return document.querySelector('#verdict .headline').textContent"), "Not as required")
+
     def test_a_row_of_the_table_chooses_and_so_does_the_picture(self):
         self.open("demo.html")
         self.js("document.querySelector('#robot details').open = true; document.querySelector('#robot tbody tr:nth-child(7) button').click()")

@@ -442,6 +442,33 @@ TEST(Calibration, PredictsHeldOutRows) {
   EXPECT_THROW(calibrate(s.model, s.measured), InputError);
 }
 
+TEST(Calibration, PointsLeftOutAreThoseOfAFitWithoutTheirConfiguration) {
+  Simulated s(9, 0.00003);
+  const Calibration all = calibrate(s.model, s.measured, {.weights = Weights::equal, .leave_one_out = true});
+  for (const std::int32_t left_out : {3, 22}) {
+    Measurements rest = s.measured;
+    for (Observation& observation : rest.observations) {
+      observation.split = observation.configuration == left_out ? Split::test : Split::train;
+    }
+    const Estimate found = calibrate(s.model, rest, {.weights = Weights::equal}).identification.estimate;
+    const KDL::Chain chain = error_chain(s.model, found.errors);
+    int points = 0;
+    for (const HeldOutPoint& point : all.held_out_points) {
+      if (point.configuration != left_out) {
+        continue;
+      }
+      const KDL::Frame X_BF = kdl_pose(chain, s.measured.joint_values.col(left_out));
+      const Eigen::Vector3d t = found.targets[static_cast<std::size_t>(point.target)].X_FT.translation();
+      const KDL::Vector in_base = X_BF * KDL::Vector(t.x(), t.y(), t.z());
+      const Eigen::Vector3d predicted = found.X_WB * Eigen::Vector3d(in_base.x(), in_base.y(), in_base.z());
+      EXPECT_LT((point.measured - predicted - point.residual).norm(), 3e-7) << "a hundredth of the noise";
+      EXPECT_GT(point.residual.norm(), 3e-6);
+      ++points;
+    }
+    EXPECT_EQ(points, 3);
+  }
+}
+
 TEST(Calibration, TwoStepAgreesWithTheJointEstimate) {
   const Simulated s(10, 0.0);
   const Calibration found = calibrate(s.model, s.measured, {.method = Method::two_step});

@@ -3,6 +3,7 @@
 
 #include "base/sha256.hpp"
 #include "base/wrapped_text.hpp"
+#include "calibration/effect_findings.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
@@ -757,6 +758,7 @@ void expect_effects(Expected& expected, const Case& c) {
     const auto& [lower, upper] = ranges.at(static_cast<std::size_t>(term.index));
     expected.numbers(path + "/valid_range", std::vector<double>{lower, upper});
   }
+  expected.texts("/effects/findings", effect_findings(found, c.measurements));
   if (found.model.effects.empty()) {
     expected.is("/effects/terms", Json::array());
   }
@@ -884,7 +886,10 @@ void expect_held_out_points(Expected& expected, const Case& c) {
     expected.is(path + "/configuration",
                 c.measurements.configurations[static_cast<std::size_t>(points[i].configuration)]);
     expected.is(path + "/target", c.measurements.targets[static_cast<std::size_t>(points[i].target)]);
-    expected.number(path + "/distance", points[i].distance);
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      expected.number(path + "/residual/" + std::to_string(k), points[i].residual[k]);
+    }
+    expected.number(path + "/distance", points[i].residual.norm());
   }
   if (points.empty()) {
     expected.is("/held_out_points", nullptr);
@@ -1562,6 +1567,9 @@ void expect_motions(std::vector<std::string>& lines, const Case& c) {
       lines.push_back(std::string(to_string(group)) + " " + own.name + " " + decimals(most, slides ? 4 : 5) +
                       (slides ? " mm" : " deg"));
     }
+  }
+  for (const std::string& finding : effect_findings(found, c.measurements)) {
+    lines.push_back(finding);
   }
 }
 

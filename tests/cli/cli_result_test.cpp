@@ -174,6 +174,20 @@ TEST_F(CalibrateResult, MustBeWhatIsRequired) {
   EXPECT_THAT(missed.out, HasSubstr("Calibration converged"));
 }
 
+TEST_F(CalibrateResult, SaysWhatBecameOfEveryRequirement) {
+  ASSERT_EQ(run(calibrate({"--result", "r.json", "--require", "rank==32,noise.sigma<50um"})).status, 1);
+  Json judged = json_of("r.json");
+  EXPECT_EQ(
+      judged["requirements"],
+      Json::array(
+          {{{"text", "rank==32"}, {"fulfilled", false}, {"message", "'rank==32' is not fulfilled: the value is 33"}},
+           {{"text", "noise.sigma<50um"}, {"fulfilled", true}, {"message", nullptr}}}));
+  EXPECT_EQ(judged["trusted"], true) << "which nothing was required of";
+  ASSERT_EQ(run(calibrate({"--result", "plain.json"})).status, 0);
+  judged.erase("requirements");
+  EXPECT_EQ(judged, json_of("plain.json"));
+}
+
 TEST_F(CalibrateResult, RefusesRequirementsThatAreNone) {
   for (const char* text : {"rms", "rms=1", "<1", "rms<", "rms<x", "rms<1kg", "a..b<1", "rms<>1"}) {
     expect_refused(calibrate({"--require", text}), {"--require", text});

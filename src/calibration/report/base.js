@@ -79,7 +79,7 @@ const POINTS = (() => {
     groups.get(key).push(point);
   }
   const heldOut = new Map();
-  for (const point of RESULT.held_out_points || []) heldOut.set(JSON.stringify([point.configuration, point.target]), point.distance);
+  for (const point of RESULT.held_out_points || []) heldOut.set(JSON.stringify([point.configuration, point.target]), point);
   const mean = (rows, field) => (rows[0][field] ? [0, 1, 2].map((i) => sum(rows.map((r) => r[field][i])) / rows.length) : null);
   return Array.from(groups.values(), (rows) => {
     const first = rows[0];
@@ -89,7 +89,7 @@ const POINTS = (() => {
     return {
       c: first.configuration, t: first.target, configuration, target, test: first.test, row: first.row, order: first.order, rows: rows.length,
       measured: mean(rows, "measured"), residual: mean(rows, "residual"), before: mean(rows, "before"),
-      heldOut: left === undefined ? null : left,
+      heldOut: left === undefined ? null : left.distance, heldOutResidual: (left && left.residual) || null,
     };
   });
 })();

@@ -66,7 +66,9 @@ function figure(options, draw) {
     const now = Math.max(200, Math.round(holder.clientWidth || 480));
     if (now === width) return;
     width = now;
+    const focused = holder.contains(document.activeElement);
     holder.replaceChildren(draw(width));
+    if (focused) holder.firstElementChild.focus({ preventScroll: true });
   };
   node.redraw = () => { width = 0; redraw(); };
   new ResizeObserver(redraw).observe(holder);
@@ -117,8 +119,40 @@ const crosses = (points) => svg("path", {
 const line = (points, kind) => svg("path", { class: "line " + kind, d: points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("") });
 const area = (points, kind) => svg("path", { class: "area " + kind, d: points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("") + "Z" });
 
+// The same by keys: arrows go from place to place, from left to right, Enter chooses. The holder remembers where, since
+// a choice draws the chart anew.
+function walkable(root, places) {
+  const order = places.map((_, i) => i).sort((a, b) => places[a][0] - places[b][0] || places[a][1] - places[b][1]);
+  const here = svg("circle", { class: "ring here", r: 9 });
+  const show = () => {
+    const place = places[order[Math.max(0, Math.min(order.length - 1, Number(root.parentNode.dataset.at)))]];
+    here.setAttribute("cx", place[0]);
+    here.setAttribute("cy", place[1]);
+    root.append(here);
+    const at = here.getBoundingClientRect();
+    showTip({ clientX: (at.left + at.right) / 2, clientY: (at.top + at.bottom) / 2 }, place[2]());
+    return place;
+  };
+  root.setAttribute("tabindex", "0");
+  root.addEventListener("keydown", (event) => {
+    const at = root.parentNode.dataset.at;
+    const next = { ArrowRight: Number(at) + 1, ArrowLeft: Number(at) - 1, Home: 0, End: order.length - 1, Enter: Number(at), " ": Number(at) }[event.key];
+    if (next === undefined || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    root.parentNode.dataset.at = at === undefined ? 0 : Math.max(0, Math.min(order.length - 1, next));
+    const place = show();
+    if ((event.key === "Enter" || event.key === " ") && place[3]) place[3]();
+  });
+  root.addEventListener("focus", () => { if (root.parentNode.dataset.at !== undefined && root.matches(":focus-visible")) show(); });
+  root.addEventListener("blur", () => {
+    here.remove();
+    hideTip();
+  });
+}
+
 // Whatever lies next to the pointer is named, and chosen by a click. `places`: [x, y, lines of the hint, on click].
 function pickable(root, places) {
+  if (places.length) walkable(root, places);
   const nearest = (event) => {
     const frame = root.getBoundingClientRect();
     const factor = frame.width / root.viewBox.baseVal.width || 1;
@@ -222,20 +256,20 @@ function cumulative(title, series, label) {
     }));
 }
 
-// Lines over a common axis. `series`: {kind, text, points: [[x, y]…]}.
+// Lines over a common axis. `series`: {kind, text, points: [[x, y]…], smooth: no dots, apart: no line, band}.
 function lines(options, series) {
   const xs = series.flatMap((s) => s.points.map((p) => p[0]));
   const ys = series.flatMap((s) => s.points.map((p) => p[1])).concat(options.limits || []);
   const x = Object.assign(options.xLog ? logSpread(xs) : spread(xs, 0.03), { label: options.xLabel, ticks: options.xTicks });
   const y = Object.assign(options.yLog ? logSpread(ys) : spread(options.fromZero ? ys.concat([0]) : ys), { label: options.yLabel });
-  return figure({ title: options.title, caption: options.caption, legend: series.map((s) => [s.kind, s.text]) }, (width) => axes(width,
+  return figure({ title: options.title, caption: options.caption, legend: series.map((s) => [s.apart ? "dot " + s.kind : s.kind, s.text]) }, (width) => axes(width,
     { x, y, label: options.title, height: options.height }, (g, sx, sy, box, root) => {
       const places = [];
       for (const s of series) {
         const known = s.points.filter((p) => Number.isFinite(p[1]) && (!options.yLog || p[1] > 0));
         const at = known.map((p) => [sx(p[0]), sy(p[1])]);
         if (s.band) g.append(area(s.band.map((p) => [sx(p[0]), sy(p[1])]), s.kind));
-        g.append(line(at, s.kind));
+        if (!s.apart) g.append(line(at, s.kind));
         if (!s.smooth) g.append(dots(at, s.kind));
         if (!s.smooth) known.forEach((p, i) => places.push([at[i][0], at[i][1], () => [`${s.text}: ${options.hint ? options.hint(p) : short(p[1])}`], null]));
       }

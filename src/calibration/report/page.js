@@ -52,7 +52,8 @@ function start() {
   contents.append(list);
   const software = RESULT.software || DATA.software || {};
   document.getElementById("end").append(el("div", { class: "inner" },
-    el("p", {}, `${software.name || "kdl_calibration"} ${software.version || ""}. Lengths in millimetres, angles in degrees, unless stated. This file holds all it shows and loads nothing.`)));
+    el("p", {}, `${software.name || "kdl_calibration"} ${software.version || ""}. Lengths in millimetres, angles in degrees, unless stated. `,
+      "In a chart that has the focus the arrow keys name one point after the other, Enter chooses its configuration. This file holds all it shows and loads nothing.")));
   select(CONFIGURATIONS.length ? 0 : -1);
 }
 window.kdlcal = { data: DATA, points: POINTS, predictedPoint, framesAt, moved, select, selected: SELECTED };

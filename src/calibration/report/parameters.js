@@ -96,7 +96,19 @@ function triedTable() {
   if (tried.length < 2) return null;
   const rows = tried.map((o, i) => [effectsInWords(o.effects), o.sized ? `${mm(o.priors.length)} mm, ${short(o.priors.angle * 1e3)} mrad` : "as stated",
     o.held_out_rms === null ? null : mm(o.held_out_rms), i === 0 ? "chosen" : ""]);
-  return el("div", {}, el("h3", {}, "What cross-validation tried"), table(["beyond geometry", "priors", " held-out RMS [mm]", ""], rows, { label: "Tried" }));
+  return el("div", {}, el("h3", {}, "Every combination that was tried"), table(["beyond geometry", "priors", " held-out RMS [mm]", ""], rows, { label: "Tried" }));
+}
+// The way to the choice, one group of effects after the other, and what was refused on it.
+function triedCurve() {
+  const tried = (RESULT.tried || []).filter((o) => o.held_out_rms !== null);
+  const chosen = (RESULT.tried || [])[0];
+  if (tried.length < 2 || !tried.some((o) => o.effects.length)) return null;
+  const onTheWay = (o) => o.sized === chosen.sized && o.effects.length <= chosen.effects.length && o.effects.every((name, i) => chosen.effects[i] === name);
+  const points = (wanted) => tried.filter((o) => onTheWay(o) === wanted).map((o) => [o.effects.length, o.held_out_rms * 1e3, o]).sort((a, b) => a[0] - b[0]);
+  const most = Math.max(...tried.map((o) => o.effects.length));
+  return lines({ title: "What cross-validation tried", caption: "one group of effects after the other", xLabel: "groups of effects", yLabel: "held-out RMS [mm]", fromZero: true,
+    xTicks: Array.from({ length: most + 1 }, (_, i) => ({ value: i, label: String(i) })), hint: (p) => `${effectsInWords(p[2].effects)}, ${fixed(p[1], 4)} mm` },
+    [{ kind: "after", text: "chosen", points: points(true) }, { kind: "before", text: "refused", points: points(false), apart: true }].filter((s) => s.points.length));
 }
 function parameters() {
   const priors = RESULT.priors || {};
@@ -109,7 +121,8 @@ function parameters() {
     el("h3", {}, "Base and targets"), frameRows(),
     facts([["priors in force", held ? `1 σ of lengths ${mm(priors.length)} mm, of angles ${short(priors.angle * 1e3)} mrad` : "none"],
       ["weak together", weak.length ? weak.slice(0, 20).join("; ") : null], ["fixed by gauge", fixedByGauge.length ? fixedByGauge.slice(0, 60).join(", ") : null]]),
-    el("div", { class: "plots" }, DATA.correlations && DATA.correlations.names.length ? heatMap(DATA.correlations) : missing("The result has no covariance."), triedTable()),
+    el("div", { class: "plots" }, DATA.correlations && DATA.correlations.names.length ? heatMap(DATA.correlations) : missing("The result has no covariance."), triedCurve()),
+    triedTable(),
   ];
 }
 
@@ -141,6 +154,7 @@ function effects() {
   const curves = DATA.effects || [];
   return [
     table(["effect", " terms", " held-out RMS without [mm]", " with it [mm]", "choice"], rows, { label: "Effects" }),
+    messages("In words", (RESULT.effects || {}).findings || [], "plain"),
     terms.length ? null : note("No effect beyond geometry is part of this calibration."),
     terms.length && !curves.length ? missing(whyMissing("measurements")) : null,
     curves.length ? el("div", { class: "plots small" }, curves.slice(0, 36).map(effectFigure)) : null,

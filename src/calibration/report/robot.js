@@ -72,8 +72,9 @@ function cellsLegend(cells) {
 function measuredScene(cells) {
   const X_BW = inverse(DATA.robot.base);
   const points = POINTS.map((point) => ({
-    place: moved(X_BW, point.measured), c: point.c, marked: point.marked, held: point.heldOut,
-    arrows: [point.before ? { kind: "before", vector: turned(X_BW, point.before) } : null, { kind: "after", vector: turned(X_BW, point.residual) }].filter(Boolean),
+    place: moved(X_BW, point.measured), c: point.c, marked: point.marked,
+    arrows: [["before", point.before], ["after", point.residual], ["held", point.heldOutResidual]]
+      .filter(([, error]) => error).map(([kind, error]) => ({ kind, vector: turned(X_BW, error) })),
     lines: () => hintOf(point), choose: () => select(point.c, point),
   }));
   const tracker = [X_BW[3], X_BW[7], X_BW[11]];
@@ -87,12 +88,12 @@ function robotInSpace() {
   const layers = [["robot", "robot", null], ["points", "points", null]];
   if (POINTS.some((p) => p.before)) layers.push(["before", "before", "before"]);
   if (POINTS.length) layers.push(["after", "after", "after"]);
-  if (POINTS.some((p) => p.heldOut !== null)) layers.push(["held", "held out", "held"]);
+  if (POINTS.some((p) => p.heldOutResidual)) layers.push(["held", "held out", "held"]);
   if (cells.length) layers.push(["cells", "predicted accuracy", "cells", false]);
   return [
     viewer(scene, layers, cells.length ? cellsLegend(cells) : null),
     note(DATA.robot.shapes.length ? null : "The URDF has meshes only, or no shapes: the arm is drawn as its skeleton. ",
-      POINTS.length ? "An arrow points from where a target was expected to where it was measured, the mean of its repeats. A dotted circle has the size of the held-out error. Choose a point to see the arm there; drag to turn, Shift and drag to move, and once the picture has the focus use wheel and keys." :
+      POINTS.length ? "An arrow points from where a target was expected to where it was measured, the mean of its repeats: before the calibration, after it, and by a fit that had not seen its configuration (held out). Choose a point to see the arm there; drag to turn, Shift and drag to move, and once the picture has the focus use wheel and keys." :
         whyMissing("measurements")),
     POINTS.length ? pointsTable() : null,
   ];

@@ -74,17 +74,22 @@ function calibrationVerdict() {
     tiles.push(tile("RMS, fitted", ERRORS.train.before.rms, ERRORS.train.after.rms, `${ERRORS.train.after.count} points the fit has seen`));
   }
   const payload = noteOf("payload", "load");
+  const requirements = RESULT.requirements || [];
+  const missed = requirements.filter((requirement) => !requirement.fulfilled).map((requirement) => requirement.message);
   return [
-    verdictBanner(RESULT.trusted ? "good" : "bad", RESULT.trusted ? "To be trusted where it was measured" : "Not to be trusted",
+    verdictBanner(RESULT.trusted && !missed.length ? "good" : "bad",
+      !RESULT.trusted ? "Not to be trusted" : missed.length ? "Not as required" : "To be trusted where it was measured",
       RESULT.trusted ? "The fit converged, everything in it is determined, and it predicts configurations that it has not seen better than the nominal robot does."
         : `${plural(doubts.length, "reason")} against using this calibration as it stands:`),
-    messages("Doubts", doubts, "bad"),
+    messages("Doubts", doubts, "bad"), messages("Required and not fulfilled", missed, "bad"),
     el("div", { class: "tiles" }, tiles),
+    requirements.length ? facts([["required", requirements.map((requirement) => requirement.text).join(", ")]]) : null,
     HELD_OUT ? null : missing("Nothing was held out, so nothing is known of configurations that were not measured."),
     el("h3", {}, "Where it holds"), jointRanges(),
     el("dl", { class: "facts" }, ...[["region", regionText()], ["payload", payload || "not stated: it holds for the one that was on the arm"]]
       .filter(([, value]) => value).map(([key, value]) => [el("dt", {}, key), el("dd", { dir: "auto" }, value)])),
     messages("Warnings", RESULT.warnings || [], "warn"),
+    messages("What moves the arm besides its links", (RESULT.effects || {}).findings || [], "plain"),
     messages("Findings in the measurements", (RESULT.findings || []).map((finding) => finding.message), "warn"),
   ];
 }

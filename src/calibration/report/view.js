@@ -13,7 +13,10 @@ function tone(share) {
   return `rgb(${[0, 1, 2].map((k) => Math.round(STEPS[i][k] + (at - i) * (STEPS[i + 1][k] - STEPS[i][k]))).join(",")})`;
 }
 
-// `scene`: robot, configurations, points [{place, c, arrows: [{kind, vector}], ring, lines, choose}], cells, tracker.
+// As in the charts, so that arrows differ without their colour.
+const DASHES = { before: [4, 3], held: [1.5, 3] };
+
+// `scene`: robot, configurations, points [{place, c, arrows: [{kind, vector}], lines, choose}], cells, tracker.
 class View {
   constructor(canvas, scene) {
     this.canvas = canvas;
@@ -186,7 +189,6 @@ class View {
       const chosen = point.c === SELECTED.c && SELECTED.c >= 0;
       this.at.push([at[0], at[1], point]);
       for (const arrow of point.arrows || []) if (this.layers[arrow.kind]) this.arrow(point.place, arrow, chosen);
-      if (point.held && this.layers.held) this.ring(at, point.held, chosen);
       if (!this.layers.points) continue;
       const colour = this.colour(point.kind || (point.marked ? "mark" : "ink"));
       this.add(at[2] + 0.01, (g) => {
@@ -213,7 +215,7 @@ class View {
     this.add(0.5 * (from[2] + to[2]), (g) => {
       g.strokeStyle = g.fillStyle = colour;
       g.lineWidth = chosen ? 3 : 1.7;
-      g.setLineDash(arrow.kind === "before" ? [4, 3] : []);
+      g.setLineDash(DASHES[arrow.kind] || []);
       g.beginPath();
       g.moveTo(from[0], from[1]);
       g.lineTo(to[0], to[1]);
@@ -226,20 +228,6 @@ class View {
       g.moveTo(to[0], to[1]);
       for (const side of [-0.42, 0.42]) g.lineTo(to[0] - size * Math.cos(angle + side), to[1] - size * Math.sin(angle + side));
       g.fill();
-    });
-  }
-
-  ring(at, metres, chosen) {
-    const radius = metres * this.exaggeration * this.unit * this.zoom;
-    const colour = this.colour("held");
-    this.add(at[2], (g) => {
-      g.strokeStyle = colour;
-      g.lineWidth = chosen ? 2.2 : 1;
-      g.setLineDash([1.5, 3]);
-      g.beginPath();
-      g.arc(at[0], at[1], radius, 0, 7);
-      g.stroke();
-      g.setLineDash([]);
     });
   }
 

@@ -1,0 +1,125 @@
+#include "calibration/effect_findings.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <optional>
+
+#include "base/number_text.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+std::string amount(double value, const MovingJoint& joint) {
+  const bool slides = joint.type == JointType::prismatic;
+  return significant(slides ? value * 1e3 : value * 180.0 / std::numbers::pi, 2) + (slides ? " mm" : " degrees");
+}
+
+// How often a turn the strongest harmonic swings.
+std::string times_a_turn(const Calibration& calibration, const EffectMotion& motion) {
+  std::map<int, double> squares;
+  for (const Eigen::Index place : motion.terms) {
+    const EffectTerm& term = calibration.model.effects[static_cast<std::size_t>(place)];
+    const double amplitude = calibration.identification.estimate.effects[place] / term.scale;
+    squares[std::abs(term.harmonic)] += amplitude * amplitude;
+  }
+  const auto strongest = std::max_element(squares.begin(), squares.end(),
+                                          [](const auto& a, const auto& b) { return a.second < b.second; });
+  const int times = strongest->first;
+  return times == 1 ? "once" : times == 2 ? "twice" : std::to_string(times) + " times";
+}
+
+std::string in_words(const Calibration& calibration, const EffectMotion& motion) {
+  const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.joint)];
+  const std::string most = amount(motion.largest(), joint);
+  switch (motion.group) {
+    case EffectGroup::gravity:
+      return joint.name + " gives way by up to " + most + " under the arm's weight";
+    case EffectGroup::gain: {
+      const Eigen::Index term = motion.terms.front();
+      const double share = calibration.identification.estimate.effects[term] /
+                           calibration.model.effects[static_cast<std::size_t>(term)].scale;
+      return joint.name + " moves " + significant(std::abs(share) * 100.0, 2) + " % " +
+             (share > 0.0 ? "further" : "less far") + " than it is told";
+    }
+    case EffectGroup::backlash:
+      return joint.name + " has a play of " + amount(motion.highest - motion.lowest, joint) +
+             " between one side of its load and the other";
+    case EffectGroup::harmonics:
+      return joint.name + " swings by up to " + most + ", mostly " + times_a_turn(calibration, motion) + " a turn";
+    case EffectGroup::tables:
+      return joint.name + " is off by up to " + most + " along its range";
+  }
+  return {};
+}
+
+// [m^2] at configurations held out, with the first `count` of the chosen groups.
+std::optional<double> left_with(const std::vector<ModelOption>& tried, std::size_t count) {
+  const ModelOption& chosen = tried.front();
+  const std::vector<std::string> names(chosen.effects.begin(),
+                                       chosen.effects.begin() + static_cast<std::ptrdiff_t>(count));
+  const auto found = std::find_if(tried.begin(), tried.end(), [&](const ModelOption& option) {
+    return option.sized == chosen.sized && option.effects == names && std::isfinite(option.held_out_rms);
+  });
+  return found != tried.end() ? std::optional(found->held_out_rms * found->held_out_rms) : std::nullopt;
+}
+
+std::string explained_by(const std::vector<ModelOption>& tried, const std::string& group) {
+  if (tried.empty()) {
+    return {};
+  }
+  const std::vector<std::string>& chosen = tried.front().effects;
+  const auto place = static_cast<std::size_t>(std::find(chosen.begin(), chosen.end(), group) - chosen.begin());
+  if (place == chosen.size()) {
+    return {};
+  }
+  const std::optional<double> all = left_with(tried, 0);
+  const std::optional<double> before = left_with(tried, place);
+  const std::optional<double> after = left_with(tried, place + 1);
+  if (!all || !before || !after || !(*all > 0.0)) {
+    return {};
+  }
+  return "; that explains " + significant(std::round(100.0 * (*before - *after) / *all), 3) +
+         " % of what geometry leaves";
+}
+
+}  // namespace
+
+double EffectMotion::largest() const { return std::max(std::abs(lowest), std::abs(highest)); }
+
+std::vector<EffectMotion> effect_motions(const Calibration& calibration, const Measurements& measurements) {
+  std::vector<EffectMotion> result;
+  if (calibration.model.effects.empty()) {
+    return result;
+  }
+  const Eigen::MatrixXd basis = effect_basis(calibration.model, measurements.joint_values);
+  const Eigen::VectorXd& values = calibration.identification.estimate.effects;
+  for (const auto& [key, terms] : terms_by_joint(calibration.model)) {
+    const Eigen::RowVectorXd motion = values(terms).transpose() * basis(terms, Eigen::all);
+    result.push_back({.group = key.first,
+                      .joint = key.second,
+                      .terms = terms,
+                      .lowest = motion.minCoeff(),
+                      .highest = motion.maxCoeff()});
+  }
+  return result;
+}
+
+std::vector<std::string> effect_findings(const Calibration& calibration, const Measurements& measurements) {
+  std::map<EffectGroup, EffectMotion> most;
+  for (const EffectMotion& motion : effect_motions(calibration, measurements)) {
+    const auto [found, is_new] = most.try_emplace(motion.group, motion);
+    if (!is_new && motion.largest() > found->second.largest()) {
+      found->second = motion;
+    }
+  }
+  std::vector<std::string> result;
+  for (const auto& [group, motion] : most) {
+    result.push_back(in_words(calibration, motion) + explained_by(calibration.tried, to_string(group)));
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration
