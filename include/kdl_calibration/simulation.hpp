@@ -38,6 +38,11 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
                            const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random,
                            const Eigen::Isometry3d& X_WB = Eigen::Isometry3d::Identity());
 
+/// Gives the robot every term of these groups that `joint_values` (joints x N) tell apart, with coefficients drawn from
+/// a normal distribution [1 sigma, rad or m].
+void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
+                 double sigma, Random& random);
+
 struct MeasuringNoise {
   double sigma = 0.0;              ///< [m] of every coordinate, independent
   double orientation_sigma = 0.0;  ///< [rad] of every component of a measured orientation

@@ -7,6 +7,7 @@
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/validation.hpp"
 
 namespace kdl_calibration {
@@ -34,13 +35,23 @@ struct TruthComparison {
   bool comparable() const { return gauge_misfit < 1e-9; }
 };
 
+/// Two arms as one model: with the effects of both, each estimate having zeros for the other's. Throws InputError where
+/// both have effects and gravity pulls in another direction.
+struct ArmAndTruth {
+  ErrorModel model;
+  Estimate estimate;
+  Estimate truth;
+};
+ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth);
+
 /// Distances [m] of the targets' predicted from their true positions in W, target by target in each configuration.
 std::vector<double> distances_from_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                                          const Eigen::MatrixXd& joint_values);
 
 /// What the estimate should have been: the irreducible model's base, targets and geometric errors, fitted to the
 /// truth's predictions at `joint_values` (joints x N), with all other errors (the gauge among them) held as in the
-/// estimate. As many parameters as the predictions depend on describe every robot near by, whatever its own gauge.
+/// estimate, and the effects as in the truth. As many parameters as the predictions depend on describe every robot near
+/// by, whatever its own gauge.
 Estimate truth_in_gauge_of(const ErrorModel& model, const Reduction& reduction, const Estimate& estimate,
                            const Estimate& truth, const Eigen::MatrixXd& joint_values);
 

@@ -59,24 +59,6 @@ std::vector<TargetFrame> targets_of(const Json& json, const std::string& source)
   return targets;
 }
 
-Eigen::VectorXd errors_of(const Json& json, const std::string& source, const ErrorModel& model) {
-  Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  for (const Node& node : elements(member({.json = json, .where = source}, "parameters"))) {
-    const std::string parameter = name(member(node, "name"));
-    if (parameter.find('.') != std::string::npos) {  // of the base or a target
-      continue;
-    }
-    const auto known = std::find_if(model.parameters.begin(), model.parameters.end(),
-                                    [&](const ErrorParameter& candidate) { return candidate.name == parameter; });
-    if (known == model.parameters.end()) {
-      throw InputError(node.where + ": this robot has no parameter '" + parameter +
-                       "', expected the result of the same URDF, base and tip");
-    }
-    errors[known - model.parameters.begin()] = number(member(node, "error"));
-  }
-  return errors;
-}
-
 void require_same_nominal(const Json& json, const std::string& source, const ErrorModel& model) {
   constexpr double kRounding = 1e-9;  // [m]
   for (const Node& node : elements(member({.json = json, .where = source}, "parameters"))) {

@@ -25,9 +25,6 @@ Eigen::Isometry3d base_of(const Json& json, const std::string& source);
 /// "targets": [{"name", "position"[, "quaternion_wxyz"]}] in the flange frame, of a result or a truth as well.
 std::vector<TargetFrame> targets_of(const Json& json, const std::string& source);
 
-/// The errors of the model's parameters in a result or a truth; zero for those that it does not name.
-Eigen::VectorXd errors_of(const Json& json, const std::string& source, const ErrorModel& model);
-
 /// Throws InputError where a parameter's "nominal" is not the model's: the file comes from another robot.
 void require_same_nominal(const Json& json, const std::string& source, const ErrorModel& model);
 

@@ -1,6 +1,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/simulation.hpp"
 
@@ -11,7 +12,9 @@
 #include <optional>
 #include <set>
 
+#include "base/text.hpp"
 #include "cli/frames.hpp"
+#include "cli/joint_range_option.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/progress.hpp"
@@ -20,6 +23,7 @@
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/monte_carlo.hpp"
@@ -44,6 +48,8 @@ struct Arguments {
   MeasuringNoise noise;
   ErrorSizes sizes;
   std::optional<double> angle_sigma_deg;
+  std::vector<std::string> effects = {"none"};
+  double effect_sigma = 3e-4;
   std::string model = "irreducible";
   std::vector<std::string> joint_ranges = {"limits"};
   int monte_carlo = 0;
@@ -57,46 +63,6 @@ struct Arguments {
   bool force = false;
   bool json = false;
 };
-
-// "lo:hi" in degrees, or millimetres for a prismatic joint.
-std::pair<double, double> parsed_range(const std::string& text, const MovingJoint& joint) {
-  const bool prismatic = joint.type == JointType::prismatic;
-  const std::size_t colon = text.find(':');
-  const auto lower = parsed_number(text.substr(0, colon));
-  const auto upper = colon == std::string::npos ? std::nullopt : parsed_number(text.substr(colon + 1));
-  if (!lower || !upper || *lower > *upper) {
-    throw InputError("--joint-ranges: '" + text + "' for " + joint.name + " is no range, expected lower:upper in " +
-                     (prismatic ? "millimetres" : "degrees"));
-  }
-  const double unit = prismatic ? 1e-3 : kDegree;
-  return {*lower * unit, *upper * unit};
-}
-
-JointRanges joint_ranges(const ErrorModel& model, const std::vector<std::string>& given) {
-  const std::vector<std::size_t> joints = independent_joints(model.joints);
-  if (given.size() == 1 && given.front() == "limits") {
-    return limits_of(model.joints);
-  }
-  if (given.size() == 1 && given.front() == "published") {
-    const bool six_revolute = joints.size() == 6 && std::none_of(joints.begin(), joints.end(), [&](std::size_t i) {
-                                return model.joints[i].type == JointType::prismatic;
-                              });
-    if (!six_revolute) {
-      throw InputError("--joint-ranges: 'published' is for six revolute joints, expected limits or lower:upper of " +
-                       std::to_string(joints.size()) + " joints");
-    }
-    return published_ranges(model.joints);
-  }
-  if (given.size() != joints.size()) {
-    throw InputError("--joint-ranges: has " + std::to_string(given.size()) +
-                     " entries, expected limits, published or " + std::to_string(joints.size()) + " times lower:upper");
-  }
-  JointRanges ranges = limits_of(model.joints);
-  for (std::size_t i = 0; i < joints.size(); ++i) {
-    ranges[joints[i]] = parsed_range(given[i], model.joints[joints[i]]);
-  }
-  return ranges;
-}
 
 // Indices of the parameters that get an error: those of the irreducible model and the joint offsets that are gauge, or
 // all but those of the base link, which are no different from a displaced base.
@@ -143,6 +109,20 @@ Json ranges_json(const ErrorModel& model, const JointRanges& ranges) {
   return list;
 }
 
+std::vector<EffectGroup> effects_of(const std::vector<std::string>& words) {
+  std::set<EffectGroup> groups;
+  for (const std::string& word : words) {
+    const std::optional<EffectGroup> group = effect_group(word);
+    if (group) {
+      groups.insert(*group);
+    } else if (word != "none" || words.size() > 1) {
+      throw InputError("--effects: " + shown(word) + " is not accepted, expected none or a list of " +
+                       comma_separated(effect_group_names()));
+    }
+  }
+  return {groups.begin(), groups.end()};
+}
+
 struct Simulation {
   VirtualRobot robot;
   Measurements measurements;
@@ -156,6 +136,7 @@ struct Setup {
   std::vector<TargetFrame> targets;
   Reduction reduction;
   std::vector<std::size_t> with_errors;
+  std::vector<EffectGroup> effects;
   std::optional<Eigen::MatrixXd> plan;  ///< configurations to fit, where a plan gives them
 };
 
@@ -181,6 +162,7 @@ Setup setup(const Robot& robot, const Arguments& arguments) {
   require_few_rows(arguments, result.targets.size());
   result.reduction = reduced_model(result.model, result.targets);
   result.with_errors = with_errors(result.model, result.reduction, arguments.model == "complete");
+  result.effects = effects_of(arguments.effects);
   if (!arguments.plan.empty()) {
     std::optional<JointConvention> convention;
     if (!arguments.joint_convention.empty()) {
@@ -196,25 +178,41 @@ Eigen::MatrixXd to_fit(const Arguments& arguments, const Setup& set, Random& ran
   return set.plan ? *set.plan : random_configurations(set.model.joints, set.ranges, arguments.configurations, random);
 }
 
+// The effects that are asked for, drawn from a stream of their own: everything else stays as it is without them.
+void add_effects(const Arguments& arguments, const Setup& set, VirtualRobot& robot) {
+  constexpr int kToTellApart = 500;  // configurations
+  constexpr std::uint64_t kStream = 1;
+  if (set.effects.empty()) {
+    return;
+  }
+  Random random(arguments.seed, kStream);
+  const Eigen::MatrixXd q = random_configurations(set.model.joints, set.ranges, kToTellApart, random);
+  kdl_calibration::add_effects(robot, set.effects, q, arguments.effect_sigma, random);
+}
+
 // What the virtual robot is, beside what was drawn for one set of measurements.
 Json truth_of(const Robot& robot, const Arguments& arguments, const Setup& set, const VirtualRobot& virtual_one) {
   Json target_list = Json::array();
   for (const TargetFrame& target : virtual_one.truth.targets) {
     target_list.push_back(target_json(target));
   }
-  return {{"seed", arguments.seed},
-          {"urdf", robot.source},
-          {"base_link", robot.base},
-          {"tip_link", robot.tip},
-          {"configurations", set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations}},
-          {"test_configurations", arguments.test_configurations},
-          {"repeats", arguments.noise.repeats},
-          {"noise", arguments.noise.sigma},
-          {"orientation_noise", arguments.noise.orientation_sigma},
-          {"joint_ranges", ranges_json(set.model, set.ranges)},
-          {"parameters", parameters_json(virtual_one, set.with_errors, set.reduction)},
-          {"base", frame_json(virtual_one.truth.X_WB)},
-          {"targets", target_list}};
+  Json truth = {{"seed", arguments.seed},
+                {"urdf", robot.source},
+                {"base_link", robot.base},
+                {"tip_link", robot.tip},
+                {"configurations", set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations}},
+                {"test_configurations", arguments.test_configurations},
+                {"repeats", arguments.noise.repeats},
+                {"noise", arguments.noise.sigma},
+                {"orientation_noise", arguments.noise.orientation_sigma},
+                {"joint_ranges", ranges_json(set.model, set.ranges)},
+                {"parameters", parameters_json(virtual_one, set.with_errors, set.reduction)},
+                {"base", frame_json(virtual_one.truth.X_WB)},
+                {"targets", target_list}};
+  if (!virtual_one.model.effects.empty()) {
+    truth["effects"] = json_of(effects_json(virtual_one.model, virtual_one.truth.effects), "effects");
+  }
+  return truth;
 }
 
 Simulation simulation(const Robot& robot, const Arguments& arguments) {
@@ -222,6 +220,7 @@ Simulation simulation(const Robot& robot, const Arguments& arguments) {
   Random random(arguments.seed);
   Simulation result;
   result.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);
+  add_effects(arguments, set, result.robot);
   const Eigen::MatrixXd train = to_fit(arguments, set, random);
   result.measurements = measure(result.robot, train, arguments.noise, random);
   if (arguments.test_configurations > 0) {
@@ -235,6 +234,7 @@ Simulation simulation(const Robot& robot, const Arguments& arguments) {
 }
 
 std::string summary(const Arguments& arguments, const Simulation& simulation) {
+  const std::size_t terms = simulation.robot.model.effects.size();
   const std::string test =
       arguments.test_configurations > 0 ? " and " + std::to_string(arguments.test_configurations) + " to test" : "";
   return simulation.truth["configurations"].dump() + " configurations to fit" + test + ", " +
@@ -242,7 +242,9 @@ std::string summary(const Arguments& arguments, const Simulation& simulation) {
          std::to_string(simulation.measurements.observations.size()) + " rows\n" + "noise " +
          fixed(arguments.noise.sigma * 1e3, 4) + " mm; " + std::to_string(simulation.truth["parameters"].size()) +
          " true errors, lengths " + fixed(arguments.sizes.length * 1e3, 3) + " mm, angles " +
-         fixed(arguments.sizes.angle / kDegree, 4) + " deg (1 sigma); seed " + std::to_string(arguments.seed) + "\n";
+         fixed(arguments.sizes.angle / kDegree, 4) + " deg (1 sigma); " +
+         (terms > 0 ? std::to_string(terms) + " effects, " + fixed(arguments.effect_sigma * 1e3, 3) + " mrad; " : "") +
+         "seed " + std::to_string(arguments.seed) + "\n";
 }
 
 void add_output(const std::string& option, const std::string& path, std::vector<OutputFile>& files) {
@@ -271,7 +273,15 @@ Json monte_carlo_json(const MonteCarloResult& result) {
             {"max_of_run", statistics_json(result.maxima)}}}};
 }
 
+// Runs that are calibrated know of none.
+void require_no_effects(const Arguments& arguments, const char* option) {
+  if (!effects_of(arguments.effects).empty()) {
+    throw InputError("--effects: are of measurements that are written, expected none with " + std::string(option));
+  }
+}
+
 ExitStatus run_many(const Arguments& arguments) {
+  require_no_effects(arguments, "--monte-carlo");
   if (!arguments.output.empty() || !arguments.truth.empty()) {
     throw InputError("--monte-carlo: writes no measurements, expected it without --output and --truth");
   }
@@ -310,6 +320,7 @@ ExitStatus run_many(const Arguments& arguments) {
 }
 
 void require_two_step(const Arguments& arguments) {
+  require_no_effects(arguments, "--two-step");
   if (arguments.monte_carlo > 0) {
     throw InputError("--two-step: is one robot, expected it without --monte-carlo");
   }
@@ -451,6 +462,12 @@ Subcommand add_simulate(CLI::App& parser) {
   add_count(*app, "--repeats", arguments->noise.repeats, 1, 1'000, "Times that each target is measured");
   app->add_flag("--poses", arguments->poses, "Measure the targets' orientation as well");
   add_sizes(*app, *arguments);
+  add_list(*app, "--effects", arguments->effects,
+           "What moves the arm besides its geometry: gravity, gain, backlash, harmonics, tables; none")
+      ->type_name("LIST")
+      ->capture_default_str();
+  add_size(*app, "--effect-sigma", arguments->effect_sigma, "radians",
+           "1 sigma of their coefficients, metres where a joint slides [0.0003]");
   app->add_option("--model", arguments->model, "Parameters with true errors: irreducible or complete")
       ->type_name("NAME")
       ->check(one_of({"irreducible", "complete"}))

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/sha256.hpp"
+#include "base/text_file.hpp"
 #include "cli/frames.hpp"
 #include "cli/measurement_options.hpp"
 #include "cli/options.hpp"
@@ -164,13 +165,14 @@ std::string table(const Arguments& arguments, const Robot& robot, const Errors& 
   return text;
 }
 
-// Errors, base and targets of a result or a truth.
-Estimate estimate_of(const Json& json, const std::string& source, const ErrorModel& model) {
-  require_same_nominal(json, source, model);
-  return {.errors = errors_of(json, source, model),
-          .X_WB = base_of(json, source),
-          .targets = targets_of(json, source),
-          .effects = {}};
+// The arm of a result or a truth, effects, base and targets included.
+SavedCalibration arm_in(const std::string& source, const Robot& robot, const ErrorModel& nominal) {
+  const std::string text = read_text_file(source);
+  const Json json = json_of(text, source);
+  require_same_nominal(json, source, nominal);
+  base_of(json, source);  // both are part of what is compared
+  targets_of(json, source);
+  return parse_calibration(text, robot, source);
 }
 
 // Those that the truth was measured in, or within the limits.
@@ -194,13 +196,15 @@ ExitStatus run_against_truth(const Arguments& arguments) {
     throw InputError("validate: --measurements beside --result and --truth, expected one of the two");
   }
   const Robot robot = load(arguments.robot);
-  const ErrorModel model = complete_model(robot);
-  const Json truth_file = read_json(arguments.truth);
-  const Estimate estimate = estimate_of(read_json(arguments.result), arguments.result, model);
-  const Estimate truth = estimate_of(truth_file, arguments.truth, model);
+  const ErrorModel nominal = complete_model(robot);
+  const SavedCalibration found = arm_in(arguments.result, robot, nominal);
+  const SavedCalibration drawn = arm_in(arguments.truth, robot, nominal);
+  const auto [model, estimate, truth] =
+      as_one_model(found.model, found.estimate, {.model = drawn.model, .truth = drawn.estimate});
   Random random(arguments.seed);
-  const Eigen::MatrixXd joint_values = random_configurations(
-      model.joints, ranges_to_compare_in(truth_file, arguments.truth, model), kConfigurationsOfTruth, random);
+  const Eigen::MatrixXd joint_values =
+      random_configurations(model.joints, ranges_to_compare_in(read_json(arguments.truth), arguments.truth, model),
+                            kConfigurationsOfTruth, random);
   const TruthComparison comparison = compare_with_truth(model, estimate, truth, joint_values);
   if (arguments.json) {
     Json json = truth_json(model, estimate, truth, comparison);

@@ -46,6 +46,20 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
   return robot;
 }
 
+void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
+                 double sigma, Random& random) {
+  std::vector<double> coefficients(robot.truth.effects.begin(), robot.truth.effects.end());
+  for (const EffectGroup group : groups) {
+    for (EffectTerm& term : effect_terms(robot.model, group, joint_values)) {
+      term.sigma = sigma;
+      robot.model.effects.push_back(std::move(term));
+      coefficients.push_back(sigma * random.normal());
+    }
+  }
+  robot.truth.effects =
+      Eigen::Map<const Eigen::VectorXd>(coefficients.data(), static_cast<Eigen::Index>(coefficients.size()));
+}
+
 namespace {
 
 Eigen::Vector3d normal_vector(Random& random) {

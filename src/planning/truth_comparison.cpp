@@ -8,6 +8,7 @@
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/prediction.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 
@@ -79,12 +80,36 @@ void take_largest_differences(const ErrorModel& model, const Estimate& estimate,
   result.largest_angle = angle;
 }
 
+// `count` values, those of `own` from `first` on.
+Eigen::VectorXd among(Index count, Index first, const Eigen::VectorXd& own) {
+  Eigen::VectorXd result = Eigen::VectorXd::Zero(count);
+  result.segment(first, own.size()) = own;
+  return result;
+}
+
 }  // namespace
+
+ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth) {
+  const std::vector<EffectTerm>& added = truth.model.effects;
+  if (!model.effects.empty() && !added.empty() && !KDL::Equal(model.gravity, truth.model.gravity, 1e-9)) {
+    throw InputError("gravity pulls in another direction in the truth than in the result, expected the same");
+  }
+  ArmAndTruth result{.model = model, .estimate = estimate, .truth = truth.truth};
+  if (model.effects.empty()) {
+    result.model.gravity = truth.model.gravity;
+  }
+  result.model.effects.insert(result.model.effects.end(), added.begin(), added.end());
+  const auto own = static_cast<Index>(model.effects.size());
+  const auto all = static_cast<Index>(result.model.effects.size());
+  result.estimate.effects = among(all, 0, estimate.effects);
+  result.truth.effects = among(all, own, truth.truth.effects);
+  return result;
+}
 
 std::vector<double> distances_from_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                                          const Eigen::MatrixXd& joint_values) {
-  const std::vector<Eigen::Isometry3d> estimated = flange_poses(folded(model, estimate.errors), joint_values);
-  const std::vector<Eigen::Isometry3d> true_poses = flange_poses(folded(model, truth.errors), joint_values);
+  const std::vector<Eigen::Isometry3d> estimated = flange_poses(model, estimate, joint_values);
+  const std::vector<Eigen::Isometry3d> true_poses = flange_poses(model, truth, joint_values);
   std::vector<double> distances;
   distances.reserve(estimated.size() * estimate.targets.size());
   for (std::size_t c = 0; c < estimated.size(); ++c) {
@@ -102,7 +127,9 @@ Estimate truth_in_gauge_of(const ErrorModel& model, const Reduction& reduction, 
   Random none(0);  // nothing is drawn: the predictions are exact
   const Measurements predictions = measure({.model = model, .truth = truth}, joint_values, {}, none);
   const Unknowns free = Unknowns(model, estimate.targets, reduction.kept);
-  return identify_jointly(model, predictions, estimate, free, {.step_tolerance = 1e-13}).estimate;
+  Estimate start = estimate;
+  start.effects = truth.effects;
+  return identify_jointly(model, predictions, start, free, {.step_tolerance = 1e-13}).estimate;
 }
 
 TruthComparison compare_with_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,

@@ -197,6 +197,31 @@ TEST_F(Truth, StatesTheDistancesOfPointsThatKdlGives) {
                                HasSubstr("joint_2"), HasSubstr("target C")));
 }
 
+TEST_F(Truth, HasTheEffectsThatBendTheArm) {
+  ASSERT_EQ(run({"simulate", "--configurations", "60", "--noise", "3e-5", "--length-sigma", "0.001", "--angle-sigma",
+                 "0.001", "--seed", "5", "--effects", "gravity", "--output", "m.csv", "--truth", "truth.json"})
+                .status,
+            0);
+  const auto rms_of = [&](const std::string& result, const std::vector<std::string>& options) {
+    std::vector<std::string> words = {"calibrate", "--measurements", "m.csv", "--result", result};
+    words.insert(words.end(), options.begin(), options.end());
+    EXPECT_EQ(run(words).status, 0);
+    return run_json({"validate", "--result", result, "--truth", "truth.json", "--json"})["position_error"]["all"]["rms"]
+        .get<double>();
+  };
+  EXPECT_LT(rms_of("result.json", {}), 5e-5);
+  EXPECT_GT(rms_of("rigid.json", {"--effects", "none"}), 2e-4);
+  const Json terms = json_of("result.json")["effects"]["terms"];
+  EXPECT_EQ(terms.size(), json_of("truth.json")["effects"]["terms"].size());
+}
+
+TEST_F(Truth, HasNoEffectsWhereRunsKnowOfNone) {
+  expect_refused({"simulate", "--effects", "gravity", "--monte-carlo", "2"}, {"--effects", "--monte-carlo"});
+  expect_refused({"simulate", "--effects", "gravity", "--two-step", "2"}, {"--effects", "--two-step"});
+  expect_refused({"simulate", "--effects", "sagging", "--output", "m.csv"}, {"--effects", "'sagging'", "gravity"});
+  expect_refused({"simulate", "--effects", "none,gain", "--output", "m.csv"}, {"--effects", "'none'"});
+}
+
 TEST_F(Truth, RefusesWhatDoesNotBelongTogether) {
   calibrate();
   expect_refused({"validate", "--result", "result.json"}, {"--truth"});

@@ -46,6 +46,16 @@ Check scatters(double sigma) {
   };
 }
 
+double largest_shift(const Effect& effect) {
+  const Measurements without = rows_of(effect.without);
+  const Measurements with = rows_of(effect.with);
+  double largest = 0.0;
+  for (std::size_t i = 0; i < with.observations.size(); ++i) {
+    largest = std::max(largest, (with.observations[i].position - without.observations.at(i).position).norm());
+  }
+  return largest;
+}
+
 /// The errors of these kinds are `factor` times what they were, the others as they were.
 Check errors_grow(bool lengths, double factor) {
   return [=](const Effect& effect) {
@@ -124,6 +134,29 @@ std::vector<OptionCase> draw_options() {
          EXPECT_EQ(effect.without.file("t.json")["parameters"].size(), 20U);
          EXPECT_EQ(effect.with.file("t.json")["parameters"].size(), 30U);
        }},
+      {"EffectsBendTheArm",
+       {"--effects", "harmonics,gain"},
+       truth_changes({"effects"},
+                     [](const Effect& effect) {
+                       const Json terms = effect.with.file("t.json")["effects"]["terms"];
+                       EXPECT_EQ(terms.size(), 30U);
+                       EXPECT_EQ(terms[0]["group"], "gain");
+                       EXPECT_EQ(rows_of(effect.with).joint_values, rows_of(effect.without).joint_values);
+                       EXPECT_GT(largest_shift(effect), 1e-4);
+                       EXPECT_LT(largest_shift(effect), 2e-2);
+                     })},
+      {"EffectSigmaIsOfTheirCoefficients",
+       {"--effect-sigma", "6e-4"},
+       truth_changes({"effects/terms/*/coefficient", "effects/terms/*/sigma"},
+                     [](const Effect& effect) {
+                       const Json with = effect.with.file("t.json")["effects"]["terms"];
+                       const Json without = effect.without.file("t.json")["effects"]["terms"];
+                       for (std::size_t i = 0; i < with.size(); ++i) {
+                         EXPECT_EQ(with[i]["sigma"], 6e-4);
+                         EXPECT_NEAR(with[i]["coefficient"], 2.0 * without[i]["coefficient"].get<double>(), 1e-15);
+                       }
+                     }),
+       {"--effects", "backlash"}},
       {"SeedDrawsOthers",
        {"--seed", "2"},
        truth_changes({"seed", "base/position/*", "parameters/*/error", "parameters/*/value", "targets/*/position/*"},

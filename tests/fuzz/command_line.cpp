@@ -3,22 +3,24 @@
 #include "cli/cell_options.hpp"
 #include "cli/config_file.hpp"
 #include "cli/frames.hpp"
+#include "kdl_calibration/calibrated_arm.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
 #include "promise.hpp"
 #include "targets.hpp"
 
 namespace kdl_calibration::fuzzing {
 namespace {
 
-ErrorModel two_parameters() {
-  ErrorModel model;
-  model.parameters = {{.name = "dq1", .joint = "a"}, {.name = "Tx1", .joint = "b"}};
-  return model;
-}
+constexpr const char* kTwoJoints = R"(<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
+  <joint name="j1" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
+  <joint name="j2" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0.5 0 0.1"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>)";
 
 }  // namespace
 
 void json_inputs(std::string_view bytes) {
-  static const ErrorModel model = two_parameters();
+  static const Robot robot = parse_robot(kTwoJoints);
+  static const ErrorModel model = complete_model(robot);
   let_input_errors_pass([&] {
     const cli::Json json = cli::json_of(bytes, "input.json");
     let_input_errors_pass([&] {
@@ -35,8 +37,15 @@ void json_inputs(std::string_view bytes) {
         static_cast<void>(cli::json_text(cli::target_json(read.targets[i])));
       }
     });
-    let_input_errors_pass(
-        [&] { promise(cli::errors_of(json, "input.json", model).allFinite(), "finite errors of the parameters"); });
+    let_input_errors_pass([&] { cli::require_same_nominal(json, "input.json", model); });
+    let_input_errors_pass([&] {
+      const SavedCalibration saved = parse_calibration(bytes, robot, "input.json");
+      promise(saved.estimate.errors.allFinite(), "finite errors of the parameters");
+      promise(static_cast<std::size_t>(saved.estimate.effects.size()) == saved.model.effects.size(),
+              "one value a term");
+      const CalibratedArm arm(saved.model, saved.estimate.errors, saved.estimate.effects);
+      static_cast<void>(arm.flange_pose(Eigen::Vector2d(0.3, -0.2)));
+    });
   });
 }
 

@@ -3,9 +3,11 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "support.hpp"
 
@@ -46,6 +48,41 @@ TEST(Simulation, DrawsErrorsOfTheStatedSizes) {
   EXPECT_NEAR(std::sqrt(angles / angle_count), 3.0 * testing::kDegree, 3.0 * testing::kDegree * 0.03);
   EXPECT_NEAR(std::sqrt(base / draws), 0.002, 0.002 * 0.07);
   EXPECT_NEAR(std::sqrt(tools / draws), 0.0025, 0.0025 * 0.12);
+}
+
+TEST(Simulation, DrawsEffectsOfTheStatedSizeAndMeasuresWithThem) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(2);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 100, random);
+  double squares = 0.0;
+  double count = 0.0;
+  for (int i = 0; i < 60; ++i) {
+    VirtualRobot robot = virtual_robot(model, all_parameters(model), published_targets(), {}, random);
+    add_effects(robot, {EffectGroup::gain, EffectGroup::harmonics}, q, 2e-4, random);
+    ASSERT_EQ(robot.model.effects.size(), static_cast<std::size_t>(robot.truth.effects.size()));
+    squares += robot.truth.effects.squaredNorm();
+    count += static_cast<double>(robot.truth.effects.size());
+    if (i > 0) {
+      continue;
+    }
+    const auto is_of = [&](EffectGroup group) {
+      return std::count_if(robot.model.effects.begin(), robot.model.effects.end(),
+                           [&](const EffectTerm& term) { return term.group == group && term.sigma == 2e-4; });
+    };
+    EXPECT_EQ(is_of(EffectGroup::gain), 6);
+    EXPECT_EQ(is_of(EffectGroup::harmonics), 24);
+    const Measurements measured = measure(robot, q, {}, random);
+    const KDL::Chain chain = error_chain(model, robot.truth.errors);
+    const Eigen::MatrixXd moved = effective_joint_values(robot.model, robot.truth.effects, q);
+    EXPECT_GT((moved - q).cwiseAbs().maxCoeff(), 1e-4);
+    for (const Observation& o : measured.observations) {
+      const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, moved.col(o.configuration)));
+      const TargetFrame& target = robot.truth.targets[static_cast<std::size_t>(o.target)];
+      EXPECT_LT((o.position - robot.truth.X_WB * (X_BF * target.X_FT.translation())).norm(), 1e-12);
+    }
+    EXPECT_EQ(measured.joint_values, q) << "the controller's values do not know of it";
+  }
+  EXPECT_NEAR(std::sqrt(squares / count), 2e-4, 2e-4 * 0.06);  // of 1,800
 }
 
 TEST(Simulation, PublishedToolsAreThoseOfThePublication) {

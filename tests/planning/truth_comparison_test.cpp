@@ -4,8 +4,11 @@
 
 #include <gmock/gmock.h>
 
+#include <cmath>
+
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 
@@ -90,6 +93,52 @@ TEST_F(TruthComparison, ADifferenceOfOneParameterIsFoundAsWhatItIs) {
     }
   }
   EXPECT_NEAR(found.points.max, largest, 1e-12);
+}
+
+TEST_F(TruthComparison, EffectsOfBothArePartOfThePredictions) {
+  const MatrixXd q = configurations(60);
+  VirtualRobot bent{.model = model, .truth = truth};
+  add_effects(bent, {EffectGroup::harmonics, EffectGroup::gravity}, q, 3e-4, random);
+
+  // An estimate that knows them differs in nothing.
+  Estimate knowing = estimate;
+  knowing.effects = bent.truth.effects;
+  const ArmAndTruth same = as_one_model(bent.model, knowing, bent);
+  EXPECT_EQ(same.model.effects.size(), 2 * bent.model.effects.size());
+  const auto found = compare_with_truth(same.model, same.estimate, same.truth, configurations(200));
+  EXPECT_TRUE(found.comparable()) << found.gauge_misfit;
+  EXPECT_LT(found.points.max, 1e-10);
+  EXPECT_LT(found.largest_length, 1e-10);
+
+  // One without them misses what they do, by KDL, and its geometry is the same as before.
+  const ArmAndTruth rigid = as_one_model(model, estimate, bent);
+  const auto missing = compare_with_truth(rigid.model, rigid.estimate, rigid.truth, q);
+  EXPECT_TRUE(missing.comparable()) << missing.gauge_misfit;
+  EXPECT_LT(missing.largest_length, 1e-10);
+  const MatrixXd moved = effective_joint_values(bent.model, bent.truth.effects, q);
+  const KDL::Chain chain = error_chain(model, truth.errors);
+  double squares = 0.0;
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    const Eigen::Isometry3d with = to_eigen(testing::kdl_pose(chain, moved.col(c)));
+    const Eigen::Isometry3d without = to_eigen(testing::kdl_pose(chain, q.col(c)));
+    for (const TargetFrame& target : truth.targets) {
+      squares += (with * target.X_FT.translation() - without * target.X_FT.translation()).squaredNorm();
+    }
+  }
+  const double rms = std::sqrt(squares / static_cast<double>(missing.points.count));
+  EXPECT_GT(rms, 1e-4);
+  EXPECT_NEAR(missing.points.rms, rms, 1e-9);
+}
+
+TEST_F(TruthComparison, ArmsUnderGravityOfAnotherDirectionAreNotOneModel) {
+  VirtualRobot bent{.model = model, .truth = truth};
+  add_effects(bent, {EffectGroup::gravity}, configurations(60), 3e-4, random);
+  ErrorModel on_a_wall = model;
+  on_a_wall.gravity = {1.0, 0.0, 0.0};
+  EXPECT_EQ(as_one_model(on_a_wall, estimate, bent).model.gravity, model.gravity) << "it has no effects of its own";
+  on_a_wall.effects = effect_terms(on_a_wall, EffectGroup::gravity, configurations(60));
+  estimate.effects = VectorXd::Zero(static_cast<Eigen::Index>(on_a_wall.effects.size()));
+  EXPECT_THROW(as_one_model(on_a_wall, estimate, bent), InputError);
 }
 
 TEST_F(TruthComparison, TargetsAreMatchedByName) {
