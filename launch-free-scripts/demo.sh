@@ -22,7 +22,7 @@ show simulate --configurations 30 --test-configurations 100 --targets 3 --noise 
   --joint-ranges=-90:90,-75:60,-90:90,-90:90,-120:120,-180:180 \
   --seed 1 --output measurements.csv --truth truth.json
 show calibrate --measurements measurements.csv --output calibrated.urdf --result result.json --report report.html
-# The estimator as published, on the same measurements; it finds the same errors, so its list of them is left out.
+# The estimator as published, on the same measurements; its list of errors is left out.
 show calibrate --measurements measurements.csv --method two-step --result two_step.json | sed '/^geometric errors/,$d'
 show validate --urdf calibrated.urdf --measurements measurements.csv
 

@@ -27,15 +27,17 @@ while [ $# -gt 0 ]; do
       ;;
   esac
 done
-read_options "Installs what is missing, builds the fuzzers in build/fuzz and runs each of them, as many at a time as there are cores.
+read_options "Installs what is missing, builds the fuzzers in build/sanitizers and runs each of them, as many at a time as there are cores.
   --seconds N  for each of them [60]
   --runs N     executions of each of them instead
   --seed N     from the kept corpus alone, with this seed: the same inputs in the same order, as far as time goes" "${others[@]}"
-install_missing "${build_packages[@]}" clang libclang-rt-14-dev
-configure_and_build fuzz
+install_missing "${build_packages[@]}" "${test_packages[@]}" "${clang_packages[@]}"
+cd "$root"
+cmake --preset sanitizers
+cmake --build build/sanitizers -j "$jobs" --target fuzzers
 
-# What the fuzzers find new stays in build/fuzz/corpus; cases worth keeping go to tests/fuzz/corpus by hand.
-cd "$root/build/fuzz"
+# What the fuzzers find new stays in build/sanitizers/corpus; cases worth keeping go to tests/fuzz/corpus by hand.
+cd build/sanitizers
 [ ${#seed[@]} -eq 0 ] || rm -rf corpus
 add_to_corpus() {
   mkdir -p "corpus/$1"
