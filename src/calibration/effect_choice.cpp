@@ -261,8 +261,7 @@ private:
     worth.noise = worth.sizes.sigma * rows.unit;
     worth.motion = motion_of(candidate, worth.sizes.values);
     if (worth.sizes.evidence >= wanted) {
-      const std::string what =
-          "trying " + (names.empty() ? "geometry alone" : comma_separated(names)) + (sized ? " with priors" : "");
+      const std::string what = in_words(names, terms, sized);
       predict_folds(rows, all, worth,
                     place_ == Place::outermost ? counted_fits(task_.options, what, folds_.size()) : nullptr);
     }
@@ -272,6 +271,17 @@ private:
                      .held_out_rms = worth.held_out_rms,
                      .evidence = worth.sizes.evidence});
     return worth;
+  }
+
+  // Tables are tried in several lengths.
+  static std::string in_words(const std::vector<std::string>& names, const std::vector<EffectTerm>& terms, bool sized) {
+    double length = 0.0;
+    for (const EffectTerm& term : terms) {
+      length = std::max(length, term.table.length);
+    }
+    const long degrees = std::lround(length * 180.0 / std::numbers::pi);
+    return "trying " + (names.empty() ? "geometry alone" : comma_separated(names)) +
+           (degrees > 0 ? " of " + std::to_string(degrees) + " degrees" : "") + (sized ? " with priors" : "");
   }
 
   double motion_of(const Candidate& candidate, const VectorXd& values) const {

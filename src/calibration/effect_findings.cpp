@@ -1,20 +1,36 @@
 #include "calibration/effect_findings.hpp"
 
 #include <algorithm>
+#include <array>
+#include <charconv>
 #include <cmath>
 #include <map>
 #include <numbers>
 #include <optional>
 
-#include "base/number_text.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
 namespace {
 
+constexpr double kLeastMotion = 1e-7;  // [rad or m] what is below is none
+
+// Two significant digits without an exponent, at most six decimals.
+std::string in_digits(double value) {
+  const int decimals = value > 0.0 ? std::clamp(1 - static_cast<int>(std::floor(std::log10(value))), 0, 6) : 0;
+  std::array<char, 64> text{};
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::fixed, decimals);
+  std::string digits(text.data(), end.ptr);
+  if (decimals > 0) {
+    digits.erase(digits.find_last_not_of('0') + 1);
+    digits.erase(digits.find_last_not_of('.') + 1);
+  }
+  return digits;
+}
+
 std::string amount(double value, const MovingJoint& joint) {
   const bool slides = joint.type == JointType::prismatic;
-  return significant(slides ? value * 1e3 : value * 180.0 / std::numbers::pi, 2) + (slides ? " mm" : " degrees");
+  return in_digits(slides ? value * 1e3 : value * 180.0 / std::numbers::pi) + (slides ? " mm" : " degrees");
 }
 
 // How often a turn the strongest harmonic swings.
@@ -41,7 +57,7 @@ std::string in_words(const Calibration& calibration, const EffectMotion& motion)
       const Eigen::Index term = motion.terms.front();
       const double share = calibration.identification.estimate.effects[term] /
                            calibration.model.effects[static_cast<std::size_t>(term)].scale;
-      return joint.name + " moves " + significant(std::abs(share) * 100.0, 2) + " % " +
+      return joint.name + " moves " + in_digits(std::abs(share) * 100.0) + " % " +
              (share > 0.0 ? "further" : "less far") + " than it is told";
     }
     case EffectGroup::backlash:
@@ -81,8 +97,8 @@ std::string explained_by(const std::vector<ModelOption>& tried, const std::strin
   if (!all || !before || !after || !(*all > 0.0)) {
     return {};
   }
-  return "; that explains " + significant(std::round(100.0 * (*before - *after) / *all), 3) +
-         " % of what geometry leaves";
+  const double share = std::round(100.0 * (*before - *after) / *all);
+  return share > 0.0 ? "; that explains " + in_digits(share) + " % of what geometry leaves" : "";
 }
 
 }  // namespace
@@ -110,6 +126,9 @@ std::vector<EffectMotion> effect_motions(const Calibration& calibration, const M
 std::vector<std::string> effect_findings(const Calibration& calibration, const Measurements& measurements) {
   std::map<EffectGroup, EffectMotion> most;
   for (const EffectMotion& motion : effect_motions(calibration, measurements)) {
+    if (motion.largest() < kLeastMotion) {
+      continue;
+    }
     const auto [found, is_new] = most.try_emplace(motion.group, motion);
     if (!is_new && motion.largest() > found->second.largest()) {
       found->second = motion;

@@ -3,7 +3,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <set>
 #include <utility>
 
 #include "calibration/noise_report.hpp"
@@ -168,16 +170,28 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
 }
 
 NoiseModel noise_of_means(const Measurements& measurements, const CalibrationOptions& options, double sigma) {
+  constexpr double kBeyond = 0.5;  // of the stated variance; less may be chance
   NoiseModel noise = options.noise;
-  if (noise_is_stated(measurements, options)) {
-    noise.target_misfit = sigma;
+  double variance = 0.0;
+  double rows = 0.0;
+  std::set<std::pair<std::int32_t, std::int32_t>> means;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::train) {
+      variance += (point_covariance(noise, observation).trace() + noise.common.squaredNorm()) / 3.0;
+      means.emplace(observation.configuration, observation.target);
+      rows += 1.0;
+    }
+  }
+  const double repeats = rows / std::max(static_cast<double>(means.size()), 1.0);
+  if (!noise_is_stated(measurements, options)) {
+    noise.independent.setConstant(sigma * std::sqrt(repeats));
     return noise;
   }
-  const auto is_fitted = [](const Observation& observation) { return observation.split == Split::train; };
-  const Measurements rows = subset(measurements, is_fitted);
-  const double repeats = static_cast<double>(rows.observations.size()) /
-                         static_cast<double>(std::max<std::size_t>(averaged(rows).observations.size(), 1));
-  noise.independent.setConstant(sigma * std::sqrt(repeats));
+  const double stated = variance / std::max(rows, 1.0) / repeats;
+  const double excess = sigma * sigma - stated;
+  if (is_estimated(options) && excess > kBeyond * stated) {
+    noise.target_misfit = std::hypot(noise.target_misfit, std::sqrt(excess));
+  }
   return noise;
 }
 

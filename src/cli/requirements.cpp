@@ -86,6 +86,9 @@ bool holds(double left, const std::string& comparison, double right) {
 }  // namespace
 
 Requirement parse_requirement(const std::string& text) {
+  if (!is_utf8(text)) {
+    refuse(text, "UTF-8");
+  }
   const std::size_t begin = text.find_first_of("<>=");
   if (begin == std::string::npos) {
     refuse(text, "PATH OP VALUE such as 'leave_one_out.rms<=0.25mm'");

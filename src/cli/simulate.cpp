@@ -182,7 +182,7 @@ Eigen::MatrixXd to_fit(const Arguments& arguments, const Setup& set, Random& ran
 void add_effects(const Arguments& arguments, const Setup& set, VirtualRobot& robot) {
   constexpr int kToTellApart = 500;  // configurations
   constexpr std::uint64_t kStream = 1;
-  if (set.effects.empty()) {
+  if (set.effects.empty() || arguments.effect_sigma == 0.0) {
     return;
   }
   Random random(arguments.seed, kStream);

@@ -166,8 +166,8 @@ std::string table(const Arguments& arguments, const Robot& robot, const Errors& 
 }
 
 // The arm of a result or a truth, effects, base and targets included.
-SavedCalibration arm_in(const std::string& source, const Robot& robot, const ErrorModel& nominal) {
-  const std::string text = read_text_file(source);
+SavedCalibration arm_in(const std::string& text, const std::string& source, const Robot& robot,
+                        const ErrorModel& nominal) {
   const Json json = json_of(text, source);
   require_same_nominal(json, source, nominal);
   base_of(json, source);  // both are part of what is compared
@@ -197,14 +197,15 @@ ExitStatus run_against_truth(const Arguments& arguments) {
   }
   const Robot robot = load(arguments.robot);
   const ErrorModel nominal = complete_model(robot);
-  const SavedCalibration found = arm_in(arguments.result, robot, nominal);
-  const SavedCalibration drawn = arm_in(arguments.truth, robot, nominal);
+  const std::string truth_text = read_text_file(arguments.truth);
+  const SavedCalibration found = arm_in(read_text_file(arguments.result), arguments.result, robot, nominal);
+  const SavedCalibration drawn = arm_in(truth_text, arguments.truth, robot, nominal);
   const auto [model, estimate, truth] =
       as_one_model(found.model, found.estimate, {.model = drawn.model, .truth = drawn.estimate});
   Random random(arguments.seed);
-  const Eigen::MatrixXd joint_values =
-      random_configurations(model.joints, ranges_to_compare_in(read_json(arguments.truth), arguments.truth, model),
-                            kConfigurationsOfTruth, random);
+  const Eigen::MatrixXd joint_values = random_configurations(
+      model.joints, ranges_to_compare_in(json_of(truth_text, arguments.truth), arguments.truth, model),
+      kConfigurationsOfTruth, random);
   const TruthComparison comparison = compare_with_truth(model, estimate, truth, joint_values);
   if (arguments.json) {
     Json json = truth_json(model, estimate, truth, comparison);

@@ -56,6 +56,11 @@ TEST(EffectFindings, NameTheJointThatMovesMost) {
   EXPECT_THAT(found.words(), ElementsAre("joint_2 moves 0.03 % less far than it is told"));
   found.set(found.term(4, any), 2e-3);
   EXPECT_THAT(found.words(), ElementsAre("joint_5 moves 0.2 % further than it is told"));
+  found.set(found.term(4, any), 0.0);
+  found.set(found.term(1, any), 2.24e-7);
+  EXPECT_THAT(found.words(), ElementsAre("joint_2 moves 0.000022 % further than it is told"));
+  found.set(found.term(1, any), 1e-9);
+  EXPECT_THAT(found.words(), IsEmpty());
 }
 
 TEST(EffectFindings, CountTheSwingsOfATurn) {
@@ -105,6 +110,8 @@ TEST(EffectFindings, StateWhatEachGroupExplainsOfTheSquaredErrors) {
   EXPECT_THAT(found.words(), ElementsAre("joint_2 moves 0.03 % further than it is told; that explains 28 % of what "
                                          "geometry leaves"));
   tried[1].held_out_rms = std::numeric_limits<double>::infinity();  // given up before it was known
+  EXPECT_THAT(found.words(), ElementsAre("joint_2 moves 0.03 % further than it is told"));
+  tried[1].held_out_rms = 0.6e-3;  // which it does not help
   EXPECT_THAT(found.words(), ElementsAre("joint_2 moves 0.03 % further than it is told"));
   tried = {option({"gravity"}, 0.5e-3), option({}, 1e-3)};
   EXPECT_THAT(found.words(), ElementsAre("joint_2 moves 0.03 % further than it is told")) << "named by the user";

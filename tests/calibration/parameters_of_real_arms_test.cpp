@@ -141,7 +141,7 @@ TEST(ParametersOfRealArmsLongRun, NearlyParallelAxesOfEveryStyleAreTreatedAsWell
 }
 
 TEST(ParametersOfRealArms, AnExportedRobotIsCalibratedAgain) {
-  for (const std::uint64_t seed : {1, 4, 5, 6}) {
+  for (const std::uint64_t seed : {1U, 4U, 5U, 6U}) {
     const std::string nominal = seed <= 3 ? fanuc().urdf : six_joints(static_cast<int>(seed) - 4, 0.0);
     const Simulated first(nominal, seed, kNoise);
     const std::string exported =
@@ -202,7 +202,7 @@ int iterations_to_rounding(std::uint64_t seed) {
 
 TEST(ParametersOfRealArms, SkewChainsArriveAtRounding) {
   // The first ones, and some of those that the kept parameters alone cannot explain.
-  for (const std::uint64_t seed : {1, 2, 3, 18, 49, 73, 100, 231}) {
+  for (const std::uint64_t seed : {1U, 2U, 3U, 18U, 49U, 73U, 100U, 231U}) {
     EXPECT_LE(iterations_to_rounding(seed), 20) << seed;
   }
 }

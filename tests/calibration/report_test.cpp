@@ -1102,7 +1102,9 @@ TEST(ReportJson, PositionErrorsAreTheDistancesToKdlsPrediction) {
     const Json& errors = c.result["position_error"];
     for (const auto& [key, split] : {std::pair{"train", Split::train}, std::pair{"test", Split::test}}) {
       if (errors.contains(key)) {
-        const auto distances = [&](const Estimate& e) { return distances_by_hand(model, e, c.measurements, split); };
+        const auto distances = [&, of = split](const Estimate& e) {
+          return distances_by_hand(model, e, c.measurements, of);
+        };
         expect_statistics(errors[key]["before"], distances(start_of(c)), c.name + ", before");
         expect_statistics(errors[key]["after"], distances(c.calibration.identification.estimate), c.name + ", after");
       }

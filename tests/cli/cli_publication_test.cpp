@@ -218,8 +218,12 @@ TEST_F(Truth, HasTheEffectsThatBendTheArm) {
 TEST_F(Truth, HasNoEffectsWhereRunsKnowOfNone) {
   expect_refused({"simulate", "--effects", "gravity", "--monte-carlo", "2"}, {"--effects", "--monte-carlo"});
   expect_refused({"simulate", "--effects", "gravity", "--two-step", "2"}, {"--effects", "--two-step"});
-  expect_refused({"simulate", "--effects", "sagging", "--output", "m.csv"}, {"--effects", "'sagging'", "gravity"});
-  expect_refused({"simulate", "--effects", "none,gain", "--output", "m.csv"}, {"--effects", "'none'"});
+  expect_refused({"simulate", "--effects", "sagging", "--output", "n.csv"}, {"--effects", "'sagging'", "gravity"});
+  ASSERT_EQ(
+      run({"simulate", "--effects", "gain", "--effect-sigma", "0", "--output", "m.csv", "--truth", "t.json"}).status,
+      0);
+  EXPECT_FALSE(json_of("t.json").contains("effects")) << "of no size";
+  expect_refused({"simulate", "--effects", "none,gain", "--output", "n.csv"}, {"--effects", "'none'"});
 }
 
 TEST_F(Truth, RefusesWhatDoesNotBelongTogether) {
@@ -285,7 +289,8 @@ TEST_F(Matrices, StandSideBySideInOneTable) {
     EXPECT_EQ(row[1], std::string(1, static_cast<char>('A' + r / 3)));
     EXPECT_EQ(row[2], std::string(1, static_cast<char>('x' + r % 3)));
     for (Eigen::Index c = 0; c < 48; ++c) {
-      EXPECT_NEAR(std::stod(row[static_cast<std::size_t>(c) + 3]), expected(r, c), 1e-12) << rows[0][c + 3];
+      const auto column = static_cast<std::size_t>(c) + 3;
+      EXPECT_NEAR(std::stod(row[column]), expected(r, c), 1e-12) << rows[0][column];
     }
   }
 }
@@ -372,7 +377,7 @@ protected:
 TEST_F(MimicCommands, TakeTheIndependentJointsAlone) {
   const Json tip = run_json({"fk", "--urdf", "p.urdf", "--joints", "0.1,0.2,0.3,0.4,0.5", "--json"})["frames"].back();
   const Json same = run_json({"fk", "--joints", "0.1,0.2,-0.1,0.3,0.4,0.5", "--json"})["frames"].back();
-  for (int i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < 3; ++i) {
     EXPECT_NEAR(tip["position"][i], same["position"][i], 1e-14);
   }
   const Json jacobian = run_json({"jacobian", "--urdf", "p.urdf", "--joints", "0.1,0.2,0.3,0.4,0.5", "--json"});

@@ -192,6 +192,7 @@ TEST_F(CalibrateResult, RefusesRequirementsThatAreNone) {
   for (const char* text : {"rms", "rms=1", "<1", "rms<", "rms<x", "rms<1kg", "a..b<1", "rms<>1"}) {
     expect_refused(calibrate({"--require", text}), {"--require", text});
   }
+  expect_refused(calibrate({"--require", "\xff<1"}), {"--require", "UTF-8"});
   expect_refused({"validate", "--measurements", "m.csv", "--require", "rms"}, {"--require", "'rms'"});
 }
 

@@ -139,9 +139,9 @@ function walkable(root, places) {
     const next = { ArrowRight: Number(at) + 1, ArrowLeft: Number(at) - 1, Home: 0, End: order.length - 1, Enter: Number(at), " ": Number(at) }[event.key];
     if (next === undefined || event.ctrlKey || event.altKey || event.metaKey) return;
     event.preventDefault();
-    root.parentNode.dataset.at = at === undefined ? 0 : Math.max(0, Math.min(order.length - 1, next));
+    root.parentNode.dataset.at = Number.isNaN(next) ? 0 : Math.max(0, Math.min(order.length - 1, next));
     const place = show();
-    if ((event.key === "Enter" || event.key === " ") && place[3]) place[3]();
+    if (at !== undefined && (event.key === "Enter" || event.key === " ") && place[3]) place[3]();
   });
   root.addEventListener("focus", () => { if (root.parentNode.dataset.at !== undefined && root.matches(":focus-visible")) show(); });
   root.addEventListener("blur", () => {

@@ -104,7 +104,9 @@ function triedCurve() {
   const chosen = (RESULT.tried || [])[0];
   if (tried.length < 2 || !tried.some((o) => o.effects.length)) return null;
   const onTheWay = (o) => o.sized === chosen.sized && o.effects.length <= chosen.effects.length && o.effects.every((name, i) => chosen.effects[i] === name);
-  const points = (wanted) => tried.filter((o) => onTheWay(o) === wanted).map((o) => [o.effects.length, o.held_out_rms * 1e3, o]).sort((a, b) => a[0] - b[0]);
+  // Of what was tried in several lengths the chosen one, or the best.
+  const way = tried.filter((o, i) => onTheWay(o) && tried.findIndex((other) => onTheWay(other) && other.effects.length === o.effects.length) === i);
+  const points = (wanted) => tried.filter((o) => way.includes(o) === wanted).map((o) => [o.effects.length, o.held_out_rms * 1e3, o]).sort((a, b) => a[0] - b[0]);
   const most = Math.max(...tried.map((o) => o.effects.length));
   return lines({ title: "What cross-validation tried", caption: "one group of effects after the other", xLabel: "groups of effects", yLabel: "held-out RMS [mm]", fromZero: true,
     xTicks: Array.from({ length: most + 1 }, (_, i) => ({ value: i, label: String(i) })), hint: (p) => `${effectsInWords(p[2].effects)}, ${fixed(p[1], 4)} mm` },
