@@ -24,8 +24,8 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
 /// where they are not to be estimated, or could not be; `residuals` is left as it was then.
 bool weigh_by_estimated_noise(const FitTask& task, const Unknowns& free, ResidualOptions& residuals);
 
-/// Weights until the parts are estimated, where the mean of a point's repeats is off by `sigma` [m]: that, or the stated
-/// noise, and a misfit beside it where it is to be estimated and the rest is clearly larger.
+/// Weights until the parts are estimated, where the mean of a point's repeats is off by `sigma` [m]: that, or the
+/// stated noise, and a misfit beside it where it is to be estimated and the rest is clearly larger.
 NoiseModel noise_of_means(const Measurements& measurements, const CalibrationOptions& options, double sigma);
 
 /// 1 sigma of a printed value and the degrees of freedom that it rests on.
