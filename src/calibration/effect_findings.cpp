@@ -123,9 +123,9 @@ std::vector<EffectMotion> effect_motions(const Calibration& calibration, const M
   return result;
 }
 
-std::vector<std::string> effect_findings(const Calibration& calibration, const Measurements& measurements) {
+std::vector<std::string> effect_findings(const Calibration& calibration, const std::vector<EffectMotion>& motions) {
   std::map<EffectGroup, EffectMotion> most;
-  for (const EffectMotion& motion : effect_motions(calibration, measurements)) {
+  for (const EffectMotion& motion : motions) {
     if (motion.largest() < kLeastMotion) {
       continue;
     }

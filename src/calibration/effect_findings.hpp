@@ -26,6 +26,6 @@ std::vector<EffectMotion> effect_motions(const Calibration& calibration, const M
 
 /// One sentence a group about the joint that it moves most, with what it explains of the squared errors that geometry
 /// leaves at configurations held out, where cross-validation has compared both.
-std::vector<std::string> effect_findings(const Calibration& calibration, const Measurements& measurements);
+std::vector<std::string> effect_findings(const Calibration& calibration, const std::vector<EffectMotion>& motions);
 
 }  // namespace kdl_calibration

@@ -154,7 +154,7 @@ Json effects_json(const Calibration& calibration, const Measurements& measuremen
   }
   return {{"gravity_direction", array(to_eigen(calibration.model.gravity))},
           {"terms", terms},
-          {"findings", effect_findings(calibration, measurements)}};
+          {"findings", effect_findings(calibration, effect_motions(calibration, measurements))}};
 }
 
 std::string effects_json(const ErrorModel& model, const Eigen::VectorXd& coefficients) {

@@ -232,13 +232,14 @@ void add_effects(const Calibration& calibration, const Measurements& measurement
     return;
   }
   text += "\neffects beyond geometry, largest motion at the measured configurations\n";
-  for (const EffectMotion& motion : effect_motions(calibration, measurements)) {
+  const std::vector<EffectMotion> motions = effect_motions(calibration, measurements);
+  for (const EffectMotion& motion : motions) {
     const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.joint)];
     const DisplayUnit& unit = joint.type == JointType::prismatic ? kMillimetres : kDegrees;
     text += "  " + padded(to_string(motion.group), 12) + padded(joint.name, 34) +
             format(unit.value, motion.largest() * unit.per_si) + unit.name + "\n";
   }
-  for (const std::string& finding : effect_findings(calibration, measurements)) {
+  for (const std::string& finding : effect_findings(calibration, motions)) {
     text += wrapped(finding, 2, 4);
   }
 }

@@ -44,7 +44,9 @@ struct Found {
   void set(const EffectTerm& term, double factor) {
     calibration.identification.estimate.effects[&term - calibration.model.effects.data()] = factor * term.scale;
   }
-  std::vector<std::string> words() const { return effect_findings(calibration, measurements); }
+  std::vector<std::string> words() const {
+    return effect_findings(calibration, effect_motions(calibration, measurements));
+  }
 };
 
 bool any(const EffectTerm& /*term*/) { return true; }

@@ -758,7 +758,7 @@ void expect_effects(Expected& expected, const Case& c) {
     const auto& [lower, upper] = ranges.at(static_cast<std::size_t>(term.index));
     expected.numbers(path + "/valid_range", std::vector<double>{lower, upper});
   }
-  expected.texts("/effects/findings", effect_findings(found, c.measurements));
+  expected.texts("/effects/findings", effect_findings(found, effect_motions(found, c.measurements)));
   if (found.model.effects.empty()) {
     expected.is("/effects/terms", Json::array());
   }
@@ -1570,7 +1570,7 @@ void expect_motions(std::vector<std::string>& lines, const Case& c) {
                       (slides ? " mm" : " deg"));
     }
   }
-  for (const std::string& finding : effect_findings(found, c.measurements)) {
+  for (const std::string& finding : effect_findings(found, effect_motions(found, c.measurements))) {
     lines.push_back(finding);
   }
 }
