@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"

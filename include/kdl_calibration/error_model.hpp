@@ -40,13 +40,18 @@ struct PointMass {
 
 /// Kinds of motion of the joints beyond what stands on the drawing. What a kind adds is one function in joint_effects.
 enum class EffectGroup : std::uint8_t {
-  gravity,    ///< the joint gives way under the arm's own weight
-  gain,       ///< it turns more or less than it was told
-  backlash,   ///< its play lies on the side to which gravity pulls
-  harmonics,  ///< its encoder or gear is off centre: once and twice a turn
-  tables      ///< any smooth function of its value
+  gravity,     ///< the joint gives way under the arm's own weight
+  transverse,  ///< its bearing does, across the axis
+  gain,        ///< it turns more or less than it was told
+  backlash,    ///< its play lies on the side to which gravity pulls
+  harmonics,   ///< its encoder or gear is off centre: once and twice a turn
+  tables       ///< any smooth function of its value
 };
-constexpr std::size_t kEffectGroups = 5;
+constexpr std::size_t kEffectGroups = 6;
+
+/// About or along what a joint moves beyond the rigid chain: its own axis, or one of the two across it, which are what
+/// z_onto(axis) makes of x and y.
+enum class EffectAxis : std::uint8_t { own, across_x, across_y };
 
 /// A smooth function of a joint's value as a sum of sines of growing frequency, see joint_effects.hpp.
 struct TableTerm {
@@ -65,14 +70,17 @@ struct GravityTerm {
   static constexpr int kOwn = 4;
 };
 
-/// A motion of a joint about its own axis that the rigid chain does not have:
-///   q_effective = q + value · (raw(q) - mean) / scale,
-/// with `raw` of the values that were commanded at the nominal geometry, so that it never depends on what is estimated.
+/// A motion of a joint that the rigid chain does not have: value · (raw(q) - mean) / scale, added to the joint's value
+/// or tilting what it carries, with `raw` of the values that were commanded at the nominal geometry, so that it never
+/// depends on what is estimated.
 struct EffectTerm {
-  std::string name;   ///< "gravity.2.3x": of joint 2 under link 3; "gain.3", "harmonics.3.sin1", "tables.3.12"
+  /// "gravity.2.3x": of joint 2 under link 3; "transverse.2.y.3x": the same about y; "gain.3", "harmonics.3.sin1",
+  /// "tables.3.12".
+  std::string name;
   std::string joint;  ///< URDF joint
   int index = 0;      ///< of the joint
   EffectGroup group = EffectGroup::gravity;
+  EffectAxis axis = EffectAxis::own;
   std::vector<PointMass> masses;  ///< where there are, the torque of these instead of a GravityTerm; or the backlash's
   GravityTerm gravity;
   int harmonic = 0;  ///< times a turn, negative for the cosine

@@ -1,68 +1,61 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <compare>
 #include <cstddef>
+#include <kdl/chain.hpp>
 #include <map>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
 
-/// "gravity", "gain", "backlash", "harmonics", "tables".
+/// "gravity", "transverse", "gain", "backlash", "harmonics", "tables".
 const char* to_string(EffectGroup group);
+/// "own", "x", "y".
+const char* to_string(EffectAxis axis);
 std::optional<EffectGroup> effect_group(const std::string& name);
 std::vector<std::string> effect_group_names();
 
-/// The terms of a group that joint values (joints x N) can tell apart: each less its mean over them, over its standard
-/// deviation. Left out are those that hardly change there and those that others of the same joint say as well; a table
-/// only where the joint moves by 10 degrees or 20 mm.
-///
-/// Gravity. The torque about joint i is a_i · sum_l (p_l - o_i + R_l c_l) x m_l g over the later links l. Every
-/// p_l - o_i is a sum of vectors that are constant in the links before l, so that for revolute joints the torque is a
-/// linear function of a_i · (R_l e x g), l >= i, e = x, y, z: masses, centres and compliance need not be known.
-/// Backlash. tanh of the torque that equal masses at the later joint frames exert, over 0.15 of its mean size.
-/// Tables. A Gaussian process of Matérn-3/2 covariance in the Hilbert-space basis of Solin and Särkkä (2020), of length
-/// `length` [rad or m]; its functions are not scaled, so that `sigma` is that of the table.
-std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const Eigen::MatrixXd& joint_values);
-/// `length`: of all joints, at most half of what each moves.
-std::vector<EffectTerm> table_terms(const ErrorModel& model, const Eigen::MatrixXd& joint_values, double length);
+/// A group of effects on one joint about one of its axes.
+struct MovedBy {
+  EffectGroup group = EffectGroup::gravity;
+  int joint = 0;
+  EffectAxis axis = EffectAxis::own;
 
-/// Compliance of the joints under gravity with few terms. Where the URDF states link masses each revolute joint gets
-/// one with the torque of those masses; else one for each distinct torque that a mass at a later joint frame or at the
-/// tip exerts. Torques that are small beside the largest of the robot, or that differ little from others of the same
-/// joint or from a constant, are left out. Divided by their largest.
-std::vector<EffectTerm> load_terms(const ErrorModel& model);
-
-/// One gain per moving joint: `value` is its share.
-std::vector<EffectTerm> gain_terms(const ErrorModel& model);
-
-/// Both: what joints may be expected to do where nothing is known of them.
-std::vector<EffectTerm> load_and_gain_terms(const ErrorModel& model);
-
-/// The terms of the model by group and joint: their places in its list.
-std::map<std::pair<EffectGroup, int>, std::vector<Eigen::Index>> terms_by_joint(const ErrorModel& model);
+  friend auto operator<=>(const MovedBy&, const MovedBy&) = default;
+};
+/// The terms of the model by what they do: their places in its list.
+std::map<MovedBy, std::vector<Eigen::Index>> terms_by_motion(const ErrorModel& model);
 
 /// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N.
 Eigen::MatrixXd effect_basis(const ErrorModel& model, const Eigen::MatrixXd& joint_values);
 
 constexpr std::size_t kFewJoints = 32;  ///< with which nothing is allocated where so promised
 
-/// What the terms add to the values of each joint at one configuration: `motion` (joints) [rad or m]. `values` holds
-/// one value per term. Allocates nothing for few joints.
+/// Entries of a vector of joint values that the model's terms move: one a joint, or three where some tilt, see
+/// FoldedChain.
+Eigen::Index motion_size(const ErrorModel& model);
+/// The one that the term moves.
+Eigen::Index motion_entry(const ErrorModel& model, const EffectTerm& term);
+
+/// What the terms add to the joint values at one configuration: `motion` (motion_size) [rad or m]. `values` holds one
+/// value per term. Allocates nothing for few joints.
 void effect_motion(const ErrorModel& model, const Eigen::VectorXd& values, const Eigen::Ref<const Eigen::VectorXd>& q,
                    Eigen::Ref<Eigen::VectorXd> motion);
 
-/// The joint values that the rigid chain needs to stand where the real one does: joints x N. `values` holds one value
-/// per term of the model; empty means none.
+/// The joint values that the folded chain needs to stand where the real one does: motion_size x N, or joints x N where
+/// all values are zero. `values` holds one value per term of the model; empty means none.
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
                                        const Eigen::MatrixXd& joint_values);
 /// The same where effect_basis(model, joint_values) is at hand.
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
                                        const Eigen::MatrixXd& joint_values, const Eigen::MatrixXd& basis);
+
+/// The robot's chain with its moving joints tilted by two angles each, as FoldedChain says.
+KDL::Chain tilted_chain(const KDL::Chain& chain, const Eigen::VectorXd& tilts);
 
 }  // namespace kdl_calibration

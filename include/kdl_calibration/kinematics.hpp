@@ -22,9 +22,17 @@ Eigen::Matrix3d rotation_exp(const Eigen::Vector3d& v);
 /// Its inverse, for angles up to pi.
 Eigen::Vector3d rotation_log(const Eigen::Matrix3d& R);
 
+/// The rotation of smallest angle that turns z onto the unit vector `axis`, exact for the coordinate axes. What it
+/// makes of x and y are the two axes across a joint's own.
+Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis);
+
 /// The chain with its errors multiplied out into constant frames and every joint's axis turned onto z:
 ///   X_BF(q) = links[0] Z(q1) links[1] Z(q2) … links[n],  Z a rotation about or a translation along z.
 /// Joint frame i is the frame in front of Z(q_i); frame n is the flange.
+///
+/// A bearing that gives way tilts what it carries: wherever joint values are taken, a vector of 3 n entries instead of
+/// n has two tilts [rad] of every joint behind the values, and Z(q_i) becomes Rx(q[n + 2 i]) Ry(q[n + 2 i + 1]) Z(q_i)
+/// with i from 0.
 struct FoldedChain {
   std::vector<Eigen::Isometry3d> links;
   std::vector<bool> prismatic;
@@ -32,11 +40,13 @@ struct FoldedChain {
 FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors);
 
 /// A column of the identification Jacobian before it is carried to the flange: the motion of all that follows per
-/// unit of the parameter, as a twist in joint frame `frame` (-1: the base frame) about that frame's origin.
+/// unit of the parameter, as a twist in joint frame `frame` (-1: the base frame) about that frame's origin, in front of
+/// the joint's tilts or behind them.
 struct ParameterTwist {
   int frame = 0;
   Eigen::Vector3d linear = Eigen::Vector3d::Zero();
   Eigen::Vector3d angular = Eigen::Vector3d::Zero();
+  bool tilted = false;
 };
 
 /// Twists of the model's parameters `which` at the given errors.
@@ -73,10 +83,10 @@ private:
 /// Twists of base.Tx … base.Rz: X_WB is right-multiplied by a small motion in the base frame.
 std::vector<ParameterTwist> base_twists();
 
-/// X_BF at joint values `q` (one per joint, rad or m).
+/// X_BF at joint values `q` (rad or m).
 Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q);
 
-/// X_BF for every column of `joint_values` (joints x N).
+/// X_BF for every column of `joint_values`.
 std::vector<Eigen::Isometry3d> flange_poses(const FoldedChain& chain, const Eigen::MatrixXd& joint_values);
 
 /// X_BF, and in `jacobian` (6 x twists, resized) the flange's body twist per unit of each parameter: linear velocity

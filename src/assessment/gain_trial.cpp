@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "assessment/trial_fit.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 
 namespace kdl_calibration {
 

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "base/f_distribution.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -16,9 +16,9 @@
 #include "calibration/predicted_accuracy.hpp"
 #include "calibration/variance_components.hpp"
 #include "calibration/whole_fit.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iterator>
 #include <limits>
 #include <map>
@@ -14,7 +15,9 @@
 #include "base/parallel.hpp"
 #include "base/text.hpp"
 #include "calibration/counted_fits.hpp"
+#include "calibration/effect_candidates.hpp"
 #include "calibration/parameter_choice.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/group_sizes.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
@@ -35,102 +38,11 @@ constexpr double kEvidence = 2.0;        // that an effect must add
 constexpr double kWorthwhile = 0.98;     // of the held-out RMS
 constexpr double kRounding = 1e-9;       // [m] of the numbers in a file
 constexpr double kLeastPrior = 1e-7;     // [m or rad]
-constexpr double kMostOfTable = 2e-3;    // [m or rad]
 constexpr double kLargestMotion = 0.02;  // [m or rad] what moves a joint by more is no effect but a mistake
 constexpr double kFlatTable = 5e-6;      // [m or rad]
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
-constexpr double kEquations = 1.1;  // for every column
-
-// The rows of the data and what they would be at zero errors and effects: y = J x, linearised at the optimum.
-struct LinearRows {
-  MatrixXd J;
-  VectorXd y;
-  std::vector<Index> first;  // row of each configuration, and the number of rows
-  double unit = 1.0;         // [m] that a residual of 1 stands for
-};
-
-// Of the columns, values and all: the terms start from zero.
-struct Candidate {
-  ErrorModel model;
-  Unknowns free;
-  bool sized = false;  // the geometry, by evidence
-};
-
-Candidate with_terms(const ErrorModel& rigid, const Unknowns& free, const std::vector<EffectTerm>& terms, bool sized) {
-  Candidate result{.model = rigid, .free = {}, .sized = sized};
-  result.model.effects = terms;
-  result.free = free.with_all(result.model, UnknownGroup::effects);
-  return result;
-}
-
-LinearRows linear_rows(const Candidate& candidate, const Measurements& means, Estimate optimum,
-                       double orientation_length) {
-  optimum.effects = VectorXd::Zero(static_cast<Index>(candidate.model.effects.size()));
-  ResidualOptions residuals;
-  residuals.orientation_length = orientation_length;
-  const LeastSquaresProblem problem(candidate.model, means, candidate.free, residuals);
-  WhitenedSystem system = problem.whitened(optimum);
-  LinearRows rows{.J = std::move(system.jacobian), .y = std::move(system.residual), .first = std::move(system.blocks)};
-  for (const std::size_t i : candidate.free.geometric()) {
-    const Index column = *candidate.free.column(UnknownGroup::geometric, i);
-    rows.y += rows.J.col(column) * optimum.errors[static_cast<Index>(i)];
-  }
-  const auto points = static_cast<double>(std::max(problem.points(), 1L));
-  rows.unit = 1.0 / std::sqrt(problem.total_weight() / points);
-  return rows;
-}
-
-LinearSums sums_of(const LinearRows& rows, const std::vector<Index>& configurations) {
-  LinearSums sums{.information = MatrixXd::Zero(rows.J.cols(), rows.J.cols()), .moment = VectorXd::Zero(rows.J.cols())};
-  for (const Index c : configurations) {
-    const Index first = rows.first[static_cast<std::size_t>(c)];
-    const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
-    const auto J = rows.J.middleRows(first, count);
-    const auto y = rows.y.segment(first, count);
-    sums.information.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
-    sums.moment.noalias() += J.transpose() * y;
-    sums.squares += y.squaredNorm();
-    sums.equations += static_cast<double>(count);
-  }
-  sums.information.triangularView<Eigen::StrictlyUpper>() = sums.information.transpose();
-  return sums;
-}
-
-// The groups of a candidate: lengths and angles where their sizes are looked for or stated, then the effects'.
-struct Groups {
-  SizedGroups columns;
-  std::vector<std::string> names;
-  SizeLimits limits;
-};
-
-Groups groups_of(const Candidate& candidate, const Priors& stated) {
-  Groups result;
-  std::map<std::string, std::size_t> number;
-  const auto add = [&](const std::string& name, Index column, double size, double most) {
-    const auto [found, is_new] = number.emplace(name, result.columns.size());
-    if (is_new) {
-      result.columns.emplace_back();
-      result.names.push_back(name);
-      result.limits.held.push_back(size);
-      result.limits.most.push_back(most);
-    }
-    result.columns[found->second].push_back(column);
-  };
-  const ColumnRange geometric = candidate.free.range(UnknownGroup::geometric);
-  for (Index column = geometric.first; column < geometric.end(); ++column) {
-    const bool length = candidate.free.columns()[static_cast<std::size_t>(column)].length;
-    const double size = length ? stated.length : stated.angle;
-    if (candidate.sized || size > 0.0) {
-      add(length ? "length" : "angle", column, candidate.sized ? 0.0 : size, kUnlimited);
-    }
-  }
-  for (const std::size_t e : candidate.free.effects()) {
-    const EffectTerm& term = candidate.model.effects[e];
-    add(size_name(term), *candidate.free.column(UnknownGroup::effects, e), 0.0,
-        term.group == EffectGroup::tables ? kMostOfTable : kUnlimited);
-  }
-  return result;
-}
+constexpr Index kLeastForTables = 50;  // configurations
+constexpr double kEquations = 1.1;     // for every column
 
 // What a candidate is worth.
 struct Worth {
@@ -188,12 +100,7 @@ public:
     }
     result.rigid_priors = priors_of(current, sized);
     if (asked && !terms.empty()) {
-      current = worth_of(terms, names, sized, result.tried);
-      if (current.sizes.sizes.empty()) {
-        throw InputError(means_.source + ": too few measurements for the effects asked for, " +
-                         std::to_string(terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
-                         " parameters");
-      }
+      current = worth_of_asked(terms, names, sized, result.tried);
     } else if (!asked) {
       add_what_helps(sized, terms, names, current, result.tried);
     }
@@ -219,17 +126,37 @@ private:
     return allowed(effect_terms(task_.model, group, means_.joint_values));
   }
 
+  // Tables get the length that predicts best.
+  Worth worth_of_asked(std::vector<EffectTerm>& terms, const std::vector<std::string>& names, bool sized,
+                       std::vector<ModelOption>& tried) const {
+    Worth worth = worth_of(terms, names, sized, tried);
+    if (worth.sizes.sizes.empty()) {
+      throw InputError(means_.source + ": too few measurements for the effects asked for, " +
+                       std::to_string(terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
+                       " parameters");
+    }
+    const auto is_of_table = [](const EffectTerm& term) { return term.group == EffectGroup::tables; };
+    const auto first = std::stable_partition(terms.begin(), terms.end(), std::not_fn(is_of_table));
+    Option tables{.name = to_string(EffectGroup::tables), .terms = {first, terms.end()}};
+    terms.erase(first, terms.end());
+    if (!tables.terms.empty() && worth.determined) {
+      std::vector<std::string> others = names;
+      std::erase(others, tables.name);
+      shorten(sized, terms, others, tables, worth, tried);
+    }
+    append(terms, tables.terms);
+    return worth;
+  }
+
   // Groups that the number of configurations allows; tables from the longest length to the shortest.
   struct Option {
     std::string name;
     std::vector<EffectTerm> terms;
   };
   std::vector<Option> options() const {
-    const std::map<EffectGroup, Index> least = {{EffectGroup::gravity, 12},
-                                                {EffectGroup::gain, 20},
-                                                {EffectGroup::backlash, 20},
-                                                {EffectGroup::harmonics, 20},
-                                                {EffectGroup::tables, 50}};
+    const std::map<EffectGroup, Index> least = {{EffectGroup::gravity, 12},   {EffectGroup::transverse, 60},
+                                                {EffectGroup::gain, 20},      {EffectGroup::backlash, 20},
+                                                {EffectGroup::harmonics, 20}, {EffectGroup::tables, kLeastForTables}};
     std::vector<Option> result;
     for (const auto& [group, configurations] : least) {
       if (means_.joint_values.cols() >= configurations) {
@@ -289,9 +216,9 @@ private:
       return 0.0;
     }
     const ColumnRange effects = candidate.free.range(UnknownGroup::effects);
-    const MatrixXd moved =
-        effective_joint_values(candidate.model, values.segment(effects.first, effects.count), means_.joint_values) -
-        means_.joint_values;
+    MatrixXd moved =
+        effective_joint_values(candidate.model, values.segment(effects.first, effects.count), means_.joint_values);
+    moved.topRows(means_.joint_values.rows()) -= means_.joint_values;
     return moved.cwiseAbs().maxCoeff();
   }
 

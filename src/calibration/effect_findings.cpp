@@ -28,9 +28,8 @@ std::string in_digits(double value) {
   return digits;
 }
 
-std::string amount(double value, const MovingJoint& joint) {
-  const bool slides = joint.type == JointType::prismatic;
-  return in_digits(slides ? value * 1e3 : value * 180.0 / std::numbers::pi) + (slides ? " mm" : " degrees");
+std::string amount(double value, bool length) {
+  return in_digits(length ? value * 1e3 : value * 180.0 / std::numbers::pi) + (length ? " mm" : " degrees");
 }
 
 // How often a turn the strongest harmonic swings.
@@ -48,11 +47,14 @@ std::string times_a_turn(const Calibration& calibration, const EffectMotion& mot
 }
 
 std::string in_words(const Calibration& calibration, const EffectMotion& motion) {
-  const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.joint)];
-  const std::string most = amount(motion.largest(), joint);
-  switch (motion.group) {
+  const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.by.joint)];
+  const bool length = motion.is_length(calibration.model);
+  const std::string most = amount(motion.largest(), length);
+  switch (motion.by.group) {
     case EffectGroup::gravity:
       return joint.name + " gives way by up to " + most + " under the arm's weight";
+    case EffectGroup::transverse:
+      return joint.name + " tilts by up to " + most + " across its axis under the arm's weight";
     case EffectGroup::gain: {
       const Eigen::Index term = motion.terms.front();
       const double share = calibration.identification.estimate.effects[term] /
@@ -61,7 +63,7 @@ std::string in_words(const Calibration& calibration, const EffectMotion& motion)
              (share > 0.0 ? "further" : "less far") + " than it is told";
     }
     case EffectGroup::backlash:
-      return joint.name + " has a play of " + amount(motion.highest - motion.lowest, joint) +
+      return joint.name + " has a play of " + amount(motion.highest - motion.lowest, length) +
              " between one side of its load and the other";
     case EffectGroup::harmonics:
       return joint.name + " swings by up to " + most + ", mostly " + times_a_turn(calibration, motion) + " a turn";
@@ -105,6 +107,10 @@ std::string explained_by(const std::vector<ModelOption>& tried, const std::strin
 
 double EffectMotion::largest() const { return std::max(std::abs(lowest), std::abs(highest)); }
 
+bool EffectMotion::is_length(const ErrorModel& model) const {
+  return by.axis == EffectAxis::own && model.joints[static_cast<std::size_t>(by.joint)].type == JointType::prismatic;
+}
+
 std::vector<EffectMotion> effect_motions(const Calibration& calibration, const Measurements& measurements) {
   std::vector<EffectMotion> result;
   if (calibration.model.effects.empty()) {
@@ -112,13 +118,9 @@ std::vector<EffectMotion> effect_motions(const Calibration& calibration, const M
   }
   const Eigen::MatrixXd basis = effect_basis(calibration.model, measurements.joint_values);
   const Eigen::VectorXd& values = calibration.identification.estimate.effects;
-  for (const auto& [key, terms] : terms_by_joint(calibration.model)) {
+  for (const auto& [key, terms] : terms_by_motion(calibration.model)) {
     const Eigen::RowVectorXd motion = values(terms).transpose() * basis(terms, Eigen::all);
-    result.push_back({.group = key.first,
-                      .joint = key.second,
-                      .terms = terms,
-                      .lowest = motion.minCoeff(),
-                      .highest = motion.maxCoeff()});
+    result.push_back({.by = key, .terms = terms, .lowest = motion.minCoeff(), .highest = motion.maxCoeff()});
   }
   return result;
 }
@@ -129,7 +131,7 @@ std::vector<std::string> effect_findings(const Calibration& calibration, const s
     if (motion.largest() < kLeastMotion) {
       continue;
     }
-    const auto [found, is_new] = most.try_emplace(motion.group, motion);
+    const auto [found, is_new] = most.try_emplace(motion.by.group, motion);
     if (!is_new && motion.largest() > found->second.largest()) {
       found->second = motion;
     }

@@ -7,21 +7,23 @@
 #include <vector>
 
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/measurements.hpp"
 
 namespace kdl_calibration {
 
-/// What a group of effects does to one joint at the measured configurations.
+/// What a group of effects does to one joint about one of its axes at the measured configurations.
 struct EffectMotion {
-  EffectGroup group = EffectGroup::gravity;
-  int joint = 0;                    ///< place among the moving joints
+  MovedBy by;
   std::vector<Eigen::Index> terms;  ///< of the model
   double lowest = 0.0;              ///< [rad] or [m]
   double highest = 0.0;
 
   double largest() const;  ///< in either direction
+  /// Whether it is a length rather than an angle.
+  bool is_length(const ErrorModel& model) const;
 };
-/// In the order of the groups, then of the joints.
+/// In the order of the groups, then of the joints and their axes.
 std::vector<EffectMotion> effect_motions(const Calibration& calibration, const Measurements& measurements);
 
 /// One sentence a group about the joint that it moves most, with what it explains of the squared errors that geometry

@@ -17,6 +17,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 using tree::elements;
+using tree::has;
 using tree::member;
 using tree::Node;
 using tree::number;
@@ -27,6 +28,7 @@ constexpr const char* kAxes[] = {"x", "y", "z", "slide", "own"};
 Json function_json(const EffectTerm& term) {
   switch (term.group) {
     case EffectGroup::gravity:
+    case EffectGroup::transverse:
       return {{"link", term.gravity.link + 1}, {"axis", kAxes[term.gravity.axis]}};
     case EffectGroup::backlash:
       return {{"mass", term.masses.front().mass}};
@@ -47,6 +49,7 @@ Json term_json(const EffectTerm& term, double coefficient) {
   return {{"name", term.name},
           {"joint", term.joint},
           {"group", to_string(term.group)},
+          {"about", to_string(term.axis)},
           {"function", function_json(term)},
           {"mean", term.mean},
           {"scale", term.scale},
@@ -78,7 +81,8 @@ double positive(const Node& node) {
 void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) {
   const auto joints = static_cast<int>(model.joints.size());
   switch (term.group) {
-    case EffectGroup::gravity: {
+    case EffectGroup::gravity:
+    case EffectGroup::transverse: {
       term.gravity.link = whole_number(member(node, "link"), 1, joints) - 1;
       const Node axis = member(node, "axis");
       const auto* const found = std::find(std::begin(kAxes), std::end(kAxes), tree::name(axis));
@@ -113,6 +117,20 @@ void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) 
   }
 }
 
+// A result that does not say it has effects about the joints' own axes alone.
+EffectAxis read_axis(const Node& node) {
+  if (!has(node, "about")) {
+    return EffectAxis::own;
+  }
+  const Node about = member(node, "about");
+  for (const EffectAxis axis : {EffectAxis::own, EffectAxis::across_x, EffectAxis::across_y}) {
+    if (tree::name(about) == to_string(axis)) {
+      return axis;
+    }
+  }
+  tree::fail(about, "own, x or y");
+}
+
 EffectTerm read_term(const Node& node, const ErrorModel& model) {
   EffectTerm term;
   term.name = tree::name(member(node, "name"));
@@ -130,6 +148,7 @@ EffectTerm read_term(const Node& node, const ErrorModel& model) {
     tree::fail(group, "one of " + comma_separated(effect_group_names()));
   }
   term.group = *known;
+  term.axis = read_axis(node);
   term.mean = number(member(node, "mean"));
   term.scale = positive(member(node, "scale"));
   term.sigma = positive(member(node, "sigma"));

@@ -207,7 +207,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
       configurations.push_back({{"name", measurements.configurations[c]}, {"joint_values", numbers_json(q)}});
       if (has_effects) {
         configurations.back()["effective"] =
-            numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q));
+            numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q).topRows(q.size()));
       }
     }
     points.push_back({{"row", row},
@@ -269,8 +269,8 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
   }
   const ColumnRange columns = saved.free.range(UnknownGroup::effects);
   const bool known = saved.covariance.size() > 0 && columns.count == static_cast<Index>(terms.size());
-  for (const auto& [key, members] : terms_by_joint(saved.model)) {
-    const auto& [group, joint] = key;
+  for (const auto& [key, members] : terms_by_motion(saved.model)) {
+    const auto& [group, joint, axis] = key;
     const auto& [lower, upper] = ranges[static_cast<std::size_t>(joint)];
     if (!(lower <= upper)) {
       continue;
@@ -291,6 +291,7 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
            known && std::isfinite(variance) ? Json(half_width_95(std::sqrt(variance), kInfinity)) : Json(nullptr)});
     }
     curves.push_back({{"group", to_string(group)},
+                      {"about", to_string(axis)},
                       {"joint", terms[static_cast<std::size_t>(members.front())].joint},
                       {"joint_index", joint},
                       {"terms", members.size()},

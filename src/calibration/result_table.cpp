@@ -234,9 +234,11 @@ void add_effects(const Calibration& calibration, const Measurements& measurement
   text += "\neffects beyond geometry, largest motion at the measured configurations\n";
   const std::vector<EffectMotion> motions = effect_motions(calibration, measurements);
   for (const EffectMotion& motion : motions) {
-    const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.joint)];
-    const DisplayUnit& unit = joint.type == JointType::prismatic ? kMillimetres : kDegrees;
-    text += "  " + padded(to_string(motion.group), 12) + padded(joint.name, 34) +
+    const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.by.joint)];
+    const DisplayUnit& unit = motion.is_length(calibration.model) ? kMillimetres : kDegrees;
+    const EffectAxis axis = motion.by.axis;
+    const std::string about = axis == EffectAxis::own ? "" : std::string(", ") + to_string(axis) + " across its axis";
+    text += "  " + padded(to_string(motion.by.group), 12) + padded(joint.name + about, 34) +
             format(unit.value, motion.largest() * unit.per_si) + unit.name + "\n";
   }
   for (const std::string& finding : effect_findings(calibration, motions)) {

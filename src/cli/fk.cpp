@@ -48,8 +48,13 @@ CalibratedArm calibrated(const Robot& robot, const std::string& result, const Ei
     warn(result + " is not to be trusted: " + saved.doubts.front().message);
   }
   const std::string urdf = calibrated_urdf(robot, saved.model, saved.estimate.errors);
-  return {.robot = parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result),
-          .joint_values = effective_joint_values(saved.model, saved.estimate.effects, q)};
+  const Eigen::VectorXd moved = effective_joint_values(saved.model, saved.estimate.effects, q);
+  CalibratedArm arm{.robot = parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result),
+                    .joint_values = moved.head(q.size())};
+  if (moved.size() > q.size()) {
+    arm.robot.chain = tilted_chain(arm.robot.chain, moved.tail(2 * q.size()));
+  }
+  return arm;
 }
 
 std::string json(const std::vector<NamedFrame>& frames) {

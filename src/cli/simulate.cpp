@@ -463,7 +463,7 @@ Subcommand add_simulate(CLI::App& parser) {
   app->add_flag("--poses", arguments->poses, "Measure the targets' orientation as well");
   add_sizes(*app, *arguments);
   add_list(*app, "--effects", arguments->effects,
-           "What moves the arm besides its geometry: gravity, gain, backlash, harmonics, tables; none")
+           "What moves the arm besides its geometry: " + comma_separated(effect_group_names()) + "; none")
       ->type_name("LIST")
       ->capture_default_str();
   add_size(*app, "--effect-sigma", arguments->effect_sigma, "radians",

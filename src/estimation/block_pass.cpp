@@ -34,11 +34,14 @@ BlockLinearisation::BlockLinearisation(const ErrorModel& model, const Unknowns& 
     : unknowns_(unknowns), estimate_(estimate), chain_(folded(model, estimate.errors)) {
   const std::vector<ParameterTwist> all = chain_twists(model, estimate, unknowns);
   const ColumnRange effects = unknowns.range(UnknownGroup::effects);
-  std::map<int, Index> of_joint;
+  std::map<Index, Index> of_entry;
   for (std::size_t column = 0; column < all.size(); ++column) {
     const auto next = static_cast<Index>(twists_.size());
-    const bool of_effect = static_cast<Index>(column) >= effects.first && !effects.empty();
-    const Index twist = of_effect ? of_joint.emplace(all[column].frame, next).first->second : next;
+    Index twist = next;
+    if (const Index effect = static_cast<Index>(column) - effects.first; effect >= 0 && effect < effects.count) {
+      const EffectTerm& term = model.effects[unknowns.effects()[static_cast<std::size_t>(effect)]];
+      twist = of_entry.emplace(motion_entry(model, term), next).first->second;
+    }
     twist_of_.push_back(twist);
     if (twist == next) {
       twists_.push_back(all[column]);

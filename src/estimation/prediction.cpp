@@ -30,11 +30,16 @@ std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate
   const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, unknowns.geometric());
   twists.insert(twists.end(), geometric.begin(), geometric.end());
   for (const std::size_t d : unknowns.effects()) {
-    const int joint = model.effects[d].index;
-    const bool prismatic = model.joints[static_cast<std::size_t>(joint)].type == JointType::prismatic;
+    const EffectTerm& term = model.effects[d];
     ParameterTwist& twist = twists.emplace_back();
-    twist.frame = joint;
-    (prismatic ? twist.linear : twist.angular) = Vector3d::UnitZ();  // the folded chain's joints move along z
+    twist.frame = term.index;
+    twist.tilted = term.axis != EffectAxis::across_x;  // the folded chain's joints turn about x, then about y and z
+    if (term.axis == EffectAxis::own) {
+      const bool prismatic = model.joints[static_cast<std::size_t>(term.index)].type == JointType::prismatic;
+      (prismatic ? twist.linear : twist.angular) = Vector3d::UnitZ();
+    } else {
+      twist.angular = term.axis == EffectAxis::across_x ? Vector3d::UnitX() : Vector3d::UnitY();
+    }
   }
   return twists;
 }

@@ -29,7 +29,7 @@ public:
 
 private:
   static constexpr std::size_t kAlignment = 32;
-  alignas(kAlignment) std::array<std::byte, (12 * kFewJoints + 8) * sizeof(double)> bytes_;
+  alignas(kAlignment) std::array<std::byte, (28 * kFewJoints + 8) * sizeof(double)> bytes_;
   std::pmr::monotonic_buffer_resource memory_{bytes_.data(), bytes_.size()};
 };
 
@@ -63,9 +63,10 @@ Isometry3d CalibratedArm::flange_pose(const Ref<const VectorXd>& q) const {
     return kdl_calibration::flange_pose(chain_, q);
   }
   Scratch scratch;
-  Map<VectorXd> moved(scratch.numbers(q.size()), q.size());
+  const Index entries = motion_size(model_);
+  Map<VectorXd> moved(scratch.numbers(entries), entries);
   effect_motion(model_, effects_, q, moved);
-  moved += q;
+  moved.head(q.size()) += q;
   return kdl_calibration::flange_pose(chain_, moved);
 }
 
@@ -77,15 +78,16 @@ Isometry3d CalibratedArm::flange_pose(const Ref<const VectorXd>& q, Matrix6Xd& j
     return manipulator_jacobian(chain_, q, jacobian);
   }
   Scratch scratch;
-  Map<VectorXd> moved(scratch.numbers(n), n);
+  const Index entries = motion_size(model_);
+  Map<VectorXd> moved(scratch.numbers(entries), entries);
   effect_motion(model_, effects_, q, moved);
-  moved += q;
-  Map<Matrix6Xd> rigid(scratch.numbers(6 * n), 6, n);
+  moved.head(n) += q;
+  Map<Matrix6Xd> rigid(scratch.numbers(6 * entries), 6, entries);
   const Isometry3d pose = manipulator_jacobian(chain_, moved, rigid);
-  jacobian = rigid;
+  jacobian = rigid.leftCols(n);
   Map<VectorXd> beside(scratch.numbers(n), n);
-  Map<VectorXd> above(scratch.numbers(n), n);
-  Map<VectorXd> below(scratch.numbers(n), n);
+  Map<VectorXd> above(scratch.numbers(entries), entries);
+  Map<VectorXd> below(scratch.numbers(entries), entries);
   beside = q;
   for (Index k = 0; k < n; ++k) {
     beside[k] = q[k] + kStep;

@@ -7,9 +7,7 @@
 #include "model/manipulator_jacobian.hpp"
 
 namespace kdl_calibration {
-namespace {
 
-// A rotation that turns z onto `axis`: the one of smallest angle, exact for the coordinate axes.
 Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis) {
   const Eigen::Vector3d z = Eigen::Vector3d::UnitZ();
   if (axis.z() < -0.5) {  // half a turn about x first, so that the remaining angle stays away from pi
@@ -20,6 +18,8 @@ Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis) {
   const Eigen::Matrix3d k = skew(v);
   return Eigen::Matrix3d::Identity() + k + k * k / (1.0 + axis.z());
 }
+
+namespace {
 
 // ---- 4x4 matrices and their derivatives, for the published route --------------------------------------------------
 
@@ -261,17 +261,31 @@ std::vector<ParameterTwist> base_twists() {
 
 namespace {
 
+// R * pose for a rotation that turns coordinate axis `from` towards `to`.
+void turn(double angle, Eigen::Index from, Eigen::Index to, Eigen::Isometry3d& pose) {
+  const double s = std::sin(angle);
+  const double c = std::cos(angle);
+  const Eigen::RowVector4d row = pose.matrix().row(from);
+  pose.matrix().row(from) = c * row - s * pose.matrix().row(to);
+  pose.matrix().row(to) = s * row + c * pose.matrix().row(to);
+}
+
 // Z(value) * pose for a rotation about or a translation along z.
 void move_along_z(double value, bool prismatic, Eigen::Isometry3d& pose) {
   if (prismatic) {
     pose.translation().z() += value;
-    return;
+  } else {
+    turn(value, 0, 1, pose);
   }
-  const double s = std::sin(value);
-  const double c = std::cos(value);
-  const Eigen::RowVector4d x = pose.matrix().row(0);
-  pose.matrix().row(0) = c * x - s * pose.matrix().row(1);
-  pose.matrix().row(1) = s * x + c * pose.matrix().row(1);
+}
+
+// Rx Ry * pose for the joint's tilts, where `q` has some.
+void tilt(const Eigen::Ref<const Eigen::VectorXd>& q, std::size_t joints, std::size_t joint, Eigen::Isometry3d& pose) {
+  const auto first = static_cast<Eigen::Index>(joints + 2 * joint);
+  if (q.size() > first) {
+    turn(q[first + 1], 2, 0, pose);
+    turn(q[first], 1, 2, pose);
+  }
 }
 
 }  // namespace
@@ -280,6 +294,7 @@ Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const E
   Eigen::Isometry3d pose = chain.links.back();
   for (std::size_t i = chain.prismatic.size(); i-- > 0;) {
     move_along_z(q[static_cast<Eigen::Index>(i)], chain.prismatic[i], pose);
+    tilt(q, chain.prismatic.size(), i, pose);
     pose = chain.links[i] * pose;
   }
   return pose;
@@ -297,10 +312,10 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
                                   const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) {
   jacobian.resize(6, static_cast<Eigen::Index>(twists.size()));
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // of the flange in the frame reached so far
-  const auto write_columns = [&](int frame) {
+  const auto write_columns = [&](int frame, bool tilted) {
     for (std::size_t t = 0; t < twists.size(); ++t) {
       const ParameterTwist& twist = twists[t];
-      if (twist.frame == frame) {
+      if (twist.frame == frame && twist.tilted == tilted) {
         auto column = jacobian.col(static_cast<Eigen::Index>(t));
         column.head<3>() = pose.linear().transpose() * (twist.linear + twist.angular.cross(pose.translation()));
         column.tail<3>() = pose.linear().transpose() * twist.angular;
@@ -308,15 +323,17 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
     }
   };
   const auto joints = static_cast<int>(chain.prismatic.size());
-  write_columns(joints);
+  write_columns(joints, false);
   pose = chain.links.back();
   for (int i = joints - 1; i >= 0; --i) {
     const auto joint = static_cast<std::size_t>(i);
     move_along_z(q[i], chain.prismatic[joint], pose);
-    write_columns(i);
+    write_columns(i, true);
+    tilt(q, chain.prismatic.size(), joint, pose);
+    write_columns(i, false);
     pose = chain.links[joint] * pose;
   }
-  write_columns(-1);
+  write_columns(-1, false);
   return pose;
 }
 

@@ -9,13 +9,19 @@
 
 namespace kdl_calibration {
 
-/// X_BF, and in `jacobian` (6 x joints) the flange's twist in the base frame per unit of each joint, linear velocity of
-/// its origin first: axis x lever arm. Allocates nothing.
+/// X_BF, and in `jacobian` (6 x entries of q) the flange's twist in the base frame per unit of each entry, linear
+/// velocity of its origin first: axis x lever arm. Allocates nothing.
 inline Eigen::Isometry3d manipulator_jacobian(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q,
                                               Eigen::Ref<Matrix6Xd> jacobian) {
   Eigen::Isometry3d pose = chain.links[0];
-  for (Eigen::Index i = 0; i < q.size(); ++i) {
+  const auto joints = static_cast<Eigen::Index>(chain.prismatic.size());
+  for (Eigen::Index i = 0; i < joints; ++i) {
     const auto joint = static_cast<std::size_t>(i);
+    for (Eigen::Index across = 0; across < 2 && q.size() > joints; ++across) {
+      const Eigen::Index entry = joints + 2 * i + across;
+      jacobian.col(entry) << pose.translation(), pose.linear().col(across);
+      pose.linear() = pose.linear() * Eigen::AngleAxisd(q[entry], Eigen::Vector3d::Unit(across)).toRotationMatrix();
+    }
     jacobian.col(i) << pose.translation(), pose.linear().col(2);
     if (chain.prismatic[joint]) {
       pose.translation() += pose.linear().col(2) * q[i];
@@ -27,7 +33,7 @@ inline Eigen::Isometry3d manipulator_jacobian(const FoldedChain& chain, const Ei
   for (Eigen::Index i = 0; i < q.size(); ++i) {
     const Eigen::Vector3d origin = jacobian.col(i).head<3>();
     const Eigen::Vector3d axis = jacobian.col(i).tail<3>();
-    if (chain.prismatic[static_cast<std::size_t>(i)]) {
+    if (i < joints && chain.prismatic[static_cast<std::size_t>(i)]) {
       jacobian.col(i) << axis, Eigen::Vector3d::Zero();
     } else {
       jacobian.col(i) << axis.cross(pose.translation() - origin), axis;

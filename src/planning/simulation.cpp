@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"

@@ -4,9 +4,9 @@
 
 #include <algorithm>
 
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
 #include "mistake_table.hpp"
 
 namespace kdl_calibration {

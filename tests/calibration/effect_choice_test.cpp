@@ -7,8 +7,8 @@
 
 #include "calibration/parameter_estimates.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -70,8 +70,8 @@ CalibrationOptions automatic() {
 const CalibrationOptions kGeometry{.held_out = false, .try_readings = false};
 
 TEST(EffectChoice, FindsEachEffectAndPredictsByIt) {
-  for (const EffectGroup group :
-       {EffectGroup::gravity, EffectGroup::gain, EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables}) {
+  for (const EffectGroup group : {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::gain,
+                                  EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables}) {
     const Arm arm(fanuc(), 10 + static_cast<unsigned>(group), 60, {{group, 3e-4}});
     const Calibration found = calibrate(arm.model, arm.measured, automatic());
     ASSERT_FALSE(found.tried.empty());

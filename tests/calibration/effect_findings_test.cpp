@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "support.hpp"
@@ -87,10 +88,28 @@ TEST(EffectFindings, StateTheRangeOfAPlayAndTheLargestMotionUnderGravity) {
       effective_joint_values(weight.calibration.model, values, weight.measurements.joint_values) -
       weight.measurements.joint_values;
   const EffectMotion motion = effect_motions(weight.calibration, weight.measurements)[0];
-  EXPECT_EQ(motion.joint, 1);
+  EXPECT_EQ(motion.by.joint, 1);
   EXPECT_NEAR(motion.largest(), moved.row(1).cwiseAbs().maxCoeff(), 1e-15);
   EXPECT_THAT(weight.words()[0], ::testing::MatchesRegex("joint_2 gives way by up to 0.0[0-9]+ degrees under the arm's "
                                                          "weight"));
+}
+
+TEST(EffectFindings, SayInDegreesHowABearingTiltsThatOfASlideAsWell) {
+  Found found(EffectGroup::transverse, parse_robot(testing::kOddArm));
+  const auto about_y = [](const EffectTerm& term) { return term.axis == EffectAxis::across_y; };
+  const EffectTerm& term = found.term(1, about_y);
+  ASSERT_EQ(found.calibration.model.joints[1].type, JointType::prismatic);
+  found.set(term, 0.05 * kDegree);
+  const std::vector<EffectMotion> motions = effect_motions(found.calibration, found.measurements);
+  const auto moved = std::find_if(motions.begin(), motions.end(), [](const auto& m) { return m.largest() > 0.0; });
+  ASSERT_NE(moved, motions.end());
+  EXPECT_EQ(moved->by.joint, 1);
+  EXPECT_EQ(moved->by.axis, EffectAxis::across_y);
+  EXPECT_FALSE(moved->is_length(found.calibration.model));
+  ASSERT_EQ(found.words().size(), 1U);
+  EXPECT_THAT(found.words()[0],
+              ::testing::MatchesRegex(term.joint + " tilts by up to 0.0[0-9]+ degrees across its axis under the arm's "
+                                                   "weight"));
 }
 
 TEST(EffectFindings, SayInMillimetresWhatASlideDoes) {

@@ -26,6 +26,7 @@
 #include <set>
 
 #include "base/f_distribution.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -161,11 +162,12 @@ void add_cases_of_effects(std::vector<Case>& cases) {
                                 .leave_one_out = true,
                                 .nested = true}));
   Setup odd(parse_robot(kOddArm), testing::targets_at({{0.1, 0.0, 0.05}, {0.0, 0.12, 0.0}}), 5);
-  cases.push_back(odd.calibrated("odd arm", odd.measured(odd.configurations(45), kPoints),
-                                 {.effects = {.groups = {EffectGroup::gravity, EffectGroup::backlash,
-                                                         EffectGroup::harmonics, EffectGroup::tables}},
-                                  .weights = Weights::equal,
-                                  .predict_at = {{"here"}, odd.configurations(1)}}));
+  cases.push_back(
+      odd.calibrated("odd arm", odd.measured(odd.configurations(45), kPoints),
+                     {.effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
+                                             EffectGroup::harmonics, EffectGroup::tables}},
+                      .weights = Weights::equal,
+                      .predict_at = {{"here"}, odd.configurations(1)}}));
 }
 
 const std::vector<Case>& cases() {
@@ -719,7 +721,7 @@ void expect_noise(Expected& expected, const Calibration& found) {
 /// What an effect's function is made of, beside its group and joint.
 void expect_function(Expected& expected, const std::string& path, const EffectTerm& term) {
   const std::string axes[] = {"x", "y", "z", "slide", "own"};
-  if (term.group == EffectGroup::gravity) {
+  if (term.group == EffectGroup::gravity || term.group == EffectGroup::transverse) {
     expected.is(path + "/link", term.gravity.link + 1);
     expected.is(path + "/axis", axes[term.gravity.axis]);
   } else if (term.group == EffectGroup::backlash) {
@@ -749,6 +751,7 @@ void expect_effects(Expected& expected, const Case& c) {
     expected.is(path + "/name", term.name);
     expected.is(path + "/joint", term.joint);
     expected.is(path + "/group", to_string(term.group));
+    expected.is(path + "/about", to_string(term.axis));
     expect_function(expected, path + "/function", term);
     expected.number(path + "/mean", term.mean);
     expected.number(path + "/scale", term.scale);
@@ -865,11 +868,13 @@ void expect_influence(Expected& expected, const Case& c) {
 
 /// KDL's pose of the flange for each configuration.
 std::vector<KDL::Frame> kdl_poses(const ErrorModel& model, const Estimate& estimate, const Eigen::MatrixXd& q) {
-  const KDL::Chain chain = error_chain(model, estimate.errors);
   const Eigen::MatrixXd there = effective_joint_values(model, estimate.effects, q);
   std::vector<KDL::Frame> poses;
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
-    poses.push_back(testing::kdl_pose(chain, there.col(c)));
+    const Eigen::VectorXd tilts = there.col(c).tail(there.rows() - q.rows());
+    const KDL::Chain chain = tilts.size() == 0 ? error_chain(model, estimate.errors)
+                                               : tilted_chain(folded_chain(model, estimate.errors), tilts);
+    poses.push_back(testing::kdl_pose(chain, there.col(c).head(q.rows())));
   }
   return poses;
 }
@@ -1545,29 +1550,34 @@ void expect_motions(std::vector<std::string>& lines, const Case& c) {
     return;
   }
   lines.insert(lines.end(), {"", "effects beyond geometry, largest motion at the measured configurations"});
-  for (const EffectGroup group :
-       {EffectGroup::gravity, EffectGroup::gain, EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables}) {
+  for (const std::string& group : effect_group_names()) {
     ErrorModel alone = found.model;
     alone.effects.clear();
     std::vector<double> values;
-    std::set<int> joints;
+    std::set<std::pair<int, EffectAxis>> joints;
     for (std::size_t e = 0; e < found.model.effects.size(); ++e) {
-      if (found.model.effects[e].group == group) {
-        alone.effects.push_back(found.model.effects[e]);
+      const EffectTerm& term = found.model.effects[e];
+      if (term.group == effect_group(group)) {
+        alone.effects.push_back(term);
         values.push_back(found.identification.estimate.effects[static_cast<Eigen::Index>(e)]);
-        joints.insert(found.model.effects[e].index);
+        joints.insert({term.index, term.axis});
       }
     }
     const Eigen::VectorXd all =
         Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
-    const Eigen::MatrixXd moved =
-        effective_joint_values(alone, all, c.measurements.joint_values) - c.measurements.joint_values;
-    for (const int joint : joints) {
+    const auto count = static_cast<Eigen::Index>(c.robot.joints.size());
+    Eigen::MatrixXd moved = effective_joint_values(alone, all, c.measurements.joint_values);
+    moved.topRows(count) -= c.measurements.joint_values;
+    for (const auto& [joint, axis] : joints) {
       const MovingJoint& own = c.robot.joints[static_cast<std::size_t>(joint)];
-      const bool slides = own.type == JointType::prismatic;
-      const double most = moved.row(joint).cwiseAbs().maxCoeff() * (slides ? 1e3 : kDegreesPerRadian);
-      lines.push_back(std::string(to_string(group)) + " " + own.name + " " + decimals(most, slides ? 4 : 5) +
-                      (slides ? " mm" : " deg"));
+      const bool tilts = axis != EffectAxis::own;
+      const bool length = own.type == JointType::prismatic && !tilts;
+      const Eigen::Index row = tilts ? count + 2 * joint + (axis == EffectAxis::across_y ? 1 : 0) : joint;
+      const double most = moved.row(row).cwiseAbs().maxCoeff() * (length ? 1e3 : kDegreesPerRadian);
+      const std::string about =
+          tilts ? std::string(", ") + (axis == EffectAxis::across_x ? "x" : "y") + " across its axis" : "";
+      lines.push_back(group + " " + own.name + about + " " + decimals(most, length ? 4 : 5) +
+                      (length ? " mm" : " deg"));
     }
   }
   for (const std::string& finding : effect_findings(found, effect_motions(found, c.measurements))) {

@@ -8,8 +8,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/result_json.hpp"
@@ -28,7 +28,8 @@ struct Written {
   Robot robot = parse_robot(kOddArm);
   Measurements measured;
   CalibrationOptions options{
-      .effects = {.groups = {EffectGroup::gravity, EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables}},
+      .effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
+                             EffectGroup::harmonics, EffectGroup::tables}},
       .held_out = false};
   Calibration calibration;
   std::string json;
@@ -44,7 +45,7 @@ struct Written {
                                        Eigen::Isometry3d(Eigen::Translation3d(2.0, 1.0, 0.5)));
     truth.model.effects = load_terms(model);
     truth.truth.effects = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(truth.model.effects.size()), 4e-4);
-    measured = measure(truth, random_configurations(limits_of(model.joints), 30, random), {.sigma = 3e-5}, random);
+    measured = measure(truth, random_configurations(limits_of(model.joints), 40, random), {.sigma = 3e-5}, random);
     calibration = calibrate(model, measured, options);
     json = result_json(robot, measured, options, calibration);
   }

@@ -6,6 +6,7 @@
 #include <cstdlib>
 
 #include "kdl_calibration/calibrated_arm.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"

@@ -2,8 +2,8 @@
 
 #include <gmock/gmock.h>
 
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"

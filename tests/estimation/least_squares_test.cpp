@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "dense_fit.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -37,6 +37,12 @@ protected:
   LeastSquares() {
     if (GetParam().effects) {
       model.effects = gain_terms(model);
+      Random random(11);
+      const MatrixXd q = random_configurations(published_ranges(model.joints), 40, random);
+      for (const EffectGroup group : {EffectGroup::gravity, EffectGroup::transverse}) {
+        const std::vector<EffectTerm> terms = effect_terms(model, group, q);
+        model.effects.insert(model.effects.end(), terms.begin(), terms.end());
+      }
       for (EffectTerm& term : model.effects) {
         term.sigma = 0.01;
       }
@@ -117,6 +123,20 @@ TEST_P(LeastSquares, EquationsAreThoseOfTheRowsWrittenOut) {
   EXPECT_LT(difference.cwiseAbs().maxCoeff(), tolerance);
   const VectorXd gradient = scale.cwiseProduct(equations.gradient - J.transpose() * e);
   EXPECT_LT(gradient.cwiseAbs().maxCoeff(), tolerance * e.norm());
+}
+
+TEST_P(LeastSquares, GradientIsTheDerivativeOfTheCost) {
+  const LeastSquaresProblem problem(model, measured, free, options);
+  const Estimate estimate = near_nominal();
+  const VectorXd gradient = problem.linearise(estimate).gradient;
+  constexpr double kStep = 1e-6;
+  for (Index column = 0; column < free.size(); ++column) {
+    const VectorXd step = kStep * VectorXd::Unit(free.size(), column);
+    const double slope =
+        (problem.cost(free.moved(estimate, step)) - problem.cost(free.moved(estimate, -step))) / (2.0 * kStep);
+    EXPECT_NEAR(-2.0 * gradient[column], slope, 1e-5 * gradient.norm())
+        << free.names()[static_cast<std::size_t>(column)];
+  }
 }
 
 TEST_P(LeastSquares, CostAndWhitenedRowsAgreeWithTheEquations) {

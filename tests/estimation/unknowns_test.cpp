@@ -5,8 +5,8 @@
 #include <Eigen/Geometry>
 #include <numeric>
 
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "support.hpp"

@@ -116,6 +116,17 @@ INSTANTIATE_TEST_SUITE_P(Chains, AnyChain,
                                            Case{"Scara", scara(), 3, 1}),
                          [](const auto& test) { return test.param.name; });
 
+TEST(Chains, ErrorsOfATenMillionthAreExported) {
+  const Robot robot = testing::fanuc();
+  const ErrorModel model = complete_model(robot);
+  const Eigen::VectorXd errors = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(model.parameters.size()), 1e-7);
+  const Robot exported = parse_robot(calibrated_urdf(robot, model, errors));
+  const Eigen::VectorXd q = Eigen::VectorXd::LinSpaced(6, 0.1, 0.6);
+  const KDL::Frame expected = testing::kdl_pose(error_chain(model, errors), q);
+  EXPECT_LT(testing::difference(testing::kdl_pose(exported.chain, q), expected), 1e-13);
+  EXPECT_GT(testing::difference(testing::kdl_pose(robot.chain, q), expected), 1e-7);
+}
+
 TEST(Chains, ATipInTheMiddleOfATreeLeavesTheRestUntouched) {
   const Robot robot = parse_robot(seven_joint_arm(), {.base = "base", .tip = "l5"});
   ASSERT_EQ(robot.joints.size(), 5U);

@@ -1,4 +1,5 @@
 #include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
@@ -189,7 +190,7 @@ TEST(JointEffects, TheTorqueOfAnyMassesIsALinearFunctionOfTheGravityTerms) {
   }
   const Eigen::MatrixXd basis = effect_basis(model, q);
   for (int joint = 0; joint < 5; ++joint) {
-    const std::vector<Eigen::Index> own = terms_by_joint(model).at({EffectGroup::gravity, joint});
+    const std::vector<Eigen::Index> own = terms_by_motion(model).at({EffectGroup::gravity, joint});
     const Eigen::MatrixXd columns = basis(own, Eigen::all).transpose();
     const Eigen::VectorXd torque = torques.row(joint).transpose();
     const Eigen::VectorXd rest = torque - columns * columns.completeOrthogonalDecomposition().solve(torque);
@@ -202,8 +203,8 @@ TEST(JointEffects, TermsHaveZeroMeanAndUnitScaleOverTheJointValuesTheyAreMadeFor
   ErrorModel model = complete_model(fanuc());
   Random random(7);
   const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
-  for (const EffectGroup group :
-       {EffectGroup::gravity, EffectGroup::gain, EffectGroup::backlash, EffectGroup::harmonics}) {
+  for (const EffectGroup group : {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::gain,
+                                  EffectGroup::backlash, EffectGroup::harmonics}) {
     model.effects = effect_terms(model, group, q);
     ASSERT_FALSE(model.effects.empty()) << to_string(group);
     const Eigen::MatrixXd basis = effect_basis(model, q);
@@ -228,11 +229,94 @@ TEST(JointEffects, GravityTermsThatRepeatEachOtherOrHardlyChangeAreLeftOut) {
   }
   EXPECT_EQ(model.effects.size(), 30U);
   for (int joint = 1; joint < 6; ++joint) {
-    const std::vector<Eigen::Index> own = terms_by_joint(model).at({EffectGroup::gravity, joint});
+    const std::vector<Eigen::Index> own = terms_by_motion(model).at({EffectGroup::gravity, joint});
     const Eigen::MatrixXd columns = basis(own, Eigen::all).transpose();
     EXPECT_EQ(Eigen::ColPivHouseholderQR<Eigen::MatrixXd>(columns).rank(), columns.cols()) << joint + 1;
   }
   EXPECT_TRUE(effect_terms(model, EffectGroup::gravity, q.leftCols(1)).empty()) << "of one configuration";
+}
+
+// Of a robot with its joints' axes across each other, by hand: products of KDL frames.
+TEST(JointEffects, BearingsFeelTheMomentsAcrossTheirAxes) {
+  ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  model.gravity = KDL::Vector(0.48, -0.6, -0.64);
+  Random random(12);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  model.effects = effect_terms(model, EffectGroup::transverse, q);
+  ASSERT_FALSE(model.effects.empty());
+  const Eigen::MatrixXd basis = effect_basis(model, q);
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    const EffectTerm& term = model.effects[e];
+    const auto joint = static_cast<std::size_t>(term.index);
+    ASSERT_NE(term.axis, EffectAxis::own) << term.name;
+    EXPECT_GE(term.gravity.link, term.index) << term.name;
+    EXPECT_LE(term.gravity.link, term.index + 2) << term.name;
+    // About an axis across the joint's own, seen in the frame of the joint's origin.
+    const Eigen::Vector3d own = to_eigen(model.joints[joint].axis);
+    const Eigen::Vector3d across = z_onto(own).col(term.axis == EffectAxis::across_x ? 0 : 1);
+    ASSERT_NEAR(across.dot(own), 0.0, 1e-15);
+    ASSERT_NEAR(across.norm(), 1.0, 1e-15);
+    for (Eigen::Index c = 0; c < q.cols(); ++c) {
+      KDL::Frame pose = KDL::Frame::Identity();
+      KDL::Vector about;
+      for (std::size_t i = 0; i <= static_cast<std::size_t>(term.gravity.link); ++i) {
+        pose = pose * model.joints[i].origin;
+        if (i == joint) {
+          about = pose.M * KDL::Vector(across.x(), across.y(), across.z());
+        }
+        const double value = q(static_cast<Eigen::Index>(i), c);
+        const KDL::Vector& axis = model.joints[i].axis;
+        pose = pose * (model.joints[i].type == JointType::prismatic ? KDL::Frame(axis * value)
+                                                                    : KDL::Frame(KDL::Rotation::Rot2(axis, value)));
+      }
+      const KDL::Vector lever = term.gravity.axis == 0   ? pose.M.UnitX()
+                                : term.gravity.axis == 1 ? pose.M.UnitY()
+                                                         : pose.M.UnitZ();
+      const double raw = KDL::dot(about, lever * model.gravity);
+      EXPECT_NEAR(basis(static_cast<Eigen::Index>(e), c) * term.scale + term.mean, raw, 1e-12) << term.name;
+    }
+  }
+}
+
+TEST(JointEffects, TiltsTurnTheChainInFrontOfItsJoints) {
+  ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  Random random(13);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  model.effects = effect_terms(model, EffectGroup::transverse, q);
+  const Eigen::VectorXd errors = testing::random_errors(model, random, 0.001, 0.001);
+  const Eigen::VectorXd values = Eigen::VectorXd::NullaryExpr(static_cast<Eigen::Index>(model.effects.size()),
+                                                              [&](Eigen::Index) { return 1e-3 * random.normal(); });
+  const Eigen::MatrixXd moved = effective_joint_values(model, values, q);
+  const Eigen::MatrixXd basis = effect_basis(model, q);
+  ASSERT_EQ(moved.rows(), 15);
+  EXPECT_TRUE(moved.topRows(5) == q);
+  const FoldedChain chain = folded(model, errors);
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    KDL::Frame expected = KDL::Frame::Identity();
+    for (int i = 0; i < 5; ++i) {
+      const MovingJoint& joint = model.joints[static_cast<std::size_t>(i)];
+      double tilts[2] = {0.0, 0.0};
+      for (std::size_t e = 0; e < model.effects.size(); ++e) {
+        if (model.effects[e].index == i) {
+          const auto term = static_cast<Eigen::Index>(e);
+          tilts[model.effects[e].axis == EffectAxis::across_x ? 0 : 1] += values[term] * basis(term, c);
+        }
+      }
+      const Eigen::Matrix3d across = z_onto(to_eigen(joint.axis));
+      const auto turn = [&](int k) {
+        return KDL::Frame(KDL::Rotation::Rot2(KDL::Vector(across(0, k), across(1, k), across(2, k)),
+                                              tilts[static_cast<std::size_t>(k)]));
+      };
+      expected = expected * joint.origin * frame_correction(model, errors, i) * turn(0) * turn(1) *
+                 (joint.type == JointType::prismatic ? KDL::Frame(joint.axis * q(i, c))
+                                                     : KDL::Frame(KDL::Rotation::Rot2(joint.axis, q(i, c))));
+    }
+    expected = expected * model.tip_origin * frame_correction(model, errors, 5);
+    EXPECT_LT(testing::difference(to_kdl(flange_pose(chain, moved.col(c))), expected), 1e-12);
+    // The same by the KDL solver on the robot's chain.
+    const KDL::Chain tilted = tilted_chain(folded_chain(model, errors), moved.col(c).tail(10));
+    EXPECT_LT(testing::difference(testing::kdl_pose(tilted, q.col(c)), expected), 1e-12);
+  }
 }
 
 TEST(JointEffects, BacklashLiesWhereGravityPulls) {

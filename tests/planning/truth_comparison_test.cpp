@@ -6,6 +6,7 @@
 
 #include <cmath>
 
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"

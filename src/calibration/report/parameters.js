@@ -128,17 +128,19 @@ function parameters() {
   ];
 }
 
-const EFFECTS = { gravity: "joints that give way under the arm's weight", gain: "joint gains", backlash: "backlash",
+const EFFECTS = { gravity: "joints that give way under the arm's weight", transverse: "bearings that do, across the axis", gain: "joint gains", backlash: "backlash",
   harmonics: "eccentric encoders and gears", tables: "tables of the joints" };
 function effectFigure(entry) {
   const joint = JOINTS[entry.joint_index];
-  const unit = isLinear(joint) ? 1e3 : 1 / DEGREE;
+  const across = entry.about === "own" ? "" : `, ${entry.about} across its axis`;
+  const length = isLinear(joint) && !across;
+  const unit = length ? 1e3 : 1 / DEGREE;
   const curve = entry.curve;
   const points = curve.map((c) => [jointValue(joint, c[0]), c[1] * unit]);
   const known = curve.every((c) => c[2] !== null);
   const edge = (sign) => curve.map((c) => [jointValue(joint, c[0]), (c[1] + sign * c[2]) * unit]);
   const band = known ? [...edge(1), ...edge(-1).reverse()] : null;
-  return lines({ title: `${entry.group} of ${cut(joint.name, 20)}`, caption: `${entry.terms} ${entry.terms === 1 ? "term" : "terms"}, the other joints at their middle`, height: 180, xLabel: `joint value [${jointUnit(joint)}]`, yLabel: `[${jointUnit(joint)}]`,
+  return lines({ title: `${entry.group} of ${cut(joint.name, 20)}${across}`, caption: `${entry.terms} ${entry.terms === 1 ? "term" : "terms"}, the other joints at their middle`, height: 180, xLabel: `joint value [${jointUnit(joint)}]`, yLabel: `[${length ? "mm" : "°"}]`,
     limits: band ? band.map((b) => b[1]) : [] }, [{ kind: "after", text: known ? "with its 95 % band" : "estimate", points, band, smooth: true }]);
 }
 function effects() {

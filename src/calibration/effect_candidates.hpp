@@ -1,0 +1,43 @@
+#pragma once
+
+// A model with more or fewer effects, linearised at the optimum of geometry alone. Not installed.
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/group_sizes.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/unknowns.hpp"
+
+namespace kdl_calibration {
+
+/// The rows of the data and what they would be at zero errors and effects: y = J x, linearised at the optimum.
+struct LinearRows {
+  Eigen::MatrixXd J;
+  Eigen::VectorXd y;
+  std::vector<Eigen::Index> first;  ///< row of each configuration, and the number of rows
+  double unit = 1.0;                ///< [m] that a residual of 1 stands for
+};
+
+/// Of the columns, values and all: the terms start from zero.
+struct Candidate {
+  ErrorModel model;
+  Unknowns free;
+  bool sized = false;  ///< the geometry, by evidence
+};
+Candidate with_terms(const ErrorModel& rigid, const Unknowns& free, const std::vector<EffectTerm>& terms, bool sized);
+
+LinearRows linear_rows(const Candidate& candidate, const Measurements& means, Estimate optimum,
+                       double orientation_length);
+LinearSums sums_of(const LinearRows& rows, const std::vector<Eigen::Index>& configurations);
+
+/// The groups of a candidate: lengths and angles where their sizes are looked for or stated, then the effects'.
+struct Groups {
+  SizedGroups columns;
+  std::vector<std::string> names;
+  SizeLimits limits;
+};
+Groups groups_of(const Candidate& candidate, const Priors& stated);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,39 @@
+#pragma once
+
+// What each effect says at given joint values, before its mean is taken off and its scale applied. Not installed.
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <memory_resource>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+
+namespace kdl_calibration {
+
+/// Of every joint of the nominal robot in the base frame: the axes across it and its own as columns, before it moves,
+/// and the frame behind its motion; the tip's frame last.
+struct JointFrames {
+  std::pmr::vector<Eigen::Matrix3d> axes;
+  std::pmr::vector<Eigen::Isometry3d> moved;
+
+  Eigen::Vector3d axis(std::size_t joint, EffectAxis axis = EffectAxis::own) const;
+};
+JointFrames joint_frames(const ErrorModel& model, const Eigen::Ref<const Eigen::VectorXd>& q,
+                         std::pmr::memory_resource* memory = std::pmr::get_default_resource());
+/// For every column of `joint_values` (joints x N).
+std::vector<JointFrames> joint_frames_of_all(const ErrorModel& model, const Eigen::MatrixXd& joint_values);
+
+/// Torque (force for a prismatic joint) of the term's masses under gravity about its joint's axis, with g = 1.
+double torque(const ErrorModel& model, const EffectTerm& term, const JointFrames& frames);
+
+double raw_value(const ErrorModel& model, const EffectTerm& term, const Eigen::Ref<const Eigen::VectorXd>& q,
+                 const JointFrames& frames);
+/// For every column of `joint_values` with its frames.
+Eigen::VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, const Eigen::MatrixXd& joint_values,
+                           const std::vector<JointFrames>& frames);
+
+constexpr double kTableBeyond = 2.5;  ///< lengths that a table reaches beyond the measured range on each side
+
+}  // namespace kdl_calibration
