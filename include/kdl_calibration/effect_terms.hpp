@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
@@ -17,11 +18,17 @@ namespace kdl_calibration {
 /// Transverse. The same across the axis, about the two directions of z_onto(a_i) before the joint moves, of the links
 /// l = i … i + 2: what its bearing feels.
 /// Backlash. tanh of the torque that equal masses at the later joint frames exert, over 0.15 of its mean size.
+/// Ripple. How often a turn is found by a search in what the other terms leave; here hundred times in every joint, as
+/// for robots that are simulated.
 /// Tables. A Gaussian process of Matérn-3/2 covariance in the Hilbert-space basis of Solin and Särkkä (2020), of length
 /// `length` [rad or m]; its functions are not scaled, so that `sigma` is that of the table.
 std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const Eigen::MatrixXd& joint_values);
 /// `length`: of all joints, at most half of what each moves.
 std::vector<EffectTerm> table_terms(const ErrorModel& model, const Eigen::MatrixXd& joint_values, double length);
+
+/// Sine and cosine of one revolute joint.
+std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const Eigen::MatrixXd& joint_values, std::size_t joint,
+                                     double times_a_turn);
 
 /// Compliance of the joints under gravity with few terms. Where the URDF states link masses each revolute joint gets
 /// one with the torque of those masses; else one for each distinct torque that a mass at a later joint frame or at the

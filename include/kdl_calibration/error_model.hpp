@@ -6,6 +6,7 @@
 #include <kdl/chain.hpp>
 #include <kdl/frames.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "kdl_calibration/robot.hpp"
@@ -45,9 +46,10 @@ enum class EffectGroup : std::uint8_t {
   gain,        ///< it turns more or less than it was told
   backlash,    ///< its play lies on the side to which gravity pulls
   harmonics,   ///< its encoder or gear is off centre: once and twice a turn
+  ripple,      ///< its gear swings, often a turn
   tables       ///< any smooth function of its value
 };
-constexpr std::size_t kEffectGroups = 6;
+constexpr std::size_t kEffectGroups = 7;
 
 /// About or along what a joint moves beyond the rigid chain: its own axis, or one of the two across it, which are what
 /// z_onto(axis) makes of x and y.
@@ -59,6 +61,8 @@ struct TableTerm {
   double length = 0.0;  ///< [rad or m] over which the function forgets itself
   double lower = 0.0;   ///< [rad or m] of the measured range, at whose ends the joint's value is held
   double upper = 0.0;
+  /// [rad or m] Ranges in which the measurements tell too little of it: it is zero there.
+  std::vector<std::pair<double, double>> withheld;
 };
 
 /// The linear function of the direction of gravity seen from a link that the torque about a joint is made of.
@@ -75,7 +79,7 @@ struct GravityTerm {
 /// depends on what is estimated.
 struct EffectTerm {
   /// "gravity.2.3x": of joint 2 under link 3; "transverse.2.y.3x": the same about y; "gain.3", "harmonics.3.sin1",
-  /// "tables.3.12".
+  /// "ripple.3.sin200.5", "tables.3.12".
   std::string name;
   std::string joint;  ///< URDF joint
   int index = 0;      ///< of the joint
@@ -83,7 +87,7 @@ struct EffectTerm {
   EffectAxis axis = EffectAxis::own;
   std::vector<PointMass> masses;  ///< where there are, the torque of these instead of a GravityTerm; or the backlash's
   GravityTerm gravity;
-  int harmonic = 0;  ///< times a turn, negative for the cosine
+  double harmonic = 0.0;  ///< times a turn, negative for the cosine
   TableTerm table;
   double mean = 0.0;
   double scale = 1.0;

@@ -13,7 +13,7 @@
 
 namespace kdl_calibration {
 
-/// "gravity", "transverse", "gain", "backlash", "harmonics", "tables".
+/// "gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables".
 const char* to_string(EffectGroup group);
 /// "own", "x", "y".
 const char* to_string(EffectAxis axis);
@@ -33,6 +33,12 @@ std::map<MovedBy, std::vector<Eigen::Index>> terms_by_motion(const ErrorModel& m
 
 /// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N.
 Eigen::MatrixXd effect_basis(const ErrorModel& model, const Eigen::MatrixXd& joint_values);
+
+/// A table's function at its joint's value, also where it is withheld.
+double table_value(const TableTerm& table, double q);
+
+/// Whether a joint stands where the measurements tell too little of its table.
+bool withholds_tables(const ErrorModel& model, const Eigen::VectorXd& q);
 
 constexpr std::size_t kFewJoints = 32;  ///< with which nothing is allocated where so promised
 

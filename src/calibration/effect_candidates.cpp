@@ -46,6 +46,18 @@ LinearRows linear_rows(const Candidate& candidate, const Measurements& means, Es
   return rows;
 }
 
+LinearRows joint_rows(const ErrorModel& rigid, const Measurements& means, const Estimate& optimum,
+                      double orientation_length) {
+  std::vector<std::string> offsets;
+  for (const ErrorParameter& parameter : rigid.parameters) {
+    if (parameter.kind == ParameterKind::joint_offset) {
+      offsets.push_back(parameter.name);
+    }
+  }
+  const Candidate candidate{.model = rigid, .free = Unknowns(rigid, optimum.targets, offsets)};
+  return linear_rows(candidate, means, optimum, orientation_length);
+}
+
 LinearSums sums_of(const LinearRows& rows, const std::vector<Index>& configurations) {
   LinearSums sums{.information = MatrixXd::Zero(rows.J.cols(), rows.J.cols()), .moment = VectorXd::Zero(rows.J.cols())};
   for (const Index c : configurations) {

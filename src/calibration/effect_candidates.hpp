@@ -30,6 +30,9 @@ Candidate with_terms(const ErrorModel& rigid, const Unknowns& free, const std::v
 
 LinearRows linear_rows(const Candidate& candidate, const Measurements& means, Estimate optimum,
                        double orientation_length);
+/// One column for every joint: a motion about its own axis.
+LinearRows joint_rows(const ErrorModel& rigid, const Measurements& means, const Estimate& optimum,
+                      double orientation_length);
 LinearSums sums_of(const LinearRows& rows, const std::vector<Eigen::Index>& configurations);
 
 /// The groups of a candidate: lengths and angles where their sizes are looked for or stated, then the effects'.

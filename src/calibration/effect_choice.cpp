@@ -17,6 +17,8 @@
 #include "calibration/counted_fits.hpp"
 #include "calibration/effect_candidates.hpp"
 #include "calibration/parameter_choice.hpp"
+#include "calibration/ripple_search.hpp"
+#include "calibration/table_certainty.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/group_sizes.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -41,8 +43,9 @@ constexpr double kLeastPrior = 1e-7;     // [m or rad]
 constexpr double kLargestMotion = 0.02;  // [m or rad] what moves a joint by more is no effect but a mistake
 constexpr double kFlatTable = 5e-6;      // [m or rad]
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
-constexpr Index kLeastForTables = 50;  // configurations
-constexpr double kEquations = 1.1;     // for every column
+constexpr Index kLeastForRipple = 100;  // configurations
+constexpr Index kLeastForTables = 50;   // configurations
+constexpr double kEquations = 1.1;      // for every column
 
 // What a candidate is worth.
 struct Worth {
@@ -88,10 +91,6 @@ public:
     bool sized = false;
     std::vector<EffectTerm>& terms = outcome.terms;
     std::vector<std::string> names;
-    for (std::size_t g = 0; asked && g < options.effects.groups.size(); ++g) {
-      append(terms, terms_of(options.effects.groups[g]));
-      names.emplace_back(to_string(options.effects.groups[g]));
-    }
     Worth current = worth_of({}, {}, false, result.tried);
     if (options.automatic_priors) {
       Worth with_sizes = worth_of({}, {}, true, result.tried);
@@ -99,12 +98,13 @@ public:
       current = sized ? std::move(with_sizes) : std::move(current);
     }
     result.rigid_priors = priors_of(current, sized);
-    if (asked && !terms.empty()) {
-      current = worth_of_asked(terms, names, sized, result.tried);
-    } else if (!asked) {
+    if (asked) {
+      add_asked(sized, terms, names, current, result.tried);
+    } else {
       add_what_helps(sized, terms, names, current, result.tried);
     }
     result.priors = priors_of(current, sized);
+    withhold_tables(sized, terms, current);
     result.terms = with_sigmas(terms, current);
     result.noise = current.noise;
     mark_chosen(names, sized, result.tried);
@@ -126,33 +126,72 @@ private:
     return allowed(effect_terms(task_.model, group, means_.joint_values));
   }
 
-  // Tables get the length that predicts best.
-  Worth worth_of_asked(std::vector<EffectTerm>& terms, const std::vector<std::string>& names, bool sized,
-                       std::vector<ModelOption>& tried) const {
-    Worth worth = worth_of(terms, names, sized, tried);
-    if (worth.sizes.sizes.empty()) {
-      throw InputError(means_.source + ": too few measurements for the effects asked for, " +
-                       std::to_string(terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
-                       " parameters");
-    }
-    const auto is_of_table = [](const EffectTerm& term) { return term.group == EffectGroup::tables; };
-    const auto first = std::stable_partition(terms.begin(), terms.end(), std::not_fn(is_of_table));
-    Option tables{.name = to_string(EffectGroup::tables), .terms = {first, terms.end()}};
-    terms.erase(first, terms.end());
-    if (!tables.terms.empty() && worth.determined) {
-      std::vector<std::string> others = names;
-      std::erase(others, tables.name);
-      shorten(sized, terms, others, tables, worth, tried);
-    }
-    append(terms, tables.terms);
-    return worth;
-  }
-
-  // Groups that the number of configurations allows; tables from the longest length to the shortest.
   struct Option {
     std::string name;
     std::vector<EffectTerm> terms;
   };
+
+  // Tables get the length that predicts best; ripple is looked for in what all others leave.
+  void add_asked(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
+                 std::vector<ModelOption>& tried) const {
+    const std::vector<EffectGroup>& groups = task_.options.effects.groups;
+    const auto is_asked = [&](EffectGroup group) {
+      return std::find(groups.begin(), groups.end(), group) != groups.end();
+    };
+    for (const EffectGroup group : groups) {
+      if (group != EffectGroup::ripple && group != EffectGroup::tables) {
+        append(terms, terms_of(group));
+        names.emplace_back(to_string(group));
+      }
+    }
+    Option tables{.name = to_string(EffectGroup::tables), .terms = {}};
+    if (is_asked(EffectGroup::tables)) {
+      tables.terms = terms_of(EffectGroup::tables);
+    }
+    const std::vector<EffectTerm> all = joined(terms, tables.terms);
+    if (!all.empty()) {
+      const std::vector<std::string> with_tables = tables.terms.empty() ? names : extended(names, tables.name);
+      current = worth_of(all, with_tables, sized, tried);
+      if (current.sizes.sizes.empty()) {
+        throw InputError(means_.source + ": too few measurements for the effects asked for, " +
+                         std::to_string(all.size()) + " terms beside " + std::to_string(task_.free.size()) +
+                         " parameters");
+      }
+      if (!tables.terms.empty() && current.determined && means_.joint_values.cols() >= kLeastForTables) {
+        shorten(sized, terms, names, tables, current, tried);
+      }
+      append(terms, tables.terms);
+      names = with_tables;
+    }
+    if (Option ripple = ripple_of(sized, terms, current); is_asked(EffectGroup::ripple) && !ripple.terms.empty()) {
+      append(terms, ripple.terms);
+      names.push_back(ripple.name);
+      current = worth_of(terms, names, sized, tried);
+    }
+  }
+
+  // What joints still swing by beside a model.
+  Option ripple_of(bool sized, const std::vector<EffectTerm>& terms, const Worth& worth) const {
+    Option ripple{.name = to_string(EffectGroup::ripple), .terms = {}};
+    if (!worth.determined) {
+      return ripple;
+    }
+    const Candidate candidate = with_terms(task_.model, task_.free, terms, sized);
+    const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
+    const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
+    SizedInformation known = sized_information(rows.J.transpose() * rows.J, worth.groups, worth.sizes);
+    RippleData data{.model = task_.model,
+                    .joint_values = means_.joint_values,
+                    .rows = rows,
+                    .joints = joints,
+                    .information = std::move(known.matrix),
+                    .columns = std::move(known.columns),
+                    .values = worth.sizes.values};
+    ripple.terms = allowed(find_ripple(std::move(data), threads_));
+    return ripple;
+  }
+
+  // Groups that the number of configurations allows; tables of the longest length.
   std::vector<Option> options() const {
     const std::map<EffectGroup, Index> least = {{EffectGroup::gravity, 12},   {EffectGroup::transverse, 60},
                                                 {EffectGroup::gain, 20},      {EffectGroup::backlash, 20},
@@ -189,7 +228,7 @@ private:
     worth.motion = motion_of(candidate, worth.sizes.values);
     if (worth.sizes.evidence >= wanted) {
       const std::string what = in_words(names, terms, sized);
-      predict_folds(rows, all, worth,
+      predict_folds(candidate, rows, all, worth,
                     place_ == Place::outermost ? counted_fits(task_.options, what, folds_.size()) : nullptr);
     }
     tried.push_back({.priors = priors_of(worth, sized),
@@ -222,7 +261,7 @@ private:
     return moved.cwiseAbs().maxCoeff();
   }
 
-  void predict_folds(const LinearRows& rows, const LinearSums& all, Worth& worth,
+  void predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, Worth& worth,
                      const std::function<void()>& after_fold) const {
     const std::vector<Index> columns = all_of(rows.J.cols());
     const double rounding = kRounding / rows.unit;
@@ -235,8 +274,11 @@ private:
       if (!rest.is_determined()) {
         return;
       }
-      const VectorXd x = rest.estimate(worth.sizes.sizes, worth.groups.limits, rounding).values;
+      const GroupSizes sizes = rest.estimate(worth.sizes.sizes, worth.groups.limits, rounding);
+      const TableCertainty certainty(candidate, without.information, worth.groups, sizes);
       for (const Index c : folds_[f]) {
+        VectorXd x = sizes.values;
+        certainty.withhold(means_.joint_values.col(c), x);
         const Index first = rows.first[static_cast<std::size_t>(c)];
         const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
         worth.squares[c] = (rows.y.segment(first, count) - rows.J.middleRows(first, count) * x).squaredNorm();
@@ -269,9 +311,15 @@ private:
   void add_what_helps(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
                       std::vector<ModelOption>& tried) const {
     std::vector<Option> left = options();
-    while (current.determined && !left.empty()) {
+    bool swings = false;
+    while (current.determined) {
       std::optional<std::size_t> best;
       Worth of_best;
+      std::erase_if(left, [](const Option& option) { return option.name == to_string(EffectGroup::ripple); });
+      const bool searched = !swings && means_.joint_values.cols() >= kLeastForRipple;
+      if (Option ripple = searched ? ripple_of(sized, terms, current) : Option(); !ripple.terms.empty()) {
+        left.push_back(std::move(ripple));
+      }
       for (std::size_t i = 0; i < left.size(); ++i) {
         const double wanted = current.sizes.evidence + kEvidence;
         Worth with = worth_of(joined(terms, left[i].terms), extended(names, left[i].name), sized, tried, wanted);
@@ -288,6 +336,7 @@ private:
       }
       append(terms, left[*best].terms);
       names.push_back(left[*best].name);
+      swings = swings || names.back() == to_string(EffectGroup::ripple);
       left.erase(left.begin() + static_cast<std::ptrdiff_t>(*best));
       current = std::move(of_best);
     }
@@ -338,11 +387,35 @@ private:
             .angle = std::max(size_of(worth, "angle"), kLeastPrior)};
   }
 
+  // Where the measurements tell too little of them.
+  void withhold_tables(bool sized, std::vector<EffectTerm>& terms, const Worth& worth) const {
+    const Candidate candidate = with_terms(task_.model, task_.free, terms, sized);
+    if (worth.sizes.sizes.empty() || std::none_of(terms.begin(), terms.end(), is_of_table)) {
+      return;
+    }
+    const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
+    const TableCertainty certainty(candidate, rows.J.transpose() * rows.J, worth.groups, worth.sizes);
+    std::map<int, std::vector<std::pair<double, double>>> gaps;
+    for (EffectTerm& term : terms) {
+      if (is_of_table(term)) {
+        term.table.withheld = gaps.try_emplace(term.index, certainty.gaps(term.index)).first->second;
+      }
+    }
+  }
+
+  static bool is_of_table(const EffectTerm& term) { return term.group == EffectGroup::tables; }
+
+  // Nothing is known of it anywhere.
+  static bool is_withheld_throughout(const EffectTerm& term) {
+    return is_of_table(term) && !term.table.withheld.empty() &&
+           term.table.withheld.front() == std::pair(term.table.lower, term.table.upper);
+  }
+
   static std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const Worth& worth) {
     for (EffectTerm& term : terms) {
       term.sigma = size_of(worth, size_name(term));
     }
-    std::erase_if(terms, [](const EffectTerm& term) { return !(term.sigma > 0.0); });
+    std::erase_if(terms, [](const EffectTerm& term) { return !(term.sigma > 0.0) || is_withheld_throughout(term); });
     return terms;
   }
 

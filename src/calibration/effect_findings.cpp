@@ -8,6 +8,7 @@
 #include <numbers>
 #include <optional>
 
+#include "base/number_text.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
@@ -34,7 +35,7 @@ std::string amount(double value, bool length) {
 
 // How often a turn the strongest harmonic swings.
 std::string times_a_turn(const Calibration& calibration, const EffectMotion& motion) {
-  std::map<int, double> squares;
+  std::map<double, double> squares;
   for (const Eigen::Index place : motion.terms) {
     const EffectTerm& term = calibration.model.effects[static_cast<std::size_t>(place)];
     const double amplitude = calibration.identification.estimate.effects[place] / term.scale;
@@ -42,8 +43,8 @@ std::string times_a_turn(const Calibration& calibration, const EffectMotion& mot
   }
   const auto strongest = std::max_element(squares.begin(), squares.end(),
                                           [](const auto& a, const auto& b) { return a.second < b.second; });
-  const int times = strongest->first;
-  return times == 1 ? "once" : times == 2 ? "twice" : std::to_string(times) + " times";
+  const double times = strongest->first;
+  return times == 1.0 ? "once" : times == 2.0 ? "twice" : significant(times, 4) + " times";
 }
 
 std::string in_words(const Calibration& calibration, const EffectMotion& motion) {
@@ -67,6 +68,8 @@ std::string in_words(const Calibration& calibration, const EffectMotion& motion)
              " between one side of its load and the other";
     case EffectGroup::harmonics:
       return joint.name + " swings by up to " + most + ", mostly " + times_a_turn(calibration, motion) + " a turn";
+    case EffectGroup::ripple:
+      return joint.name + " ripples by up to " + most + ", mostly " + times_a_turn(calibration, motion) + " a turn";
     case EffectGroup::tables:
       return joint.name + " is off by up to " + most + " along its range";
   }

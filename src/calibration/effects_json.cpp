@@ -24,6 +24,11 @@ using tree::number;
 
 constexpr const char* kAxes[] = {"x", "y", "z", "slide", "own"};
 
+// Of the joint, as measured; null of nothing.
+Json range_json(const std::pair<double, double>& range) {
+  return range.first <= range.second ? Json::array({range.first, range.second}) : Json(nullptr);
+}
+
 // What the function is made of, beside its group and joint.
 Json function_json(const EffectTerm& term) {
   switch (term.group) {
@@ -33,12 +38,19 @@ Json function_json(const EffectTerm& term) {
     case EffectGroup::backlash:
       return {{"mass", term.masses.front().mass}};
     case EffectGroup::harmonics:
+    case EffectGroup::ripple:
       return {{"of", term.harmonic > 0 ? "sin" : "cos"}, {"times", std::abs(term.harmonic)}};
-    case EffectGroup::tables:
-      return {{"number", term.table.number},
-              {"length", term.table.length},
-              {"lower", term.table.lower},
-              {"upper", term.table.upper}};
+    case EffectGroup::tables: {
+      Json table = {{"number", term.table.number},
+                    {"length", term.table.length},
+                    {"lower", term.table.lower},
+                    {"upper", term.table.upper},
+                    {"withheld", Json::array()}};
+      for (const auto& range : term.table.withheld) {
+        table["withheld"].push_back(range_json(range));
+      }
+      return table;
+    }
     case EffectGroup::gain:
       break;
   }
@@ -55,11 +67,6 @@ Json term_json(const EffectTerm& term, double coefficient) {
           {"scale", term.scale},
           {"sigma", term.sigma},
           {"coefficient", coefficient}};
-}
-
-// Of the joint, as measured; null of nothing.
-Json range_json(const std::pair<double, double>& range) {
-  return range.first <= range.second ? Json::array({range.first, range.second}) : Json(nullptr);
 }
 
 int whole_number(const Node& node, int least, int most) {
@@ -98,7 +105,8 @@ void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) 
       }
       return;
     case EffectGroup::harmonics:
-      term.harmonic = whole_number(member(node, "times"), 1, 1000);
+    case EffectGroup::ripple:
+      term.harmonic = positive(member(node, "times"));
       if (tree::name(member(node, "of")) != "sin") {
         term.harmonic = -term.harmonic;
       }
@@ -107,7 +115,14 @@ void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) 
       term.table = {.number = whole_number(member(node, "number"), 1, 1000),
                     .length = positive(member(node, "length")),
                     .lower = number(member(node, "lower")),
-                    .upper = number(member(node, "upper"))};
+                    .upper = number(member(node, "upper")),
+                    .withheld = {}};
+      if (has(node, "withheld") && !member(node, "withheld").json.empty()) {
+        for (const Node& range : elements(member(node, "withheld"))) {
+          const Eigen::Vector2d ends = tree::numbers<2>(range);
+          term.table.withheld.emplace_back(ends[0], ends[1]);
+        }
+      }
       if (!(term.table.lower < term.table.upper)) {
         tree::fail(member(node, "upper"), "a number above 'lower'");
       }

@@ -79,7 +79,8 @@ public:
         const NewPoint fresh = new_point({.covariance = all[k], .place = point.position_W}, uncertain_.noise);
         point.radius_95 = region.radius_factor * fresh.radius_95;
         point.degrees_of_freedom = fresh.degrees_of_freedom;
-        point.outside = !region.holds(asked.joint_values.col(static_cast<Eigen::Index>(c)), all[k]);
+        const Eigen::VectorXd q = asked.joint_values.col(static_cast<Eigen::Index>(c));
+        point.outside = !region.holds(q, all[k]) || withholds_tables(uncertain_.model, q);
       }
     }
     return result;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <numbers>
 #include <numeric>
 #include <set>
 #include <utility>
@@ -259,6 +260,26 @@ Json distribution_json(std::vector<double> values) {
   return {{"count", count}, {"values", thinned(std::move(values))}};
 }
 
+namespace {
+
+double slowest(const std::vector<EffectTerm>& terms, const std::vector<Index>& members) {
+  double times = kInfinity;
+  for (const Index member : members) {
+    times = std::min(times, std::abs(terms[static_cast<std::size_t>(member)].harmonic));
+  }
+  return times;
+}
+
+// Three swings in the middle of the range: of more the curve's points would show another frequency.
+void show_swings(double times, double& lower, double& upper) {
+  const double middle = 0.5 * (lower + upper);
+  const double half = std::min(0.5 * (upper - lower), 3.0 * std::numbers::pi / times);
+  lower = middle - half;
+  upper = middle + half;
+}
+
+}  // namespace
+
 Json effects_block(const SavedCalibration& saved, const Measurements& measurements) {
   Json curves = Json::array();
   const std::vector<EffectTerm>& terms = saved.model.effects;
@@ -271,9 +292,12 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
   const bool known = saved.covariance.size() > 0 && columns.count == static_cast<Index>(terms.size());
   for (const auto& [key, members] : terms_by_motion(saved.model)) {
     const auto& [group, joint, axis] = key;
-    const auto& [lower, upper] = ranges[static_cast<std::size_t>(joint)];
+    auto [lower, upper] = ranges[static_cast<std::size_t>(joint)];
     if (!(lower <= upper)) {
       continue;
+    }
+    if (group == EffectGroup::ripple) {
+      show_swings(slowest(terms, members), lower, upper);
     }
     Eigen::MatrixXd q = middle.replicate(1, kCurvePoints);
     q.row(joint) = Eigen::RowVectorXd::LinSpaced(kCurvePoints, lower, upper);

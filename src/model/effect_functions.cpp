@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -34,22 +35,20 @@ double gravity_moment(const ErrorModel& model, const EffectTerm& term, const Ref
   }
 }
 
-double harmonic(int times, double q) { return times > 0 ? std::sin(times * q) : std::cos(-times * q); }
+double harmonic(double times, double q) { return times > 0 ? std::sin(times * q) : std::cos(-times * q); }
 
-// sqrt of the spectral density of the Matérn-3/2 covariance of unit variance at the function's frequency, times the
-// function, orthonormal on [-L, L].
-double table_value(const TableTerm& table, double q) {
-  const double half = 0.5 * (table.upper - table.lower);
-  const double middle = 0.5 * (table.upper + table.lower);
-  const double L = half + kTableBeyond * table.length;
-  const double frequency = table.number * std::numbers::pi / (2.0 * L);
-  const double x = std::clamp(q, table.lower, table.upper) - middle;
-  const double width = frequency * table.length;
-  return std::sqrt(4.0 * table.length / (std::sqrt(3.0) * L)) * std::sin(frequency * (x + L)) /
-         (1.0 + width * width / 3.0);
+bool is_withheld(const TableTerm& table, double q) {
+  return std::any_of(table.withheld.begin(), table.withheld.end(),
+                     [&](const auto& range) { return range.first <= q && q <= range.second; });
 }
 
 }  // namespace
+
+bool withholds_tables(const ErrorModel& model, const VectorXd& q) {
+  return std::any_of(model.effects.begin(), model.effects.end(), [&](const EffectTerm& term) {
+    return term.group == EffectGroup::tables && is_withheld(term.table, q[term.index]);
+  });
+}
 
 Vector3d JointFrames::axis(std::size_t joint, EffectAxis axis) const {
   return axes[joint].col(axis == EffectAxis::own ? 2 : axis == EffectAxis::across_x ? 0 : 1);
@@ -82,6 +81,19 @@ std::vector<JointFrames> joint_frames_of_all(const ErrorModel& model, const Matr
   return result;
 }
 
+// sqrt of the spectral density of the Matérn-3/2 covariance of unit variance at the function's frequency, times the
+// function, orthonormal on [-L, L].
+double table_value(const TableTerm& table, double q) {
+  const double half = 0.5 * (table.upper - table.lower);
+  const double middle = 0.5 * (table.upper + table.lower);
+  const double L = half + kTableBeyond * table.length;
+  const double frequency = table.number * std::numbers::pi / (2.0 * L);
+  const double x = std::clamp(q, table.lower, table.upper) - middle;
+  const double width = frequency * table.length;
+  return std::sqrt(4.0 * table.length / (std::sqrt(3.0) * L)) * std::sin(frequency * (x + L)) /
+         (1.0 + width * width / 3.0);
+}
+
 double torque(const ErrorModel& model, const EffectTerm& term, const JointFrames& frames) {
   const auto joint = static_cast<std::size_t>(term.index);
   const Vector3d gravity = to_eigen(model.gravity);
@@ -107,9 +119,10 @@ double raw_value(const ErrorModel& model, const EffectTerm& term, const Ref<cons
     case EffectGroup::backlash:
       return std::tanh(torque(model, term, frames));
     case EffectGroup::harmonics:
+    case EffectGroup::ripple:
       return harmonic(term.harmonic, own);
     case EffectGroup::tables:
-      return table_value(term.table, own);
+      return is_withheld(term.table, own) ? 0.0 : table_value(term.table, own);
   }
   return 0.0;
 }

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <utility>
 
+#include "base/number_text.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
@@ -25,6 +26,7 @@ constexpr double kPlay = 0.15;        // of the torque's mean size, where the pl
 
 constexpr double kFunctions = 3.4;  // per length: they carry 98.8 % of the variance
 constexpr int kMostFunctions = 200;
+constexpr double kUsualRipple = 100.0;  // times a turn
 
 constexpr int kSamples = 200;
 constexpr double kDistinct = 0.15;  // share of a torque that must be new
@@ -142,14 +144,18 @@ void add_backlash(const ErrorModel& model, std::size_t joint, const MatrixXd& q,
   terms.push_back(term);
 }
 
+void add_swing(const ErrorModel& model, std::size_t joint, EffectGroup group, double times,
+               std::vector<EffectTerm>& terms) {
+  for (const bool sine : {true, false}) {
+    EffectTerm term = term_of(model, joint, group, (sine ? "sin" : "cos") + shortest(times));
+    term.harmonic = sine ? times : -times;
+    terms.push_back(term);
+  }
+}
+
 void add_harmonics(const ErrorModel& model, std::size_t joint, std::vector<EffectTerm>& terms) {
-  constexpr int kMost = 2;
-  for (int times = 1; times <= kMost && !slides(model, joint); ++times) {
-    for (const bool sine : {true, false}) {
-      EffectTerm term = term_of(model, joint, EffectGroup::harmonics, (sine ? "sin" : "cos") + std::to_string(times));
-      term.harmonic = sine ? times : -times;
-      terms.push_back(term);
-    }
+  for (const double times : {1.0, 2.0}) {
+    add_swing(model, joint, EffectGroup::harmonics, times, terms);
   }
 }
 
@@ -208,11 +214,19 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
       all.push_back(term_of(model, joint, group));
     } else if (group == EffectGroup::backlash) {
       add_backlash(model, joint, joint_values, frames, all);
-    } else {
-      add_harmonics(model, joint, all);
+    } else if (!slides(model, joint)) {
+      group == EffectGroup::ripple ? add_swing(model, joint, group, kUsualRipple, all)
+                                   : add_harmonics(model, joint, all);
     }
   }
   return told_apart(model, all, joint_values, frames);
+}
+
+std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& joint_values, std::size_t joint,
+                                     double times_a_turn) {
+  std::vector<EffectTerm> pair;
+  add_swing(model, joint, EffectGroup::ripple, times_a_turn, pair);
+  return told_apart(model, pair, joint_values, joint_frames_of_all(model, joint_values));
 }
 
 std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joint_values, double length) {

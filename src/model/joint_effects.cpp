@@ -18,8 +18,8 @@ using Eigen::Ref;
 using Eigen::VectorXd;
 
 const char* to_string(EffectGroup group) {
-  constexpr std::array<const char*, kEffectGroups> kNames = {"gravity",  "transverse", "gain",
-                                                             "backlash", "harmonics",  "tables"};
+  constexpr std::array<const char*, kEffectGroups> kNames = {"gravity",   "transverse", "gain",  "backlash",
+                                                             "harmonics", "ripple",     "tables"};
   return kNames[static_cast<std::size_t>(group)];
 }
 

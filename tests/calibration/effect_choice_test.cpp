@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <numeric>
 
@@ -9,6 +10,7 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -82,6 +84,97 @@ TEST(EffectChoice, FindsEachEffectAndPredictsByIt) {
               << with * 1e3 << " mm, by geometry " << without * 1e3 << " mm\n";
     EXPECT_LT(with, 0.6 * without) << to_string(group);
     EXPECT_LT(found.noise.sigma, 8e-5) << to_string(group);
+  }
+}
+
+TEST(EffectChoice, FindsHowOftenGearsRipple) {
+  const Arm arm(fanuc(), 21, 120, {{EffectGroup::ripple, 2e-4}});
+  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  ASSERT_THAT(found.tried.front().effects, Contains("ripple"));
+  std::map<int, std::pair<double, double>> strongest;  // of each joint: amplitude, times a turn
+  for (std::size_t e = 0; e < found.model.effects.size(); ++e) {
+    const EffectTerm& term = found.model.effects[e];
+    if (term.group == EffectGroup::ripple) {
+      const double amplitude =
+          std::abs(found.identification.estimate.effects[static_cast<Eigen::Index>(e)]) / term.scale;
+      strongest[term.index] = std::max(strongest[term.index], std::pair(amplitude, std::abs(term.harmonic)));
+    }
+  }
+  EXPECT_GE(strongest.size(), 5U);
+  for (const auto& [joint, swing] : strongest) {
+    EXPECT_NEAR(swing.second, 100.0, 0.2) << "joint " << joint + 1;
+  }
+  EXPECT_LT(arm.error_at_unseen(found), 0.5 * arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry)));
+}
+
+TEST(EffectChoice, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
+  Arm arm(fanuc(), 22, 150, {});
+  const double degree = std::numbers::pi / 180.0;
+  const Eigen::MatrixXd q = (arm.measured.joint_values / degree).array().round().matrix() * degree;
+  arm.truth.model.effects = ripple_terms(arm.model, q, 1, 300.0);  // which looks like 60 times at whole degrees
+  arm.truth.truth.effects = Eigen::VectorXd::Constant(2, 3e-4);
+  Random random(5);
+  arm.measured = measure(arm.truth, q, {.sigma = 5e-5}, random);
+  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  ASSERT_THAT(found.tried.front().effects, Contains("ripple"));
+  for (const EffectTerm& term : found.model.effects) {
+    if (term.group == EffectGroup::ripple) {
+      EXPECT_NEAR(std::abs(term.harmonic), 60.0, 0.5) << term.name;
+    }
+  }
+}
+
+TEST(EffectChoice, ARigidArmHasNoRipple) {
+  for (unsigned seed = 0; seed < 6; ++seed) {
+    const Arm arm(seed % 2 == 0 ? fanuc() : parse_robot(kOddArm), 70 + seed, 110, {});
+    for (const ModelOption& option : calibrate(arm.model, arm.measured, automatic()).tried) {
+      EXPECT_THAT(option.effects, ::testing::Not(Contains("ripple"))) << "seed " << seed;
+    }
+  }
+}
+
+// A table that nothing was measured of over 40 degrees is not made up there.
+TEST(EffectChoice, TablesAreWithheldInGaps) {
+  Arm arm(fanuc(), 23, 160, {});
+  const Eigen::MatrixXd q = 0.3 * arm.measured.joint_values;
+  arm.truth.model.effects = table_terms(arm.model, q, 10.0 * std::numbers::pi / 180.0);
+  Random random(24);
+  arm.truth.truth.effects = Eigen::VectorXd::NullaryExpr(static_cast<Eigen::Index>(arm.truth.model.effects.size()),
+                                                         [&](Eigen::Index) { return 3e-4 * random.normal(); });
+  arm.measured = measure(arm.truth, q, {.sigma = 5e-5}, random);
+  const auto q3 = arm.measured.joint_values.row(2);
+  const double middle = 0.5 * (q3.minCoeff() + q3.maxCoeff());
+  const Measurements gapped = subset(arm.measured, [&](const Observation& o) {
+    return std::abs(arm.measured.joint_values(2, o.configuration) - middle) > 0.35;
+  });
+  CalibrationOptions options = automatic();
+  Eigen::MatrixXd asked = arm.measured.joint_values.leftCols(2);
+  for (Eigen::Index c = 0; c < 2; ++c) {
+    asked.col(c) = gapped.joint_values.col(7);
+  }
+  asked(2, 0) = middle;
+  options.effects = {.groups = {EffectGroup::tables}};
+  options.predict_at = {{"in the gap", "measured there"}, asked};
+  const Calibration found = calibrate(arm.model, gapped, options);
+  int tables = 0;
+  for (std::size_t e = 0; e < found.model.effects.size(); ++e) {
+    const EffectTerm& term = found.model.effects[e];
+    if (term.index != 2) {
+      continue;
+    }
+    ++tables;
+    ASSERT_EQ(term.table.withheld.size(), 1U);
+    EXPECT_LT(term.table.withheld[0].first, middle);
+    EXPECT_GT(term.table.withheld[0].first, middle - 0.4);
+    EXPECT_GT(term.table.withheld[0].second, middle);
+    EXPECT_LT(term.table.withheld[0].second, middle + 0.4);
+    const Eigen::MatrixXd basis = effect_basis(found.model, asked);
+    EXPECT_EQ(basis(static_cast<Eigen::Index>(e), 0), 0.0);
+  }
+  EXPECT_GT(tables, 0);
+  ASSERT_FALSE(found.predicted.asked.empty());
+  for (const PredictedPoint& point : found.predicted.asked) {
+    EXPECT_EQ(point.outside, point.configuration == "in the gap") << point.configuration;
   }
 }
 

@@ -726,7 +726,7 @@ void expect_function(Expected& expected, const std::string& path, const EffectTe
     expected.is(path + "/axis", axes[term.gravity.axis]);
   } else if (term.group == EffectGroup::backlash) {
     expected.number(path + "/mass", term.masses.at(0).mass);
-  } else if (term.group == EffectGroup::harmonics) {
+  } else if (term.group == EffectGroup::harmonics || term.group == EffectGroup::ripple) {
     expected.is(path + "/of", term.harmonic < 0 ? "cos" : "sin");
     expected.is(path + "/times", std::abs(term.harmonic));
   } else if (term.group == EffectGroup::tables) {
@@ -734,6 +734,13 @@ void expect_function(Expected& expected, const std::string& path, const EffectTe
     expected.number(path + "/length", term.table.length);
     expected.number(path + "/lower", term.table.lower);
     expected.number(path + "/upper", term.table.upper);
+    for (std::size_t i = 0; i < term.table.withheld.size(); ++i) {
+      const auto& [from, to] = term.table.withheld[i];
+      expected.numbers(path + "/withheld/" + std::to_string(i), std::vector<double>{from, to});
+    }
+    if (term.table.withheld.empty()) {
+      expected.is(path + "/withheld", Json::array());
+    }
   } else {
     expected.is(path, Json::object());
   }
