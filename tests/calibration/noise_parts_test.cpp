@@ -316,6 +316,20 @@ TEST(NoiseParts, BesideEqualWeightsAreRightOnAverage) {
   }
 }
 
+// Held-out points are as uncertain as the result says, whatever the unit of the weights.
+TEST(NoiseParts, AndEqualWeightsGiveOneKindOfNoiseTheSameRadius) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  const Trial t = trial(model, {.configurations = 50}, 7);
+  CalibrationOptions options{.try_readings = false};
+  options.predict_at = {.names = {"there"}, .joint_values = t.measured.joint_values.leftCols(1)};
+  const Calibration by_parts = calibrate(model, t.measured, options);
+  options.weights = Weights::equal;
+  const Calibration equal = calibrate(model, t.measured, options);
+  EXPECT_NEAR(equal.predicted.radius_factor / by_parts.predicted.radius_factor, 1.0, 0.02);
+  EXPECT_NEAR(equal.predicted.asked[0].radius_95 / by_parts.predicted.asked[0].radius_95, 1.0, 0.02);
+  EXPECT_EQ(equal.predicted.asked[0].outside, by_parts.predicted.asked[0].outside);
+}
+
 // What 95 % intervals and radii hold, over runs with a truth of their own.
 struct Coverage {
   double intervals = 0.0;
