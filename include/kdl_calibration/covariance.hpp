@@ -13,6 +13,9 @@ namespace kdl_calibration {
 /// variance that they have whatever those are. `factor`: variance of unit weight, 1 where the noise is absolute.
 Eigen::MatrixXd covariance(const Eigen::MatrixXd& whitened_jacobian, double factor);
 
+/// outer middle outer. What has an infinite variance in `outer` keeps it and is no part of the others.
+Eigen::MatrixXd sandwich(const Eigen::MatrixXd& outer, const Eigen::MatrixXd& middle);
+
 /// Covariance of the predicted position in W of a target at joint values q: J C J^T, [m^2]. Free of the gauge: fixed
 /// parameters and tied directions do not enter.
 Eigen::Matrix3d predicted_covariance(const PositionPredictor& predictor, const Eigen::MatrixXd& column_covariance,

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/prediction.hpp"
 
@@ -31,13 +32,18 @@ struct NoiseParts {
       Eigen::Matrix<double, kCount, kCount>::Zero();  ///< of the variances; zero where one is stated or vanishes
   std::array<bool, kCount> estimated = {};            ///< the others are stated or one with another
 
-  /// Of each part: d(information of the columns) / d(variance) with the sign changed, so that the covariance C of the
-  /// columns has dC / d(variance k) = C sensitivity_k C. Columns x columns; empty where the part is not estimated.
+  /// Of each part: d(scatter of the gradient) / d(variance), so that the covariance of the columns changes by
+  /// B sensitivity_k B, B the inverse of the information by which the rows are weighed. Columns x columns; empty where
+  /// the part is not estimated.
   std::vector<Eigen::MatrixXd> sensitivity;
+  /// Where the rows are not weighed by these parts: the scatter of the gradient, so that the covariance of the columns
+  /// is B scatter B. Empty otherwise: the covariance is B.
+  Eigen::MatrixXd scatter;
   /// Residual degrees of freedom on which the estimates rest, of positions, all parts together.
   double degrees_of_freedom = 0.0;
   bool converged = false;
 
+  bool estimates_misfit() const { return estimated[kMisfit] || estimated[kTargetMisfit]; }
   double misfit() const { return variances[kMisfit]; }
   double target_misfit() const { return variances[kTargetMisfit]; }
   Eigen::Vector3d common() const { return variances.segment<3>(kCommon); }
@@ -65,5 +71,11 @@ struct NoiseParts {
 /// `options`: noise and priors as stated. Not for a loss: rows count with their weights.
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options);
+
+/// The parts that nobody stated, as the residuals of a fit show them whose rows are weighed by something else: squares
+/// of these residuals against what they are expected to be (minimum norm quadratic unbiased estimation, Rao 1971, with
+/// these weights). `fit`: at its optimum; `stated`: the noise that is not to be estimated; `misfits`: whether those
+/// are.
+NoiseParts noise_beside_weights(const FitProblem& fit, const NoiseModel& stated, bool misfits);
 
 }  // namespace kdl_calibration

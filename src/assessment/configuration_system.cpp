@@ -36,38 +36,48 @@ ConfigurationSystems::ConfigurationSystems(const LeastSquaresProblem& problem, c
   }
 }
 
-ConfigurationSystem ConfigurationSystems::of(const std::vector<std::size_t>& rows) const {
-  Oriented oriented;
+std::vector<ConfigurationSystem> ConfigurationSystems::of(const std::vector<std::vector<std::size_t>>& rows) const {
+  std::vector<Oriented> oriented(rows.size());
   const WhitenedSystem system = whitened(rows, oriented);
-  ConfigurationSystem result;
-  const Index measured = system.blocks.back();
-  result.U = system.jacobian.topRows(measured)(Eigen::all, place_points(oriented, result));
-  result.e = system.residual.head(measured);
-  const MatrixXd jacobian = system.jacobian.topRows(measured)(Eigen::all, estimated_);
-  const MatrixXd transposed = R_.triangularView<Eigen::Upper>().transpose().solve(MatrixXd(jacobian.transpose()));
-  result.B = transposed.transpose();
-  return result;
+  std::vector<ConfigurationSystem> results(rows.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    ConfigurationSystem& result = results[i];
+    const Index first = system.blocks[i];
+    const Index measured = system.blocks[i + 1] - first;
+    result.U = system.jacobian.middleRows(first, measured)(Eigen::all, place_points(oriented[i], result));
+    result.e = system.residual.segment(first, measured);
+    const MatrixXd jacobian = system.jacobian.middleRows(first, measured)(Eigen::all, estimated_);
+    const MatrixXd transposed = R_.triangularView<Eigen::Upper>().transpose().solve(MatrixXd(jacobian.transpose()));
+    result.B = transposed.transpose();
+  }
+  return results;
 }
 
-WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::size_t>& rows, Oriented& oriented) const {
-  Measurements single{.source = measurements_.source, .joints = measurements_.joints, .targets = measurements_.targets};
-  single.joint_values = measurements_.joint_values.col(measurements_.observations[rows.front()].configuration);
-  single.configurations = {""};
-  ResidualOptions single_residuals = residuals_;
-  single_residuals.row_weights.clear();
-  for (const std::size_t row : rows) {
-    single.observations.push_back(measurements_.observations[row]);
-    single.observations.back().configuration = 0;
-    bool& with_orientation = oriented[measurements_.observations[row].target];
-    if (!measurements_.orientations.empty()) {
-      single.orientations.push_back(measurements_.orientations[row]);
-      with_orientation = with_orientation || !is_point(measurements_.orientations[row]);
-    }
-    if (!residuals_.row_weights.empty()) {
-      single_residuals.row_weights.push_back(residuals_.row_weights[row]);
+// The configurations in the order of these rows.
+WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::vector<std::size_t>>& rows,
+                                              std::vector<Oriented>& oriented) const {
+  Measurements some{.source = measurements_.source, .joints = measurements_.joints, .targets = measurements_.targets};
+  some.joint_values.resize(measurements_.joint_values.rows(), static_cast<Index>(rows.size()));
+  some.configurations.resize(rows.size());
+  ResidualOptions residuals = residuals_;
+  residuals.row_weights.clear();
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const std::int32_t configuration = measurements_.observations[rows[i].front()].configuration;
+    some.joint_values.col(static_cast<Index>(i)) = measurements_.joint_values.col(configuration);
+    for (const std::size_t row : rows[i]) {
+      some.observations.push_back(measurements_.observations[row]);
+      some.observations.back().configuration = static_cast<std::int32_t>(i);
+      bool& with_orientation = oriented[i][measurements_.observations[row].target];
+      if (!measurements_.orientations.empty()) {
+        some.orientations.push_back(measurements_.orientations[row]);
+        with_orientation = with_orientation || !is_point(measurements_.orientations[row]);
+      }
+      if (!residuals_.row_weights.empty()) {
+        residuals.row_weights.push_back(residuals_.row_weights[row]);
+      }
     }
   }
-  return LeastSquaresProblem(model_, single, all_, single_residuals).whitened(estimate_);
+  return LeastSquaresProblem(model_, some, all_, residuals).whitened(estimate_);
 }
 
 // The rows of each point, those of the orientations behind those of all positions; gives the columns of U.

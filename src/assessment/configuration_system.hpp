@@ -26,20 +26,23 @@ struct ConfigurationSystem {
   std::vector<std::vector<Eigen::Index>> rows;  ///< of each point
 };
 
-/// Gives the system of one configuration after the other. Safe to ask from several threads.
+/// Gives the systems of some configurations at a time. Safe to ask from several threads.
 class ConfigurationSystems {
 public:
   /// Keeps references to all but `R`: upper triangular, of the information R^T R of the whole system.
   ConfigurationSystems(const LeastSquaresProblem& problem, const Measurements& measurements,
                        const ResidualOptions& residuals, const Estimate& estimate, Eigen::MatrixXd R);
 
-  /// Of the configuration that has these rows.
-  ConfigurationSystem of(const std::vector<std::size_t>& rows) const;
+  /// So many together take a small part of the time that they take one by one.
+  static constexpr std::size_t kTogether = 32;
+
+  /// Of the configurations that have these rows.
+  std::vector<ConfigurationSystem> of(const std::vector<std::vector<std::size_t>>& rows) const;
 
 private:
   using Oriented = std::map<std::int32_t, bool>;  // of each target that was measured, whether its orientation was
 
-  WhitenedSystem whitened(const std::vector<std::size_t>& rows, Oriented& oriented) const;
+  WhitenedSystem whitened(const std::vector<std::vector<std::size_t>>& rows, std::vector<Oriented>& oriented) const;
   std::vector<Eigen::Index> place_points(const Oriented& oriented, ConfigurationSystem& result) const;
 
   const ErrorModel& model_;

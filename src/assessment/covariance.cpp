@@ -44,6 +44,23 @@ MatrixXd covariance(const MatrixXd& whitened_jacobian, double factor) {
   return result;
 }
 
+MatrixXd sandwich(const MatrixXd& outer, const MatrixXd& middle) {
+  MatrixXd finite = outer;
+  for (Index i = 0; i < outer.cols(); ++i) {
+    if (!std::isfinite(outer(i, i))) {
+      finite.row(i).setZero();
+      finite.col(i).setZero();
+    }
+  }
+  MatrixXd result = finite * middle * finite;
+  for (Index i = 0; i < outer.cols(); ++i) {
+    if (!std::isfinite(outer(i, i))) {
+      result(i, i) = outer(i, i);
+    }
+  }
+  return result;
+}
+
 MatrixXd undetermined_directions(const MatrixXd& whitened_jacobian) {
   const Index columns = whitened_jacobian.cols();
   if (columns == 0) {
@@ -106,27 +123,12 @@ MatrixXd covariance(const WhitenedSystem& system, const ResidualNoise& noise, do
 
 MatrixXd covariance(const WhitenedSummary& summary, const ResidualNoise& noise, double unit_weight) {
   const MatrixXd inverse = covariance(summary.triangle, 1.0);
-  const Index columns = summary.triangle.cols();
   const double independent = noise.independent * noise.independent * unit_weight;
   const double common = noise.common * noise.common * unit_weight;
   const MatrixXd priors = summary.priors.asDiagonal();
-  MatrixXd middle =
+  const MatrixXd middle =
       independent * (summary.triangle.transpose() * summary.triangle - priors) + common * summary.sums + priors;
-  // Undetermined columns carry an infinite variance that must not spread.
-  MatrixXd finite = inverse;
-  for (Index i = 0; i < columns; ++i) {
-    if (!std::isfinite(finite(i, i))) {
-      finite.row(i).setZero();
-      finite.col(i).setZero();
-    }
-  }
-  MatrixXd result = finite * middle * finite;
-  for (Index i = 0; i < columns; ++i) {
-    if (!std::isfinite(inverse(i, i))) {
-      result(i, i) = inverse(i, i);
-    }
-  }
-  return result;
+  return sandwich(inverse, middle);
 }
 
 }  // namespace kdl_calibration

@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include "assessment/configuration_system.hpp"
@@ -37,7 +38,7 @@ struct Part {
 //   C = I + B^T G B,  dy = -B^T G e.
 class WithoutFold {
 public:
-  WithoutFold(const std::vector<ConfigurationSystem>& fold, Index columns) {
+  WithoutFold(std::span<const ConfigurationSystem> fold, Index columns) {
     Index rows = 0;
     for (const ConfigurationSystem& system : fold) {
       rows += system.B.rows();
@@ -106,15 +107,22 @@ public:
     }
   }
 
-  Part predict(std::vector<Index> fold) const {
-    std::sort(fold.begin(), fold.end());
+  // Of the configurations of these folds, in their order.
+  std::vector<ConfigurationSystem> systems_of(std::span<const std::vector<Index>> folds) const {
+    std::vector<std::vector<std::size_t>> rows;
+    for (const std::vector<Index>& fold : folds) {
+      for (const Index c : fold) {
+        rows.push_back(rows_.at(c));
+      }
+    }
+    return determined_ ? systems_.of(rows) : std::vector<ConfigurationSystem>(rows.size());
+  }
+
+  // `systems`: of the fold's configurations.
+  Part predict(const std::vector<Index>& fold, std::span<const ConfigurationSystem> systems) const {
     Part part;
     std::optional<WithoutFold> without;
     if (determined_) {
-      std::vector<ConfigurationSystem> systems;
-      for (const Index c : fold) {
-        systems.push_back(systems_.of(rows_.at(c)));
-      }
       without.emplace(systems, R_.cols());
       if (!without->is_determined()) {
         without.reset();
@@ -222,8 +230,29 @@ std::vector<double> distances_of(const FoldPrediction& prediction) {
 
 FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Index>>& folds, int threads) {
   const FoldPredictor predictor(task);
-  std::vector<Part> parts(folds.size());
-  parallel_for(folds.size(), threads, [&](std::size_t f) { parts[f] = predictor.predict(folds[f]); });
+  std::vector<std::vector<Index>> sorted = folds;
+  std::vector<std::pair<std::size_t, std::size_t>> some{{0, 0}};  // first fold and the one behind the last
+  std::size_t together = 0;
+  for (std::size_t f = 0; f < sorted.size(); ++f) {
+    std::sort(sorted[f].begin(), sorted[f].end());
+    together += sorted[f].size();
+    some.back().second = f + 1;
+    if (together >= ConfigurationSystems::kTogether && f + 1 < sorted.size()) {
+      some.emplace_back(f + 1, f + 1);
+      together = 0;
+    }
+  }
+  std::vector<Part> parts(sorted.size());
+  parallel_for(some.size(), threads, [&](std::size_t s) {
+    const auto [first, last] = some[s];
+    const std::vector<ConfigurationSystem> systems =
+        predictor.systems_of(std::span(sorted).subspan(first, last - first));
+    std::size_t place = 0;
+    for (std::size_t f = first; f < last; ++f) {
+      parts[f] = predictor.predict(sorted[f], std::span(systems).subspan(place, sorted[f].size()));
+      place += sorted[f].size();
+    }
+  });
   struct Cell {
     double repeats = 0.0;
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();

@@ -1,7 +1,9 @@
 #include "kdl_calibration/influence.hpp"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <limits>
+#include <vector>
 
 #include "assessment/configuration_system.hpp"
 #include "assessment/unit_columns.hpp"
@@ -44,14 +46,24 @@ Influence influence(const LeastSquaresProblem& problem, const Measurements& meas
   double coordinates = 0.0;
   double points = 0.0;
   const ConfigurationSystems systems(problem, measurements, residuals, estimate, R);
-  for (const auto& [configuration, rows] : rows_by_configuration(measurements)) {
-    const ConfigurationSystem system = systems.of(rows);
+  const auto configurations = rows_by_configuration(measurements);
+  std::vector<ConfigurationSystem> together;
+  for (std::size_t c = 0; c < configurations.size(); ++c) {
+    const std::size_t place = c % ConfigurationSystems::kTogether;
+    if (place == 0) {
+      std::vector<std::vector<std::size_t>> rows;
+      for (std::size_t i = c; i < std::min(c + ConfigurationSystems::kTogether, configurations.size()); ++i) {
+        rows.push_back(configurations[i].second);
+      }
+      together = systems.of(rows);
+    }
+    const ConfigurationSystem& system = together[place];
     const Index m = system.e.size();
     const MatrixXd H = system.B * system.B.transpose();
     const MatrixXd rest = MatrixXd::Identity(m, m) - H;
     const VectorXd leverages = system.U.partialPivLu().solve(MatrixXd(H * system.U)).diagonal();
     ConfigurationInfluence& entry = result.configurations.emplace_back();
-    entry.configuration = configuration;
+    entry.configuration = configurations[c].first;
     entry.leverage = H.trace();
     entry.cook = change_without(system, rest, MatrixXd::Identity(m, m));
     entry.coordinates = static_cast<int>(m);

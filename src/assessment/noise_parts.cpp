@@ -1,17 +1,13 @@
 #include "kdl_calibration/noise_parts.hpp"
 
-#include <Eigen/Dense>
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 #include <vector>
 
-#include "assessment/noise_strata.hpp"
-#include "base/f_distribution.hpp"
+#include "assessment/variance_estimation.hpp"
 
 namespace kdl_calibration {
-namespace {
 
 using Eigen::Index;
 using Eigen::Matrix3d;
@@ -19,237 +15,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 using Variances = NoiseParts::Variances;
-
-// x >= 0 that minimises sum w (z - C x)^2 (Lawson and Hanson 1974, chapter 23), for a few unknowns.
-VectorXd nonnegative_least_squares(const MatrixXd& C, const VectorXd& z, const VectorXd& w) {
-  const MatrixXd normal = C.transpose() * w.asDiagonal() * C;
-  const VectorXd right = C.transpose() * w.cwiseProduct(z);
-  const Index n = C.cols();
-  VectorXd x = VectorXd::Zero(n);
-  std::vector<bool> active(static_cast<std::size_t>(n), false);
-  const double small = 1e-12 * right.cwiseAbs().maxCoeff();
-  for (Index round = 0; round < 3 * n; ++round) {
-    const VectorXd slope = right - normal * x;
-    Index best = -1;
-    for (Index i = 0; i < n; ++i) {
-      if (!active[static_cast<std::size_t>(i)] && slope[i] > small && (best < 0 || slope[i] > slope[best])) {
-        best = i;
-      }
-    }
-    if (best < 0) {
-      break;
-    }
-    active[static_cast<std::size_t>(best)] = true;
-    for (;;) {
-      std::vector<Index> chosen;
-      for (Index i = 0; i < n; ++i) {
-        if (active[static_cast<std::size_t>(i)]) {
-          chosen.push_back(i);
-        }
-      }
-      const MatrixXd part = normal(chosen, chosen);
-      const VectorXd solution = part.completeOrthogonalDecomposition().solve(VectorXd(right(chosen)));
-      if (solution.minCoeff() > 0.0) {
-        x.setZero();
-        x(chosen) = solution;
-        break;
-      }
-      double step = 1.0;
-      for (std::size_t i = 0; i < chosen.size(); ++i) {
-        const auto s = static_cast<Index>(i);
-        if (solution[s] <= 0.0) {
-          step = std::min(step, x[chosen[i]] / (x[chosen[i]] - solution[s]));
-        }
-      }
-      for (std::size_t i = 0; i < chosen.size(); ++i) {
-        double& value = x[chosen[i]];
-        value += step * (solution[static_cast<Index>(i)] - value);
-        if (!(value > 1e-15 * solution.cwiseAbs().maxCoeff())) {
-          value = 0.0;
-          active[static_cast<std::size_t>(chosen[i])] = false;
-        }
-      }
-      if (std::none_of(active.begin(), active.end(), [](bool a) { return a; })) {
-        break;
-      }
-    }
-  }
-  return x;
-}
-
-// Patterson and Thompson's equations: of each stratum the residual squares at the weighted solution have the
-// expectation lambda (count - trace), trace = tr(C information) / lambda. For these traces the variances are the
-// maximum of a gamma likelihood, found by weighted least squares; then the solution is found anew.
-class Reml {
-public:
-  Reml(std::vector<Stratum> strata, MatrixXd unknown, const Variances& stated, MatrixXd priors, VectorXd prior_gradient)
-      : strata_(std::move(strata)),
-        unknown_(std::move(unknown)),
-        priors_(std::move(priors)),
-        prior_gradient_(std::move(prior_gradient)) {
-    const auto count = static_cast<Index>(strata_.size());
-    design_.resize(count, unknown_.cols());
-    known_.resize(count);
-    for (Index s = 0; s < count; ++s) {
-      const Stratum& stratum = strata_[static_cast<std::size_t>(s)];
-      design_.row(s) = stratum.coefficients.transpose() * unknown_;
-      known_[s] = stratum.known + stratum.coefficients.dot(stated);
-    }
-  }
-
-  Index unknowns() const { return unknown_.cols(); }
-
-  bool run() {
-    constexpr int kRounds = 300;
-    constexpr double kSettled = 1e-7;
-    double squares = 0.0;
-    double count = 0.0;
-    for (const Stratum& stratum : strata_) {
-      squares += stratum.squares;
-      count += stratum.count;
-    }
-    if (!(squares > 0.0)) {
-      return false;
-    }
-    x_ = VectorXd::Zero(unknown_.cols());
-    floor_ = kLeastShare * squares / count;
-    lambda_ = x_.size() > 0 ? VectorXd::Constant(known_.size(), squares / count) : VectorXd(known_.cwiseMax(floor_));
-    for (int round = 0; round < kRounds; ++round) {
-      solve();
-      const VectorXd before = lambda_;
-      fit_gamma();
-      if (!lambda_.allFinite()) {
-        return false;
-      }
-      if ((lambda_ - before).cwiseQuotient(before).cwiseAbs().maxCoeff() < kSettled) {
-        solve();
-        return true;
-      }
-    }
-    return true;
-  }
-
-  /// How probable squares of the means as large as theirs, or larger, are of these variances.
-  double tail_of_means() const {
-    double ratio = 0.0;
-    double freedom = 0.0;
-    for (std::size_t i = 0; i < strata_.size(); ++i) {
-      if (is_of_means(strata_[i])) {
-        const auto s = static_cast<Index>(i);
-        ratio += squares_[s] / lambda_[s];
-        freedom += freedom_[s];
-      }
-    }
-    return freedom > 0.0 ? reduced_chi_squared_tail(ratio / freedom, freedom) : 1.0;
-  }
-
-  NoiseParts parts(const Variances& stated) const {
-    NoiseParts result;
-    result.variances = stated + unknown_ * x_;
-    const VectorXd weight = freedom_.cwiseQuotient(lambda_.cwiseAbs2());
-    std::vector<Index> positive;
-    for (Index i = 0; i < x_.size(); ++i) {
-      if (x_[i] > 0.0) {
-        positive.push_back(i);
-      }
-    }
-    if (!positive.empty()) {
-      const MatrixXd design = design_(Eigen::all, positive);
-      const MatrixXd fisher = 0.5 * design.transpose() * weight.asDiagonal() * design;
-      const MatrixXd expand = unknown_(Eigen::all, positive);
-      result.covariance = expand * fisher.completeOrthogonalDecomposition().pseudoInverse() * expand.transpose();
-    }
-    result.sensitivity.resize(static_cast<std::size_t>(NoiseParts::kCount));
-    for (Index k = 0; k < NoiseParts::kCount; ++k) {
-      result.estimated[static_cast<std::size_t>(k)] = unknown_.row(k).maxCoeff() > 0.0;
-      if (!result.estimated[static_cast<std::size_t>(k)]) {
-        continue;
-      }
-      MatrixXd& sum = result.sensitivity[static_cast<std::size_t>(k)];
-      sum = MatrixXd::Zero(priors_.rows(), priors_.cols());
-      for (std::size_t s = 0; s < strata_.size(); ++s) {
-        if (strata_[s].information.size() > 0 && strata_[s].coefficients[k] != 0.0) {
-          const double lambda = lambda_[static_cast<Index>(s)];
-          sum += strata_[s].coefficients[k] / (lambda * lambda) * strata_[s].information;
-        }
-      }
-    }
-    for (std::size_t s = 0; s < strata_.size(); ++s) {
-      result.degrees_of_freedom += is_of_means(strata_[s]) ? freedom_[static_cast<Index>(s)] : 0.0;
-    }
-    return result;
-  }
-
-private:
-  static constexpr double kLeastShare = 1e-14;
-
-  // Of positions that parameters move.
-  static bool is_of_means(const Stratum& stratum) {
-    return stratum.information.size() > 0 && stratum.coefficients[NoiseParts::kOrientation] == 0.0;
-  }
-
-  // The solution at these variances: what is left of the squares, and the degrees of freedom of each stratum.
-  void solve() {
-    MatrixXd M = priors_;
-    VectorXd g = prior_gradient_;
-    for (std::size_t s = 0; s < strata_.size(); ++s) {
-      if (strata_[s].information.size() > 0) {
-        M += strata_[s].information / lambda_[static_cast<Index>(s)];
-        g += strata_[s].gradient / lambda_[static_cast<Index>(s)];
-      }
-    }
-    const VectorXd scale = M.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
-    MatrixXd scaled = scale.asDiagonal() * M * scale.asDiagonal();
-    scaled.diagonal().array() += 1e-12;
-    const Eigen::LDLT<MatrixXd> factor(scaled);
-    const MatrixXd inverse = factor.solve(MatrixXd::Identity(M.rows(), M.cols()));
-    const MatrixXd C = scale.asDiagonal() * inverse * scale.asDiagonal();
-    const VectorXd step = C * g;
-    freedom_.resize(known_.size());
-    squares_.resize(known_.size());
-    for (std::size_t i = 0; i < strata_.size(); ++i) {
-      const auto s = static_cast<Index>(i);
-      const Stratum& stratum = strata_[i];
-      freedom_[s] = stratum.count;
-      squares_[s] = stratum.squares;
-      if (stratum.information.size() > 0) {
-        freedom_[s] -= C.cwiseProduct(stratum.information).sum() / lambda_[s];
-        squares_[s] += step.dot(stratum.information * step) - 2.0 * step.dot(stratum.gradient);
-      }
-      freedom_[s] = std::max(freedom_[s], 0.0);
-      squares_[s] = std::max(squares_[s], 0.0);
-    }
-  }
-
-  void fit_gamma() {
-    constexpr int kRounds = 50;
-    const VectorXd z = squares_.array() / freedom_.array().max(1e-9);
-    for (int round = 0; round < kRounds && x_.size() > 0; ++round) {
-      const VectorXd w = freedom_.cwiseQuotient(lambda_.cwiseAbs2());
-      x_ = nonnegative_least_squares(design_, z - known_, w * lambda_.squaredNorm());
-      const VectorXd next = (known_ + design_ * x_).cwiseMax(floor_);
-      const bool settled = (next - lambda_).cwiseQuotient(lambda_).cwiseAbs().maxCoeff() < 1e-10;
-      lambda_ = next;
-      if (settled) {
-        break;
-      }
-    }
-  }
-
-  std::vector<Stratum> strata_;
-  MatrixXd unknown_;
-  MatrixXd priors_;
-  VectorXd prior_gradient_;
-  MatrixXd design_;
-  VectorXd known_;
-  VectorXd lambda_;
-  VectorXd freedom_;
-  VectorXd squares_;
-  VectorXd x_;
-  double floor_ = 0.0;
-};
-
-}  // namespace
 
 NoiseModel NoiseParts::model(const NoiseModel& stated) const {
   NoiseModel result = stated;
@@ -287,46 +52,110 @@ double NoiseParts::freedom_of_point() const {
   return freedom(point().trace(), gradient);
 }
 
+namespace {
+
+// The strata of a fit, and what is to be found of their parts.
+class SampledStrata {
+public:
+  SampledStrata(const FitProblem& problem, const NoiseModel& stated)
+      : sample_(sampled(problem.measurements, with_noise(problem.options.joint.residuals, stated))),
+        strata_(sample_.measurements, sample_.options),
+        information_(sample_.share * problem.free.prior_information(sample_.options.priors)),
+        gradient_(problem.free.size()) {
+    strata_.add_means(problem.model, problem.start, problem.free);
+    stated_.segment<3>(NoiseParts::kCommon) = stated.common.cwiseAbs2();
+    stated_[NoiseParts::kOrientation] = stated.orientation * stated.orientation;
+    for (Index c = 0; c < gradient_.size(); ++c) {
+      const Unknown& unknown = problem.free.columns()[static_cast<std::size_t>(c)];
+      gradient_[c] = -information_[c] * Unknowns::value(problem.start, unknown);
+    }
+  }
+
+  const NoiseStrata& strata() const { return strata_; }
+
+  VarianceEstimation estimation(PartsAsked asked) const {
+    return VarianceEstimation({.strata = strata_.finished(),
+                               .unknown = strata_.unknown_parts(asked),
+                               .stated = stated_,
+                               .priors = information_,
+                               .prior_gradient = gradient_});
+  }
+
+  // Of all configurations.
+  NoiseParts whole(NoiseParts parts) const {
+    if (strata_.stated()) {
+      parts.variances.segment<3>(NoiseParts::kIndependent) = strata_.mean_known();
+    }
+    parts.covariance *= sample_.share;
+    parts.degrees_of_freedom /= sample_.share;
+    parts.scatter /= sample_.share;
+    for (MatrixXd& sensitivity : parts.sensitivity) {
+      sensitivity /= sample_.share;
+    }
+    parts.converged = true;
+    return parts;
+  }
+
+private:
+  static ResidualOptions with_noise(ResidualOptions options, const NoiseModel& noise) {
+    options.noise = noise;
+    return options;
+  }
+
+  NoiseSample sample_;
+  NoiseStrata strata_;
+  VectorXd information_;
+  VectorXd gradient_;
+  Variances stated_ = Variances::Zero();
+};
+
+// What rows are weighed with, where the noise of points is not known by stratum.
+Variances variances_of(const ResidualOptions& weights, const NoiseStrata& strata) {
+  const NoiseModel& noise = weights.noise;
+  Variances result = Variances::Zero();
+  result[NoiseParts::kMisfit] = noise.misfit * noise.misfit;
+  result[NoiseParts::kTargetMisfit] = noise.target_misfit * noise.target_misfit;
+  result.segment<3>(NoiseParts::kCommon) = noise.common.cwiseAbs2();
+  Vector3d point = strata.mean_known();
+  if (!strata.stated()) {
+    point = noise.independent.isZero(0.0) ? Vector3d(Vector3d::Ones()) : Vector3d(noise.independent.cwiseAbs2());
+    result.segment<3>(NoiseParts::kIndependent) = point;
+  }
+  result[NoiseParts::kOrientation] = 1.0 / orientation_information(weights, 1.0 / point.mean());
+  return result;
+}
+
+}  // namespace
+
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options) {
   constexpr double kSeen = 0.05;  // p of the means' residuals from which on what is stated for points says it all
-  const NoiseSample sample = sampled(measurements, options);
-  NoiseStrata strata(sample.measurements, sample.options);
-  strata.add_means(model, estimate, free);
-
-  Variances stated = Variances::Zero();
-  stated.segment<3>(NoiseParts::kCommon) = options.noise.common.cwiseAbs2();
-  stated[NoiseParts::kOrientation] = options.noise.orientation * options.noise.orientation;
-
-  const VectorXd information = sample.share * free.prior_information(options.priors);
-  VectorXd gradient(free.size());
-  for (Index c = 0; c < free.size(); ++c) {
-    gradient[c] = -information[c] * Unknowns::value(estimate, free.columns()[static_cast<std::size_t>(c)]);
-  }
-  const auto with = [&](PartsAsked asked) {
-    return Reml(strata.finished(), strata.unknown_parts(asked), stated, information.asDiagonal(), gradient);
-  };
-  Reml reml = with(PartsAsked::all);
-  if (strata.stated()) {
-    Reml without_misfits = with(PartsAsked::without_misfits);
-    if (without_misfits.run() && without_misfits.tail_of_means() >= kSeen) {
-      reml = std::move(without_misfits);
+  const SampledStrata sample({.model = model,
+                              .measurements = measurements,
+                              .start = estimate,
+                              .free = free,
+                              .options = {.joint = {.residuals = options}}},
+                             options.noise);
+  VarianceEstimation estimation = sample.estimation(PartsAsked::all);
+  if (sample.strata().stated()) {
+    VarianceEstimation without_misfits = sample.estimation(PartsAsked::without_misfits);
+    if (without_misfits.maximise() && without_misfits.tail_of_means() >= kSeen) {
+      estimation = std::move(without_misfits);
     }
   }
-  if (reml.unknowns() == 0 || !reml.run()) {
+  if (estimation.unknowns() == 0 || !estimation.maximise()) {
     return {};
   }
-  NoiseParts parts = reml.parts(stated);
-  if (strata.stated()) {
-    parts.variances.segment<3>(NoiseParts::kIndependent) = strata.mean_known();
+  return sample.whole(estimation.parts());
+}
+
+NoiseParts noise_beside_weights(const FitProblem& fit, const NoiseModel& stated, bool misfits) {
+  const SampledStrata sample(fit, stated);
+  VarianceEstimation estimation = sample.estimation(misfits ? PartsAsked::all : PartsAsked::without_misfits);
+  if (estimation.unknowns() == 0 || !estimation.match(variances_of(fit.options.joint.residuals, sample.strata()))) {
+    return {};
   }
-  parts.covariance *= sample.share;
-  parts.degrees_of_freedom /= sample.share;
-  for (MatrixXd& sensitivity : parts.sensitivity) {
-    sensitivity /= sample.share;
-  }
-  parts.converged = true;
-  return parts;
+  return sample.whole(estimation.parts());
 }
 
 }  // namespace kdl_calibration

@@ -439,6 +439,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                           .rigid_options = chosen.rigid_options,
                           .triangle = as_fitted ? &judged.triangle : nullptr,
                           .noise = judged.noise.report.sigma,
+                          .variance = variance_of_unit_weight(judged.triangle, judged.noise.covariance),
                           .choice = choices};
   Comparison comparison = compare(compared);
   HeldOutErrors held_out = hold_out(compared);

@@ -89,6 +89,9 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
   } else if (compared.triangle != nullptr) {
     errors.prediction = predict_folds({.problem = fitted, .triangle = *compared.triangle, .noise = compared.noise},
                                       folds, task.options.threads);
+    for (HeldOutPoint& point : errors.prediction.points) {
+      point.covariance *= compared.variance;
+    }
     after = {.distances = distances_of(errors.prediction),
              .refits = static_cast<int>(folds.size()),
              .not_converged = errors.prediction.not_converged};

@@ -19,6 +19,7 @@ struct Compared {
   const FitOptions& rigid_options;   ///< of a fit without effects
   const Eigen::MatrixXd* triangle;   ///< of the whitened system at the fit; nullptr where folds must be fitted again
   double noise;                      ///< [m] of a coordinate
+  double variance;                   ///< of unit weight, by which the triangle's covariances are multiplied
   const ChoiceTask& choice;          ///< that the nested leave-one-out repeats
 };
 

@@ -187,12 +187,23 @@ NoiseAssessment assess_noise(const FitTask& task, const FittedSystem& fitted, co
   }
   if (estimated.parts) {
     report_parts(*estimated.parts, noise);
-    return {.report = std::move(noise), .covariance = covariance(fitted.system.triangle, 1.0)};
+    const Eigen::MatrixXd promised = covariance(fitted.system.triangle, 1.0);
+    for (const Eigen::MatrixXd& sensitivity : estimated.parts->sensitivity) {
+      noise.slopes.push_back(sensitivity.size() > 0 ? sandwich(promised, sensitivity) : Eigen::MatrixXd());
+    }
+    const Eigen::MatrixXd& scatter = estimated.parts->scatter;
+    return {.report = std::move(noise), .covariance = scatter.size() > 0 ? sandwich(promised, scatter) : promised};
   }
   const double variance =
       noise.degrees_of_freedom > 0.0 ? fitted.problem.linearise(fitted.estimate).cost / freedom : 0.0;
   return without_parts(task, fitted, {.points = static_cast<double>(fitted.problem.points()), .variance = variance},
                        std::move(noise));
+}
+
+double variance_of_unit_weight(const Eigen::MatrixXd& triangle, const Eigen::MatrixXd& covariance) {
+  const bool determined = covariance.cols() > 0 && covariance.diagonal().allFinite();
+  return determined ? (triangle * covariance).cwiseProduct(triangle).sum() / static_cast<double>(covariance.cols())
+                    : 1.0;
 }
 
 double NoiseReport::freedom_of_covariance() const {

@@ -30,6 +30,10 @@ struct NoiseAssessment {
   Eigen::MatrixXd covariance;  ///< of the columns
 };
 
+/// The covariance of the columns over the one that the weights of this system promise, as a mean over what was
+/// measured; 1 where something is not determined.
+double variance_of_unit_weight(const Eigen::MatrixXd& triangle, const Eigen::MatrixXd& covariance);
+
 /// The end of a fit. Keeps references.
 struct FittedSystem {
   const LeastSquaresProblem& problem;

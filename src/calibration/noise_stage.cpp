@@ -146,26 +146,30 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   if (!is_estimated(options) || !arrived(fit.identification) || fit.identification.rms < kRounding) {
     return result;
   }
-  NoiseParts parts =
-      estimate_noise(task.model, task.measurements, fit.identification.estimate, fit.free, result.as_stated);
-  if (!parts.converged) {
-    return result;
-  }
   FitProblem plain{.model = task.model,
                    .measurements = task.measurements,
                    .start = fit.identification.estimate,
                    .free = fit.free,
                    .options = task.fit_options};
   plain.options.after_fit = nullptr;
-  const std::optional<FitProblem> weighed = weighed_by(parts.model(options.noise), plain);
-  // Beside priors the plain weights are those of earlier parts already, and better or worse by chance.
-  const bool with_priors = fit.free.prior_information(residuals.priors).any();
-  if (!weighed || do_harm(*weighed, plain, parts, with_priors ? kByChance : 1.0)) {
+  NoiseParts parts = estimate_noise(task.model, task.measurements, plain.start, fit.free, result.as_stated);
+  if (!parts.converged && noise_is_stated(task.measurements, options)) {
     return result;
   }
-  residuals = weighed->options.joint.residuals;
-  fit.identification.estimate = weighed->start;
-  result.parts = std::move(parts);
+  // Beside priors the plain weights are those of earlier parts already, and better or worse by chance.
+  const bool with_priors = fit.free.prior_information(residuals.priors).any();
+  const std::optional<FitProblem> weighed =
+      parts.converged ? weighed_by(parts.model(options.noise), plain) : std::nullopt;
+  if (!weighed || do_harm(*weighed, plain, parts, with_priors ? kByChance : 1.0)) {
+    const bool misfits = !parts.converged || parts.estimates_misfit();
+    parts = noise_beside_weights(plain, options.noise, misfits);
+  } else {
+    residuals = weighed->options.joint.residuals;
+    fit.identification.estimate = weighed->start;
+  }
+  if (parts.converged) {
+    result.parts = std::move(parts);
+  }
   return result;
 }
 
@@ -196,7 +200,7 @@ NoiseModel noise_of_means(const Measurements& measurements, const CalibrationOpt
 }
 
 std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unknowns& free, const MatrixXd& covariance,
-                                            const std::optional<NoiseParts>& parts, double freedom) {
+                                            const NoiseReport& noise) {
   const Index columns = covariance.cols();
   MatrixXd printed = MatrixXd::Identity(columns, columns);
   const Matrix3d R_WB = estimate.X_WB.linear();
@@ -207,7 +211,7 @@ std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unkn
   std::vector<ValueUncertainty> result;
   for (Index c = 0; c < columns; ++c) {
     ValueUncertainty& value = result.emplace_back();
-    value.degrees_of_freedom = freedom;
+    value.degrees_of_freedom = noise.freedom_of_covariance();
     // An infinite variance must not spread to what does not depend on it.
     VectorXd along = VectorXd::Zero(columns);
     double variance = 0.0;
@@ -221,13 +225,14 @@ std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unkn
     along = along.unaryExpr([](double a) { return std::isfinite(a) ? a : 0.0; });
     variance += printed.row(c).dot(along);
     value.std = std::sqrt(variance);
-    if (parts && std::isfinite(variance)) {
+    if (noise.parts && std::isfinite(variance)) {
+      const VectorXd row = printed.row(c).transpose();
       NoiseParts::Variances gradient = NoiseParts::Variances::Zero();
       for (Index k = 0; k < NoiseParts::kCount; ++k) {
-        const MatrixXd& sensitivity = parts->sensitivity[static_cast<std::size_t>(k)];
-        gradient[k] = sensitivity.size() > 0 ? along.dot(sensitivity * along) : 0.0;
+        const MatrixXd& slope = noise.slopes[static_cast<std::size_t>(k)];
+        gradient[k] = slope.size() > 0 ? row.dot(slope * row) : 0.0;
       }
-      value.degrees_of_freedom = parts->freedom(variance, gradient);
+      value.degrees_of_freedom = noise.parts->freedom(variance, gradient);
     }
   }
   return result;

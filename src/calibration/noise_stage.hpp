@@ -15,9 +15,10 @@ struct EstimatedNoise {
 };
 
 /// Estimates the parts of the noise that nobody stated at the end of `fit`, and fits the same parameters again with the
-/// weights that follow. `residuals`, those of the task's options, get these weights. Nothing happens, and nothing is
-/// estimated, where plain least squares were asked for, where these weights predict left-out configurations worse,
-/// where rows are down-weighted, and where the fit did not arrive.
+/// weights that follow. `residuals`, those of the task's options, get these weights. Where these weights predict
+/// left-out configurations worse the fit stays, and the parts are those that its residuals show. Nothing happens, and
+/// nothing is estimated, where plain least squares were asked for, where rows are down-weighted, and where the fit did
+/// not arrive.
 EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals);
 
 /// The same for a choice between models: the parts at the fit of `free` without priors, from the task's start. False
@@ -36,9 +37,8 @@ struct ValueUncertainty {
 
 /// Of every free column, in their order, for the values as they are printed: the place of the base and the rotation
 /// vectors of base and targets in W and in the flange frame, although their columns are motions in frames of their own.
-/// `covariance`: of the columns; `freedom`: where no parts were estimated.
+/// `covariance`: of the columns.
 std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unknowns& free,
-                                            const Eigen::MatrixXd& covariance, const std::optional<NoiseParts>& parts,
-                                            double freedom);
+                                            const Eigen::MatrixXd& covariance, const NoiseReport& noise);
 
 }  // namespace kdl_calibration

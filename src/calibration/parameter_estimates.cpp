@@ -95,8 +95,7 @@ std::vector<ParameterEstimate> parameter_estimates(const FitTask& task, const Wh
                                                    const KnownOfParameters& known) {
   const ErrorModel& model = task.model;
   const Estimate& estimate = fit.identification.estimate;
-  const std::vector<ValueUncertainty> uncertain =
-      uncertainties(estimate, fit.free, known.covariance, known.noise.parts, known.noise.freedom_of_covariance());
+  const std::vector<ValueUncertainty> uncertain = uncertainties(estimate, fit.free, known.covariance, known.noise);
   std::set<std::string> biased;  // by what the gauge holds
   for (const std::vector<std::string>& group : known.tied) {
     biased.insert(group.begin(), group.end());

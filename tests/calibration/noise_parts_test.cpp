@@ -14,6 +14,7 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
@@ -44,6 +45,7 @@ struct Truth {
   Loss loss = Loss::none;
   double outliers = 0.0;           // share of the rows, moved by 20 sigma along every axis
   double orientation_sigma = 0.0;  // [rad] where orientations are measured
+  double swing = 0.0;              // [rad] joint 3 is off by this times sin(2 q3), which no parameter explains
 };
 
 Vector3d normal_vector(Random& random) {
@@ -69,9 +71,12 @@ Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
                .measured = {},
                .ranges = published_ranges(model.joints)};
   const MatrixXd q = random_configurations(result.ranges, truth.configurations, random);
+  MatrixXd real = q;
+  real.row(2).array() += truth.swing * (2.0 * q.row(2).array()).sin();
   result.measured = measure(
-      result.robot, q,
+      result.robot, real,
       {.orientation_sigma = truth.orientation_sigma, .repeats = truth.repeats, .tracker = truth.tracker}, random);
+  result.measured.joint_values = q;
   std::map<int, Vector3d> of_configuration;
   std::map<std::pair<int, int>, Vector3d> of_target;
   std::map<std::pair<int, int>, Vector3d> of_repeat;
@@ -122,7 +127,11 @@ public:
     }
   }
 
-  double operator()(const NoiseParts::Variances& parts) const {
+  const MatrixXd& jacobian() const { return jacobian_; }
+  const VectorXd& residual() const { return residual_; }
+
+  // Of all rows.
+  MatrixXd covariance(const NoiseParts::Variances& parts) const {
     const Index n = residual_.size();
     MatrixXd V = MatrixXd::Zero(n, n);
     for (Index i = 0; i < n; ++i) {
@@ -138,7 +147,11 @@ public:
                   (target && repeat ? parts[5 + i % 3] : 0.0);
       }
     }
-    const Eigen::LLT<MatrixXd> root(V);
+    return V;
+  }
+
+  double operator()(const NoiseParts::Variances& parts) const {
+    const Eigen::LLT<MatrixXd> root(covariance(parts));
     const MatrixXd J = root.matrixL().solve(jacobian_);
     const VectorXd e = root.matrixL().solve(residual_);
     const VectorXd scale = J.colwise().norm().cwiseInverse();
@@ -168,7 +181,13 @@ TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
         .repeats = 3,
         .misfit = 80 * kMicrometre,
         .target_misfit = 60 * kMicrometre,
-        .common = Vector3d(40, 60, 50) * kMicrometre}}) {
+        .common = Vector3d(40, 60, 50) * kMicrometre},
+        Truth{.name = "swing",
+        .configurations = 20,
+        .repeats = 3,
+        .common = Vector3d(58, 59, 31) * kMicrometre,
+        .independent = Vector3d::Constant(11 * kMicrometre),
+        .swing = 0.001}}) {
     const Trial t = trial(model, truth, 3);
     const auto targets = published_targets(truth.targets);
     const Unknowns free(model, targets, reduced_model(model, targets).kept);
@@ -200,6 +219,117 @@ TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
   }
 }
 
+// What no parameter explains is far above the noise of the repeats: these must not vanish beside it.
+TEST(NoiseParts, KeepWhatRepeatsShowBesideAMisfitOfAnotherKind) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  for (const int targets : {1, 3}) {
+    for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+      const Trial t = trial(model,
+                            {.configurations = 20,
+                             .targets = targets,
+                             .repeats = 3,
+                             .common = Vector3d(58, 59, 31) * kMicrometre,
+                             .independent = Vector3d::Constant(11 * kMicrometre),
+                             .swing = 0.001},
+                            seed);
+      const Unknowns free(model, published_targets(targets), reduced_model(model, published_targets(targets)).kept);
+      const RepeatNoise repeats = noise_from_repeats(t.measured);
+      for (const Estimate& estimate : {fitted(model, t.measured, free), nominal_start(model, t.measured)}) {
+        const NoiseParts parts = estimate_noise(model, t.measured, estimate, free, {});
+        ASSERT_TRUE(parts.converged) << targets << ", " << seed;
+        const Vector3d own = (parts.common() + parts.independent()).cwiseSqrt();
+        for (Index axis = 0; axis < 3; ++axis) {
+          EXPECT_NEAR(own[axis] / repeats.total[axis], 1.0, 0.1) << targets << ", " << seed << ", axis " << axis;
+        }
+        EXPECT_GT(parts.misfit() + parts.target_misfit(), 1e-8) << targets << ", " << seed;  // [m^2]
+      }
+    }
+  }
+}
+
+FitProblem plain_problem(const ErrorModel& model, const Measurements& measured, const Unknowns& free) {
+  return {.model = model, .measurements = measured, .start = fitted(model, measured, free), .free = free};
+}
+
+TEST(NoiseParts, OfOneKindBesideEqualWeightsAreTheMeanSquareOfTheResiduals) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  const Trial t = trial(model, {.configurations = 20, .targets = 1}, 3);
+  const Unknowns free(model, published_targets(1), reduced_model(model, published_targets(1)).kept);
+  const FitProblem problem = plain_problem(model, t.measured, free);
+  const NoiseParts parts = noise_beside_weights(problem, {}, true);
+  ASSERT_TRUE(parts.converged);
+  const DenseLikelihood dense(model, t.measured, problem.start, free);
+  const double freedom = static_cast<double>(dense.jacobian().rows() - dense.jacobian().cols());
+  EXPECT_NEAR(parts.independent().x() * freedom / dense.residual().squaredNorm(), 1.0, 1e-6);
+  EXPECT_NEAR(parts.degrees_of_freedom, freedom, 1e-3);
+  EXPECT_NEAR(parts.freedom_of_point(), freedom, 1e-3);
+}
+
+TEST(NoiseParts, BesideEqualWeightsGiveTheColumnsTheCovarianceThatTheyHave) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  const Trial t = trial(model,
+                        {.configurations = 20,
+                         .repeats = 3,
+                         .misfit = 1e-4,
+                         .target_misfit = 5e-5,
+                         .common = Vector3d(58, 59, 31) * kMicrometre,
+                         .independent = Vector3d::Constant(11 * kMicrometre)},
+                        5);
+  const Unknowns free(model, published_targets(3), reduced_model(model, published_targets(3)).kept);
+  const FitProblem problem = plain_problem(model, t.measured, free);
+  const NoiseParts parts = noise_beside_weights(problem, {}, true);
+  ASSERT_TRUE(parts.converged);
+  const DenseLikelihood dense(model, t.measured, problem.start, free);
+  const MatrixXd& J = dense.jacobian();
+  const MatrixXd scatter = J.transpose() * dense.covariance(parts.variances) * J;
+  EXPECT_LT((parts.scatter - scatter).norm(), 1e-9 * scatter.norm());
+  for (Index k = 0; k < NoiseParts::kOrientation; ++k) {
+    NoiseParts::Variances one = NoiseParts::Variances::Zero();
+    one[k] = 1.0;
+    const MatrixXd expected = J.transpose() * dense.covariance(one) * J;
+    EXPECT_LT((parts.sensitivity[static_cast<std::size_t>(k)] - expected).norm(), 1e-9 * expected.norm()) << k;
+  }
+}
+
+TEST(NoiseParts, BesideEqualWeightsAreRightOnAverage) {
+  constexpr int kRuns = 100;
+  const ErrorModel model = complete_model(testing::fanuc());
+  const Unknowns free(model, published_targets(3), reduced_model(model, published_targets(3)).kept);
+  NoiseParts::Variances truth = NoiseParts::Variances::Zero();
+  truth << 1e-8, 2.5e-9, 3.4e-9, 3.4e-9, 1e-9, 4e-10, 4e-10, 4e-10, 0.0;
+  NoiseParts::Variances mean = NoiseParts::Variances::Zero();
+  for (int run = 0; run < kRuns; ++run) {
+    const Trial t = trial(model,
+                          {.configurations = 20,
+                           .repeats = 3,
+                           .misfit = 1e-4,
+                           .target_misfit = 5e-5,
+                           .common = truth.segment<3>(NoiseParts::kCommon).cwiseSqrt(),
+                           .independent = Vector3d::Constant(2e-5)},
+                          static_cast<std::uint64_t>(run));
+    const NoiseParts parts = noise_beside_weights(plain_problem(model, t.measured, free), {}, true);
+    ASSERT_TRUE(parts.converged);
+    mean += parts.variances / kRuns;
+  }
+  for (Index k = 0; k < NoiseParts::kOrientation; ++k) {
+    EXPECT_NEAR(mean[k] / truth[k], 1.0, 0.1) << k;
+  }
+}
+
+// Held-out points are as uncertain as the result says, whatever the unit of the weights.
+TEST(NoiseParts, AndEqualWeightsGiveOneKindOfNoiseTheSameRadius) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  const Trial t = trial(model, {.configurations = 50}, 7);
+  CalibrationOptions options{.try_readings = false};
+  options.predict_at = {.names = {"there"}, .joint_values = t.measured.joint_values.leftCols(1)};
+  const Calibration by_parts = calibrate(model, t.measured, options);
+  options.weights = Weights::equal;
+  const Calibration equal = calibrate(model, t.measured, options);
+  EXPECT_NEAR(equal.predicted.radius_factor / by_parts.predicted.radius_factor, 1.0, 0.02);
+  EXPECT_NEAR(equal.predicted.asked[0].radius_95 / by_parts.predicted.asked[0].radius_95, 1.0, 0.02);
+  EXPECT_EQ(equal.predicted.asked[0].outside, by_parts.predicted.asked[0].outside);
+}
+
 // What 95 % intervals and radii hold, over runs with a truth of their own.
 struct Coverage {
   double intervals = 0.0;
@@ -219,6 +349,7 @@ Coverage coverage(const Truth& truth, int runs) {
     options.priors = truth.priors;
     options.loss = truth.loss;
     options.threads = 1;
+    options.try_readings = false;
     Random random(41, static_cast<std::uint64_t>(run));
     const MatrixXd fresh = random_configurations(t.ranges, 10, random);
     options.predict_at.joint_values = fresh;
@@ -285,6 +416,14 @@ std::vector<Truth> truths() {
           {.name = "10 x 1", .configurations = 10, .targets = 1},
           {.name = "common", .common = repeat, .independent = point},
           {.name = "2 repeats", .repeats = 2, .common = repeat, .independent = point},
+          {.name = "3 repeats", .repeats = 3, .common = repeat, .independent = point},
+          {.name = "10 repeats", .repeats = 10, .common = repeat, .independent = point},
+          {.name = "2 repeats, misfit",
+           .repeats = 2,
+           .misfit = 1e-4,
+           .target_misfit = 5e-5,
+           .common = repeat,
+           .independent = point},
           {.name = "3 repeats, misfit",
            .repeats = 3,
            .misfit = 1e-4,
