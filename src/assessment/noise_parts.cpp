@@ -9,6 +9,7 @@
 
 #include "assessment/noise_strata.hpp"
 #include "base/f_distribution.hpp"
+#include "kdl_calibration/input_check.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -289,6 +290,10 @@ double NoiseParts::freedom_of_point() const {
 
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options) {
+  check(measurements, model);
+  check(estimate, model, measurements);
+  check(free, model, measurements);
+  check(options, measurements);
   constexpr double kSeen = 0.05;  // p of the means' residuals from which on what is stated for points says it all
   const NoiseSample sample = sampled(measurements, options);
   NoiseStrata strata(sample.measurements, sample.options);

@@ -10,6 +10,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "base/robust_statistics.hpp"
 
 namespace kdl_calibration {
@@ -72,6 +73,12 @@ std::string describe(const QualityFinding& finding, bool all) {
 }
 
 }  // namespace
+
+void check(const QualityOptions& options) {
+  require_sigma("the probability of a false alarm", options.false_alarm);
+  require_sigma("the floor of the noise", options.noise_floor);
+  require_sigma("the smallest slip", options.smallest_slip);
+}
 
 std::vector<Group> groups_of(const Measurements& measurements) {
   const auto key = [&](std::size_t row) {

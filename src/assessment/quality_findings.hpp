@@ -25,6 +25,9 @@ struct Found {
   std::vector<std::size_t> rows;  // whose blame it is
 };
 
+/// Throws InputError where a threshold is negative or not finite.
+void check(const QualityOptions& options);
+
 std::vector<Group> groups_of(const Measurements& measurements);
 
 /// Of each row its stated sigma over their median; 1 where not all rows state one.

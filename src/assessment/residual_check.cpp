@@ -288,6 +288,7 @@ std::vector<QualityFinding> check_residuals(const ErrorModel& model, const Measu
                                             const Estimate& estimate, const QualityOptions& options) {
   check(measurements, model);
   check(estimate, model, measurements);
+  check(options);
   if (!(inflation(measurements, fitted_parameters(estimate)) < kLargestInflation)) {
     return {};
   }

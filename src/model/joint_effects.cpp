@@ -8,6 +8,7 @@
 #include <memory_resource>
 #include <numbers>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
@@ -313,6 +314,7 @@ std::string size_name(const EffectTerm& term) {
 }
 
 std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const MatrixXd& joint_values) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
   if (group == EffectGroup::tables) {
     return table_terms(model, joint_values, std::numbers::pi / 6.0);
   }
@@ -336,6 +338,8 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
 }
 
 std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joint_values, double length) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  require_sigma("the length of a table", length);
   constexpr double kLeastTurn = std::numbers::pi / 18.0;
   constexpr double kLeastSlide = 0.02;
   std::vector<EffectTerm> result;
@@ -418,6 +422,7 @@ std::map<std::pair<EffectGroup, int>, std::vector<Index>> terms_by_joint(const E
 }
 
 MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
   MatrixXd basis(static_cast<Index>(model.effects.size()), joint_values.cols());
   if (model.effects.empty()) {
     return basis;
@@ -434,6 +439,9 @@ MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values) {
 
 void effect_motion(const ErrorModel& model, const VectorXd& values, const Ref<const VectorXd>& q,
                    Ref<VectorXd> motion) {
+  require_count("values of effects", values.size(), model.effects.size());
+  require_count("joint values", q.size(), model.joints.size());
+  require_count("motions of joints", motion.size(), model.joints.size());
   alignas(Eigen::Isometry3d) std::array<std::byte, (kFewJoints + 1) * (sizeof(Eigen::Isometry3d) + sizeof(Vector3d))>
       bytes;
   std::pmr::monotonic_buffer_resource memory(bytes.data(), bytes.size());
@@ -458,6 +466,10 @@ MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values,
   if (values.size() == 0 || values.isZero(0.0)) {
     return result;
   }
+  require_count("values of effects", values.size(), model.effects.size());
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  require_count("rows of a basis", basis.rows(), model.effects.size());
+  require_count("columns of a basis", basis.cols(), joint_values.cols());
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const auto row = static_cast<Index>(e);
     result.row(model.effects[e].index) += values[row] * basis.row(row);
