@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "assessment/change_points.hpp"
+#include "assessment/heavy_tails.hpp"
 #include "assessment/quality_findings.hpp"
 #include "base/robust_statistics.hpp"
 #include "kdl_calibration/data_quality.hpp"
