@@ -1,6 +1,8 @@
 #pragma once
 
-// Everything that the library offers.
+// Everything that the library offers. Every function throws InputError where what it was given does not hold together:
+// indices of what is not there, sizes that do not match, data of another robot, sigmas that are negative or no numbers,
+// functions that are empty, names that are unknown. See input_check.hpp.
 
 #include "kdl_calibration/arm_body.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "assessment/unit_columns.hpp"
+#include "base/preconditions.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -113,7 +114,11 @@ double radius_of_probability(const Matrix3d& covariance, double probability) {
 
 Matrix3d predicted_covariance(const PositionPredictor& predictor, const MatrixXd& column_covariance, const VectorXd& q,
                               std::size_t target) {
-  const Matrix3Xd jacobian = predictor.jacobians(q)[target];
+  const std::vector<Matrix3Xd> jacobians = predictor.jacobians(q);
+  require_index("the target", target, jacobians.size());
+  const Matrix3Xd& jacobian = jacobians[target];
+  require_count("columns of a covariance", column_covariance.cols(), jacobian.cols());
+  require_count("rows of a covariance", column_covariance.rows(), jacobian.cols());
   return jacobian * column_covariance * jacobian.transpose();
 }
 
@@ -122,6 +127,9 @@ MatrixXd covariance(const WhitenedSystem& system, const ResidualNoise& noise, do
 }
 
 MatrixXd covariance(const WhitenedSummary& summary, const ResidualNoise& noise, double unit_weight) {
+  const Index columns = summary.triangle.cols();
+  require_count("priors of a summary", summary.priors.size(), columns);
+  require_count("columns of a summary's sums", summary.sums.cols(), columns);
   const MatrixXd inverse = covariance(summary.triangle, 1.0);
   const double independent = noise.independent * noise.independent * unit_weight;
   const double common = noise.common * noise.common * unit_weight;

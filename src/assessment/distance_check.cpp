@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "assessment/change_points.hpp"
+#include "assessment/heavy_tails.hpp"
 #include "assessment/quality_findings.hpp"
 #include "base/robust_statistics.hpp"
 #include "kdl_calibration/data_quality.hpp"
@@ -208,6 +209,7 @@ std::optional<std::pair<std::size_t, std::size_t>> swap_in_distances(const Measu
 
 std::vector<QualityFinding> check_distances(const Measurements& measurements, const QualityOptions& options) {
   check(measurements);
+  check(options);
   const std::vector<Group> groups = groups_of(measurements);
   const std::vector<double> relative = relative_sigmas(measurements);
   const DistanceLevels distances = distance_levels(measurements, groups, relative, options);

@@ -13,6 +13,8 @@
 #include "assessment/folds.hpp"
 #include "assessment/unit_columns.hpp"
 #include "base/parallel.hpp"
+#include "base/preconditions.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -174,6 +176,7 @@ private:
     held_out.targets = means_.targets;
     held_out.joint_values = means_.joint_values(Eigen::all, fold);
     for (std::size_t i = 0; i < fold.size(); ++i) {
+      held_out.configurations.push_back(means_.configurations[static_cast<std::size_t>(fold[i])]);
       for (const std::size_t row : rows_of_means_.at(fold[i])) {
         held_out.observations.push_back(means_.observations[row]);
         held_out.observations.back().configuration = static_cast<std::int32_t>(i);
@@ -229,6 +232,10 @@ std::vector<double> distances_of(const FoldPrediction& prediction) {
 }
 
 FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Index>>& folds, int threads) {
+  check(task.problem);
+  check(folds, task.problem.measurements);
+  require_count("columns of a triangle", task.triangle.cols(), task.problem.free.size());
+  require_sigma("the noise", task.noise);
   const FoldPredictor predictor(task);
   std::vector<std::vector<Index>> sorted = folds;
   std::vector<std::pair<std::size_t, std::size_t>> some{{0, 0}};  // first fold and the one behind the last

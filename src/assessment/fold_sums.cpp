@@ -7,6 +7,8 @@
 #include <utility>
 
 #include "base/parallel.hpp"
+#include "base/preconditions.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/least_squares.hpp"
 
 namespace kdl_calibration {
@@ -96,6 +98,9 @@ VectorXd solved(const NormalEquations& equations) {
 
 HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, double noise,
                                int threads) {
+  check(problem);
+  check(folds, problem.measurements);
+  require_sigma("the noise", noise);
   const Sums sums(problem, folds, threads);
   const double settled = std::max(kSettled * noise, kRounding);
   std::vector<std::vector<double>> distances(folds.size());

@@ -7,6 +7,8 @@
 #include <limits>
 #include <numeric>
 
+#include "base/preconditions.hpp"
+
 namespace kdl_calibration {
 
 using Eigen::Index;
@@ -36,8 +38,12 @@ LinearSums& LinearSums::operator-=(const LinearSums& other) {
 
 SizeEstimator::SizeEstimator(const LinearSums& sums, const std::vector<Index>& columns, const SizedGroups& groups)
     : size_(sums.information.cols()), equations_(sums.equations) {
+  require_count("rows of sums", sums.information.rows(), size_);
+  require_count("moments of sums", sums.moment.size(), size_);
+  require_indices("column", columns, size_);
   std::vector<bool> is_sized(static_cast<std::size_t>(size_), false);
   for (const std::vector<Index>& group : groups) {
+    require_indices("the column of a group", group, size_);
     std::vector<Index>& places = groups_.emplace_back();
     for (const Index column : group) {
       places.push_back(static_cast<Index>(sized_.size()));

@@ -7,6 +7,8 @@
 #include <numeric>
 #include <utility>
 
+#include "base/preconditions.hpp"
+
 namespace kdl_calibration {
 namespace {
 
@@ -106,6 +108,7 @@ std::vector<std::string> heaviest(const VectorXd& direction, const std::vector<s
 
 Identifiability identifiability(const MatrixXd& jacobian, const std::vector<std::string>& names,
                                 const IdentifiabilityOptions& options) {
+  require_count("names of columns", names.size(), jacobian.cols());
   Identifiability result;
   result.columns = static_cast<int>(jacobian.cols());
   if (jacobian.size() == 0) {

@@ -7,6 +7,8 @@
 
 #include "assessment/configuration_system.hpp"
 #include "assessment/unit_columns.hpp"
+#include "base/preconditions.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -31,6 +33,10 @@ double change_without(const ConfigurationSystem& system, const MatrixXd& rest, c
 
 Influence influence(const LeastSquaresProblem& problem, const Measurements& measurements,
                     const ResidualOptions& residuals, const Estimate& estimate, const MatrixXd& triangle) {
+  check(measurements, problem.model());
+  check(estimate, problem.model(), measurements);
+  check(residuals, measurements);
+  require_count("columns of a triangle", triangle.cols(), problem.columns());
   Influence result;
   const Index columns = triangle.cols();
   if (triangle.rows() < columns || columns == 0) {

@@ -104,6 +104,9 @@ private:
 
 std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measurements& measurements,
                                           const Estimate& estimate, const Unknowns& free) {
+  check(measurements, model);
+  check(estimate, model, measurements);
+  check(free, model, measurements);
   Measurements plain = measurements;
   for (Observation& observation : plain.observations) {
     observation.sigma = 0.0;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "assessment/variance_estimation.hpp"
+#include "kdl_calibration/input_check.hpp"
 
 namespace kdl_calibration {
 
@@ -129,6 +130,10 @@ Variances variances_of(const ResidualOptions& weights, const NoiseStrata& strata
 
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options) {
+  check(measurements, model);
+  check(estimate, model, measurements);
+  check(free, model, measurements);
+  check(options, measurements);
   constexpr double kSeen = 0.05;  // p of the means' residuals from which on what is stated for points says it all
   const SampledStrata sample({.model = model,
                               .measurements = measurements,

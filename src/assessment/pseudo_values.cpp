@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "base/preconditions.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/prediction.hpp"
 
 namespace kdl_calibration {
@@ -28,6 +30,9 @@ double slope(Loss loss, double w) {
 
 PseudoValues pseudo_values(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                            Loss loss, const std::vector<double>& weights) {
+  check(measurements, model);
+  check(estimate, model, measurements);
+  require_count("weights of rows", weights.size(), measurements.observations.size());
   PseudoValues result{.measurements = measurements, .row_weights = {}};
   double sum = 0.0;
   for (std::size_t row = 0; row < weights.size(); ++row) {

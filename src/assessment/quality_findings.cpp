@@ -4,12 +4,12 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <functional>
 #include <map>
 #include <numeric>
 #include <tuple>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "base/robust_statistics.hpp"
 
 namespace kdl_calibration {
@@ -73,6 +73,12 @@ std::string describe(const QualityFinding& finding, bool all) {
 
 }  // namespace
 
+void check(const QualityOptions& options) {
+  require_sigma("the probability of a false alarm", options.false_alarm);
+  require_sigma("the floor of the noise", options.noise_floor);
+  require_sigma("the smallest slip", options.smallest_slip);
+}
+
 std::vector<Group> groups_of(const Measurements& measurements) {
   const auto key = [&](std::size_t row) {
     const Observation& observation = measurements.observations[row];
@@ -101,18 +107,6 @@ std::vector<double> relative_sigmas(const Measurements& measurements) {
     sigma = stated ? sigma / middle : 1.0;
   }
   return sigmas;
-}
-
-double limit_of_heavy_tails(std::vector<double> values) {
-  constexpr double kChance = 0.007;
-  constexpr double kShare = 0.08;      // of the values: more are not supposed to be defects
-  constexpr std::size_t kFewest = 10;  // as many as a configuration of three targets that is off has
-  const std::size_t k = std::max(kFewest, static_cast<std::size_t>(kShare * static_cast<double>(values.size())));
-  if (values.size() < 3 * k) {
-    return 0.0;
-  }
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(k - 1), values.end(), std::greater<>());
-  return std::pow(static_cast<double>(k) / kChance, 0.25) * values[k - 1];
 }
 
 std::vector<QualityFinding> put_together(const Measurements& measurements, const std::vector<Group>& groups,

@@ -25,15 +25,13 @@ struct Found {
   std::vector<std::size_t> rows;  // whose blame it is
 };
 
+/// Throws InputError where a threshold is negative or not finite.
+void check(const QualityOptions& options);
+
 std::vector<Group> groups_of(const Measurements& measurements);
 
 /// Of each row its stated sigma over their median; 1 where not all rows state one.
 std::vector<double> relative_sigmas(const Measurements& measurements);
-
-/// What single values of noise with heavy tails reach: Student's t with four degrees of freedom has values above x in
-/// proportion to x^-4, so that the largest of n exceeds (k / p)^(1/4) times the k-th largest with probability p. Of
-/// values that are as good as normal this is some twelve sigma.
-double limit_of_heavy_tails(std::vector<double> values);
 
 /// One finding where all repeats of a configuration have the same.
 std::vector<QualityFinding> put_together(const Measurements& measurements, const std::vector<Group>& groups,

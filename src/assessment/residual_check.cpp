@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "assessment/change_points.hpp"
+#include "assessment/heavy_tails.hpp"
 #include "assessment/quality_findings.hpp"
 #include "base/robust_statistics.hpp"
 #include "kdl_calibration/data_quality.hpp"
@@ -288,6 +289,7 @@ std::vector<QualityFinding> check_residuals(const ErrorModel& model, const Measu
                                             const Estimate& estimate, const QualityOptions& options) {
   check(measurements, model);
   check(estimate, model, measurements);
+  check(options);
   if (!(inflation(measurements, fitted_parameters(estimate)) < kLargestInflation)) {
     return {};
   }

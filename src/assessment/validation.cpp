@@ -9,11 +9,23 @@
 
 #include "assessment/folds.hpp"
 #include "base/parallel.hpp"
+#include "base/preconditions.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/random.hpp"
 
 namespace kdl_calibration {
+
+namespace {
+
+void require_fit(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
+                 const Measurements& measurements) {
+  check(measurements);
+  require_count("poses of the flange", X_BF.size(), measurements.configurations.size());
+  require_count("targets of an estimate", estimate.targets.size(), measurements.targets.size());
+}
+
+}  // namespace
 
 ErrorStatistics error_statistics(std::vector<double> distances) {
   ErrorStatistics statistics;
@@ -45,6 +57,7 @@ std::vector<double> position_errors(const ErrorModel& model, const Estimate& est
 
 std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
                                     const Measurements& measurements, Rows rows) {
+  require_fit(X_BF, estimate, measurements);
   std::vector<double> distances;
   for (const Observation& observation : measurements.observations) {
     const bool train = observation.split == Split::train;
@@ -71,6 +84,7 @@ Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measur
 
 Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
                  Rows rows) {
+  require_fit(X_BF, estimate, measurements);
   const Measurements means = averaged(measurements);
   Iso9283 result;
   result.accuracy = error_statistics(position_errors(X_BF, estimate, means, rows));
@@ -134,6 +148,7 @@ std::vector<std::vector<Eigen::Index>> same_joint_values(const Measurements& mea
 }  // namespace
 
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
+  check(measurements);
   std::vector<bool> trained(static_cast<std::size_t>(measurements.joint_values.cols()), false);
   for (const Observation& observation : measurements.observations) {
     if (observation.split == Split::train) {
@@ -183,6 +198,8 @@ HoldOut hold_out(const ErrorModel& model, const Measurements& measurements,
     std::vector<double> distances;
     bool converged = true;
   };
+  check(measurements, model);
+  check(folds, measurements);
   std::vector<Part> parts(folds.size());
   parallel_for(folds.size(), threads, [&](std::size_t f) {
     const Measurements fold = without(measurements, folds[f]);
@@ -225,6 +242,8 @@ RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::I
 
 bool can_be_left_out(const Measurements& measurements, const std::vector<std::vector<Eigen::Index>>& folds,
                      Eigen::Index unknowns) {
+  check(measurements);
+  check(folds, measurements);
   std::vector<Eigen::Index> equations(static_cast<std::size_t>(measurements.joint_values.cols()), 0);
   Eigen::Index all = 0;
   for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
@@ -275,6 +294,7 @@ constexpr Eigen::Index kComparedWithKdl = 1000;
 }  // namespace
 
 double difference_to_kdl(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::MatrixXd& joint_values) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
   const KDL::Chain chain = error_chain(model, errors);
   KDL::ChainFkSolverPos_recursive solver(chain);
   const FoldedChain ours = folded(model, errors);

@@ -2,16 +2,15 @@
 
 #include <cstddef>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
 
 std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const Eigen::VectorXd& errors) {
-  if (errors.size() != static_cast<Eigen::Index>(model.parameters.size()) || !errors.allFinite()) {
-    throw InputError("corrections of joint origins: " + std::to_string(errors.size()) + " errors, expected " +
-                     std::to_string(model.parameters.size()) + " that are finite");
-  }
+  require_count("errors", errors.size(), model.parameters.size());
+  require_finite("an error", errors.allFinite());
   std::vector<OriginCorrection> corrections;
   for (int frame = 0; frame <= static_cast<int>(model.joints.size()); ++frame) {
     const KDL::Frame correction = frame_correction(model, errors, frame);

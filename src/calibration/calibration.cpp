@@ -5,6 +5,7 @@
 #include <iterator>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "calibration/comparison.hpp"
 #include "calibration/doubts.hpp"
 #include "calibration/effect_choice.hpp"
@@ -52,6 +53,12 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
   check(measurements, model);
   check(setting.known);
   check({.priors = options.priors, .noise = options.noise, .row_weights = {}}, measurements);
+  if (!options.predict_at.names.empty() || options.predict_at.joint_values.size() != 0) {
+    require_count("joint values to predict at", options.predict_at.joint_values.rows(), model.joints.size());
+    require_count("names of configurations to predict at", options.predict_at.names.size(),
+                  options.predict_at.joint_values.cols());
+    require_finite("where to predict", options.predict_at.joint_values.allFinite());
+  }
   require_training_rows(measurements);
   require_comparable_orientations(measurements, options);
   setting.model = model;

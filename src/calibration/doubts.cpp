@@ -10,6 +10,7 @@
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/prior_check.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 
 namespace kdl_calibration {
@@ -259,6 +260,7 @@ bool is_uncertain_elsewhere(const Calibration& calibration) {
 }
 
 int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements) {
+  check(measurements, model);
   int outside = 0;
   for (Eigen::Index c = 0; c < measurements.joint_values.cols(); ++c) {
     bool inside = true;

@@ -5,10 +5,12 @@
 #include <string>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "calibration/effect_findings.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/result_blocks.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/result_json.hpp"
 
@@ -192,6 +194,8 @@ Json effects_json(const Calibration& calibration, const Measurements& measuremen
 }
 
 std::string effects_json(const ErrorModel& model, const Eigen::VectorXd& coefficients) {
+  check(model);
+  require_count("coefficients of effects", coefficients.size(), model.effects.size());
   Json terms = Json::array();
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     terms.push_back(term_json(model.effects[e], coefficients[static_cast<Eigen::Index>(e)]));

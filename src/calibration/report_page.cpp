@@ -8,6 +8,7 @@
 #include "calibration/report_blocks.hpp"
 #include "calibration/report_files.hpp"
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -121,10 +122,19 @@ void require_result(const Json& result, const std::string& source) {
 std::string report_page(std::string_view data) { return page_of(tree::parsed(data, "page")); }
 
 std::string reported_robot(const Robot& robot, const ErrorModel& model, const Estimate& estimate) {
+  check(model);
+  check(estimate, model, estimate.targets.size());
   return robot_block(robot, model, estimate).dump();
 }
 
-std::string reported_measurements(const ReportedMeasurements& reported) { return measurements_block(reported).dump(); }
+std::string reported_measurements(const ReportedMeasurements& reported) {
+  check(reported.measurements, reported.model);
+  check(reported.estimate, reported.model, reported.measurements);
+  if (reported.before != nullptr) {
+    check(*reported.before, reported.model, reported.measurements);
+  }
+  return measurements_block(reported).dump();
+}
 
 namespace {
 

@@ -9,6 +9,7 @@
 #include "base/number_text.hpp"
 #include "base/sha256.hpp"
 #include "kdl_calibration/calibrated_urdf.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/prediction.hpp"
 
@@ -130,6 +131,8 @@ Json held_out_points_json(const Measurements& measurements, const Calibration& c
 }
 
 std::string residuals_csv(const Measurements& measurements, const Calibration& calibration) {
+  check(measurements, calibration.model);
+  check(calibration.identification.estimate, calibration.model, measurements);
   const std::vector<Eigen::Vector3d> all = residuals(measurements, calibration);
   std::string csv = "configuration,repeat,target,split,dx[m],dy[m],dz[m],distance[m]\n";
   for (std::size_t i = 0; i < all.size(); ++i) {

@@ -8,6 +8,7 @@
 #include "calibration/effects_json.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/result_blocks.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
@@ -278,6 +279,8 @@ Json base_json(const Calibration& calibration) {
 
 std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options,
                         const Calibration& calibration, const Provenance& provenance) {
+  check(measurements, calibration.model);
+  check(calibration.identification.estimate, calibration.model, measurements);
   const Identification& found = calibration.identification;
   Json position_error = {{"train", before_after_json(calibration.train)}};
   if (calibration.test) {

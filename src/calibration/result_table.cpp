@@ -15,6 +15,7 @@
 #include "base/wrapped_text.hpp"
 #include "calibration/effect_findings.hpp"
 #include "calibration/parameter_estimates.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
@@ -360,6 +361,8 @@ std::string statistics_row(const std::string& label, const ErrorStatistics& stat
 
 std::string result_table(const Measurements& measurements, const Calibration& calibration,
                          const TableOptions& options) {
+  check(measurements, calibration.model);
+  check(calibration.identification.estimate, calibration.model, measurements);
   std::string text = verdict(measurements, calibration);
   add_main_figures(calibration, text);
   if (!options.written.empty()) {

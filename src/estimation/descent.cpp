@@ -95,15 +95,43 @@ private:
   double smallest_pivot_ = 0.0;
 };
 
-// Errors beyond any robot's: the fit has run away.
-bool beyond_reason(const ErrorModel& model, const VectorXd& errors) {
-  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-    const double value = std::abs(errors[static_cast<Index>(p)]);
-    if (!is_length(model, model.parameters[p]) && value > 1.0) {
-      return true;
+// [m] of all links, one behind the other.
+double stretched(const ErrorModel& model) {
+  double length = model.tip_origin.p.Norm();
+  for (const MovingJoint& joint : model.joints) {
+    length += joint.origin.p.Norm();
+  }
+  return length;
+}
+
+// What no robot is off by: an angle by a radian, a length by half of the arm as it is stretched out, its slides
+// included, and by half a metre where that is more. Points in feet ask for more of any arm that has one long link.
+constexpr double kLargestAngle = 1.0;        // [rad]
+constexpr double kLargestShareOfArm = 0.5;   // of its length
+constexpr double kLeastLargestLength = 0.5;  // [m]
+
+double largest_length(const ErrorModel& model) {
+  double length = stretched(model);
+  for (const MovingJoint& joint : model.joints) {
+    if (joint.type == JointType::prismatic) {
+      length += std::max(std::abs(joint.lower.value_or(0.0)), std::abs(joint.upper.value_or(0.0)));
     }
   }
-  return !errors.allFinite();
+  return std::max(kLeastLargestLength, kLargestShareOfArm * length);
+}
+
+// How the fit has run away to errors beyond any robot's; nothing where it has not.
+const char* run_away(const ErrorModel& model, const VectorXd& errors) {
+  const double largest = largest_length(model);
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    const double value = std::abs(errors[static_cast<Index>(p)]);
+    const bool length = is_length(model, model.parameters[p]);
+    if (!(value <= (length ? largest : kLargestAngle))) {
+      return length ? "the fit ran away: a length is off by more than half the arm"
+                    : "the fit ran away: an angle is off by more than a radian";
+    }
+  }
+  return nullptr;
 }
 
 constexpr double kDeficientPivot = 1e-11;
@@ -115,11 +143,7 @@ constexpr double kUsualFrame = 3.0;     // [m] or [rad] of a frame from where it
 // What is usual is that of an arm of up to ten metres; a larger one has larger errors, and coarser rounding.
 double size_of(const ErrorModel& model) {
   constexpr double kLargeArm = 10.0;  // [m]
-  double reach = model.tip_origin.p.Norm();
-  for (const MovingJoint& joint : model.joints) {
-    reach += joint.origin.p.Norm();
-  }
-  return std::max(1.0, reach / kLargeArm);
+  return std::max(1.0, stretched(model) / kLargeArm);
 }
 
 // Of every column: how far the estimate is from what is expected beforehand, and the inverse square of the distance
@@ -188,8 +212,9 @@ public:
       going = iterate();
     }
     result_.rms = rms();
-    if (result_.termination == Termination::converged && beyond_reason(model_, result_.estimate.errors)) {
-      finish(Termination::diverged, "the fit ran away: an angle is off by more than a radian");
+    const char* beyond = run_away(model_, result_.estimate.errors);
+    if (result_.termination == Termination::converged && beyond != nullptr) {
+      finish(Termination::diverged, beyond);
     }
     if (result_.termination == Termination::converged && smallest_pivot_ < kDeficientPivot) {
       finish(Termination::rank_deficient, "converged, but the measurements do not determine all parameters");

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "base/robust_statistics.hpp"
 #include "kdl_calibration/descent.hpp"
 #include "kdl_calibration/input_check.hpp"
@@ -63,10 +64,7 @@ void require_enough_equations(const LeastSquaresProblem& problem, const std::str
 
 Identification identify_jointly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                 const Unknowns& free, const JointOptions& options) {
-  check(measurements, model);
   check(start, model, measurements);
-  check(free, model, measurements);
-  check(options.residuals, measurements);
   const LeastSquaresProblem problem(model, measurements, free, options.residuals);
   require_enough_equations(problem, measurements.source);
   return descend(problem, start, options);
@@ -256,6 +254,7 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
 }  // namespace
 
 Eigen::Matrix3Xd base_and_tool_rows(const Eigen::Isometry3d& T_robot, Index tool, Index tools) {
+  require_index("the tool", tool, tools);
   Eigen::Matrix3Xd A = Eigen::Matrix3Xd::Zero(3, 6 + 3 * tools);
   A.middleCols<3>(0).setIdentity();
   A.middleCols<3>(3) = skew(T_robot.translation()).transpose();
@@ -278,9 +277,8 @@ Identification identify_in_two_steps(const ErrorModel& model,
                                      const std::function<Measurements(int)>& measurements_of_round,
                                      const Estimate& start, const std::vector<std::size_t>& geometric,
                                      const TwoStepOptions& options) {
-  if (!measurements_of_round) {
-    throw InputError("the two-step procedure needs a function that gives the measurements of a round");
-  }
+  require_function("what gives the measurements of a round", measurements_of_round);
+  require_indices("parameter", geometric, model.parameters.size());
   Identification result;
   result.estimate = start;  // (i) all errors zero, unless the caller knows better
   result.termination = Termination::iteration_limit;

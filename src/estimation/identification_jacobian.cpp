@@ -1,7 +1,8 @@
 #include "kdl_calibration/identification_jacobian.hpp"
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -14,8 +15,10 @@ using Eigen::MatrixXd;
 
 MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
                                  const Eigen::VectorXd& q) {
+  check(estimate, model, estimate.targets.size());
+  check(free, model, estimate.targets.size());
   if (!free.effects().empty()) {
-    throw InputError("the published identification Jacobian has no columns for effects, expected none to be free");
+    refuse_input("the published identification Jacobian has no columns for effects", "none to be free");
   }
   const Eigen::Isometry3d X_BF = flange_pose(folded(model, estimate.errors), q);
   const Eigen::Matrix3d R_WB = estimate.X_WB.linear();

@@ -4,32 +4,26 @@
 #include <cmath>
 #include <string>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
-namespace {
 
-void require_count(const char* what, std::size_t count, std::size_t expected) {
-  if (count != expected) {
-    throw InputError(std::to_string(count) + " " + what + ", expected " + std::to_string(expected));
+void check(const ErrorModel& model) {
+  const std::size_t joints = model.joints.size();
+  for (const ErrorParameter& parameter : model.parameters) {
+    const std::size_t frames = parameter.kind == ParameterKind::joint_offset ? joints : joints + 1;
+    require_index("the frame of a parameter", parameter.frame, frames);
+  }
+  for (const EffectTerm& term : model.effects) {
+    require_index("the joint of an effect", term.index, joints);
+    require_sigma("the prior of an effect", term.sigma);
+    require_finite("an effect", std::isfinite(term.mean) && std::isnormal(term.scale));
   }
 }
-
-void require_sigma(const char* what, double sigma) {
-  if (!std::isfinite(sigma) || sigma < 0.0) {
-    throw InputError(std::string(what) + " is negative or not finite, expected 0 or more");
-  }
-}
-
-void require_indices(const char* what, const std::vector<std::size_t>& indices, std::size_t count) {
-  if (std::any_of(indices.begin(), indices.end(), [&](std::size_t index) { return index >= count; })) {
-    throw InputError(std::string(what) + " beyond the model's " + std::to_string(count));
-  }
-}
-
-}  // namespace
 
 void check(const Measurements& measurements, const ErrorModel& model) {
+  check(model);
   check(measurements);
   const auto joints = static_cast<std::size_t>(measurements.joint_values.rows());
   if (joints != model.joints.size()) {
@@ -44,45 +38,70 @@ void check(const Measurements& measurements, const ErrorModel& model) {
   }
 }
 
-void check(const Estimate& estimate, const ErrorModel& model, const Measurements& measurements) {
-  require_count("errors of an estimate", static_cast<std::size_t>(estimate.errors.size()), model.parameters.size());
-  require_count("targets of an estimate", estimate.targets.size(), measurements.targets.size());
+void check(const Estimate& estimate, const ErrorModel& model, std::size_t targets) {
+  require_count("errors of an estimate", estimate.errors.size(), model.parameters.size());
+  require_count("targets of an estimate", estimate.targets.size(), targets);
   if (estimate.effects.size() != 0) {
-    require_count("effects of an estimate", static_cast<std::size_t>(estimate.effects.size()), model.effects.size());
+    require_count("effects of an estimate", estimate.effects.size(), model.effects.size());
   }
   const bool finite_targets = std::all_of(estimate.targets.begin(), estimate.targets.end(),
                                           [](const TargetFrame& target) { return target.X_FT.matrix().allFinite(); });
-  if (!estimate.errors.allFinite() || !estimate.effects.allFinite() || !estimate.X_WB.matrix().allFinite() ||
-      !finite_targets) {
-    throw InputError("the estimate has a value that is not finite");
-  }
+  require_finite("an estimate", estimate.errors.allFinite() && estimate.effects.allFinite() &&
+                                    estimate.X_WB.matrix().allFinite() && finite_targets);
+}
+
+void check(const Estimate& estimate, const ErrorModel& model, const Measurements& measurements) {
+  check(estimate, model, measurements.targets.size());
+}
+
+void check(const Unknowns& free, const ErrorModel& model, std::size_t targets) {
+  require_indices("the free geometric parameter", free.geometric(), model.parameters.size());
+  require_indices("the free effect", free.effects(), model.effects.size());
+  require_indices("the free coordinate of targets", free.of(UnknownGroup::targets), 6 * targets);
 }
 
 void check(const Unknowns& free, const ErrorModel& model, const Measurements& measurements) {
-  require_indices("a free geometric parameter", free.geometric(), model.parameters.size());
-  require_indices("a free effect", free.effects(), model.effects.size());
-  if (!free.range(UnknownGroup::targets).empty() &&
-      free.of(UnknownGroup::targets).back() >= 6 * measurements.targets.size()) {
-    throw InputError("free coordinates of a target beyond the " + std::to_string(measurements.targets.size()) +
-                     " measured");
+  check(free, model, measurements.targets.size());
+}
+
+void check(const std::vector<std::vector<Eigen::Index>>& folds, const Measurements& measurements) {
+  for (const std::vector<Eigen::Index>& fold : folds) {
+    require_indices("the configuration of a fold", fold, measurements.configurations.size());
   }
 }
 
-void check(const ResidualOptions& options, const Measurements& measurements) {
-  require_sigma("the prior of lengths", options.priors.length);
-  require_sigma("the prior of angles", options.priors.angle);
+void check(const FitProblem& problem) {
+  check(problem.measurements, problem.model);
+  check(problem.start, problem.model, problem.measurements);
+  check(problem.free, problem.model, problem.measurements);
+  check(problem.options.joint.residuals, problem.measurements);
+}
+
+void check(const Priors& priors) {
+  require_sigma("the prior of lengths", priors.length);
+  require_sigma("the prior of angles", priors.angle);
+}
+
+void check(const NoiseModel& noise) {
   for (int axis = 0; axis < 3; ++axis) {
-    require_sigma("the noise of points by themselves", options.noise.independent[axis]);
-    require_sigma("the noise common to a repeat", options.noise.common[axis]);
+    require_sigma("the noise of points by themselves", noise.independent[axis]);
+    require_sigma("the noise common to a repeat", noise.common[axis]);
   }
-  require_sigma("the noise of orientations", options.noise.orientation);
-  require_sigma("the length for orientations", options.orientation_length);
-  if (const auto& tracker = options.noise.tracker) {
+  require_sigma("the misfit of configurations", noise.misfit);
+  require_sigma("the misfit of targets", noise.target_misfit);
+  require_sigma("the noise of orientations", noise.orientation);
+  if (const auto& tracker = noise.tracker) {
     for (const double sigma :
          {tracker->range, tracker->range_per_metre, tracker->transverse, tracker->transverse_per_metre}) {
       require_sigma("the noise of the tracker", sigma);
     }
   }
+}
+
+void check(const ResidualOptions& options, const Measurements& measurements) {
+  check(options.priors);
+  check(options.noise);
+  require_sigma("the length for orientations", options.orientation_length);
   if (!options.row_weights.empty()) {
     require_count("weights of rows", options.row_weights.size(), measurements.observations.size());
     for (const double weight : options.row_weights) {
@@ -94,9 +113,7 @@ void check(const ResidualOptions& options, const Measurements& measurements) {
 void check(const RegistrationOptions& options) {
   const bool finite = std::all_of(options.known_targets.begin(), options.known_targets.end(),
                                   [](const TargetFrame& target) { return target.X_FT.matrix().allFinite(); });
-  if (!finite || (options.known_base && !options.known_base->matrix().allFinite())) {
-    throw InputError("a known frame has a value that is not finite");
-  }
+  require_finite("a known frame", finite && (!options.known_base || options.known_base->matrix().allFinite()));
   require_sigma("the length for orientations", options.orientation_length);
 }
 

@@ -5,9 +5,11 @@
 #include <optional>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "estimation/block_pass.hpp"
 #include "estimation/lane_pass.hpp"
 #include "estimation/observed_data.hpp"
+#include "kdl_calibration/input_check.hpp"
 
 namespace kdl_calibration {
 
@@ -23,15 +25,37 @@ struct LeastSquaresProblem::Workspace::Content {
 LeastSquaresProblem::Workspace::Workspace() : content_(std::make_unique<Content>()) {}
 LeastSquaresProblem::Workspace::~Workspace() = default;
 
+namespace {
+
+const ErrorModel& checked(const ErrorModel& model, const Measurements& measurements, const Unknowns& unknowns,
+                          const ResidualOptions& options) {
+  check(measurements, model);
+  check(unknowns, model, measurements);
+  check(options, measurements);
+  return model;
+}
+
+}  // namespace
+
 struct LeastSquaresProblem::Data {
   Data(const ErrorModel& the_model, const Measurements& measurements, const Unknowns& the_unknowns,
        const ResidualOptions& options)
-      : model(the_model),
+      : model(checked(the_model, measurements, the_unknowns, options)),
         unknowns(the_unknowns),
+        targets(measurements.targets.size()),
         observed(gathered(the_model, the_unknowns, measurements, options)),
         priors(the_unknowns.prior_information(options.priors)),
         lanes(model, unknowns, observed.groups),
         blocks(model, unknowns, observed) {}
+
+  // Its sizes alone: this is asked for every pass.
+  void require_fit(const Estimate& estimate) const {
+    require_count("errors of an estimate", estimate.errors.size(), model.parameters.size());
+    require_count("targets of an estimate", estimate.targets.size(), targets);
+    if (estimate.effects.size() != 0) {
+      require_count("effects of an estimate", estimate.effects.size(), model.effects.size());
+    }
+  }
 
   // The lanes know nothing of effects.
   bool side_by_side(const Estimate& estimate) const {
@@ -63,6 +87,7 @@ struct LeastSquaresProblem::Data {
 
   const ErrorModel& model;
   const Unknowns unknowns;
+  const std::size_t targets;
   const ObservedData observed;
   const VectorXd priors;  // information that they add to each column
   const LanePass lanes;
@@ -90,6 +115,7 @@ NormalEquations LeastSquaresProblem::linearise(const Estimate& estimate) const {
 }
 
 void LeastSquaresProblem::linearise(const Estimate& estimate, Workspace& workspace, NormalEquations& equations) const {
+  data_->require_fit(estimate);
   const Index columns = data_->unknowns.size();
   equations.hessian.setZero(columns, columns);
   equations.gradient.setZero(columns);
@@ -116,6 +142,7 @@ double LeastSquaresProblem::cost(const Estimate& estimate) const {
 }
 
 double LeastSquaresProblem::cost(const Estimate& estimate, Workspace& workspace) const {
+  data_->require_fit(estimate);
   double cost = data_->observed.totals.cost_of_repeats;
   cost += data_->side_by_side(estimate) ? data_->lanes.cost(estimate, workspace.content_->lanes)
                                         : data_->blocks.cost(estimate, workspace.content_->blocks);
@@ -124,6 +151,7 @@ double LeastSquaresProblem::cost(const Estimate& estimate, Workspace& workspace)
 }
 
 WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
+  data_->require_fit(estimate);
   const Index columns = data_->unknowns.size();
   std::vector<MatrixXd> blocks;
   Block linearised;
@@ -151,6 +179,7 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
 }
 
 WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) const {
+  data_->require_fit(estimate);
   if (data_->configurations_side_by_side() > kManyConfigurations && data_->side_by_side(estimate)) {
     Workspace workspace;
     NormalEquations equations;

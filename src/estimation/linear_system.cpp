@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -20,6 +21,7 @@ constexpr Index kRowsAtOnce = 512;
 
 std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
   constexpr double kSmallestPivot = 1e-3;
+  require_count("columns of an information matrix", information.cols(), information.rows());
   const VectorXd norms = information.diagonal().cwiseSqrt();
   if (!(norms.minCoeff() > 0.0)) {
     return std::nullopt;
@@ -33,6 +35,9 @@ std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
 }
 
 WhitenedSummary summarised(const WhitenedSystem& system) {
+  require_count("residuals of a system", system.residual.size(), system.jacobian.rows());
+  require_at_least("blocks of a system", system.blocks.size(), 1);
+  require_indices("the block's row", system.blocks, system.jacobian.rows() + 1);
   RowSummary summary(system.jacobian.cols());
   for (std::size_t b = 0; b + 1 < system.blocks.size(); ++b) {
     const Index first = system.blocks[b];
@@ -52,6 +57,7 @@ RowSummary::RowSummary(Index columns) : columns_(columns), rows_(columns + kRows
 
 void RowSummary::add_configuration(const Eigen::Ref<const MatrixXd>& jacobian,
                                    const Eigen::Ref<const VectorXd>& residual) {
+  require_count("residuals of a configuration", residual.size(), jacobian.rows());
   append(jacobian);
   const Index points = residual.size() / 3;
   sum_.setZero();
@@ -78,6 +84,7 @@ WhitenedSummary RowSummary::finish() {
 }
 
 void RowSummary::append(const Eigen::Ref<const MatrixXd>& rows) {
+  require_count("columns of rows", rows.cols(), columns_);
   if (filled_ + rows.rows() > rows_.rows()) {
     make_triangle();
     rows_.conservativeResize(std::max(rows_.rows(), filled_ + rows.rows()), Eigen::NoChange);

@@ -1,5 +1,6 @@
 #include "kdl_calibration/prediction.hpp"
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
@@ -17,6 +18,8 @@ std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& es
 
 Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>& X_BF,
                          const Observation& observation) {
+  require_index("the configuration", observation.configuration, X_BF.size());
+  require_index("the target", observation.target, estimate.targets.size());
   return estimate.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
                           estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
 }
@@ -29,6 +32,7 @@ std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate
   }
   const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, unknowns.geometric());
   twists.insert(twists.end(), geometric.begin(), geometric.end());
+  require_indices("the effect", unknowns.effects(), model.effects.size());
   for (const std::size_t d : unknowns.effects()) {
     const EffectTerm& term = model.effects[d];
     ParameterTwist& twist = twists.emplace_back();

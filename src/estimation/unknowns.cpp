@@ -4,6 +4,7 @@
 #include <map>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -63,7 +64,18 @@ const Values* values_of(UnknownGroup group) {
 
 // Zero where the estimate does not hold the group at all.
 double value_at(const VectorXd& values, std::size_t index) {
-  return values.size() == 0 ? 0.0 : values[static_cast<Index>(index)];
+  if (values.size() == 0) {
+    return 0.0;
+  }
+  require_index("the unknown", index, values.size());
+  return values[static_cast<Index>(index)];
+}
+
+// The indices are ascending.
+void require_last(const std::vector<std::size_t>& indices, const VectorXd& values) {
+  if (!indices.empty()) {
+    require_index("the unknown", indices.back(), values.size());
+  }
 }
 
 // All that there are of a group, in the order of their index.
@@ -168,7 +180,8 @@ Unknowns Unknowns::with(const ErrorModel& model, UnknownGroup group, const std::
   result.listed_[number_of(group)] = static_cast<Index>(all.size());
   std::vector<Unknown> unknowns = without(group).columns_;
   for (const std::size_t index : indices) {
-    unknowns.push_back(all.at(index));
+    require_index("the unknown", index, all.size());
+    unknowns.push_back(all[index]);
   }
   result.arrange(std::move(unknowns));
   return result;
@@ -191,6 +204,7 @@ Unknowns Unknowns::without(UnknownGroup group) const {
 }
 
 Unknowns Unknowns::subset(const std::vector<bool>& marked) const {
+  require_count("marks of unknowns", marked.size(), columns_.size());
   std::vector<Unknown> kept;
   for (std::size_t column = 0; column < columns_.size(); ++column) {
     if (marked[column]) {
@@ -256,6 +270,7 @@ Estimate Unknowns::moved(const Estimate& estimate, const VectorXd& step) const {
 }
 
 void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& result) const {
+  require_count("values of a step", step.size(), size());
   result = estimate;
   const Vector6d base = motion_of(step, base_columns_);
   result.X_WB.translation() += result.X_WB.linear() * base.head<3>();
@@ -265,6 +280,7 @@ void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& re
     if (!of(group.group).empty() && values.size() == 0) {
       values = VectorXd::Zero(listed_[number_of(group.group)]);
     }
+    require_last(of(group.group), values);
     Index column = range(group.group).first;
     for (const std::size_t index : of(group.group)) {
       values[static_cast<Index>(index)] += step[column++];
@@ -279,6 +295,7 @@ void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& re
 }
 
 VectorXd Unknowns::difference(const Estimate& from, const Estimate& to) const {
+  require_count("targets of an estimate", to.targets.size(), from.targets.size());
   VectorXd step = VectorXd::Zero(size());
   Vector6d motion;
   motion << from.X_WB.linear().transpose() * (to.X_WB.translation() - from.X_WB.translation()),
@@ -304,6 +321,9 @@ double Unknowns::value(const Estimate& estimate, const Unknown& unknown) {
     return value_at(estimate.*group->values, unknown.index);
   }
   const bool coordinate = unknown.group == UnknownGroup::targets && unknown.index % 6 < 3;
+  if (coordinate) {
+    require_index("the target", unknown.index / 6, estimate.targets.size());
+  }
   return coordinate ? estimate.targets[unknown.index / 6].X_FT.translation()[static_cast<Index>(unknown.index % 6)]
                     : 0.0;
 }

@@ -9,6 +9,7 @@
 #include "base/csv.hpp"
 #include "base/json_reading.hpp"
 #include "base/number_range.hpp"
+#include "base/preconditions.hpp"
 #include "base/text.hpp"
 
 namespace kdl_calibration {
@@ -77,6 +78,16 @@ void check_convention_keys(const Json& json, const std::string& source) {
   }
 }
 
+// One that came from no file.
+void require_whole(const JointConvention& convention) {
+  const std::size_t count = convention.urdf_joints.size();
+  require_count("controller joints of a convention", convention.controller_joints.size(), count);
+  require_count("rows of a convention's matrix", convention.matrix.rows(), count);
+  require_count("columns of a convention's matrix", convention.matrix.cols(), count);
+  require_count("offsets of a convention", convention.offset.size(), count);
+  require_finite("a convention", convention.matrix.allFinite() && convention.offset.allFinite());
+}
+
 }  // namespace
 
 JointConvention parse_joint_convention(std::string_view json, const std::string& source) {
@@ -118,6 +129,7 @@ JointConvention read_joint_convention(const std::filesystem::path& file) {
 }
 
 JointConvention matched_convention(const JointConvention& convention, const std::vector<std::string>& urdf_joints) {
+  require_whole(convention);
   JointConvention matched = convention;
   matched.urdf_joints = urdf_joints;
   bool match = convention.urdf_joints.size() == urdf_joints.size();

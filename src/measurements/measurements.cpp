@@ -8,6 +8,9 @@
 #include <set>
 #include <utility>
 
+#include "base/preconditions.hpp"
+#include "kdl_calibration/measurements_check.hpp"
+
 namespace kdl_calibration {
 namespace {
 
@@ -58,6 +61,8 @@ void drop_unused_orientations(std::vector<Eigen::Quaterniond>& orientations) {
 }
 
 Measurements subset(const Measurements& measurements, const std::function<bool(const Observation&)>& keep) {
+  check(measurements);
+  require_function("what says which observations to keep", keep);
   Measurements kept;
   kept.source = measurements.source;
   kept.joints = measurements.joints;
@@ -86,6 +91,7 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
 }
 
 Measurements averaged(const Measurements& measurements) {
+  check(measurements);
   Measurements means = measurements;
   means.observations.clear();
   means.orientations.clear();
@@ -131,6 +137,7 @@ Measurements training_sample(const Measurements& measurements, std::size_t most_
 }
 
 JointRanges trained_ranges(const Measurements& measurements) {
+  check(measurements);
   constexpr double kNone = std::numeric_limits<double>::infinity();
   JointRanges ranges(static_cast<std::size_t>(measurements.joint_values.rows()), {kNone, -kNone});
   for (const Observation& observation : measurements.observations) {
@@ -146,6 +153,13 @@ JointRanges trained_ranges(const Measurements& measurements) {
 }
 
 Measurements joined(const Measurements& first, const Measurements& second) {
+  check(first);
+  check(second);
+  require_count("joints of the second measurements", second.joint_values.rows(), first.joint_values.rows());
+  const bool same_joints = first.joints.empty() || second.joints.empty() || first.joints == second.joints;
+  if (!same_joints || first.targets != second.targets) {
+    refuse_input("the second measurements have other joints or targets", "those of the first");
+  }
   Measurements result = first;
   const auto offset = static_cast<std::int32_t>(first.joint_values.cols());
   result.joint_values.resize(first.joint_values.rows(), first.joint_values.cols() + second.joint_values.cols());

@@ -5,7 +5,7 @@
 #include <memory_resource>
 #include <string>
 
-#include "kdl_calibration/input_error.hpp"
+#include "base/preconditions.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "model/manipulator_jacobian.hpp"
 
@@ -33,24 +33,14 @@ private:
   std::pmr::monotonic_buffer_resource memory_{bytes_.data(), bytes_.size()};
 };
 
-void require_one_each(const char* what, const Ref<const VectorXd>& values, std::size_t count, const char* of) {
-  if (static_cast<std::size_t>(values.size()) != count) {
-    throw InputError("calibrated arm: " + std::to_string(values.size()) + " " + what + ", expected " +
-                     std::to_string(count) + ", one for each " + of);
-  }
-}
-
 }  // namespace
 
 CalibratedArm::CalibratedArm(const ErrorModel& model, const VectorXd& errors, const VectorXd& effects)
     : model_(model), effects_(effects) {
-  require_one_each("errors", errors, model.parameters.size(), "parameter");
   if (effects.size() > 0) {
-    require_one_each("effects", effects, model.effects.size(), "term");
+    require_count("values of effects", effects.size(), model.effects.size());
   }
-  if (!errors.allFinite() || !effects.allFinite()) {
-    throw InputError("calibrated arm: an error or an effect is not finite, expected finite ones");
-  }
+  require_finite("a calibrated arm", errors.allFinite() && effects.allFinite());
   chain_ = folded(model, errors);
   if (effects_.isZero(0.0)) {
     effects_.resize(0);
@@ -58,7 +48,7 @@ CalibratedArm::CalibratedArm(const ErrorModel& model, const VectorXd& errors, co
 }
 
 Isometry3d CalibratedArm::flange_pose(const Ref<const VectorXd>& q) const {
-  require_one_each("joint values", q, model_.joints.size(), "joint");
+  require_count("joint values", q.size(), model_.joints.size());
   if (effects_.size() == 0) {
     return kdl_calibration::flange_pose(chain_, q);
   }
@@ -71,7 +61,7 @@ Isometry3d CalibratedArm::flange_pose(const Ref<const VectorXd>& q) const {
 }
 
 Isometry3d CalibratedArm::flange_pose(const Ref<const VectorXd>& q, Matrix6Xd& jacobian) const {
-  require_one_each("joint values", q, model_.joints.size(), "joint");
+  require_count("joint values", q.size(), model_.joints.size());
   const Index n = q.size();
   jacobian.resize(6, n);
   if (effects_.size() == 0) {

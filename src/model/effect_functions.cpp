@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
@@ -45,6 +46,7 @@ bool is_withheld(const TableTerm& table, double q) {
 }  // namespace
 
 bool withholds_tables(const ErrorModel& model, const VectorXd& q) {
+  require_count("joint values", q.size(), model.joints.size());
   return std::any_of(model.effects.begin(), model.effects.end(), [&](const EffectTerm& term) {
     return term.group == EffectGroup::tables && is_withheld(term.table, q[term.index]);
   });

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/number_text.hpp"
+#include "base/preconditions.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
@@ -197,6 +198,7 @@ std::vector<EffectTerm> told_apart(const ErrorModel& model, const std::vector<Ef
 }  // namespace
 
 std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const MatrixXd& joint_values) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
   if (group == EffectGroup::tables) {
     return table_terms(model, joint_values, std::numbers::pi / 6.0);
   }
@@ -224,12 +226,16 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
 
 std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& joint_values, std::size_t joint,
                                      double times_a_turn) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  require_index("the joint", joint, model.joints.size());
   std::vector<EffectTerm> pair;
   add_swing(model, joint, EffectGroup::ripple, times_a_turn, pair);
   return told_apart(model, pair, joint_values, joint_frames_of_all(model, joint_values));
 }
 
 std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joint_values, double length) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  require_sigma("the length of a table", length);
   constexpr double kLeastTurn = std::numbers::pi / 18.0;
   constexpr double kLeastSlide = 0.02;
   std::vector<EffectTerm> result;

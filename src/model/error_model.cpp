@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -160,12 +161,14 @@ std::size_t parameter_index(const ErrorModel& model, const std::string& name) {
   const auto found = std::find_if(model.parameters.begin(), model.parameters.end(),
                                   [&](const ErrorParameter& parameter) { return parameter.name == name; });
   if (found == model.parameters.end()) {
-    throw InputError("no error parameter is named '" + name + "'");
+    throw InputError("no error parameter is named '" + name + "', expected one of the model's");
   }
   return static_cast<std::size_t>(found - model.parameters.begin());
 }
 
 KDL::Frame frame_correction(const ErrorModel& model, const Eigen::VectorXd& errors, int frame) {
+  require_count("errors", errors.size(), model.parameters.size());
+  require_index("the frame", frame, model.joints.size() + 1);
   KDL::Frame result = KDL::Frame::Identity();
   for (const bool offsets : {false, true}) {
     for (std::size_t p = 0; p < model.parameters.size(); ++p) {
@@ -203,6 +206,7 @@ std::vector<ChainFactor> chain_factors(const ErrorModel& model) {
 }
 
 KDL::Chain error_chain(const ErrorModel& model, const Eigen::VectorXd& errors) {
+  require_count("errors", errors.size(), model.parameters.size());
   KDL::Chain chain;
   for (const ChainFactor& factor : chain_factors(model)) {
     switch (factor.source) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <kdl/chainjnttojacsolver.hpp>
 
+#include "base/preconditions.hpp"
 #include "model/manipulator_jacobian.hpp"
 
 namespace kdl_calibration {
@@ -152,6 +153,8 @@ FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors) {
 
 std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eigen::VectorXd& errors,
                                              const std::vector<std::size_t>& which) {
+  require_count("errors", errors.size(), model.parameters.size());
+  require_indices("parameter", which, model.parameters.size());
   const std::vector<ChainFactor> factors = chain_factors(model);
   const auto joints = static_cast<int>(model.joints.size());
   std::vector<ParameterTwist> all(model.parameters.size());
@@ -191,6 +194,7 @@ std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eige
 }
 
 ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>& which) {
+  require_indices("parameter", which, model.parameters.size());
   frames_.resize(model.joints.size() + 1);
   shape_.links.resize(frames_.size());
   Eigen::Matrix3d turn_back = Eigen::Matrix3d::Identity();
@@ -221,13 +225,17 @@ ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>
 
 void ChainFolder::fold(const Eigen::VectorXd& errors, FoldedChain& chain, std::vector<ParameterTwist>& twists,
                        std::size_t first) const {
+  require_count("links of a chain", chain.links.size(), frames_.size());
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     Eigen::Matrix3d R = frames_[i].turn;  // with p: the joint frame in the frame just behind the factor
     Eigen::Vector3d p = Eigen::Vector3d::Zero();
     for (auto factor = frames_[i].factors.rbegin(); factor != frames_[i].factors.rend(); ++factor) {
       const Eigen::Vector3d& axis = factor->axis;
+      require_index("the parameter", factor->parameter, errors.size());
       if (factor->column >= 0) {
-        ParameterTwist& twist = twists[first + static_cast<std::size_t>(factor->column)];
+        const std::size_t place = first + static_cast<std::size_t>(factor->column);
+        require_index("the twist", place, twists.size());
+        ParameterTwist& twist = twists[place];
         const Eigen::Vector3d turned = R.transpose() * axis;
         twist.frame = static_cast<int>(i);
         twist.linear = factor->translation ? turned : Eigen::Vector3d(R.transpose() * axis.cross(p));
@@ -291,6 +299,7 @@ void tilt(const Eigen::Ref<const Eigen::VectorXd>& q, std::size_t joints, std::s
 }  // namespace
 
 Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q) {
+  require_count("joint values", q.size(), chain.prismatic.size());
   Eigen::Isometry3d pose = chain.links.back();
   for (std::size_t i = chain.prismatic.size(); i-- > 0;) {
     move_along_z(q[static_cast<Eigen::Index>(i)], chain.prismatic[i], pose);
@@ -310,6 +319,7 @@ std::vector<Eigen::Isometry3d> flange_poses(const FoldedChain& chain, const Eige
 
 Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<ParameterTwist>& twists,
                                   const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) {
+  require_count("joint values", q.size(), chain.prismatic.size());
   jacobian.resize(6, static_cast<Eigen::Index>(twists.size()));
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // of the flange in the frame reached so far
   const auto write_columns = [&](int frame, bool tilted) {
@@ -340,6 +350,9 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
 Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const Eigen::VectorXd& errors,
                                                   const std::vector<std::size_t>& which, const Eigen::Isometry3d& X_WB,
                                                   const Eigen::VectorXd& q, const Eigen::Vector3d& target) {
+  require_count("errors", errors.size(), model.parameters.size());
+  require_indices("parameter", which, model.parameters.size());
+  require_count("joint values", q.size(), model.joints.size());
   const std::vector<ChainFactor> factors = chain_factors(model);
   const std::vector<Eigen::Matrix4d> derivatives = product_derivatives(matrix_factors(factors, errors, q));
   const Eigen::Vector4d point = target.homogeneous();
@@ -354,6 +367,7 @@ Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const
 
 ManipulatorJacobians manipulator_jacobians(const ErrorModel& model, const Eigen::VectorXd& errors,
                                            const Eigen::VectorXd& q) {
+  require_count("joint values", q.size(), model.joints.size());
   ManipulatorJacobians result{.kdl = kdl_jacobian(error_chain(model, errors), q),
                               .matrix_derivative = matrix_derivative_jacobian(model, errors, q),
                               .cross_product = cross_product_jacobian(folded(model, errors), q)};

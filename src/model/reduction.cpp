@@ -8,6 +8,7 @@
 #include <numbers>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
 
@@ -190,6 +191,10 @@ private:
 
 std::vector<bool> independent_columns(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
                                       const ColumnLimits& limits, std::vector<bool>* faint) {
+  require_count("marks of candidates", candidate.size(), columns.cols());
+  if (limits.seen.size() != 0) {
+    require_count("norms to be seen", limits.seen.size(), columns.cols());
+  }
   std::vector<bool> kept(static_cast<std::size_t>(columns.cols()), false);
   if (faint != nullptr) {
     *faint = kept;
@@ -248,9 +253,19 @@ Eigen::VectorXd visible_norms(const ErrorModel& model, const Eigen::MatrixXd& co
 
 Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
                         const ReductionOptions& options) {
+  require_at_least("configurations of a reduction", options.configurations, 1);
+  if (options.errors.size() != 0) {
+    require_count("errors of a reduction", options.errors.size(), model.parameters.size());
+  }
+  require_sigma("the noise of a reduction", options.noise);
   CandidateJacobian candidates(model, targets, options);
   const Eigen::MatrixXd columns = candidates.stacked();
   const std::vector<std::string>& names = candidates.names();
+  for (const std::string& name : options.fixed) {
+    if (std::find(names.begin(), names.end(), name) == names.end()) {
+      refuse_input("no parameter is named '" + name + "'", "one of the base or of a target");
+    }
+  }
   std::vector<bool> candidate(names.size());
   for (std::size_t c = 0; c < names.size(); ++c) {
     candidate[c] = std::find(options.fixed.begin(), options.fixed.end(), names[c]) == options.fixed.end();

@@ -8,6 +8,7 @@
 #include <optional>
 #include <set>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/link_shapes.hpp"
 #include "kdl_calibration/mimic.hpp"
@@ -140,6 +141,7 @@ ArmBody body_from_urdf(const Robot& robot) {
 }
 
 ArmBody body_with_radius(const Robot& robot, double radius) {
+  require_sigma("the radius of the body", radius);
   const std::vector<std::string> names = link_names(robot);
   ArmBody body;
   for (std::size_t frame = 0; frame + 1 < names.size(); ++frame) {
@@ -153,6 +155,7 @@ ArmBody body_with_radius(const Robot& robot, double radius) {
 }
 
 std::vector<Capsule> tool_body(const Robot& robot, const std::vector<TargetFrame>& targets, double radius) {
+  require_sigma("the radius of the tool", radius);
   std::vector<Capsule> capsules;
   capsules.reserve(targets.size());
   for (const TargetFrame& target : targets) {
@@ -167,6 +170,7 @@ std::vector<Capsule> tool_body(const Robot& robot, const std::vector<TargetFrame
 
 // Not by KDL's moving segments: they remember their last pose, so threads could not share them.
 std::vector<Isometry3d> link_frames(const Robot& robot, const Eigen::Ref<const Eigen::VectorXd>& q) {
+  require_count("joint values", q.size(), robot.joints.size());
   std::vector<Isometry3d> frames = {Isometry3d::Identity()};
   Isometry3d moving = Isometry3d::Identity();  // the last link that a joint moves
   std::size_t j = 0;
@@ -236,6 +240,10 @@ double segment_distance(const Vector3d& a, const Vector3d& b, const Box& box) {
 std::vector<std::pair<std::size_t, std::size_t>> pairs_to_keep_apart(const Robot& robot,
                                                                      const std::vector<Capsule>& capsules,
                                                                      double clearance) {
+  require_sigma("the clearance", clearance);
+  for (const Capsule& capsule : capsules) {
+    require_index("the frame of a capsule", capsule.frame, robot.chain.getNrOfSegments() + 1);
+  }
   const std::vector<std::size_t> joints = joints_in_front(robot);
   const std::vector<Line> axes = axes_at_zero(robot);
   std::vector<std::pair<std::size_t, std::size_t>> candidates;

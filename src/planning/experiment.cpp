@@ -6,6 +6,8 @@
 #include <limits>
 
 #include "base/parallel.hpp"
+#include "base/preconditions.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/reduction.hpp"
@@ -85,6 +87,7 @@ MatrixXd information(const Experiment& experiment, const MatrixXd& joint_values)
 }
 
 MatrixXd information(const Experiment& experiment, const Measurements& measurements) {
+  check(measurements, experiment.model);
   Measurements matched = measurements;
   matched.orientations.clear();
   std::vector<std::int32_t> target_of;
@@ -123,6 +126,8 @@ std::vector<Prediction> predicted(const Experiment& experiment, const std::vecto
   std::vector<MatrixXd> covariances;
   bool changed = false;
   for (std::size_t k = 0; k < informations.size(); ++k) {
+    require_count("rows of the information", informations[k].rows(), rows.columns());
+    require_count("columns of the information", informations[k].cols(), rows.columns());
     MatrixXd covariance;
     // The first regular one gives the basis, so that packing loses no digits to nearly dependent columns.
     changed = changed || rows.change_basis(informations[k]);
@@ -189,6 +194,7 @@ Prediction predicted(const Experiment& experiment, const MatrixXd& information, 
 }
 
 double floor_of_worst_configuration(const Experiment& experiment, int count) {
+  require_at_least("configurations", count, 1);
   const auto points = static_cast<double>(experiment.targets.size()) * count;
   return experiment.noise.sigma * std::sqrt(static_cast<double>(columns(experiment)) / points);
 }

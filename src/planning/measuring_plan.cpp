@@ -7,6 +7,7 @@
 
 #include "base/csv.hpp"
 #include "base/number_text.hpp"
+#include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
@@ -126,6 +127,8 @@ void require_label(const std::string& text) {
 
 double travel_time(const std::vector<MovingJoint>& joints, const Eigen::Ref<const VectorXd>& from,
                    const Eigen::Ref<const VectorXd>& to) {
+  require_count("joint values", from.size(), joints.size());
+  require_count("joint values", to.size(), joints.size());
   double slowest = 0.0;
   for (std::size_t i = 0; i < joints.size(); ++i) {
     const auto k = static_cast<Index>(i);
@@ -146,6 +149,8 @@ double way_time(const std::vector<MovingJoint>& joints, const VectorXd& home, co
 
 std::vector<Index> short_way(const std::vector<MovingJoint>& joints, const VectorXd& home,
                              const MatrixXd& joint_values) {
+  require_count("joint values of home", home.size(), joints.size());
+  require_count("joint values", joint_values.rows(), joints.size());
   const MatrixXd times = travel_times(joints, home, joint_values);
   std::vector<Index> way = nearest_neighbours(times);
   untangle(times, way);
@@ -158,6 +163,10 @@ std::vector<Index> short_way(const std::vector<MovingJoint>& joints, const Vecto
 
 std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& joints,
                      const JointConvention* convention) {
+  require_count("labels of configurations", plan.configurations.size(), plan.joint_values.cols());
+  if (convention != nullptr) {
+    matched_convention(*convention, independent_joint_names(joints));
+  }
   const std::vector<JointColumn> columns = joint_columns(joints, convention);
   std::string csv;
   for (const std::string& note : plan.notes) {

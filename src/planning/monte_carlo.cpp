@@ -6,12 +6,22 @@
 #include <utility>
 
 #include "base/parallel.hpp"
+#include "base/preconditions.hpp"
 #include "base/thinned.hpp"
 #include "kdl_calibration/experiment.hpp"
-#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/input_check.hpp"
 
 namespace kdl_calibration {
 namespace {
+
+void require_whole(const MonteCarlo& experiment) {
+  check(experiment.model);
+  require_at_least("runs", experiment.runs, 1);
+  require_at_least("targets", experiment.targets.size(), 1);
+  require_function("what draws the configurations to fit", experiment.train);
+  require_function("what draws the configurations to predict", experiment.test);
+  require_indices("parameter", experiment.with_errors, experiment.model.parameters.size());
+}
 
 struct Run {
   std::vector<double> distances;  // configuration by configuration
@@ -37,17 +47,7 @@ Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
 }  // namespace
 
 MonteCarloResult run_monte_carlo(const MonteCarlo& experiment) {
-  if (experiment.runs < 1) {
-    throw InputError("the number of Monte Carlo runs must be positive");
-  }
-  if (!experiment.train || !experiment.test) {
-    throw InputError("a Monte Carlo experiment needs functions that draw the configurations to fit and to predict");
-  }
-  const auto beyond = [&](std::size_t p) { return p >= experiment.model.parameters.size(); };
-  if (std::any_of(experiment.with_errors.begin(), experiment.with_errors.end(), beyond)) {
-    throw InputError("a Monte Carlo experiment has errors of parameters beyond the model's " +
-                     std::to_string(experiment.model.parameters.size()));
-  }
+  require_whole(experiment);
   std::vector<Run> runs(static_cast<std::size_t>(experiment.runs));
   std::mutex mutex;
   std::size_t done = 0;
@@ -95,6 +95,7 @@ MonteCarloResult run_monte_carlo(const MonteCarlo& experiment) {
 }
 
 std::vector<double> predicted_errors(const MonteCarlo& experiment) {
+  require_whole(experiment);
   constexpr int kRuns = 20;
   constexpr Eigen::Index kConfigurations = 30;
   std::vector<double> sigmas;

@@ -7,6 +7,8 @@
 #include <set>
 #include <string>
 
+#include "base/preconditions.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/observability.hpp"
 
@@ -29,6 +31,7 @@ struct Choice {
 
 // What a calibration tells of the experiment's columns, whatever it says of others; nothing of what it left open.
 MatrixXd known_information(const Experiment& experiment, const SavedCalibration& calibrated) {
+  require_count("columns of a calibration's covariance", calibrated.covariance.cols(), calibrated.covariance.rows());
   std::vector<Eigen::Index> here;
   std::vector<Eigen::Index> there;
   const std::vector<std::string> names = experiment.free.names();
@@ -171,6 +174,11 @@ MonteCarloResult try_out(const PlanRequest& request, const Experiment& experimen
 Plan make_plan(const PlanRequest& request) {
   if (request.calibrated && request.monte_carlo > 0) {
     throw InputError("the runs that try a plan repeat the measurements before it: a calibration does not have them");
+  }
+  require_at_least("candidates", request.candidates, 1);
+  require_at_least("configurations of the workspace", request.workspace, 0);
+  if (request.measured) {
+    check(*request.measured, complete_model(request.robot));
   }
   Plan plan;
   plan.experiment = nominal_experiment(complete_model(request.robot), request.targets, request.noise, request.priors);

@@ -1,5 +1,7 @@
 #include "planning/point_rows.hpp"
 
+#include "kdl_calibration/input_check.hpp"
+
 namespace kdl_calibration {
 
 using Eigen::Index;
@@ -31,10 +33,21 @@ MatrixXd unpacked_symmetric(const VectorXd& features, Index columns) {
   return M;
 }
 
+const Experiment& checked(const Experiment& experiment) {
+  check(experiment.model);
+  check({.errors = experiment.errors, .targets = experiment.targets}, experiment.model, experiment.targets.size());
+  check(experiment.free, experiment.model, experiment.targets.size());
+  check(noise_model(experiment.noise));
+  check(experiment.priors);
+  return experiment;
+}
+
 }  // namespace
 
 PointRows::PointRows(const Experiment& experiment)
-    : chain_(folded(experiment.model, experiment.errors)), noise_(experiment.noise), targets_(experiment.targets) {
+    : chain_(folded(checked(experiment).model, experiment.errors)),
+      noise_(experiment.noise),
+      targets_(experiment.targets) {
   twists_ = chain_twists(experiment.model, {.errors = experiment.errors}, experiment.free);
   const auto T = static_cast<Index>(experiment.targets.size());
   const ColumnRange target_columns = experiment.free.range(UnknownGroup::targets);

@@ -10,6 +10,7 @@
 
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
+#include "base/preconditions.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
 #include "planning/candidate_pool.hpp"
@@ -263,6 +264,11 @@ std::vector<Index> drawn(Index below, int count, Random& random) {
   return all;
 }
 
+void require_information(const Experiment& experiment, const MatrixXd& information) {
+  require_count("rows of the information", information.rows(), columns(experiment));
+  require_count("columns of the information", information.cols(), columns(experiment));
+}
+
 // The least number of configurations that can determine what `given` does not.
 int least_count(const Experiment& experiment, const MatrixXd& given) {
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(given, Eigen::EigenvaluesOnly);
@@ -280,10 +286,8 @@ void require_possible(const Experiment& experiment, Index candidates, const Matr
     throw InputError(std::to_string(candidates) + " candidates, expected at least the " +
                      std::to_string(options.count) + " configurations to choose");
   }
+  require_information(experiment, given);
   const Index p = columns(experiment);
-  if (given.rows() != p || given.cols() != p) {
-    throw InputError("the given information does not fit the " + std::to_string(p) + " parameters");
-  }
   const int needed = least_count(experiment, given);
   if (options.count < needed) {
     throw InputError(std::to_string(options.count) + " configurations of " + std::to_string(experiment.targets.size()) +
@@ -398,6 +402,7 @@ double figure_of(const Prediction& prediction, Figure figure) {
 
 Selection select_for_accuracy(const Experiment& experiment, const MatrixXd& candidates, const MatrixXd& given,
                               double accuracy, Figure figure, const SelectionOptions& options, const MatrixXd& tasks) {
+  require_information(experiment, given);
   double reached = std::numeric_limits<double>::infinity();
   const auto attempt = [&](int count) {
     SelectionOptions with_count = options;
@@ -434,6 +439,10 @@ Selection select_for_accuracy(const Experiment& experiment, const MatrixXd& cand
 
 std::vector<MatrixXd> random_designs(const Experiment& experiment, const MatrixXd& candidates, const MatrixXd& given,
                                      int count, int draws, std::uint64_t seed, int threads) {
+  require_information(experiment, given);
+  require_at_least("draws", draws, 0);
+  require_at_least("configurations of a design", count, 0);
+  require_at_least("candidates", candidates.cols(), count);
   std::vector<MatrixXd> designs(static_cast<std::size_t>(draws));
   parallel_for(designs.size(), threads, [&](std::size_t d) {
     Random random(seed, d);
@@ -444,6 +453,9 @@ std::vector<MatrixXd> random_designs(const Experiment& experiment, const MatrixX
 
 double d_efficiency(const Experiment& experiment, const MatrixXd& candidates, const MatrixXd& given,
                     const MatrixXd& design, int count, int threads) {
+  require_information(experiment, given);
+  require_information(experiment, design);
+  require_at_least("candidates", candidates.cols(), 1);
   constexpr int kRounds = 150;
   const CandidatePool pool(experiment, candidates, given, threads);
   const PointRows& rows = pool.rows();

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/effect_terms.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
@@ -26,6 +28,10 @@ std::vector<TargetFrame> published_targets(int count) {
 VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
                            const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random,
                            const Eigen::Isometry3d& X_WB) {
+  require_indices("parameter", with_errors, model.parameters.size());
+  for (const double sigma : {sizes.length, sizes.angle, sizes.base_position, sizes.target_length}) {
+    require_sigma("the size of true errors", sigma);
+  }
   VirtualRobot robot{.model = model, .truth = {}};
   robot.truth.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   for (const std::size_t p : with_errors) {
@@ -49,6 +55,7 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
 
 void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
                  double sigma, Random& random) {
+  require_sigma("the size of true effects", sigma);
   std::vector<double> coefficients(robot.truth.effects.begin(), robot.truth.effects.end());
   for (const EffectGroup group : groups) {
     for (EffectTerm& term : effect_terms(robot.model, group, joint_values)) {
@@ -88,6 +95,12 @@ Eigen::Vector3d point_noise(const MeasuringNoise& noise, const Eigen::Vector3d& 
 
 Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
                      Random& random, Split split) {
+  check(robot.truth, robot.model, robot.truth.targets.size());
+  check({.independent = Eigen::Vector3d::Constant(noise.sigma),
+         .tracker = noise.tracker,
+         .common = noise.common,
+         .orientation = noise.orientation_sigma});
+  require_count("joint values", joint_values.rows(), robot.model.joints.size());
   Measurements result;
   result.source = "simulation";
   for (const MovingJoint& joint : robot.model.joints) {

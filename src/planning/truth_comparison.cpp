@@ -5,7 +5,9 @@
 #include <set>
 #include <utility>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/prediction.hpp"
@@ -90,6 +92,8 @@ Eigen::VectorXd among(Index count, Index first, const Eigen::VectorXd& own) {
 }  // namespace
 
 ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth) {
+  check(estimate, model, estimate.targets.size());
+  check(truth.truth, truth.model, truth.truth.targets.size());
   const std::vector<EffectTerm>& added = truth.model.effects;
   if (!model.effects.empty() && !added.empty() && !KDL::Equal(model.gravity, truth.model.gravity, 1e-9)) {
     throw InputError("gravity pulls in another direction in the truth than in the result, expected the same");
@@ -108,6 +112,7 @@ ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, cons
 
 std::vector<double> distances_from_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                                          const Eigen::MatrixXd& joint_values) {
+  require_count("targets of the truth", truth.targets.size(), estimate.targets.size());
   const std::vector<Eigen::Isometry3d> estimated = flange_poses(model, estimate, joint_values);
   const std::vector<Eigen::Isometry3d> true_poses = flange_poses(model, truth, joint_values);
   std::vector<double> distances;
@@ -134,6 +139,8 @@ Estimate truth_in_gauge_of(const ErrorModel& model, const Reduction& reduction, 
 
 TruthComparison compare_with_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                                    const Eigen::MatrixXd& joint_values) {
+  check(estimate, model, estimate.targets.size());
+  check(truth, model, truth.targets.size());
   const Estimate matched = with_targets_of(estimate, truth);
   const Reduction reduction = reduced_model(model, estimate.targets);
   const Eigen::MatrixXd few = joint_values.leftCols(std::min(kConfigurationsOfGauge, joint_values.cols()));

@@ -9,6 +9,7 @@
 
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
+#include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
@@ -311,6 +312,7 @@ void count_refusals(std::uint64_t bits, std::vector<Refusals>& refusals) {
 
 Candidates candidates(const Robot& robot, const std::vector<TargetFrame>& targets, const Cell& cell,
                       const CandidateOptions& options) {
+  require_at_least("candidates", options.count, 0);
   const Constraints constraints(robot, targets, cell);
   Candidates found;
   for (const Constraint& constraint : constraints.all()) {

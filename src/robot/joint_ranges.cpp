@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numbers>
 
+#include "base/preconditions.hpp"
 #include "kdl_calibration/mimic.hpp"
 
 namespace kdl_calibration {
@@ -26,6 +27,7 @@ JointRanges published_ranges(const std::vector<MovingJoint>& joints) {
 }
 
 Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Random& random) {
+  require_at_least("configurations", count, 0);
   Eigen::MatrixXd joint_values(static_cast<Eigen::Index>(ranges.size()), count);
   for (Eigen::Index c = 0; c < count; ++c) {
     for (std::size_t i = 0; i < ranges.size(); ++i) {

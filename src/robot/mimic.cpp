@@ -1,5 +1,7 @@
 #include "kdl_calibration/mimic.hpp"
 
+#include "base/preconditions.hpp"
+
 namespace kdl_calibration {
 
 std::vector<std::size_t> independent_joints(const std::vector<MovingJoint>& joints) {
@@ -21,8 +23,10 @@ std::vector<std::string> independent_joint_names(const std::vector<MovingJoint>&
 }
 
 void follow(const std::vector<MovingJoint>& joints, Eigen::Ref<Eigen::MatrixXd> q) {
+  require_count("joint values", q.rows(), joints.size());
   for (std::size_t i = 0; i < joints.size(); ++i) {
     if (const std::optional<Mimic>& mimic = joints[i].mimic) {
+      require_index("the leader", mimic->leader, joints.size());
       q.row(static_cast<Eigen::Index>(i)) =
           (mimic->multiplier * q.row(static_cast<Eigen::Index>(mimic->leader))).array() + mimic->offset;
     }
@@ -31,9 +35,11 @@ void follow(const std::vector<MovingJoint>& joints, Eigen::Ref<Eigen::MatrixXd> 
 
 Eigen::MatrixXd all_joint_values(const std::vector<MovingJoint>& joints,
                                  const Eigen::Ref<const Eigen::MatrixXd>& independent) {
+  const std::vector<std::size_t> rows = independent_joints(joints);
+  require_count("values of independent joints", independent.rows(), rows.size());
   Eigen::MatrixXd all(static_cast<Eigen::Index>(joints.size()), independent.cols());
   Eigen::Index row = 0;
-  for (const std::size_t i : independent_joints(joints)) {
+  for (const std::size_t i : rows) {
     all.row(static_cast<Eigen::Index>(i)) = independent.row(row++);
   }
   follow(joints, all);
@@ -42,6 +48,7 @@ Eigen::MatrixXd all_joint_values(const std::vector<MovingJoint>& joints,
 
 Eigen::MatrixXd independent_joint_values(const std::vector<MovingJoint>& joints,
                                          const Eigen::Ref<const Eigen::MatrixXd>& all) {
+  require_count("joint values", all.rows(), joints.size());
   return all(independent_joints(joints), Eigen::all);
 }
 

@@ -654,6 +654,7 @@ TEST(Combinations, ConfigurationsAreOutsideTheLimitsBeyondBothButNotOnThem) {
     q[joint] = value;
     Measurements measurements;
     measurements.joint_values = q;
+    measurements.configurations = {"1"};
     return configurations_outside_limits(model, measurements);
   };
   for (Index joint = 0; joint < 5; ++joint) {
@@ -670,6 +671,7 @@ TEST(Combinations, ConfigurationsAreOutsideTheLimitsBeyondBothButNotOnThem) {
   }
   Measurements three;
   three.joint_values = MatrixXd::Zero(5, 3);
+  three.configurations = {"1", "2", "3"};
   three.joint_values(0, 1) = 3.5;
   three.joint_values(1, 1) = 0.6;  // twice outside counts once
   EXPECT_EQ(configurations_outside_limits(model, three), 1);

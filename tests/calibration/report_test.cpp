@@ -1757,6 +1757,8 @@ TEST(ReportTable, ShowsJointOffsetsAsTheControllerCounts) {
 Calibration with_one_parameter(const ErrorModel& model, const std::string& name, double error, double std) {
   Calibration calibration;
   calibration.model = model;
+  calibration.identification.estimate.errors =
+      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   const char* kind = name.rfind("dq", 0) == 0 ? "joint_offset" : name.front() == 'T' ? "translation" : "rotation";
   calibration.parameters.push_back({.name = name,
                                     .joint = "j",
@@ -1769,7 +1771,9 @@ Calibration with_one_parameter(const ErrorModel& model, const std::string& name,
 }
 
 std::string line_of(const Calibration& calibration, const std::string& name) {
-  for (const std::string& line : testing::lines_of(result_table({}, calibration))) {
+  Measurements none;
+  none.joint_values.resize(static_cast<Eigen::Index>(calibration.model.joints.size()), 0);
+  for (const std::string& line : testing::lines_of(result_table(none, calibration))) {
     if (squeezed(line).rfind(name + " ", 0) == 0) {
       return squeezed(line);
     }

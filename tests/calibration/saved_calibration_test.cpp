@@ -170,6 +170,7 @@ TEST(SavedCalibration, OfNineHundredThousandRowsIsRead) {
                                          many.measured.observations.begin() + static_cast<std::ptrdiff_t>(count));
     many.measured.observations.insert(many.measured.observations.end(), again.begin(), again.end());
   }
+  many.measured.orientations.resize(900000, many.measured.orientations.front());
   many.calibration.weights.assign(900000, 0.12345678901234567);
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "kdl_calibration_saved_test.json";
   std::ofstream(file, std::ios::binary) << result_json(many.robot, many.measured, many.options, many.calibration);

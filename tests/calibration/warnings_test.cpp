@@ -677,6 +677,36 @@ TEST(Terminations, AnAngleOfMoreThanARadianHasRunAway) {
   }
 }
 
+TEST(Terminations, ALengthOfMoreThanHalfTheArmHasRunAway) {
+  Series s(5, {.sigma = 0.0});
+  const Unknowns free = irreducible(s);
+  double arm = s.model.tip_origin.p.Norm();  // [m]
+  for (const MovingJoint& joint : s.model.joints) {
+    arm += joint.origin.p.Norm();
+  }
+  for (const auto& [share, termination] :
+       {std::pair{0.48, Termination::converged}, std::pair{0.52, Termination::diverged}}) {
+    s.truth.truth.errors.setZero();
+    s.truth.truth.errors[static_cast<Eigen::Index>(parameter_index(s.model, "Tz2"))] = -share * arm;
+    s.measure_at(s.measured.joint_values, {.sigma = 0.0});
+    const Identification fit = identify_jointly(s.model, s.measured, s.truth.truth, free);
+    EXPECT_EQ(fit.termination, termination) << share << ", " << fit.message;
+    EXPECT_EQ(fit.message == "the fit ran away: a length is off by more than half the arm",
+              termination == Termination::diverged)
+        << fit.message;
+  }
+}
+
+TEST(Terminations, PointsInFeetRunAway) {
+  Series s(5, {.sigma = 3e-5});
+  for (Observation& observation : s.measured.observations) {
+    observation.position /= 0.3048;
+  }
+  const Identification fit = identify_jointly(s.model, s.measured, nominal_start(s.model, s.measured), irreducible(s));
+  EXPECT_EQ(fit.termination, Termination::diverged) << fit.message;
+  EXPECT_EQ(fit.message, "the fit ran away: a length is off by more than half the arm");
+}
+
 TEST(Terminations, SayHowTheTwoStepsEnded) {
   const Series s;
   const Estimate start = nominal_start(s.model, s.measured);

@@ -393,6 +393,7 @@ TEST(Identification, RepeatedOrientationsCountWithTheirMean) {
                                         {.orientation_sigma = 1e-4, .repeats = 3}, random);
   Measurements apart = repeated;  // every repeat as a configuration of its own
   apart.joint_values.resize(repeated.joint_values.rows(), 60);
+  apart.configurations.resize(60);
   for (Observation& observation : apart.observations) {
     const Eigen::Index column = 3 * observation.configuration + observation.repeat - 1;
     apart.joint_values.col(column) = repeated.joint_values.col(observation.configuration);

@@ -11,11 +11,17 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/data_quality.hpp"
+#include "kdl_calibration/experiment.hpp"
+#include "kdl_calibration/influence.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/monte_carlo.hpp"
 #include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/noise_parts.hpp"
+#include "kdl_calibration/pseudo_values.hpp"
+#include "kdl_calibration/result_json.hpp"
+#include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/suspicions.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "mistakes_support.hpp"
@@ -86,11 +92,52 @@ TEST(InputCheck, NamesWhatDoesNotHoldTogether) {
   }
 }
 
-TEST(InputCheck, EveryPublicFunctionRefusesMeasurementsThatDoNotHoldTogether) {
+using TakesMeasurements = std::pair<std::string, std::function<void(const Measurements&)>>;
+
+void expect_all_refuse(const std::vector<TakesMeasurements>& functions) {
+  for (const auto& [name, function] : functions) {
+    for (const auto& [spoil, words] : spoilt()) {
+      Measurements wrong = sound().data;
+      spoil(wrong);
+      expect_refused(name + ": " + words, [&, &call = function] { call(wrong); });
+    }
+  }
+}
+
+TEST(InputCheck, FunctionsOfMeasurementsAloneRefuseThoseThatDoNotHoldTogether) {
+  const Measured& m = sound();
+  const std::vector<Eigen::Isometry3d> X_BF(m.data.configurations.size(), Eigen::Isometry3d::Identity());
+  expect_all_refuse({
+      {"register_base_and_targets", [&](const Measurements& d) { register_base_and_targets(X_BF, d); }},
+      {"check_distances", [&](const Measurements& d) { check_distances(d); }},
+      {"make_folds", [&](const Measurements& d) { make_folds(d, 3); }},
+      {"can_be_left_out",
+       [&](const Measurements& d) {
+         can_be_left_out(d, {{0}, {1}}, 33);
+       }},
+      {"averaged", [&](const Measurements& d) { averaged(d); }},
+      {"trained_ranges", [&](const Measurements& d) { trained_ranges(d); }},
+      {"training_sample", [&](const Measurements& d) { training_sample(d, 5); }},
+      {"joined", [&](const Measurements& d) { joined(m.data, d); }},
+      {"joined in front", [&](const Measurements& d) { joined(d, m.data); }},
+      {"subset", [&](const Measurements& d) { subset(d, [](const Observation&) { return true; }); }},
+      {"noise_from_repeats", [&](const Measurements& d) { noise_from_repeats(d); }},
+      {"measurements_csv", [&](const Measurements& d) { measurements_csv(d); }},
+  });
+}
+
+TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   const Measured& m = sound();
   const Estimate estimate = rigid_truth();
   const std::vector<Eigen::Isometry3d> X_BF(m.data.configurations.size(), Eigen::Isometry3d::Identity());
-  const std::vector<std::pair<std::string, std::function<void(const Measurements&)>>> functions = {
+  const LeastSquaresProblem problem(m.model, m.data, m.free);
+  const Eigen::MatrixXd triangle = Eigen::MatrixXd::Identity(m.free.size(), m.free.size());
+  const std::vector<double> weights(m.data.observations.size(), 1.0);
+  const Experiment experiment = nominal_experiment(m.model, m.truth.targets);
+  Calibration calibration;
+  calibration.model = m.model;
+  calibration.identification.estimate = estimate;
+  expect_all_refuse({
       {"calibrate", [&](const Measurements& d) { calibrate(m.model, d); }},
       {"nominal_start", [&](const Measurements& d) { nominal_start(m.model, d); }},
       {"identify_jointly", [&](const Measurements& d) { identify_jointly(m.model, d, estimate, m.free); }},
@@ -107,24 +154,45 @@ TEST(InputCheck, EveryPublicFunctionRefusesMeasurementsThatDoNotHoldTogether) {
          identify_in_two_steps(
              m.model, [&](int) { return d; }, estimate, m.free.geometric());
        }},
-      {"register_base_and_targets", [&](const Measurements& d) { register_base_and_targets(X_BF, d); }},
       {"position_errors", [&](const Measurements& d) { position_errors(m.model, estimate, d); }},
       {"registered", [&](const Measurements& d) { registered(m.model, estimate.errors, d); }},
       {"iso_9283", [&](const Measurements& d) { iso_9283(m.model, estimate, d); }},
-      {"check_distances", [&](const Measurements& d) { check_distances(d); }},
+      {"position_errors of poses", [&](const Measurements& d) { position_errors(X_BF, estimate, d); }},
+      {"iso_9283 of poses", [&](const Measurements& d) { iso_9283(X_BF, estimate, d); }},
+      {"LeastSquaresProblem", [&](const Measurements& d) { LeastSquaresProblem(m.model, d, m.free); }},
+      {"estimate_noise", [&](const Measurements& d) { estimate_noise(m.model, d, estimate, m.free, {}); }},
+      {"test_lack_of_fit", [&](const Measurements& d) { test_lack_of_fit(m.model, d, estimate, m.free); }},
+      {"influence", [&](const Measurements& d) { influence(problem, d, {}, estimate, triangle); }},
+      {"pseudo_values", [&](const Measurements& d) { pseudo_values(m.model, d, estimate, Loss::huber, weights); }},
+      {"cross_validate_nominal",
+       [&](const Measurements& d) {
+         cross_validate_nominal(m.model, d, {{0}, {1}});
+       }},
+      {"configurations_outside_limits", [&](const Measurements& d) { configurations_outside_limits(m.model, d); }},
+      {"information", [&](const Measurements& d) { information(experiment, d); }},
+      {"residuals_csv", [&](const Measurements& d) { residuals_csv(d, calibration); }},
+      {"result_table", [&](const Measurements& d) { result_table(d, calibration); }},
       {"check_residuals", [&](const Measurements& d) { check_residuals(m.model, d, estimate); }},
       {"try_conventions", [&](const Measurements& d) { try_conventions(m.model, d, m.free, nullptr, {}); }},
       {"suspicions", [&](const Measurements& d) { suspicions(m.model, d, estimate, m.free); }},
       {"explained_by_joints", [&](const Measurements& d) { explained_by_joints(m.model, estimate, d); }},
-      {"noise_from_repeats", [&](const Measurements& d) { noise_from_repeats(d); }},
-      {"measurements_csv", [&](const Measurements& d) { measurements_csv(d); }}};
-  for (const auto& [name, function] : functions) {
-    for (const auto& [spoil, words] : spoilt()) {
-      Measurements wrong = m.data;
-      spoil(wrong);
-      expect_refused(std::string(name) + ": " + words, [&, &call = function] { call(wrong); });
-    }
-  }
+  });
+}
+
+TEST(InputCheck, RefusesModelsWhosePartsAreNotThere) {
+  ErrorModel beyond = sound().model;
+  beyond.parameters[0].frame = 6;
+  expect_refused(
+      "joint", [&] { calibrate(beyond, sound().data); }, "the frame of a parameter 6 is not there");
+  ErrorModel elastic = sound().model;
+  elastic.effects = load_terms(elastic);
+  elastic.effects[0].index = -1;
+  expect_refused(
+      "effect", [&] { check(elastic); }, "the joint of an effect -1 is not there");
+  elastic.effects[0].index = 1;
+  elastic.effects[0].scale = 0.0;
+  expect_refused(
+      "scale", [&] { check(elastic); }, "an effect has a value that is not finite");
 }
 
 TEST(InputCheck, RefusesDataOfAnotherRobot) {
@@ -159,12 +227,13 @@ TEST(InputCheck, RefusesEstimatesAndParametersThatDoNotFit) {
   longer.parameters.back().name += " again";
   const Unknowns beyond = m.free.with(longer, UnknownGroup::geometric, {m.model.parameters.size()});
   expect_refused(
-      "free", [&] { identify_jointly(m.model, m.data, rigid_truth(), beyond); }, "geometric parameter");
+      "free", [&] { identify_jointly(m.model, m.data, rigid_truth(), beyond); }, "the free geometric parameter");
   ErrorModel elastic = m.model;
   elastic.effects = load_terms(m.model);
   const Unknowns with_effect = m.free.with(elastic, UnknownGroup::effects, {0});
   expect_refused(
-      "effect", [&] { identify_jointly(m.model, m.data, rigid_truth(), with_effect); }, "effect");
+      "effect", [&] { identify_jointly(m.model, m.data, rigid_truth(), with_effect); },
+      "the free effect 0 is not there");
   expect_refused(
       "corrections", [&] { origin_corrections(m.model, Eigen::VectorXd::Zero(2)); }, "2 errors");
 }
@@ -177,6 +246,8 @@ TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
         [&](CalibrationOptions& o) { o.noise.independent.y() = value; },
         [&](CalibrationOptions& o) { o.noise.common.z() = value; },
         [&](CalibrationOptions& o) { o.noise.orientation = value; },
+        [&](CalibrationOptions& o) { o.noise.misfit = value; },
+        [&](CalibrationOptions& o) { o.noise.target_misfit = value; },
         [&](CalibrationOptions& o) { o.noise.tracker = TrackerNoise{.range = value}; }};
     for (std::size_t i = 0; i < changes.size(); ++i) {
       CalibrationOptions options;
@@ -192,11 +263,22 @@ TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
       "2 weights of rows");
 }
 
+TEST(InputCheck, RefusesPosesAndTargetsOfOtherMeasurements) {
+  const std::vector<Eigen::Isometry3d> few(3, Eigen::Isometry3d::Identity());
+  expect_refused(
+      "poses", [&] { position_errors(few, rigid_truth(), sound().data); }, "3 poses of the flange, expected 30");
+  Estimate one = rigid_truth();
+  one.targets.resize(1);
+  const std::vector<Eigen::Isometry3d> all(30, Eigen::Isometry3d::Identity());
+  expect_refused(
+      "targets", [&] { iso_9283(all, one, sound().data); }, "1 targets of an estimate, expected 3");
+}
+
 TEST(InputCheck, RefusesEmptyCallbacks) {
   expect_refused(
-      "rounds", [&] { identify_in_two_steps(sound().model, {}, rigid_truth(), {}); }, "needs a function");
+      "rounds", [&] { identify_in_two_steps(sound().model, {}, rigid_truth(), {}); }, "is empty, expected a function");
   expect_refused(
-      "monte carlo", [&] { run_monte_carlo({.model = sound().model, .runs = 1}); }, "needs functions");
+      "monte carlo", [&] { run_monte_carlo({.model = sound().model, .runs = 1}); }, "0 targets, expected at least 1");
 }
 
 }  // namespace
