@@ -116,6 +116,8 @@ ErrorModel complete_model(const Robot& robot);
 
 /// Whether the parameter is a length [m] rather than an angle [rad].
 bool is_length(const ErrorModel& model, const ErrorParameter& parameter);
+/// Whether the effect moves its joint along its axis [m] rather than turning it [rad].
+bool is_length(const ErrorModel& model, const EffectTerm& term);
 
 /// 1 sigma of such an error of an arm before anything is measured: 3 mm or 5 mrad.
 double usual_error(const ErrorModel& model, const ErrorParameter& parameter);

@@ -37,7 +37,9 @@ Eigen::MatrixXd effect_basis(const ErrorModel& model, const Eigen::MatrixXd& joi
 /// A table's function at its joint's value, also where it is withheld.
 double table_value(const TableTerm& table, double q);
 
-/// Whether a joint stands where the measurements tell too little of its table.
+/// Whether the measurements tell too little of the term's table at its joint's value.
+bool is_withheld(const EffectTerm& term, double q);
+/// Whether that is so of any term.
 bool withholds_tables(const ErrorModel& model, const Eigen::VectorXd& q);
 
 constexpr std::size_t kFewJoints = 32;  ///< with which nothing is allocated where so promised

@@ -22,8 +22,8 @@ Eigen::Matrix3d rotation_exp(const Eigen::Vector3d& v);
 /// Its inverse, for angles up to pi.
 Eigen::Vector3d rotation_log(const Eigen::Matrix3d& R);
 
-/// The rotation of smallest angle that turns z onto the unit vector `axis`, exact for the coordinate axes. What it
-/// makes of x and y are the two axes across a joint's own.
+/// A rotation that turns z onto the unit vector `axis`, exact for the coordinate axes: the one of smallest angle, where
+/// axis.z is below -0.55 behind half a turn about x. What it makes of x and y are the two axes across a joint's own.
 Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis);
 
 /// The chain with its errors multiplied out into constant frames and every joint's axis turned onto z:

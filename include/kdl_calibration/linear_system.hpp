@@ -21,8 +21,9 @@ std::optional<Eigen::MatrixXd> well_conditioned_root(const Eigen::MatrixXd& info
 struct WhitenedSystem {
   Eigen::MatrixXd jacobian;  ///< rows x columns; the priors' rows last
   Eigen::VectorXd residual;
-  /// First row of each configuration, then the first row of the priors. The rows of a configuration are those of its
-  /// points' positions, three each, then those of its orientations.
+  /// First row of each configuration that is fitted, in the order of the measurements, then the first row of the
+  /// priors. The rows of a configuration are those of its points' positions, three each, then those of its
+  /// orientations.
   std::vector<Eigen::Index> blocks;
 };
 

@@ -155,6 +155,8 @@ NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measureme
 }
 
 NoiseParts noise_beside_weights(const FitProblem& fit, const NoiseModel& stated, bool misfits) {
+  check(fit);
+  check(stated);
   const SampledStrata sample(fit, stated);
   VarianceEstimation estimation = sample.estimation(misfits ? PartsAsked::all : PartsAsked::without_misfits);
   if (estimation.unknowns() == 0 || !estimation.match(variances_of(fit.options.joint.residuals, sample.strata()))) {

@@ -152,21 +152,29 @@ private:
     if (!all.empty()) {
       const std::vector<std::string> with_tables = tables.terms.empty() ? names : extended(names, tables.name);
       current = worth_of(all, with_tables, sized, tried);
-      if (current.sizes.sizes.empty()) {
-        throw InputError(means_.source + ": too few measurements for the effects asked for, " +
-                         std::to_string(all.size()) + " terms beside " + std::to_string(task_.free.size()) +
-                         " parameters");
-      }
+      require_enough(current, all);
       if (!tables.terms.empty() && current.determined && means_.joint_values.cols() >= kLeastForTables) {
         shorten(sized, terms, names, tables, current, tried);
       }
       append(terms, tables.terms);
       names = with_tables;
     }
-    if (Option ripple = ripple_of(sized, terms, current); is_asked(EffectGroup::ripple) && !ripple.terms.empty()) {
+    if (!is_asked(EffectGroup::ripple)) {
+      return;
+    }
+    if (const Option ripple = ripple_of(sized, terms, current); !ripple.terms.empty()) {
       append(terms, ripple.terms);
       names.push_back(ripple.name);
       current = worth_of(terms, names, sized, tried);
+      require_enough(current, terms);
+    }
+  }
+
+  void require_enough(const Worth& worth, const std::vector<EffectTerm>& terms) const {
+    if (worth.sizes.sizes.empty()) {
+      throw InputError(means_.source + ": too few measurements for the effects asked for, " +
+                       std::to_string(terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
+                       " parameters");
     }
   }
 

@@ -111,7 +111,7 @@ std::string explained_by(const std::vector<ModelOption>& tried, const std::strin
 double EffectMotion::largest() const { return std::max(std::abs(lowest), std::abs(highest)); }
 
 bool EffectMotion::is_length(const ErrorModel& model) const {
-  return by.axis == EffectAxis::own && model.joints[static_cast<std::size_t>(by.joint)].type == JointType::prismatic;
+  return kdl_calibration::is_length(model, model.effects[static_cast<std::size_t>(terms.front())]);
 }
 
 std::vector<EffectMotion> effect_motions(const Calibration& calibration, const Measurements& measurements) {

@@ -87,6 +87,22 @@ double positive(const Node& node) {
   return value;
 }
 
+void read_withheld(const Node& node, TableTerm& table) {
+  if (!node.json.is_array()) {
+    tree::fail(node, "an array");
+  }
+  if (node.json.empty()) {
+    return;
+  }
+  for (const Node& range : elements(node)) {
+    const Eigen::Vector2d ends = tree::numbers<2>(range);
+    if (!(ends[0] <= ends[1])) {
+      tree::fail(range, "the lower end first");
+    }
+    table.withheld.emplace_back(ends[0], ends[1]);
+  }
+}
+
 void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) {
   const auto joints = static_cast<int>(model.joints.size());
   switch (term.group) {
@@ -108,7 +124,8 @@ void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) 
       return;
     case EffectGroup::harmonics:
     case EffectGroup::ripple:
-      term.harmonic = positive(member(node, "times"));
+      term.harmonic = term.group == EffectGroup::ripple ? positive(member(node, "times"))
+                                                        : whole_number(member(node, "times"), 1, 1000);
       if (tree::name(member(node, "of")) != "sin") {
         term.harmonic = -term.harmonic;
       }
@@ -119,11 +136,8 @@ void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) 
                     .lower = number(member(node, "lower")),
                     .upper = number(member(node, "upper")),
                     .withheld = {}};
-      if (has(node, "withheld") && !member(node, "withheld").json.empty()) {
-        for (const Node& range : elements(member(node, "withheld"))) {
-          const Eigen::Vector2d ends = tree::numbers<2>(range);
-          term.table.withheld.emplace_back(ends[0], ends[1]);
-        }
+      if (has(node, "withheld")) {
+        read_withheld(member(node, "withheld"), term.table);
       }
       if (!(term.table.lower < term.table.upper)) {
         tree::fail(member(node, "upper"), "a number above 'lower'");
@@ -166,6 +180,9 @@ EffectTerm read_term(const Node& node, const ErrorModel& model) {
   }
   term.group = *known;
   term.axis = read_axis(node);
+  if ((term.group == EffectGroup::transverse) == (term.axis == EffectAxis::own)) {
+    tree::fail(group, "about x or y where it is transverse, else about its own axis");
+  }
   term.mean = number(member(node, "mean"));
   term.scale = positive(member(node, "scale"));
   term.sigma = positive(member(node, "sigma"));

@@ -6,10 +6,12 @@
 #include <cstddef>
 #include <limits>
 #include <map>
+#include <string>
 #include <vector>
 
 #include "calibration/new_point.hpp"
 #include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/random.hpp"
@@ -29,13 +31,18 @@ public:
         estimate_(uncertain.fit.identification.estimate),
         undetermined_(undetermined_directions(uncertain.triangle_of_candidates)),
         free_(uncertain.model, estimate_, uncertain.fit.free),
-        candidates_(uncertain.model, estimate_, uncertain.fit.candidates) {}
+        candidates_(uncertain.model, estimate_, uncertain.fit.candidates),
+        offsets_(uncertain.model, estimate_.targets, offset_names(uncertain.model)),
+        joints_(uncertain.model, estimate_, offsets_) {}
 
   // Of every target [m^2] in W.
   std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q) const {
     std::vector<Eigen::Matrix3d> result;
     for (const Matrix3Xd& jacobian : free_.jacobians(q)) {
       result.emplace_back(jacobian * uncertain_.covariance * jacobian.transpose());
+    }
+    if (withholds_tables(uncertain_.model, q)) {
+      add_withheld(q, result);
     }
     if (undetermined_.cols() > 0) {
       const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q);
@@ -87,6 +94,32 @@ public:
   }
 
 private:
+  // A table that is withheld may be anything that its size beforehand allows.
+  void add_withheld(const Eigen::VectorXd& q, std::vector<Eigen::Matrix3d>& covariances) const {
+    const std::vector<Matrix3Xd> jacobians = joints_.jacobians(q);
+    for (const EffectTerm& term : uncertain_.model.effects) {
+      if (!is_withheld(term, q[term.index])) {
+        continue;
+      }
+      const double value = term.sigma * table_value(term.table, q[term.index]);
+      const Eigen::Index column = *offsets_.column("dq" + std::to_string(term.index + 1));
+      for (std::size_t k = 0; k < covariances.size(); ++k) {
+        const Eigen::Vector3d moved = value * jacobians[k].col(column);
+        covariances[k] += moved * moved.transpose();
+      }
+    }
+  }
+
+  static std::vector<std::string> offset_names(const ErrorModel& model) {
+    std::vector<std::string> names;
+    for (const ErrorParameter& parameter : model.parameters) {
+      if (parameter.kind == ParameterKind::joint_offset) {
+        names.push_back(parameter.name);
+      }
+    }
+    return names;
+  }
+
   bool determines(const Matrix3Xd& jacobian) const {
     constexpr double kNothing = 1e-6;
     const Eigen::ArrayXd sizes = (jacobian.cwiseAbs() * undetermined_.cwiseAbs()).colwise().sum().transpose();
@@ -99,6 +132,8 @@ private:
   Eigen::MatrixXd undetermined_;
   PositionPredictor free_;
   PositionPredictor candidates_;
+  Unknowns offsets_;  // of the joints, which move about their own axes
+  PositionPredictor joints_;
 };
 
 // The mean and largest sigma of the configurations whose flange is in one cube.

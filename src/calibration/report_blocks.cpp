@@ -67,7 +67,9 @@ Json segments_json(const Robot& robot, const ErrorModel& model, const Estimate& 
       const MovingJoint& moving = model.joints[static_cast<std::size_t>(joint)];
       origin = origin * frame_correction(model, estimate.errors, joint);
       entry["joint"] = joint++;
+      const Eigen::Matrix3d turn = z_onto(to_eigen(moving.axis));
       entry["axis"] = array(to_eigen(moving.axis));
+      entry["across"] = {array(turn.col(0)), array(turn.col(1))};
     }
     entry["origin"] = frame12(to_eigen(origin));
     segments.push_back(entry);
@@ -208,7 +210,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
       configurations.push_back({{"name", measurements.configurations[c]}, {"joint_values", numbers_json(q)}});
       if (has_effects) {
         configurations.back()["effective"] =
-            numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q).topRows(q.size()));
+            numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q));
       }
     }
     points.push_back({{"row", row},

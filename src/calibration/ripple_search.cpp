@@ -22,34 +22,45 @@ using Eigen::VectorXd;
 constexpr double kLowest = 2.0;  // times a turn, which harmonics have
 constexpr double kHighest = 400.0;
 constexpr double kLevel = 0.001;
+constexpr double kMostFrequencies = 20'000.0;  // of a joint that turns 25 times
 constexpr int kMostFound = 12;
 
 // Frequencies of one joint.
 struct Grid {
   std::size_t joint = 0;
   double step = 0.0;
+  double highest = kHighest;
   Index count = 0;
 
   double times(Index i) const { return kLowest + step * static_cast<double>(i + 1); }
 };
 
-// The largest distance of which all distances between the values are multiples; 0 where there is none.
+// The largest distance of which all distances between the values are multiples, to their rounding; 0 where there is
+// none. From the smallest value upwards each one makes the distance more certain.
 double lattice(std::vector<double> values) {
-  constexpr double kSame = 1e-6;  // [rad]
-  constexpr double kShare = 0.02;
+  constexpr double kRounding = 2e-4;  // [rad]
   std::sort(values.begin(), values.end());
   double least = 0.0;
   for (std::size_t i = 1; i < values.size(); ++i) {
     const double gap = values[i] - values[i - 1];
-    if (gap > kSame && (least == 0.0 || gap < least)) {
+    if (gap > kRounding && (least == 0.0 || gap < least)) {
       least = gap;
     }
   }
-  for (int part = 1; part <= 6 && least > 0.0; ++part) {
-    const double spacing = least / part;
+  constexpr int kMostParts = 6;
+  for (int part = 1; part <= kMostParts && least > 0.0; ++part) {
+    double spacing = least / part;
+    if (spacing < std::numbers::pi / kHighest) {
+      return 0.0;  // that limits nothing
+    }
     const bool fits = std::all_of(values.begin(), values.end(), [&](double value) {
-      const double steps = (value - values.front()) / spacing;
-      return std::abs(steps - std::round(steps)) < kShare;
+      const double distance = value - values.front();
+      const double steps = std::round(distance / spacing);
+      if (std::abs(distance - steps * spacing) > kRounding) {
+        return false;
+      }
+      spacing = steps > 0.0 ? distance / steps : spacing;
+      return true;
     });
     if (fits) {
       return spacing;
@@ -70,8 +81,9 @@ std::vector<Grid> grids(const ErrorModel& model, const MatrixXd& q) {
     const double spacing = lattice({row.begin(), row.end()});
     const double highest = spacing > 0.0 ? std::min(kHighest, std::numbers::pi / spacing) : kHighest;
     const double step = std::numbers::pi / range;
-    if (const auto count = static_cast<Index>(std::floor((highest - kLowest) / step)); count > 0) {
-      result.push_back({.joint = joint, .step = step, .count = count});
+    const double count = std::floor((highest - kLowest) / step);
+    if (count >= 1.0 && count <= kMostFrequencies) {
+      result.push_back({.joint = joint, .step = step, .highest = highest, .count = static_cast<Index>(count)});
     }
   }
   return result;
@@ -127,7 +139,7 @@ public:
     }
     const auto found = std::max_element(best.begin(), best.end(),
                                         [](const Swing& a, const Swing& b) { return a.t_squared < b.t_squared; });
-    *found = refined(*found, grids_[static_cast<std::size_t>(found - best.begin())].step);
+    *found = refined(*found, grids_[static_cast<std::size_t>(found - best.begin())]);
     const MatrixXd columns = columns_of(*found);
     const MatrixXd own = projected(columns);
     if (p_of(hotelling(sums(own)), n) * static_cast<double>(tried) > kLevel) {
@@ -170,14 +182,17 @@ private:
   }
 
   // Between its neighbours on the grid, where most of the squares goes; to two decimals, as it is named.
-  Swing refined(const Swing& found, double step) const {
+  Swing refined(const Swing& found, const Grid& grid) const {
     const VectorXd moment = moments(found.joint, rest_);
     const VectorXd weight = moments(found.joint, data_.joints.J.col(static_cast<Index>(found.joint)));
     constexpr int kParts = 20;
     Swing best = found;
     double most = 0.0;
     for (int part = -kParts; part <= kParts; ++part) {
-      Swing swing{.joint = found.joint, .times = std::round(100.0 * (found.times + step * part / kParts)) / 100.0};
+      Swing swing{.joint = found.joint, .times = std::round(100.0 * (found.times + grid.step * part / kParts)) / 100.0};
+      if (swing.times <= kLowest || swing.times > grid.highest) {
+        continue;
+      }
       const Eigen::MatrixX2d basis = functions(data_.joint_values, swing);
       const Matrix2d information = basis.transpose() * weight.asDiagonal() * basis;
       const Eigen::Vector2d gradient = basis.transpose() * moment;
@@ -249,10 +264,9 @@ std::vector<EffectTerm> find_ripple(RippleData data, int threads) {
     const bool is_new = std::none_of(terms.begin(), terms.end(), [&](const EffectTerm& term) {
       return !pair.empty() && term.name == pair.front().name;
     });
-    if (pair.empty() || !is_new) {
-      break;
+    if (is_new) {
+      terms.insert(terms.end(), pair.begin(), pair.end());
     }
-    terms.insert(terms.end(), pair.begin(), pair.end());
   }
   return terms;
 }

@@ -33,12 +33,16 @@ SizedInformation sized_information(const MatrixXd& information, const Groups& gr
 TableCertainty::TableCertainty(const Candidate& candidate, const MatrixXd& information, const Groups& groups,
                                const GroupSizes& sizes)
     : candidate_(candidate) {
+  const auto is_of_table = [](const EffectTerm& term) { return term.group == EffectGroup::tables; };
+  if (std::none_of(candidate.model.effects.begin(), candidate.model.effects.end(), is_of_table)) {
+    return;
+  }
   const SizedInformation sized = sized_information(information, groups, sizes);
   const Eigen::LDLT<MatrixXd> solver(sized.matrix);
   std::map<int, std::vector<Index>> places;  // among the columns that take part
   for (const std::size_t e : candidate.free.effects()) {
     const EffectTerm& term = candidate.model.effects[e];
-    if (term.group != EffectGroup::tables) {
+    if (!is_of_table(term)) {
       continue;
     }
     const Index column = *candidate.free.column(UnknownGroup::effects, e);
@@ -83,23 +87,25 @@ void TableCertainty::withhold(const VectorXd& joint_values, VectorXd& columns) c
 
 std::vector<std::pair<double, double>> TableCertainty::gaps(int joint) const {
   constexpr double kParts = 8.0;  // of the table's length
+  constexpr double kMostSteps = 1e4;
   std::vector<std::pair<double, double>> result;
   const auto found = tables_.find(joint);
   if (found == tables_.end()) {
     return result;
   }
   const TableTerm& range = candidate_.model.effects[found->second.terms.front()].table;
-  const auto steps = static_cast<int>(std::ceil((range.upper - range.lower) / range.length * kParts));
+  const double parts = (range.upper - range.lower) / range.length * kParts;
+  const auto steps = static_cast<int>(std::ceil(std::min(parts, kMostSteps)));
   const double step = (range.upper - range.lower) / steps;
   bool inside = false;
   for (int i = 0; i <= steps; ++i) {
     const double value = i == steps ? range.upper : range.lower + step * i;
     const bool uncertain = is_uncertain(found->second, value);
     if (uncertain && !inside) {
-      result.emplace_back(value, value);
+      result.emplace_back(i == 0 ? value : value - step, value);
     }
-    if (uncertain) {
-      result.back().second = value;
+    if (uncertain || inside) {
+      result.back().second = value;  // up to the first certain one
     }
     inside = uncertain;
   }

@@ -1,7 +1,9 @@
 #include "kdl_calibration/least_squares.hpp"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -163,8 +165,14 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
   const Index priors = (data_->priors.array() > 0.0).count();
   WhitenedSystem system{
       .jacobian = MatrixXd::Zero(rows + priors, columns), .residual = VectorXd::Zero(rows + priors), .blocks = {}};
+  const std::vector<Index> configurations = data_->observed.columns();
+  std::vector<std::size_t> order(blocks.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t a, std::size_t b) { return configurations[a] < configurations[b]; });
   Index row = 0;
-  for (const MatrixXd& block : blocks) {
+  for (const std::size_t place : order) {
+    const MatrixXd& block = blocks[place];
     system.blocks.push_back(row);
     system.jacobian.middleRows(row, block.rows()) = block.leftCols(columns);
     system.residual.segment(row, block.rows()) = block.rightCols<1>();

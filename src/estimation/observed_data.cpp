@@ -22,7 +22,7 @@ std::vector<double> weights_of(const ObservedConfiguration& configuration, std::
 }
 
 LaneGroup group_for(const ObservedConfiguration& configuration, Index joints) {
-  LaneGroup group{.targets = {}, .weights = {}, .joints = static_cast<std::size_t>(joints), .data = {}};
+  LaneGroup group{.targets = {}, .weights = {}, .joints = static_cast<std::size_t>(joints), .columns = {}, .data = {}};
   for (const ObservedPoint& point : configuration.points) {
     group.targets.push_back(point.target);
     group.weights.push_back(point.weight);
@@ -92,6 +92,7 @@ void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const ObservedConfig
       write(joints + 3 * k + i, configuration.points[k].position[static_cast<Index>(i)]);
     }
   }
+  columns.push_back(configuration.column);
   ++configurations;
 }
 
@@ -108,6 +109,17 @@ void LaneGroup::read(std::size_t configuration, VectorXd& q, ObservedConfigurati
     points.points[k].position =
         Vector3d(at(configuration, row), at(configuration, row + 1), at(configuration, row + 2));
   }
+}
+
+std::vector<Index> ObservedData::columns() const {
+  std::vector<Index> result;
+  for (const LaneGroup& group : groups) {
+    result.insert(result.end(), group.columns.begin(), group.columns.end());
+  }
+  for (const ObservedConfiguration& configuration : configurations) {
+    result.push_back(configuration.column);
+  }
+  return result;
 }
 
 ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,

@@ -18,7 +18,8 @@ struct LaneGroup {
   std::vector<double> weights;  // of each of them
   std::size_t joints = 0;
   std::size_t configurations = 0;
-  std::vector<LaneRow> data;  // see ChainKernelInput::data
+  std::vector<Eigen::Index> columns;  // of each configuration, in the measurements
+  std::vector<LaneRow> data;          // see ChainKernelInput::data
 
   std::size_t rows() const { return joints + 3 * targets.size(); }  // of a block of kLanes configurations
   double at(std::size_t configuration, std::size_t row) const {
@@ -38,6 +39,9 @@ struct ObservedData {
   // Of the configurations one by one: joints x N, and basis(q) of the model's effects x N.
   Eigen::MatrixXd joint_values;
   Eigen::MatrixXd effect_basis;
+
+  /// The configurations' columns in the measurements, in the order in which passes come to them.
+  std::vector<Eigen::Index> columns() const;
 };
 
 /// Groups are worth while, and possible, where points alone were measured with isotropic noise, few of the

@@ -31,8 +31,7 @@ std::vector<Unknown> listed_errors(const ErrorModel& model) {
 std::vector<Unknown> listed_effects(const ErrorModel& model) {
   std::vector<Unknown> result;
   for (const EffectTerm& effect : model.effects) {
-    const JointType type = model.joints[static_cast<std::size_t>(effect.index)].type;
-    result.push_back({.name = effect.name, .length = type == JointType::prismatic, .sigma = effect.sigma});
+    result.push_back({.name = effect.name, .length = is_length(model, effect), .sigma = effect.sigma});
   }
   return result;
 }

@@ -18,7 +18,7 @@ using Eigen::Map;
 using Eigen::Ref;
 using Eigen::VectorXd;
 
-constexpr double kStep = 1e-5;  // [rad or m]
+constexpr double kStep = 1e-6;  // [rad or m]
 
 // Numbers on the stack, for few joints.
 class Scratch {

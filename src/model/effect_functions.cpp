@@ -38,18 +38,23 @@ double gravity_moment(const ErrorModel& model, const EffectTerm& term, const Ref
 
 double harmonic(double times, double q) { return times > 0 ? std::sin(times * q) : std::cos(-times * q); }
 
+// Beyond its ends a table is what it is there.
 bool is_withheld(const TableTerm& table, double q) {
+  const double held = std::clamp(q, table.lower, table.upper);
   return std::any_of(table.withheld.begin(), table.withheld.end(),
-                     [&](const auto& range) { return range.first <= q && q <= range.second; });
+                     [&](const auto& range) { return range.first <= held && held <= range.second; });
 }
 
 }  // namespace
 
+bool is_withheld(const EffectTerm& term, double q) {
+  return term.group == EffectGroup::tables && is_withheld(term.table, q);
+}
+
 bool withholds_tables(const ErrorModel& model, const VectorXd& q) {
   require_count("joint values", q.size(), model.joints.size());
-  return std::any_of(model.effects.begin(), model.effects.end(), [&](const EffectTerm& term) {
-    return term.group == EffectGroup::tables && is_withheld(term.table, q[term.index]);
-  });
+  return std::any_of(model.effects.begin(), model.effects.end(),
+                     [&](const EffectTerm& term) { return is_withheld(term, q[term.index]); });
 }
 
 Vector3d JointFrames::axis(std::size_t joint, EffectAxis axis) const {

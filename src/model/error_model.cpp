@@ -148,6 +148,11 @@ bool is_length(const ErrorModel& model, const ErrorParameter& parameter) {
           model.joints[static_cast<std::size_t>(parameter.frame)].type == JointType::prismatic);
 }
 
+bool is_length(const ErrorModel& model, const EffectTerm& term) {
+  return term.axis == EffectAxis::own &&
+         model.joints[static_cast<std::size_t>(term.index)].type == JointType::prismatic;
+}
+
 double usual_error(const ErrorModel& model, const ErrorParameter& parameter) {
   return is_length(model, parameter) ? 0.003 : 0.005;
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <kdl/chainjnttojacsolver.hpp>
+#include <utility>
 
 #include "base/preconditions.hpp"
 #include "model/manipulator_jacobian.hpp"
@@ -11,7 +12,7 @@ namespace kdl_calibration {
 
 Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis) {
   const Eigen::Vector3d z = Eigen::Vector3d::UnitZ();
-  if (axis.z() < -0.5) {  // half a turn about x first, so that the remaining angle stays away from pi
+  if (axis.z() < -0.55) {  // half a turn about x first, so that the remaining angle stays away from pi
     const Eigen::Matrix3d flip = Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal();
     return flip * z_onto(flip * axis);
   }
@@ -269,6 +270,13 @@ std::vector<ParameterTwist> base_twists() {
 
 namespace {
 
+// One for each joint, or with tilts.
+void require_values(Eigen::Index count, const FoldedChain& chain) {
+  if (!std::cmp_equal(count, 3 * chain.prismatic.size())) {
+    require_count("joint values", count, chain.prismatic.size());
+  }
+}
+
 // R * pose for a rotation that turns coordinate axis `from` towards `to`.
 void turn(double angle, Eigen::Index from, Eigen::Index to, Eigen::Isometry3d& pose) {
   const double s = std::sin(angle);
@@ -299,7 +307,7 @@ void tilt(const Eigen::Ref<const Eigen::VectorXd>& q, std::size_t joints, std::s
 }  // namespace
 
 Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q) {
-  require_count("joint values", q.size(), chain.prismatic.size());
+  require_values(q.size(), chain);
   Eigen::Isometry3d pose = chain.links.back();
   for (std::size_t i = chain.prismatic.size(); i-- > 0;) {
     move_along_z(q[static_cast<Eigen::Index>(i)], chain.prismatic[i], pose);
@@ -319,7 +327,7 @@ std::vector<Eigen::Isometry3d> flange_poses(const FoldedChain& chain, const Eige
 
 Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<ParameterTwist>& twists,
                                   const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) {
-  require_count("joint values", q.size(), chain.prismatic.size());
+  require_values(q.size(), chain);
   jacobian.resize(6, static_cast<Eigen::Index>(twists.size()));
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // of the flange in the frame reached so far
   const auto write_columns = [&](int frame, bool tilted) {

@@ -373,6 +373,13 @@ class Pages(unittest.TestCase):
         self.assertGreater(len(data["effects"]), 0)
         self.assertIn("gravity", self.js("return document.getElementById('effects').innerText"))
 
+    def test_an_arm_whose_bearings_give_way(self):
+        kdlcal(self.path, "simulate", "--configurations", "70", "--effects", "transverse", "--output", "tilted.csv")
+        kdlcal(self.path, "calibrate", "--measurements", "tilted.csv", "--effects", "transverse", "--report", "tilted.html", expected=(0, 1))
+        data = self.check_calibration("tilted.html")
+        self.assertEqual(len(data["measured"]["configurations"][0]["effective"]), 18)
+        self.assertIn("across its axis", self.js("return document.getElementById('effects').innerText"))
+
     def test_poses_of_the_ur10(self):
         folder = self.real("ur10_tracker_poses")
         kdlcal(self.path, "calibrate", "--urdf", folder / "ur10.urdf", "--measurements", folder / "measurements.csv", "--report", "ur10.html", expected=(0, 1))

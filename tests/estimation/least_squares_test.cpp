@@ -139,6 +139,30 @@ TEST_P(LeastSquares, GradientIsTheDerivativeOfTheCost) {
   }
 }
 
+// Some points were not measured, so that configurations that are alike are not those next to each other.
+TEST_P(LeastSquares, WhitenedRowsStandInTheOrderOfTheConfigurations) {
+  const Estimate estimate = near_nominal();
+  const WhitenedSystem system = LeastSquaresProblem(model, measured, free, options).whitened(estimate);
+  std::size_t place = 0;
+  for (std::int32_t c = 0; c < static_cast<std::int32_t>(measured.configurations.size()); ++c) {
+    if (c % 7 == 3) {  // held out
+      continue;
+    }
+    Measurements alone = measured;
+    for (Observation& o : alone.observations) {
+      o.split = o.configuration == c ? Split::train : Split::test;
+    }
+    const WhitenedSystem expected = LeastSquaresProblem(model, alone, free, options).whitened(estimate);
+    const Index rows = system.blocks[place + 1] - system.blocks[place];
+    ASSERT_EQ(rows, expected.blocks[1]) << c;
+    EXPECT_LT((system.residual.segment(system.blocks[place], rows) - expected.residual.head(rows)).norm(),
+              1e-9 * expected.residual.head(rows).norm())
+        << c;
+    ++place;
+  }
+  EXPECT_EQ(system.blocks.size(), place + 1);
+}
+
 TEST_P(LeastSquares, CostAndWhitenedRowsAgreeWithTheEquations) {
   const LeastSquaresProblem problem(model, measured, free, options);
   const Estimate estimate = near_nominal();

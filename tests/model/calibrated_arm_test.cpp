@@ -64,7 +64,7 @@ TEST_P(OfArms, PoseIsThatOfTheKdlSolverAtTheJointValuesWithTheirEffects) {
 }
 
 TEST_P(OfArms, JacobianIsTheDerivativeOfThePose) {
-  constexpr double kStep = 1e-5;
+  constexpr double kStep = 1e-6;
   const Bent bent = this->bent();
   const CalibratedArm arm(bent.model, bent.errors, bent.effects);
   const CalibratedArm rigid(bent.model, bent.errors, {});

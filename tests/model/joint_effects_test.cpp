@@ -374,6 +374,17 @@ TEST(JointEffects, TablesHaveTheCovarianceOfMaternThreeHalves) {
         EXPECT_NEAR(covariance(a, b), (1.0 + r) * std::exp(-r), 0.03) << length << ": " << a << ", " << b;
       }
     }
+    // What is withheld at an end is withheld beyond it.
+    ErrorModel withholding = model;
+    for (EffectTerm& term : withholding.effects) {
+      term.table.withheld = {{1.2, term.table.upper}};
+    }
+    for (const double there : {1.1, 1.3, 1.5}) {
+      Eigen::MatrixXd at = q.leftCols(1);
+      at(2, 0) = there;
+      EXPECT_EQ(effect_basis(withholding, at).isZero(0.0), there > 1.2) << there;
+      EXPECT_EQ(withholds_tables(withholding, at.col(0)), there > 1.2) << there;
+    }
     // Beyond the measured range the value is held.
     Eigen::MatrixXd beyond = q.rightCols(1);
     beyond(2, 0) += 0.7;

@@ -37,6 +37,8 @@ function framesAt(robot, q) {
     let frame = times(frames[frames.length - 1], segment.origin);
     if (segment.joint !== undefined) {
       const joint = robot.joints[segment.joint];
+      const tilts = q.slice(robot.joints.length + 2 * segment.joint, robot.joints.length + 2 * segment.joint + 2);
+      tilts.forEach((tilt, k) => { frame = times(frame, motion(segment.across[k], tilt, false)); });
       frame = times(frame, motion(segment.axis, q[segment.joint], joint.type === "prismatic"));
     }
     frames.push(frame);
