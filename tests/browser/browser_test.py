@@ -374,7 +374,7 @@ class Pages(unittest.TestCase):
         self.assertIn("gravity", self.js("return document.getElementById('effects').innerText"))
 
     def test_an_arm_whose_bearings_give_way(self):
-        kdlcal(self.path, "simulate", "--configurations", "70", "--effects", "transverse", "--output", "tilted.csv")
+        simulated(self.path, "tilted.csv", "--configurations", "70", "--effects", "transverse", "--effect-sigma", "0.0003")
         kdlcal(self.path, "calibrate", "--measurements", "tilted.csv", "--effects", "transverse", "--report", "tilted.html", expected=(0, 1))
         data = self.check_calibration("tilted.html")
         self.assertEqual(len(data["measured"]["configurations"][0]["effective"]), 18)
