@@ -25,7 +25,8 @@ public:
 
   /// And in `jacobian` (6 x joints) the flange's twist in the base frame per unit of each of these values: linear
   /// velocity of the flange's origin, then angular velocity. What a value does to the effects is part of it, by central
-  /// differences (below 1e-8); where a table is withheld from here on, there is a step in the pose.
+  /// differences (below 1e-8). The pose itself has a step where a joint comes to a range in which its table is
+  /// withheld.
   Eigen::Isometry3d flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) const;
 
 private:

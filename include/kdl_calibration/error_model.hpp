@@ -39,7 +39,7 @@ struct PointMass {
   KDL::Vector centre;  ///< in that frame, behind the joint's motion [m]
 };
 
-/// Kinds of motion of the joints beyond what stands on the drawing. What a kind adds is one function in joint_effects.
+/// Kinds of motion of the joints beyond what stands on the drawing. What a kind adds is one function in effect_terms.
 enum class EffectGroup : std::uint8_t {
   gravity,     ///< the joint gives way under the arm's own weight
   transverse,  ///< its bearing does, across the axis
@@ -55,7 +55,7 @@ constexpr std::size_t kEffectGroups = 7;
 /// z_onto(axis) makes of x and y.
 enum class EffectAxis : std::uint8_t { own, across_x, across_y };
 
-/// A smooth function of a joint's value as a sum of sines of growing frequency, see joint_effects.hpp.
+/// A smooth function of a joint's value as a sum of sines of growing frequency, see effect_terms.hpp.
 struct TableTerm {
   int number = 1;       ///< j, from 1
   double length = 0.0;  ///< [rad or m] over which the function forgets itself

@@ -46,15 +46,19 @@ LinearRows linear_rows(const Candidate& candidate, const Measurements& means, Es
   return rows;
 }
 
-LinearRows joint_rows(const ErrorModel& rigid, const Measurements& means, const Estimate& optimum,
-                      double orientation_length) {
-  std::vector<std::string> offsets;
-  for (const ErrorParameter& parameter : rigid.parameters) {
+Unknowns joint_offsets(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
+  std::vector<std::string> names;
+  for (const ErrorParameter& parameter : model.parameters) {
     if (parameter.kind == ParameterKind::joint_offset) {
-      offsets.push_back(parameter.name);
+      names.push_back(parameter.name);
     }
   }
-  const Candidate candidate{.model = rigid, .free = Unknowns(rigid, optimum.targets, offsets)};
+  return {model, targets, names};
+}
+
+LinearRows joint_rows(const ErrorModel& rigid, const Measurements& means, const Estimate& optimum,
+                      double orientation_length) {
+  const Candidate candidate{.model = rigid, .free = joint_offsets(rigid, optimum.targets)};
   return linear_rows(candidate, means, optimum, orientation_length);
 }
 
@@ -73,6 +77,8 @@ LinearSums sums_of(const LinearRows& rows, const std::vector<Index>& configurati
   sums.information.triangularView<Eigen::StrictlyUpper>() = sums.information.transpose();
   return sums;
 }
+
+bool is_of_table(const EffectTerm& term) { return term.group == EffectGroup::tables; }
 
 Groups groups_of(const Candidate& candidate, const Priors& stated) {
   Groups result;

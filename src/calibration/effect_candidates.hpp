@@ -30,10 +30,14 @@ Candidate with_terms(const ErrorModel& rigid, const Unknowns& free, const std::v
 
 LinearRows linear_rows(const Candidate& candidate, const Measurements& means, Estimate optimum,
                        double orientation_length);
-/// One column for every joint: a motion about its own axis.
+/// The offsets of all joints, which are motions about their own axes: one column for every joint, in their order.
+Unknowns joint_offsets(const ErrorModel& model, const std::vector<TargetFrame>& targets);
+/// The rows of these.
 LinearRows joint_rows(const ErrorModel& rigid, const Measurements& means, const Estimate& optimum,
                       double orientation_length);
 LinearSums sums_of(const LinearRows& rows, const std::vector<Eigen::Index>& configurations);
+
+bool is_of_table(const EffectTerm& term);
 
 /// The groups of a candidate: lengths and angles where their sizes are looked for or stated, then the effects'.
 struct Groups {

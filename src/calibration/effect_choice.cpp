@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <iterator>
 #include <limits>
 #include <map>
 #include <numbers>
@@ -23,7 +22,6 @@
 #include "kdl_calibration/group_sizes.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/validation.hpp"
 
 namespace kdl_calibration {
@@ -52,9 +50,10 @@ struct Worth {
   bool determined = false;
   GroupSizes sizes;
   Groups groups;
-  double noise = 0.0;   // [m] of a coordinate of a mean
-  double motion = 0.0;  // [m or rad] largest of a joint by all effects
-  VectorXd squares;     // [m^2] of each held-out configuration, summed over its points
+  MatrixXd information;  // J^T J
+  double noise = 0.0;    // [m] of a coordinate of a mean
+  double motion = 0.0;   // [m or rad] largest of a joint by all effects
+  VectorXd squares;      // [m^2] of each held-out configuration, summed over its points
   double held_out_rms = std::numeric_limits<double>::infinity();
 };
 
@@ -187,7 +186,7 @@ private:
     const Candidate candidate = with_terms(task_.model, task_.free, terms, sized);
     const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
     const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
-    SizedInformation known = sized_information(rows.J.transpose() * rows.J, worth.groups, worth.sizes);
+    SizedInformation known = sized_information(worth.information, worth.groups, worth.sizes);
     RippleData data{.model = task_.model,
                     .joint_values = means_.joint_values,
                     .rows = rows,
@@ -225,7 +224,7 @@ private:
     }
     const Index configurations = static_cast<Index>(rows.first.size()) - 1;
     const std::vector<Index> columns = all_of(rows.J.cols());
-    const LinearSums all = sums_of(rows, all_of(configurations));
+    LinearSums all = sums_of(rows, all_of(configurations));
     const double rounding = kRounding / rows.unit;
     const SizeEstimator whole(all, columns, worth.groups.columns);
     if (!whole.is_determined()) {
@@ -244,6 +243,7 @@ private:
                      .sized = sized,
                      .held_out_rms = worth.held_out_rms,
                      .evidence = worth.sizes.evidence});
+    worth.information = std::move(all.information);
     return worth;
   }
 
@@ -401,8 +401,7 @@ private:
     if (worth.sizes.sizes.empty() || std::none_of(terms.begin(), terms.end(), is_of_table)) {
       return;
     }
-    const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
-    const TableCertainty certainty(candidate, rows.J.transpose() * rows.J, worth.groups, worth.sizes);
+    const TableCertainty certainty(candidate, worth.information, worth.groups, worth.sizes);
     std::map<int, std::vector<std::pair<double, double>>> gaps;
     for (EffectTerm& term : terms) {
       if (is_of_table(term)) {
@@ -410,8 +409,6 @@ private:
       }
     }
   }
-
-  static bool is_of_table(const EffectTerm& term) { return term.group == EffectGroup::tables; }
 
   // Nothing is known of it anywhere.
   static bool is_withheld_throughout(const EffectTerm& term) {

@@ -6,9 +6,9 @@
 #include <cstddef>
 #include <limits>
 #include <map>
-#include <string>
 #include <vector>
 
+#include "calibration/effect_candidates.hpp"
 #include "calibration/new_point.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/joint_effects.hpp"
@@ -32,7 +32,7 @@ public:
         undetermined_(undetermined_directions(uncertain.triangle_of_candidates)),
         free_(uncertain.model, estimate_, uncertain.fit.free),
         candidates_(uncertain.model, estimate_, uncertain.fit.candidates),
-        offsets_(uncertain.model, estimate_.targets, offset_names(uncertain.model)),
+        offsets_(joint_offsets(uncertain.model, estimate_.targets)),
         joints_(uncertain.model, estimate_, offsets_) {}
 
   // Of every target [m^2] in W.
@@ -102,22 +102,11 @@ private:
         continue;
       }
       const double value = term.sigma * table_value(term.table, q[term.index]);
-      const Eigen::Index column = *offsets_.column("dq" + std::to_string(term.index + 1));
       for (std::size_t k = 0; k < covariances.size(); ++k) {
-        const Eigen::Vector3d moved = value * jacobians[k].col(column);
+        const Eigen::Vector3d moved = value * jacobians[k].col(term.index);
         covariances[k] += moved * moved.transpose();
       }
     }
-  }
-
-  static std::vector<std::string> offset_names(const ErrorModel& model) {
-    std::vector<std::string> names;
-    for (const ErrorParameter& parameter : model.parameters) {
-      if (parameter.kind == ParameterKind::joint_offset) {
-        names.push_back(parameter.name);
-      }
-    }
-    return names;
   }
 
   bool determines(const Matrix3Xd& jacobian) const {

@@ -33,7 +33,6 @@ SizedInformation sized_information(const MatrixXd& information, const Groups& gr
 TableCertainty::TableCertainty(const Candidate& candidate, const MatrixXd& information, const Groups& groups,
                                const GroupSizes& sizes)
     : candidate_(candidate) {
-  const auto is_of_table = [](const EffectTerm& term) { return term.group == EffectGroup::tables; };
   if (std::none_of(candidate.model.effects.begin(), candidate.model.effects.end(), is_of_table)) {
     return;
   }
