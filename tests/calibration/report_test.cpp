@@ -162,12 +162,28 @@ void add_cases_of_effects(std::vector<Case>& cases) {
                                 .leave_one_out = true,
                                 .nested = true}));
   Setup odd(parse_robot(kOddArm), testing::targets_at({{0.1, 0.0, 0.05}, {0.0, 0.12, 0.0}}), 5);
+  const Eigen::MatrixXd q = odd.configurations(45);
   cases.push_back(
-      odd.calibrated("odd arm", odd.measured(odd.configurations(45), kPoints),
+      odd.calibrated("odd arm", odd.measured(q, kPoints),
                      {.effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
                                              EffectGroup::harmonics, EffectGroup::tables}},
                       .weights = Weights::equal,
                       .predict_at = {{"here"}, odd.configurations(1)}}));
+}
+
+/// Joints move by tables, of which the last is withheld in the middle of its range, where nothing is measured.
+Case table_with_a_gap() {
+  Setup odd(parse_robot(kOddArm), testing::targets_at({{0.1, 0.0, 0.05}, {0.0, 0.12, 0.0}}), 5);
+  Eigen::MatrixXd q = odd.configurations(60);
+  q.row(4) = q.row(4).unaryExpr([](double value) { return value + std::copysign(1.0, value); }) * 2.0 / 3.0;
+  Eigen::MatrixXd asked = q.leftCols(1).replicate(1, 2);
+  asked(4, 1) = 0.0;
+  odd.truth.model.effects = table_terms(odd.model, q, 0.3);
+  const auto count = static_cast<Eigen::Index>(odd.truth.model.effects.size());
+  odd.truth.truth.effects =
+      Eigen::VectorXd::NullaryExpr(count, [&](Eigen::Index) { return 1e-3 * odd.random.normal(); });
+  return odd.calibrated("a table with a gap", odd.measured(q, kPoints),
+                        {.effects = {.groups = {EffectGroup::tables}}, .predict_at = {{"here", "between"}, asked}});
 }
 
 const std::vector<Case>& cases() {
@@ -1309,9 +1325,36 @@ TEST(ReportJson, ParametersAreThoseOfTheEstimateAndItsCovariance) {
   }
 }
 
+/// What tables that are withheld at q may yet do to a point there [m^2] in W: what its joint's own motion does to it.
+Eigen::Matrix3d covariance_of_withheld(const Case& c, const Eigen::MatrixXd& q, int target) {
+  const ErrorModel& model = c.calibration.model;
+  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+  for (const EffectTerm& term : model.effects) {
+    if (!is_withheld(term, q(term.index, 0))) {
+      continue;
+    }
+    const auto offset = static_cast<Eigen::Index>(parameter_index(model, "dq" + std::to_string(term.index + 1)));
+    constexpr double kStep = 1e-5;  // [rad or m]
+    std::array<KDL::Vector, 2> moved;
+    for (std::size_t side = 0; side < 2; ++side) {
+      Estimate estimate = c.calibration.identification.estimate;
+      estimate.errors[offset] += side == 0 ? -kStep : kStep;
+      moved[side] = predicted_point(kdl_poses(model, estimate, q).front(), estimate, target);
+    }
+    const KDL::Vector derivative = (moved[1] - moved[0]) / (2.0 * kStep);
+    const double size = term.sigma * table_value(term.table, q(term.index, 0));
+    const Eigen::Vector3d motion = size * Eigen::Map<const Eigen::Vector3d>(derivative.data);
+    sum += motion * motion.transpose();
+  }
+  return sum;
+}
+
 TEST(ReportJson, PredictionsAreThoseOfKdlAndOfThePropagatedCovariance) {
-  for (const char* name : {"noise that is stated, predictions", "odd arm"}) {
-    const Case& c = case_of(name);
+  const Case gap = table_with_a_gap();
+  int withheld = 0;
+  for (const Case* of : {&case_of("noise that is stated, predictions"), &case_of("odd arm"), &gap}) {
+    const Case& c = *of;
+    const std::string& name = c.name;
     const Estimate& estimate = c.calibration.identification.estimate;
     const Eigen::MatrixXd& q = c.options.predict_at.joint_values;
     const std::vector<KDL::Frame> poses = kdl_poses(c.calibration.model, estimate, q);
@@ -1325,9 +1368,14 @@ TEST(ReportJson, PredictionsAreThoseOfKdlAndOfThePropagatedCovariance) {
       EXPECT_EQ(point["target"], estimate.targets[static_cast<std::size_t>(target)].name);
       const KDL::Vector p_W = predicted_point(poses[configuration], estimate, target);
       const KDL::Vector p_B = to_kdl(estimate.X_WB).Inverse() * p_W;
-      const Eigen::Matrix3d C = predicted_covariance(
-          PositionPredictor(c.calibration.model, estimate, c.calibration.free), c.calibration.covariance,
-          q.col(static_cast<Eigen::Index>(configuration)), static_cast<std::size_t>(target));
+      const auto column = static_cast<Eigen::Index>(configuration);
+      Eigen::Matrix3d C = predicted_covariance(PositionPredictor(c.calibration.model, estimate, c.calibration.free),
+                                               c.calibration.covariance, q.col(column),
+                                               static_cast<std::size_t>(target));
+      const Eigen::Matrix3d of_withheld = covariance_of_withheld(c, q.col(column), target);
+      C += of_withheld;
+      withheld += of_withheld.isZero(0.0) ? 0 : 1;
+      EXPECT_TRUE(of_withheld.isZero(0.0) || point["outside"]) << name;
       for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
         EXPECT_NEAR(point["position"][a], p_B[axis], 1e-12) << name;
@@ -1346,6 +1394,7 @@ TEST(ReportJson, PredictionsAreThoseOfKdlAndOfThePropagatedCovariance) {
       EXPECT_NEAR(f_upper_tail(F, s2 * s2 / (sum * sum).trace(), freedom), 0.05, 1e-9) << name;
     }
   }
+  EXPECT_GT(withheld, 0) << "no table was withheld anywhere";
 }
 
 TEST(ReportJson, WhatIsNotDeterminedIsNullAndTheRestIsNot) {
