@@ -61,6 +61,10 @@ awk '
     row("  fit", "whole_fit_library/300000")
     row("  calibrate, all figures", "calibrate_library/300000")
     if (memory) printf "%-58s %12.0f MB\n", "  peak memory of the fit, data included", memory
+    print "1,000 configurations x 3 points, all threads"
+    row("  calibrate with one model, all figures", "one_model_library/1000")
+    row("  other readings of the data", "hypotheses_library/1000")
+    ratio("  calibrate over other readings", "hypotheses_library/1000", "one_model_library/1000")
     print "10,000 Monte Carlo calibrations"
     row("  one thread", "monte_carlo/1")
     row("  two threads", "monte_carlo/2")

@@ -38,6 +38,9 @@ WhitenedSummary summarised(const WhitenedSystem& system) {
   require_count("residuals of a system", system.residual.size(), system.jacobian.rows());
   require_at_least("blocks of a system", system.blocks.size(), 1);
   require_indices("the block's row", system.blocks, system.jacobian.rows() + 1);
+  if (!std::is_sorted(system.blocks.begin(), system.blocks.end())) {
+    refuse_input("first rows of blocks go back", "one after the other");
+  }
   RowSummary summary(system.jacobian.cols());
   for (std::size_t b = 0; b + 1 < system.blocks.size(); ++b) {
     const Index first = system.blocks[b];

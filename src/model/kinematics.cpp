@@ -330,10 +330,12 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
   require_values(q.size(), chain);
   jacobian.resize(6, static_cast<Eigen::Index>(twists.size()));
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // of the flange in the frame reached so far
+  std::size_t written = 0;
   const auto write_columns = [&](int frame, bool tilted) {
     for (std::size_t t = 0; t < twists.size(); ++t) {
       const ParameterTwist& twist = twists[t];
       if (twist.frame == frame && twist.tilted == tilted) {
+        ++written;
         auto column = jacobian.col(static_cast<Eigen::Index>(t));
         column.head<3>() = pose.linear().transpose() * (twist.linear + twist.angular.cross(pose.translation()));
         column.tail<3>() = pose.linear().transpose() * twist.angular;
@@ -352,6 +354,7 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
     pose = chain.links[joint] * pose;
   }
   write_columns(-1, false);
+  require_count("twists in frames of the chain", written, twists.size());
   return pose;
 }
 

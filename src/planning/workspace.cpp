@@ -101,11 +101,36 @@ private:
       throw InputError("the cell has " + std::to_string(cell_.facing.size()) + " facing directions, expected one for " +
                        "each of " + std::to_string(targets_.size()) + " targets");
     }
+    require_finite("a cell", are_numbers());
     for (const Capsule& capsule : cell_.body) {
       if (capsule.frame > robot_.chain.getNrOfSegments()) {
         throw InputError("the body of link " + in_quotes(capsule.link) + " belongs to no frame of the robot");
       }
     }
+  }
+
+  // Bounds may be infinite, the rest may not.
+  bool are_numbers() const {
+    const auto all_of = [](const auto& parts, const auto& are) { return std::all_of(parts.begin(), parts.end(), are); };
+    const auto is_bound = [](double value) { return !std::isnan(value); };
+    const auto is_box = [](const Box& box) { return !box.lower.hasNaN() && !box.upper.hasNaN(); };
+    const std::optional<Tracker>& tracker = cell_.tracker;
+    return all_of(cell_.sums,
+                  [&](const JointSum& sum) {
+                    return sum.weights.allFinite() && std::isfinite(sum.offset) && is_bound(sum.lower) &&
+                           is_bound(sum.upper);
+                  }) &&
+           is_box(cell_.box) && all_of(cell_.out_boxes, is_box) && is_bound(cell_.height.value_or(0.0)) &&
+           is_bound(cell_.radius.value_or(0.0)) && is_bound(cell_.clearance.value_or(0.0)) &&
+           all_of(cell_.out_spheres,
+                  [](const Sphere& sphere) { return sphere.center.allFinite() && std::isfinite(sphere.radius); }) &&
+           all_of(cell_.body,
+                  [](const Capsule& part) {
+                    return part.a.allFinite() && part.b.allFinite() && std::isfinite(part.radius);
+                  }) &&
+           all_of(cell_.facing, [](const Vector3d& direction) { return direction.allFinite(); }) &&
+           (!tracker || (tracker->position.allFinite() && is_bound(tracker->least_distance) &&
+                         is_bound(tracker->greatest_distance) && is_bound(tracker->acceptance)));
   }
 
   void add(std::string name, std::function<bool(const Posture&)> holds) {

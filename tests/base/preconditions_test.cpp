@@ -159,6 +159,9 @@ TEST(Doors, OfTheModelRefuseWhatDoesNotFit) {
       {"flange_pose", [&] { flange_pose(chain, s.few); }, "3 joint values"},
       {"flange_poses", [&] { flange_poses(chain, s.few_rows); }, "3 joint values"},
       {"flange_jacobian", [&] { flange_jacobian(chain, {}, s.few, jacobian); }, "3 joint values"},
+      {"flange_jacobian, twist",
+       [&] { flange_jacobian(chain, {ParameterTwist{.frame = 9}}, Eigen::VectorXd::Zero(6), jacobian); },
+       "0 twists in frames of the chain, expected 1"},
       {"position_jacobian_by_matrix_derivatives",
        [&] { position_jacobian_by_matrix_derivatives(model, s.errors, s.beyond, X, s.q, {}); }, "parameter 1000"},
       {"its joints", [&] { position_jacobian_by_matrix_derivatives(model, s.errors, {0}, X, s.few, {}); },
@@ -224,6 +227,12 @@ TEST(Doors, OfTheEstimationRefuseWhatDoesNotFit) {
        "parameter 1000"},
       {"register_base_and_targets", [&] { register_base_and_targets(X_BF, s.data); }, "2 poses of the flange"},
       {"well_conditioned_root", [&] { well_conditioned_root(s.few_rows); }, "4 columns of an information matrix"},
+      {"summarised, order",
+       [&] {
+         summarised(
+             {.jacobian = Eigen::MatrixXd::Zero(6, 2), .residual = Eigen::VectorXd::Zero(6), .blocks = {0, 4, 2}});
+       },
+       "go back"},
       {"summarised",
        [&] {
          summarised({.jacobian = s.few_rows, .residual = s.few, .blocks = {0, 9}});

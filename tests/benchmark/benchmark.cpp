@@ -10,6 +10,7 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/registration.hpp"
+#include "kdl_calibration/suspicions.hpp"
 
 namespace kdl_calibration::benchmarks {
 namespace {
@@ -134,6 +135,25 @@ void calibrate_library(benchmark::State& state) {
   }
 }
 BENCHMARK(calibrate_library)->Arg(30)->Arg(300000)->Unit(benchmark::kMillisecond);
+
+// What calibrate() tries of other readings of the data, and all the rest that it does with one model.
+void hypotheses_library(benchmark::State& state) {
+  const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)), 1, 0.00003);
+  const Calibration found = calibrate(experiment().model, measured, {.try_readings = false});
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(
+        suspicions(experiment().model, measured, found.identification.estimate, found.free, {.threads = 0}));
+  }
+}
+BENCHMARK(hypotheses_library)->Arg(1000)->UseRealTime()->Unit(benchmark::kMillisecond);
+
+void one_model_library(benchmark::State& state) {
+  const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)), 1, 0.00003);
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(calibrate(experiment().model, measured, {.try_readings = false}));
+  }
+}
+BENCHMARK(one_model_library)->Arg(1000)->UseRealTime()->Unit(benchmark::kMillisecond);
 
 double peak_megabytes() {
   std::ifstream status("/proc/self/status");

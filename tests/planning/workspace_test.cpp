@@ -6,7 +6,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <kdl/chainfksolverpos_recursive.hpp>
+#include <limits>
+#include <utility>
+#include <vector>
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
@@ -522,6 +526,50 @@ TEST(Workspace, RefusesCellsThatDoNotFit) {
   cell.ranges[2] = {-1.0, 1.0};
   cell.facing = {Vector3d::UnitX()};
   EXPECT_THROW(candidates(robot, circle_of_targets(), cell), InputError);
+}
+
+TEST(Workspace, RefusesCellsOfWhatIsNoNumber) {
+  const Robot robot = testing::fanuc();
+  Cell sound;
+  sound.ranges = limits_of(robot.joints);
+  sound.sums = {{.name = "J2 + J3", .weights = Eigen::VectorXd::Unit(6, 1)}};
+  sound.height = -3.0;
+  sound.radius = 0.0;
+  sound.out_spheres = {{.center = {9.0, 9.0, 9.0}, .radius = 0.1}};
+  sound.out_boxes = {{.lower = Vector3d::Constant(8.0), .upper = Vector3d::Constant(9.0)}};
+  sound.body = {{.link = "flange", .frame = 6, .radius = 0.01}};
+  sound.clearance = 0.0;
+  sound.tracker = Tracker{.position = {5.0, 0.0, 1.0}};
+  sound.facing = std::vector<Vector3d>(3, Vector3d::UnitX());
+  const CandidateOptions one{.count = 1};
+  EXPECT_NO_THROW(candidates(robot, circle_of_targets(), sound, one));
+  const double no_number = std::numeric_limits<double>::quiet_NaN();
+  const std::vector<std::pair<const char*, std::function<void(Cell&)>>> spoilers = {
+      {"weights", [&](Cell& cell) { cell.sums[0].weights[2] = no_number; }},
+      {"offset", [&](Cell& cell) { cell.sums[0].offset = no_number; }},
+      {"lower bound", [&](Cell& cell) { cell.sums[0].lower = no_number; }},
+      {"upper bound", [&](Cell& cell) { cell.sums[0].upper = no_number; }},
+      {"box", [&](Cell& cell) { cell.box.upper[1] = no_number; }},
+      {"height", [&](Cell& cell) { cell.height = no_number; }},
+      {"radius", [&](Cell& cell) { cell.radius = no_number; }},
+      {"sphere", [&](Cell& cell) { cell.out_spheres[0].center[0] = no_number; }},
+      {"radius of a sphere", [&](Cell& cell) { cell.out_spheres[0].radius = no_number; }},
+      {"keep-out box", [&](Cell& cell) { cell.out_boxes[0].lower[2] = no_number; }},
+      {"body", [&](Cell& cell) { cell.body[0].b[1] = no_number; }},
+      {"radius of the body", [&](Cell& cell) { cell.body[0].radius = no_number; }},
+      {"clearance", [&](Cell& cell) { cell.clearance = no_number; }},
+      {"tracker", [&](Cell& cell) { cell.tracker->position[0] = no_number; }},
+      {"least distance", [&](Cell& cell) { cell.tracker->least_distance = no_number; }},
+      {"greatest distance", [&](Cell& cell) { cell.tracker->greatest_distance = no_number; }},
+      {"acceptance", [&](Cell& cell) { cell.tracker->acceptance = no_number; }},
+      {"facing", [&](Cell& cell) { cell.facing[1][2] = no_number; }},
+  };
+  for (const auto& [what, spoil] : spoilers) {
+    Cell cell = sound;
+    spoil(cell);
+    EXPECT_THROW(candidates(robot, circle_of_targets(), cell, one), InputError) << what;
+    EXPECT_THROW(violated(robot, circle_of_targets(), cell, Eigen::VectorXd::Zero(6)), InputError) << what;
+  }
 }
 
 }  // namespace
