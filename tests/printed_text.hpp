@@ -3,18 +3,19 @@
 #include <gmock/gmock.h>
 
 #include <array>
-#include <charconv>
+#include <cstdio>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace kdl_calibration::testing {
 
-/// "12.346" for 12.3456 with 3 decimals: what printf and iostreams must agree with, by a third way.
+/// "12.346" for 12.3456 with 3 decimals, by another way than the program's. No zero has a sign.
 inline std::string decimals(double value, int count) {
   std::array<char, 400> text{};
-  const auto end = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::fixed, count).ptr;
-  return {text.data(), end};
+  std::snprintf(text.data(), text.size(), "%.*f", count, value);
+  const bool is_zero = std::string_view(text.data()).find_first_not_of("-0.") == std::string_view::npos;
+  return text.data() + (is_zero && text[0] == '-' ? 1 : 0);
 }
 
 /// The text without blanks at either end, and each run of blanks as one.

@@ -15,6 +15,17 @@ inline std::string shortest(double value) {
   return {digits.data(), result.ptr};
 }
 
+/// "12.346" for 12.34567 with 3 decimals, with a point in every locale; never "-0.000".
+inline std::string fixed(double value, int decimals) {
+  std::array<char, 512> buffer{};
+  // Adding zero makes -0 a plain 0.
+  const auto result =
+      std::to_chars(buffer.data(), buffer.data() + buffer.size(), value + 0.0, std::chars_format::fixed, decimals);
+  std::string text(buffer.data(), result.ptr);
+  const bool negative_zero = text.front() == '-' && text.find_first_of("123456789in") == std::string::npos;
+  return negative_zero ? text.substr(1) : text;
+}
+
 /// At most so many significant digits, with a point in every locale.
 inline std::string significant(double value, int digits) {
   std::array<char, 32> text{};

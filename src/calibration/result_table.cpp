@@ -1,16 +1,14 @@
 #include "kdl_calibration/result_table.hpp"
 
-#include <locale.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <numbers>
 #include <set>
 #include <utility>
 
+#include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "base/wrapped_text.hpp"
 #include "calibration/effect_findings.hpp"
@@ -21,16 +19,6 @@
 namespace kdl_calibration {
 namespace {
 
-// printf with the decimal point of the C locale, whatever that of the program.
-std::string format(const char* pattern, double value) {
-  static const locale_t classic = ::newlocale(LC_ALL_MASK, "C", nullptr);
-  const locale_t before = ::uselocale(classic);
-  std::string text(static_cast<std::size_t>(std::snprintf(nullptr, 0, pattern, value)), '\0');
-  std::snprintf(text.data(), text.size() + 1, pattern, value);
-  ::uselocale(before);
-  return text;
-}
-
 std::string padded(std::string text, std::size_t width) {
   text.resize(std::max(width, text.size()), ' ');
   return text;
@@ -40,11 +28,13 @@ std::string right(const std::string& text, std::size_t width) {
   return std::string(width - std::min(width, text.size()), ' ') + text;
 }
 
+std::string cell(double value, std::size_t width, int decimals = 3) { return right(fixed(value, decimals), width); }
+
 std::string priors_in_words(const Priors& priors) {
   if (!(priors.length > 0.0) && !(priors.angle > 0.0)) {
     return "no priors";
   }
-  return format("priors of %.3g mm", priors.length * 1e3) + format(" and %.3g mrad", priors.angle * 1e3);
+  return "priors of " + significant(priors.length * 1e3, 3) + " mm and " + significant(priors.angle * 1e3, 3) + " mrad";
 }
 
 // Positions errors of the means of the repeats, as in all tables.
@@ -78,19 +68,19 @@ void add_errors(const Calibration& calibration, std::string& text) {
   }
   const ErrorStatistics& repeatability = calibration.iso_after.repeatability;
   if (repeatability.count > 0) {
-    text += "AP and RP by the formulas of ISO 9283 (not its test cycle), largest:\n" +
-            format("  AP nominal %.3f mm,", calibration.iso_before.accuracy.max * 1e3) +
-            format(" calibrated %.3f mm;", calibration.iso_after.accuracy.max * 1e3) +
-            format(" RP %.3f mm\n", repeatability.max * 1e3);
+    text += "AP and RP by the formulas of ISO 9283 (not its test cycle), largest:\n  AP nominal " +
+            fixed(calibration.iso_before.accuracy.max * 1e3, 3) + " mm, calibrated " +
+            fixed(calibration.iso_after.accuracy.max * 1e3, 3) + " mm; RP " + fixed(repeatability.max * 1e3, 3) +
+            " mm\n";
   }
 }
 
 // "0.030 mm", or one for each axis of the measuring frame where they differ.
 std::string per_axis(const Eigen::Vector3d& sigma) {
   if ((sigma.array() == sigma.x()).all()) {
-    return format("%.3f mm", sigma.x() * 1e3);
+    return fixed(sigma.x() * 1e3, 3) + " mm";
   }
-  return format("%.3f, ", sigma.x() * 1e3) + format("%.3f, ", sigma.y() * 1e3) + format("%.3f mm", sigma.z() * 1e3);
+  return fixed(sigma.x() * 1e3, 3) + ", " + fixed(sigma.y() * 1e3, 3) + ", " + fixed(sigma.z() * 1e3, 3) + " mm";
 }
 
 std::string noise_line(const NoiseReport& noise) {
@@ -120,16 +110,15 @@ void add_figures(const Calibration& calibration, std::string& text) {
   const Identification& found = calibration.identification;
   text += "\n" + wrapped(noise_line(calibration.noise), 0, 2);
   text += "rank " + std::to_string(calibration.identifiability.rank) + " of " +
-          std::to_string(calibration.identifiability.columns) + " parameters" +
-          format(", condition number %.0f", calibration.identifiability.condition) + ", " +
-          std::to_string(found.iterations) + " iterations\n";
+          std::to_string(calibration.identifiability.columns) + " parameters, condition number " +
+          fixed(calibration.identifiability.condition, 0) + ", " + std::to_string(found.iterations) + " iterations\n";
   if (found.convergence_factor > 0.0) {
-    text += format("each round left %.3f of the error of the round before\n", found.convergence_factor);
+    text += "each round left " + fixed(found.convergence_factor, 3) + " of the error of the round before\n";
   }
   if (calibration.predicted.workspace.count > 0) {
-    text += "1 sigma of a predicted point, from the uncertainty of the parameters alone:\n" +
-            format("  %.3f mm at the measured configurations,", calibration.predicted.measured.rms * 1e3) +
-            format(" %.3f mm over the whole workspace\n", calibration.predicted.workspace.rms * 1e3);
+    text += "1 sigma of a predicted point, from the uncertainty of the parameters alone:\n  " +
+            fixed(calibration.predicted.measured.rms * 1e3, 3) + " mm at the measured configurations, " +
+            fixed(calibration.predicted.workspace.rms * 1e3, 3) + " mm over the whole workspace\n";
   }
   if (!calibration.tried.empty()) {
     const ModelOption& chosen = calibration.tried.front();
@@ -139,7 +128,7 @@ void add_figures(const Calibration& calibration, std::string& text) {
   }
 }
 
-std::string cook_number(double cook) { return std::isfinite(cook) ? format("%10.3f", cook) : "  not without"; }
+std::string cook_number(double cook) { return std::isfinite(cook) ? cell(cook, 10) : "  not without"; }
 
 void add_most_influential(const Measurements& measurements, const Influence& influence, std::string& text) {
   constexpr std::size_t kShown = 5;
@@ -152,13 +141,12 @@ void add_most_influential(const Measurements& measurements, const Influence& inf
     return std::to_string(std::count_if(order.begin(), order.end(), [&](const auto& entry) { return entry.*member; }));
   };
   text += "\nmost influential: " + count(&ConfigurationInfluence::influential) + " of " + std::to_string(order.size()) +
-          format(" configurations have a Cook's distance above %.3f,\n", influence.cook_limit) +
+          " configurations have a Cook's distance above " + fixed(influence.cook_limit, 3) + ",\n" +
           count(&ConfigurationInfluence::high_leverage) + " a high leverage (*)\n";
   text += padded("  configuration", 26) + "    Cook's  leverage\n";
   for (std::size_t i = 0; i < std::min(kShown, order.size()); ++i) {
     text += padded("  " + measurements.configurations[static_cast<std::size_t>(order[i].configuration)], 26) +
-            cook_number(order[i].cook) + format("%10.3f", order[i].leverage) + (order[i].high_leverage ? " *" : "") +
-            "\n";
+            cook_number(order[i].cook) + cell(order[i].leverage, 10) + (order[i].high_leverage ? " *" : "") + "\n";
   }
 }
 
@@ -169,24 +157,24 @@ void add_predictions(const std::vector<PredictedPoint>& points, std::string& tex
   text += "\n" + padded("predicted, in the base [mm]", 28) + "          x          y          z  sigma   95 %\n";
   for (const PredictedPoint& point : points) {
     const Eigen::Vector3d p = point.position * 1e3;
-    text += padded("  " + point.configuration + " " + point.target, 28) + format("%11.3f", p.x()) +
-            format("%11.3f", p.y()) + format("%11.3f", p.z());
-    text += std::isfinite(point.sigma) ? format("%7.3f", point.sigma * 1e3) + format("%7.3f", point.radius_95 * 1e3)
-                                       : "  not determined";
+    text += padded("  " + point.configuration + " " + point.target, 28) + cell(p.x(), 11) + cell(p.y(), 11) +
+            cell(p.z(), 11);
+    text +=
+        std::isfinite(point.sigma) ? cell(point.sigma * 1e3, 7) + cell(point.radius_95 * 1e3, 7) : "  not determined";
     text += "\n";
   }
 }
 
 // How people read a parameter.
 struct DisplayUnit {
-  double per_si;      // how many of it are one metre, one radian or 1
-  const char* value;  // formats of the value and of its 1 sigma, down to some tenths of a micrometre or microradian
-  const char* sigma;
+  double per_si;  // how many of it are one metre or one radian
+  int decimals;   // down to some tenths of a micrometre or microradian
   const char* name;
+
+  std::string of(double value) const { return cell(value * per_si, 10, decimals) + name; }
 };
-constexpr DisplayUnit kMillimetres{.per_si = 1e3, .value = "%10.4f", .sigma = "  +- %.4f", .name = " mm "};
-constexpr DisplayUnit kDegrees{
-    .per_si = 180.0 / std::numbers::pi, .value = "%10.5f", .sigma = "  +- %.5f", .name = " deg"};
+constexpr DisplayUnit kMillimetres{.per_si = 1e3, .decimals = 4, .name = " mm "};
+constexpr DisplayUnit kDegrees{.per_si = 180.0 / std::numbers::pi, .decimals = 5, .name = " deg"};
 
 // A prismatic joint's offset is a length.
 const DisplayUnit& unit_of(const ErrorModel& model, const std::string& name) {
@@ -203,26 +191,27 @@ std::string in_words(const ErrorModel& model, const ParameterEstimate& parameter
          std::to_string(error.frame) + (parameter.joint.empty() ? "" : " (origin of " + parameter.joint + ")");
 }
 
-std::string parameter_line(const ErrorModel& model, const ParameterEstimate& parameter, const std::string& fixed) {
+std::string parameter_line(const ErrorModel& model, const ParameterEstimate& parameter, const std::string& held) {
   const std::size_t width = std::max<std::size_t>(6, parameter.name.size() + 1);
   const DisplayUnit& unit = unit_of(model, parameter.name);
-  const std::string line = "  " + padded(parameter.name, width) + padded(in_words(model, parameter), 40) +
-                           format(unit.value, parameter.error * unit.per_si) + unit.name;
+  const std::string line =
+      "  " + padded(parameter.name, width) + padded(in_words(model, parameter), 40) + unit.of(parameter.error);
   if (parameter.identifiable) {
-    return line + format(unit.sigma, half_width_95(parameter.std, parameter.degrees_of_freedom) * unit.per_si) + "\n";
+    return line + "  +- " +
+           fixed(unit.per_si * half_width_95(parameter.std, parameter.degrees_of_freedom), unit.decimals) + "\n";
   }
   return line + "  " +
          (parameter.gauge       ? (parameter.error == 0.0 ? "held, gauge" : "by gauge")
           : parameter.std > 0.0 ? "not determined"
-                                : fixed) +
+                                : held) +
          "\n";
 }
 
-void add_parameters(const Calibration& calibration, const std::string& fixed, std::string& text) {
+void add_parameters(const Calibration& calibration, const std::string& held, std::string& text) {
   text += "\ngeometric errors, +- half of the 95 % interval\n";
   for (const ParameterEstimate& parameter : calibration.parameters) {
     if (parameter.name.find('.') == std::string::npos) {  // no frame's and no effect's
-      text += parameter_line(calibration.model, parameter, fixed);
+      text += parameter_line(calibration.model, parameter, held);
     }
   }
 }
@@ -239,8 +228,8 @@ void add_effects(const Calibration& calibration, const Measurements& measurement
     const DisplayUnit& unit = motion.is_length(calibration.model) ? kMillimetres : kDegrees;
     const EffectAxis axis = motion.by.axis;
     const std::string about = axis == EffectAxis::own ? "" : std::string(", ") + to_string(axis) + " across its axis";
-    text += "  " + padded(to_string(motion.by.group), 12) + padded(joint.name + about, 34) +
-            format(unit.value, motion.largest() * unit.per_si) + unit.name + "\n";
+    text += "  " + padded(to_string(motion.by.group), 12) + padded(joint.name + about, 34) + unit.of(motion.largest()) +
+            "\n";
   }
   for (const std::string& finding : effect_findings(calibration, motions)) {
     text += wrapped(finding, 2, 4);
@@ -268,14 +257,13 @@ void add_controller_offsets(const Calibration& calibration, const JointConventio
                           convention.matrix(row - convention.urdf_joints.begin(), index) != 0.0);
     }
     const DisplayUnit& unit = slides ? kMillimetres : kDegrees;
-    text += "  " + padded(convention.controller_joints[i], 46) + format(unit.value, controller[index] * unit.per_si) +
-            unit.name + "\n";
+    text += "  " + padded(convention.controller_joints[i], 46) + unit.of(controller[index]) + "\n";
   }
 }
 
 std::string row_of(const std::string& label, const Eigen::Vector3d& position) {
   const Eigen::Vector3d p = position * 1e3;
-  return padded("  " + label, 26) + format("%12.3f", p.x()) + format("%12.3f", p.y()) + format("%12.3f", p.z()) + "\n";
+  return padded("  " + label, 26) + cell(p.x(), 12) + cell(p.y(), 12) + cell(p.z(), 12) + "\n";
 }
 
 void add_frames(const Estimate& estimate, std::string& text) {
@@ -287,7 +275,7 @@ void add_frames(const Estimate& estimate, std::string& text) {
   to_kdl(estimate.X_WB).M.GetRPY(roll, pitch, yaw);
   text += padded("  roll, pitch, yaw [deg]", 26);
   for (const double angle : {roll, pitch, yaw}) {
-    text += format("%12.5f", angle * kDegrees.per_si);
+    text += cell(angle * kDegrees.per_si, 12, kDegrees.decimals);
   }
   text += "\n\n" + padded("targets on the flange [mm]", 26) + axes;
   for (const TargetFrame& target : estimate.targets) {
@@ -327,20 +315,22 @@ std::string verdict(const Measurements& measurements, const Calibration& calibra
 }
 
 void add_main_figures(const Calibration& calibration, std::string& text) {
-  text += format("Position error, rms:  nominal %.3f mm", calibration.iso_before.accuracy.rms * 1e3) +
-          format(" -> calibrated %.3f mm  (fitted)\n", calibration.iso_after.accuracy.rms * 1e3);
+  text += "Position error, rms:  nominal " + fixed(calibration.iso_before.accuracy.rms * 1e3, 3) +
+          " mm -> calibrated " + fixed(calibration.iso_after.accuracy.rms * 1e3, 3) + " mm  (fitted)\n";
   if (calibration.test && calibration.iso_test_after) {
-    text += format("                      at the test rows %.3f mm\n", calibration.iso_test_after->accuracy.rms * 1e3);
+    text +=
+        "                      at the test rows " + fixed(calibration.iso_test_after->accuracy.rms * 1e3, 3) + " mm\n";
   }
   const BeforeAfter* held_out = calibration.held_out();
   if (held_out == nullptr) {
     text += "                      at unseen configurations: not known\n";
   } else {
-    text += format("                      at unseen configurations %.3f mm  (", held_out->after.rms * 1e3) +
+    text += "                      at unseen configurations " + fixed(held_out->after.rms * 1e3, 3) + " mm  (" +
             (calibration.leave_one_out ? std::string("leave-one-out") : std::to_string(calibration.folds) + "-fold") +
             ")\n";
     if (held_out->rigid) {
-      text += format("                      there by the exported URDF alone %.3f mm\n", held_out->rigid->rms * 1e3);
+      text +=
+          "                      there by the exported URDF alone " + fixed(held_out->rigid->rms * 1e3, 3) + " mm\n";
     }
   }
 }
@@ -354,7 +344,7 @@ std::string statistics_heading(const std::string& label, const std::string& coun
 std::string statistics_row(const std::string& label, const ErrorStatistics& statistics) {
   std::string text = padded(label, 24);
   for (const double value : {statistics.rms, statistics.mean, statistics.p95, statistics.max}) {
-    text += statistics.count > 0 ? format("%12.3f", value * 1e3) : right("-", 12);
+    text += statistics.count > 0 ? cell(value * 1e3, 12) : right("-", 12);
   }
   return text + right(std::to_string(statistics.count), 8) + "\n";
 }

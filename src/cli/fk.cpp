@@ -3,6 +3,7 @@
 #include <numbers>
 #include <utility>
 
+#include "base/number_text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/subcommands.hpp"

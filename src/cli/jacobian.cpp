@@ -1,6 +1,7 @@
 #include <memory>
 #include <optional>
 
+#include "base/number_text.hpp"
 #include "cli/frames.hpp"
 #include "cli/identification_csv.hpp"
 #include "cli/options.hpp"

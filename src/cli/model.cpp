@@ -1,5 +1,6 @@
 #include <memory>
 
+#include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"

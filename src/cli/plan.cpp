@@ -3,6 +3,7 @@
 #include <numbers>
 #include <optional>
 
+#include "base/number_text.hpp"
 #include "cli/cell_options.hpp"
 #include "cli/frames.hpp"
 #include "cli/measurement_options.hpp"

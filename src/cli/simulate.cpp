@@ -1,3 +1,4 @@
+#include "base/number_text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"

@@ -26,16 +26,6 @@ std::optional<double> parsed_number(std::string_view text) {
   return value;
 }
 
-std::string fixed(double value, int decimals) {
-  std::array<char, 512> buffer{};
-  // Adding zero makes -0 a plain 0.
-  const auto result =
-      std::to_chars(buffer.data(), buffer.data() + buffer.size(), value + 0.0, std::chars_format::fixed, decimals);
-  std::string text(buffer.data(), result.ptr);
-  const bool negative_zero = text.front() == '-' && text.find_first_of("123456789in") == std::string::npos;
-  return negative_zero ? text.substr(1) : text;
-}
-
 std::string scientific(double value, int decimals) {
   std::array<char, 64> buffer{};
   const auto result =

@@ -10,9 +10,6 @@ namespace kdl_calibration::cli {
 /// The number that the whole text is, in any locale; none where it is none or not finite.
 std::optional<double> parsed_number(std::string_view text);
 
-/// "12.346" for 12.34567 with 3 decimals.
-std::string fixed(double value, int decimals);
-
 /// "1.23e-05" for 0.000012345 with 2 decimals.
 std::string scientific(double value, int decimals);
 

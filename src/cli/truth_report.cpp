@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numbers>
 
+#include "base/number_text.hpp"
 #include "cli/text.hpp"
 
 namespace kdl_calibration::cli {

@@ -4,6 +4,7 @@
 #include <set>
 #include <utility>
 
+#include "base/number_text.hpp"
 #include "base/sha256.hpp"
 #include "base/text_file.hpp"
 #include "cli/frames.hpp"
