@@ -71,9 +71,9 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
       .errors = nominal, .X_WB = registration.X_WB, .targets = std::move(registration.targets), .effects = {}};
   setting.choice = choose_parameters(model, setting.start.targets, options);
   if (setting.choice.free.empty()) {
-    throw InputError(
-        "--fix: leaves nothing to estimate of base, targets and geometric errors; kdlcal validate predicts without a "
-        "fit");
+    throw OptionError("fix",
+                      "leaves nothing to estimate of base, targets and geometric errors; validation predicts without a "
+                      "fit");
   }
   setting.free = Unknowns(model, setting.start.targets, setting.choice.free);
   return setting;

@@ -23,12 +23,14 @@ constexpr double kLeastShareOfRepeats = 1e-3;
 void require_repeats(const Measurements& measurements) {
   const RepeatNoise repeats = noise_from_repeats(measurements);
   if (repeats.degrees_of_freedom == 0.0) {
-    throw InputError(measurements.source + ": --noise repeats needs configurations that were measured more than once");
+    throw OptionError("weights", "noise by repeats needs configurations that were measured more than once, and " +
+                                     measurements.source + " has none");
   }
   if (!(repeats.independent.minCoeff() > kLeastShareOfRepeats * repeats.total.maxCoeff())) {
-    throw InputError(measurements.source +
-                     ": --noise repeats: the repeats of single points do not vary along every axis; state the noise by "
-                     "--noise-independent");
+    throw OptionError("weights",
+                      "the repeats of single points in " + measurements.source +
+                          " do not vary along every axis; state the noise of points by themselves",
+                      {"noise.independent"});
   }
 }
 
@@ -37,14 +39,15 @@ void require_comparable_orientations(const Measurements& measurements, const Cal
     return;
   }
   if (measurements.orientations.empty()) {
-    throw InputError(measurements.source + ": no row has a quaternion, which --orientation-sigma is about");
+    throw OptionError("noise.orientation", "no row of " + measurements.source + " has a quaternion");
   }
   const bool every_row = std::all_of(measurements.observations.begin(), measurements.observations.end(),
                                      [](const Observation& observation) { return observation.sigma > 0.0; });
   if (!options.noise.is_absolute() && options.weights != Weights::repeats && !every_row) {
-    throw InputError(
-        "--orientation-sigma: needs the positions' as well: --noise-independent, --noise-tracker, "
-        "--noise repeats or a sigma in every row");
+    throw OptionError("noise.orientation",
+                      "needs the noise of positions as well: of points by themselves, of the tracker, by repeats or a "
+                      "sigma in every row",
+                      {"noise.independent", "noise.tracker", "weights"});
   }
 }
 

@@ -28,7 +28,7 @@ std::set<std::string> matching(const std::vector<std::string>& patterns, const s
       }
     }
     if (!any) {
-      throw InputError(option + ": '" + pattern + "' matches no parameter; there are " + comma_separated(names));
+      throw OptionError(option, "'" + pattern + "' matches no parameter; there are " + comma_separated(names));
     }
   }
   return result;
@@ -51,24 +51,24 @@ bool is_known_target(const CalibrationOptions& options, const std::string& name)
                      [&](const TargetFrame& target) { return target.name == name; });
 }
 
-// Base and target coordinates that are not estimated because they are known or because --fix says so.
+// Base and target coordinates that are not estimated because they are known or fixed by choice.
 std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, const CalibrationOptions& options,
                                       const std::set<std::string>& fixed, const std::set<std::string>& freed) {
   std::vector<std::string> result;
   const auto consider = [&](const std::string& name, bool known, const std::string& option) {
     if (fixed.count(name) > 0 && !known) {
-      throw InputError("--fix: " + name + " can only be fixed where " + option + " gives its value");
+      throw OptionError("fix", name + " can only be fixed where its value is known", {option});
     }
     if ((known && freed.count(name) == 0) || fixed.count(name) > 0) {
       result.push_back(name);
     }
   };
   for (const std::string& name : base_parameter_names()) {
-    consider(name, options.known_base.has_value(), "--known-base");
+    consider(name, options.known_base.has_value(), "known_base");
   }
   for (const TargetFrame& target : targets) {
     for (const std::string& name : target_parameter_names(target)) {
-      consider(name, is_known_target(options, target.name), "--known-targets");
+      consider(name, is_known_target(options, target.name), "known_targets");
     }
   }
   return result;
@@ -87,8 +87,8 @@ ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<Tar
   const std::vector<std::string> names = all_names(model, targets);
   std::vector<std::string> of_parameters = options.fix;
   std::erase_if(of_parameters, is_of_effects);
-  const std::set<std::string> fixed = matching(of_parameters, names, "--fix");
-  const std::set<std::string> freed = matching(options.free, names, "--free");
+  const std::set<std::string> fixed = matching(of_parameters, names, "fix");
+  const std::set<std::string> freed = matching(options.free, names, "free");
   reduction.fixed = fixed_frames(targets, options, fixed, freed);
   ParameterChoice choice{.reduction = reduced_model(model, targets, reduction), .free = {}, .complete = {}};
   const std::set<std::string> kept(choice.reduction.kept.begin(), choice.reduction.kept.end());

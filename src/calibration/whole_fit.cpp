@@ -19,16 +19,16 @@ void require_two_step_data(const Unknowns& free, const Measurements& measurement
   const bool free_base = free.range(UnknownGroup::base).count == 6;
   const bool free_targets = free.range(UnknownGroup::targets).count >= static_cast<Eigen::Index>(3 * targets);
   if (!free_base || !free_targets) {
-    throw InputError("--method two-step: base and targets are part of the procedure and cannot be known or fixed");
+    throw OptionError("method", "the two-step procedure finds base and targets, which cannot be known or fixed");
   }
   if (!measurements.orientations.empty()) {
-    throw InputError(measurements.source +
-                     ": --method two-step fits points; measured orientations need --method joint");
+    throw OptionError("method", "the two-step procedure fits points; the measured orientations of " +
+                                    measurements.source + " need the joint estimate");
   }
   const bool priors = options.automatic_priors || options.priors.length > 0.0 || options.priors.angle > 0.0;
   const bool effects = options.effects.automatic || !options.effects.groups.empty();
   if (priors || effects || options.loss != Loss::none || options.weights == Weights::repeats) {
-    throw InputError("--method two-step: the published procedure has no priors, effects, losses or noise model");
+    throw OptionError("method", "the published two-step procedure has no priors, effects, losses or noise model");
   }
 }
 

@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <map>
 #include <memory>
 #include <new>
 #include <string>
@@ -18,6 +19,7 @@
 #include "cli/own_stack.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
+#include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -131,11 +133,34 @@ int run(int argc, const char* const* argv) {
   return chosen->run();
 }
 
+// What states that member of CalibrationOptions.
+std::string option_of(const std::string& member) {
+  static const std::map<std::string, std::string> others = {{"weights", "--noise"},
+                                                            {"noise.orientation", "--orientation-sigma"},
+                                                            {"noise.independent", "--noise-independent"},
+                                                            {"noise.tracker", "--noise-tracker"},
+                                                            {"known_base", "--known-base"},
+                                                            {"known_targets", "--known-targets"}};
+  const auto found = others.find(member);
+  return found == others.end() ? "--" + member : found->second;
+}
+
+std::string in_options(const OptionError& error) {
+  std::vector<std::string> remedies;
+  for (const std::string& member : error.remedies()) {
+    remedies.push_back(option_of(member));
+  }
+  return option_of(error.option()) + ": " + error.fault() +
+         (remedies.empty() ? "" : "; see " + comma_separated(remedies));
+}
+
 int run_or_refuse(int argc, const char* const* argv) {
   try {
     return run(argc, argv);
   } catch (const std::bad_alloc&) {
     return refuse("kdlcal: the memory does not suffice, expected less data");
+  } catch (const OptionError& error) {
+    return refuse("kdlcal: " + in_options(error));
   } catch (const std::exception& error) {
     return refuse(std::string("kdlcal: ") + error.what());
   } catch (...) {

@@ -55,7 +55,7 @@ std::pair<std::string_view, std::optional<std::string_view>> name_and_unit(std::
                     joints.convention->name + " the controller's are expected: " + comma_separated(joints.names));
   }
   const std::string hint =
-      joints.convention == nullptr ? " (where joints bear the controller's names, give --joint-convention)" : "";
+      joints.convention == nullptr ? " (where joints bear the controller's names, a joint convention has to tell)" : "";
   fail(place, "unknown column " + shown(cell) + ": " + expected_columns(joints) + hint);
 }
 

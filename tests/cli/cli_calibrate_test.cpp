@@ -168,10 +168,10 @@ TEST_F(CalibrateReport, PredictsAtConfigurationsOfAFile) {
 TEST_F(CalibrateReport, OrientationSigmaNeedsOrientationsAndPositionsToCompareWith) {
   ASSERT_EQ(run({"simulate", "--output", "m.csv"}).status, 0);
   expect_refused({"calibrate", "--measurements", "m.csv", "--orientation-sigma", "1e-4", "--noise-independent", "2e-5"},
-                 {"m.csv", "quaternion"});
+                 {"--orientation-sigma: ", "m.csv", "quaternion"});
   ASSERT_EQ(run({"simulate", "--poses", "--targets", "1", "--output", "poses.csv"}).status, 0);
   expect_refused({"calibrate", "--measurements", "poses.csv", "--orientation-sigma", "1e-4"},
-                 {"--orientation-sigma", "--noise-independent"});
+                 {"--orientation-sigma: ", "see --noise-independent, --noise-tracker, --noise"});
   expect_refused({"calibrate", "--measurements", "poses.csv", "--orientation-sigma", "-1"}, {"--orientation-sigma"});
 }
 

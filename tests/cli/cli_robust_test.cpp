@@ -355,15 +355,15 @@ TEST_F(BadTable, OptionsOfCalibrateThatContradictEachOther) {
   refused({"--noise-common", "1e-5"}, {"--noise-common", "--noise-independent"});
   refused({"--noise-independent", "1e-5,0,1e-5"}, {"--noise-independent", "above 0 along each"});
   refused({"--noise-independent", "1e-5", "--noise-common", "1000"}, {"m.csv", "configuration '1'", "a millionth"});
-  refused({"--noise", "repeats"}, {"m.csv", "--noise repeats", "more than once"});
-  refused({"--noise", "repeats"}, {"same.csv", "--noise repeats", "do not vary", "--noise-independent"}, "same.csv");
-  refused({"--method", "two-step", "--loss", "huber"}, {"two-step", "losses"});
-  refused({"--method", "two-step", "--fix", "base.Tx"}, {"--fix", "base.Tx"});
-  refused({"--method", "two-step"}, {"p.csv", "two-step", "orientations"}, "p.csv");
+  refused({"--noise", "repeats"}, {"--noise: ", "m.csv", "repeats", "more than once"});
+  refused({"--noise", "repeats"}, {"--noise: ", "same.csv", "do not vary", "see --noise-independent"}, "same.csv");
+  refused({"--method", "two-step", "--loss", "huber"}, {"--method: ", "two-step", "losses"});
+  refused({"--method", "two-step", "--fix", "base.Tx"}, {"--fix: ", "base.Tx", "see --known-base"});
+  refused({"--method", "two-step"}, {"--method: ", "p.csv", "two-step", "orientations"}, "p.csv");
   refused({"--free", "Z*"}, {"--free", "'Z*'"});
   for (const std::string method : {"joint", "two-step"}) {
     refused({"--fix", "*", "--known-base", "truth.json", "--known-targets", "truth.json", "--method", method},
-            {"--fix", "nothing to estimate", "validate"});
+            {"--fix: ", "nothing to estimate", "validation"});
   }
   refused({"--fix", std::string(1000, '*') + "?"}, {"base"});
   refused({"--loss", "cauchy"}, {"'cauchy'", "none, huber, tukey"});
