@@ -166,7 +166,8 @@ inline Measurements measured_fanuc(const MeasuringNoise& noise, bool poses) {
   }
   Random random(7);
   const Eigen::Isometry3d X_WB = Eigen::Translation3d(2.0, 1.0, 0.5) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8);
-  const VirtualRobot robot = virtual_robot(model, with_errors, targets, {.length = 1e-3, .angle = 1e-3}, random, X_WB);
+  const VirtualRobot robot =
+      placed(virtual_robot(model, with_errors, targets, {.length = 1e-3, .angle = 1e-3}, random), X_WB);
   const Eigen::MatrixXd train = random_configurations(limits_of(model.joints), 12, random);
   const Eigen::MatrixXd test = random_configurations(limits_of(model.joints), 4, random);
   Measurements result = joined(measure(robot, train, noise, random), measure(robot, test, noise, random, Split::test));

@@ -107,8 +107,8 @@ inline Measured measured(const ErrorModel& model, std::uint64_t seed, const Draw
   X_WB.translation() = Eigen::Vector3d(random.uniform(1.0, 4.0), random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0));
   ErrorModel moving = model;
   moving.effects = load_and_gain_terms(model);
-  VirtualRobot robot =
-      virtual_robot(moving, free.geometric(), targets, {.length = draw.length, .angle = draw.angle}, random, X_WB);
+  VirtualRobot robot = placed(
+      virtual_robot(moving, free.geometric(), targets, {.length = draw.length, .angle = draw.angle}, random), X_WB);
   robot.truth.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(moving.effects.size()));
   for (std::size_t d = 0; d < moving.effects.size(); ++d) {
     robot.truth.effects[static_cast<Eigen::Index>(d)] =

@@ -24,12 +24,14 @@ struct ConventionTrial {
 };
 
 struct ConventionOptions {
+  const JointConvention* used = nullptr;  ///< that made the joint values the URDF's; none: taken as they are
+  std::vector<JointConvention> others;
   RegistrationOptions registration;
   JointOptions joint;
   int threads = 0;  ///< 0: one per core
 };
 
-/// Tries other readings of the joint values, which were converted with `used` (nullptr: taken as they are): with the
+/// Tries other readings of the joint values, which were converted with `used`: with the
 /// convention (M, o) another one (M', o') gives q' = M' M^-1 (q - o) + o'. Tried are `others`, no convention where one
 /// was used; the opposite sign of each single joint, of the URDF's and, where `used` couples joints, of the
 /// controller's; degrees and radians exchanged for one joint or for all of them (millimetres and metres of a slide);
@@ -40,9 +42,7 @@ struct ConventionOptions {
 /// counts with its registration alone. Best first, the present reading among them. Nothing is changed.
 /// Throws InputError as identify_jointly does, and where `used` does not match the joints.
 std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
-                                             const Unknowns& free, const JointConvention* used,
-                                             const std::vector<JointConvention>& others,
-                                             const ConventionOptions& options = {});
+                                             const Unknowns& free, const ConventionOptions& options = {});
 
 /// The best of the trials where its RMS is below `factor` times that of the present reading.
 std::optional<ConventionTrial> better_convention(const std::vector<ConventionTrial>& trials, double factor = 0.2);

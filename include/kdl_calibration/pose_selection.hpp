@@ -16,6 +16,14 @@ enum class Criterion {
   i_optimal   ///< the mean predicted variance over the tasks
 };
 
+/// What configurations are chosen among, and for what.
+struct SelectionTask {
+  Eigen::MatrixXd candidates;  ///< joints x n [rad] or [m]
+  Eigen::MatrixXd given;       ///< p x p: information beforehand, from priors and from what is already measured
+  /// Joints x m: where predictions matter, for G and I; empty: everywhere among the candidates.
+  Eigen::MatrixXd tasks = {};
+};
+
 struct SelectionOptions {
   Criterion criterion = Criterion::d_optimal;
   int count = 30;  ///< configurations to choose
@@ -34,8 +42,7 @@ struct Selection {
   long exchanges = 0;                ///< of one configuration for another, over all starts
 };
 
-/// Chooses configurations among `candidates` (joints x n) on top of `given` information (p x p: priors, what is already
-/// measured). `tasks` (joints x m): where predictions matter, for G and I; empty: everywhere among the candidates.
+/// Chooses configurations.
 ///
 /// DETMAX (Mitchell 1974): excursions that add the best candidates and take out the least useful members, or the other
 /// way round, one by one and then several at once, with the rank updates of Fedorov (1972):
@@ -44,31 +51,34 @@ struct Selection {
 /// among the first 5,000 candidates, the best continue among all. The variances for G are weighted by a power of their
 /// own value, which makes their mean approach the largest. Throws InputError: fewer candidates than wanted, too few
 /// configurations to determine all parameters.
-Selection select_configurations(const Experiment& experiment, const Eigen::MatrixXd& candidates,
-                                const Eigen::MatrixXd& given, const SelectionOptions& options = {},
-                                const Eigen::MatrixXd& tasks = {});
+Selection select_configurations(const Experiment& experiment, const SelectionTask& task,
+                                const SelectionOptions& options = {});
 
 /// Which figure of a prediction is asked for.
 enum class Figure { mean, p95, max };
 double figure_of(const Prediction& prediction, Figure figure);
 
 /// The smallest number of configurations, from 1 to `options.count`, whose plan promises at most `accuracy` [m] over
-/// `tasks`: doubled until it does, then bisected, so that the next smaller number was tried and did not do.
+/// the tasks: doubled until it does, then bisected, so that the next smaller number was tried and did not do.
 /// Throws InputError where `options.count` configurations do not reach it (the message says what they reach).
-Selection select_for_accuracy(const Experiment& experiment, const Eigen::MatrixXd& candidates,
-                              const Eigen::MatrixXd& given, double accuracy, Figure figure,
-                              const SelectionOptions& options, const Eigen::MatrixXd& tasks);
+Selection select_for_accuracy(const Experiment& experiment, const SelectionTask& task, double accuracy, Figure figure,
+                              const SelectionOptions& options);
 
-/// Information of `draws` designs of `count` candidates drawn at random, each on top of `given`.
-std::vector<Eigen::MatrixXd> random_designs(const Experiment& experiment, const Eigen::MatrixXd& candidates,
-                                            const Eigen::MatrixXd& given, int count, int draws, std::uint64_t seed,
-                                            int threads = 0);
+struct RandomDesigns {
+  int count = 30;  ///< configurations of each
+  int draws = 1;
+  std::uint64_t seed = 1;
+  int threads = 0;  ///< 0: one per core; the answer does not depend on it
+};
+/// Information of designs of candidates drawn at random, each on top of what is given.
+std::vector<Eigen::MatrixXd> random_designs(const Experiment& experiment, const SelectionTask& task,
+                                            const RandomDesigns& designs);
 
 /// A lower bound of (det M / det M*)^(1/p), where M is the information of a design of `count` candidates on top of
-/// `given`, and M* the best that any weighting of the candidates could give in its place: weights by the multiplicative
-/// algorithm (Titterington 1976), and since log det is concave
+/// what is given, and M* the best that any weighting of the candidates could give in its place: weights by the
+/// multiplicative algorithm (Titterington 1976), and since log det is concave
 ///   log det M* <= log det M_w + count (max d - sum w d),  d_i = tr(A_i M_w^-1 A_i^T).
-double d_efficiency(const Experiment& experiment, const Eigen::MatrixXd& candidates, const Eigen::MatrixXd& given,
-                    const Eigen::MatrixXd& information, int count, int threads = 0);
+double d_efficiency(const Experiment& experiment, const SelectionTask& task, const Eigen::MatrixXd& information,
+                    int count, int threads = 0);
 
 }  // namespace kdl_calibration

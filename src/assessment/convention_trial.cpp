@@ -247,13 +247,12 @@ private:
 }  // namespace
 
 std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
-                                             const Unknowns& free, const JointConvention* used,
-                                             const std::vector<JointConvention>& others,
-                                             const ConventionOptions& options) {
+                                             const Unknowns& free, const ConventionOptions& options) {
   check(measurements, model);
   check(free, model, measurements);
   std::vector<ConventionTrial> trials =
-      Readings(model.joints, independent_joint_values(model.joints, measurements.joint_values), used).all(others);
+      Readings(model.joints, independent_joint_values(model.joints, measurements.joint_values), options.used)
+          .all(options.others);
   const TrialFit fit{.model = model, .free = free, .registration = options.registration, .joint = options.joint};
   std::vector<Estimate> starts(trials.size());
   const auto reread = [&](std::size_t i) {

@@ -163,12 +163,17 @@ std::vector<QualityFinding> slips_in_distances(const Measurements& measurements,
   return findings;
 }
 
-// The deviations of a group's distances, with the targets' names as `name` gives them for the rows.
+// Distances beyond their limit, and the squares of all.
+struct Deviations {
+  std::vector<Deviation> beyond;
+  double cost = 0.0;  // in sigmas
+};
+
+// Those of a group's distances, with the targets' names as `name` gives them for the rows.
 template <class Name>
-std::vector<Deviation> deviations(const Measurements& measurements, const Group& group, const DistanceLevels& distances,
-                                  const std::vector<double>& relative, const Name& name, double& cost) {
-  std::vector<Deviation> result;
-  cost = 0.0;
+Deviations deviations(const Measurements& measurements, const Group& group, const DistanceLevels& distances,
+                      const std::vector<double>& relative, const Name& name) {
+  Deviations result;
   for_pairs(group.rows, [&](std::size_t a, std::size_t b) {
     const Pair pair = pair_of(name(a), name(b));
     const auto levels = distances.levels.find(pair);
@@ -177,9 +182,9 @@ std::vector<Deviation> deviations(const Measurements& measurements, const Group&
     }
     const double amount = distance(measurements, a, b) - levels->second.at(group.configuration)[0];
     const double sigma = std::hypot(relative[a], relative[b]) / std::numbers::sqrt2;
-    cost += amount * amount / (sigma * sigma);
+    result.cost += amount * amount / (sigma * sigma);
     if (std::abs(amount) > distances.limit * sigma) {
-      result.push_back({.pair = pair, .amount = amount});
+      result.beyond.push_back({.pair = pair, .amount = amount});
     }
   });
   return result;
@@ -196,9 +201,9 @@ std::optional<std::pair<std::size_t, std::size_t>> swap_in_distances(const Measu
     const auto exchanged = [&](std::size_t row) {
       return target_of(measurements, row == a ? b : (row == b ? a : row));
     };
-    double cost = 0.0;
-    if (deviations(measurements, group, distances, relative, exchanged, cost).empty() && cost < smallest) {
-      smallest = cost;
+    const Deviations left = deviations(measurements, group, distances, relative, exchanged);
+    if (left.beyond.empty() && left.cost < smallest) {
+      smallest = left.cost;
       best = {a, b};
     }
   });
@@ -216,9 +221,8 @@ std::vector<QualityFinding> check_distances(const Measurements& measurements, co
   std::vector<QualityFinding> findings = slips_in_distances(measurements, distances);
   std::vector<Found> all_found;
   for (const Group& group : groups) {
-    double cost = 0.0;
-    std::vector<Deviation> out = deviations(
-        measurements, group, distances, relative, [&](std::size_t row) { return target_of(measurements, row); }, cost);
+    const auto named = [&](std::size_t row) { return target_of(measurements, row); };
+    std::vector<Deviation> out = deviations(measurements, group, distances, relative, named).beyond;
     if (out.empty()) {
       continue;
     }

@@ -208,16 +208,23 @@ struct Candidate {
   double chance = 1.0;
 };
 
-void keep_better(const OrderedResiduals& residuals, double freedom, OrderFinding::Kind kind, int target, Index visit,
-                 const Gain& gain, Candidate& best) {
+// What is tried: a drift of the base, or a step of it or of a target before a visit.
+struct Trial {
+  OrderFinding::Kind kind = OrderFinding::Kind::drift_of_base;
+  int target = -1;
+  Index visit = 0;
+};
+
+void keep_better(const OrderedResiduals& residuals, double freedom, const Trial& trial, const Gain& gain,
+                 Candidate& best) {
   // Where no double tells chances apart the larger gain does.
   const double p = chance(residuals, freedom, gain);
   if (p < best.chance || (p == best.chance && gain.squares > best.gain.squares)) {
     best.chance = p;
     best.gain = gain;
-    best.finding.kind = kind;
-    best.finding.target = target;
-    best.finding.last_before = visit > 0 ? residuals.configuration(visit - 1) : -1;
+    best.finding.kind = trial.kind;
+    best.finding.target = trial.target;
+    best.finding.last_before = trial.visit > 0 ? residuals.configuration(trial.visit - 1) : -1;
   }
 }
 
@@ -256,13 +263,14 @@ Candidate best_candidate(const OrderedResiduals& residuals, int targets) {
     if (visit < kFewest || visits - visit < kFewest) {
       continue;
     }
-    keep_better(residuals, freedom, OrderFinding::Kind::step_of_base, -1, visit, residuals.gain(of_base), best);
+    keep_better(residuals, freedom, {.kind = OrderFinding::Kind::step_of_base, .visit = visit}, residuals.gain(of_base),
+                best);
     for (int target = 0; target < targets; ++target) {
-      keep_better(residuals, freedom, OrderFinding::Kind::step_of_target, target, visit,
+      keep_better(residuals, freedom, {OrderFinding::Kind::step_of_target, target, visit},
                   residuals.gain(of_target[static_cast<std::size_t>(target)]), best);
     }
   }
-  keep_better(residuals, freedom, OrderFinding::Kind::drift_of_base, -1, 0, residuals.gain(drift), best);
+  keep_better(residuals, freedom, {}, residuals.gain(drift), best);
   return best;
 }
 

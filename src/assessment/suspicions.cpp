@@ -2,10 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cmath>
-#include <numeric>
 #include <optional>
 #include <set>
 #include <utility>
@@ -13,6 +10,7 @@
 #include "assessment/gain_trial.hpp"
 #include "assessment/order_check.hpp"
 #include "assessment/point_trial.hpp"
+#include "assessment/same_joint_values.hpp"
 #include "assessment/trial_fit.hpp"
 #include "assessment/trial_sample.hpp"
 #include "base/f_distribution.hpp"
@@ -42,30 +40,27 @@ constexpr double kStandsStill = 0.05;         // of how far the flange moves
 std::string in_mm(double metres) {
   const double value = metres * 1e3;
   const int decimals = value >= 99.95 ? 0 : value >= 0.995 ? 1 : 3;
-  std::array<char, 64> text{};
-  const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::fixed, decimals);
-  return (result.ec == std::errc() ? std::string(text.data(), result.ptr) : "many") + " mm";
+  return fixed(value, decimals) + " mm";
 }
 
-// Pairs of neighbours among the configurations with the same joint values; where one is for tests it is the second.
+// Pairs of configurations with the same joint values, one behind the other; where one is for tests it is the second.
 std::vector<std::pair<Index, Index>> twins_of(const Measurements& measurements) {
-  const MatrixXd& q = measurements.joint_values;
-  std::vector<bool> test(static_cast<std::size_t>(q.cols()), false);
+  const std::vector<Index> first = first_at_same_values(measurements.joint_values);
+  std::vector<bool> test(first.size(), false);
   for (const Observation& observation : measurements.observations) {
     test[static_cast<std::size_t>(observation.configuration)] = observation.split == Split::test;
   }
-  std::vector<Index> order(static_cast<std::size_t>(q.cols()));
-  std::iota(order.begin(), order.end(), Index{0});
-  const auto column = [&](Index c) { return q.col(c); };
-  std::stable_sort(order.begin(), order.end(), [&](Index a, Index b) {
-    return std::lexicographical_compare(column(a).begin(), column(a).end(), column(b).begin(), column(b).end());
-  });
   std::vector<std::pair<Index, Index>> twins;
-  for (std::size_t i = 1; i < order.size(); ++i) {
-    if (column(order[i - 1]) == column(order[i])) {
-      const bool exchanged = test[static_cast<std::size_t>(order[i - 1])] && !test[static_cast<std::size_t>(order[i])];
-      twins.emplace_back(exchanged ? order[i] : order[i - 1], exchanged ? order[i - 1] : order[i]);
+  std::vector<Index> last = first;  // so far, of those that the first one stands for
+  for (std::size_t c = 0; c < first.size(); ++c) {
+    const auto own = static_cast<Index>(c);
+    if (first[c] == own) {
+      continue;
     }
+    Index& before = last[static_cast<std::size_t>(first[c])];
+    const bool exchanged = test[static_cast<std::size_t>(before)] && !test[c];
+    twins.emplace_back(exchanged ? own : before, exchanged ? before : own);
+    before = own;
   }
   return twins;
 }
@@ -262,9 +257,12 @@ private:
   }
 
   void judge_readings() {
-    const std::vector<ConventionTrial> trials =
-        try_conventions(model_, sample_.measurements, sample_.free, options_.used, options_.others,
-                        {.registration = options_.registration, .joint = {}, .threads = options_.threads});
+    const std::vector<ConventionTrial> trials = try_conventions(model_, sample_.measurements, sample_.free,
+                                                                {.used = options_.used,
+                                                                 .others = options_.others,
+                                                                 .registration = options_.registration,
+                                                                 .joint = {},
+                                                                 .threads = options_.threads});
     const double readings = 2.0 + static_cast<double>(trials.size());
     double best = fitted_;
     const auto consider = [&](const std::string& cause, const std::string& what, double left) {

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <kdl/chainfksolverpos_recursive.hpp>
+#include <limits>
 #include <map>
 #include <set>
 #include <utility>
 
 #include "assessment/folds.hpp"
+#include "assessment/same_joint_values.hpp"
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
 #include "kdl_calibration/input_check.hpp"
@@ -124,24 +126,21 @@ namespace {
 // Configurations at the same joint values are one, whatever their labels; ordered by the first of each.
 std::vector<std::vector<Eigen::Index>> same_joint_values(const Measurements& measurements,
                                                          const std::vector<bool>& trained) {
-  const auto values = [&](Eigen::Index c) { return measurements.joint_values.col(c); };
-  std::vector<Eigen::Index> order;
-  for (std::size_t c = 0; c < trained.size(); ++c) {
-    if (trained[c]) {
-      order.push_back(static_cast<Eigen::Index>(c));
-    }
-  }
-  std::stable_sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) {
-    return std::lexicographical_compare(values(a).begin(), values(a).end(), values(b).begin(), values(b).end());
-  });
+  const std::vector<Eigen::Index> first = first_at_same_values(measurements.joint_values);
+  constexpr auto kNowhere = std::numeric_limits<std::size_t>::max();
+  std::vector<std::size_t> place(trained.size(), kNowhere);  // of the group that the first one stands for
   std::vector<std::vector<Eigen::Index>> result;
-  for (const Eigen::Index c : order) {
-    if (result.empty() || values(result.back().front()) != values(c)) {
+  for (std::size_t c = 0; c < trained.size(); ++c) {
+    if (!trained[c]) {
+      continue;
+    }
+    std::size_t& group = place[static_cast<std::size_t>(first[c])];
+    if (group == kNowhere) {
+      group = result.size();
       result.emplace_back();
     }
-    result.back().push_back(c);
+    result[group].push_back(static_cast<Eigen::Index>(c));
   }
-  std::sort(result.begin(), result.end());
   return result;
 }
 

@@ -129,25 +129,6 @@ NoiseModel noise_model(const Arguments& arguments) {
   return noise;
 }
 
-Effects effects_of(const std::vector<std::string>& words) {
-  Effects effects;
-  for (const std::string& word : words) {
-    const std::optional<EffectGroup> group = effect_group(word);
-    if (group) {
-      effects.groups.push_back(*group);
-    } else if (words.size() > 1) {
-      throw InputError("--effects: " + shown(word) +
-                       " is not accepted in a list, expected groups alone: " + comma_separated(effect_group_names()));
-    }
-    effects.automatic = effects.automatic || word == "auto";
-  }
-  std::sort(effects.groups.begin(), effects.groups.end());
-  if (std::adjacent_find(effects.groups.begin(), effects.groups.end()) != effects.groups.end()) {
-    throw InputError("--effects: a group is given more than once, expected each once");
-  }
-  return effects;
-}
-
 KDL::Vector gravity_of(const std::vector<double>& direction) {
   const Eigen::Map<const Eigen::VectorXd> g(direction.data(), static_cast<Eigen::Index>(direction.size()));
   if (g.size() != 3 || !(g.norm() > 0.0)) {
@@ -166,7 +147,8 @@ CalibrationOptions calibration_options(const Arguments& arguments, const Measure
       options.method == Method::two_step || options.model == ModelChoice::complete || options.loss != Loss::none;
   const bool stated = options.priors.length > 0.0 || options.priors.angle > 0.0;
   options.automatic_priors = arguments.prior.empty() ? !plain && !stated : arguments.prior == "auto";
-  options.effects = effects_of(arguments.effects);
+  options.effects = {.groups = effect_groups(arguments.effects, {"auto", "none"}),
+                     .automatic = arguments.effects == std::vector<std::string>{"auto"}};
   options.effects.automatic = arguments.effects.empty() ? !plain : options.effects.automatic;
   options.noise = noise_model(arguments);
   options.weights = arguments.noise == "repeats" ? Weights::repeats

@@ -184,7 +184,7 @@ Subcommand add_jacobian(CLI::App& parser) {
                 "The identification Jacobian and the matrix A of the two-step procedure instead (CSV)");
   add_file(*app, "--configuration-file", arguments->configuration_file,
            "With it: at these configurations (CSV like a plan or measurements) instead of --joints");
-  add_count(*app, "--targets", arguments->targets, 1, 100, "With it: published targets on the tool");
+  add_count(*app, "--targets", arguments->targets, {1, 100}, "With it: published targets on the tool");
   add_file(*app, "--target-file", arguments->target_file,
            "With it: targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} [those of --result]");
   app->add_option("--model", arguments->model, "With it: parameters, irreducible or complete")

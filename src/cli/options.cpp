@@ -12,6 +12,7 @@
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/mimic.hpp"
 
@@ -122,7 +123,8 @@ void add_example(CLI::App& app, const std::string& command) {
   app.footer("Options may also stand in a TOML or INI file: --config FILE\nExample:\n  " + command);
 }
 
-void add_count(CLI::App& app, const std::string& name, int& value, int least, int most, const std::string& help) {
+void add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range, const std::string& help) {
+  const auto [least, most] = range;
   app.add_option(name, value, help)
       ->type_name("N")
       ->check(whole_number_between(least, most,
@@ -135,6 +137,28 @@ void add_seed(CLI::App& app, std::uint64_t& seed) {
       ->type_name("N")
       ->check(whole_number_between(0, std::numeric_limits<long>::max(), "a whole number, 0 or more"))
       ->capture_default_str();
+}
+
+std::vector<EffectGroup> effect_groups(const std::vector<std::string>& words, const std::vector<std::string>& others) {
+  std::vector<EffectGroup> groups;
+  for (const std::string& word : words) {
+    const std::optional<EffectGroup> group = effect_group(word);
+    const bool other = std::find(others.begin(), others.end(), word) != others.end();
+    if (group) {
+      groups.push_back(*group);
+    } else if (other && words.size() > 1) {
+      throw InputError("--effects: " + shown(word) +
+                       " is not accepted in a list, expected groups alone: " + comma_separated(effect_group_names()));
+    } else if (!other) {
+      throw InputError("--effects: " + shown(word) + " is not accepted, expected " + comma_separated(others) +
+                       " or a list of " + comma_separated(effect_group_names()));
+    }
+  }
+  std::sort(groups.begin(), groups.end());
+  if (std::adjacent_find(groups.begin(), groups.end()) != groups.end()) {
+    throw InputError("--effects: a group is given more than once, expected each once");
+  }
+  return groups;
 }
 
 void add_robot_options(CLI::App& app, RobotArguments& arguments) {

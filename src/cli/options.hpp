@@ -8,8 +8,10 @@
 #include <functional>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
@@ -36,9 +38,12 @@ void add_json_flag(CLI::App& app, bool& json);
 /// The command that ends the help.
 void add_example(CLI::App& app, const std::string& command);
 /// An option that takes a whole number from `least` to `most`.
-void add_count(CLI::App& app, const std::string& name, int& value, int least, int most, const std::string& help);
+void add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range, const std::string& help);
 /// --seed
 void add_seed(CLI::App& app, std::uint64_t& seed);
+
+/// The groups that the words of --effects name, each once; `others` are words for none of them, which stand alone.
+std::vector<EffectGroup> effect_groups(const std::vector<std::string>& words, const std::vector<std::string>& others);
 
 /// --urdf, --base, --tip
 struct RobotArguments {

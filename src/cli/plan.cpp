@@ -316,19 +316,19 @@ void add_counts(CLI::App& app, Arguments& arguments) {
       ->type_name("NAME")
       ->check(one_of({"mean", "p95", "max"}))
       ->capture_default_str();
-  add_count(app, "--candidates", arguments.candidates, 1, 1'000'000, "Configurations to choose from");
-  add_count(app, "--workspace", arguments.workspace, 1, 100'000, "Other configurations at which to predict");
+  add_count(app, "--candidates", arguments.candidates, {1, 1'000'000}, "Configurations to choose from");
+  add_count(app, "--workspace", arguments.workspace, {1, 100'000}, "Other configurations at which to predict");
   add_file(app, "--tasks", arguments.tasks, "Predict at these configurations instead (CSV like a plan)");
   app.add_option("--criterion", arguments.criterion,
                  "D: smallest confidence ellipsoid, G: smallest worst variance, I: smallest mean variance")
       ->type_name("NAME")
       ->check(one_of({"D", "G", "I"}))
       ->capture_default_str();
-  add_count(app, "--starts", arguments.starts, 1, 1'000, "Random designs to start from");
+  add_count(app, "--starts", arguments.starts, {1, 1'000}, "Random designs to start from");
 }
 
 void add_experiment(CLI::App& app, Arguments& arguments) {
-  add_count(app, "--targets", arguments.targets, 1, 100, "Targets on the tool, the published ones");
+  add_count(app, "--targets", arguments.targets, {1, 100}, "Targets on the tool, the published ones");
   add_file(app, "--target-file", arguments.target_file,
            "Targets in the flange frame {\"targets\": [{\"name\", \"position\"[, \"facing\"]}]}");
   app.add_option("--noise", arguments.noise.sigma, "1 sigma of every measured coordinate, m")
@@ -364,9 +364,9 @@ Subcommand add_plan(CLI::App& parser) {
            "Joint values in files and options are the controller's (JSON)");
   app->add_option("--home", arguments->home, "Where the way starts, joint values in deg or mm [all zero]")
       ->type_name("q1,…,qn");
-  add_count(*app, "--monte-carlo", arguments->monte_carlo, 0, 100'000, "Try the plan on this many virtual robots");
+  add_count(*app, "--monte-carlo", arguments->monte_carlo, {0, 100'000}, "Try the plan on this many virtual robots");
   add_seed(*app, arguments->seed);
-  add_count(*app, "--threads", arguments->threads, 0, 1'024, "Threads; 0: one per core. The plan is the same");
+  add_count(*app, "--threads", arguments->threads, {0, 1'024}, "Threads; 0: one per core. The plan is the same");
   add_file(*app, "--output", arguments->output, "Write the plan (CSV) that calibrate reads once it is filled in");
   add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
   app->add_flag("--force", arguments->force, "Overwrite files that exist");

@@ -1,4 +1,3 @@
-#include "base/number_text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
@@ -13,6 +12,7 @@
 #include <optional>
 #include <set>
 
+#include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/joint_range_option.hpp"
@@ -110,20 +110,6 @@ Json ranges_json(const ErrorModel& model, const JointRanges& ranges) {
   return list;
 }
 
-std::vector<EffectGroup> effects_of(const std::vector<std::string>& words) {
-  std::set<EffectGroup> groups;
-  for (const std::string& word : words) {
-    const std::optional<EffectGroup> group = effect_group(word);
-    if (group) {
-      groups.insert(*group);
-    } else if (word != "none" || words.size() > 1) {
-      throw InputError("--effects: " + shown(word) + " is not accepted, expected none or a list of " +
-                       comma_separated(effect_group_names()));
-    }
-  }
-  return {groups.begin(), groups.end()};
-}
-
 struct Simulation {
   VirtualRobot robot;
   Measurements measurements;
@@ -163,7 +149,7 @@ Setup setup(const Robot& robot, const Arguments& arguments) {
   require_few_rows(arguments, result.targets.size());
   result.reduction = reduced_model(result.model, result.targets);
   result.with_errors = with_errors(result.model, result.reduction, arguments.model == "complete");
-  result.effects = effects_of(arguments.effects);
+  result.effects = effect_groups(arguments.effects, {"none"});
   if (!arguments.plan.empty()) {
     std::optional<JointConvention> convention;
     if (!arguments.joint_convention.empty()) {
@@ -276,7 +262,7 @@ Json monte_carlo_json(const MonteCarloResult& result) {
 
 // Runs that are calibrated know of none.
 void require_no_effects(const Arguments& arguments, const char* option) {
-  if (!effects_of(arguments.effects).empty()) {
+  if (!effect_groups(arguments.effects, {"none"}).empty()) {
     throw InputError("--effects: are of measurements that are written, expected none with " + std::string(option));
   }
 }
@@ -453,14 +439,15 @@ Subcommand add_simulate(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("simulate", "A virtual robot: draws true errors and measures them");
   const auto arguments = std::make_shared<Arguments>();
   add_robot_options(*app, arguments->robot);
-  add_count(*app, "--configurations", arguments->configurations, 1, 100'000, "Configurations to fit");
-  add_count(*app, "--test-configurations", arguments->test_configurations, 0, 100'000, "Further ones, marked as test");
+  add_count(*app, "--configurations", arguments->configurations, {1, 100'000}, "Configurations to fit");
+  add_count(*app, "--test-configurations", arguments->test_configurations, {0, 100'000},
+            "Further ones, marked as test");
   add_file(*app, "--plan", arguments->plan, "Fit the configurations of this plan (CSV) instead of random ones");
   add_file(*app, "--joint-convention", arguments->joint_convention, "The plan's joints are the controller's (JSON)");
-  add_count(*app, "--targets", arguments->targets, 1, 100, "Targets on the tool");
+  add_count(*app, "--targets", arguments->targets, {1, 100}, "Targets on the tool");
   add_file(*app, "--target-file", arguments->target_file,
            "Targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} instead");
-  add_count(*app, "--repeats", arguments->noise.repeats, 1, 1'000, "Times that each target is measured");
+  add_count(*app, "--repeats", arguments->noise.repeats, {1, 1'000}, "Times that each target is measured");
   app->add_flag("--poses", arguments->poses, "Measure the targets' orientation as well");
   add_sizes(*app, *arguments);
   add_list(*app, "--effects", arguments->effects,
@@ -477,10 +464,10 @@ Subcommand add_simulate(CLI::App& parser) {
            "limits, published, or lower:upper of every joint in deg (mm for a prismatic one)")
       ->type_name("RANGES")
       ->capture_default_str();
-  add_count(*app, "--monte-carlo", arguments->monte_carlo, 0, 1'000'000,
+  add_count(*app, "--monte-carlo", arguments->monte_carlo, {0, 1'000'000},
             "Draw, measure and calibrate this many robots and state the held-out errors");
-  add_count(*app, "--threads", arguments->threads, 0, 1'024, "Threads for that; 0: one per core");
-  add_count(*app, "--two-step", arguments->two_step, 0, 100'000,
+  add_count(*app, "--threads", arguments->threads, {0, 1'024}, "Threads for that; 0: one per core");
+  add_count(*app, "--two-step", arguments->two_step, {0, 100'000},
             "Run the published procedure for up to this many rounds, measuring fresh configurations in each");
   app->add_flag("--recorded", arguments->recorded, "With --two-step: the same measurements in every round");
   add_seed(*app, arguments->seed);

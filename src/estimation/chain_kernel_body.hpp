@@ -120,11 +120,18 @@ static inline void chain_poses(const ChainKernelInput& input, const Vector& mask
   }
 }
 
+struct MeasuredBlock {
+  Vector mask;  // which lanes hold a configuration
+  Rows points;
+  const Vector* pose_in_base;
+};
+
 // Residuals of one block; force F and moment M into `wrench`.
-static inline void residuals(const ChainKernelInput& input, const Vector& mask, const Rows& measured,
-                             const Vector* pose_in_base, bool cost_only, const Sums& sums, Vector* wrench) {
+static inline void residuals(const ChainKernelInput& input, const MeasuredBlock& block, bool cost_only,
+                             const Sums& sums, Vector* wrench) {
+  const Rows& measured = block.points;
   Vector pose[12];
-  behind(input.base, pose_in_base, pose);
+  behind(input.base, block.pose_in_base, pose);
   Vector cost = sums.cost[0];
   for (int i = 0; i < 6; ++i) {
     wrench[i] = Vector{};
@@ -134,7 +141,7 @@ static inline void residuals(const ChainKernelInput& input, const Vector& mask, 
     const Vector d[3] = {measured[3 * k] - pose[9], measured[3 * k + 1] - pose[10], measured[3 * k + 2] - pose[11]};
     Vector f[3];
     for (int c = 0; c < 3; ++c) {
-      const Vector e = ((pose[c] * d[0] + pose[3 + c] * d[1] + pose[6 + c] * d[2]) - t[c]) * mask;
+      const Vector e = ((pose[c] * d[0] + pose[3 + c] * d[1] + pose[6 + c] * d[2]) - t[c]) * block.mask;
       f[c] = input.weights[k] * e;
       cost += f[c] * e;
     }
@@ -189,18 +196,24 @@ static inline void columns_of(const ChainKernelInput& input, const Vector* poses
   }
 }
 
-// Products of the columns first, … last - 1 with column `own` of one block's Jacobian, or of two blocks' that lie
+// The columns first, … last - 1.
+struct ColumnRange {
+  std::size_t first;
+  std::size_t last;
+};
+
+// Products of these columns with column `own` of one block's Jacobian, or of two blocks' that lie
 // behind each other: two blocks at a time, for the sums are more than fits into the cache next to the registers.
 template <std::size_t kBlocks, std::size_t kRows>
-static inline Vector* add_products(const Vector* J, std::size_t columns, std::size_t own, std::size_t first,
-                                   std::size_t last, Vector* gram) {
+static inline Vector* add_products(const Vector* J, std::size_t columns, std::size_t own, ColumnRange others,
+                                   Vector* gram) {
   Vector a[kBlocks][kRows];
   for (std::size_t b = 0; b < kBlocks; ++b) {
     for (std::size_t row = 0; row < kRows; ++row) {
       a[b][row] = J[6 * (b * columns + own) + row];
     }
   }
-  for (std::size_t column = first; column < last; ++column) {
+  for (std::size_t column = others.first; column < others.last; ++column) {
     Vector sum = *gram;
     for (std::size_t b = 0; b < kBlocks; ++b) {
       const Vector* const c = J + 6 * (b * columns + column);
@@ -220,11 +233,11 @@ static inline void add_gram(const ChainKernelInput& input, const Vector* J, Vect
   const std::size_t columns = input.columns.size();
   const std::size_t turning = input.turning;
   for (std::size_t i = 0; i < turning; ++i) {
-    gram = add_products<kBlocks, 6>(J, columns, i, i, turning, gram);
-    gram = add_products<kBlocks, 3>(J, columns, i, turning, columns, gram);
+    gram = add_products<kBlocks, 6>(J, columns, i, {i, turning}, gram);
+    gram = add_products<kBlocks, 3>(J, columns, i, {turning, columns}, gram);
   }
   for (std::size_t i = turning; i < columns; ++i) {
-    gram = add_products<kBlocks, 3>(J, columns, i, i, columns, gram);
+    gram = add_products<kBlocks, 3>(J, columns, i, {i, columns}, gram);
   }
 }
 
@@ -263,7 +276,7 @@ static void sum(const ChainKernelInput& input, bool cost_only, ChainKernelSums& 
           const Vector mask = mask_of((block + k) * kLanes + part * kAtOnce, input.configurations);
           Vector wrench[6];
           chain_poses(input, mask, data, turns, poses);
-          residuals(input, mask, {&data[joints]}, poses, cost_only, sums, wrench);
+          residuals(input, {mask, {&data[joints]}, poses}, cost_only, sums, wrench);
           if (!cost_only) {
             columns_of(input, poses, wrench, sums, jacobian + 6 * columns * k);
           }

@@ -236,9 +236,9 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
     }
     const Vector3d tool = estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
     const Vector3d dp = observation.position - predicted_point(estimate, T_robot, observation);
-    const Matrix3Xd J =
-        position_jacobian_by_matrix_derivatives(model, estimate.errors, geometric, estimate.X_WB,
-                                                measurements.joint_values.col(observation.configuration), tool);
+    const Matrix3Xd J = estimate.X_WB.linear() * position_jacobian_by_matrix_derivatives(
+                                                     model, estimate.errors, geometric,
+                                                     measurements.joint_values.col(observation.configuration), tool);
     JtJ += J.transpose() * J;
     Jtp += J.transpose() * dp;
     sum += dp.squaredNorm();

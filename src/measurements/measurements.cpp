@@ -5,7 +5,6 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <set>
 #include <utility>
 
 #include "base/preconditions.hpp"
@@ -119,20 +118,26 @@ Measurements averaged(const Measurements& measurements) {
 }
 
 Measurements training_sample(const Measurements& measurements, std::size_t most_configurations) {
-  std::set<std::int32_t> trained;
+  check(measurements);
+  std::vector<bool> trained(measurements.configurations.size(), false);
   for (const Observation& observation : measurements.observations) {
     if (observation.split == Split::train) {
-      trained.insert(observation.configuration);
+      trained[static_cast<std::size_t>(observation.configuration)] = true;
     }
   }
-  const std::vector<std::int32_t> all(trained.begin(), trained.end());
-  std::set<std::int32_t> chosen;
+  std::vector<std::size_t> all;
+  for (std::size_t c = 0; c < trained.size(); ++c) {
+    if (trained[c]) {
+      all.push_back(c);
+    }
+  }
+  std::vector<bool> chosen(trained.size(), false);
   const std::size_t count = std::min(all.size(), most_configurations);
   for (std::size_t i = 0; i < count; ++i) {
-    chosen.insert(all[i * all.size() / count]);
+    chosen[all[i * all.size() / count]] = true;
   }
   return subset(measurements, [&](const Observation& observation) {
-    return observation.split == Split::train && chosen.count(observation.configuration) > 0;
+    return observation.split == Split::train && chosen[static_cast<std::size_t>(observation.configuration)];
   });
 }
 

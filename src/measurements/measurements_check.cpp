@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <string>
+#include <utility>
 
 #include "kdl_calibration/input_error.hpp"
 
@@ -28,6 +29,14 @@ void require_size_if_any(const Measurements& measurements, const char* what, std
   }
 }
 
+bool is_sound(const Measurements& measurements, const Observation& observation) {
+  return observation.configuration >= 0 &&
+         std::cmp_less(observation.configuration, measurements.configurations.size()) && observation.target >= 0 &&
+         std::cmp_less(observation.target, measurements.targets.size()) && observation.position.allFinite() &&
+         std::isfinite(observation.sigma) && observation.sigma >= 0.0;
+}
+
+// What is wrong with one that is not sound.
 std::string fault_of(const Measurements& measurements, const Observation& observation) {
   const auto configurations = static_cast<std::ptrdiff_t>(measurements.configurations.size());
   const auto targets = static_cast<std::ptrdiff_t>(measurements.targets.size());
@@ -42,10 +51,7 @@ std::string fault_of(const Measurements& measurements, const Observation& observ
   if (!observation.position.allFinite()) {
     return "a coordinate is not finite";
   }
-  if (!std::isfinite(observation.sigma) || observation.sigma < 0.0) {
-    return "sigma is negative or not finite, expected 0 where none is stated";
-  }
-  return {};
+  return "sigma is negative or not finite, expected 0 where none is stated";
 }
 
 bool is_orientation(const Eigen::Quaterniond& orientation) {
@@ -69,9 +75,9 @@ void check(const Measurements& measurements) {
     refuse(measurements, "a joint value is not finite");
   }
   for (std::size_t row = 0; row < rows; ++row) {
-    const std::string fault = fault_of(measurements, measurements.observations[row]);
-    if (!fault.empty()) {
-      refuse(measurements, "observation " + std::to_string(row) + ": " + fault);
+    const Observation& observation = measurements.observations[row];
+    if (!is_sound(measurements, observation)) {
+      refuse(measurements, "observation " + std::to_string(row) + ": " + fault_of(measurements, observation));
     }
   }
   const auto wrong =

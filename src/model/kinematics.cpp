@@ -1,6 +1,7 @@
 #include "kdl_calibration/kinematics.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <kdl/chainjnttojacsolver.hpp>
 #include <utility>
@@ -277,44 +278,79 @@ void require_values(Eigen::Index count, const FoldedChain& chain) {
   }
 }
 
-// R * pose for a rotation that turns coordinate axis `from` towards `to`.
-void turn(double angle, Eigen::Index from, Eigen::Index to, Eigen::Isometry3d& pose) {
-  const double s = std::sin(angle);
-  const double c = std::cos(angle);
-  const Eigen::RowVector4d row = pose.matrix().row(from);
-  pose.matrix().row(from) = c * row - s * pose.matrix().row(to);
-  pose.matrix().row(to) = s * row + c * pose.matrix().row(to);
-}
-
-// Z(value) * pose for a rotation about or a translation along z.
-void move_along_z(double value, bool prismatic, Eigen::Isometry3d& pose) {
-  if (prismatic) {
-    pose.translation().z() += value;
-  } else {
-    turn(value, 0, 1, pose);
+// The rows of [R | p]: what comes in front of a pose mixes whole rows.
+class PoseRows {
+public:
+  explicit PoseRows(const Eigen::Isometry3d& pose) {
+    for (Eigen::Index row = 0; row < 3; ++row) {
+      rows_[static_cast<std::size_t>(row)] = pose.matrix().row(row).transpose();
+    }
   }
-}
 
-// Rx Ry * pose for the joint's tilts, where `q` has some.
-void tilt(const Eigen::Ref<const Eigen::VectorXd>& q, std::size_t joints, std::size_t joint, Eigen::Isometry3d& pose) {
-  const auto first = static_cast<Eigen::Index>(joints + 2 * joint);
-  if (q.size() > first) {
-    turn(q[first + 1], 2, 0, pose);
-    turn(q[first], 1, 2, pose);
+  Eigen::Isometry3d pose() const {
+    Eigen::Isometry3d result;
+    result.matrix() << rows_[0].transpose(), rows_[1].transpose(), rows_[2].transpose(), 0.0, 0.0, 0.0, 1.0;
+    return result;
   }
-}
+
+  Eigen::Vector3d position() const { return {rows_[0][3], rows_[1][3], rows_[2][3]}; }
+  /// R^T v.
+  Eigen::Vector3d turned_back(const Eigen::Vector3d& v) const {
+    return (v[0] * rows_[0] + v[1] * rows_[1] + v[2] * rows_[2]).head<3>();
+  }
+
+  void put_in_front(const Eigen::Isometry3d& link) {
+    const auto& L = link.matrix();
+    const std::array<Eigen::Vector4d, 3> old = rows_;
+    for (Eigen::Index row = 0; row < 3; ++row) {
+      Eigen::Vector4d& mixed = rows_[static_cast<std::size_t>(row)];
+      mixed = L(row, 0) * old[0] + L(row, 1) * old[1] + L(row, 2) * old[2];
+      mixed[3] += L(row, 3);
+    }
+  }
+
+  /// A joint's motion about or along z.
+  void move(const Eigen::Ref<const Eigen::VectorXd>& q, std::size_t joint, bool prismatic) {
+    const double value = q[static_cast<Eigen::Index>(joint)];
+    if (prismatic) {
+      rows_[2][3] += value;
+    } else {
+      turn(value, rows_[0], rows_[1]);
+    }
+  }
+  /// Its tilts Rx Ry, where `q` has some behind the values of so many joints.
+  void tilt(const Eigen::Ref<const Eigen::VectorXd>& q, std::size_t joint, std::size_t joints) {
+    const auto first = static_cast<Eigen::Index>(joints + 2 * joint);
+    if (q.size() > first) {
+      turn(q[first + 1], rows_[2], rows_[0]);
+      turn(q[first], rows_[1], rows_[2]);
+    }
+  }
+
+private:
+  // A rotation that turns the coordinate axis of one row towards another's.
+  static void turn(double angle, Eigen::Vector4d& from, Eigen::Vector4d& to) {
+    const double s = std::sin(angle);
+    const double c = std::cos(angle);
+    const Eigen::Vector4d row = from;
+    from = c * row - s * to;
+    to = s * row + c * to;
+  }
+
+  std::array<Eigen::Vector4d, 3> rows_;
+};
 
 }  // namespace
 
 Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q) {
   require_values(q.size(), chain);
-  Eigen::Isometry3d pose = chain.links.back();
+  PoseRows pose(chain.links.back());
   for (std::size_t i = chain.prismatic.size(); i-- > 0;) {
-    move_along_z(q[static_cast<Eigen::Index>(i)], chain.prismatic[i], pose);
-    tilt(q, chain.prismatic.size(), i, pose);
-    pose = chain.links[i] * pose;
+    pose.move(q, i, chain.prismatic[i]);
+    pose.tilt(q, i, chain.prismatic.size());
+    pose.put_in_front(chain.links[i]);
   }
-  return pose;
+  return pose.pose();
 }
 
 std::vector<Eigen::Isometry3d> flange_poses(const FoldedChain& chain, const Eigen::MatrixXd& joint_values) {
@@ -329,7 +365,7 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
                                   const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) {
   require_values(q.size(), chain);
   jacobian.resize(6, static_cast<Eigen::Index>(twists.size()));
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // of the flange in the frame reached so far
+  PoseRows pose(Eigen::Isometry3d::Identity());  // of the flange in the frame reached so far
   std::size_t written = 0;
   const auto write_columns = [&](int frame, bool tilted) {
     for (std::size_t t = 0; t < twists.size(); ++t) {
@@ -337,30 +373,30 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
       if (twist.frame == frame && twist.tilted == tilted) {
         ++written;
         auto column = jacobian.col(static_cast<Eigen::Index>(t));
-        column.head<3>() = pose.linear().transpose() * (twist.linear + twist.angular.cross(pose.translation()));
-        column.tail<3>() = pose.linear().transpose() * twist.angular;
+        column.head<3>() = pose.turned_back(twist.linear + twist.angular.cross(pose.position()));
+        column.tail<3>() = pose.turned_back(twist.angular);
       }
     }
   };
   const auto joints = static_cast<int>(chain.prismatic.size());
   write_columns(joints, false);
-  pose = chain.links.back();
+  pose.put_in_front(chain.links.back());
   for (int i = joints - 1; i >= 0; --i) {
     const auto joint = static_cast<std::size_t>(i);
-    move_along_z(q[i], chain.prismatic[joint], pose);
+    pose.move(q, joint, chain.prismatic[joint]);
     write_columns(i, true);
-    tilt(q, chain.prismatic.size(), joint, pose);
+    pose.tilt(q, joint, chain.prismatic.size());
     write_columns(i, false);
-    pose = chain.links[joint] * pose;
+    pose.put_in_front(chain.links[joint]);
   }
   write_columns(-1, false);
   require_count("twists in frames of the chain", written, twists.size());
-  return pose;
+  return pose.pose();
 }
 
 Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const Eigen::VectorXd& errors,
-                                                  const std::vector<std::size_t>& which, const Eigen::Isometry3d& X_WB,
-                                                  const Eigen::VectorXd& q, const Eigen::Vector3d& target) {
+                                                  const std::vector<std::size_t>& which, const Eigen::VectorXd& q,
+                                                  const Eigen::Vector3d& target) {
   require_count("errors", errors.size(), model.parameters.size());
   require_indices("parameter", which, model.parameters.size());
   require_count("joint values", q.size(), model.joints.size());
@@ -370,7 +406,7 @@ Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const
   Matrix3Xd all(3, static_cast<Eigen::Index>(model.parameters.size()));
   for (std::size_t i = 0; i < factors.size(); ++i) {
     if (factors[i].source == ChainFactor::Source::parameter) {
-      all.col(static_cast<Eigen::Index>(factors[i].index)) = X_WB.linear() * (derivatives[i] * point).head<3>();
+      all.col(static_cast<Eigen::Index>(factors[i].index)) = (derivatives[i] * point).head<3>();
     }
   }
   return all(Eigen::all, which);

@@ -30,8 +30,9 @@ struct Run {
 
 Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
   Random random(experiment.seed, stream);
-  const VirtualRobot robot = virtual_robot(experiment.model, experiment.with_errors, experiment.targets,
-                                           experiment.sizes, random, experiment.X_WB);
+  const VirtualRobot robot =
+      placed(virtual_robot(experiment.model, experiment.with_errors, experiment.targets, experiment.sizes, random),
+             experiment.X_WB);
   const Eigen::MatrixXd train = experiment.train(random);
   const Eigen::MatrixXd test = experiment.test(random);
   const Measurements measurements = measure(robot, train, experiment.noise, random);
@@ -107,8 +108,8 @@ std::vector<double> predicted_errors(const MonteCarlo& experiment) {
                          {.sigma = experiment.noise.sigma / std::sqrt(static_cast<double>(experiment.noise.repeats))});
   for (int r = 0; r < std::min(kRuns, experiment.runs); ++r) {
     Random random(experiment.seed, static_cast<std::uint64_t>(r));
-    virtual_robot(experiment.model, experiment.with_errors, experiment.targets, experiment.sizes, random,
-                  experiment.X_WB);  // draws before the configurations are drawn
+    virtual_robot(experiment.model, experiment.with_errors, experiment.targets, experiment.sizes,
+                  random);  // draws before the configurations are drawn
     const Eigen::MatrixXd train = experiment.train(random);
     const Eigen::MatrixXd test = experiment.test(random);
     const Eigen::MatrixXd known = information(nominal, train);

@@ -23,12 +23,6 @@ constexpr double kAngleStep = 1e-3 * std::numbers::pi / 180.0;
 constexpr double kLengthStep = 1e-6;
 
 // What the choice is made from.
-struct Choice {
-  MatrixXd given;  // information of priors and measured configurations
-  MatrixXd candidates;
-  MatrixXd tasks;
-};
-
 // What a calibration tells of the experiment's columns, whatever it says of others; nothing of what it left open.
 MatrixXd known_information(const Experiment& experiment, const SavedCalibration& calibrated) {
   require_count("columns of a calibration's covariance", calibrated.covariance.cols(), calibrated.covariance.rows());
@@ -49,8 +43,8 @@ MatrixXd known_information(const Experiment& experiment, const SavedCalibration&
   return result;
 }
 
-Choice choice(const PlanRequest& request, const Plan& plan) {
-  Choice result{.given = prior_information(plan.experiment), .candidates = {}, .tasks = request.tasks};
+SelectionTask selection_task(const PlanRequest& request, const Plan& plan) {
+  SelectionTask result{.candidates = {}, .given = prior_information(plan.experiment), .tasks = request.tasks};
   if (request.calibrated) {
     result.given += known_information(plan.experiment, *request.calibrated);
   }
@@ -64,7 +58,7 @@ Choice choice(const PlanRequest& request, const Plan& plan) {
   return result;
 }
 
-Selection select(const PlanRequest& request, const Experiment& experiment, const Choice& among) {
+Selection select(const PlanRequest& request, const Experiment& experiment, const SelectionTask& among) {
   const SelectionOptions options{.criterion = request.criterion,
                                  .count = request.count,
                                  .starts = request.starts,
@@ -72,10 +66,9 @@ Selection select(const PlanRequest& request, const Experiment& experiment, const
                                  .threads = request.threads,
                                  .progress = request.choosing};
   if (!request.accuracy) {
-    return select_configurations(experiment, among.candidates, among.given, options, among.tasks);
+    return select_configurations(experiment, among, options);
   }
-  return select_for_accuracy(experiment, among.candidates, among.given, *request.accuracy, request.accuracy_of, options,
-                             among.tasks);
+  return select_for_accuracy(experiment, among, *request.accuracy, request.accuracy_of, options);
 }
 
 // Numbers that no measured configuration bears.
@@ -119,7 +112,7 @@ Prediction mean_of(const std::vector<Prediction>& predictions) {
   return mean;
 }
 
-void add_promises(const PlanRequest& request, const Choice& among, Plan& plan) {
+void add_promises(const PlanRequest& request, const SelectionTask& among, Plan& plan) {
   const Experiment& experiment = plan.experiment;
   const MatrixXd& information = plan.selection.information;
   const auto count = static_cast<int>(plan.selection.chosen.size());
@@ -129,12 +122,13 @@ void add_promises(const PlanRequest& request, const Choice& among, Plan& plan) {
                predicted(experiment, information, plan.sheet.joint_values, request.threads).worst_configuration);
   plan.random = mean_of(predicted(
       experiment,
-      random_designs(experiment, among.candidates, among.given, count, kRandomDraws, request.seed, request.threads),
+      random_designs(experiment, among,
+                     {.count = count, .draws = kRandomDraws, .seed = request.seed, .threads = request.threads}),
       among.tasks, request.threads));
   if (among.given.isZero() && experiment.noise.configuration_sigma == 0.0 && !experiment.noise.tracker) {
     plan.floor = floor_of_worst_configuration(experiment, count);
   }
-  plan.efficiency = d_efficiency(experiment, among.candidates, among.given, information, count, request.threads);
+  plan.efficiency = d_efficiency(experiment, among, information, count, request.threads);
 }
 
 // The configurations that are fitted already, then those of the plan.
@@ -191,7 +185,7 @@ Plan make_plan(const PlanRequest& request) {
                            .threads = request.threads,
                            .angle_step = kAngleStep,
                            .length_step = kLengthStep});
-  const Choice among = choice(request, plan);
+  const SelectionTask among = selection_task(request, plan);
   plan.selection = select(request, plan.experiment, among);
 
   const std::vector<MovingJoint>& joints = request.robot.joints;
@@ -255,7 +249,7 @@ std::vector<CountedAccuracy> accuracy_by_count(const PlanRequest& request, const
   constexpr int kDraws = 20;
   constexpr Eigen::Index kMostTasks = 500;
   const Experiment& experiment = plan.experiment;
-  Choice among = choice(request, plan);
+  SelectionTask among = selection_task(request, plan);
   among.tasks = MatrixXd(among.tasks.leftCols(std::min(kMostTasks, among.tasks.cols())));
   const std::vector<int> counts =
       counts_to_show(experiment, static_cast<int>(plan.selection.chosen.size()), !among.given.isZero());
@@ -265,7 +259,8 @@ std::vector<CountedAccuracy> accuracy_by_count(const PlanRequest& request, const
   for (std::size_t k = 0; k < counts.size(); ++k) {
     const Prediction random = mean_of(predicted(
         experiment,
-        random_designs(experiment, among.candidates, among.given, counts[k], kDraws, request.seed, request.threads),
+        random_designs(experiment, among,
+                       {.count = counts[k], .draws = kDraws, .seed = request.seed, .threads = request.threads}),
         among.tasks, request.threads));
     result.push_back({.count = counts[k], .plan = planned[k].sigma.mean, .random = random.sigma.mean});
   }

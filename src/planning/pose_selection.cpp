@@ -31,14 +31,14 @@ constexpr double kLeastGain = 1e-9;  // relative, of an excursion
 class Exchange {
 public:
   Exchange(const CandidatePool& pool, Index candidates, const MatrixXd& given, const SelectionOptions& options,
-           const Tasks* tasks, int threads)
+           const Tasks* tasks)
       : pool_(pool),
         candidates_(candidates),
         given_(given),
         criterion_(options.criterion),
         depth_(options.depth),
         tasks_(tasks),
-        threads_(threads),
+        threads_(options.threads),
         is_member_(static_cast<std::size_t>(candidates), false) {}
 
   void start(const std::vector<Index>& members) {
@@ -307,11 +307,13 @@ std::vector<Start> search(const CandidatePool& pool, const MatrixXd& given, cons
                           const Tasks* tasks) {
   const Index candidates = std::min(pool.size(), std::max<Index>(kPoolOfStarts, 4L * options.count));
   std::vector<Start> starts(static_cast<std::size_t>(options.starts));
+  SelectionOptions alone = options;
+  alone.threads = 1;
   std::mutex mutex;
   int done = 0;
   parallel_for(starts.size(), options.threads, [&](std::size_t s) {
     Random random(options.seed, s);
-    Exchange exchange(pool, candidates, given, options, tasks, 1);
+    Exchange exchange(pool, candidates, given, alone, tasks);
     exchange.start(drawn(candidates, options.count, random));
     exchange.run();
     starts[s] = {.members = exchange.members(), .value = exchange.value(), .exchanges = exchange.exchanges()};
@@ -349,14 +351,16 @@ std::vector<Index> least_worst(Exchange& exchange, const Tasks& tasks) {
 
 }  // namespace
 
-Selection select_configurations(const Experiment& experiment, const MatrixXd& candidates, const MatrixXd& given,
-                                const SelectionOptions& options, const MatrixXd& tasks) {
+Selection select_configurations(const Experiment& experiment, const SelectionTask& task,
+                                const SelectionOptions& options) {
+  const MatrixXd& candidates = task.candidates;
+  const MatrixXd& given = task.given;
   require_possible(experiment, candidates.cols(), given, options);
   const CandidatePool pool(experiment, candidates, given, options.threads);
   std::optional<Tasks> where;
   if (options.criterion != Criterion::d_optimal) {
-    where.emplace(pool.rows(), tasks.size() > 0 ? tasks : candidates, options.criterion == Criterion::g_optimal,
-                  options.threads);
+    where.emplace(pool.rows(), task.tasks.size() > 0 ? task.tasks : candidates,
+                  options.criterion == Criterion::g_optimal, options.threads);
   }
   const Tasks* tasks_in_basis = where ? &*where : nullptr;
   MatrixXd base = pool.rows().in_basis(given);
@@ -369,7 +373,7 @@ Selection select_configurations(const Experiment& experiment, const MatrixXd& ca
     search_options.criterion = Criterion::d_optimal;
   }
   const std::vector<Start> starts = search(pool, base, search_options, tasks_in_basis);
-  Exchange final(pool, pool.size(), base, options, tasks_in_basis, options.threads);
+  Exchange final(pool, pool.size(), base, options, tasks_in_basis);
   final.start(starts.front().members);
 
   Selection selection;
@@ -400,19 +404,19 @@ double figure_of(const Prediction& prediction, Figure figure) {
   return prediction.sigma.max;
 }
 
-Selection select_for_accuracy(const Experiment& experiment, const MatrixXd& candidates, const MatrixXd& given,
-                              double accuracy, Figure figure, const SelectionOptions& options, const MatrixXd& tasks) {
-  require_information(experiment, given);
+Selection select_for_accuracy(const Experiment& experiment, const SelectionTask& task, double accuracy, Figure figure,
+                              const SelectionOptions& options) {
+  require_information(experiment, task.given);
   double reached = std::numeric_limits<double>::infinity();
   const auto attempt = [&](int count) {
     SelectionOptions with_count = options;
     with_count.count = count;
-    Selection selection = select_configurations(experiment, candidates, given, with_count, tasks);
-    reached = figure_of(predicted(experiment, selection.information, tasks, options.threads), figure);
+    Selection selection = select_configurations(experiment, task, with_count);
+    reached = figure_of(predicted(experiment, selection.information, task.tasks, options.threads), figure);
     return selection;
   };
-  const int most = static_cast<int>(std::min<Index>(options.count, candidates.cols()));
-  int too_few = std::max(1, least_count(experiment, given)) - 1;
+  const int most = static_cast<int>(std::min<Index>(options.count, task.candidates.cols()));
+  int too_few = std::max(1, least_count(experiment, task.given)) - 1;
   int enough = std::min(most, too_few + 1);
   Selection best = attempt(enough);
   while (!(reached <= accuracy)) {
@@ -437,30 +441,32 @@ Selection select_for_accuracy(const Experiment& experiment, const MatrixXd& cand
   return best;
 }
 
-std::vector<MatrixXd> random_designs(const Experiment& experiment, const MatrixXd& candidates, const MatrixXd& given,
-                                     int count, int draws, std::uint64_t seed, int threads) {
-  require_information(experiment, given);
-  require_at_least("draws", draws, 0);
-  require_at_least("configurations of a design", count, 0);
-  require_at_least("candidates", candidates.cols(), count);
-  std::vector<MatrixXd> designs(static_cast<std::size_t>(draws));
-  parallel_for(designs.size(), threads, [&](std::size_t d) {
-    Random random(seed, d);
-    designs[d] = given + information(experiment, candidates(Eigen::all, drawn(candidates.cols(), count, random)));
+std::vector<MatrixXd> random_designs(const Experiment& experiment, const SelectionTask& task,
+                                     const RandomDesigns& designs) {
+  const MatrixXd& candidates = task.candidates;
+  require_information(experiment, task.given);
+  require_at_least("draws", designs.draws, 0);
+  require_at_least("configurations of a design", designs.count, 0);
+  require_at_least("candidates", candidates.cols(), designs.count);
+  std::vector<MatrixXd> result(static_cast<std::size_t>(designs.draws));
+  parallel_for(result.size(), designs.threads, [&](std::size_t d) {
+    Random random(designs.seed, d);
+    const std::vector<Index> chosen = drawn(candidates.cols(), designs.count, random);
+    result[d] = task.given + information(experiment, candidates(Eigen::all, chosen));
   });
-  return designs;
+  return result;
 }
 
-double d_efficiency(const Experiment& experiment, const MatrixXd& candidates, const MatrixXd& given,
-                    const MatrixXd& design, int count, int threads) {
-  require_information(experiment, given);
+double d_efficiency(const Experiment& experiment, const SelectionTask& task, const MatrixXd& design, int count,
+                    int threads) {
+  require_information(experiment, task.given);
   require_information(experiment, design);
-  require_at_least("candidates", candidates.cols(), 1);
+  require_at_least("candidates", task.candidates.cols(), 1);
   constexpr int kRounds = 150;
-  const CandidatePool pool(experiment, candidates, given, threads);
+  const CandidatePool pool(experiment, task.candidates, task.given, threads);
   const PointRows& rows = pool.rows();
   const Index weighted = std::min(pool.size(), kPoolOfStarts);
-  const MatrixXd M0 = rows.in_basis(given);
+  const MatrixXd M0 = rows.in_basis(task.given);
   const auto N = static_cast<double>(count);
   VectorXd w = VectorXd::Constant(weighted, 1.0 / static_cast<double>(weighted));
   const auto information_of = [&](const VectorXd& weights) {

@@ -26,8 +26,7 @@ std::vector<TargetFrame> published_targets(int count) {
 }
 
 VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
-                           const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random,
-                           const Eigen::Isometry3d& X_WB) {
+                           const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random) {
   require_indices("parameter", with_errors, model.parameters.size());
   for (const double sigma : {sizes.length, sizes.angle, sizes.base_position, sizes.target_length}) {
     require_sigma("the size of true errors", sigma);
@@ -38,7 +37,7 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
     const double sigma = is_length(model, model.parameters[p]) ? sizes.length : sizes.angle;
     robot.truth.errors[static_cast<Eigen::Index>(p)] = sigma * random.normal();
   }
-  robot.truth.X_WB = X_WB;
+  robot.truth.X_WB = Eigen::Isometry3d::Identity();
   for (int axis = 0; axis < 3; ++axis) {
     robot.truth.X_WB.translation()[axis] += sizes.base_position * random.normal();
   }
@@ -50,6 +49,11 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
       target.X_FT.translation() *= (length + error) / length;
     }
   }
+  return robot;
+}
+
+VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB) {
+  robot.truth.X_WB = robot.truth.X_WB * X_WB;
   return robot;
 }
 

@@ -436,7 +436,8 @@ TEST(JointConventions, NamesTheConventionThatFits) {
   const Measurements measured = experiment().measured(1, kPublished, kNoise);
   for (const auto& [truth, used] : {std::pair(pendant, serial), std::pair(serial, pendant)}) {
     const Measurements wrong = misread(measured, truth, used);
-    const auto trials = try_conventions(experiment().model, wrong, experiment().free, &used, {pendant, serial});
+    const auto trials =
+        try_conventions(experiment().model, wrong, experiment().free, {.used = &used, .others = {pendant, serial}});
     const auto better = better_convention(trials);
     ASSERT_TRUE(better.has_value());
     EXPECT_EQ(better->description, "the convention " + std::filesystem::path(truth.name).filename().string());
@@ -455,8 +456,8 @@ TEST(JointConventions, NamesEachJointWithTheOppositeSign) {
     for (const JointConvention* used : {static_cast<const JointConvention*>(nullptr), &serial}) {
       Measurements wrong = measured;
       wrong.joint_values.row(j) *= -1.0;
-      const auto better = better_convention(
-          try_conventions(experiment().model, wrong, experiment().free, used, {serial, shipped("pendant")}));
+      const auto better = better_convention(try_conventions(experiment().model, wrong, experiment().free,
+                                                            {.used = used, .others = {serial, shipped("pendant")}}));
       ASSERT_TRUE(better.has_value()) << j;
       EXPECT_EQ(better->description, "joint_" + std::to_string(j + 1) + " with the opposite sign");
       EXPECT_LT(better->rms, 0.0001);
@@ -469,8 +470,9 @@ TEST(JointConventions, NamesTheControllersJointWhereTheConventionCouplesThem) {
   const JointConvention pendant = shipped("pendant");
   JointConvention flipped = pendant;
   flipped.matrix.col(1) *= -1.0;
-  const auto better = better_convention(try_conventions(experiment().model, misread(measured, flipped, pendant),
-                                                        experiment().free, &pendant, {shipped("serial")}));
+  const auto better =
+      better_convention(try_conventions(experiment().model, misread(measured, flipped, pendant), experiment().free,
+                                        {.used = &pendant, .others = {shipped("serial")}}));
   ASSERT_TRUE(better.has_value());
   EXPECT_EQ(better->description, "the controller's J2 with the opposite sign");
 }
@@ -482,7 +484,7 @@ TEST(JointConventions, TurnAboutTheirOffset) {
   JointConvention truth = used;
   truth.matrix.row(2) *= -1.0;
   const auto better = better_convention(
-      try_conventions(experiment().model, misread(measured, truth, used), experiment().free, &used, {}));
+      try_conventions(experiment().model, misread(measured, truth, used), experiment().free, {.used = &used}));
   ASSERT_TRUE(better.has_value());
   EXPECT_EQ(better->description, "joint_3 with the opposite sign");
   EXPECT_LT((better->joint_values - measured.joint_values).norm(), 1e-12);
@@ -494,7 +496,8 @@ TEST(JointConventions, HaveNothingBetterToOfferWhereTheFitIsFine) {
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
     for (const double noise : {0.0, kNoise}) {
       const Measurements measured = experiment().measured(seed, kPublished, noise);
-      const auto trials = try_conventions(experiment().model, measured, experiment().free, &serial, {pendant, serial});
+      const auto trials = try_conventions(experiment().model, measured, experiment().free,
+                                          {.used = &serial, .others = {pendant, serial}});
       EXPECT_TRUE(trials.front().present);
       EXPECT_FALSE(better_convention(trials).has_value());
     }
@@ -506,7 +509,7 @@ TEST(JointConventions, OfOtherRobotsAreLeftOut) {
   JointConvention other = shipped("pendant");
   other.name = "other.json";
   other.urdf_joints[0] = "shoulder";
-  const auto trials = try_conventions(experiment().model, measured, experiment().free, nullptr, {other});
+  const auto trials = try_conventions(experiment().model, measured, experiment().free, {.others = {other}});
   // As they are, six signs, seven units of six joints and of all, J3 with J2, fifteen pairs, the reversed order.
   EXPECT_EQ(trials.size(), 1U + 6U + 49U + 2U + 15U + 1U);
   for (const ConventionTrial& trial : trials) {
@@ -578,15 +581,15 @@ TEST(JointConventionsOnRealData, NameTheConventionThatFits) {
   const JointConvention pendant = shipped("pendant");
   const JointConvention serial = shipped("serial");
   const Measurements wrong = real_measurements(pendant);
-  const auto better =
-      better_convention(try_conventions(experiment().model, wrong, experiment().free, &pendant, {pendant, serial}));
+  const auto better = better_convention(
+      try_conventions(experiment().model, wrong, experiment().free, {.used = &pendant, .others = {pendant, serial}}));
   ASSERT_TRUE(better.has_value());
   EXPECT_EQ(better->description, "the convention fanuc_r2000ic_165f_serial.json");
   EXPECT_NEAR(better->rms, 0.000161, 0.000001);
   const Measurements right = real_measurements(serial);
-  EXPECT_FALSE(
-      better_convention(try_conventions(experiment().model, right, experiment().free, &serial, {pendant, serial}))
-          .has_value());
+  EXPECT_FALSE(better_convention(try_conventions(experiment().model, right, experiment().free,
+                                                 {.used = &serial, .others = {pendant, serial}}))
+                   .has_value());
 }
 
 TEST(JointConventionsOnRealData, NameEachJointWithTheOppositeSign) {
@@ -594,8 +597,8 @@ TEST(JointConventionsOnRealData, NameEachJointWithTheOppositeSign) {
   for (Eigen::Index j = 0; j < 6; ++j) {
     Measurements wrong = real_measurements(serial);
     wrong.joint_values.row(j) *= -1.0;
-    const auto trials =
-        try_conventions(experiment().model, wrong, experiment().free, &serial, {shipped("pendant"), serial});
+    const auto trials = try_conventions(experiment().model, wrong, experiment().free,
+                                        {.used = &serial, .others = {shipped("pendant"), serial}});
     const auto better = better_convention(trials);
     ASSERT_TRUE(better.has_value()) << j << ", best " << trials.front().description << " " << trials.front().rms;
     EXPECT_EQ(better->description, "joint_" + std::to_string(j + 1) + " with the opposite sign");

@@ -129,7 +129,6 @@ TEST(Doors, OfMeasurementsRefuseWhatDoesNotFit) {
 TEST(Doors, OfTheModelRefuseWhatDoesNotFit) {
   const Sound& s = sound();
   const ErrorModel& model = s.model;
-  const Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
   const FoldedChain chain = folded(model, s.errors);
   const ChainFolder folder(model, {0, 1});
   FoldedChain shape = folder.shape();
@@ -163,8 +162,8 @@ TEST(Doors, OfTheModelRefuseWhatDoesNotFit) {
        [&] { flange_jacobian(chain, {ParameterTwist{.frame = 9}}, Eigen::VectorXd::Zero(6), jacobian); },
        "0 twists in frames of the chain, expected 1"},
       {"position_jacobian_by_matrix_derivatives",
-       [&] { position_jacobian_by_matrix_derivatives(model, s.errors, s.beyond, X, s.q, {}); }, "parameter 1000"},
-      {"its joints", [&] { position_jacobian_by_matrix_derivatives(model, s.errors, {0}, X, s.few, {}); },
+       [&] { position_jacobian_by_matrix_derivatives(model, s.errors, s.beyond, s.q, {}); }, "parameter 1000"},
+      {"its joints", [&] { position_jacobian_by_matrix_derivatives(model, s.errors, {0}, s.few, {}); },
        "3 joint values"},
       {"manipulator_jacobians", [&] { manipulator_jacobians(model, s.errors, s.few); }, "3 joint values"},
       {"its errors", [&] { manipulator_jacobians(model, s.few, s.q); }, "3 errors"},
@@ -382,10 +381,26 @@ TEST(Doors, OfThePlanningRefuseWhatDoesNotFit) {
       {"predicted", [&] { predicted(experiment, square, q); }, rows},
       {"floor_of_worst_configuration", [&] { floor_of_worst_configuration(experiment, 0); }, "0 configurations"},
       {"observability_indices", [&] { observability_indices(experiment, s.few_rows); }, "3 joint values"},
-      {"select_configurations", [&] { select_configurations(experiment, q, square); }, rows},
-      {"select_for_accuracy", [&] { select_for_accuracy(experiment, q, square, 1e-3, Figure::mean, {}, q); }, rows},
-      {"random_designs", [&] { random_designs(experiment, q, none, 41, 2, 1); }, "40 candidates, expected at least 41"},
-      {"d_efficiency", [&] { d_efficiency(experiment, q, none, square, 30); }, rows},
+      {"select_configurations",
+       [&] {
+         select_configurations(experiment, {q, square});
+       },
+       rows},
+      {"select_for_accuracy",
+       [&] {
+         select_for_accuracy(experiment, {q, square, q}, 1e-3, Figure::mean, {});
+       },
+       rows},
+      {"random_designs",
+       [&] {
+         random_designs(experiment, {q, none}, {.count = 41, .draws = 2});
+       },
+       "40 candidates, expected at least 41"},
+      {"d_efficiency",
+       [&] {
+         d_efficiency(experiment, {q, none}, square, 30);
+       },
+       rows},
       {"make_plan", [&] { make_plan(request); }, "0 candidates, expected at least 1"},
   });
 }

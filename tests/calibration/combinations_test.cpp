@@ -41,7 +41,7 @@ struct Arm {
     Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  // the tracker stands askew, some metres away
     X_WB.linear() = testing::turned_by({0.3, -0.2, 1.1});
     X_WB.translation() = Vector3d(2.0, -3.0, 0.5);
-    robot = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random_, X_WB);
+    robot = placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random_), X_WB);
     measured = measure(robot, random_configurations(limits_of(model.joints), configurations, random_), noise, random_);
     for (Observation& observation : measured.observations) {
       observation.sigma = 0.0;

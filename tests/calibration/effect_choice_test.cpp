@@ -38,8 +38,8 @@ struct Arm {
     Random random(seed);
     const std::vector<TargetFrame> targets = published_targets();
     const Unknowns free(model, targets, reduced_model(model, targets).kept);
-    truth = virtual_robot(model, free.geometric(), targets, {.length = 5e-4, .angle = 5e-4}, random,
-                          Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)));
+    truth = placed(virtual_robot(model, free.geometric(), targets, {.length = 5e-4, .angle = 5e-4}, random),
+                   Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)));
     const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), configurations, random);
     unseen = random_configurations(limits_of(model.joints), 200, random);
     std::vector<double> values;

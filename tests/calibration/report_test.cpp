@@ -72,7 +72,7 @@ struct Setup {
     Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
     X_WB.linear() = Eigen::AngleAxisd(2.5, Eigen::Vector3d(0.3, -0.2, 0.9).normalized()).toRotationMatrix();
     X_WB.translation() = Eigen::Vector3d(2.0, -1.5, 0.4);
-    truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
+    truth = placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random), X_WB);
   }
 
   Eigen::MatrixXd configurations(int count) { return random_configurations(limits_of(model.joints), count, random); }
@@ -1369,9 +1369,9 @@ TEST(ReportJson, PredictionsAreThoseOfKdlAndOfThePropagatedCovariance) {
       const KDL::Vector p_W = predicted_point(poses[configuration], estimate, target);
       const KDL::Vector p_B = to_kdl(estimate.X_WB).Inverse() * p_W;
       const auto column = static_cast<Eigen::Index>(configuration);
-      Eigen::Matrix3d C = predicted_covariance(PositionPredictor(c.calibration.model, estimate, c.calibration.free),
-                                               c.calibration.covariance, q.col(column),
-                                               static_cast<std::size_t>(target));
+      Eigen::Matrix3d C =
+          predicted_covariance(PositionPredictor(c.calibration.model, estimate, c.calibration.free),
+                               c.calibration.covariance, q.col(column), static_cast<std::size_t>(target));
       const Eigen::Matrix3d of_withheld = covariance_of_withheld(c, q.col(column), target);
       C += of_withheld;
       withheld += of_withheld.isZero(0.0) ? 0 : 1;

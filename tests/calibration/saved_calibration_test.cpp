@@ -41,8 +41,9 @@ struct Written {
     targets[1].X_FT.linear() = Eigen::AngleAxisd(2.0, Eigen::Vector3d(1.0, 0.5, -0.3).normalized()).toRotationMatrix();
     Random random(5);
     const Unknowns free(model, targets, reduced_model(model, targets).kept);
-    VirtualRobot truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random,
-                                       Eigen::Isometry3d(Eigen::Translation3d(2.0, 1.0, 0.5)));
+    VirtualRobot truth =
+        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random),
+               Eigen::Isometry3d(Eigen::Translation3d(2.0, 1.0, 0.5)));
     truth.model.effects = load_terms(model);
     truth.truth.effects = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(truth.model.effects.size()), 4e-4);
     measured = measure(truth, random_configurations(limits_of(model.joints), 40, random), {.sigma = 3e-5}, random);

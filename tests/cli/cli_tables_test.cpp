@@ -87,7 +87,7 @@ protected:
     X_WB.linear() = Eigen::AngleAxisd(3.0, Eigen::Vector3d(0.2, -0.3, 0.9).normalized()).toRotationMatrix();
     X_WB.translation() = Eigen::Vector3d(2.0, -1.5, 0.4);
     const VirtualRobot truth =
-        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
+        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random), X_WB);
     const auto measured_rows = [&](int count, Split split) {
       return measure(truth, random_configurations(limits_of(model.joints), count, random), {.sigma = 3e-5}, random,
                      split);

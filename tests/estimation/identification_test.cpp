@@ -376,7 +376,7 @@ TEST(Identification, RecoversMeasuredFramesOfAnOddArm) {
     X_WB.linear() = rotation_exp(2.0 * Eigen::Vector3d(random.normal(), random.normal(), random.normal()));
     X_WB.translation() = Eigen::Vector3d(5.0, -3.0, 1.0);
     const VirtualRobot robot =
-        virtual_robot(model, free.geometric(), targets, {.length = 0.0025, .angle = 0.02}, random, X_WB);
+        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.0025, .angle = 0.02}, random), X_WB);
     const JointRanges ranges = limits_of(model.joints);
     const Measurements measured = measure(robot, random_configurations(ranges, 40, random), {}, random);
     const Identification found = identify_jointly(model, measured, nominal_start(model, measured), free);

@@ -173,7 +173,7 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
       {"residuals_csv", [&](const Measurements& d) { residuals_csv(d, calibration); }},
       {"result_table", [&](const Measurements& d) { result_table(d, calibration); }},
       {"check_residuals", [&](const Measurements& d) { check_residuals(m.model, d, estimate); }},
-      {"try_conventions", [&](const Measurements& d) { try_conventions(m.model, d, m.free, nullptr, {}); }},
+      {"try_conventions", [&](const Measurements& d) { try_conventions(m.model, d, m.free); }},
       {"suspicions", [&](const Measurements& d) { suspicions(m.model, d, estimate, m.free); }},
       {"explained_by_joints", [&](const Measurements& d) { explained_by_joints(m.model, estimate, d); }},
   });

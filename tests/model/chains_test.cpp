@@ -94,7 +94,7 @@ TEST_P(AnyChain, IsRecoveredToRounding) {
   X_WB.translation() = Eigen::Vector3d(3.0, -4.0, 0.5);
   for (int trial = 0; trial < 10; ++trial) {
     const VirtualRobot truth =
-        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.005}, random, X_WB);
+        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.005}, random), X_WB);
     const Measurements train = measure(truth, random_configurations(limits_of(model.joints), 60, random), {}, random);
     const Measurements test =
         measure(truth, random_configurations(limits_of(model.joints), 100, random), {}, random, Split::test);
@@ -169,7 +169,7 @@ TEST(Chains, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
   for (int run = 0; run < runs; ++run) {
     Random random(9, static_cast<std::uint64_t>(run));
     const VirtualRobot truth =
-        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random, X_WB);
+        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random), X_WB);
     Measurements measured = measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random);
     for (Observation& o : measured.observations) {
       const double distance = o.position.norm();

@@ -113,7 +113,8 @@ TEST_P(EveryChain, PublishedMatrixDerivativesGiveTheSameColumns) {
   Matrix6Xd jacobian;
   const Eigen::Isometry3d X_WF =
       X_WB * flange_jacobian(folded(model_, errors), parameter_twists(model_, errors, which_), q, jacobian);
-  const Matrix3Xd published = position_jacobian_by_matrix_derivatives(model_, errors, which_, X_WB, q, target);
+  const Matrix3Xd published =
+      X_WB.linear() * position_jacobian_by_matrix_derivatives(model_, errors, which_, q, target);
   for (Eigen::Index p = 0; p < errors.size(); ++p) {
     const Eigen::Vector3d linear = jacobian.col(p).head<3>();
     const Eigen::Vector3d angular = jacobian.col(p).tail<3>();

@@ -47,8 +47,8 @@ MatrixXd jacobian_by_matrices(const Experiment& experiment, const Eigen::VectorX
     auto rows = J.middleRows(3 * t, 3);
     rows.leftCols(3).setIdentity();
     rows.middleCols(3, 3) = -skew(p);
-    rows.middleCols(6, geometric) = position_jacobian_by_matrix_derivatives(
-        experiment.model, experiment.errors, experiment.free.geometric(), Eigen::Isometry3d::Identity(), q, point);
+    rows.middleCols(6, geometric) = position_jacobian_by_matrix_derivatives(experiment.model, experiment.errors,
+                                                                            experiment.free.geometric(), q, point);
     rows.middleCols(6 + geometric + 3 * t, 3) = to_eigen(flange).linear();
   }
   return J;

@@ -26,7 +26,7 @@ struct Fixture {
     Random random(9);
     const MatrixXd all = random_configurations(published_ranges(model.joints), 1000, random);
     const MatrixXd none = MatrixXd::Zero(columns(experiment), columns(experiment));
-    train = all(Eigen::all, select_configurations(experiment, all, none, {.count = 20, .starts = 2}).chosen);
+    train = all(Eigen::all, select_configurations(experiment, {all, none}, {.count = 20, .starts = 2}).chosen);
     test = random_configurations(published_ranges(model.joints), 60, random);
   }
 

@@ -55,30 +55,31 @@ double log_det(const MatrixXd& M) { return 2.0 * M.llt().matrixLLT().diagonal().
 
 TEST(PoseSelection, ChoosesForATrackersNoise) {
   Fixture f(1500, 1);
-  const Selection blind = select_configurations(f.experiment, f.all, f.none, {.starts = 2});
+  const Selection blind = select_configurations(f.experiment, {f.all, f.none}, {.starts = 2});
   f.experiment.noise.tracker = TrackerNoise{.range = 5e-6, .transverse = 2e-5, .transverse_per_metre = 2e-5};
   f.experiment.noise.tracker_position = {3.5, 0.0, 1.0};
-  const Selection aware = select_configurations(f.experiment, f.all, f.none, {.starts = 2});
+  const Selection aware = select_configurations(f.experiment, {f.all, f.none}, {.starts = 2});
   EXPECT_GT(log_det(aware.information), log_det(information(f.experiment, f.all(Eigen::all, blind.chosen))) + 0.5);
-  const double efficiency = d_efficiency(f.experiment, f.all, f.none, aware.information, 30);
+  const double efficiency = d_efficiency(f.experiment, {f.all, f.none}, aware.information, 30);
   EXPECT_GT(efficiency, 0.9);
   EXPECT_LE(efficiency, 1.0);
 }
 
 TEST(PoseSelection, PromisesThePublishedAccuracyIn5000Candidates) {
   const Fixture f(5000, 5000);
-  const Selection d = select_configurations(f.experiment, f.all, f.none);
+  const Selection d = select_configurations(f.experiment, {f.all, f.none});
   EXPECT_EQ(d.chosen.size(), 30U);
   EXPECT_GT(d.exchanges, 0);
   const Prediction d_promise = predicted(f.experiment, d.information, f.tasks);
   EXPECT_LE(d_promise.sigma.mean, 0.0180e-3);
   EXPECT_LE(d_promise.sigma.max, 0.0202e-3);
 
-  const Selection i = select_configurations(f.experiment, f.all, f.none, {.criterion = Criterion::i_optimal});
+  const Selection i = select_configurations(f.experiment, {f.all, f.none}, {.criterion = Criterion::i_optimal});
   const Prediction i_promise = predicted(f.experiment, i.information, f.tasks);
   EXPECT_LE(i_promise.sigma.mean, 0.0177e-3);
 
-  const auto draws = predicted(f.experiment, random_designs(f.experiment, f.all, f.none, 30, 200, 1), f.tasks);
+  const auto draws =
+      predicted(f.experiment, random_designs(f.experiment, {f.all, f.none}, {.count = 30, .draws = 200}), f.tasks);
   double mean = 0.0;
   for (const Prediction& draw : draws) {
     mean += draw.sigma.mean / 200.0;
@@ -87,7 +88,7 @@ TEST(PoseSelection, PromisesThePublishedAccuracyIn5000Candidates) {
   EXPECT_NEAR(mean, 0.0205e-3, 0.0005e-3);
   EXPECT_GE(d_promise.worst_configuration, floor_of_worst_configuration(f.experiment, 30));
   EXPECT_GE(i_promise.worst_configuration, floor_of_worst_configuration(f.experiment, 30));
-  const double efficiency = d_efficiency(f.experiment, f.all, f.none, d.information, 30);
+  const double efficiency = d_efficiency(f.experiment, {f.all, f.none}, d.information, 30);
   EXPECT_GT(efficiency, 0.95);
   EXPECT_LE(efficiency, 1.0);
 }
@@ -96,9 +97,9 @@ TEST(PoseSelection, GivesTheSameAnswerOnAnyNumberOfThreads) {
   const Fixture f(700, 300);
   for (const Criterion criterion : {Criterion::d_optimal, Criterion::g_optimal, Criterion::i_optimal}) {
     SelectionOptions options{.criterion = criterion, .count = 12, .starts = 3, .threads = 1};
-    const Selection one = select_configurations(f.experiment, f.all, f.none, options, f.tasks);
+    const Selection one = select_configurations(f.experiment, {f.all, f.none, f.tasks}, options);
     options.threads = 3;
-    const Selection three = select_configurations(f.experiment, f.all, f.none, options, f.tasks);
+    const Selection three = select_configurations(f.experiment, {f.all, f.none, f.tasks}, options);
     EXPECT_EQ(one.chosen, three.chosen);
     EXPECT_EQ(one.information, three.information);
     EXPECT_EQ(one.exchanges, three.exchanges);
@@ -125,7 +126,7 @@ TEST(PoseSelection, FindsTheBestOfAllSubsetsWhereTheyCanBeCounted) {
         best = std::min(best, criterion == Criterion::d_optimal ? -log_det(M) : llt.solve(tasks_information).trace());
       }
     }
-    const Selection found = select_configurations(f.experiment, f.all, f.none, options);
+    const Selection found = select_configurations(f.experiment, {f.all, f.none}, options);
     if (criterion == Criterion::d_optimal) {
       EXPECT_NEAR(found.objective, -best, 1e-6 * std::abs(best));
       EXPECT_NEAR(found.objective, log_det(found.information), 1e-9 * std::abs(best));
@@ -140,8 +141,8 @@ TEST(PoseSelection, EachCriterionIsBestAtWhatItAsksFor) {
   std::vector<Prediction> promises;
   std::vector<double> determinants;
   for (const Criterion criterion : {Criterion::d_optimal, Criterion::g_optimal, Criterion::i_optimal}) {
-    const Selection found =
-        select_configurations(f.experiment, f.all, f.none, {.criterion = criterion, .count = 20, .starts = 4}, f.tasks);
+    const Selection found = select_configurations(f.experiment, {f.all, f.none, f.tasks},
+                                                  {.criterion = criterion, .count = 20, .starts = 4});
     promises.push_back(predicted(f.experiment, found.information, f.tasks));
     determinants.push_back(log_det(found.information));
     if (criterion == Criterion::g_optimal) {
@@ -169,8 +170,8 @@ TEST(PoseSelection, AddsWhatIsMissingToWhatWasMeasured) {
     }
   }
   const MatrixXd measured = information(f.experiment, f.all(Eigen::all, corner));
-  const Selection added = select_configurations(f.experiment, f.all, measured, {.count = 8, .starts = 4});
-  const Selection blind = select_configurations(f.experiment, f.all, f.none, {.count = 8, .starts = 4});
+  const Selection added = select_configurations(f.experiment, {f.all, measured}, {.count = 8, .starts = 4});
+  const Selection blind = select_configurations(f.experiment, {f.all, f.none}, {.count = 8, .starts = 4});
   const MatrixXd chosen = f.all(Eigen::all, added.chosen);
   EXPECT_LT((added.information - measured - information(f.experiment, chosen)).norm(), 1e-9 * added.information.norm());
   EXPECT_GT(log_det(added.information), log_det(measured + blind.information));
@@ -179,20 +180,20 @@ TEST(PoseSelection, AddsWhatIsMissingToWhatWasMeasured) {
 TEST(PoseSelection, FindsTheSmallestNumberForAnAccuracy) {
   const Fixture f(600, 400);
   const SelectionOptions options{.count = 40, .starts = 2};
-  const Selection found = select_for_accuracy(f.experiment, f.all, f.none, 0.03e-3, Figure::mean, options, f.tasks);
+  const Selection found = select_for_accuracy(f.experiment, {f.all, f.none, f.tasks}, 0.03e-3, Figure::mean, options);
   EXPECT_LE(predicted(f.experiment, found.information, f.tasks).sigma.mean, 0.03e-3);
   SelectionOptions one_less = options;
   one_less.count = static_cast<int>(found.chosen.size()) - 1;
-  const Selection fewer = select_configurations(f.experiment, f.all, f.none, one_less, f.tasks);
+  const Selection fewer = select_configurations(f.experiment, {f.all, f.none, f.tasks}, one_less);
   EXPECT_GT(predicted(f.experiment, fewer.information, f.tasks).sigma.mean, 0.03e-3);
-  EXPECT_THROW(select_for_accuracy(f.experiment, f.all, f.none, 1e-6, Figure::max, options, f.tasks), InputError);
+  EXPECT_THROW(select_for_accuracy(f.experiment, {f.all, f.none, f.tasks}, 1e-6, Figure::max, options), InputError);
 }
 
 TEST(PoseSelection, SaysWhyItCannotChoose) {
   const Fixture f(40, 1);
   const auto message = [&](const MatrixXd& all, int count) -> std::string {
     try {
-      select_configurations(f.experiment, all, f.none, {.count = count});
+      select_configurations(f.experiment, {all, f.none}, {.count = count});
     } catch (const InputError& error) {
       return error.what();
     }
@@ -207,7 +208,7 @@ TEST(PoseSelection, SaysWhyItCannotChoose) {
   Experiment with_priors = f.experiment;
   with_priors.priors = {.length = 1e-3, .angle = 1e-3};
   const MatrixXd given = prior_information(with_priors);
-  EXPECT_EQ(select_configurations(with_priors, stiff, given, {.count = 8, .starts = 2}).chosen.size(), 8U);
+  EXPECT_EQ(select_configurations(with_priors, {stiff, given}, {.count = 8, .starts = 2}).chosen.size(), 8U);
 }
 
 }  // namespace

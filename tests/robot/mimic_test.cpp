@@ -329,7 +329,7 @@ TEST(Mimic, TheOppositeSignOfALeaderMovesItsFollowersToo) {
   Measurements wrong = right;
   wrong.joint_values.row(3) *= -1.0;
   follow(robot.joints, wrong.joint_values);
-  const auto better = better_convention(try_conventions(model, wrong, free, nullptr, {}));
+  const auto better = better_convention(try_conventions(model, wrong, free));
   ASSERT_TRUE(better);
   EXPECT_EQ(better->description, "elbow with the opposite sign");
   EXPECT_LT((better->joint_values - right.joint_values).cwiseAbs().maxCoeff(), 1e-15);
