@@ -168,6 +168,7 @@ void add_cases_of_effects(std::vector<Case>& cases) {
                      {.effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
                                              EffectGroup::harmonics, EffectGroup::tables}},
                       .weights = Weights::equal,
+                      .try_readings = false,
                       .predict_at = {{"here"}, odd.configurations(1)}}));
 }
 
@@ -183,7 +184,10 @@ Case table_with_a_gap() {
   odd.truth.truth.effects =
       Eigen::VectorXd::NullaryExpr(count, [&](Eigen::Index) { return 1e-3 * odd.random.normal(); });
   return odd.calibrated("a table with a gap", odd.measured(q, kPoints),
-                        {.effects = {.groups = {EffectGroup::tables}}, .predict_at = {{"here", "between"}, asked}});
+                        {.effects = {.groups = {EffectGroup::tables}},
+                         .held_out = false,
+                         .try_readings = false,
+                         .predict_at = {{"here", "between"}, asked}});
 }
 
 const std::vector<Case>& cases() {
@@ -1369,9 +1373,9 @@ TEST(ReportJson, PredictionsAreThoseOfKdlAndOfThePropagatedCovariance) {
       const KDL::Vector p_W = predicted_point(poses[configuration], estimate, target);
       const KDL::Vector p_B = to_kdl(estimate.X_WB).Inverse() * p_W;
       const auto column = static_cast<Eigen::Index>(configuration);
-      Eigen::Matrix3d C = predicted_covariance(PositionPredictor(c.calibration.model, estimate, c.calibration.free),
-                                               c.calibration.covariance, q.col(column),
-                                               static_cast<std::size_t>(target));
+      Eigen::Matrix3d C =
+          predicted_covariance(PositionPredictor(c.calibration.model, estimate, c.calibration.free),
+                               c.calibration.covariance, q.col(column), static_cast<std::size_t>(target));
       const Eigen::Matrix3d of_withheld = covariance_of_withheld(c, q.col(column), target);
       C += of_withheld;
       withheld += of_withheld.isZero(0.0) ? 0 : 1;
