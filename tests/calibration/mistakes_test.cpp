@@ -308,6 +308,9 @@ TEST(MistakesOnRealData, OrientationsShowWhatPointsDoNot) {
   EXPECT_THAT(causes_of(wrong_sign), ::testing::ElementsAre(::testing::AllOf(
                                          HasSubstr("joint_sign"), HasSubstr("(orientations as points 100 mm away)"),
                                          HasSubstr("wrist_3_joint with the opposite sign"))));
+}
+
+TEST(MistakesOnRealDataLongRun, OrientationsShowDegreesWherePointsDoNot) {
   RealSet degrees = ur10_poses();
   degrees.data.joint_values.row(5) /= kDegree;
   EXPECT_THAT(causes_of(degrees), ::testing::ElementsAre(HasSubstr("wrist_3_joint in degrees, read as radians")));
