@@ -6,8 +6,10 @@
 // cli_options_test.cpp, cli_simulate_options_test.cpp, cli_calibrate_options_test.cpp, cli_plan_options_test.cpp). A
 // row is the behaviour (the test's name), the option as it stands on the command line and a check, which gets what the
 // subcommand did without the option and with it, and says what must differ and what must not. `base` holds further
-// words where the option needs company. An option may have several rows; one without any fails
-// `EveryOptionOfTheHelpHasATest`. Each row is also run with the option in a file (--config), which must do the same.
+// words where the option needs company; what they give without the option is made once for all rows, which is why all
+// rows of a table find the same input files. An option may have several rows; one without any fails the test of its
+// table, `OptionsOfKdlcal.Of...AreAllTested`. Each row is also run with the option in a file (--config), which must do
+// the same.
 
 #include <algorithm>
 #include <cmath>
@@ -239,9 +241,16 @@ protected:
     return result;
   }
 
+  /// What these words give, made once for all rows: inputs of one name are the same in every test of a suite.
+  const Answer& run_once(const Words& words) {
+    static std::map<Words, Answer> known;
+    const auto found = known.find(words);
+    return found != known.end() ? found->second : known.emplace(words, run_and_tidy(words)).first->second;
+  }
+
   void check_effect(const Words& command, const OptionCase& row) {
     const Words words = command + row.base;
-    Effect effect{.without = run_and_tidy(words), .with = run_and_tidy(words + row.option), .directory = directory};
+    Effect effect{.without = run_once(words), .with = run_and_tidy(words + row.option), .directory = directory};
     ASSERT_NE(effect.with.outcome.status, 2) << effect.with.outcome.err;
     row.check(effect);
     write("options.toml", "[" + command.front() + "]\n" + as_config(row.option));

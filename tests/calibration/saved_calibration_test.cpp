@@ -30,7 +30,8 @@ struct Written {
   CalibrationOptions options{
       .effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
                              EffectGroup::harmonics, EffectGroup::tables}},
-      .held_out = false};
+      .held_out = false,
+      .try_readings = false};
   Calibration calibration;
   std::string json;
 

@@ -40,11 +40,12 @@ HeldOut held_out(double orientation_sigma) {
       const double rms = error_statistics(position_errors(model, estimate, joined(train, test), Rows::test)).rms;
       return rms * rms;
     };
-    CalibrationOptions stated;
+    const CalibrationOptions fit_alone{.held_out = false, .try_readings = false};
+    CalibrationOptions stated = fit_alone;
     stated.noise.independent.setConstant(kSigma);
     stated.noise.orientation = orientation_sigma;
     sums.stated += square(calibrate(model, train, stated).identification.estimate);
-    sums.estimated += square(calibrate(model, train).identification.estimate);
+    sums.estimated += square(calibrate(model, train, fit_alone).identification.estimate);
     sums.lever += square(identify_jointly(model, train, nominal_start(model, train), free).estimate);
   }
   return sums;

@@ -72,8 +72,9 @@ TEST_F(Signals, KilledAtAnyMomentEachFileIsTheOldOrTheNewOne) {
   const int kills = wanted == nullptr ? 15 : std::atoi(wanted);
   ASSERT_EQ(run({"simulate", "--configurations", "30", "--noise", "1e-5", "--output", "in.csv"}).status, 0);
   const std::vector<std::vector<std::string>> commands = {
-      {"calibrate", "--measurements", "in.csv", "--output", "a", "--result", "b", "--force"},
-      {"calibrate", "--measurements", "in.csv", "--output", "a", "--result", "b", "--force", "--fix", "dq2"}};
+      {"calibrate", "--measurements", "in.csv", "--effects", "none", "--output", "a", "--result", "b", "--force"},
+      {"calibrate", "--measurements", "in.csv", "--effects", "none", "--output", "a", "--result", "b", "--force",
+       "--fix", "dq2"}};
   std::vector<std::array<std::string, 2>> whole;
   double duration = 0.0;
   for (const auto& command : commands) {
@@ -159,6 +160,27 @@ protected:
     return text + "</robot>";
   }
 
+  /// What calibrate with these options needs more of three times the points.
+  void expect_memory_that_grows_with_the_data(const std::vector<std::string>& options) {
+    if (kSanitized) {
+      GTEST_SKIP() << "a sanitizer's memory is its own";
+    }
+    const auto peak = [&](const std::string& configurations) {
+      EXPECT_EQ(run({"simulate", "--configurations", configurations, "--output", "m.csv", "--force"}).status, 0);
+      std::vector<std::string> words = {"calibrate", "--measurements", "m.csv", "--result", "r.json", "--force"};
+      words.insert(words.end(), options.begin(), options.end());
+      Process process(directory, words);
+      EXPECT_EQ(process.wait(), 0);
+      return process.peak();
+    };
+    const double small = peak("20000");
+    const double large = peak("60000");
+    std::printf("%.0f and %.0f MB, %.0f bytes for each further point\n", small / 1e6, large / 1e6,
+                (large - small) / (3.0 * 40000.0));
+    EXPECT_GT(large - small, 50.0 * 3.0 * 40000.0);   // else something else was measured
+    EXPECT_LT(large - small, 800.0 * 3.0 * 40000.0);  // each of two threads holds the rows of a fold's rest
+  }
+
   const std::string header = "configuration,target,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,x,y,z\n";
 };
 
@@ -173,23 +195,13 @@ TEST_F(Limits, OfTheTestsThemselvesEndARunThatTakesTooMuch) {
                           "at most 16777216 bytes");
 }
 
+class LimitsLongRun : public Limits {};
+
 TEST_F(Limits, MemoryGrowsWithTheDataAlone) {
-  if (kSanitized) {
-    GTEST_SKIP() << "a sanitizer's memory is its own";
-  }
-  const auto peak = [&](const std::string& configurations) {
-    EXPECT_EQ(run({"simulate", "--configurations", configurations, "--output", "m.csv", "--force"}).status, 0);
-    Process process(directory, {"calibrate", "--measurements", "m.csv", "--result", "r.json", "--force"});
-    EXPECT_EQ(process.wait(), 0);
-    return process.peak();
-  };
-  const double small = peak("20000");
-  const double large = peak("60000");
-  std::printf("%.0f and %.0f MB, %.0f bytes for each further point\n", small / 1e6, large / 1e6,
-              (large - small) / (3.0 * 40000.0));
-  EXPECT_GT(large - small, 50.0 * 3.0 * 40000.0);   // else something else was measured
-  EXPECT_LT(large - small, 800.0 * 3.0 * 40000.0);  // each of two threads holds the rows of a fold's rest
+  expect_memory_that_grows_with_the_data({"--effects", "none", "--prior", "none"});
 }
+
+TEST_F(LimitsLongRun, MemoryGrowsWithTheDataAloneBesideAutomaticChoices) { expect_memory_that_grows_with_the_data({}); }
 
 TEST_F(Limits, OfFileSizesAreStated) {
   constexpr std::uintmax_t kMiB = std::uintmax_t{1} << 20U;
@@ -446,6 +458,11 @@ protected:
     last = result;
   }
 
+  /// Of each: the length of its links, of its tool and of its errors, and the noise [m].
+  void expect_answers_of_robots(const std::vector<std::array<std::string, 4>>& robots);
+
+  void expect_answers_until_the_rank_is_lost(const std::vector<std::string>& options);
+
   /// An arm of three joints whose lengths are about this large.
   static std::string arm(const std::string& length) {
     std::string text = "<robot name='r'><link name='l0'/>";
@@ -463,12 +480,10 @@ protected:
   nlohmann::json last;
 };
 
-TEST_F(Traps, RobotsOfANanometreAndOfAThousandKilometres) {
-  for (const auto& [length, target, sigma, noise] :
-       std::vector<std::array<std::string, 4>>{{"1e-9", "1e-10", "1e-12", "1e-13"},
-                                               {"1e-9", "0.1", "1e-12", "0"},
-                                               {"1e6", "1e5", "1e3", "1e2"},
-                                               {"1e6", "0.1", "1", "1e-5"}}) {
+class TrapsLongRun : public Traps {};
+
+void Traps::expect_answers_of_robots(const std::vector<std::array<std::string, 4>>& robots) {
+  for (const auto& [length, target, sigma, noise] : robots) {
     write("r.urdf", arm(length));
     write("t.json", R"({"targets": [{"name": "A", "position": [)" + target +
                         R"(, 0, 0]}, {"name": "B", "position": [0, )" + target + ", " + target + "]}]}");
@@ -483,6 +498,17 @@ TEST_F(Traps, RobotsOfANanometreAndOfAThousandKilometres) {
   }
 }
 
+TEST_F(Traps, RobotsOfANanometreAndOfAThousandKilometres) {
+  expect_answers_of_robots({{"1e-9", "0.1", "1e-12", "0"}, {"1e6", "1e5", "1e3", "1e2"}});
+}
+
+TEST_F(TrapsLongRun, RobotsOfANanometreAndOfAThousandKilometresWithSmallAndLargeTools) {
+  expect_answers_of_robots({{"1e-9", "1e-10", "1e-12", "1e-13"},
+                            {"1e-9", "0.1", "1e-12", "0"},
+                            {"1e6", "1e5", "1e3", "1e2"},
+                            {"1e6", "0.1", "1", "1e-5"}});
+}
+
 TEST_F(Traps, RowsThatAreAllIdentical) {
   std::string rows = "configuration,target,repeat,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,x,y,z\n";
   for (int i = 0; i < 100'000; ++i) {
@@ -493,7 +519,7 @@ TEST_F(Traps, RowsThatAreAllIdentical) {
   EXPECT_EQ(last["termination"], "rank_deficient");
 }
 
-TEST_F(Traps, ConditionNumbersUpToWhereTheRankIsLost) {
+void Traps::expect_answers_until_the_rank_is_lost(const std::vector<std::string>& options) {
   std::vector<std::string> terminations;
   for (const double width : {40.0, 1e-2, 1e-5, 1e-8, 1e-10}) {  // [deg] of every joint's range
     std::string ranges;
@@ -502,11 +528,19 @@ TEST_F(Traps, ConditionNumbersUpToWhereTheRankIsLost) {
     }
     const std::string noise = terminations.size() % 2 == 0 ? "1e-5" : "0";
     ASSERT_EQ(run({"simulate", "--joint-ranges", ranges, "--noise", noise, "--output", "m.csv", "--force"}).status, 0);
-    expect_answer({}, "ranges of " + ranges + " degrees, noise " + noise);
+    expect_answer(options, "ranges of " + ranges + " degrees, noise " + noise);
     terminations.push_back(last["termination"]);
   }
   EXPECT_EQ(terminations.front(), "converged");
   EXPECT_EQ(terminations.back(), "rank_deficient");
+}
+
+TEST_F(Traps, ConditionNumbersUpToWhereTheRankIsLost) {
+  expect_answers_until_the_rank_is_lost({"--effects", "none", "--prior", "none"});
+}
+
+TEST_F(TrapsLongRun, ConditionNumbersUpToWhereTheRankIsLostBesideAutomaticChoices) {
+  expect_answers_until_the_rank_is_lost({});
 }
 
 TEST_F(Traps, SigmasOfEveryOrder) {
