@@ -44,25 +44,29 @@ bool is_many(const Folds& folds) {
   return count > kMostLeftOutSingly;
 }
 
+constexpr double kShareOfNominal = 1e-5;
+
 // The nominal robot with base and targets registered to the others.
 std::vector<double> nominal_folds(const Compared& compared, const Folds& folds) {
   const FitTask& task = compared.task;
   const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
+  const std::vector<double> fitted = position_errors(task.model, task.start, averaged(task.measurements), Rows::train);
   if (frames.size() == 0) {  // nothing is registered
-    const Measurements means = averaged(task.measurements);
-    return position_errors(task.model, task.start, means, Rows::train);
+    return fitted;
   }
+  // Nominal errors are large: where the noise is none they need not be as exact as it.
+  const double noise = std::max(compared.noise, kShareOfNominal * error_statistics(fitted).rms);
   FitOptions options;
   options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
   const FitProblem registered{
       .model = task.model, .measurements = task.measurements, .start = task.start, .free = frames, .options = options};
   if (is_many(folds)) {
-    return cross_validate_by_sums(registered, folds, compared.noise, task.options.threads).distances;
+    return cross_validate_by_sums(registered, folds, noise, task.options.threads).distances;
   }
   const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
   const Eigen::MatrixXd triangle = problem.whitened_summary(task.start).triangle;
-  return distances_of(predict_folds({.problem = registered, .triangle = triangle, .noise = compared.noise}, folds,
-                                    task.options.threads));
+  return distances_of(
+      predict_folds({.problem = registered, .triangle = triangle, .noise = noise}, folds, task.options.threads));
 }
 
 // Each fold predicted by the nominal robot, by the calibrated one and by what a URDF can carry of it.
