@@ -307,7 +307,7 @@ TEST(MeasurementsInput, NamesEveryMissingColumn) {
 TEST(MeasurementsInput, UnknownJointListsTheExpectedOnesAndHintsAtAConvention) {
   EXPECT_THAT(csv_message("# note\n" + replaced(kHeader, "joint_1", "J1")),
               AllOf(StartsWith("m.csv:2: unknown column 'J1[rad]'"), HasSubstr("joint_1, joint_2"),
-                    HasSubstr("--joint-convention")));
+                    HasSubstr("a joint convention")));
 }
 
 TEST(MeasurementsInput, UnknownUnitListsTheAllowedOnes) {
@@ -608,9 +608,9 @@ TEST(JointConventions, RefuseColumnsWithTheUrdfsNames) {
   const JointConvention convention = parse_joint_convention(kPendant, "c.json");
   EXPECT_THAT(csv_message(kHeader + "c,A,1,2,3,4,5\n", &convention),
               AllOf(StartsWith("m.csv:1: column 'joint_1[rad]' has the URDF's joint name"), HasSubstr("c.json"),
-                    HasSubstr("J1, J2"), Not(HasSubstr("--joint-convention"))));
+                    HasSubstr("J1, J2"), Not(HasSubstr("a joint convention"))));
   EXPECT_THAT(csv_message(replaced(kHeader, "joint_", "A"), &convention),
-              AllOf(HasSubstr("unknown column 'A1[rad]'"), Not(HasSubstr("--joint-convention"))));
+              AllOf(HasSubstr("unknown column 'A1[rad]'"), Not(HasSubstr("a joint convention"))));
 }
 
 TEST(JointConventions, RefuseValuesThatOverflow) {
@@ -863,7 +863,7 @@ TEST(MeasurementsOnRealData, MeansAndRepeatScatterAreThePublishedOnes) {
 TEST(MeasurementsOnRealData, RefusesTheFanucSeriesWithoutItsConvention) {
   EXPECT_THAT(
       message_of([] { read_measurements(SHARED_DATA_DIR "/r2000ic_165f_tracker/measurements.csv", kFanucJoints); }),
-      AllOf(HasSubstr(":1: unknown column 'J1[rad]'"), HasSubstr("--joint-convention")));
+      AllOf(HasSubstr(":1: unknown column 'J1[rad]'"), HasSubstr("a joint convention")));
 }
 
 TEST(MeasurementsOnRealData, ReadsTheUr10Poses) {
