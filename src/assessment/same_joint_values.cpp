@@ -12,7 +12,7 @@ std::vector<Index> first_at_same_values(const Eigen::MatrixXd& joint_values) {
   const auto values = [&](Index c) { return joint_values.col(c); };
   std::vector<std::pair<double, Index>> order;  // the first joint mostly decides
   for (Index c = 0; c < joint_values.cols(); ++c) {
-    order.emplace_back(joint_values(0, c), c);
+    order.emplace_back(joint_values.rows() > 0 ? joint_values(0, c) : 0.0, c);
   }
   std::sort(order.begin(), order.end(), [&](const auto& a, const auto& b) {
     if (a.first != b.first) {
