@@ -139,6 +139,7 @@ std::vector<WorkspaceCell> cells_of(const std::vector<Eigen::Isometry3d>& X_BF, 
     ++cell.count;
   }
   std::vector<WorkspaceCell> result;
+  result.reserve(cells.size());
   for (const auto& [cube, cell] : cells) {
     result.push_back(cell);
   }
