@@ -32,7 +32,8 @@ std::vector<TargetFrame> random_targets(int count, Random& random) {
 constexpr ErrorSizes kNoErrors{.length = 0.0, .angle = 0.0, .base_position = 0.0, .target_length = 0.0};
 
 VirtualRobot exact_robot(const ErrorModel& model, int targets, Random& random) {
-  return placed(virtual_robot(model, {}, random_targets(targets, random), kNoErrors, random), random_placement(random));
+  const Eigen::Isometry3d X_WB = random_placement(random);
+  return placed(virtual_robot(model, {}, random_targets(targets, random), kNoErrors, random), X_WB);
 }
 
 TEST(Registration, FindsBaseAndTargetsExactlyWhereverTheyAre) {
@@ -60,8 +61,8 @@ TEST(Registration, StaysInTheRightBasinWithErrorsOfThePublishedSize) {
   }
   Random random(2);
   for (int trial = 0; trial < 1000; ++trial) {
-    const VirtualRobot robot =
-        placed(virtual_robot(model, all, random_targets(3, random), {}, random), random_placement(random));
+    const Eigen::Isometry3d X_WB = random_placement(random);
+    const VirtualRobot robot = placed(virtual_robot(model, all, random_targets(3, random), {}, random), X_WB);
     const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
     const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(robot.truth.errors.size());
     const Registration found =
@@ -75,9 +76,9 @@ TEST(Registration, MinimisesTheSumOfSquaredDistances) {
   // Stationary: no small motion of base or targets improves the misfit.
   const ErrorModel model = complete_model(fanuc());
   Random random(3);
-  const VirtualRobot robot =
-      placed(virtual_robot(model, {1, 2, 3}, random_targets(2, random), {.length = 0.001, .angle = 0.01}, random),
-             random_placement(random));
+  const Eigen::Isometry3d placement = random_placement(random);
+  const VirtualRobot robot = placed(
+      virtual_robot(model, {1, 2, 3}, random_targets(2, random), {.length = 0.001, .angle = 0.01}, random), placement);
   const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 10, random);
   Measurements measured = measure(robot, q, {.sigma = 0.001}, random);
   for (Observation& observation : measured.observations) {
@@ -115,7 +116,8 @@ TEST(Registration, FindsMeasuredFrames) {
     std::vector<TargetFrame> targets = random_targets(1, random);
     targets[0].with_orientation = true;
     targets[0].X_FT.linear() = random_placement(random).linear();
-    const VirtualRobot robot = placed(virtual_robot(model, {}, targets, kNoErrors, random), random_placement(random));
+    const Eigen::Isometry3d X_WB = random_placement(random);
+    const VirtualRobot robot = placed(virtual_robot(model, {}, targets, kNoErrors, random), X_WB);
     const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 5, random);
     const Registration found =
         register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measure(robot, q, {}, random));
@@ -197,8 +199,9 @@ TEST(Registration, GivesARotationWhereAReflectionWouldFitAsWell) {
   const ErrorModel model = complete_model(robot);
   Random random(12);
   for (int trial = 0; trial < 100; ++trial) {
-    const VirtualRobot truth = placed(virtual_robot(model, {}, generic_targets(1, random.bits()), kNoErrors, random),
-                                      random_placement(random));
+    const Eigen::Isometry3d X_WB = random_placement(random);
+    const VirtualRobot truth =
+        placed(virtual_robot(model, {}, generic_targets(1, random.bits()), kNoErrors, random), X_WB);
     const Eigen::MatrixXd q = random_configurations(JointRanges(3, {-2.0, 2.0}), 15, random);
     const Measurements measured = measure(truth, q, {.sigma = 0.001}, random);
     const Registration found = register_base_and_targets(flange_poses(folded(model, truth.truth.errors), q), measured);
