@@ -1,14 +1,13 @@
 #include "assessment/quality_findings.hpp"
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cmath>
 #include <map>
 #include <numeric>
 #include <tuple>
 #include <utility>
 
+#include "base/number_text.hpp"
 #include "base/preconditions.hpp"
 #include "base/robust_statistics.hpp"
 
@@ -21,10 +20,7 @@ namespace {
 std::string millimetres(double metres) {
   const double value = metres * 1e3;
   const int digits = std::abs(value) >= 0.95 ? 1 : (std::abs(value) >= 0.095 ? 2 : 4);
-  std::array<char, 64> buffer{};
-  const auto [end, error] =
-      std::to_chars(buffer.data(), buffer.data() + buffer.size(), value, std::chars_format::fixed, digits);
-  return (error == std::errc() ? std::string(buffer.data(), end) : "many") + " mm";
+  return fixed(value, digits) + " mm";
 }
 
 std::string listed(const std::vector<std::string>& names, const std::string& last) {

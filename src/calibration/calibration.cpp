@@ -449,7 +449,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                           .variance = variance_of_unit_weight(judged.triangle, judged.noise.covariance),
                           .choice = choices};
   Comparison comparison = compare(compared);
-  HeldOutErrors held_out = hold_out(compared);
+  HeldOutErrors held_out = hold_out(compared, comparison);
 
   Calibration result;
   result.model = setting.model;

@@ -46,16 +46,16 @@ bool is_many(const Folds& folds) {
 
 constexpr double kShareOfNominal = 1e-5;
 
-// The nominal robot with base and targets registered to the others.
-std::vector<double> nominal_folds(const Compared& compared, const Folds& folds) {
+// The nominal robot, which leaves that much of all [m], with base and targets registered to the others.
+std::vector<double> nominal_folds(const Compared& compared, const Folds& folds, double nominal) {
   const FitTask& task = compared.task;
   const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
-  const std::vector<double> fitted = position_errors(task.model, task.start, averaged(task.measurements), Rows::train);
   if (frames.size() == 0) {  // nothing is registered
-    return fitted;
+    const Measurements means = averaged(task.measurements);
+    return position_errors(task.model, task.start, means, Rows::train);
   }
   // Nominal errors are large: where the noise is none they need not be as exact as it.
-  const double noise = std::max(compared.noise, kShareOfNominal * error_statistics(fitted).rms);
+  const double noise = std::max(compared.noise, kShareOfNominal * nominal);
   FitOptions options;
   options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
   const FitProblem registered{
@@ -70,7 +70,7 @@ std::vector<double> nominal_folds(const Compared& compared, const Folds& folds) 
 }
 
 // Each fold predicted by the nominal robot, by the calibrated one and by what a URDF can carry of it.
-BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const std::string& name,
+BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const std::string& name, double nominal,
                             HeldOutErrors& errors) {
   const FitTask& task = compared.task;
   const Estimate& estimate = compared.fit.identification.estimate;
@@ -107,7 +107,7 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
                               " fits did not converge");
   }
   BeforeAfter result;
-  result.before = error_statistics(nominal_folds(compared, folds));
+  result.before = error_statistics(nominal_folds(compared, folds, nominal));
   result.after = error_statistics(after.distances);
   if (has_effects(compared)) {
     Estimate rigid = estimate;  // what is not free stays where it is
@@ -160,9 +160,10 @@ Comparison compare(const Compared& compared) {
   return result;
 }
 
-HeldOutErrors hold_out(const Compared& compared) {
+HeldOutErrors hold_out(const Compared& compared, const Comparison& fitted) {
   const FitTask& task = compared.task;
   const CalibrationOptions& options = task.options;
+  const double nominal = fitted.train.before.rms;
   HeldOutErrors result;
   const Folds singly = make_folds(task.measurements, 0);
   const bool by_default = options.held_out && !options.leave_one_out && options.k_fold < 2;
@@ -174,7 +175,7 @@ HeldOutErrors hold_out(const Compared& compared) {
     return result;
   }
   if (options.leave_one_out || (by_default && !many)) {
-    result.leave_one_out = predicted_folds(compared, singly, "leave-one-out", result);
+    result.leave_one_out = predicted_folds(compared, singly, "leave-one-out", nominal, result);
   }
   if (options.leave_one_out && options.nested && choice_is_open(options)) {
     result.nested_leave_one_out = error_statistics(
@@ -183,7 +184,7 @@ HeldOutErrors hold_out(const Compared& compared) {
   if (options.k_fold > 1 || (by_default && many)) {
     const Folds folds = options.k_fold > 1 ? make_folds(task.measurements, options.k_fold) : default_folds;
     result.folds = static_cast<int>(folds.size());
-    result.k_fold = predicted_folds(compared, folds, std::to_string(folds.size()) + "-fold", result);
+    result.k_fold = predicted_folds(compared, folds, std::to_string(folds.size()) + "-fold", nominal, result);
   }
   return result;
 }

@@ -35,7 +35,7 @@ struct Comparison {
 };
 Comparison compare(const Compared& compared);
 
-/// How far they predict configurations that were not fitted.
+/// How far they predict configurations that were not fitted; `fitted`: what they leave of those that were.
 struct HeldOutErrors {
   std::optional<BeforeAfter> leave_one_out;
   std::optional<ErrorStatistics> nested_leave_one_out;
@@ -44,6 +44,6 @@ struct HeldOutErrors {
   FoldPrediction prediction;  ///< point by point, where the folds were not all fitted again
   std::vector<std::string> warnings;
 };
-HeldOutErrors hold_out(const Compared& compared);
+HeldOutErrors hold_out(const Compared& compared, const Comparison& fitted);
 
 }  // namespace kdl_calibration

@@ -1,8 +1,6 @@
 #include "calibration/effect_findings.hpp"
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -19,9 +17,7 @@ constexpr double kLeastMotion = 1e-7;  // [rad or m] what is below is none
 // Two significant digits without an exponent, at most six decimals.
 std::string in_digits(double value) {
   const int decimals = value > 0.0 ? std::clamp(1 - static_cast<int>(std::floor(std::log10(value))), 0, 6) : 0;
-  std::array<char, 64> text{};
-  const auto end = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::fixed, decimals);
-  std::string digits(text.data(), end.ptr);
+  std::string digits = fixed(value, decimals);
   if (decimals > 0) {
     digits.erase(digits.find_last_not_of('0') + 1);
     digits.erase(digits.find_last_not_of('.') + 1);

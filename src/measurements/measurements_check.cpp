@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <string>
-#include <utility>
 
 #include "kdl_calibration/input_error.hpp"
 
@@ -29,29 +28,27 @@ void require_size_if_any(const Measurements& measurements, const char* what, std
   }
 }
 
-bool is_sound(const Measurements& measurements, const Observation& observation) {
-  return observation.configuration >= 0 &&
-         std::cmp_less(observation.configuration, measurements.configurations.size()) && observation.target >= 0 &&
-         std::cmp_less(observation.target, measurements.targets.size()) && observation.position.allFinite() &&
-         std::isfinite(observation.sigma) && observation.sigma >= 0.0;
-}
-
-// What is wrong with one that is not sound.
-std::string fault_of(const Measurements& measurements, const Observation& observation) {
+void require_sound(const Measurements& measurements, std::size_t row) {
+  const Observation& observation = measurements.observations[row];
+  const auto refuse_row = [&](const std::string& fault) {
+    refuse(measurements, "observation " + std::to_string(row) + ": " + fault);
+  };
   const auto configurations = static_cast<std::ptrdiff_t>(measurements.configurations.size());
   const auto targets = static_cast<std::ptrdiff_t>(measurements.targets.size());
   if (observation.configuration < 0 || observation.configuration >= configurations) {
-    return "configuration " + std::to_string(observation.configuration) + " is not there, expected 0 to " +
-           std::to_string(configurations - 1);
+    refuse_row("configuration " + std::to_string(observation.configuration) + " is not there, expected 0 to " +
+               std::to_string(configurations - 1));
   }
   if (observation.target < 0 || observation.target >= targets) {
-    return "target " + std::to_string(observation.target) + " is not there, expected 0 to " +
-           std::to_string(targets - 1);
+    refuse_row("target " + std::to_string(observation.target) + " is not there, expected 0 to " +
+               std::to_string(targets - 1));
   }
   if (!observation.position.allFinite()) {
-    return "a coordinate is not finite";
+    refuse_row("a coordinate is not finite");
   }
-  return "sigma is negative or not finite, expected 0 where none is stated";
+  if (!std::isfinite(observation.sigma) || observation.sigma < 0.0) {
+    refuse_row("sigma is negative or not finite, expected 0 where none is stated");
+  }
 }
 
 bool is_orientation(const Eigen::Quaterniond& orientation) {
@@ -75,10 +72,7 @@ void check(const Measurements& measurements) {
     refuse(measurements, "a joint value is not finite");
   }
   for (std::size_t row = 0; row < rows; ++row) {
-    const Observation& observation = measurements.observations[row];
-    if (!is_sound(measurements, observation)) {
-      refuse(measurements, "observation " + std::to_string(row) + ": " + fault_of(measurements, observation));
-    }
+    require_sound(measurements, row);
   }
   const auto wrong =
       std::find_if_not(measurements.orientations.begin(), measurements.orientations.end(), is_orientation);
