@@ -14,7 +14,8 @@ namespace kdl_calibration {
 class CalibratedArm {
 public:
   /// The model of a calibration, fitted or read back, with the `errors` and `effects` of its estimate; no effects mean
-  /// none. Throws InputError where these are not one for each parameter and term, or not finite.
+  /// none. Throws InputError where these are not one for each parameter and term, or not finite, and where effects are
+  /// functions of measured torques (see flange_poses). The direction of approach is not known.
   CalibratedArm(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::VectorXd& effects);
 
   Eigen::Index joints() const { return static_cast<Eigen::Index>(model_.joints.size()); }

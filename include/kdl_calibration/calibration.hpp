@@ -53,6 +53,7 @@ struct ModelOption {
 struct Configurations {
   std::vector<std::string> names;
   Eigen::MatrixXd joint_values;  ///< joints x names, in the URDF's convention [rad] or [m]
+  DriveSignals signals;
 };
 
 struct CalibrationOptions {

@@ -47,9 +47,10 @@ enum class EffectGroup : std::uint8_t {
   backlash,    ///< its play lies on the side to which gravity pulls
   harmonics,   ///< its encoder or gear is off centre: once and twice a turn
   ripple,      ///< its gear swings, often a turn
-  tables       ///< any smooth function of its value
+  tables,      ///< any smooth function of its value
+  torque       ///< it gives way under the torque that was measured
 };
-constexpr std::size_t kEffectGroups = 7;
+constexpr std::size_t kEffectGroups = 8;
 
 /// About or along what a joint moves beyond the rigid chain: its own axis, or one of the two across it, which are what
 /// z_onto(axis) makes of x and y.
@@ -74,12 +75,16 @@ struct GravityTerm {
   static constexpr int kOwn = 4;
 };
 
+/// What a drive told, see DriveSignals, where a term is a function of that instead of joint values.
+enum class DriveSignal : std::uint8_t { none, approach, torque };
+
 /// A motion of a joint that the rigid chain does not have: value · (raw(q) - mean) / scale, added to the joint's value
 /// or tilting what it carries, with `raw` of the values that were commanded at the nominal geometry, so that it never
-/// depends on what is estimated.
+/// depends on what is estimated. Nothing is added where the direction of approach that it asks for is not known.
 struct EffectTerm {
   /// "gravity.2.3x": of joint 2 under link 3; "transverse.2.y.3x": the same about y; "gain.3", "harmonics.3.sin1",
-  /// "ripple.3.sin200.5", "tables.3.12".
+  /// "ripple.3.sin200.5", "tables.3.12"; "backlash.2" by the side of the load, "backlash.2.approach"; "torque.2",
+  /// "torque.2.tanh".
   std::string name;
   std::string joint;  ///< URDF joint
   int index = 0;      ///< of the joint
@@ -87,6 +92,8 @@ struct EffectTerm {
   EffectAxis axis = EffectAxis::own;
   std::vector<PointMass> masses;  ///< where there are, the torque of these instead of a GravityTerm; or the backlash's
   GravityTerm gravity;
+  DriveSignal signal = DriveSignal::none;
+  double play = 0.0;      ///< of a torque [Nm or N]: raw = tanh(torque / play) where above 0
   double harmonic = 0.0;  ///< times a turn, negative for the cosine
   TableTerm table;
   double mean = 0.0;

@@ -29,7 +29,7 @@ NoiseModel noise_model(const PointNoise& noise);
 
 /// What is to be identified and how it will be measured. Only points are planned for, no measured orientations.
 struct Experiment {
-  ErrorModel model;
+  ErrorModel model;                  ///< with the effects that `free` may name, about zero
   Eigen::VectorXd errors;            ///< the geometry to linearise at; zero: nominal
   std::vector<TargetFrame> targets;  ///< all measured in every configuration
   Unknowns free;

@@ -9,11 +9,12 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/drive_signals.hpp"
 #include "kdl_calibration/error_model.hpp"
 
 namespace kdl_calibration {
 
-/// "gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables".
+/// "gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables", "torque".
 const char* to_string(EffectGroup group);
 /// "own", "x", "y".
 const char* to_string(EffectAxis axis);
@@ -31,8 +32,16 @@ struct MovedBy {
 /// The terms of the model by what they do: their places in its list.
 std::map<MovedBy, std::vector<Eigen::Index>> terms_by_motion(const ErrorModel& model);
 
-/// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N.
-Eigen::MatrixXd effect_basis(const ErrorModel& model, const Eigen::MatrixXd& joint_values);
+/// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N and what is known of them.
+/// 0 where a direction of approach is not. Throws InputError where a torque is not that a term asks for.
+Eigen::MatrixXd effect_basis(const ErrorModel& model, const Eigen::MatrixXd& joint_values,
+                             const DriveSignals& signals = {});
+
+/// Whether some term is a function of measured torques, so that joint values alone do not tell where the arm stands.
+bool needs_torques(const ErrorModel& model);
+
+/// Whether the term asks for a direction of approach that is not known at this column of the signals.
+bool misses_approach(const EffectTerm& term, const DriveSignals& signals, Eigen::Index column);
 
 /// A table's function at its joint's value, also where it is withheld.
 double table_value(const TableTerm& table, double q);
@@ -50,8 +59,8 @@ Eigen::Index motion_size(const ErrorModel& model);
 /// The one that the term moves.
 Eigen::Index motion_entry(const ErrorModel& model, const EffectTerm& term);
 
-/// What the terms add to the joint values at one configuration: `motion` (motion_size) [rad or m]. `values` holds one
-/// value per term. Allocates nothing for few joints.
+/// What the terms add to the joint values at one configuration of which nothing else is known: `motion` (motion_size)
+/// [rad or m]. `values` holds one value per term. Allocates nothing for few joints.
 void effect_motion(const ErrorModel& model, const Eigen::VectorXd& values, const Eigen::Ref<const Eigen::VectorXd>& q,
                    Eigen::Ref<Eigen::VectorXd> motion);
 
@@ -59,6 +68,8 @@ void effect_motion(const ErrorModel& model, const Eigen::VectorXd& values, const
 /// all values are zero. `values` holds one value per term of the model; empty means none.
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
                                        const Eigen::MatrixXd& joint_values);
+Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
+                                       const Eigen::MatrixXd& joint_values, const DriveSignals& signals);
 /// The same where effect_basis(model, joint_values) is at hand.
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
                                        const Eigen::MatrixXd& joint_values, const Eigen::MatrixXd& basis);

@@ -12,6 +12,7 @@
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/descent.hpp"
+#include "kdl_calibration/drive_signals.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/experiment.hpp"

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/drive_signals.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/robot.hpp"
 
@@ -48,6 +49,7 @@ struct Measurements {
   /// Empty where nothing is known, else one per joint. The reader fills it from the header's units where the columns
   /// bear the URDF's joint names, and leaves it empty behind a joint convention.
   std::vector<JointUnit> joint_units;
+  DriveSignals signals;  ///< of the configurations; the reader fills them from the columns tau_<joint> and order
 };
 
 /// Points alone have no orientations at all: clears those that hold nothing else.
@@ -68,11 +70,15 @@ Measurements averaged(const Measurements& measurements);
 /// The training rows of at most so many configurations, evenly spaced over those that have any.
 Measurements training_sample(const Measurements& measurements, std::size_t most_configurations);
 
+/// The directions from which the joints came to each configuration where the order of the observations is known (see
+/// DriveSignals), else empty. Observations of one configuration that follow each other are one visit.
+Eigen::MatrixXd approach_directions(const Measurements& measurements);
+
 /// Least and largest value of each joint in the training rows; the least above the largest where there are none.
 JointRanges trained_ranges(const Measurements& measurements);
 
 /// The measurements of `second` behind those of `first`; same joints and targets. Where only one of them has
-/// orientations the rows of the other are points alone; the order is lost unless both have one.
+/// orientations the rows of the other are points alone; the order is lost unless both have one, and so are signals.
 Measurements joined(const Measurements& first, const Measurements& second);
 
 }  // namespace kdl_calibration

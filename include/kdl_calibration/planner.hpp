@@ -29,6 +29,9 @@ struct PlanRequest {
   std::optional<Measurements> measured;  ///< what exists; the plan comes on top
   /// What an earlier calibration knows, with its covariance: the plan is made at its geometry and comes on top.
   std::optional<SavedCalibration> calibrated;
+  /// Effects beyond geometry that the measurements are to tell: terms that the candidates tell apart, of the usual
+  /// size, or with `calibrated` those that it has found, with what it knows of them.
+  std::vector<EffectGroup> effects;
   int count = 30;                  ///< configurations to choose; with `accuracy` the most to try
   std::optional<double> accuracy;  ///< [m] promise for which the fewest configurations are looked for
   Figure accuracy_of = Figure::mean;
@@ -48,8 +51,9 @@ struct PlanRequest {
 
 /// What a plan is and what it promises.
 struct Plan {
-  Experiment experiment;  ///< the irreducible model at the nominal geometry, or that of the calibration before
-  Candidates drawn;       ///< candidates, then the workspace
+  /// The irreducible model at the nominal geometry, or that of the calibration before, with the effects asked for.
+  Experiment experiment;
+  Candidates drawn;  ///< candidates, then the workspace
   Selection selection;
   MeasuringPlan sheet;  ///< the configurations in the order to drive them
   Prediction planned;   ///< over the tasks
@@ -65,7 +69,8 @@ struct Plan {
 };
 
 /// Draws candidates within the cell, chooses among them, orders the choice and says what it will give.
-/// Throws InputError as candidates(), nominal_experiment(), select_configurations() and select_for_accuracy() do.
+/// Throws InputError as candidates(), nominal_experiment(), select_configurations() and select_for_accuracy() do, and
+/// where effects are of measured torques or, without a calibration that has found it, ripple.
 Plan make_plan(const PlanRequest& request);
 
 /// What fewer configurations would give: those of the plan without the least useful ones, beside random choices of as

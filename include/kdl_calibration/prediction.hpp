@@ -11,9 +11,13 @@
 
 namespace kdl_calibration {
 
-/// X_BF for each column of `joint_values`, joint effects included.
+/// X_BF for each column of `joint_values`, joint effects included: those that are functions of signals as far as these
+/// are known, see effect_basis.
 std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate,
-                                            const Eigen::MatrixXd& joint_values);
+                                            const Eigen::MatrixXd& joint_values, const DriveSignals& signals = {});
+/// X_BF for each configuration.
+std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate,
+                                            const Measurements& measurements);
 
 /// Where an observation is expected, in W [m]: f = X_WB X_BF t. `X_BF` has one pose per configuration.
 Eigen::Vector3d predicted_point(const Estimate& estimate, const std::vector<Eigen::Isometry3d>& X_BF,
@@ -28,8 +32,11 @@ class PositionPredictor {
 public:
   PositionPredictor(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns);
 
-  /// Of the position in W of every target at joint values q: 3 x columns each, [m] per unit.
-  std::vector<Matrix3Xd> jacobians(const Eigen::VectorXd& q) const;
+  /// Of the position in W of every target at joint values q of which `signals` (of one column) are known: 3 x columns
+  /// each, [m] per unit.
+  std::vector<Matrix3Xd> jacobians(const Eigen::VectorXd& q, const DriveSignals& signals = {}) const;
+  /// At a configuration of measurements.
+  std::vector<Matrix3Xd> jacobians(const Measurements& measurements, Eigen::Index configuration) const;
 
 private:
   const ErrorModel& model_;

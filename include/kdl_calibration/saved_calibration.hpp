@@ -30,7 +30,9 @@ struct SavedCalibration {
 SavedCalibration load_calibration(const std::filesystem::path& result, const Robot& robot);
 SavedCalibration parse_calibration(std::string_view json, const Robot& robot, const std::string& source = "result");
 
-/// Poses of the flange in the base frame at the joint values (joints x N), effects included.
-std::vector<Eigen::Isometry3d> flange_poses(const SavedCalibration& saved, const Eigen::MatrixXd& joint_values);
+/// Poses of the flange in the base frame at the joint values (joints x N), effects included. Throws InputError where
+/// some of these are functions of measured torques and `signals` has none.
+std::vector<Eigen::Isometry3d> flange_poses(const SavedCalibration& saved, const Eigen::MatrixXd& joint_values,
+                                            const DriveSignals& signals = {});
 
 }  // namespace kdl_calibration

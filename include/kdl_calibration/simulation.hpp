@@ -11,6 +11,7 @@
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/random.hpp"
+#include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
 
@@ -21,6 +22,10 @@ struct ErrorSizes {
   double base_position = 0.002;                         ///< [m] each coordinate of the base
   double target_length = 0.0025;                        ///< [m] length of each tool
 };
+
+/// Indices of the parameters with true errors: those of the irreducible model and the joint offsets that are gauge, or
+/// `complete`: all but those of the base link, which are no different from a displaced base.
+std::vector<std::size_t> with_true_errors(const ErrorModel& model, const Reduction& reduction, bool complete);
 
 /// A robot whose true geometry is known: to nobody but the simulation.
 struct VirtualRobot {
@@ -43,6 +48,21 @@ VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB);
 /// a normal distribution [1 sigma, rad or m].
 void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
                  double sigma, Random& random);
+/// The same with the terms that are functions of signals.
+void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const DrivenConfigurations& driven,
+                 double sigma, Random& random);
+
+/// Which signals a virtual robot's drives give.
+struct ToldByDrives {
+  bool approach = false;
+  /// The torque of 10 kg at every later joint frame under gravity, and a tenth of it, at least 1 Nm or N, of what is no
+  /// function of joint values [1 sigma].
+  bool torques = false;
+  std::uint64_t seed = 1;
+};
+/// What they tell at `stops` (joints x N) of an arm that was at the stops `before` (joints x M, or empty).
+DrivenConfigurations driven_to(const ErrorModel& model, const Eigen::MatrixXd& stops, const Eigen::MatrixXd& before,
+                               const ToldByDrives& told);
 
 struct MeasuringNoise {
   double sigma = 0.0;              ///< [m] of every coordinate, independent
@@ -54,6 +74,9 @@ struct MeasuringNoise {
 
 /// What a tracker would measure: every target in every configuration.
 Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
+                     Random& random, Split split = Split::train);
+/// The same with signals, which the measurements then have. The order of measurement is not stated.
+Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driven, const MeasuringNoise& noise,
                      Random& random, Split split = Split::train);
 
 }  // namespace kdl_calibration

@@ -61,8 +61,10 @@ WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::vector<std:
   some.configurations.resize(rows.size());
   ResidualOptions residuals = residuals_;
   residuals.row_weights.clear();
+  std::vector<Index> which;
   for (std::size_t i = 0; i < rows.size(); ++i) {
     const std::int32_t configuration = measurements_.observations[rows[i].front()].configuration;
+    which.push_back(configuration);
     some.joint_values.col(static_cast<Index>(i)) = measurements_.joint_values.col(configuration);
     for (const std::size_t row : rows[i]) {
       some.observations.push_back(measurements_.observations[row]);
@@ -77,6 +79,7 @@ WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::vector<std:
       }
     }
   }
+  some.signals = columns(measurements_.signals, which);
   return LeastSquaresProblem(model_, some, all_, residuals).whitened(estimate_);
 }
 

@@ -97,7 +97,7 @@ public:
         determined_(R_.diagonal().cwiseAbs().cwiseProduct(unit_scale(R_)).minCoeff() > kSingular),
         system_(problem_.model, problem_.measurements, problem_.free, problem_.options.joint.residuals),
         systems_(system_, problem_.measurements, problem_.options.joint.residuals, problem_.start, R_),
-        X_BF_(flange_poses(problem_.model, problem_.start, problem_.measurements.joint_values)),
+        X_BF_(flange_poses(problem_.model, problem_.start, problem_.measurements)),
         means_(averaged(problem_.measurements)) {
     for (auto& [configuration, rows] : rows_by_configuration(problem_.measurements)) {
       rows_[configuration] = std::move(rows);
@@ -175,6 +175,7 @@ private:
     Measurements held_out;
     held_out.targets = means_.targets;
     held_out.joint_values = means_.joint_values(Eigen::all, fold);
+    held_out.signals = columns(means_.signals, fold);
     for (std::size_t i = 0; i < fold.size(); ++i) {
       held_out.configurations.push_back(means_.configurations[static_cast<std::size_t>(fold[i])]);
       for (const std::size_t row : rows_of_means_.at(fold[i])) {
@@ -183,7 +184,7 @@ private:
       }
     }
     const Estimate moved = problem_.free.moved(problem_.start, R_.triangularView<Eigen::Upper>().solve(without.step()));
-    const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem_.model, moved, held_out.joint_values);
+    const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem_.model, moved, held_out);
     const std::vector<double> exact = position_errors(X_BF, moved, held_out);
     const double tolerance = std::max(kAsGoodAsLinear * task_.noise, kRounding);
     for (std::size_t i = 0; i < points.size(); ++i) {

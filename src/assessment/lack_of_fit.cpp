@@ -21,7 +21,7 @@ std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate&
   check(measurements, model);
   check(estimate, model, measurements);
   const Measurements means = averaged(measurements);
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, means.joint_values);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, means);
   std::vector<const Observation*> rows;
   for (const Observation& o : means.observations) {
     if (o.split == Split::train) {

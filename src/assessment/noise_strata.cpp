@@ -78,9 +78,9 @@ NoiseStrata::NoiseStrata(const Measurements& measurements, const ResidualOptions
 
 void NoiseStrata::add_means(const ErrorModel& model, const Estimate& estimate, const Unknowns& free) {
   const PositionPredictor predictor(model, estimate, free);
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements_.joint_values);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements_);
   for (const auto& [c, cells] : configurations_) {
-    const std::vector<Matrix3Xd> jacobians = predictor.jacobians(measurements_.joint_values.col(c));
+    const std::vector<Matrix3Xd> jacobians = predictor.jacobians(measurements_, c);
     const Eigen::Isometry3d X_WF = estimate.X_WB * X_BF[static_cast<std::size_t>(c)];
     Means means;
     for (const Cell& cell : cells) {

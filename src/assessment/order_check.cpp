@@ -73,14 +73,13 @@ public:
     const PositionPredictor predictor(model, estimate, free);
     const Unknowns base_alone(model, estimate.targets, base_parameter_names());
     const PositionPredictor of_base(model, estimate, base_alone);
-    const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
+    const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
     jacobians_.resize(X_BF.size());
     base_.resize(X_BF.size());
     for (std::size_t c = 0; c < X_BF.size(); ++c) {
       poses_.push_back(estimate.X_WB * X_BF[c]);
-      const VectorXd q = measurements.joint_values.col(static_cast<Index>(c));
-      jacobians_[c] = predictor.jacobians(q);
-      base_[c] = of_base.jacobians(q);
+      jacobians_[c] = predictor.jacobians(measurements, static_cast<Index>(c));
+      base_[c] = of_base.jacobians(measurements, static_cast<Index>(c));
     }
     gather(estimate);
   }

@@ -42,7 +42,7 @@ PseudoValues pseudo_values(const ErrorModel& model, const Measurements& measurem
     result.row_weights.push_back(weights[row] > kLeastWeight ? 1.0 : kLeastWeight);
   }
   const double B = result.rows > 0.0 ? sum / result.rows : 1.0;
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
   for (std::size_t row = 0; row < weights.size(); ++row) {
     Observation& o = result.measurements.observations[row];
     const Eigen::Vector3d predicted = predicted_point(estimate, X_BF, o);

@@ -111,7 +111,7 @@ void set_limits(const Measurements& measurements, double fitted, const std::vect
 ResidualTable residual_table(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                              const QualityOptions& options) {
   ResidualTable table;
-  table.X_WF = flange_poses(model, estimate, measurements.joint_values);
+  table.X_WF = flange_poses(model, estimate, measurements);
   for (Eigen::Isometry3d& pose : table.X_WF) {
     pose = estimate.X_WB * pose;
   }

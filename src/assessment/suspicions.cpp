@@ -86,8 +86,8 @@ ScaleSums scale_sums(const ErrorModel& model, const Measurements& measurements, 
   std::vector<std::vector<Matrix3Xd>> k;
   std::vector<std::vector<Matrix3Xd>> c;
   for (Index i = 0; i < measurements.joint_values.cols(); ++i) {
-    k.push_back(of_free.jacobians(measurements.joint_values.col(i)));
-    c.push_back(of_all.jacobians(measurements.joint_values.col(i)));
+    k.push_back(of_free.jacobians(measurements, i));
+    c.push_back(of_all.jacobians(measurements, i));
   }
   const Index columns = k.front().front().cols();
   ScaleSums sums{.kk = MatrixXd::Zero(columns, columns),
@@ -162,7 +162,7 @@ public:
         options_(options),
         sample_(std::move(sample)),
         nominal_(nominal_start(model, sample_.measurements, options.registration)),
-        X_BF_(flange_poses(model, nominal_, sample_.measurements.joint_values)),
+        X_BF_(flange_poses(model, nominal_, sample_.measurements)),
         registered_(rms_of(model, sample_.measurements, nominal_)),
         fitted_(std::min(plausible(model, fit.errors) ? rms_of(model, sample_.measurements, fit) : registered_,
                          trial(sample_.measurements))) {}

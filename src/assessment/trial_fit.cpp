@@ -35,7 +35,7 @@ bool plausible(const ErrorModel& model, const VectorXd& errors) {
 }
 
 double rms_of(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate) {
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
   double sum = 0.0;
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {

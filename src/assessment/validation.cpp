@@ -54,7 +54,7 @@ std::vector<double> position_errors(const ErrorModel& model, const Estimate& est
                                     Rows rows) {
   check(measurements, model);
   check(estimate, model, measurements);
-  return position_errors(flange_poses(model, estimate, measurements.joint_values), estimate, measurements, rows);
+  return position_errors(flange_poses(model, estimate, measurements), estimate, measurements, rows);
 }
 
 std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
@@ -81,7 +81,7 @@ Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, cons
 Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements, Rows rows) {
   check(measurements, model);
   check(estimate, model, measurements);
-  return iso_9283(flange_poses(model, estimate, measurements.joint_values), estimate, measurements, rows);
+  return iso_9283(flange_poses(model, estimate, measurements), estimate, measurements, rows);
 }
 
 Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
@@ -222,7 +222,7 @@ RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::I
   const Measurements rest = without(measurements, fold);
   const Identification found = fit(with_measurements(problem, rest));
   const Measurements means = averaged(rest);
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem.model, found.estimate, means.joint_values);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem.model, found.estimate, means);
   RefittedFold result{
       .residuals = {}, .configurations = {}, .targets = {}, .converged = found.termination == Termination::converged};
   std::map<std::string, std::int32_t> number;

@@ -15,6 +15,7 @@
 #include "calibration/parameter_choice.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/predicted_accuracy.hpp"
+#include "calibration/signal_check.hpp"
 #include "calibration/variance_components.hpp"
 #include "calibration/whole_fit.hpp"
 #include "kdl_calibration/effect_terms.hpp"
@@ -61,6 +62,7 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
   }
   require_training_rows(measurements);
   require_comparable_orientations(measurements, options);
+  require_signals(measurements, options);
   setting.model = model;
   setting.model.effects.clear();
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));

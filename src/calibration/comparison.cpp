@@ -127,7 +127,7 @@ Comparison compare(const Compared& compared) {
   Comparison result;
   result.exported.estimate = rigid_fit(compared);
   const Estimate& rigid = result.exported.estimate;
-  const auto poses_of = [&](const Estimate& e) { return flange_poses(task.model, e, measurements.joint_values); };
+  const auto poses_of = [&](const Estimate& e) { return flange_poses(task.model, e, measurements); };
   const std::vector<Eigen::Isometry3d> X_BF_before = poses_of(task.start);
   const std::vector<Eigen::Isometry3d> X_BF_after = poses_of(estimate);
   const auto statistics = [&](const Estimate& e, const std::vector<Eigen::Isometry3d>& X_BF, Rows rows) {

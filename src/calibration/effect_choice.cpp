@@ -122,7 +122,7 @@ private:
   }
 
   std::vector<EffectTerm> terms_of(EffectGroup group) const {
-    return allowed(effect_terms(task_.model, group, means_.joint_values));
+    return allowed(effect_terms(task_.model, group, means_.joint_values, means_.signals));
   }
 
   struct Option {
@@ -263,8 +263,8 @@ private:
       return 0.0;
     }
     const ColumnRange effects = candidate.free.range(UnknownGroup::effects);
-    MatrixXd moved =
-        effective_joint_values(candidate.model, values.segment(effects.first, effects.count), means_.joint_values);
+    MatrixXd moved = effective_joint_values(candidate.model, values.segment(effects.first, effects.count),
+                                            means_.joint_values, means_.signals);
     moved.topRows(means_.joint_values.rows()) -= means_.joint_values;
     return moved.cwiseAbs().maxCoeff();
   }

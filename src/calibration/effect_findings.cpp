@@ -43,6 +43,16 @@ std::string times_a_turn(const Calibration& calibration, const EffectMotion& mot
   return times == 1.0 ? "once" : times == 2.0 ? "twice" : significant(times, 4) + " times";
 }
 
+bool is_mostly_of_approach(const Calibration& calibration, const EffectMotion& motion) {
+  double by_approach = 0.0;
+  double by_load = 0.0;
+  for (const Eigen::Index place : motion.terms) {
+    const bool approach = calibration.model.effects[static_cast<std::size_t>(place)].signal == DriveSignal::approach;
+    (approach ? by_approach : by_load) += std::abs(calibration.identification.estimate.effects[place]);
+  }
+  return by_approach > by_load;
+}
+
 std::string in_words(const Calibration& calibration, const EffectMotion& motion) {
   const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.by.joint)];
   const bool length = motion.is_length(calibration.model);
@@ -61,13 +71,16 @@ std::string in_words(const Calibration& calibration, const EffectMotion& motion)
     }
     case EffectGroup::backlash:
       return joint.name + " has a play of " + amount(motion.highest - motion.lowest, length) +
-             " between one side of its load and the other";
+             (is_mostly_of_approach(calibration, motion) ? " between coming from one side and from the other"
+                                                         : " between one side of its load and the other");
     case EffectGroup::harmonics:
       return joint.name + " swings by up to " + most + ", mostly " + times_a_turn(calibration, motion) + " a turn";
     case EffectGroup::ripple:
       return joint.name + " ripples by up to " + most + ", mostly " + times_a_turn(calibration, motion) + " a turn";
     case EffectGroup::tables:
       return joint.name + " is off by up to " + most + " along its range";
+    case EffectGroup::torque:
+      return joint.name + " gives way by up to " + most + " under its measured torque";
   }
   return {};
 }
@@ -115,7 +128,7 @@ std::vector<EffectMotion> effect_motions(const Calibration& calibration, const M
   if (calibration.model.effects.empty()) {
     return result;
   }
-  const Eigen::MatrixXd basis = effect_basis(calibration.model, measurements.joint_values);
+  const Eigen::MatrixXd basis = effect_basis(calibration.model, measurements.joint_values, measurements.signals);
   const Eigen::VectorXd& values = calibration.identification.estimate.effects;
   for (const auto& [key, terms] : terms_by_motion(calibration.model)) {
     const Eigen::RowVectorXd motion = values(terms).transpose() * basis(terms, Eigen::all);

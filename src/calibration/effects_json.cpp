@@ -38,7 +38,9 @@ Json function_json(const EffectTerm& term) {
     case EffectGroup::transverse:
       return {{"link", term.gravity.link + 1}, {"axis", kAxes[term.gravity.axis]}};
     case EffectGroup::backlash:
-      return {{"mass", term.masses.front().mass}};
+      return term.signal == DriveSignal::approach ? Json{{"of", "approach"}} : Json{{"mass", term.masses.front().mass}};
+    case EffectGroup::torque:
+      return term.play > 0.0 ? Json{{"of", "tanh"}, {"play", term.play}} : Json{{"of", "torque"}};
     case EffectGroup::harmonics:
     case EffectGroup::ripple:
       return {{"of", term.harmonic > 0 ? "sin" : "cos"}, {"times", std::abs(term.harmonic)}};
@@ -117,7 +119,23 @@ void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) 
       term.gravity.axis = static_cast<int>(found - std::begin(kAxes));
       return;
     }
+    case EffectGroup::torque: {
+      const Node of = member(node, "of");
+      if (tree::name(of) != "torque" && tree::name(of) != "tanh") {
+        tree::fail(of, "torque or tanh");
+      }
+      term.signal = DriveSignal::torque;
+      term.play = tree::name(of) == "tanh" ? positive(member(node, "play")) : 0.0;
+      return;
+    }
     case EffectGroup::backlash:
+      if (has(node, "of")) {
+        if (tree::name(member(node, "of")) != "approach") {
+          tree::fail(member(node, "of"), "approach");
+        }
+        term.signal = DriveSignal::approach;
+        return;
+      }
       for (int frame = term.index + 1; frame <= joints; ++frame) {
         term.masses.push_back({.frame = frame, .mass = positive(member(node, "mass")), .centre = {}});
       }

@@ -35,17 +35,17 @@ public:
         offsets_(joint_offsets(uncertain.model, estimate_.targets)),
         joints_(uncertain.model, estimate_, offsets_) {}
 
-  // Of every target [m^2] in W.
-  std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q) const {
+  // Of every target [m^2] in W, where `signals` (of one column) are known.
+  std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const {
     std::vector<Eigen::Matrix3d> result;
-    for (const Matrix3Xd& jacobian : free_.jacobians(q)) {
+    for (const Matrix3Xd& jacobian : free_.jacobians(q, signals)) {
       result.emplace_back(jacobian * uncertain_.covariance * jacobian.transpose());
     }
-    if (withholds_tables(uncertain_.model, q)) {
-      add_withheld(q, result);
+    if (leaves_out_effects(q, signals)) {
+      add_left_out(q, signals, result);
     }
     if (undetermined_.cols() > 0) {
-      const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q);
+      const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q, signals);
       for (std::size_t k = 0; k < result.size(); ++k) {
         if (!determines(jacobians[k])) {
           result[k] = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()).asDiagonal();
@@ -56,11 +56,11 @@ public:
   }
 
   // 3D 1 sigma [m], targets x N
-  Eigen::MatrixXd sigmas(const Eigen::MatrixXd& joint_values) const {
+  Eigen::MatrixXd sigmas(const Eigen::MatrixXd& joint_values, const DriveSignals& signals) const {
     Eigen::MatrixXd result(static_cast<Eigen::Index>(estimate_.targets.size()), joint_values.cols());
     for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
       Eigen::Index k = 0;
-      for (const Eigen::Matrix3d& covariance : covariances(joint_values.col(c))) {
+      for (const Eigen::Matrix3d& covariance : covariances(joint_values.col(c), column(signals, c))) {
         result(k++, c) = std::sqrt(covariance.trace());
       }
     }
@@ -72,9 +72,10 @@ public:
     if (asked.names.empty()) {
       return result;
     }
-    const auto X_BF = flange_poses(uncertain_.model, estimate_, asked.joint_values);
+    const auto X_BF = flange_poses(uncertain_.model, estimate_, asked.joint_values, asked.signals);
     for (std::size_t c = 0; c < asked.names.size(); ++c) {
-      const auto all = covariances(asked.joint_values.col(static_cast<Eigen::Index>(c)));
+      const Eigen::VectorXd q = asked.joint_values.col(static_cast<Eigen::Index>(c));
+      const auto all = covariances(q, column(asked.signals, static_cast<Eigen::Index>(c)));
       for (std::size_t k = 0; k < estimate_.targets.size(); ++k) {
         PredictedPoint& point = result.emplace_back();
         point.configuration = asked.names[c];
@@ -86,7 +87,6 @@ public:
         const NewPoint fresh = new_point({.covariance = all[k], .place = point.position_W}, uncertain_.noise);
         point.radius_95 = region.radius_factor * fresh.radius_95;
         point.degrees_of_freedom = fresh.degrees_of_freedom;
-        const Eigen::VectorXd q = asked.joint_values.col(static_cast<Eigen::Index>(c));
         point.outside = !region.holds(q, all[k]) || withholds_tables(uncertain_.model, q);
       }
     }
@@ -94,14 +94,32 @@ public:
   }
 
 private:
-  // A table that is withheld may be anything that its size beforehand allows.
-  void add_withheld(const Eigen::VectorXd& q, std::vector<Eigen::Matrix3d>& covariances) const {
-    const std::vector<Matrix3Xd> jacobians = joints_.jacobians(q);
-    for (const EffectTerm& term : uncertain_.model.effects) {
-      if (!is_withheld(term, q[term.index])) {
+  bool leaves_out_effects(const Eigen::VectorXd& q, const DriveSignals& signals) const {
+    const std::vector<EffectTerm>& terms = uncertain_.model.effects;
+    return withholds_tables(uncertain_.model, q) ||
+           std::any_of(terms.begin(), terms.end(),
+                       [&](const EffectTerm& term) { return misses_approach(term, signals, 0); });
+  }
+
+  // 1 sigma of the motion [rad or m] by a term that is left out there. A table that is withheld may be anything that
+  // its size beforehand allows; a joint came from either side.
+  double left_out(std::size_t place, const Eigen::VectorXd& q, const DriveSignals& signals) const {
+    const EffectTerm& term = uncertain_.model.effects[place];
+    if (is_withheld(term, q[term.index])) {
+      return term.sigma * table_value(term.table, q[term.index]);
+    }
+    return misses_approach(term, signals, 0) ? estimate_.effects[static_cast<Eigen::Index>(place)] : 0.0;
+  }
+
+  void add_left_out(const Eigen::VectorXd& q, const DriveSignals& signals,
+                    std::vector<Eigen::Matrix3d>& covariances) const {
+    const std::vector<Matrix3Xd> jacobians = joints_.jacobians(q, signals);
+    for (std::size_t place = 0; place < uncertain_.model.effects.size(); ++place) {
+      const EffectTerm& term = uncertain_.model.effects[place];
+      const double value = left_out(place, q, signals);
+      if (value == 0.0) {
         continue;
       }
-      const double value = term.sigma * table_value(term.table, q[term.index]);
       for (std::size_t k = 0; k < covariances.size(); ++k) {
         const Eigen::Vector3d moved = value * jacobians[k].col(term.index);
         covariances[k] += moved * moved.transpose();
@@ -165,11 +183,14 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
     return result;
   }
   const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
-  const Eigen::MatrixXd there = predictor.sigmas(measurements.joint_values.leftCols(most));
+  const Eigen::MatrixXd there = predictor.sigmas(measurements.joint_values.leftCols(most), measurements.signals);
   if (there.allFinite()) {
     result.measured = error_statistics(listed_values(there));
   }
-  const Eigen::MatrixXd everywhere = predictor.sigmas(workspace);
+  if (needs_torques(model)) {  // which nobody has measured where the arm has not been
+    return result;
+  }
+  const Eigen::MatrixXd everywhere = predictor.sigmas(workspace, {});
   if (!everywhere.allFinite()) {
     return result;
   }

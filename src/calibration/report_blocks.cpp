@@ -99,7 +99,7 @@ Json shapes_json(const Robot& robot) {
 
 std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& estimate,
                                    const Measurements& measurements) {
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
   std::vector<Vector3d> result;
   result.reserve(measurements.observations.size());
   for (const Observation& observation : measurements.observations) {
@@ -207,10 +207,11 @@ Json measurements_block(const ReportedMeasurements& reported) {
     if (number[c] < 0) {
       number[c] = static_cast<int>(configurations.size());
       const Eigen::VectorXd q = measurements.joint_values.col(observation.configuration);
+      const DriveSignals signals = column(measurements.signals, observation.configuration);
       configurations.push_back({{"name", measurements.configurations[c]}, {"joint_values", numbers_json(q)}});
       if (has_effects) {
         configurations.back()["effective"] =
-            numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q));
+            numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q, signals));
       }
     }
     points.push_back({{"row", row},
@@ -290,12 +291,13 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
   for (std::size_t j = 0; j < ranges.size(); ++j) {
     middle[static_cast<Index>(j)] = 0.5 * (ranges[j].first + ranges[j].second);
   }
+  const DriveSignals unloaded{.approach = {}, .torques = Eigen::MatrixXd::Zero(middle.size(), kCurvePoints)};
   const ColumnRange columns = saved.free.range(UnknownGroup::effects);
   const bool known = saved.covariance.size() > 0 && columns.count == static_cast<Index>(terms.size());
   for (const auto& [key, members] : terms_by_motion(saved.model)) {
     const auto& [group, joint, axis] = key;
     auto [lower, upper] = ranges[static_cast<std::size_t>(joint)];
-    if (!(lower <= upper)) {
+    if (!(lower <= upper) || group == EffectGroup::torque) {  // which is no function of joint values
       continue;
     }
     if (group == EffectGroup::ripple) {
@@ -303,7 +305,7 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
     }
     Eigen::MatrixXd q = middle.replicate(1, kCurvePoints);
     q.row(joint) = Eigen::RowVectorXd::LinSpaced(kCurvePoints, lower, upper);
-    const Eigen::MatrixXd basis = effect_basis(saved.model, q)(members, Eigen::all);
+    const Eigen::MatrixXd basis = effect_basis(saved.model, q, unloaded)(members, Eigen::all);
     const Eigen::RowVectorXd along = Eigen::VectorXd(saved.estimate.effects(members)).transpose() * basis;
     Eigen::MatrixXd covariance;
     if (known) {

@@ -19,7 +19,7 @@ namespace {
 // Measured minus predicted, one for each observation.
 std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const Calibration& calibration) {
   const Estimate& estimate = calibration.identification.estimate;
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(calibration.model, estimate, measurements.joint_values);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(calibration.model, estimate, measurements);
   std::vector<Eigen::Vector3d> result;
   result.reserve(measurements.observations.size());
   for (const Observation& observation : measurements.observations) {

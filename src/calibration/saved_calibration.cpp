@@ -139,8 +139,9 @@ SavedCalibration load_calibration(const std::filesystem::path& result, const Rob
   return parse_calibration(read_text_file(result), robot, result.string());
 }
 
-std::vector<Eigen::Isometry3d> flange_poses(const SavedCalibration& saved, const Eigen::MatrixXd& joint_values) {
-  return flange_poses(saved.model, saved.estimate, joint_values);
+std::vector<Eigen::Isometry3d> flange_poses(const SavedCalibration& saved, const Eigen::MatrixXd& joint_values,
+                                            const DriveSignals& signals) {
+  return flange_poses(saved.model, saved.estimate, joint_values, signals);
 }
 
 }  // namespace kdl_calibration

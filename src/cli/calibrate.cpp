@@ -167,7 +167,7 @@ Configurations configurations_of(const std::string& file, const MeasurementArgum
     convention = read_joint_convention(arguments.joint_convention);
   }
   const Measurements asked = read_configurations(robot, file, convention ? &*convention : nullptr);
-  return {.names = asked.configurations, .joint_values = asked.joint_values};
+  return {.names = asked.configurations, .joint_values = asked.joint_values, .signals = asked.signals};
 }
 
 // The options that help, which the library does not know.

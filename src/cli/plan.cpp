@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "base/number_text.hpp"
+#include "base/text.hpp"
 #include "cli/cell_options.hpp"
 #include "cli/frames.hpp"
 #include "cli/measurement_options.hpp"
@@ -15,6 +16,7 @@
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/planner.hpp"
@@ -49,6 +51,7 @@ struct Arguments {
   PointNoise noise;
   std::vector<double> tracker_noise;
   Priors priors;
+  std::vector<std::string> effects = {"none"};
   std::string home;
   int monte_carlo = 0;
   std::uint64_t seed = 1;
@@ -142,6 +145,7 @@ Setting setting(const Arguments& arguments) {
   request.cell = cell(arguments.cell, request.robot, model, facing, convention);
   request.noise = noise(arguments, request.cell);
   request.priors = arguments.priors;
+  request.effects = effect_groups(arguments.effects, {"none"});
   request.count = arguments.add.value_or(
       arguments.configurations.value_or(arguments.accuracy_mm ? kMostForAccuracy : kConfigurations));
   if (arguments.accuracy_mm) {
@@ -179,6 +183,14 @@ Json monte_carlo_json(const MonteCarloResult& result) {
           {"rms_of_point_max", result.rms.maxCoeff()}};
 }
 
+std::vector<std::string> effect_names(const Experiment& experiment) {
+  std::vector<std::string> names;
+  for (const EffectTerm& term : experiment.model.effects) {
+    names.push_back(term.name);
+  }
+  return names;
+}
+
 std::string json(const Arguments& arguments, const Setting& setting, const Plan& plan) {
   Json refusals = Json::array();
   for (const Refusals& entry : plan.drawn.refusals) {
@@ -195,6 +207,7 @@ std::string json(const Arguments& arguments, const Setting& setting, const Plan&
   Json result = {
       {"criterion", arguments.criterion},
       {"parameters", columns(plan.experiment)},
+      {"effects", effect_names(plan.experiment)},
       {"targets", plan.sheet.targets.size()},
       {"candidates", {{"count", arguments.candidates}, {"samples", plan.drawn.samples}, {"refused", refusals}}},
       {"exchanges", plan.selection.exchanges},
@@ -226,8 +239,11 @@ std::string table(const Arguments& arguments, const Plan& plan) {
   std::string text =
       number(plan.selection.chosen.size()) + " configurations of " + number(arguments.candidates) + " candidates, " +
       arguments.criterion + "-optimal; " + number(plan.sheet.targets.size()) + " targets, " +
-      number(columns(plan.experiment)) + " parameters, noise " +
-      (plan.experiment.noise.tracker ? "of the tracker" : fixed(arguments.noise.sigma * 1e3, 4) + " mm") + "\n";
+      number(columns(plan.experiment)) + " parameters" +
+      (plan.experiment.model.effects.empty() ? ""
+                                             : ", " + number(plan.experiment.model.effects.size()) + " of effects") +
+      ", noise " + (plan.experiment.noise.tracker ? "of the tracker" : fixed(arguments.noise.sigma * 1e3, 4) + " mm") +
+      "\n";
   text += "search                  " + number(arguments.starts) + " starts, " + number(plan.selection.exchanges) +
           " exchanges; seed " + number(arguments.seed) + "\n";
   text += "samples                 " + number(plan.drawn.samples) + " drawn";
@@ -255,6 +271,9 @@ std::string table(const Arguments& arguments, const Plan& plan) {
 }
 
 void require_sound(const Arguments& arguments) {
+  if (arguments.monte_carlo > 0 && arguments.effects != std::vector<std::string>{"none"}) {
+    throw InputError("--monte-carlo: tries the plan on rigid arms, expected it without --effects");
+  }
   if (arguments.add && arguments.measured.empty() && arguments.result.empty()) {
     throw InputError("--add: adds to configurations that were measured, expected --measured FILE or --result FILE");
   }
@@ -341,6 +360,11 @@ void add_experiment(CLI::App& app, Arguments& arguments) {
       ->check(number_from(0.0, "a length in metres, 0 or more"))
       ->capture_default_str();
   add_tracker_noise(app, arguments.tracker_noise);
+  add_list(app, "--effects", arguments.effects,
+           "Effects to learn as well, as found by --result where it is given: " +
+               comma_separated(effect_group_names()) + "; none: geometry alone")
+      ->type_name("LIST")
+      ->capture_default_str();
   app.add_option("--prior-length", arguments.priors.length, "1 sigma of length errors beforehand, m; 0: none")
       ->type_name("M")
       ->check(number_from(0.0, "a length in metres, 0 or more"))

@@ -9,8 +9,8 @@
 #include <functional>
 #include <memory>
 #include <numbers>
+#include <numeric>
 #include <optional>
-#include <set>
 
 #include "base/number_text.hpp"
 #include "base/text.hpp"
@@ -56,6 +56,7 @@ struct Arguments {
   int monte_carlo = 0;
   int two_step = 0;  // rounds
   bool recorded = false;
+  bool order = false;
   int threads = 0;
   std::uint64_t seed = 1;
   std::string output;
@@ -64,24 +65,6 @@ struct Arguments {
   bool force = false;
   bool json = false;
 };
-
-// Indices of the parameters that get an error: those of the irreducible model and the joint offsets that are gauge, or
-// all but those of the base link, which are no different from a displaced base.
-std::vector<std::size_t> with_errors(const ErrorModel& model, const Reduction& reduction, bool complete) {
-  std::set<std::string> names(reduction.kept.begin(), reduction.kept.end());
-  for (const GaugeParameter& gauge : reduction.gauge) {
-    names.insert(gauge.name);
-  }
-  std::vector<std::size_t> result;
-  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-    const ErrorParameter& parameter = model.parameters[p];
-    const bool of_base_link = parameter.kind != ParameterKind::joint_offset && parameter.frame == 0;
-    if (complete ? !of_base_link : names.count(parameter.name) > 0) {
-      result.push_back(p);
-    }
-  }
-  return result;
-}
 
 Json parameters_json(const VirtualRobot& robot, const std::vector<std::size_t>& which, const Reduction& reduction) {
   Json list = Json::array();
@@ -148,7 +131,7 @@ Setup setup(const Robot& robot, const Arguments& arguments) {
   }
   require_few_rows(arguments, result.targets.size());
   result.reduction = reduced_model(result.model, result.targets);
-  result.with_errors = with_errors(result.model, result.reduction, arguments.model == "complete");
+  result.with_errors = with_true_errors(result.model, result.reduction, arguments.model == "complete");
   result.effects = effect_groups(arguments.effects, {"none"});
   if (!arguments.plan.empty()) {
     std::optional<JointConvention> convention;
@@ -165,6 +148,12 @@ Eigen::MatrixXd to_fit(const Arguments& arguments, const Setup& set, Random& ran
   return set.plan ? *set.plan : random_configurations(set.model.joints, set.ranges, arguments.configurations, random);
 }
 
+DrivenConfigurations driven(const Arguments& arguments, const Setup& set, const Eigen::MatrixXd& stops,
+                            const Eigen::MatrixXd& before = {}) {
+  const bool torques = std::find(set.effects.begin(), set.effects.end(), EffectGroup::torque) != set.effects.end();
+  return driven_to(set.model, stops, before, {.approach = arguments.order, .torques = torques, .seed = arguments.seed});
+}
+
 // The effects that are asked for, drawn from a stream of their own: everything else stays as it is without them.
 void add_effects(const Arguments& arguments, const Setup& set, VirtualRobot& robot) {
   constexpr int kToTellApart = 500;  // configurations
@@ -174,7 +163,7 @@ void add_effects(const Arguments& arguments, const Setup& set, VirtualRobot& rob
   }
   Random random(arguments.seed, kStream);
   const Eigen::MatrixXd q = random_configurations(set.model.joints, set.ranges, kToTellApart, random);
-  kdl_calibration::add_effects(robot, set.effects, q, arguments.effect_sigma, random);
+  kdl_calibration::add_effects(robot, set.effects, driven(arguments, set, q), arguments.effect_sigma, random);
 }
 
 // What the virtual robot is, beside what was drawn for one set of measurements.
@@ -209,12 +198,16 @@ Simulation simulation(const Robot& robot, const Arguments& arguments) {
   result.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);
   add_effects(arguments, set, result.robot);
   const Eigen::MatrixXd train = to_fit(arguments, set, random);
-  result.measurements = measure(result.robot, train, arguments.noise, random);
+  result.measurements = measure(result.robot, driven(arguments, set, train), arguments.noise, random);
   if (arguments.test_configurations > 0) {
     const Eigen::MatrixXd test =
         random_configurations(set.model.joints, set.ranges, arguments.test_configurations, random);
-    result.measurements =
-        joined(result.measurements, measure(result.robot, test, arguments.noise, random, Split::test));
+    result.measurements = joined(result.measurements, measure(result.robot, driven(arguments, set, test, train),
+                                                              arguments.noise, random, Split::test));
+  }
+  if (arguments.order) {
+    result.measurements.order.resize(result.measurements.observations.size());
+    std::iota(result.measurements.order.begin(), result.measurements.order.end(), std::int64_t{1});
   }
   result.truth = truth_of(robot, arguments, set, result.robot);
   return result;
@@ -454,6 +447,8 @@ Subcommand add_simulate(CLI::App& parser) {
            "What moves the arm besides its geometry: " + comma_separated(effect_group_names()) + "; none")
       ->type_name("LIST")
       ->capture_default_str();
+  app->add_flag("--order", arguments->order,
+                "Number the rows in the order of driving: backlash then has a part by the direction of approach");
   add_size(*app, "--effect-sigma", arguments->effect_sigma, "radians",
            "1 sigma of their coefficients, metres where a joint slides [0.0003]");
   app->add_option("--model", arguments->model, "Parameters with true errors: irreducible or complete")

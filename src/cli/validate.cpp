@@ -327,7 +327,7 @@ ExitStatus run_against_measurements(const Arguments& arguments) {
   const Measurements fitted = to_register(measurements);
   const Freedom freedom = freedom_of(fitted, known);
   require_freedom(freedom, measurements.source);
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values, measurements.signals);
   const Registration registration = register_base_and_targets(X_BF, fitted, known);
   const Estimate estimate{.errors = arm.estimate.errors,
                           .X_WB = registration.X_WB,

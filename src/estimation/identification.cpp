@@ -96,7 +96,7 @@ double robust_weight(Loss loss, double r) {
 // Position residual of every row, in units of its own sigma (or in metres where none is stated).
 std::vector<double> row_distances(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                                   const NoiseModel& noise) {
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements.joint_values);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
   std::vector<double> distances;
   distances.reserve(measurements.observations.size());
   for (const Observation& o : measurements.observations) {

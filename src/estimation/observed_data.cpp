@@ -30,6 +30,12 @@ LaneGroup group_for(const ObservedConfiguration& configuration, Index joints) {
   return group;
 }
 
+// Groups keep joint values alone.
+bool asks_for_signals(const ErrorModel& model) {
+  return std::any_of(model.effects.begin(), model.effects.end(),
+                     [](const EffectTerm& term) { return term.signal != DriveSignal::none; });
+}
+
 bool could_be_alike(const Unknowns& unknowns, const Measurements& measurements, const NoiseModel& noise) {
   return noise.is_isotropic() && measurements.orientations.empty() && unknowns.effects().empty() &&
          (measurements.joint_values.array().abs() <= kLargestAngle).all();
@@ -125,7 +131,8 @@ std::vector<Index> ObservedData::columns() const {
 ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
                       const ResidualOptions& options) {
   ObservedData data;
-  if (could_be_alike(unknowns, measurements, options.noise) && gather_groups(measurements, options, data)) {
+  if (!asks_for_signals(model) && could_be_alike(unknowns, measurements, options.noise) &&
+      gather_groups(measurements, options, data)) {
     return data;
   }
   data.groups.clear();
@@ -135,7 +142,7 @@ ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const M
   }
   data.totals = gathering.totals();
   data.joint_values = measurements.joint_values;
-  data.effect_basis = effect_basis(model, data.joint_values);
+  data.effect_basis = effect_basis(model, data.joint_values, measurements.signals);
   return data;
 }
 

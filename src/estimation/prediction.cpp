@@ -12,8 +12,15 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate, const MatrixXd& joint_values) {
-  return flange_poses(folded(model, estimate.errors), effective_joint_values(model, estimate.effects, joint_values));
+std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate, const MatrixXd& joint_values,
+                                     const DriveSignals& signals) {
+  return flange_poses(folded(model, estimate.errors),
+                      effective_joint_values(model, estimate.effects, joint_values, signals));
+}
+
+std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate,
+                                     const Measurements& measurements) {
+  return flange_poses(model, estimate, measurements.joint_values, measurements.signals);
 }
 
 Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>& X_BF,
@@ -55,12 +62,16 @@ PositionPredictor::PositionPredictor(const ErrorModel& model, const Estimate& es
       chain_(folded(model, estimate.errors)),
       twists_(chain_twists(model, estimate, unknowns)) {}
 
-std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q) const {
-  const MatrixXd joints = effective_joint_values(model_, estimate_.effects, q);
+std::vector<Matrix3Xd> PositionPredictor::jacobians(const Measurements& measurements, Index configuration) const {
+  return jacobians(measurements.joint_values.col(configuration), column(measurements.signals, configuration));
+}
+
+std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q, const DriveSignals& signals) const {
+  const MatrixXd joints = effective_joint_values(model_, estimate_.effects, q, signals);
   Matrix6Xd chain;
   const Matrix3d R_WF = estimate_.X_WB.linear() * flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
   if (!unknowns_.effects().empty()) {
-    const MatrixXd basis = effect_basis(model_, q);
+    const MatrixXd basis = effect_basis(model_, q, signals);
     Index column = unknowns_.range(UnknownGroup::effects).first;
     for (const std::size_t d : unknowns_.effects()) {
       chain.col(column++) *= basis(static_cast<Index>(d), 0);

@@ -14,6 +14,8 @@
 namespace kdl_calibration {
 namespace {
 
+constexpr std::string_view kTorquePrefix = "tau_";
+
 struct FixedColumn {
   std::string_view name;
   Column* column;
@@ -67,6 +69,7 @@ public:
     header_.line = place.line;
     header_.joints.resize(joints.names.size());
     header_.followers.resize(joints.followers.size());
+    header_.torques.resize(joints.names.size());
     for (std::size_t i = 0; i < joints.names.size(); ++i) joint_columns_.emplace(joints.names[i], &header_.joints[i]);
     for (std::size_t i = 0; i < joints.followers.size(); ++i) {
       joint_columns_.emplace(joints.joints[joints.followers[i]].name, &header_.followers[i]);
@@ -106,6 +109,10 @@ private:
       column = joint->second;
       units = units_of(*column);
     }
+    if (const std::size_t joint = torque_of(name); column == nullptr && joint < header_.torques.size()) {
+      column = &header_.torques[joint];
+      units = units_of_torque(joint);
+    }
     for (const FixedColumn& fixed : fixed_) {
       if (fixed.name != name) continue;
       column = fixed.column;
@@ -131,6 +138,20 @@ private:
     return {"rad", "deg", "m", "mm"};
   }
 
+  /// The number of the expected joint whose torque the column of this name holds; as many as there are: of none.
+  std::size_t torque_of(std::string_view name) const {
+    if (!name.starts_with(kTorquePrefix)) return joints_.names.size();
+    const auto joint = std::find(joints_.names.begin(), joints_.names.end(), name.substr(kTorquePrefix.size()));
+    return static_cast<std::size_t>(joint - joints_.names.begin());
+  }
+
+  std::vector<std::string_view> units_of_torque(std::size_t joint) const {
+    const ValueKind kind = kind_of_value(joints_, joint);
+    if (kind == ValueKind::angle) return {"Nm"};
+    if (kind == ValueKind::length) return {"N"};
+    return {"Nm", "N"};
+  }
+
   Unit parse_unit(std::string_view unit, std::string_view cell, const std::vector<std::string_view>& allowed) const {
     if (std::find(allowed.begin(), allowed.end(), unit) == allowed.end()) {
       std::string rule = allowed.empty() ? "none" : "";
@@ -139,6 +160,7 @@ private:
     }
     if (unit == "rad") return Unit::rad;
     if (unit == "deg") return Unit::deg;
+    if (unit == "Nm" || unit == "N") return Unit::none;
     return unit == "m" ? Unit::m : Unit::mm;
   }
 
@@ -206,7 +228,8 @@ std::string expected_columns(const ExpectedJoints& joints) {
   for (const std::size_t i : joints.followers) followers.push_back(joints.joints[i].name);
   const std::string points = "configuration, target, x, y, z";
   return "expected " + (joints.with_points ? points + " and " : "") + "the joints " + comma_separated(joints.names) +
-         ", optionally " + (joints.with_points ? "" : points + ", ") + "split, repeat, order, qw, qx, qy, qz, sigma" +
+         ", optionally " + (joints.with_points ? "" : points + ", ") + "split, repeat, order, qw, qx, qy, qz, sigma, " +
+         std::string(kTorquePrefix) + "<joint>" +
          (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
 }
 

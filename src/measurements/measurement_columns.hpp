@@ -41,6 +41,7 @@ struct Header {
   std::array<Column, 4> quaternion;  ///< w, x, y, z
   std::vector<Column> joints;        ///< in the order of the expected names
   std::vector<Column> followers;     ///< in the order of ExpectedJoints::followers; absent ones as well
+  std::vector<Column> torques;       ///< of the joints that the header is expected to name; absent ones as well
 };
 
 /// The joint names that the header must bear.

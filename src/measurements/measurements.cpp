@@ -84,6 +84,7 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
     kept.configurations.push_back(measurements.configurations[c]);
   }
   kept.joint_values = measurements.joint_values(Eigen::all, columns);
+  kept.signals = kdl_calibration::columns(measurements.signals, columns);
   for (Observation& o : kept.observations) o.configuration = numbers[static_cast<std::size_t>(o.configuration)];
   drop_unused_orientations(kept.orientations);
   return kept;
@@ -141,6 +142,36 @@ Measurements training_sample(const Measurements& measurements, std::size_t most_
   });
 }
 
+Eigen::MatrixXd approach_directions(const Measurements& measurements) {
+  check(measurements);
+  const std::vector<std::int64_t>& order = measurements.order;
+  if (order.empty()) {
+    return {};
+  }
+  std::vector<std::size_t> rows(order.size());
+  std::iota(rows.begin(), rows.end(), std::size_t{0});
+  std::stable_sort(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) { return order[a] < order[b]; });
+  std::vector<Eigen::Index> visits;
+  for (const std::size_t row : rows) {
+    const Eigen::Index configuration = measurements.observations[row].configuration;
+    if (visits.empty() || visits.back() != configuration) {
+      visits.push_back(configuration);
+    }
+  }
+  const Eigen::MatrixXd directions = directions_of_motion(measurements.joint_values(Eigen::all, visits));
+  Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(directions.rows(), measurements.joint_values.cols());
+  Eigen::MatrixXd counts = sums;
+  for (std::size_t v = 0; v < visits.size(); ++v) {
+    for (Eigen::Index j = 0; j < directions.rows(); ++j) {
+      if (const double direction = directions(j, static_cast<Eigen::Index>(v)); !std::isnan(direction)) {
+        sums(j, visits[v]) += direction;
+        counts(j, visits[v]) += 1.0;
+      }
+    }
+  }
+  return sums.cwiseQuotient(counts);  // 0 / 0 is not known
+}
+
 JointRanges trained_ranges(const Measurements& measurements) {
   check(measurements);
   constexpr double kNone = std::numeric_limits<double>::infinity();
@@ -187,6 +218,7 @@ Measurements joined(const Measurements& first, const Measurements& second) {
     pad(second.observations.size());
   }
   result.orientations.insert(result.orientations.end(), second.orientations.begin(), second.orientations.end());
+  result.signals = side_by_side(first.signals, second.signals);
   if (first.order.empty() || second.order.empty()) {
     result.order.clear();
   } else {

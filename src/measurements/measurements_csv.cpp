@@ -1,5 +1,6 @@
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -38,12 +39,16 @@ struct UsedColumns {
   bool sigma = false;
   bool quaternion = false;
   bool order = false;
+  std::vector<Eigen::Index> torques;  ///< joints for which some are known
 };
 
 UsedColumns used_columns(const Measurements& measurements) {
   UsedColumns used;
   used.quaternion = !measurements.orientations.empty();
   used.order = !measurements.order.empty();
+  for (Eigen::Index j = 0; j < measurements.signals.torques.rows(); ++j) {
+    if (!measurements.signals.torques.row(j).array().isNaN().all()) used.torques.push_back(j);
+  }
   for (const Observation& o : measurements.observations) {
     used.split = used.split || o.split == Split::test;
     used.repeat = used.repeat || o.repeat != 1;
@@ -72,6 +77,12 @@ std::string csv_header(const Measurements& measurements, const UsedColumns& used
   if (used.quaternion) text += ",qw,qx,qy,qz";
   if (used.sigma) text += ",sigma[m]";
   if (used.order) text += ",order";
+  for (const Eigen::Index j : used.torques) {
+    const JointUnit unit =
+        measurements.joint_units.empty() ? JointUnit::unstated : measurements.joint_units[static_cast<std::size_t>(j)];
+    const char* in = unit == JointUnit::radian ? "[Nm]" : unit == JointUnit::metre ? "[N]" : "";
+    text += "," + csv_field("tau_" + measurements.joints[static_cast<std::size_t>(j)] + in);
+  }
   return text + "\n";
 }
 
@@ -109,6 +120,13 @@ std::string measurements_csv(const Measurements& measurements) {
         text += ',';
     }
     if (used.order) append_cell(measurements.order[i]);
+    for (const Eigen::Index j : used.torques) {
+      const double torque = measurements.signals.torques(j, o.configuration);
+      if (std::isnan(torque))
+        text += ',';
+      else
+        append_cell(torque);
+    }
     text += '\n';
   }
   return text;

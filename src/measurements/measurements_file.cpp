@@ -19,6 +19,7 @@
 #include "measurements/measurement_columns.hpp"
 #include "measurements/measurement_row.hpp"
 #include "measurements/missing_units.hpp"
+#include "measurements/torque_means.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -57,6 +58,7 @@ public:
     lines_.push_back(line);
     if (present(header_.quaternion[0])) orientations_.push_back(row.quaternion());
     if (present(header_.order)) order_.push_back(row.order());
+    torques_.add(header_, row, observation.configuration);
   }
 
   Measurements finish(const ExpectedJoints& joints) && {
@@ -97,6 +99,8 @@ public:
       result.joint_values = all_joint_values(joints.joints, read.topRows(independent));
       check_followers(joints, read.bottomRows(rows - independent), result.joint_values);
     }
+    result.signals.torques = torques_.means(header_, joints, result.configurations.size());
+    result.signals.approach = approach_directions(result);
     return result;
   }
 
@@ -234,6 +238,7 @@ private:
   std::vector<Observation> observations_;
   std::vector<Eigen::Quaterniond> orientations_;
   std::vector<std::int64_t> order_;
+  TorqueMeans torques_;
   std::vector<std::size_t> lines_;  ///< of each observation
 };
 

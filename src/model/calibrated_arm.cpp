@@ -45,6 +45,9 @@ CalibratedArm::CalibratedArm(const ErrorModel& model, const VectorXd& errors, co
   if (effects_.isZero(0.0)) {
     effects_.resize(0);
   }
+  if (effects_.size() > 0 && needs_torques(model)) {
+    refuse_input("an arm with effects of measured torques", "effects of joint values alone");
+  }
 }
 
 Isometry3d CalibratedArm::flange_pose(const Ref<const VectorXd>& q) const {

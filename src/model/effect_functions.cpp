@@ -3,9 +3,12 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <string>
 
 #include "base/preconditions.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
@@ -114,8 +117,23 @@ double torque(const ErrorModel& model, const EffectTerm& term, const JointFrames
   return sum;
 }
 
+double raw_value(const ErrorModel& model, const EffectTerm& term, const DriveSignals& signals, Index column) {
+  const bool told = term.signal == DriveSignal::torque;
+  const MatrixXd& values = told ? signals.torques : signals.approach;
+  const double value = values.size() > 0 ? values(term.index, column) : std::numeric_limits<double>::quiet_NaN();
+  if (told && std::isnan(value)) {
+    throw InputError("no measured torque of " + model.joints[static_cast<std::size_t>(term.index)].name +
+                     (values.size() > 0 ? " at configuration number " + std::to_string(column + 1) : "") +
+                     ", expected one for the effect " + term.name);
+  }
+  return told && term.play > 0.0 ? std::tanh(value / term.play) : value;
+}
+
 double raw_value(const ErrorModel& model, const EffectTerm& term, const Ref<const VectorXd>& q,
                  const JointFrames& frames) {
+  if (term.signal != DriveSignal::none) {
+    return raw_value(model, term, DriveSignals(), 0);
+  }
   const double own = q[term.index];
   switch (term.group) {
     case EffectGroup::gravity:
@@ -130,6 +148,8 @@ double raw_value(const ErrorModel& model, const EffectTerm& term, const Ref<cons
       return harmonic(term.harmonic, own);
     case EffectGroup::tables:
       return is_withheld(term.table, own) ? 0.0 : table_value(term.table, own);
+    case EffectGroup::torque:
+      break;
   }
   return 0.0;
 }

@@ -8,6 +8,7 @@
 #include <memory_resource>
 #include <vector>
 
+#include "kdl_calibration/drive_signals.hpp"
 #include "kdl_calibration/error_model.hpp"
 
 namespace kdl_calibration {
@@ -28,9 +29,13 @@ std::vector<JointFrames> joint_frames_of_all(const ErrorModel& model, const Eige
 /// Torque (force for a prismatic joint) of the term's masses under gravity about its joint's axis, with g = 1.
 double torque(const ErrorModel& model, const EffectTerm& term, const JointFrames& frames);
 
+/// NaN of a term that asks for a direction of approach. Throws InputError for one that asks for a torque.
 double raw_value(const ErrorModel& model, const EffectTerm& term, const Eigen::Ref<const Eigen::VectorXd>& q,
                  const JointFrames& frames);
-/// For every column of `joint_values` with its frames.
+/// Of a term that is a function of a signal, at this column: NaN where a direction is not known. Throws InputError
+/// where a torque is not.
+double raw_value(const ErrorModel& model, const EffectTerm& term, const DriveSignals& signals, Eigen::Index column);
+/// For every column of `joint_values` with its frames, of a term that is a function of joint values.
 Eigen::VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, const Eigen::MatrixXd& joint_values,
                            const std::vector<JointFrames>& frames);
 

@@ -124,17 +124,33 @@ void add_transverse(const ErrorModel& model, std::size_t joint, std::vector<Effe
   }
 }
 
-void add_backlash(const ErrorModel& model, std::size_t joint, const MatrixXd& q, const std::vector<JointFrames>& frames,
-                  std::vector<EffectTerm>& terms) {
+// Masses of one at the later joint frames and the tip.
+EffectTerm loaded_equally(const ErrorModel& model, std::size_t joint) {
   EffectTerm term = term_of(model, joint, EffectGroup::backlash);
   for (std::size_t frame = joint + 1; frame <= model.joints.size(); ++frame) {
     term.masses.push_back({.frame = static_cast<int>(frame), .mass = 1.0, .centre = {}});
   }
+  return term;
+}
+
+// Joint values, what is known of them, and where the nominal arm's joints then are.
+struct Stops {
+  const MatrixXd& q;
+  const DriveSignals& signals;
+  std::vector<JointFrames> frames;
+};
+
+void add_backlash(const ErrorModel& model, std::size_t joint, const Stops& stops, std::vector<EffectTerm>& terms) {
+  if (stops.signals.approach.size() > 0) {
+    terms.push_back(term_of(model, joint, EffectGroup::backlash, "approach"));
+    terms.back().signal = DriveSignal::approach;
+  }
+  EffectTerm term = loaded_equally(model, joint);
   double sum = 0.0;
-  for (const JointFrames& at : frames) {
+  for (const JointFrames& at : stops.frames) {
     sum += std::abs(torque(model, term, at));
   }
-  const double mean = sum / static_cast<double>(q.cols());
+  const double mean = sum / static_cast<double>(stops.q.cols());
   if (!(mean > kLeastLever)) {
     return;
   }
@@ -143,6 +159,25 @@ void add_backlash(const ErrorModel& model, std::size_t joint, const MatrixXd& q,
     mass.mass = 1.0 / play;
   }
   terms.push_back(term);
+}
+
+void add_torque(const ErrorModel& model, std::size_t joint, const Stops& stops, std::vector<EffectTerm>& terms) {
+  const auto row = static_cast<Index>(joint);
+  if (stops.signals.torques.size() == 0 || stops.signals.torques.row(row).array().isNaN().all()) {
+    return;
+  }
+  EffectTerm term = term_of(model, joint, EffectGroup::torque);
+  term.signal = DriveSignal::torque;
+  terms.push_back(term);
+  double sum = 0.0;
+  for (Index c = 0; c < stops.q.cols(); ++c) {
+    sum += std::abs(raw_value(model, term, stops.signals, c));
+  }
+  if (sum > 0.0) {
+    term.name += ".tanh";
+    term.play = kPlay * sum / static_cast<double>(stops.q.cols());
+    terms.push_back(term);
+  }
 }
 
 void add_swing(const ErrorModel& model, std::size_t joint, EffectGroup group, double times,
@@ -163,22 +198,38 @@ void add_harmonics(const ErrorModel& model, std::size_t joint, std::vector<Effec
 constexpr double kLeastScale = 0.05;  // of a function of unit size
 constexpr double kNew = 0.05;         // share of a function that others of its joint do not say
 
+VectorXd values_at(const ErrorModel& model, const EffectTerm& term, const Stops& stops) {
+  if (term.signal == DriveSignal::none) {
+    return raw_values(model, term, stops.q, stops.frames);
+  }
+  VectorXd values(stops.q.cols());
+  for (Index c = 0; c < values.size(); ++c) {
+    values[c] = raw_value(model, term, stops.signals, c);
+  }
+  return values;
+}
+
+bool has_no_unit_size(const EffectTerm& term) {
+  return term.group == EffectGroup::gain || (term.signal == DriveSignal::torque && term.play == 0.0);
+}
+
 // Takes off means, applies scales, and leaves out what N joint values do not tell apart.
-std::vector<EffectTerm> told_apart(const ErrorModel& model, const std::vector<EffectTerm>& terms, const MatrixXd& q,
-                                   const std::vector<JointFrames>& frames) {
+std::vector<EffectTerm> told_apart(const ErrorModel& model, const std::vector<EffectTerm>& terms, const Stops& stops) {
+  const Index stop_count = stops.q.cols();
   std::vector<EffectTerm> kept;
-  MatrixXd basis(q.cols(), 0);
+  MatrixXd basis(stop_count, 0);
   std::pair<int, EffectAxis> moved = {-1, EffectAxis::own};
   for (EffectTerm term : terms) {
     if (std::pair(term.index, term.axis) != moved) {
       moved = {term.index, term.axis};
-      basis.resize(q.cols(), 0);
+      basis.resize(stop_count, 0);
     }
-    VectorXd values = raw_values(model, term, q, frames);
-    term.mean = values.mean();
-    values.array() -= term.mean;
-    term.scale = values.norm() / std::sqrt(static_cast<double>(q.cols()));
-    if (!(term.scale > (term.group == EffectGroup::gain ? 0.0 : kLeastScale))) {
+    VectorXd values = values_at(model, term, stops);
+    const auto known = static_cast<double>(stop_count - values.array().isNaN().count());
+    term.mean = values.array().isNaN().select(0.0, values).sum() / known;
+    values = values.array().isNaN().select(0.0, values.array() - term.mean).matrix();
+    term.scale = values.norm() / std::sqrt(known);
+    if (!(term.scale > (has_no_unit_size(term) ? 0.0 : kLeastScale))) {
       continue;
     }
     VectorXd rest = values.normalized();
@@ -197,7 +248,8 @@ std::vector<EffectTerm> told_apart(const ErrorModel& model, const std::vector<Ef
 
 }  // namespace
 
-std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const MatrixXd& joint_values) {
+std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const MatrixXd& joint_values,
+                                     const DriveSignals& signals) {
   require_count("joint values", joint_values.rows(), model.joints.size());
   if (group == EffectGroup::tables) {
     return table_terms(model, joint_values, std::numbers::pi / 6.0);
@@ -205,7 +257,7 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
   if (joint_values.cols() == 0) {
     return {};
   }
-  const std::vector<JointFrames> frames = joint_frames_of_all(model, joint_values);
+  const Stops stops{.q = joint_values, .signals = signals, .frames = joint_frames_of_all(model, joint_values)};
   std::vector<EffectTerm> all;
   for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
     if (group == EffectGroup::gravity) {
@@ -215,13 +267,15 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
     } else if (group == EffectGroup::gain) {
       all.push_back(term_of(model, joint, group));
     } else if (group == EffectGroup::backlash) {
-      add_backlash(model, joint, joint_values, frames, all);
+      add_backlash(model, joint, stops, all);
+    } else if (group == EffectGroup::torque) {
+      add_torque(model, joint, stops, all);
     } else if (!slides(model, joint)) {
       group == EffectGroup::ripple ? add_swing(model, joint, group, kUsualRipple, all)
                                    : add_harmonics(model, joint, all);
     }
   }
-  return told_apart(model, all, joint_values, frames);
+  return told_apart(model, all, stops);
 }
 
 std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& joint_values, std::size_t joint,
@@ -230,7 +284,9 @@ std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& jo
   require_index("the joint", joint, model.joints.size());
   std::vector<EffectTerm> pair;
   add_swing(model, joint, EffectGroup::ripple, times_a_turn, pair);
-  return told_apart(model, pair, joint_values, joint_frames_of_all(model, joint_values));
+  const DriveSignals none;
+  return told_apart(model, pair,
+                    {.q = joint_values, .signals = none, .frames = joint_frames_of_all(model, joint_values)});
 }
 
 std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joint_values, double length) {
@@ -256,6 +312,19 @@ std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joi
     }
   }
   return result;
+}
+
+MatrixXd gravity_torques(const ErrorModel& model, const MatrixXd& joint_values) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  MatrixXd torques(joint_values.rows(), joint_values.cols());
+  const std::vector<JointFrames> frames = joint_frames_of_all(model, joint_values);
+  for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
+    const EffectTerm term = loaded_equally(model, joint);
+    for (std::size_t c = 0; c < frames.size(); ++c) {
+      torques(static_cast<Index>(joint), static_cast<Index>(c)) = torque(model, term, frames[c]);
+    }
+  }
+  return torques;
 }
 
 std::vector<EffectTerm> load_terms(const ErrorModel& model) {

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <memory_resource>
 
@@ -19,8 +20,8 @@ using Eigen::Ref;
 using Eigen::VectorXd;
 
 const char* to_string(EffectGroup group) {
-  constexpr std::array<const char*, kEffectGroups> kNames = {"gravity",   "transverse", "gain",  "backlash",
-                                                             "harmonics", "ripple",     "tables"};
+  constexpr std::array<const char*, kEffectGroups> kNames = {"gravity",   "transverse", "gain",   "backlash",
+                                                             "harmonics", "ripple",     "tables", "torque"};
   return kNames[static_cast<std::size_t>(group)];
 }
 
@@ -73,8 +74,34 @@ Index motion_entry(const ErrorModel& model, const EffectTerm& term) {
   return static_cast<Index>(model.joints.size()) + 2 * term.index + (term.axis == EffectAxis::across_y ? 1 : 0);
 }
 
-MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values) {
+namespace {
+
+// What the term is of that moves its joint; nothing where it is a function of what is not known.
+double scaled(const EffectTerm& term, double raw) { return std::isnan(raw) ? 0.0 : (raw - term.mean) / term.scale; }
+
+void require_signals(const char* what, const MatrixXd& signals, const MatrixXd& joint_values) {
+  if (signals.size() > 0) {
+    require_count(what, signals.rows(), joint_values.rows());
+    require_count(what, signals.cols(), joint_values.cols());
+  }
+}
+
+}  // namespace
+
+bool needs_torques(const ErrorModel& model) {
+  return std::any_of(model.effects.begin(), model.effects.end(),
+                     [](const EffectTerm& term) { return term.signal == DriveSignal::torque; });
+}
+
+bool misses_approach(const EffectTerm& term, const DriveSignals& signals, Index column) {
+  return term.signal == DriveSignal::approach &&
+         (signals.approach.size() == 0 || std::isnan(signals.approach(term.index, column)));
+}
+
+MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values, const DriveSignals& signals) {
   require_count("joint values", joint_values.rows(), model.joints.size());
+  require_signals("directions of approach", signals.approach, joint_values);
+  require_signals("torques", signals.torques, joint_values);
   MatrixXd basis(static_cast<Index>(model.effects.size()), joint_values.cols());
   if (model.effects.empty()) {
     return basis;
@@ -83,7 +110,9 @@ MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values) {
     const JointFrames frames = joint_frames(model, joint_values.col(c));
     for (std::size_t e = 0; e < model.effects.size(); ++e) {
       const EffectTerm& term = model.effects[e];
-      basis(static_cast<Index>(e), c) = (raw_value(model, term, joint_values.col(c), frames) - term.mean) / term.scale;
+      basis(static_cast<Index>(e), c) =
+          scaled(term, term.signal == DriveSignal::none ? raw_value(model, term, joint_values.col(c), frames)
+                                                        : raw_value(model, term, signals, c));
     }
   }
   return basis;
@@ -102,7 +131,7 @@ void effect_motion(const ErrorModel& model, const VectorXd& values, const Ref<co
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const EffectTerm& term = model.effects[e];
     motion[motion_entry(model, term)] +=
-        values[static_cast<Index>(e)] * (raw_value(model, term, q, frames) - term.mean) / term.scale;
+        values[static_cast<Index>(e)] * scaled(term, raw_value(model, term, q, frames));
   }
 }
 
@@ -111,6 +140,14 @@ MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values,
     return joint_values;
   }
   return effective_joint_values(model, values, joint_values, effect_basis(model, joint_values));
+}
+
+MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values,
+                                const DriveSignals& signals) {
+  if (values.size() == 0 || values.isZero(0.0)) {
+    return joint_values;
+  }
+  return effective_joint_values(model, values, joint_values, effect_basis(model, joint_values, signals));
 }
 
 MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values,

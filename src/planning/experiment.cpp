@@ -107,6 +107,7 @@ MatrixXd information(const Experiment& experiment, const Measurements& measureme
     matched.targets.push_back(target.name);
   }
   Estimate estimate{.errors = experiment.errors, .targets = experiment.targets};
+  estimate.effects = VectorXd::Zero(static_cast<Index>(experiment.model.effects.size()));
   if (experiment.noise.tracker) {
     estimate.X_WB =
         register_base_and_targets(flange_poses(folded(experiment.model, experiment.errors), matched.joint_values),

@@ -3,11 +3,13 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <set>
 #include <string>
 
 #include "base/preconditions.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/observability.hpp"
@@ -22,7 +24,50 @@ constexpr int kRandomDraws = 200;
 constexpr double kAngleStep = 1e-3 * std::numbers::pi / 180.0;
 constexpr double kLengthStep = 1e-6;
 
-// What the choice is made from.
+constexpr double kUsualEffect = 3e-4;  // [rad or m] 1 sigma of a term
+
+// The terms of a group that a calibration has found, or that the candidates tell apart, as far as they are functions of
+// joint values. What the calibration knows of its terms comes with its covariance.
+std::vector<EffectTerm> planned_terms(const PlanRequest& request, const ErrorModel& model, EffectGroup group,
+                                      const MatrixXd& candidates) {
+  std::vector<EffectTerm> terms;
+  if (request.calibrated) {
+    const std::vector<EffectTerm>& found = request.calibrated->model.effects;
+    std::copy_if(found.begin(), found.end(), std::back_inserter(terms),
+                 [&](const EffectTerm& term) { return term.group == group && term.signal == DriveSignal::none; });
+    for (EffectTerm& term : terms) {
+      const std::optional<Eigen::Index> column = request.calibrated->free.column(term.name);
+      term.sigma = column && *column < request.calibrated->covariance.cols() ? 0.0 : term.sigma;
+    }
+  }
+  if (!terms.empty()) {
+    return terms;
+  }
+  if (group == EffectGroup::ripple) {
+    throw OptionError("effects",
+                      "how often a turn a joint ripples is not known, expected a calibration that has found it");
+  }
+  terms = effect_terms(model, group, candidates);
+  for (EffectTerm& term : terms) {
+    term.sigma = kUsualEffect;
+  }
+  return terms;
+}
+
+void add_effects(const PlanRequest& request, const MatrixXd& candidates, Experiment& experiment) {
+  constexpr double kMostNumbers = 5e8;  // that the candidates' information may fill
+  for (const EffectGroup group : request.effects) {
+    const std::vector<EffectTerm> terms = planned_terms(request, experiment.model, group, candidates);
+    experiment.model.effects.insert(experiment.model.effects.end(), terms.begin(), terms.end());
+  }
+  experiment.free = experiment.free.with_all(experiment.model, UnknownGroup::effects);
+  const auto columns = static_cast<double>(experiment.free.size());
+  if (0.5 * columns * columns * static_cast<double>(candidates.cols()) > kMostNumbers) {
+    throw OptionError("effects", "" + std::to_string(experiment.model.effects.size()) + " terms at " +
+                                     std::to_string(candidates.cols()) + " candidates, expected fewer of either");
+  }
+}
+
 // What a calibration tells of the experiment's columns, whatever it says of others; nothing of what it left open.
 MatrixXd known_information(const Experiment& experiment, const SavedCalibration& calibrated) {
   require_count("columns of a calibration's covariance", calibrated.covariance.cols(), calibrated.covariance.rows());
@@ -169,6 +214,12 @@ Plan make_plan(const PlanRequest& request) {
   if (request.calibrated && request.monte_carlo > 0) {
     throw InputError("the runs that try a plan repeat the measurements before it: a calibration does not have them");
   }
+  if (!request.effects.empty() && request.monte_carlo > 0) {
+    throw InputError("the runs that try a plan are of rigid arms, expected no effects beside them");
+  }
+  if (std::find(request.effects.begin(), request.effects.end(), EffectGroup::torque) != request.effects.end()) {
+    throw OptionError("effects", "no torque is measured before the arm is driven, expected groups other than torque");
+  }
   require_at_least("candidates", request.candidates, 1);
   require_at_least("configurations of the workspace", request.workspace, 0);
   if (request.measured) {
@@ -185,6 +236,9 @@ Plan make_plan(const PlanRequest& request) {
                            .threads = request.threads,
                            .angle_step = kAngleStep,
                            .length_step = kLengthStep});
+  if (!request.effects.empty()) {
+    add_effects(request, plan.drawn.joint_values.leftCols(request.candidates), plan.experiment);
+  }
   const SelectionTask among = selection_task(request, plan);
   plan.selection = select(request, plan.experiment, among);
 

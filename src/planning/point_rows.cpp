@@ -1,6 +1,7 @@
 #include "planning/point_rows.hpp"
 
 #include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
 
@@ -45,7 +46,10 @@ const Experiment& checked(const Experiment& experiment) {
 }  // namespace
 
 PointRows::PointRows(const Experiment& experiment)
-    : chain_(folded(checked(experiment).model, experiment.errors)),
+    : model_(checked(experiment).model),
+      chain_(folded(model_, experiment.errors)),
+      effects_(experiment.free.effects()),
+      effect_columns_(experiment.free.range(UnknownGroup::effects)),
       noise_(experiment.noise),
       targets_(experiment.targets) {
   twists_ = chain_twists(experiment.model, {.errors = experiment.errors}, experiment.free);
@@ -111,6 +115,12 @@ MatrixXd PointRows::in_basis(const MatrixXd& information) const {
 Matrix6Xd PointRows::jacobian(const Eigen::Ref<const VectorXd>& q) const {
   Matrix6Xd J;
   flange_jacobian(chain_, twists_, q, J);
+  if (!effects_.empty()) {
+    const MatrixXd basis = effect_basis(model_, q);
+    for (std::size_t i = 0; i < effects_.size(); ++i) {
+      J.col(effect_columns_.first + static_cast<Index>(i)) *= basis(static_cast<Index>(effects_[i]), 0);
+    }
+  }
   return J * basis_;
 }
 

@@ -55,8 +55,11 @@ public:
   Eigen::MatrixXd unpacked(const Eigen::VectorXd& features, double weight) const;
 
 private:
+  ErrorModel model_;
   FoldedChain chain_;
   std::vector<ParameterTwist> twists_;
+  std::vector<std::size_t> effects_;  // free terms of the model
+  ColumnRange effect_columns_;        // of them among the chain's
   PointBlock points_;
   PointBlock whitened_;     // where the noise has no direction
   Matrix6d whitened_gram_;  // S^T S of it

@@ -1,6 +1,7 @@
 #include "kdl_calibration/simulation.hpp"
 
 #include <algorithm>
+#include <set>
 
 #include "base/preconditions.hpp"
 #include "kdl_calibration/effect_terms.hpp"
@@ -23,6 +24,22 @@ std::vector<TargetFrame> published_targets(int count) {
     }
   }
   return targets;
+}
+
+std::vector<std::size_t> with_true_errors(const ErrorModel& model, const Reduction& reduction, bool complete) {
+  std::set<std::string> names(reduction.kept.begin(), reduction.kept.end());
+  for (const GaugeParameter& gauge : reduction.gauge) {
+    names.insert(gauge.name);
+  }
+  std::vector<std::size_t> result;
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    const ErrorParameter& parameter = model.parameters[p];
+    const bool of_base_link = parameter.kind != ParameterKind::joint_offset && parameter.frame == 0;
+    if (complete ? !of_base_link : names.count(parameter.name) > 0) {
+      result.push_back(p);
+    }
+  }
+  return result;
 }
 
 VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
@@ -59,10 +76,15 @@ VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB) {
 
 void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
                  double sigma, Random& random) {
+  add_effects(robot, groups, DrivenConfigurations{.joint_values = joint_values, .signals = {}}, sigma, random);
+}
+
+void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const DrivenConfigurations& driven,
+                 double sigma, Random& random) {
   require_sigma("the size of true effects", sigma);
   std::vector<double> coefficients(robot.truth.effects.begin(), robot.truth.effects.end());
   for (const EffectGroup group : groups) {
-    for (EffectTerm& term : effect_terms(robot.model, group, joint_values)) {
+    for (EffectTerm& term : effect_terms(robot.model, group, driven.joint_values, driven.signals)) {
       term.sigma = sigma;
       robot.model.effects.push_back(std::move(term));
       coefficients.push_back(sigma * random.normal());
@@ -70,6 +92,46 @@ void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, co
   }
   robot.truth.effects =
       Eigen::Map<const Eigen::VectorXd>(coefficients.data(), static_cast<Eigen::Index>(coefficients.size()));
+}
+
+namespace {
+
+Eigen::MatrixXd virtual_torques(const ErrorModel& model, const Eigen::MatrixXd& joint_values, Random& random) {
+  constexpr double kMass = 10.0;     // [kg]
+  constexpr double kGravity = 9.81;  // [m/s^2]
+  constexpr double kShare = 0.1;
+  constexpr double kLeast = 1.0;  // [Nm or N]
+  Eigen::MatrixXd torques = kMass * kGravity * gravity_torques(model, joint_values);
+  for (Eigen::Index j = 0; j < torques.rows(); ++j) {
+    const double scatter = std::max(kShare * torques.row(j).cwiseAbs().mean(), kLeast);
+    for (Eigen::Index c = 0; c < torques.cols(); ++c) {
+      torques(j, c) += scatter * random.normal();
+    }
+  }
+  return torques;
+}
+
+}  // namespace
+
+DrivenConfigurations driven_to(const ErrorModel& model, const Eigen::MatrixXd& stops, const Eigen::MatrixXd& before,
+                               const ToldByDrives& told) {
+  constexpr std::uint64_t kStream = 2;
+  require_count("joint values", stops.rows(), model.joints.size());
+  DrivenConfigurations result{.joint_values = stops, .signals = {}};
+  if (told.approach) {
+    Eigen::MatrixXd all(stops.rows(), before.cols() + stops.cols());
+    if (before.size() > 0) {
+      require_count("joint values before", before.rows(), model.joints.size());
+      all.leftCols(before.cols()) = before;
+    }
+    all.rightCols(stops.cols()) = stops;
+    result.signals.approach = directions_of_motion(all).rightCols(stops.cols());
+  }
+  if (told.torques) {
+    Random random(told.seed + static_cast<std::uint64_t>(before.cols()), kStream);
+    result.signals.torques = virtual_torques(model, stops, random);
+  }
+  return result;
 }
 
 namespace {
@@ -99,6 +161,12 @@ Eigen::Vector3d point_noise(const MeasuringNoise& noise, const Eigen::Vector3d& 
 
 Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
                      Random& random, Split split) {
+  return measure(robot, DrivenConfigurations{.joint_values = joint_values, .signals = {}}, noise, random, split);
+}
+
+Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driven, const MeasuringNoise& noise,
+                     Random& random, Split split) {
+  const Eigen::MatrixXd& joint_values = driven.joint_values;
   check(robot.truth, robot.model, robot.truth.targets.size());
   check({.independent = Eigen::Vector3d::Constant(noise.sigma),
          .tracker = noise.tracker,
@@ -112,6 +180,7 @@ Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_val
     result.joint_units.push_back(joint.type == JointType::prismatic ? JointUnit::metre : JointUnit::radian);
   }
   result.joint_values = joint_values;
+  result.signals = driven.signals;
   bool poses = false;
   for (const TargetFrame& target : robot.truth.targets) {
     result.targets.push_back(target.name);
@@ -124,8 +193,9 @@ Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_val
   for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
     result.configurations.push_back(std::to_string(c + 1));
     const Eigen::Isometry3d X_WF =
-        robot.truth.X_WB *
-        flange_pose(chain, effective_joint_values(robot.model, robot.truth.effects, joint_values.col(c)).col(0));
+        robot.truth.X_WB * flange_pose(chain, effective_joint_values(robot.model, robot.truth.effects,
+                                                                     joint_values.col(c), column(driven.signals, c))
+                                                  .col(0));
     for (int repeat = 1; repeat <= noise.repeats; ++repeat) {
       const Eigen::Vector3d drift = noise.common.isZero(0.0)
                                         ? Eigen::Vector3d(Eigen::Vector3d::Zero())

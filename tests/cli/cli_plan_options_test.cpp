@@ -307,6 +307,18 @@ std::vector<OptionCase> promise_options() {
        {"--noise-tracker", "1e-5,2e-6,4e-5,5e-6"},
        promises(tracker),
        kTasks + kTracker},
+      {"EffectsAreToBeLearntAsWell",
+       {"--effects", "gravity"},
+       [](const Effect& effect) {
+         EXPECT_TRUE(effect.without.json["effects"].empty());
+         const auto names = effect.with.json["effects"].get<std::vector<std::string>>();
+         EXPECT_THAT(names, ::testing::Each(::testing::StartsWith("gravity.")));
+         EXPECT_GT(names.size(), 10U);
+         EXPECT_EQ(effect.with.json["parameters"], effect.without.json["parameters"].get<std::size_t>() + names.size());
+         EXPECT_GT(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
+         EXPECT_TRUE(effect.with.json["sigma"]["floor"].is_null());
+       },
+       kTasks},
       {"PriorLengthIsOfLengths", {"--prior-length", "0.0002"}, promises({}, {.length = 2e-4}), kTasks},
       {"PriorAngleIsOfAngles", {"--prior-angle", "0.0001"}, promises({}, {.angle = 1e-4}), kTasks},
   };

@@ -145,6 +145,22 @@ std::vector<OptionCase> draw_options() {
                        EXPECT_GT(largest_shift(effect), 1e-4);
                        EXPECT_LT(largest_shift(effect), 2e-2);
                      })},
+      {"OrderGivesBacklashADirection",
+       {"--order"},
+       truth_changes({"effects/terms"},
+                     [](const Effect& effect) {
+                       const Measurements with = rows_of(effect.with);
+                       EXPECT_TRUE(rows_of(effect.without).order.empty());
+                       ASSERT_EQ(with.order.size(), with.observations.size());
+                       for (std::size_t i = 0; i < with.order.size(); ++i) {
+                         EXPECT_EQ(with.order[i], static_cast<std::int64_t>(i) + 1);
+                       }
+                       const Json terms = effect.with.file("t.json")["effects"]["terms"];
+                       EXPECT_EQ(terms.size(), effect.without.file("t.json")["effects"]["terms"].size() + 6);
+                       EXPECT_EQ(terms[0]["name"], "backlash.1.approach");
+                       EXPECT_EQ(with.joint_values, rows_of(effect.without).joint_values);
+                     }),
+       {"--effects", "backlash"}},
       {"EffectSigmaIsOfTheirCoefficients",
        {"--effect-sigma", "6e-4"},
        truth_changes({"effects/terms/*/coefficient", "effects/terms/*/sigma"},

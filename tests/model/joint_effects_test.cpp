@@ -9,10 +9,12 @@
 #include <kdl/chaindynparam.hpp>
 #include <numeric>
 
+#include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "refusal.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration {
@@ -317,6 +319,85 @@ TEST(JointEffects, TiltsTurnTheChainInFrontOfItsJoints) {
     const KDL::Chain tilted = tilted_chain(folded_chain(model, errors), moved.col(c).tail(10));
     EXPECT_LT(testing::difference(testing::kdl_pose(tilted, q.col(c)), expected), 1e-12);
   }
+}
+
+// Joint values with what the drives told there; some directions are not known.
+DrivenConfigurations driven_stops(const ErrorModel& model, Random& random) {
+  DrivenConfigurations driven;
+  driven.joint_values = random_configurations(limits_of(model.joints), 60, random);
+  driven.signals.approach = directions_of_motion(driven.joint_values);
+  driven.signals.torques.resizeLike(driven.joint_values);
+  for (double& torque : driven.signals.torques.reshaped()) {
+    torque = 200.0 + 500.0 * random.normal();
+  }
+  return driven;
+}
+
+TEST(JointEffects, OfTheDirectionOfApproachIsItsSignWhereItIsKnown) {
+  ErrorModel model = complete_model(fanuc());
+  Random random(11);
+  const auto [q, signals] = driven_stops(model, random);
+  model.effects = effect_terms(model, EffectGroup::backlash, q, signals);
+  std::erase_if(model.effects, [](const EffectTerm& term) { return term.signal == DriveSignal::none; });
+  ASSERT_EQ(model.effects.size(), 6U) << "also of the first and last joint, which no weight loads";
+  EXPECT_EQ(model.effects[0].name, "backlash.1.approach");
+  const Eigen::MatrixXd basis = effect_basis(model, q, signals);
+  for (Eigen::Index j = 0; j < 6; ++j) {
+    double sum = 0.0;
+    for (Eigen::Index c = 1; c < q.cols(); ++c) {
+      sum += q(j, c) > q(j, c - 1) ? 1.0 : -1.0;
+    }
+    const double mean = sum / 59.0;
+    for (Eigen::Index c = 1; c < q.cols(); ++c) {
+      const double sign = q(j, c) > q(j, c - 1) ? 1.0 : -1.0;
+      EXPECT_NEAR(basis(j, c), (sign - mean) / std::sqrt(1.0 - mean * mean), 1e-12);
+    }
+    EXPECT_EQ(basis(j, 0), 0.0) << "nobody knows how it came to the first";
+  }
+  EXPECT_TRUE(effect_basis(model, q).isZero(0.0)) << "without an order";
+  EXPECT_EQ(effective_joint_values(model, Eigen::VectorXd::Ones(6), q), q);
+  EXPECT_TRUE(misses_approach(model.effects[0], signals, 0));
+  EXPECT_FALSE(misses_approach(model.effects[0], signals, 1));
+}
+
+TEST(JointEffects, OfMeasuredTorquesAreTheTorqueAndItsSide) {
+  ErrorModel model = complete_model(fanuc());
+  Random random(12);
+  const auto [q, signals] = driven_stops(model, random);
+  model.effects = effect_terms(model, EffectGroup::torque, q, signals);
+  ASSERT_EQ(model.effects.size(), 12U);
+  EXPECT_EQ(model.effects[2].name, "torque.2");
+  EXPECT_EQ(model.effects[3].name, "torque.2.tanh");
+  const Eigen::MatrixXd basis = effect_basis(model, q, signals);
+  const Eigen::ArrayXd torque = signals.torques.row(1).transpose();
+  const Eigen::ArrayXd side = (torque / (0.15 * torque.abs().mean())).tanh();
+  for (const auto& [row, raw] : {std::pair{2, torque}, std::pair{3, side}}) {
+    const Eigen::ArrayXd centred = raw - raw.mean();
+    EXPECT_LT((basis.row(row).transpose().array() - centred / std::sqrt(centred.square().mean())).abs().maxCoeff(),
+              1e-12);
+  }
+  EXPECT_TRUE(needs_torques(model));
+}
+
+TEST(JointEffects, OfTorquesThatWereNotMeasuredAreRefused) {
+  ErrorModel model = complete_model(fanuc());
+  Random random(13);
+  auto [q, signals] = driven_stops(model, random);
+  EXPECT_TRUE(effect_terms(model, EffectGroup::torque, q).empty());
+  model.effects = effect_terms(model, EffectGroup::torque, q, signals);
+  EXPECT_THAT(testing::refusal([&] { effect_basis(model, q); }), ::testing::HasSubstr("no measured torque of joint_1"));
+  EXPECT_THAT(testing::refusal([&] {
+                CalibratedArm(model, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+                              Eigen::VectorXd::Ones(12));
+              }),
+              ::testing::HasSubstr("measured torques"));
+  signals.torques(2, 7) = std::nan("");
+  EXPECT_THAT(testing::refusal([&] { effect_basis(model, q, signals); }),
+              ::testing::HasSubstr("joint_3 at configuration number 8"));
+  EXPECT_THAT(testing::refusal([&] { effect_terms(model, EffectGroup::torque, q, signals); }),
+              ::testing::HasSubstr("joint_3"));
+  signals.torques.row(2).setConstant(std::nan(""));
+  EXPECT_EQ(effect_terms(model, EffectGroup::torque, q, signals).size(), 10U) << "one joint has no sensor";
 }
 
 TEST(JointEffects, BacklashLiesWhereGravityPulls) {

@@ -7,9 +7,11 @@
 #include <cmath>
 
 #include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/observability.hpp"
+#include "kdl_calibration/prediction.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
@@ -63,6 +65,41 @@ TEST(Experiment, LinearisesAsProductsOfMatricesDo) {
     // Ours are in the flange frame: the same inner products.
     const MatrixXd ours = point_jacobian(f.experiment, q.col(c));
     EXPECT_LT((ours.transpose() * ours - expected.transpose() * expected).cwiseAbs().maxCoeff(), 1e-10);
+  }
+}
+
+TEST(Experiment, EffectsMoveThePointsAsTheirMotionsOfTheJointsDo) {
+  Fixture f;
+  const MatrixXd q = f.configurations(60);
+  for (const EffectGroup group : {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::harmonics}) {
+    const std::vector<EffectTerm> terms = effect_terms(f.model, group, q);
+    f.experiment.model.effects.insert(f.experiment.model.effects.end(), terms.begin(), terms.end());
+  }
+  f.experiment.free = f.experiment.free.with_all(f.experiment.model, UnknownGroup::effects);
+  const auto terms = static_cast<Index>(f.experiment.model.effects.size());
+  ASSERT_GT(terms, 50);
+  constexpr double kStep = 1e-5;
+  for (const Index c : {Index{0}, Index{7}}) {
+    const MatrixXd ours = point_jacobian(f.experiment, q.col(c));
+    Estimate moved = f.nominal();
+    for (Index e = 0; e < terms; ++e) {
+      MatrixXd difference(3, 2);
+      for (const double step : {kStep, -kStep}) {
+        moved.effects = step * Eigen::VectorXd::Unit(terms, e);
+        const Eigen::Isometry3d X_BF = flange_poses(f.experiment.model, moved, q.col(c)).front();
+        for (Index t = 0; t < 2; ++t) {
+          const Eigen::Vector3d point =
+              X_BF * f.experiment.targets[static_cast<std::size_t>(t)].X_FT.translation() / (2.0 * step);
+          difference.col(t) = step > 0.0 ? point : Eigen::Vector3d(difference.col(t) + point);
+        }
+      }
+      const Index column = f.experiment.free.range(UnknownGroup::effects).first + e;
+      for (Index t = 0; t < 2; ++t) {  // ours are in the flange frame
+        const Eigen::Vector3d motion = ours.col(column).segment<3>(3 * t);
+        EXPECT_NEAR(motion.norm(), difference.col(t).norm(), 1e-8)
+            << f.experiment.model.effects[static_cast<std::size_t>(e)].name;
+      }
+    }
   }
 }
 

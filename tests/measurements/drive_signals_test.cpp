@@ -1,0 +1,133 @@
+#include "kdl_calibration/drive_signals.hpp"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <limits>
+
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/measurements_file.hpp"
+#include "refusal.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::MatrixXd;
+using ::testing::HasSubstr;
+
+constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+
+// Equal, what is not known included.
+::testing::AssertionResult same(const MatrixXd& a, const MatrixXd& b) {
+  if (a.rows() != b.rows() || a.cols() != b.cols()) {
+    return ::testing::AssertionFailure() << a.rows() << " x " << a.cols() << ", not " << b.rows() << " x " << b.cols();
+  }
+  for (Eigen::Index i = 0; i < a.size(); ++i) {
+    const double left = a.data()[i];
+    const double right = b.data()[i];
+    if (!(left == right || (std::isnan(left) && std::isnan(right)))) {
+      return ::testing::AssertionFailure() << "\n" << a << "\nis not\n" << b;
+    }
+  }
+  return ::testing::AssertionSuccess();
+}
+
+TEST(DriveSignals, DirectionsAreThoseOfTheLastMotion) {
+  MatrixXd stops(2, 5);
+  stops << 0.0, 0.1, 0.1 + 5e-7, -0.2, -0.2,  //
+      1.0, 1.0, 0.5, 0.5, 0.7;
+  MatrixXd expected(2, 5);
+  expected << kUnknown, 1.0, 1.0, -1.0, -1.0,  //
+      kUnknown, kUnknown, -1.0, -1.0, 1.0;
+  EXPECT_TRUE(same(directions_of_motion(stops), expected));
+  EXPECT_EQ(directions_of_motion(MatrixXd(2, 0)).cols(), 0);
+}
+
+const std::vector<std::string> kJoints = {"a", "b"};
+
+TEST(DriveSignals, ApproachIsTheMeanOverTheVisitsInTheOrderOfDriving) {
+  // Driven 1 -> 2 -> 1 -> 3 -> 2, in a file of another order; two targets of one visit count once.
+  const Measurements read = parse_measurements(
+      "configuration,repeat,target,a,b,x,y,z,order\n"
+      "1,1,A,0,0,0,0,0,1\n"
+      "1,1,B,0,0,0,0,0,2\n"
+      "1,2,A,0,0,0,0,0,4\n"
+      "2,1,A,1,2,0,0,0,3\n"
+      "2,2,A,1,2,0,0,0,9\n"
+      "3,1,A,3,-1,0,0,0,5\n",
+      kJoints);
+  MatrixXd expected(2, 3);
+  expected << -1.0, 0.0, 1.0,  // to 1 from 2 (its first visit is not known); to 2 from both sides; to 3 from 1
+      -1.0, 1.0, -1.0;
+  EXPECT_TRUE(same(read.signals.approach, expected));
+  EXPECT_TRUE(same(approach_directions(read), expected));
+  const Measurements last = subset(read, [](const Observation& o) { return o.configuration == 2; });
+  EXPECT_TRUE(same(last.signals.approach, expected.col(2))) << "where the arm came from stays";
+}
+
+TEST(DriveSignals, NothingIsKnownWithoutOrderAndTorques) {
+  const Measurements read = parse_measurements("configuration,target,a,b,x,y,z\n1,A,0,0,0,0,0\n", kJoints);
+  EXPECT_EQ(read.signals.approach.size(), 0);
+  EXPECT_EQ(read.signals.torques.size(), 0);
+}
+
+TEST(DriveSignals, TorquesAreMeansOverTheRowsOfAConfiguration) {
+  const Measurements read = parse_measurements(
+      "configuration,target,a,b,x,y,z,tau_b[Nm]\n"
+      "1,A,0,0,0,0,0,10\n"
+      "1,B,0,0,0,0,0,13\n"
+      "2,A,1,0,0,0,0,\n"
+      "3,A,2,0,0,0,0,-4\n",
+      kJoints);
+  MatrixXd expected(2, 3);
+  expected << kUnknown, kUnknown, kUnknown, 11.5, kUnknown, -4.0;
+  EXPECT_TRUE(same(read.signals.torques, expected));
+  const Measurements again = parse_measurements(measurements_csv(read), kJoints);
+  EXPECT_TRUE(same(again.signals.torques, expected)) << measurements_csv(read);
+  EXPECT_THAT(measurements_csv(read), ::testing::Not(HasSubstr("tau_a")));
+}
+
+TEST(DriveSignals, BehindAConventionTorquesDoTheSameWork) {
+  JointConvention convention{.name = "coupled", .controller_joints = {"J1", "J2"}, .urdf_joints = kJoints};
+  convention.matrix.resize(2, 2);
+  convention.matrix << -2.0, 0.0, 1.0, 1.0;
+  convention.offset = Eigen::Vector2d(0.3, -0.1);
+  const Measurements read = parse_measurements(
+      "configuration,target,J1,J2,x,y,z,tau_J1,tau_J2\n1,A,0.1,0.2,0,0,0,7,-3\n", kJoints, &convention);
+  const Eigen::Vector2d stated(7.0, -3.0);
+  for (const Eigen::Vector2d& motion : {Eigen::Vector2d(1.0, 0.0), Eigen::Vector2d(0.0, 1.0)}) {
+    EXPECT_NEAR(read.signals.torques.col(0).dot(convention.matrix * motion), stated.dot(motion), 1e-12);
+  }
+  const Measurements one =
+      parse_measurements("configuration,target,J1,J2,x,y,z,tau_J2\n1,A,0.1,0.2,0,0,0,-3\n", kJoints, &convention);
+  EXPECT_TRUE(std::isnan(one.signals.torques(0, 0))) << "that of a follows from both";
+  EXPECT_DOUBLE_EQ(one.signals.torques(1, 0), -3.0);
+}
+
+TEST(DriveSignals, JoinedOnesStandSideBySideWhereBothHaveThem) {
+  DriveSignals first{.approach = MatrixXd::Constant(2, 3, 1.0), .torques = MatrixXd::Constant(2, 3, 5.0)};
+  DriveSignals second{.approach = MatrixXd::Constant(2, 1, -1.0), .torques = {}};
+  const DriveSignals both = side_by_side(first, second);
+  ASSERT_EQ(both.approach.cols(), 4);
+  EXPECT_EQ(both.approach(0, 2), 1.0);
+  EXPECT_EQ(both.approach(1, 3), -1.0);
+  EXPECT_EQ(both.torques.size(), 0);
+}
+
+TEST(DriveSignals, OfAnotherSizeAreRefused) {
+  Measurements read = parse_measurements("configuration,target,a,b,x,y,z\n1,A,0,0,0,0,0\n", kJoints);
+  read.signals.torques = MatrixXd::Zero(2, 2);
+  EXPECT_THAT(testing::refusal([&] { averaged(read); }), HasSubstr("2 x 2 torques, expected 2 x 1"));
+  read.signals.torques.resize(0, 0);
+  read.signals.approach = MatrixXd::Constant(2, 1, std::numeric_limits<double>::infinity());
+  EXPECT_THAT(testing::refusal([&] { averaged(read); }), HasSubstr("directions of approach that are infinite"));
+}
+
+TEST(DriveSignals, TorquesInAnotherUnitAreRefused) {
+  EXPECT_THAT(testing::refusal([&] { parse_measurements(testing::fanuc(), "configuration,target,tau_joint_2[N]\n"); }),
+              ::testing::AllOf(HasSubstr("'N'"), HasSubstr("[Nm]")));
+}
+
+}  // namespace
+}  // namespace kdl_calibration
