@@ -61,6 +61,18 @@ void order_columns(LaneWorkspace& work) {
   }
 }
 
+// Where the kept point `k` is expected in the flange frame.
+Vector3d kept_target(const LaneGroup& group, std::size_t k, const Estimate& estimate) {
+  if (group.mixing.size() == 0) {
+    return estimate.targets[group.targets[k]].X_FT.translation();
+  }
+  Vector3d target = Vector3d::Zero();
+  for (std::size_t l = 0; l < group.targets.size(); ++l) {
+    target += group.share(k, l) * estimate.targets[group.targets[l]].X_FT.translation();
+  }
+  return target;
+}
+
 // sum sqrt(w_k): the weight of the mean of the points with the weights sqrt(w_k), and the group of these means. The sum
 // of sqrt(w_k) e_k over the points is W (z - t) for such a single point.
 struct Means {
@@ -74,13 +86,15 @@ Means means_of(const LaneGroup& group, const Estimate& estimate) {
   Means means;
   for (std::size_t k = 0; k < points; ++k) {
     means.W += std::sqrt(group.weights[k]);
-    means.target += std::sqrt(group.weights[k]) * estimate.targets[group.targets[k]].X_FT.translation();
+    means.target += std::sqrt(group.weights[k]) * kept_target(group, k, estimate);
   }
   means.target /= means.W;
   const std::size_t joints = group.joints;
   const std::size_t blocks = group.data.size() / group.rows();
   means.group = {.targets = {0},
                  .weights = {means.W * means.W},
+                 .mixing = {},
+                 .information = {},
                  .joints = joints,
                  .configurations = group.configurations,
                  .data = std::vector<LaneRow>(blocks * (joints + 3))};
@@ -157,14 +171,14 @@ double LanePass::sum(const LaneGroup& group, const Estimate& estimate, bool cost
   Vector3d centre = Vector3d::Zero();
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
     weight += group.weights[k];
-    centre += group.weights[k] * estimate.targets[group.targets[k]].X_FT.translation();
+    centre += group.weights[k] * kept_target(group, k, estimate);
   }
   centre /= weight;
   Matrix3d spread = Matrix3d::Zero();
   input.points.resize(group.targets.size());
   input.weights = group.weights;
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
-    const Vector3d t = estimate.targets[group.targets[k]].X_FT.translation() - centre;
+    const Vector3d t = kept_target(group, k, estimate) - centre;
     spread += group.weights[k] / weight * (t.squaredNorm() * Matrix3d::Identity() - t * t.transpose());
     input.points[k] = {t.x(), t.y(), t.z()};
   }
@@ -197,19 +211,35 @@ void LanePass::add_group(const LaneGroup& group, double weight, const LaneWorksp
     const Vector3d w(&sums.twist[6 * i + 3]);
     for (std::size_t k = 0; k < group.targets.size(); ++k) {
       const Vector3d coupling = group.weights[k] * (v + w.cross(Vector3d(work.input.points[k].data())));
-      for (std::size_t c = 0; c < 3; ++c) {
-        if (const int column = unknowns_.target_columns(group.targets[k])[c]; column >= 0) {
-          equations.hessian(a, column) += coupling[static_cast<Index>(c)];
-        }
-      }
+      visit_targets(group, k, [&](Index column, std::size_t c, double share) {
+        equations.hessian(a, column) += share * coupling[static_cast<Index>(c)];
+      });
     }
   }
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
+    visit_targets(group, k, [&](Index column, std::size_t c, double share) {
+      equations.gradient[column] += share * sums.force[3 * k + c];
+      visit_targets(group, k, [&](Index other, std::size_t of_other, double share_of_other) {
+        if (c == of_other) {
+          equations.hessian(column, other) +=
+              static_cast<double>(group.configurations) * group.weights[k] * share * share_of_other;
+        }
+      });
+    });
+  }
+}
+
+// Calls visitor(column, coordinate, share) for each free coordinate of the targets in the kept point `k`.
+template <class Visitor>
+void LanePass::visit_targets(const LaneGroup& group, std::size_t k, Visitor visitor) const {
+  for (std::size_t l = group.mixing.size() == 0 ? k : 0; l < group.targets.size(); ++l) {
     for (std::size_t c = 0; c < 3; ++c) {
-      if (const int column = unknowns_.target_columns(group.targets[k])[c]; column >= 0) {
-        equations.gradient[column] += sums.force[3 * k + c];
-        equations.hessian(column, column) += static_cast<double>(group.configurations) * group.weights[k];
+      if (const int column = unknowns_.target_columns(group.targets[l])[c]; column >= 0) {
+        visitor(static_cast<Index>(column), c, group.share(k, l));
       }
+    }
+    if (group.mixing.size() == 0) {
+      return;
     }
   }
 }
@@ -229,21 +259,29 @@ void LanePass::add_sums(const LaneGroup& group, const Estimate& estimate, LaneWo
   summary.pairs += count * 3.0 * static_cast<double>(points * (points - 1)) / 2.0;
   summary.measured_rows += static_cast<Index>(3 * points * group.configurations);
   summary.sums.topLeftCorner(chain, chain) += own.hessian.topLeftCorner(chain, chain);
-  for (std::size_t k = 0; k < points; ++k) {
+  // The root of a target's weight in the sum over the points.
+  const auto root = [&](std::size_t l) {
+    double sum = 0.0;
+    for (std::size_t k = 0; k < points; ++k) {
+      sum += std::sqrt(group.weights[k]) * group.share(k, l);
+    }
+    return sum;
+  };
+  for (std::size_t l = 0; l < points; ++l) {
     for (std::size_t c = 0; c < 3; ++c) {
-      const int column = unknowns_.target_columns(group.targets[k])[c];
+      const int column = unknowns_.target_columns(group.targets[l])[c];
       if (column < 0) {
         continue;
       }
       for (std::size_t i = 0; i < work.order.size(); ++i) {
         const auto a = static_cast<Index>(work.order[i]);
-        const double value = means.W * std::sqrt(group.weights[k]) * work.sums.twist[6 * i + c];
+        const double value = means.W * root(l) * work.sums.twist[6 * i + c];
         summary.sums(a, column) += value;
         summary.sums(column, a) += value;
       }
-      for (std::size_t l = 0; l < points; ++l) {
-        if (const int other = unknowns_.target_columns(group.targets[l])[c]; other >= 0) {
-          summary.sums(column, other) += count * std::sqrt(group.weights[k] * group.weights[l]);
+      for (std::size_t m = 0; m < points; ++m) {
+        if (const int other = unknowns_.target_columns(group.targets[m])[c]; other >= 0) {
+          summary.sums(column, other) += count * root(l) * root(m);
         }
       }
     }

@@ -37,6 +37,8 @@ public:
 private:
   void prepare(const Estimate& estimate, LaneWorkspace& workspace) const;
   double sum(const LaneGroup& group, const Estimate& estimate, bool cost_only, LaneWorkspace& workspace) const;
+  template <class Visitor>
+  void visit_targets(const LaneGroup& group, std::size_t k, Visitor visitor) const;
   void add_group(const LaneGroup& group, double weight, const LaneWorkspace& workspace,
                  NormalEquations& equations) const;
   void add_sums(const LaneGroup& group, const Estimate& estimate, LaneWorkspace& workspace,

@@ -1,6 +1,9 @@
 #include "estimation/observed_data.hpp"
 
+#include <Eigen/Dense>
 #include <map>
+#include <optional>
+#include <utility>
 
 #include "estimation/chain_kernel.hpp"
 #include "kdl_calibration/joint_effects.hpp"
@@ -9,25 +12,64 @@ namespace kdl_calibration {
 namespace {
 
 using Eigen::Index;
+using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// By their targets' weights, 0 where a target was not measured.
-std::vector<double> weights_of(const ObservedConfiguration& configuration, std::size_t targets) {
-  std::vector<double> weights(targets, 0.0);
+// By their targets' weights, 0 where a target was not measured, and where points are correlated by their information.
+std::vector<double> sort_of(const ObservedConfiguration& configuration, std::size_t targets) {
+  std::vector<double> sort(targets, 0.0);
   for (const ObservedPoint& point : configuration.points) {
-    weights[point.target] = point.weight;
+    sort[point.target] = configuration.information ? 1.0 : point.weight;
   }
-  return weights;
+  if (configuration.information) {
+    const MatrixXd& information = *configuration.information;
+    sort.insert(sort.end(), information.data(), information.data() + information.size());
+  }
+  return sort;
 }
 
-LaneGroup group_for(const ObservedConfiguration& configuration, Index joints) {
-  LaneGroup group{.targets = {}, .weights = {}, .joints = static_cast<std::size_t>(joints), .columns = {}, .data = {}};
+// False where points that are not correlated would be made of others with a loss of digits.
+bool separate(LaneGroup& group) {
+  constexpr double kMostMixing = 1e4;
+  const auto points = static_cast<Index>(group.targets.size());
+  MatrixXd W(points, points);
+  for (Index k = 0; k < points; ++k) {
+    for (Index l = 0; l < points; ++l) {
+      W(k, l) = (*group.information)(3 * k, 3 * l);
+    }
+  }
+  const MatrixXd U = W.llt().matrixU();
+  const VectorXd sums = U.rowwise().sum();
+  group.mixing = sums.cwiseInverse().asDiagonal() * U;
+  group.weights.assign(sums.begin(), sums.end());
+  for (double& weight : group.weights) {
+    weight *= weight;
+  }
+  return sums.minCoeff() > 0.0 && group.mixing.cwiseAbs().maxCoeff() < kMostMixing;
+}
+
+std::optional<LaneGroup> group_for(const ObservedConfiguration& configuration, Index joints) {
+  LaneGroup group{.targets = {},
+                  .weights = {},
+                  .mixing = {},
+                  .information = configuration.information,
+                  .joints = static_cast<std::size_t>(joints),
+                  .columns = {},
+                  .data = {}};
   for (const ObservedPoint& point : configuration.points) {
     group.targets.push_back(point.target);
     group.weights.push_back(point.weight);
   }
+  if (group.information && !separate(group)) {
+    return std::nullopt;
+  }
   return group;
+}
+
+bool is_alike_in_every_direction(const NoiseModel& noise) {
+  return !noise.tracker && noise.independent.isConstant(noise.independent.x(), 0.0) &&
+         noise.common.isConstant(noise.common.x(), 0.0);
 }
 
 // Groups keep joint values alone.
@@ -37,7 +79,7 @@ bool asks_for_signals(const ErrorModel& model) {
 }
 
 bool could_be_alike(const Unknowns& unknowns, const Measurements& measurements, const NoiseModel& noise) {
-  return noise.is_isotropic() && measurements.orientations.empty() && unknowns.effects().empty() &&
+  return is_alike_in_every_direction(noise) && measurements.orientations.empty() && unknowns.effects().empty() &&
          (measurements.joint_values.array().abs() <= kLargestAngle).all();
 }
 
@@ -50,11 +92,15 @@ bool gather_groups(const Measurements& measurements, const ResidualOptions& opti
   const Index joints = measurements.joint_values.rows();
   while (const ObservedConfiguration* configuration = gathering.next()) {
     if (data.groups.empty() || !data.groups[number].takes(*configuration)) {
-      const std::vector<double> weights = weights_of(*configuration, measurements.targets.size());
-      const auto [found, is_new] = numbers.emplace(weights, data.groups.size());
+      const auto [found, is_new] =
+          numbers.emplace(sort_of(*configuration, measurements.targets.size()), data.groups.size());
       number = found->second;
       if (is_new) {
-        data.groups.push_back(group_for(*configuration, joints));
+        std::optional<LaneGroup> group = group_for(*configuration, joints);
+        if (!group) {
+          return false;
+        }
+        data.groups.push_back(std::move(*group));
       }
     }
     LaneGroup& group = data.groups[number];
@@ -77,9 +123,11 @@ bool gather_groups(const Measurements& measurements, const ResidualOptions& opti
 bool LaneGroup::takes(const ObservedConfiguration& configuration) const {
   bool alike = configuration.points.size() == targets.size();
   for (std::size_t k = 0; alike && k < targets.size(); ++k) {
-    alike = configuration.points[k].target == targets[k] && configuration.points[k].weight == weights[k];
+    alike = configuration.points[k].target == targets[k] &&
+            (information != nullptr || configuration.points[k].weight == weights[k]);
   }
-  return alike;
+  return alike && (configuration.information == information ||
+                   (configuration.information && information && *configuration.information == *information));
 }
 
 void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const ObservedConfiguration& configuration) {
@@ -94,8 +142,15 @@ void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const ObservedConfig
     write(i, q[static_cast<Index>(i)]);
   }
   for (std::size_t k = 0; k < targets.size(); ++k) {
+    Vector3d kept = configuration.points[k].position;
+    if (information) {
+      kept.setZero();
+      for (std::size_t l = 0; l < targets.size(); ++l) {
+        kept += share(k, l) * configuration.points[l].position;
+      }
+    }
     for (std::size_t i = 0; i < 3; ++i) {
-      write(joints + 3 * k + i, configuration.points[k].position[static_cast<Index>(i)]);
+      write(joints + 3 * k + i, kept[static_cast<Index>(i)]);
     }
   }
   columns.push_back(configuration.column);
@@ -108,12 +163,19 @@ void LaneGroup::read(std::size_t configuration, VectorXd& q, ObservedConfigurati
     q[static_cast<Index>(i)] = at(configuration, i);
   }
   points.points.resize(targets.size());
-  for (std::size_t k = 0; k < targets.size(); ++k) {
+  points.information = information;
+  for (std::size_t k = targets.size(); k-- > 0;) {  // `mixing` is upper triangular
     const std::size_t row = joints + 3 * k;
-    points.points[k].target = targets[k];
-    points.points[k].weight = weights[k];
-    points.points[k].position =
-        Vector3d(at(configuration, row), at(configuration, row + 1), at(configuration, row + 2));
+    ObservedPoint& point = points.points[k];
+    point.target = targets[k];
+    point.weight = information ? 0.0 : weights[k];
+    point.position = Vector3d(at(configuration, row), at(configuration, row + 1), at(configuration, row + 2));
+    if (information) {
+      for (std::size_t l = k + 1; l < targets.size(); ++l) {
+        point.position -= share(k, l) * points.points[l].position;
+      }
+      point.position /= share(k, k);
+    }
   }
 }
 

@@ -3,6 +3,7 @@
 // What was gathered of a set of measurements, in plain structs that the passes read. Not installed.
 
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 #include "estimation/lanes.hpp"
@@ -12,10 +13,16 @@
 
 namespace kdl_calibration {
 
-/// Configurations in which the same points were measured with the same isotropic weights, side by side.
+/// Configurations in which the same points were measured with the same weights, which are alike in every direction,
+/// side by side. Points whose errors are correlated, with information W = U^T U of them (U upper triangular), are kept
+/// as others that are not: mixing = S^-1 U with the sums of U's rows in S makes of the points z of a configuration, and
+/// of the targets' t, those with errors of their own and weights S^2, as the rows of `mixing` add up to 1.
 struct LaneGroup {
   std::vector<std::size_t> targets;
-  std::vector<double> weights;  // of each of them
+  std::vector<double> weights;  // of each point that is kept
+  Eigen::MatrixXd mixing;       // points that are kept x points; empty where they are the same
+  /// 3 points x 3 points, see ObservedConfiguration.
+  std::shared_ptr<const Eigen::MatrixXd> information;
   std::size_t joints = 0;
   std::size_t configurations = 0;
   std::vector<Eigen::Index> columns;  // of each configuration, in the measurements
@@ -26,6 +33,13 @@ struct LaneGroup {
     return data[configuration / kLanes * rows() + row].lanes[configuration % kLanes];
   }
   bool takes(const ObservedConfiguration& configuration) const;
+  /// Share of target `l` in the kept point `k`.
+  double share(std::size_t k, std::size_t l) const {
+    if (mixing.size() == 0) {
+      return k == l ? 1.0 : 0.0;
+    }
+    return mixing(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(l));
+  }
   void append(const Eigen::Ref<const Eigen::VectorXd>& q, const ObservedConfiguration& configuration);
   /// The joint values and the points of one.
   void read(std::size_t configuration, Eigen::VectorXd& q, ObservedConfiguration& points) const;
@@ -44,8 +58,8 @@ struct ObservedData {
   std::vector<Eigen::Index> columns() const;
 };
 
-/// Groups are worth while, and possible, where points alone were measured with isotropic noise, few of the
-/// configurations differ in what was measured of them, and no effect is free.
+/// Groups are worth while, and possible, where points alone were measured with noise that is alike in every direction,
+/// few of the configurations differ in what was measured of them, and no effect is free.
 ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
                       const ResidualOptions& options);
 

@@ -150,6 +150,10 @@ void Gathering::add_repeats() {
     return std::tuple(observation.repeat, observation.target);
   };
   std::stable_sort(rows_.begin(), rows_.end(), [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
+  if (is_like_the_last_single_repeat()) {
+    take_single_repeat();
+    return;
+  }
   const auto coordinates = static_cast<Index>(3 * points_.size());
   Information information{.sum = MatrixXd::Zero(coordinates, coordinates), .weighted = VectorXd::Zero(coordinates)};
   for (auto begin = rows_.cbegin(); begin != rows_.cend();) {
@@ -160,6 +164,59 @@ void Gathering::add_repeats() {
     begin = end;
   }
   take_means(information);
+  remember_single_repeat();
+}
+
+// Whether each point was measured once, all together, with noise that says nothing of where they are, and with the
+// sigmas and weights of a configuration before.
+bool Gathering::is_like_the_last_single_repeat() const {
+  if (single_.information == nullptr || rows_.size() != single_.rows.size()) {
+    return false;
+  }
+  const std::int32_t repeat = measurements_.observations[rows_.front()].repeat;
+  for (std::size_t i = 0; i < rows_.size(); ++i) {
+    const Observation& observation = measurements_.observations[rows_[i]];
+    const SingleRow& row = single_.rows[i];
+    if (observation.repeat != repeat || observation.target != row.target || observation.sigma != row.sigma ||
+        options_.row_weight(rows_[i]) != row.weight) {
+      return false;
+    }
+  }
+  return true;
+}
+
+void Gathering::take_single_repeat() {
+  for (const std::uint32_t row : rows_) {
+    const auto target = static_cast<std::size_t>(measurements_.observations[row].target);
+    points_[target].position = measurements_.observations[row].position;
+    seen_[target] = true;
+  }
+  totals_.equations += 3 * static_cast<long>(rows_.size());
+  totals_.points += static_cast<long>(rows_.size());
+  totals_.weight += single_.weight;
+  configuration_.information = single_.information;
+  take_seen_points();
+}
+
+void Gathering::remember_single_repeat() {
+  single_ = {};
+  const std::int32_t repeat = measurements_.observations[rows_.front()].repeat;
+  const bool single = std::all_of(rows_.begin(), rows_.end(),
+                                  [&](std::uint32_t row) { return measurements_.observations[row].repeat == repeat; });
+  const auto same_target = [&](std::uint32_t a, std::uint32_t b) {
+    return measurements_.observations[a].target == measurements_.observations[b].target;
+  };
+  const bool twice = std::adjacent_find(rows_.begin(), rows_.end(), same_target) != rows_.end();
+  if (!single || twice || options_.noise.tracker || !measurements_.orientations.empty()) {
+    return;
+  }
+  for (const std::uint32_t row : rows_) {
+    const Observation& observation = measurements_.observations[row];
+    single_.rows.push_back(
+        {.target = observation.target, .sigma = observation.sigma, .weight = options_.row_weight(row)});
+  }
+  single_.weight = configuration_.information->trace() / 3.0;
+  single_.information = configuration_.information;
 }
 
 void Gathering::add_repeat(RowIterator begin, RowIterator end, Information& information) {

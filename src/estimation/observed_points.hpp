@@ -55,12 +55,26 @@ private:
     Eigen::VectorXd weighted;  // sum of information times position
     double squares = 0.0;
   };
+  struct SingleRow {
+    std::int32_t target = 0;
+    double sigma = 0.0;
+    double weight = 1.0;
+  };
+  /// The last configuration in which each point was measured once, and what that was worth.
+  struct SingleRepeat {
+    std::vector<SingleRow> rows;
+    double weight = 0.0;
+    std::shared_ptr<const Eigen::MatrixXd> information;  // none: there was none
+  };
   using RowIterator = std::vector<std::uint32_t>::const_iterator;
 
   std::size_t row_at(std::size_t i) const { return order_.empty() ? i : order_[i]; }
   bool is_fitted(std::size_t row) const;
   void add_row(std::size_t row);
   void add_repeats();
+  bool is_like_the_last_single_repeat() const;
+  void take_single_repeat();
+  void remember_single_repeat();
   void add_repeat(RowIterator begin, RowIterator end, Information& information);
   void add_orientation(std::size_t row, double position_information, ObservedPoint& point);
   void take_means(const Information& information);
@@ -82,6 +96,7 @@ private:
   Eigen::MatrixXd inverse_;
   Eigen::MatrixXd of_repeats_;  // information of the means by the repeats alone
   Eigen::LLT<Eigen::MatrixXd> root_;
+  SingleRepeat single_;
 };
 
 }  // namespace kdl_calibration

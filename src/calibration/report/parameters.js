@@ -129,7 +129,7 @@ function parameters() {
 }
 
 const EFFECTS = { gravity: "joints that give way under the arm's weight", transverse: "bearings that do, across the axis", gain: "joint gains", backlash: "backlash",
-  harmonics: "eccentric encoders and gears", ripple: "ripple of the gears", tables: "tables of the joints" };
+  harmonics: "eccentric encoders and gears", ripple: "ripple of the gears", tables: "tables of the joints", torque: "joints that give way under their torque" };
 function effectFigure(entry) {
   const joint = JOINTS[entry.joint_index];
   const across = entry.about === "own" ? "" : `, ${entry.about} across its axis`;
