@@ -242,11 +242,14 @@ TEST(Identification, CorrelatedNoiseOfEveryKindIsThatOfTheWholeCovariance) {
   const Experiment experiment;
   Random random(20);
   const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  Measurements measured = measure(robot, random_configurations(published_ranges(experiment.model.joints), 15, random),
+  Measurements measured = measure(robot, random_configurations(published_ranges(experiment.model.joints), 42, random),
                                   {.sigma = 0.0002, .repeats = 2}, random);
   std::erase_if(measured.observations, [](const Observation& o) {
     return (o.configuration % 4 == 1 && o.repeat == 2) || (o.configuration % 5 == 2 && o.target == o.repeat);
   });
+  NoiseModel in_every_direction;  // which is fitted several configurations side by side
+  in_every_direction.independent.setConstant(1e-4);
+  in_every_direction.common.setConstant(3e-4);
   NoiseModel constant;
   constant.independent = Eigen::Vector3d(1e-4, 2e-4, 3e-4);
   constant.common = Eigen::Vector3d(3e-4, 0.0, 1e-4);
@@ -254,7 +257,7 @@ TEST(Identification, CorrelatedNoiseOfEveryKindIsThatOfTheWholeCovariance) {
   of_tracker.tracker = TrackerNoise{.range = 1e-4, .transverse = 1e-4, .transverse_per_metre = 2e-4};
   of_tracker.common.setConstant(1e-4);
   const Estimate estimate = nominal_start(experiment.model, measured);
-  for (const NoiseModel& noise : {constant, of_tracker}) {
+  for (const NoiseModel& noise : {constant, of_tracker, in_every_direction}) {
     for (const bool own_sigmas : {false, true}) {
       for (Observation& o : measured.observations) {
         o.sigma = own_sigmas && o.configuration % 3 == 0 ? 1e-4 * (1 + o.target + o.repeat) : 0.0;
@@ -267,6 +270,46 @@ TEST(Identification, CorrelatedNoiseOfEveryKindIsThatOfTheWholeCovariance) {
       EXPECT_LT((found.hessian - expected.hessian).norm(), 1e-11 * expected.hessian.norm());
     }
   }
+}
+
+TEST(Identification, WhatManyCorrelatedPointsSayIsWhatTheirRowsSay) {
+  const Experiment experiment;
+  Random random(21);
+  const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
+  const int count = static_cast<int>(LeastSquaresProblem::kManyConfigurations) + 13;
+  Measurements measured =
+      measure(robot, random_configurations(published_ranges(experiment.model.joints), count, random), {}, random);
+  std::erase_if(measured.observations, [](const Observation& o) { return o.configuration % 7 == 3 && o.target == 1; });
+  NoiseModel noise;
+  noise.independent.setConstant(3e-5);
+  noise.misfit = 2e-4;
+  noise.target_misfit = 4e-5;
+  const Estimate estimate = nominal_start(experiment.model, measured);
+  const LeastSquaresProblem problem(experiment.model, measured, experiment.free, {.noise = noise});
+  const WhitenedSystem rows = problem.whitened(estimate);
+  const NormalEquations found = problem.linearise(estimate);
+  const Eigen::MatrixXd hessian = rows.jacobian.transpose() * rows.jacobian;
+  const Eigen::VectorXd gradient = rows.jacobian.transpose() * rows.residual;
+  EXPECT_LT((found.hessian - hessian).norm(), 1e-11 * hessian.norm());
+  EXPECT_LT((found.gradient - gradient).norm(), 1e-9 * gradient.norm());
+  EXPECT_NEAR(found.cost, rows.residual.squaredNorm(), 1e-10 * found.cost);
+  EXPECT_NEAR(problem.cost(estimate), found.cost, 1e-12 * found.cost);
+  const WhitenedSummary summary = problem.whitened_summary(estimate);
+  const WhitenedSummary expected = summarised(rows);
+  EXPECT_LT((summary.triangle.transpose() * summary.triangle - hessian).norm(), 1e-10 * hessian.norm());
+  EXPECT_LT((summary.sums - expected.sums).norm(), 1e-10 * expected.sums.norm());
+  EXPECT_NEAR(summary.squares, expected.squares, 1e-10 * expected.squares);
+  EXPECT_NEAR(summary.squares_of_sums, expected.squares_of_sums, 1e-10 * expected.squares_of_sums);
+  EXPECT_EQ(summary.pairs, expected.pairs);
+  EXPECT_EQ(summary.measured_rows, expected.measured_rows);
+  // Of single repeats the configurations' misfit is one common to a repeat, the targets' one of the points.
+  NoiseModel as_repeats;
+  as_repeats.independent.setConstant(5e-5);
+  as_repeats.common.setConstant(2e-4);
+  const NormalEquations same =
+      LeastSquaresProblem(experiment.model, measured, experiment.free, {.noise = as_repeats}).linearise(estimate);
+  EXPECT_LT((found.hessian - same.hessian).norm(), 1e-10 * same.hessian.norm());
+  EXPECT_NEAR(found.cost, same.cost, 1e-10 * same.cost);
 }
 
 TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
