@@ -78,13 +78,9 @@ public:
 
   /// Of the prediction: minus the derivative of the residuals. No effects.
   Eigen::MatrixXd jacobian(const Estimate& estimate) const {
-    constexpr double kStep = 1e-5;
-    Eigen::MatrixXd J(equations_ + prior_count(), columns());
-    for (Eigen::Index c = 0; c < columns(); ++c) {
-      const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(columns(), c);
-      J.col(c) = (residuals(moved(estimate, -step)) - residuals(moved(estimate, step))) / (2.0 * kStep);
-    }
-    return J;
+    return central_differences(columns(), 1e-5, [&](const Eigen::VectorXd& step) {
+      return Eigen::VectorXd(-residuals(moved(estimate, step)));
+    });
   }
 
   /// Gauss-Newton from `start` until steps no longer matter.

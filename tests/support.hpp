@@ -79,6 +79,21 @@ inline Eigen::VectorXd random_joints(const ErrorModel& model, Random& random) {
   return q;
 }
 
+/// The derivative of a vector f(step) at no step, by central differences: one column for each of the step's
+/// coordinates.
+template <class Function>
+Eigen::MatrixXd central_differences(Eigen::Index coordinates, double size, const Function& f) {
+  Eigen::MatrixXd J;
+  for (Eigen::Index c = 0; c < coordinates; ++c) {
+    const Eigen::VectorXd step = size * Eigen::VectorXd::Unit(coordinates, c);
+    const Eigen::VectorXd above = f(step);
+    const Eigen::VectorXd below = f(Eigen::VectorXd(-step));
+    J.conservativeResize(above.size(), coordinates);
+    J.col(c) = (above - below) / (2.0 * size);
+  }
+  return J;
+}
+
 /// KDL's own answer.
 inline KDL::Frame kdl_pose(const KDL::Chain& chain, const Eigen::VectorXd& q) {
   KDL::JntArray joints(static_cast<unsigned>(q.size()));

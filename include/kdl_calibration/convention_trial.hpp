@@ -31,15 +31,15 @@ struct ConventionOptions {
   int threads = 0;  ///< 0: one per core
 };
 
-/// Tries other readings of the joint values, which were converted with `used`: with the
-/// convention (M, o) another one (M', o') gives q' = M' M^-1 (q - o) + o'. Tried are `others`, no convention where one
-/// was used; the opposite sign of each single joint, of the URDF's and, where `used` couples joints, of the
-/// controller's; degrees and radians exchanged for one joint or for all of them (millimetres and metres of a slide);
-/// two joints exchanged and all of them in reversed order; and, of joints with parallel axes, the sum or the difference
-/// of a joint and the one in front of it. Conventions for other joints than the measurements' are left out, and so are
-/// readings that are equal to another one. Each is registered from the nominal geometry, and fitted with `free` where
-/// that leaves less than twice what the present reading does; a fit with errors beyond any robot's (50 mm, 0.35 rad)
-/// counts with its registration alone. Best first, the present reading among them. Nothing is changed.
+/// Tries other readings of the joint values, which were converted with `used`: with the convention (M, o) another one
+/// (M', o') gives q' = M' M^-1 (q - o) + o'. Tried are `others`, no convention where one was used; the opposite sign of
+/// each single joint, of the URDF's and, where `used` couples joints, of the controller's; degrees and radians
+/// exchanged for one joint or for all of them (millimetres and metres of a slide); two joints exchanged and all of them
+/// in reversed order; and, of joints with parallel axes, the sum or the difference of a joint and the one in front of
+/// it. Conventions for other joints than the measurements' are left out, and so are readings that are equal to another
+/// one. Each is registered from the nominal geometry, and fitted with `free` where that leaves less than twice what the
+/// present reading does; a fit with errors beyond any robot's (50 mm, 0.35 rad) counts with its registration alone.
+/// Best first, the present reading among them. Nothing is changed.
 /// Throws InputError as identify_jointly does, and where `used` does not match the joints.
 std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
                                              const Unknowns& free, const ConventionOptions& options = {});

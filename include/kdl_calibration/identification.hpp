@@ -79,6 +79,22 @@ struct FitProblem {
 /// The same with other measurements, to which a reference is kept.
 FitProblem with_measurements(const FitProblem& problem, const Measurements& measurements);
 
+/// The problem of the training rows alone, without the weights of other rows. Keeps references to what the problem
+/// does.
+class TrainingProblem {
+public:
+  explicit TrainingProblem(const FitProblem& problem);
+  TrainingProblem(const TrainingProblem&) = delete;
+  TrainingProblem& operator=(const TrainingProblem&) = delete;
+
+  const FitProblem& operator*() const { return problem_; }
+  const TrainingRows& rows() const { return rows_; }
+
+private:
+  TrainingRows rows_;
+  FitProblem problem_;
+};
+
 /// identify_jointly, or identify_robustly where there is a loss.
 Identification fit(const FitProblem& problem);
 

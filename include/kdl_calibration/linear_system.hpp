@@ -13,6 +13,10 @@ struct NormalEquations {
   double cost = 0.0;         ///< sum e^T W e
 };
 
+/// What scales information to a unit diagonal, from both sides: one over the roots of its diagonal, 0 where there is
+/// none.
+Eigen::VectorXd unit_scale_of_information(const Eigen::Ref<const Eigen::MatrixXd>& information);
+
 /// R of information = R^T R, upper triangular; nothing where the columns, scaled to unit norm, are so close to
 /// depending on each other that a pivot is below 1e-3: figures made from R keep ten digits.
 std::optional<Eigen::MatrixXd> well_conditioned_root(const Eigen::MatrixXd& information);

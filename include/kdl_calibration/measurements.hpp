@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -66,6 +67,26 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
 /// are averaged over the rows that have one: the mean is the eigenvector of the largest eigenvalue of sum q q^T
 /// (Markley, Cheng, Crassidis and Oshman 2007, eq. 13), on the side of the first.
 Measurements averaged(const Measurements& measurements);
+
+/// The training rows of measurements, with all configurations and targets under their numbers: the measurements
+/// themselves where there are no other rows, else a copy. Keeps a reference to the measurements.
+class TrainingRows {
+public:
+  explicit TrainingRows(const Measurements& measurements);
+  explicit TrainingRows(Measurements&&) = delete;
+
+  const Measurements& operator*() const { return apart_ ? *apart_ : all_; }
+  /// Whether there are rows of another split.
+  bool has_others() const { return apart_.has_value(); }
+  /// Of the values of all rows those of the training rows; of no values none.
+  std::vector<double> values_of(std::vector<double> of_all) const;
+  /// The values of the training rows among all rows, of which the others get `other`; of no values none.
+  std::vector<double> among_all(std::vector<double> values, double other) const;
+
+private:
+  const Measurements& all_;
+  std::optional<Measurements> apart_;
+};
 
 /// The training rows of at most so many configurations, evenly spaced over those that have any.
 Measurements training_sample(const Measurements& measurements, std::size_t most_configurations);

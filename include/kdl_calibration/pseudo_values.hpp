@@ -6,7 +6,7 @@
 
 namespace kdl_calibration {
 
-/// Measurements whose plain least squares fit is the robust one, and as uncertain (Huber 1981, chapter 7): where a
+/// Training rows whose plain least squares fit is the robust one, and as uncertain (Huber 1981, chapter 7): where a
 /// point was off by e it is off by w e / B, with w the weight of its row and B the mean derivative of w(r) r.
 struct PseudoValues {
   Measurements measurements;
@@ -14,7 +14,7 @@ struct PseudoValues {
   double rows = 0.0;                ///< those with weight
 };
 
-/// `weights`: of the rows by this loss, at `estimate`.
+/// `weights`: of all rows by this loss, at `estimate`.
 PseudoValues pseudo_values(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                            Loss loss, const std::vector<double>& weights);
 

@@ -37,8 +37,8 @@ struct VirtualRobot {
 /// 100 mm from the flange in seeded directions.
 std::vector<TargetFrame> published_targets(int count = 3);
 
-/// Draws true errors for the parameters `with_errors` (indices into the model's), a base that is
-/// displaced from the measuring device's frame, and tools whose lengths are off.
+/// Draws true errors for the parameters `with_errors` (indices into the model's), a base that is displaced from the
+/// measuring device's frame, and tools whose lengths are off.
 VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
                            const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random);
 /// The same robot, standing that far from X_WB.

@@ -13,9 +13,7 @@ using Eigen::MatrixXd;
 std::vector<std::pair<std::int32_t, std::vector<std::size_t>>> rows_by_configuration(const Measurements& measurements) {
   std::map<std::int32_t, std::vector<std::size_t>> rows;
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    if (measurements.observations[row].split == Split::train) {
-      rows[measurements.observations[row].configuration].push_back(row);
-    }
+    rows[measurements.observations[row].configuration].push_back(row);
   }
   return {rows.begin(), rows.end()};
 }

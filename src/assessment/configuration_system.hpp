@@ -13,7 +13,7 @@
 
 namespace kdl_calibration {
 
-/// The training rows of each configuration by themselves.
+/// The rows of each configuration by themselves.
 std::vector<std::pair<std::int32_t, std::vector<std::size_t>>> rows_by_configuration(const Measurements& measurements);
 
 /// One configuration of the whitened system: B = J_c R^-1, e_c, and U of its information U^T U, whose columns are those

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "assessment/trial_fit.hpp"
+#include "base/degree.hpp"
 #include "base/parallel.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -23,7 +24,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kDegree = std::numbers::pi / 180.0;
 
 // What a joint value may have been meant in, and its factor where it was read as something else.
 struct Unit {
@@ -255,8 +255,9 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
           .all(options.others);
   const TrialFit fit{.model = model, .free = free, .registration = options.registration, .joint = options.joint};
   std::vector<Estimate> starts(trials.size());
+  const TrainingRows training(measurements);
   const auto reread = [&](std::size_t i) {
-    Measurements result = measurements;
+    Measurements result = *training;
     result.joint_values = trials[i].joint_values;
     return result;
   };

@@ -103,9 +103,7 @@ public:
       rows_[configuration] = std::move(rows);
     }
     for (std::size_t row = 0; row < means_.observations.size(); ++row) {
-      if (means_.observations[row].split == Split::train) {
-        rows_of_means_[means_.observations[row].configuration].push_back(row);
-      }
+      rows_of_means_[means_.observations[row].configuration].push_back(row);
     }
   }
 
@@ -237,7 +235,9 @@ FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector
   check(folds, task.problem.measurements);
   require_count("columns of a triangle", task.triangle.cols(), task.problem.free.size());
   require_sigma("the noise", task.noise);
-  const FoldPredictor predictor(task);
+  const TrainingProblem training(task.problem);
+  const FoldTask task_of_training{.problem = *training, .triangle = task.triangle, .noise = task.noise};
+  const FoldPredictor predictor(task_of_training);
   std::vector<std::vector<Index>> sorted = folds;
   std::vector<std::pair<std::size_t, std::size_t>> some{{0, 0}};  // first fold and the one behind the last
   std::size_t together = 0;
@@ -266,12 +266,10 @@ FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   };
   std::map<std::pair<std::int32_t, std::int32_t>, Cell> cells;
-  for (const Observation& observation : task.problem.measurements.observations) {
-    if (observation.split == Split::train) {
-      Cell& cell = cells[{observation.configuration, observation.target}];
-      cell.repeats += 1.0;
-      cell.sum += observation.position;
-    }
+  for (const Observation& observation : (*training).measurements.observations) {
+    Cell& cell = cells[{observation.configuration, observation.target}];
+    cell.repeats += 1.0;
+    cell.sum += observation.position;
   }
   FoldPrediction result;
   for (Part& part : parts) {

@@ -41,7 +41,7 @@ public:
     std::vector<std::unique_ptr<LeastSquaresProblem>> parts(folds.size());
     parallel_for(folds.size(), threads, [&](std::size_t f) {
       measurements_[f] = subset(problem.measurements, [&](const Observation& o) {
-        return o.split == Split::train && fold_of[static_cast<std::size_t>(o.configuration)] == f;
+        return fold_of[static_cast<std::size_t>(o.configuration)] == f;
       });
       parts[f] = std::make_unique<LeastSquaresProblem>(problem.model, measurements_[f], problem.free, residuals);
       at_start_[f] = parts[f]->linearise(problem.start);
@@ -88,8 +88,7 @@ private:
 
 // With the columns scaled to unit norm.
 VectorXd solved(const NormalEquations& equations) {
-  const VectorXd scale =
-      equations.hessian.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
+  const VectorXd scale = unit_scale_of_information(equations.hessian);
   const MatrixXd scaled = scale.asDiagonal() * equations.hessian * scale.asDiagonal();
   return scale.cwiseProduct(scaled.ldlt().solve(VectorXd(scale.cwiseProduct(equations.gradient))));
 }
@@ -101,7 +100,8 @@ HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std:
   check(problem);
   check(folds, problem.measurements);
   require_sigma("the noise", noise);
-  const Sums sums(problem, folds, threads);
+  const TrainingProblem training(problem);
+  const Sums sums(*training, folds, threads);
   const double settled = std::max(kSettled * noise, kRounding);
   std::vector<std::vector<double>> distances(folds.size());
   std::vector<int> open(folds.size(), 1);
@@ -117,7 +117,7 @@ HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std:
       estimate = problem.free.moved(estimate, move);
       open[f] = effect > settled ? 1 : 0;
     }
-    distances[f] = position_errors(problem.model, estimate, averaged(sums.measurements(f)), Rows::train);
+    distances[f] = position_errors(problem.model, estimate, averaged(sums.measurements(f)));
     if (problem.options.after_fit) {
       problem.options.after_fit();
     }

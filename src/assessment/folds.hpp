@@ -10,7 +10,7 @@
 
 namespace kdl_calibration {
 
-/// A fold predicted by a fit to all other training configurations. Points are ordered by configuration and target.
+/// A fold of training rows predicted by a fit to all others. Points are ordered by configuration and target.
 struct RefittedFold {
   std::vector<Eigen::Vector3d> residuals;    ///< [m] of the means of the repeats, along W
   std::vector<std::int32_t> configurations;  ///< of each, as in the measurements

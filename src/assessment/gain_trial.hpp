@@ -23,7 +23,7 @@ struct GainTrial {
 };
 
 /// Fits from `start`, which is rigid, without effects and with the gains of all joints beside what is free of base,
-/// targets and geometry. Nothing where those errors are beyond any robot's. Rows with Split::train alone.
+/// targets and geometry. Nothing where those errors are beyond any robot's. Of training rows.
 std::optional<GainTrial> try_gains(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                    const Unknowns& free);
 

@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include "base/preconditions.hpp"
+#include "kdl_calibration/linear_system.hpp"
 
 namespace kdl_calibration {
 
@@ -54,7 +55,7 @@ SizeEstimator::SizeEstimator(const LinearSums& sums, const std::vector<Index>& c
   std::copy_if(columns.begin(), columns.end(), std::back_inserter(free_),
                [&](Index column) { return !is_sized[static_cast<std::size_t>(column)]; });
   const MatrixXd A = sums.information(free_, free_);
-  const VectorXd scale = A.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
+  const VectorXd scale = unit_scale_of_information(A);
   const Eigen::LLT<MatrixXd> root(MatrixXd(scale.asDiagonal() * A * scale.asDiagonal()));
   determined_ = root.info() == Eigen::Success &&
                 (free_.empty() || root.matrixLLT().diagonal().minCoeff() > std::sqrt(kLeastPivot)) &&

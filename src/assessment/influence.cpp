@@ -51,8 +51,11 @@ Influence influence(const LeastSquaresProblem& problem, const Measurements& meas
   double decided = 0.0;  // by the measurements, not by priors
   double coordinates = 0.0;
   double points = 0.0;
-  const ConfigurationSystems systems(problem, measurements, residuals, estimate, R);
-  const auto configurations = rows_by_configuration(measurements);
+  const TrainingRows training(measurements);
+  ResidualOptions of_training = residuals;
+  of_training.row_weights = training.values_of(residuals.row_weights);
+  const ConfigurationSystems systems(problem, *training, of_training, estimate, R);
+  const auto configurations = rows_by_configuration(*training);
   std::vector<ConfigurationSystem> together;
   for (std::size_t c = 0; c < configurations.size(); ++c) {
     const std::size_t place = c % ConfigurationSystems::kTogether;

@@ -20,18 +20,13 @@ std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate&
                                         const Measurements& measurements) {
   check(measurements, model);
   check(estimate, model, measurements);
-  const Measurements means = averaged(measurements);
+  const Measurements means = averaged(*TrainingRows(measurements));
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, means);
-  std::vector<const Observation*> rows;
-  for (const Observation& o : means.observations) {
-    if (o.split == Split::train) {
-      rows.push_back(&o);
-    }
-  }
+  const std::vector<Observation>& rows = means.observations;
   const auto n = static_cast<Index>(rows.size());
   Eigen::MatrixX3d residuals(n, 3);
   for (Index r = 0; r < n; ++r) {
-    const Observation& o = *rows[static_cast<std::size_t>(r)];
+    const Observation& o = rows[static_cast<std::size_t>(r)];
     residuals.row(r) = o.position - predicted_point(estimate, X_BF, o);
   }
   const double total = residuals.squaredNorm();
@@ -39,7 +34,7 @@ std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate&
   for (Index j = 0; j < means.joint_values.rows(); ++j) {
     MatrixXd terms(n, 3);
     for (Index r = 0; r < n; ++r) {
-      const double q = means.joint_values(j, rows[static_cast<std::size_t>(r)]->configuration);
+      const double q = means.joint_values(j, rows[static_cast<std::size_t>(r)].configuration);
       terms.row(r) << 1.0, std::sin(q), std::cos(q);
     }
     const MatrixXd fitted = terms * terms.completeOrthogonalDecomposition().solve(residuals);
@@ -107,7 +102,7 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   check(measurements, model);
   check(estimate, model, measurements);
   check(free, model, measurements);
-  Measurements plain = measurements;
+  Measurements plain = *TrainingRows(measurements);
   for (Observation& observation : plain.observations) {
     observation.sigma = 0.0;
   }

@@ -28,7 +28,7 @@ void add_orientation_scatter(const Measurements& measurements, RepeatNoise& nois
   for (std::size_t row = 0; row < measurements.orientations.size(); ++row) {
     const Observation& o = measurements.observations[row];
     const Eigen::Quaterniond& measured = measurements.orientations[row];
-    if (o.split == Split::train && has_orientation(measured)) {
+    if (has_orientation(measured)) {
       auto& [mean, count] = cells[{o.configuration, o.target}];
       squares += rotation_log((mean.conjugate() * measured).toRotationMatrix()).squaredNorm();
       noise.orientation_degrees_of_freedom += ++count > 1 ? 1.0 : 0.0;
@@ -43,7 +43,8 @@ void add_orientation_scatter(const Measurements& measurements, RepeatNoise& nois
 
 RepeatNoise noise_from_repeats(const Measurements& measurements) {
   check(measurements);
-  const auto& rows = measurements.observations;
+  const TrainingRows training(measurements);
+  const auto& rows = (*training).observations;
   const auto other_repeat = [&](const Observation& o) { return o.repeat != rows.front().repeat; };
   if (std::none_of(rows.begin(), rows.end(), other_repeat)) {
     return {};
@@ -51,10 +52,8 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
   // Deviations of each repeat from the mean over the repeats, per configuration and target.
   using Repeats = std::map<std::int32_t, Vector3d>;  // repeat -> position
   std::map<std::int32_t, std::map<std::int32_t, Repeats>> cells;
-  for (const Observation& o : measurements.observations) {
-    if (o.split == Split::train) {
-      cells[o.configuration][o.target][o.repeat] = o.position;
-    }
+  for (const Observation& o : rows) {
+    cells[o.configuration][o.target][o.repeat] = o.position;
   }
   RepeatNoise noise;
   Vector3d squares = Vector3d::Zero();
@@ -95,7 +94,7 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
       noise.separable ? Vector3d((products / pairs).cwiseMax(0.0).cwiseMin(variance)) : Vector3d(Vector3d::Zero());
   noise.common = shared.cwiseSqrt();
   noise.independent = (variance - shared).cwiseSqrt();
-  add_orientation_scatter(measurements, noise);
+  add_orientation_scatter(*training, noise);
   return noise;
 }
 

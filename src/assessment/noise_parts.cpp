@@ -135,12 +135,12 @@ NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measureme
   check(free, model, measurements);
   check(options, measurements);
   constexpr double kSeen = 0.05;  // p of the means' residuals from which on what is stated for points says it all
-  const SampledStrata sample({.model = model,
-                              .measurements = measurements,
-                              .start = estimate,
-                              .free = free,
-                              .options = {.joint = {.residuals = options}}},
-                             options.noise);
+  const TrainingProblem training({.model = model,
+                                  .measurements = measurements,
+                                  .start = estimate,
+                                  .free = free,
+                                  .options = {.joint = {.residuals = options}}});
+  const SampledStrata sample(*training, options.noise);
   VarianceEstimation estimation = sample.estimation(PartsAsked::all);
   if (sample.strata().stated()) {
     VarianceEstimation without_misfits = sample.estimation(PartsAsked::without_misfits);
@@ -157,7 +157,7 @@ NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measureme
 NoiseParts noise_beside_weights(const FitProblem& fit, const NoiseModel& stated, bool misfits) {
   check(fit);
   check(stated);
-  const SampledStrata sample(fit, stated);
+  const SampledStrata sample(*TrainingProblem(fit), stated);
   VarianceEstimation estimation = sample.estimation(misfits ? PartsAsked::all : PartsAsked::without_misfits);
   if (estimation.unknowns() == 0 || !estimation.match(variances_of(fit.options.joint.residuals, sample.strata()))) {
     return {};

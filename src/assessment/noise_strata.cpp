@@ -17,7 +17,7 @@ constexpr double kLeastWeight = 1e-6;
 
 bool is_stated(const Measurements& measurements, const NoiseModel& noise) {
   const bool every_row = std::all_of(measurements.observations.begin(), measurements.observations.end(),
-                                     [](const Observation& o) { return o.split == Split::test || o.sigma > 0.0; });
+                                     [](const Observation& o) { return o.sigma > 0.0; });
   return every_row || noise.tracker || !noise.independent.isZero(0.0);
 }
 
@@ -52,7 +52,7 @@ NoiseStrata::NoiseStrata(const Measurements& measurements, const ResidualOptions
   std::map<std::pair<std::int32_t, std::int32_t>, Cell> cells;
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& o = measurements.observations[row];
-    if (o.split == Split::train && weight(row) > kLeastWeight) {
+    if (weight(row) > kLeastWeight) {
       Cell& cell = cells[{o.configuration, o.target}];
       cell.target = o.target;
       cell.weight += weight(row);

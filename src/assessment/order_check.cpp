@@ -12,6 +12,7 @@
 
 #include "base/f_distribution.hpp"
 #include "kdl_calibration/effect_terms.hpp"
+#include "kdl_calibration/linear_system.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -24,14 +25,12 @@ using Eigen::VectorXd;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 
-// The train rows that were measured together, in the order of measurement.
+// The rows that were measured together, in the order of measurement.
 std::vector<std::vector<std::size_t>> visits_of(const Measurements& measurements) {
   std::map<std::pair<int, int>, std::vector<std::size_t>> rows_of;
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& observation = measurements.observations[row];
-    if (observation.split == Split::train) {
-      rows_of[{observation.configuration, observation.repeat}].push_back(row);
-    }
+    rows_of[{observation.configuration, observation.repeat}].push_back(row);
   }
   std::vector<std::vector<std::size_t>> visits;
   visits.reserve(rows_of.size());
@@ -128,7 +127,7 @@ public:
     const MatrixXd rooted = root_ * sums.cross;
     const Matrix6 own = sums.own - rooted.transpose() * rooted;
     const Vector6 right = sums.right - rooted.transpose() * root_right_;
-    const Vector6 scale = sums.own.diagonal().cwiseSqrt().unaryExpr([](double s) { return s > 0.0 ? 1.0 / s : 0.0; });
+    const Vector6 scale = unit_scale_of_information(sums.own);
     const Eigen::SelfAdjointEigenSolver<Matrix6> eigen(scale.asDiagonal() * own * scale.asDiagonal());
     Gain result;
     for (Index i = 0; i < 6; ++i) {
@@ -162,7 +161,7 @@ private:
         points_ += 1.0;
       }
     }
-    const VectorXd scale = H.diagonal().cwiseSqrt().unaryExpr([](double s) { return s > 0.0 ? 1.0 / s : 0.0; });
+    const VectorXd scale = unit_scale_of_information(H);
     const MatrixXd scaled = scale.asDiagonal() * MatrixXd(H.selfadjointView<Eigen::Lower>()) * scale.asDiagonal();
     const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scaled);
     constexpr double kDetermined = 1e-10;

@@ -28,8 +28,8 @@ struct OrderFinding {
 /// all free parameters and the joints' effects under gravity and gains, as far as the data leave freedom for those.
 /// A visit is a configuration's repeat; visits stand in the order of Measurements::order, else of their first rows.
 /// Nothing unless the gain is beyond chance: F test with a false alarm of 1e-5 over all places, as if all points of a
-/// configuration had the same misfit, and unless it takes away `least_share` of the squares. Rows with Split::train
-/// alone.
+/// configuration had the same misfit, and unless it takes away `least_share` of the squares.
+/// The measurements are training rows alone.
 std::optional<OrderFinding> check_order(const ErrorModel& model, const Measurements& measurements,
                                         const Estimate& estimate, const Unknowns& free, double least_share = 0.4);
 

@@ -33,20 +33,22 @@ PseudoValues pseudo_values(const ErrorModel& model, const Measurements& measurem
   check(measurements, model);
   check(estimate, model, measurements);
   require_count("weights of rows", weights.size(), measurements.observations.size());
-  PseudoValues result{.measurements = measurements, .row_weights = {}};
+  const TrainingRows training(measurements);
+  const std::vector<double> of_training = training.values_of(weights);
+  PseudoValues result{.measurements = *training, .row_weights = {}};
   double sum = 0.0;
-  for (std::size_t row = 0; row < weights.size(); ++row) {
-    const bool counts = measurements.observations[row].split == Split::train && weights[row] > kLeastWeight;
-    sum += counts ? slope(loss, weights[row]) : 0.0;
+  for (const double weight : of_training) {
+    const bool counts = weight > kLeastWeight;
+    sum += counts ? slope(loss, weight) : 0.0;
     result.rows += counts ? 1.0 : 0.0;
-    result.row_weights.push_back(weights[row] > kLeastWeight ? 1.0 : kLeastWeight);
+    result.row_weights.push_back(counts ? 1.0 : kLeastWeight);
   }
   const double B = result.rows > 0.0 ? sum / result.rows : 1.0;
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
-  for (std::size_t row = 0; row < weights.size(); ++row) {
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, *training);
+  for (std::size_t row = 0; row < of_training.size(); ++row) {
     Observation& o = result.measurements.observations[row];
     const Eigen::Vector3d predicted = predicted_point(estimate, X_BF, o);
-    o.position = predicted + weights[row] / B * (o.position - predicted);
+    o.position = predicted + of_training[row] / B * (o.position - predicted);
   }
   return result;
 }

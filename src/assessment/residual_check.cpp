@@ -66,10 +66,9 @@ double sigma_of_rows(const Measurements& measurements, const ResidualTable& tabl
 // Coordinates that the fit had to explain; the repeats of a configuration share its misfit.
 double fitted_coordinates(const Measurements& measurements) {
   std::set<std::pair<int, int>> points;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      points.insert({observation.configuration, observation.target});
-    }
+  const TrainingRows training(measurements);
+  for (const Observation& observation : (*training).observations) {
+    points.insert({observation.configuration, observation.target});
   }
   return 3.0 * static_cast<double>(points.size());
 }

@@ -39,10 +39,8 @@ double rms_of(const ErrorModel& model, const Measurements& measurements, const E
   double sum = 0.0;
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      sum += (observation.position - predicted_point(estimate, X_BF, observation)).squaredNorm();
-      count += 1.0;
-    }
+    sum += (observation.position - predicted_point(estimate, X_BF, observation)).squaredNorm();
+    count += 1.0;
   }
   const double rms = std::sqrt(sum / count);
   return std::isfinite(rms) ? rms : std::numeric_limits<double>::infinity();

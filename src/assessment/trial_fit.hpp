@@ -30,7 +30,7 @@ double arm_length(const ErrorModel& model);
 /// reading may fit, e.g. the fifth joint's opposite sign as half a turn of the fourth and the sixth.
 bool plausible(const ErrorModel& model, const Eigen::VectorXd& errors);
 
-/// [m] 3D, of the train rows; infinite where it is not finite.
+/// [m] 3D, of training rows; infinite where it is not finite.
 double rms_of(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate);
 
 /// The same after a fit from `start`; that of the start where the errors found are beyond any robot's or the fit is

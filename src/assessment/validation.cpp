@@ -5,7 +5,6 @@
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <limits>
 #include <map>
-#include <set>
 #include <utility>
 
 #include "assessment/folds.hpp"
@@ -50,6 +49,14 @@ ErrorStatistics error_statistics(std::vector<double> distances) {
   return statistics;
 }
 
+namespace {
+
+bool is_among(const Observation& observation, Rows rows) {
+  return rows == Rows::all || (observation.split == Split::train) == (rows == Rows::train);
+}
+
+}  // namespace
+
 std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
                                     Rows rows) {
   check(measurements, model);
@@ -62,11 +69,9 @@ std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, 
   require_fit(X_BF, estimate, measurements);
   std::vector<double> distances;
   for (const Observation& observation : measurements.observations) {
-    const bool train = observation.split == Split::train;
-    if ((rows == Rows::train && !train) || (rows == Rows::test && train)) {
-      continue;
+    if (is_among(observation, rows)) {
+      distances.push_back((observation.position - predicted_point(estimate, X_BF, observation)).norm());
     }
-    distances.push_back((observation.position - predicted_point(estimate, X_BF, observation)).norm());
   }
   return distances;
 }
@@ -90,15 +95,12 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
   const Measurements means = averaged(measurements);
   Iso9283 result;
   result.accuracy = error_statistics(position_errors(X_BF, estimate, means, rows));
-  const auto selected = [&](const Observation& o) {
-    return rows == Rows::all || (o.split == Split::train) == (rows == Rows::train);
-  };
   const auto cell_of = [&](const Observation& o) {
     return static_cast<std::size_t>(o.configuration) * measurements.targets.size() + static_cast<std::size_t>(o.target);
   };
   std::vector<int> repeats(static_cast<std::size_t>(measurements.joint_values.cols()) * measurements.targets.size(), 0);
   for (const Observation& o : measurements.observations) {
-    repeats[cell_of(o)] += selected(o) ? 1 : 0;
+    repeats[cell_of(o)] += is_among(o, rows) ? 1 : 0;
   }
   std::map<std::size_t, Eigen::Vector3d> mean_of;  // only where there are repeats
   for (const Observation& o : means.observations) {
@@ -108,7 +110,7 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
   }
   std::map<std::size_t, std::vector<double>> scatter;
   for (const Observation& o : measurements.observations) {
-    if (selected(o) && repeats[cell_of(o)] > 1) {
+    if (is_among(o, rows) && repeats[cell_of(o)] > 1) {
       scatter[cell_of(o)].push_back((o.position - mean_of[cell_of(o)]).norm());
     }
   }
@@ -149,10 +151,9 @@ std::vector<std::vector<Eigen::Index>> same_joint_values(const Measurements& mea
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
   check(measurements);
   std::vector<bool> trained(static_cast<std::size_t>(measurements.joint_values.cols()), false);
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      trained[static_cast<std::size_t>(observation.configuration)] = true;
-    }
+  const TrainingRows training(measurements);
+  for (const Observation& observation : (*training).observations) {
+    trained[static_cast<std::size_t>(observation.configuration)] = true;
   }
   std::vector<std::vector<Eigen::Index>> configurations = same_joint_values(measurements, trained);
   const std::size_t count = configurations.size();
@@ -173,35 +174,31 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
 
 namespace {
 
-// The training rows, with those of the given configurations marked as test.
-Measurements without(const Measurements& measurements, const std::vector<Eigen::Index>& left_out) {
-  Measurements fold = subset(measurements, [](const Observation& o) { return o.split == Split::train; });
-  // subset drops configurations without rows and renumbers the others; their labels stay.
-  std::set<std::string> labels;
+// Training rows, of which those of the given configurations become test rows.
+Measurements without(Measurements training, const std::vector<Eigen::Index>& left_out) {
+  std::vector<bool> is_left_out(training.configurations.size(), false);
   for (const Eigen::Index c : left_out) {
-    labels.insert(measurements.configurations[static_cast<std::size_t>(c)]);
+    is_left_out[static_cast<std::size_t>(c)] = true;
   }
-  for (Observation& observation : fold.observations) {
-    if (labels.count(fold.configurations[static_cast<std::size_t>(observation.configuration)]) > 0) {
+  for (Observation& observation : training.observations) {
+    if (is_left_out[static_cast<std::size_t>(observation.configuration)]) {
       observation.split = Split::test;
     }
   }
-  return fold;
+  return training;
 }
 
-// Fits without each fold in turn and predicts it.
+// Fits training rows without each fold in turn and predicts it.
 template <class Fit>
-HoldOut hold_out(const ErrorModel& model, const Measurements& measurements,
+HoldOut hold_out(const ErrorModel& model, const Measurements& training,
                  const std::vector<std::vector<Eigen::Index>>& folds, int threads, Fit fit_fold) {
   struct Part {
     std::vector<double> distances;
     bool converged = true;
   };
-  check(measurements, model);
-  check(folds, measurements);
   std::vector<Part> parts(folds.size());
   parallel_for(folds.size(), threads, [&](std::size_t f) {
-    const Measurements fold = without(measurements, folds[f]);
+    const Measurements fold = without(training, folds[f]);
     const Identification found = fit_fold(fold);
     parts[f].converged = found.termination == Termination::converged;
     parts[f].distances = position_errors(model, found.estimate, averaged(fold), Rows::test);
@@ -218,21 +215,16 @@ HoldOut hold_out(const ErrorModel& model, const Measurements& measurements,
 }  // namespace
 
 RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::Index>& fold) {
-  const Measurements& measurements = problem.measurements;
-  const Measurements rest = without(measurements, fold);
+  const Measurements rest = without(problem.measurements, fold);
   const Identification found = fit(with_measurements(problem, rest));
   const Measurements means = averaged(rest);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem.model, found.estimate, means);
   RefittedFold result{
       .residuals = {}, .configurations = {}, .targets = {}, .converged = found.termination == Termination::converged};
-  std::map<std::string, std::int32_t> number;
-  for (const Eigen::Index c : fold) {
-    number[measurements.configurations[static_cast<std::size_t>(c)]] = static_cast<std::int32_t>(c);
-  }
   for (const Observation& o : means.observations) {
-    if (o.split == Split::test) {
+    if (is_among(o, Rows::test)) {
       result.residuals.emplace_back(o.position - predicted_point(found.estimate, X_BF, o));
-      result.configurations.push_back(number.at(rest.configurations[static_cast<std::size_t>(o.configuration)]));
+      result.configurations.push_back(o.configuration);
       result.targets.push_back(o.target);
     }
   }
@@ -245,13 +237,12 @@ bool can_be_left_out(const Measurements& measurements, const std::vector<std::ve
   check(folds, measurements);
   std::vector<Eigen::Index> equations(static_cast<std::size_t>(measurements.joint_values.cols()), 0);
   Eigen::Index all = 0;
-  for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
-    const Observation& observation = measurements.observations[i];
-    if (observation.split == Split::train) {
-      const bool pose = !measurements.orientations.empty() && !is_point(measurements.orientations[i]);
-      equations[static_cast<std::size_t>(observation.configuration)] += pose ? 6 : 3;
-      all += pose ? 6 : 3;
-    }
+  const TrainingRows training(measurements);
+  const std::vector<Eigen::Quaterniond>& orientations = (*training).orientations;
+  for (std::size_t i = 0; i < (*training).observations.size(); ++i) {
+    const bool pose = !orientations.empty() && !is_point(orientations[i]);
+    equations[static_cast<std::size_t>((*training).observations[i].configuration)] += pose ? 6 : 3;
+    all += pose ? 6 : 3;
   }
   return folds.size() > 1 && std::all_of(folds.begin(), folds.end(), [&](const std::vector<Eigen::Index>& fold) {
            Eigen::Index left = all;
@@ -263,8 +254,11 @@ bool can_be_left_out(const Measurements& measurements, const std::vector<std::ve
 }
 
 HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads) {
-  return hold_out(problem.model, problem.measurements, folds, threads,
-                  [&](const Measurements& fold) { return fit(with_measurements(problem, fold)); });
+  check(problem.measurements, problem.model);
+  check(folds, problem.measurements);
+  const TrainingProblem training(problem);
+  return hold_out(problem.model, *training.rows(), folds, threads,
+                  [&](const Measurements& fold) { return fit(with_measurements(*training, fold)); });
 }
 
 HoldOut leave_one_configuration_out(const FitProblem& problem, int threads) {
@@ -274,8 +268,11 @@ HoldOut leave_one_configuration_out(const FitProblem& problem, int threads) {
 HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
                                const std::vector<std::vector<Eigen::Index>>& folds, const RegistrationOptions& options,
                                int threads) {
+  check(measurements, model);
+  check(folds, measurements);
+  const TrainingRows training(measurements);
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  return hold_out(model, measurements, folds, threads, [&](const Measurements& fold) {
+  return hold_out(model, *training, folds, threads, [&](const Measurements& fold) {
     Identification found;
     found.termination = Termination::converged;
     found.estimate = registered(model, zero, fold, options);

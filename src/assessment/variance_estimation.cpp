@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/f_distribution.hpp"
+#include "kdl_calibration/linear_system.hpp"
 
 namespace kdl_calibration {
 
@@ -58,7 +59,7 @@ bool go_to_active(const MatrixXd& normal, const VectorXd& right, std::vector<boo
 // size.
 VectorXd nonnegative_minimum(const MatrixXd& normal, const VectorXd& right) {
   const Index n = right.size();
-  const VectorXd scale = normal.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
+  const VectorXd scale = unit_scale_of_information(normal);
   const MatrixXd scaled = scale.asDiagonal() * normal * scale.asDiagonal();
   const VectorXd wanted = scale.cwiseProduct(right);
   const double small = 1e-12 * wanted.cwiseAbs().maxCoeff();

@@ -30,11 +30,9 @@ constexpr double kLeastWeight = 1e-9;  // as identify_robustly, so that nothing 
 constexpr Eigen::Index kMostConfigurationsJudged = 5000;  // one by one
 constexpr std::size_t kMostRowsScreened = 20000;          // beyond that only the distances between targets are checked
 
-void require_training_rows(const Measurements& measurements) {
-  const bool any = std::any_of(measurements.observations.begin(), measurements.observations.end(),
-                               [](const Observation& observation) { return observation.split == Split::train; });
-  if (!any) {
-    throw InputError(measurements.source + ": no rows to fit; expected rows whose split is 'train'");
+void require_rows(const Measurements& training) {
+  if (training.observations.empty()) {
+    throw InputError(training.source + ": no rows to fit; expected rows whose split is 'train'");
   }
 }
 
@@ -48,7 +46,8 @@ struct Setting {
   Unknowns free;  // without effects
 };
 
-Setting set_up(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
+Setting set_up(const ErrorModel& model, const Measurements& measurements, const Measurements& training,
+               const CalibrationOptions& options) {
   Setting setting;
   setting.known = {.known_base = options.known_base, .known_targets = options.known_targets};
   check(measurements, model);
@@ -60,14 +59,14 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
                   options.predict_at.joint_values.cols());
     require_finite("where to predict", options.predict_at.joint_values.allFinite());
   }
-  require_training_rows(measurements);
+  require_rows(training);
   require_comparable_orientations(measurements, options);
   require_signals(measurements, options);
   setting.model = model;
   setting.model.effects.clear();
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   Registration registration = register_base_and_targets(flange_poses(folded(model, nominal), measurements.joint_values),
-                                                        measurements, setting.known);
+                                                        training, setting.known);
   setting.ambiguity = std::move(registration.message);
   setting.start = {
       .errors = nominal, .X_WB = registration.X_WB, .targets = std::move(registration.targets), .effects = {}};
@@ -420,11 +419,13 @@ void judge_as_a_whole(const Setting& setting, const Measurements& measurements, 
 }  // namespace
 
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
-  Setting setting = set_up(model, measurements, options);
+  const TrainingRows rows(measurements);
+  const Measurements& training = *rows;
+  Setting setting = set_up(model, measurements, training, options);
   std::vector<QualityFinding> findings = find_defects(setting, measurements);
-  Weighing weighing = weigh(setting, measurements, options);
+  Weighing weighing = weigh(setting, training, options);
   const FitTask task{.model = setting.model,
-                     .measurements = measurements,
+                     .measurements = training,
                      .start = setting.start,
                      .options = options,
                      .fit_options = weighing.fit};
@@ -440,9 +441,10 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   note_what_is_open(judged, options, fitted.identification);
   const bool as_fitted =
       options.method == Method::joint && options.loss == Loss::none && arrived(fitted.identification);
-  const ChoiceTask choices =
-      choice_task(chosen, measurements, options, weighing.fit.joint.residuals.orientation_length);
+  const ChoiceTask choices = choice_task(chosen, training, options, weighing.fit.joint.residuals.orientation_length);
   const Compared compared{.task = task,
+                          .measurements = measurements,
+                          .tested = rows.has_others(),
                           .fit = fitted,
                           .known = setting.known,
                           .rigid_options = chosen.rigid_options,
@@ -464,13 +466,14 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                                          .triangle_of_candidates = judged.triangle_of_candidates,
                                          .noise = judged.noise.report,
                                          .held_out = held_out.prediction},
-                                        measurements, options.predict_at);
+                                        training, options.predict_at);
   result.difference_to_kdl = difference_to_kdl(model, fitted.identification.estimate.errors, measurements.joint_values);
   result.parameters = parameter_estimates(task, fitted,
                                           {.fixed_by_gauge = judged.fixed_by_gauge,
                                            .tied = judged.identifiability.tied,
                                            .covariance = judged.noise.covariance,
                                            .noise = judged.noise.report});
+  fitted.robust.weights = rows.among_all(std::move(fitted.robust.weights), 1.0);
   put(std::move(fitted), result);
   put(std::move(judged), result);
   put(std::move(chosen), weighing, result);

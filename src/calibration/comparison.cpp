@@ -9,11 +9,6 @@
 namespace kdl_calibration {
 namespace {
 
-bool has_test_rows(const Measurements& measurements) {
-  return std::any_of(measurements.observations.begin(), measurements.observations.end(),
-                     [](const Observation& observation) { return observation.split == Split::test; });
-}
-
 bool has_effects(const Compared& compared) { return !compared.fit.free.effects().empty(); }
 
 // The best that a URDF can carry: where effects were fitted, a fit without them.
@@ -52,7 +47,7 @@ std::vector<double> nominal_folds(const Compared& compared, const Folds& folds, 
   const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
   if (frames.size() == 0) {  // nothing is registered
     const Measurements means = averaged(task.measurements);
-    return position_errors(task.model, task.start, means, Rows::train);
+    return position_errors(task.model, task.start, means);
   }
   // Nominal errors are large: where the noise is none they need not be as exact as it.
   const double noise = std::max(compared.noise, kShareOfNominal * nominal);
@@ -122,7 +117,7 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
 
 Comparison compare(const Compared& compared) {
   const FitTask& task = compared.task;
-  const Measurements& measurements = task.measurements;
+  const Measurements& measurements = compared.measurements;
   const Estimate& estimate = compared.fit.identification.estimate;
   Comparison result;
   result.exported.estimate = rigid_fit(compared);
@@ -138,11 +133,10 @@ Comparison compare(const Compared& compared) {
                        .after = statistics(estimate, X_BF_after, rows),
                        .rigid = std::nullopt};
   };
-  const bool tested = has_test_rows(measurements);
   result.train = pair_of(Rows::train);
   result.iso_before = iso_9283(X_BF_before, task.start, measurements);
   result.iso_after = iso_9283(X_BF_after, estimate, measurements);
-  if (tested) {
+  if (compared.tested) {
     result.test = pair_of(Rows::test);
     result.iso_test_before = iso_9283(X_BF_before, task.start, measurements, Rows::test);
     result.iso_test_after = iso_9283(X_BF_after, estimate, measurements, Rows::test);
@@ -151,7 +145,7 @@ Comparison compare(const Compared& compared) {
     const std::vector<Eigen::Isometry3d> X_BF_rigid = poses_of(rigid);
     result.train.rigid = statistics(rigid, X_BF_rigid, Rows::train);
     result.exported.iso = iso_9283(X_BF_rigid, rigid, measurements);
-    if (tested) {
+    if (compared.tested) {
       result.test->rigid = statistics(rigid, X_BF_rigid, Rows::test);
     }
   } else {

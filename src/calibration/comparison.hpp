@@ -13,7 +13,9 @@ namespace kdl_calibration {
 
 /// What is compared with the measurements. Keeps references.
 struct Compared {
-  const FitTask& task;
+  const FitTask& task;               ///< of the training rows
+  const Measurements& measurements;  ///< all rows
+  bool tested;                       ///< whether there are test rows
   const WholeFit& fit;
   const RegistrationOptions& known;  ///< frames
   const FitOptions& rigid_options;   ///< of a fit without effects

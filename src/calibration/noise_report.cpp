@@ -90,10 +90,8 @@ Eigen::Vector3d stated_sigma_of_points(const Measurements& measurements, const N
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   double rows = 0.0;
   for (const Observation& o : measurements.observations) {
-    if (o.split == Split::train) {
-      sum += point_covariance(noise, o).diagonal();
-      rows += 1.0;
-    }
+    sum += point_covariance(noise, o).diagonal();
+    rows += 1.0;
   }
   return (sum / rows).cwiseSqrt();
 }

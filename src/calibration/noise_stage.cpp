@@ -180,11 +180,9 @@ NoiseModel noise_of_means(const Measurements& measurements, const CalibrationOpt
   double rows = 0.0;
   std::set<std::pair<std::int32_t, std::int32_t>> means;
   for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      variance += (point_covariance(noise, observation).trace() + noise.common.squaredNorm()) / 3.0;
-      means.emplace(observation.configuration, observation.target);
-      rows += 1.0;
-    }
+    variance += (point_covariance(noise, observation).trace() + noise.common.squaredNorm()) / 3.0;
+    means.emplace(observation.configuration, observation.target);
+    rows += 1.0;
   }
   const double repeats = rows / std::max(static_cast<double>(means.size()), 1.0);
   if (!noise_is_stated(measurements, options)) {

@@ -140,25 +140,19 @@ Json distributions_json(const Measurements& measurements, const std::vector<doub
 
 Json numbers_json(const Eigen::VectorXd& values) { return Json(std::vector<double>(values.begin(), values.end())); }
 
-// The rows that were fitted or, where there are none, all of them: within what they span a page makes its promise.
-bool counts(const Observation& observation, bool any_fitted) {
-  return !any_fitted || observation.split == Split::train;
-}
-
-// Ranges of the joints, and the box about the measured points, parallel to the axes of the base.
+// Ranges of the joints, and the box about the measured points, parallel to the axes of the base: of the rows that were
+// fitted or, where there are none, of all. Within what they span a page makes its promise.
 void add_reach(const Measurements& measurements, const Estimate& estimate, Json& result) {
   const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
-  const bool any_fitted = std::any_of(measurements.observations.begin(), measurements.observations.end(),
-                                      [](const Observation& row) { return row.split == Split::train; });
+  const TrainingRows training(measurements);
+  const Measurements& spanned = (*training).observations.empty() ? measurements : *training;
   Eigen::AlignedBox3d box;
   Eigen::VectorXd lower = Eigen::VectorXd::Constant(measurements.joint_values.rows(), kInfinity);
   Eigen::VectorXd upper = -lower;
-  for (const Observation& observation : measurements.observations) {
-    if (counts(observation, any_fitted)) {
-      box.extend(X_BW * observation.position);
-      lower = lower.cwiseMin(measurements.joint_values.col(observation.configuration));
-      upper = upper.cwiseMax(measurements.joint_values.col(observation.configuration));
-    }
+  for (const Observation& observation : spanned.observations) {
+    box.extend(X_BW * observation.position);
+    lower = lower.cwiseMin(measurements.joint_values.col(observation.configuration));
+    upper = upper.cwiseMax(measurements.joint_values.col(observation.configuration));
   }
   Json ranges = Json::array();
   for (Index j = 0; j < lower.size(); ++j) {

@@ -285,10 +285,9 @@ void add_frames(const Estimate& estimate, std::string& text) {
 
 long fitted_configurations(const Measurements& measurements) {
   std::set<std::int32_t> configurations;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      configurations.insert(observation.configuration);
-    }
+  const TrainingRows training(measurements);
+  for (const Observation& observation : (*training).observations) {
+    configurations.insert(observation.configuration);
   }
   return static_cast<long>(configurations.size());
 }

@@ -26,8 +26,7 @@ std::optional<double> ratio_of_variances(const FitTask& task, const Unknowns& fr
   const NormalEquations N_p = positions.linearise(estimate);
   const auto rows = static_cast<double>(all.whitened_summary(estimate).measured_rows);
   const auto rows_p = static_cast<double>(positions.whitened_summary(estimate).measured_rows);
-  const Eigen::VectorXd scale =
-      N.hessian.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
+  const Eigen::VectorXd scale = unit_scale_of_information(N.hessian);
   const Eigen::MatrixXd scaled = scale.asDiagonal() * N.hessian * scale.asDiagonal();
   const Eigen::MatrixXd scaled_p = scale.asDiagonal() * N_p.hessian * scale.asDiagonal();
   const double trace_p = std::clamp(scaled.completeOrthogonalDecomposition().solve(scaled_p).trace(), 0.0,

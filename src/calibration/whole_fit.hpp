@@ -11,7 +11,7 @@ namespace kdl_calibration {
 /// What a fit needs to know; keeps references.
 struct FitTask {
   const ErrorModel& model;
-  const Measurements& measurements;
+  const Measurements& measurements;  ///< training rows alone
   const Estimate& start;
   const CalibrationOptions& options;
   const FitOptions& fit_options;
@@ -19,7 +19,7 @@ struct FitTask {
 
 /// Of a fit with a robust loss; no weights without one.
 struct RobustRows {
-  std::vector<double> weights;  ///< of each observation
+  std::vector<double> weights;  ///< of each training row
   double scale = 0.0;           ///< 1 sigma of a whitened coordinate, by the median of the residuals
 };
 

@@ -235,24 +235,24 @@ struct JudgedResult {
   std::string text;
   std::vector<std::string> missed;
 };
-JudgedResult judged_result(std::string text, const std::vector<std::string>& requirements) {
+JudgedResult judged_result(std::string text, const std::vector<Requirement>& requirements) {
   if (requirements.empty()) {
     return {.text = std::move(text), .missed = {}};
   }
   Json json = json_of(text, "the result");
-  const std::vector<Judged> outcomes = judged(parse_requirements(requirements), json);
+  const std::vector<Judged> outcomes = judged(requirements, json);
   json["requirements"] = judged_json(outcomes);
   return {.text = json.dump(2) + "\n", .missed = unfulfilled(outcomes)};
 }
 
-// The texts of the files to write; returns the result, which names the hashes of the others. The page shows the result
-// and so stands beside it.
-JudgedResult filled_in(const Arguments& arguments, const Robot& robot, const Measurements& measurements,
-                       const CalibrationOptions& options, const Calibration& calibration,
-                       std::vector<OutputFile>& files) {
+bool shows_the_result(const OutputFile& file) { return file.option == "--result" || file.option == "--report"; }
+
+// Fills the files beside the result, which names their hashes.
+Provenance filled_beside_result(const Arguments& arguments, const Robot& robot, const Measurements& measurements,
+                                const Calibration& calibration, std::vector<OutputFile>& files) {
   Provenance provenance{.notes = notes_of(arguments.notes), .files_read = files_read(arguments, robot)};
   for (OutputFile& file : files) {
-    if (file.option == "--result" || file.option == "--report") {
+    if (shows_the_result(file)) {
       continue;
     }
     file.text = file.option == "--output"      ? calibrated_urdf(robot, calibration)
@@ -260,19 +260,12 @@ JudgedResult filled_in(const Arguments& arguments, const Robot& robot, const Mea
                                                : covariance_csv(calibration);
     provenance.files_written.push_back({.role = file.option.substr(2), .path = file.path, .sha256 = sha256(file.text)});
   }
-  JudgedResult result =
-      judged_result(result_json(robot, measurements, options, calibration, provenance), arguments.requirements);
-  for (OutputFile& file : files) {
-    file.text = file.option == "--result"   ? result.text
-                : file.option == "--report" ? page_of(result.text, robot, measurements, options)
-                                            : file.text;
-  }
-  return result;
+  return provenance;
 }
 
 ExitStatus run(const Arguments& arguments) {
-  parse_requirements(arguments.requirements);  // refused before the work, as are
-  notes_of(arguments.notes);
+  const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);  // refused before the work
+  notes_of(arguments.notes);                                                                 // as are these
   std::vector<OutputFile> files = outputs(arguments);
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
@@ -292,7 +285,14 @@ ExitStatus run(const Arguments& arguments) {
     options.progress = [&](const std::string& what, std::size_t done, std::size_t of) { progress(what, done, of); };
     calibration = calibrate(model, measurements, options);
   }
-  const JudgedResult result = filled_in(arguments, robot, measurements, options, calibration, files);
+  const Provenance provenance = filled_beside_result(arguments, robot, measurements, calibration, files);
+  const JudgedResult result =
+      judged_result(result_json(robot, measurements, options, calibration, provenance), requirements);
+  for (OutputFile& file : files) {
+    if (shows_the_result(file)) {
+      file.text = file.option == "--result" ? result.text : page_of(result.text, robot, measurements, options);
+    }
+  }
   name_options(calibration.doubts);
   write_whole(files, arguments.force,
               arguments.json ? result.text : table(arguments, robot, measurements, calibration));

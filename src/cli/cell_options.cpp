@@ -3,9 +3,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <limits>
-#include <numbers>
 #include <string_view>
 
+#include "base/degree.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
@@ -17,8 +17,6 @@
 
 namespace kdl_calibration::cli {
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180.0;
 
 [[noreturn]] void refuse(const std::string& option, const std::string& text, const std::string& expected) {
   throw InputError(option + ": '" + text + "' is out of place, expected " + expected);

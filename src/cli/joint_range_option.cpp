@@ -1,17 +1,15 @@
 #include "cli/joint_range_option.hpp"
 
 #include <algorithm>
-#include <numbers>
 #include <utility>
 
+#include "base/degree.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/mimic.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180.0;
 
 // "lo:hi" in degrees, or millimetres for a prismatic joint.
 std::pair<double, double> parsed_range(const std::string& text, const MovingJoint& joint) {

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <numbers>
 #include <optional>
 
+#include "base/degree.hpp"
 #include "base/number_range.hpp"
 #include "base/text.hpp"
 #include "cli/data_dir.hpp"
@@ -19,7 +19,6 @@
 namespace kdl_calibration::cli {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr double kLimitSlack = 1e-9;  // [rad] or [m] of values that were rounded when written down
 
 std::string refused(const std::string& value, const std::string& expected) {

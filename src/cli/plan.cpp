@@ -1,8 +1,8 @@
 #include <cmath>
 #include <memory>
-#include <numbers>
 #include <optional>
 
+#include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "cli/cell_options.hpp"
@@ -27,7 +27,6 @@ namespace {
 
 using Eigen::Index;
 
-constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr int kConfigurations = 30;
 constexpr int kMostForAccuracy = 500;
 

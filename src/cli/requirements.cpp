@@ -4,9 +4,9 @@
 #include <array>
 #include <cstddef>
 #include <map>
-#include <numbers>
 #include <optional>
 
+#include "base/degree.hpp"
 #include "base/text.hpp"
 #include "cli/options.hpp"
 #include "cli/text.hpp"
@@ -21,13 +21,8 @@ namespace {
 
 // SI of one of it.
 double unit_of(const std::string& text, const std::string& unit) {
-  const std::map<std::string, double> units = {{"", 1.0},
-                                               {"m", 1.0},
-                                               {"mm", 1e-3},
-                                               {"um", 1e-6},
-                                               {"rad", 1.0},
-                                               {"mrad", 1e-3},
-                                               {"deg", std::numbers::pi / 180.0}};
+  const std::map<std::string, double> units = {{"", 1.0},    {"m", 1.0},     {"mm", 1e-3},    {"um", 1e-6},
+                                               {"rad", 1.0}, {"mrad", 1e-3}, {"deg", kDegree}};
   const auto found = units.find(unit);
   if (found == units.end()) {
     refuse(text, "a number alone or with the unit m, mm, um, rad, mrad or deg");

@@ -1,3 +1,4 @@
+#include "base/degree.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
@@ -8,7 +9,6 @@
 #include <algorithm>
 #include <functional>
 #include <memory>
-#include <numbers>
 #include <numeric>
 #include <optional>
 
@@ -33,7 +33,6 @@
 namespace kdl_calibration::cli {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr int kTestsOfMonteCarlo = 100;  // configurations
 constexpr int kHeldOutOfTwoStep = 1000;
 

@@ -1,15 +1,13 @@
 #include "cli/truth_report.hpp"
 
 #include <algorithm>
-#include <numbers>
 
+#include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "cli/text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180.0;
 
 Json vector_json(const Eigen::Ref<const Eigen::VectorXd>& vector) {
   return Json(std::vector<double>(vector.begin(), vector.end()));

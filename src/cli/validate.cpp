@@ -86,16 +86,14 @@ struct Freedom {
   double correction() const { return std::sqrt(static_cast<double>(coordinates) / left()); }
 };
 
-Freedom freedom_of(const Measurements& measurements, const RegistrationOptions& known) {
+Freedom freedom_of(const Measurements& training, const RegistrationOptions& known) {
   std::set<std::pair<int, int>> points;
   std::set<int> targets;
   std::set<int> configurations;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      points.insert({observation.configuration, observation.target});
-      targets.insert(observation.target);
-      configurations.insert(observation.configuration);
-    }
+  for (const Observation& observation : training.observations) {
+    points.insert({observation.configuration, observation.target});
+    targets.insert(observation.target);
+    configurations.insert(observation.configuration);
   }
   const auto unknown_targets = static_cast<int>(targets.size()) - static_cast<int>(known.known_targets.size());
   return {.unknowns = (known.known_base ? 0 : 6) + 3 * std::max(unknown_targets, 0),
@@ -166,14 +164,18 @@ std::string table(const Arguments& arguments, const Robot& robot, const Errors& 
   return text;
 }
 
-// The arm of a result or a truth, effects, base and targets included.
-SavedCalibration arm_in(const std::string& text, const std::string& source, const Robot& robot,
-                        const ErrorModel& nominal) {
-  const Json json = json_of(text, source);
-  require_same_nominal(json, source, nominal);
-  base_of(json, source);  // both are part of what is compared
-  targets_of(json, source);
-  return parse_calibration(text, robot, source);
+// A result or a truth: the arm, effects, base and targets included, and the file that says so.
+struct ReadArm {
+  SavedCalibration arm;
+  Json json;
+};
+ReadArm read_arm(const std::string& file, const Robot& robot, const ErrorModel& nominal) {
+  const std::string text = read_text_file(file);
+  Json json = json_of(text, file);
+  require_same_nominal(json, file, nominal);
+  base_of(json, file);  // both are part of what is compared
+  targets_of(json, file);
+  return {.arm = parse_calibration(text, robot, file), .json = std::move(json)};
 }
 
 // Those that the truth was measured in, or within the limits.
@@ -198,15 +200,13 @@ ExitStatus run_against_truth(const Arguments& arguments) {
   }
   const Robot robot = load(arguments.robot);
   const ErrorModel nominal = complete_model(robot);
-  const std::string truth_text = read_text_file(arguments.truth);
-  const SavedCalibration found = arm_in(read_text_file(arguments.result), arguments.result, robot, nominal);
-  const SavedCalibration drawn = arm_in(truth_text, arguments.truth, robot, nominal);
+  const SavedCalibration found = read_arm(arguments.result, robot, nominal).arm;
+  const auto [drawn, truth_as_read] = read_arm(arguments.truth, robot, nominal);
   const auto [model, estimate, truth] =
       as_one_model(found.model, found.estimate, {.model = drawn.model, .truth = drawn.estimate});
   Random random(arguments.seed);
   const Eigen::MatrixXd joint_values = random_configurations(
-      model.joints, ranges_to_compare_in(json_of(truth_text, arguments.truth), arguments.truth, model),
-      kConfigurationsOfTruth, random);
+      model.joints, ranges_to_compare_in(truth_as_read, arguments.truth, model), kConfigurationsOfTruth, random);
   const TruthComparison comparison = compare_with_truth(model, estimate, truth, joint_values);
   if (arguments.json) {
     Json json = truth_json(model, estimate, truth, comparison);
@@ -325,7 +325,7 @@ ExitStatus run_against_measurements(const Arguments& arguments) {
   const Measurements measurements = read(arguments.measurements, robot);
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
   const Measurements fitted = to_register(measurements);
-  const Freedom freedom = freedom_of(fitted, known);
+  const Freedom freedom = freedom_of(*TrainingRows(fitted), known);
   require_freedom(freedom, measurements.source);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values, measurements.signals);
   const Registration registration = register_base_and_targets(X_BF, fitted, known);

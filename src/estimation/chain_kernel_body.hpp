@@ -202,8 +202,8 @@ struct ColumnRange {
   std::size_t last;
 };
 
-// Products of these columns with column `own` of one block's Jacobian, or of two blocks' that lie
-// behind each other: two blocks at a time, for the sums are more than fits into the cache next to the registers.
+// Products of these columns with column `own` of one block's Jacobian, or of two blocks' that lie behind each other:
+// two blocks at a time, for the sums are more than fits into the cache next to the registers.
 template <std::size_t kBlocks, std::size_t kRows>
 static inline Vector* add_products(const Vector* J, std::size_t columns, std::size_t own, ColumnRange others,
                                    Vector* gram) {

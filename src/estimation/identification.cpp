@@ -118,6 +118,12 @@ FitProblem with_measurements(const FitProblem& problem, const Measurements& meas
           .options = problem.options};
 }
 
+TrainingProblem::TrainingProblem(const FitProblem& problem)
+    : rows_(problem.measurements), problem_(with_measurements(problem, *rows_)) {
+  std::vector<double>& weights = problem_.options.joint.residuals.row_weights;
+  weights = rows_.values_of(std::move(weights));
+}
+
 Identification fit(const FitProblem& problem) {
   Identification found =
       problem.options.loss == Loss::none
@@ -129,7 +135,10 @@ Identification fit(const FitProblem& problem) {
   return found;
 }
 
-RobustIdentification identify_robustly(const FitProblem& problem) {
+namespace {
+
+// Of training rows alone.
+RobustIdentification reweighted_fit(const FitProblem& problem) {
   const Measurements& measurements = problem.measurements;
   const Loss loss = problem.options.loss;
   const JointOptions& options = problem.options.joint;
@@ -139,18 +148,11 @@ RobustIdentification identify_robustly(const FitProblem& problem) {
   JointOptions reweighted = options;
   const auto update = [&](Loss current) {
     result.distances = row_distances(problem.model, measurements, result.fit.estimate, options.residuals.noise);
-    std::vector<double> train;
-    for (std::size_t row = 0; row < result.distances.size(); ++row) {
-      if (measurements.observations[row].split == Split::train) {
-        train.push_back(result.distances[row]);
-      }
-    }
-    result.scale = std::max(median(train) / kMedianChi3, 1e-12);
+    result.scale = std::max(median(result.distances) / kMedianChi3, 1e-12);
     double change = 0.0;
     for (std::size_t row = 0; row < result.weights.size(); ++row) {
       result.distances[row] /= result.scale;
-      const bool fitted = measurements.observations[row].split == Split::train;
-      const double weight = fitted ? robust_weight(current, result.distances[row]) : 1.0;
+      const double weight = robust_weight(current, result.distances[row]);
       change = std::max(change, std::abs(weight - result.weights[row]));
       result.weights[row] = weight;
     }
@@ -181,6 +183,23 @@ RobustIdentification identify_robustly(const FitProblem& problem) {
   return result;
 }
 
+}  // namespace
+
+RobustIdentification identify_robustly(const FitProblem& problem) {
+  check(problem);
+  const TrainingProblem training(problem);
+  RobustIdentification result = reweighted_fit(*training);
+  result.weights = training.rows().among_all(std::move(result.weights), 1.0);
+  if (training.rows().has_others()) {
+    result.distances =
+        row_distances(problem.model, problem.measurements, result.fit.estimate, problem.options.joint.residuals.noise);
+    for (double& distance : result.distances) {
+      distance /= result.scale;
+    }
+  }
+  return result;
+}
+
 // ---- the published procedure ---------------------------------------------------------------------------------------
 
 namespace {
@@ -197,9 +216,6 @@ void update_base_and_tools(const std::vector<Eigen::Isometry3d>& T_robot, const 
   VectorXd Atp = VectorXd::Zero(unknowns);
   const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
   for (const Observation& observation : measurements.observations) {
-    if (observation.split != Split::train) {
-      continue;
-    }
     const Eigen::Isometry3d& pose = T_robot[static_cast<std::size_t>(observation.configuration)];
     const Matrix3Xd A = base_and_tool_rows(pose, observation.target, tools);
     const Vector3d dp = X_BW * observation.position - pose.translation();
@@ -231,9 +247,6 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
   double sum = 0.0;
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {
-    if (observation.split != Split::train) {
-      continue;
-    }
     const Vector3d tool = estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
     const Vector3d dp = observation.position - predicted_point(estimate, T_robot, observation);
     const Matrix3Xd J = estimate.X_WB.linear() * position_jacobian_by_matrix_derivatives(
@@ -289,10 +302,11 @@ Identification identify_in_two_steps(const ErrorModel& model,
     const Measurements measurements = measurements_of_round(round);  // (ii), (iii)
     check(measurements, model);
     check(estimate, model, measurements);
+    const TrainingRows training(measurements);
     const std::vector<Eigen::Isometry3d> T_robot =
-        flange_poses(folded(model, estimate.errors), measurements.joint_values);                       // (iii), (iv)
-    update_base_and_tools(T_robot, measurements, estimate);                                            // (v)
-    const GeometryUpdate update = geometry_update(model, T_robot, measurements, estimate, geometric);  // (vi)
+        flange_poses(folded(model, estimate.errors), measurements.joint_values);                    // (iii), (iv)
+    update_base_and_tools(T_robot, *training, estimate);                                            // (v)
+    const GeometryUpdate update = geometry_update(model, T_robot, *training, estimate, geometric);  // (vi)
     ++result.iterations;
     result.rms_history.push_back(update.rms);
     result.rms = update.rms;

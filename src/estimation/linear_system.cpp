@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "base/preconditions.hpp"
@@ -18,6 +19,11 @@ namespace {
 constexpr Index kRowsAtOnce = 512;
 
 }  // namespace
+
+VectorXd unit_scale_of_information(const Eigen::Ref<const MatrixXd>& information) {
+  require_count("columns of an information matrix", information.cols(), information.rows());
+  return information.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
+}
 
 std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
   constexpr double kSmallestPivot = 1e-3;

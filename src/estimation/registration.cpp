@@ -67,10 +67,8 @@ Vector3d mean_position(const Measurements& measurements) {
   Vector3d sum = Vector3d::Zero();
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      sum += observation.position;
-      count += 1.0;
-    }
+    sum += observation.position;
+    count += 1.0;
   }
   return count > 0.0 ? Vector3d(sum / count) : sum;
 }
@@ -91,9 +89,6 @@ Sums accumulate(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& 
   sums.z_mean = mean_position(measurements);
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& observation = measurements.observations[row];
-    if (observation.split != Split::train) {
-      continue;
-    }
     const auto k = static_cast<std::size_t>(observation.target);
     const Eigen::Isometry3d& pose = X_BF[static_cast<std::size_t>(observation.configuration)];
     const Matrix3d R = pose.linear();
@@ -376,7 +371,8 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
   for (const std::string& name : measurements.targets) {
     known.push_back(find_target(options.known_targets, name));
   }
-  const Sums sums = accumulate(X_BF, measurements, options, known);
+  const TrainingRows training(measurements);
+  const Sums sums = accumulate(X_BF, *training, options, known);
   Registration result;
   Matrix3d A = Matrix3d::Identity();
   Vector3d c = Vector3d::Zero();  // of the centred measurements
@@ -417,14 +413,12 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
 
   double sum = 0.0;
   double count = 0.0;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
-      const Vector3d predicted =
-          result.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
-                         result.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
-      sum += (observation.position - predicted).squaredNorm();
-      count += 1.0;
-    }
+  for (const Observation& observation : (*training).observations) {
+    const Vector3d predicted =
+        result.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
+                       result.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
+    sum += (observation.position - predicted).squaredNorm();
+    count += 1.0;
   }
   result.rms = count > 0.0 ? std::sqrt(sum / count) : 0.0;
   return result;

@@ -118,11 +118,67 @@ Measurements averaged(const Measurements& measurements) {
   return means;
 }
 
+namespace {
+
+bool is_training(const Observation& observation) { return observation.split == Split::train; }
+
+// Keeps the values of training rows; of no values none.
+template <class T>
+void keep_those_of_training(const std::vector<Observation>& rows, std::vector<T>& values) {
+  if (values.empty()) {
+    return;
+  }
+  std::size_t kept = 0;
+  for (std::size_t row = 0; row < rows.size(); ++row) {
+    if (is_training(rows[row])) {
+      values[kept++] = values[row];
+    }
+  }
+  values.erase(values.begin() + static_cast<std::ptrdiff_t>(kept), values.end());
+}
+
+}  // namespace
+
+TrainingRows::TrainingRows(const Measurements& measurements) : all_(measurements) {
+  const std::vector<Observation>& rows = all_.observations;
+  if (std::all_of(rows.begin(), rows.end(), is_training)) {
+    return;
+  }
+  apart_ = all_;
+  keep_those_of_training(rows, apart_->orientations);
+  keep_those_of_training(rows, apart_->order);
+  keep_those_of_training(rows, apart_->observations);
+}
+
+std::vector<double> TrainingRows::values_of(std::vector<double> of_all) const {
+  if (!of_all.empty()) {
+    require_count("values of rows", of_all.size(), all_.observations.size());
+  }
+  keep_those_of_training(all_.observations, of_all);
+  return of_all;
+}
+
+std::vector<double> TrainingRows::among_all(std::vector<double> values, double other) const {
+  if (!values.empty()) {
+    require_count("values of training rows", values.size(), (**this).observations.size());
+  }
+  if (values.empty() || !has_others()) {
+    return values;
+  }
+  std::vector<double> result;
+  result.reserve(all_.observations.size());
+  auto next = values.begin();
+  for (const Observation& observation : all_.observations) {
+    result.push_back(is_training(observation) ? *next++ : other);
+  }
+  return result;
+}
+
 Measurements training_sample(const Measurements& measurements, std::size_t most_configurations) {
   check(measurements);
   std::vector<bool> trained(measurements.configurations.size(), false);
   for (const Observation& observation : measurements.observations) {
-    if (observation.split == Split::train) {
+    if (is_training(observation)) {
       trained[static_cast<std::size_t>(observation.configuration)] = true;
     }
   }
@@ -138,7 +194,7 @@ Measurements training_sample(const Measurements& measurements, std::size_t most_
     chosen[all[i * all.size() / count]] = true;
   }
   return subset(measurements, [&](const Observation& observation) {
-    return observation.split == Split::train && chosen[static_cast<std::size_t>(observation.configuration)];
+    return is_training(observation) && chosen[static_cast<std::size_t>(observation.configuration)];
   });
 }
 
@@ -177,7 +233,7 @@ JointRanges trained_ranges(const Measurements& measurements) {
   constexpr double kNone = std::numeric_limits<double>::infinity();
   JointRanges ranges(static_cast<std::size_t>(measurements.joint_values.rows()), {kNone, -kNone});
   for (const Observation& observation : measurements.observations) {
-    if (observation.split != Split::train) {
+    if (!is_training(observation)) {
       continue;
     }
     for (std::size_t i = 0; i < ranges.size(); ++i) {

@@ -3,9 +3,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "base/csv.hpp"
+#include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
@@ -19,8 +19,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-constexpr double kDegree = std::numbers::pi / 180.0;
 
 // ---- Order ---------------------------------------------------------------------------------------------------------
 

@@ -181,8 +181,7 @@ MatrixXd with_measured(const PlanRequest& request, const MatrixXd& chosen) {
   if (!request.measured) {
     return chosen;
   }
-  const MatrixXd before =
-      subset(*request.measured, [](const Observation& row) { return row.split == Split::train; }).joint_values;
+  const MatrixXd before = training_sample(*request.measured, request.measured->configurations.size()).joint_values;
   MatrixXd all(chosen.rows(), before.cols() + chosen.cols());
   all << before, chosen;
   return all;

@@ -15,6 +15,7 @@
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "mistakes_support.hpp"
+#include "refusal.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration {
@@ -256,12 +257,8 @@ TEST(EffectChoice, TooFewMeasurementsForWhatIsAskedAreRefused) {
   const Arm arm(fanuc(), 9, 9, {});  // 81 equations
   CalibrationOptions options = kGeometry;
   options.effects.groups = {EffectGroup::gravity, EffectGroup::harmonics};
-  try {
-    calibrate(arm.model, arm.measured, options);
-    ADD_FAILURE() << "not refused";
-  } catch (const InputError& error) {
-    EXPECT_THAT(error.what(), ::testing::HasSubstr("simulation: too few measurements for the effects asked for"));
-  }
+  EXPECT_THAT(testing::refusal([&] { calibrate(arm.model, arm.measured, options); }),
+              ::testing::HasSubstr("simulation: too few measurements for the effects asked for"));
 }
 
 TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {

@@ -14,6 +14,7 @@
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "refusal.hpp"
 #include "support.hpp"
 
 /// What glibc keeps of LOCPATH is no leak of ours.
@@ -41,15 +42,6 @@ private:
   std::locale before_;
 };
 
-std::string message(const std::function<void()>& work) {
-  try {
-    work();
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "nothing was thrown";
-}
-
 /// Everything that the library reads and writes, as one text.
 std::string everything() {
   const Robot odd = parse_robot(kOddArm);
@@ -75,7 +67,7 @@ std::string everything() {
   text += csv + result_table(read, found) + calibrated_urdf(robot, model, found.exported.estimate.errors);
   const std::string json = result_json(robot, read, options, found);
   text += json + nlohmann::json::parse(json).dump();
-  text += message(
+  text += testing::refusal(
       [&] { parse_measurements("configuration,target,turn,x,y,z,qw,qx,qy,qz\n1,A,0,0,0,0,1.5,0,0,0\n", {"turn"}); });
   return text;
 }

@@ -14,6 +14,7 @@
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "refusal.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration {
@@ -60,12 +61,7 @@ const Written& written() {
 
 /// That parsing is refused, and its words.
 std::string refusal(const std::string& json, const Robot& robot) {
-  try {
-    parse_calibration(json, robot, "r.json");
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "not refused";
+  return testing::refusal([&] { parse_calibration(json, robot, "r.json"); });
 }
 
 TEST(SavedCalibration, HasTheEstimateToTheLastBit) {

@@ -123,14 +123,15 @@ Check is_at(const KDL::Chain& chain, const Eigen::VectorXd& q) {
       EXPECT_LT(difference(found, kdl_pose(chain, q)), 1e-12) << effect.with.outcome.out;
       return;
     }
-    constexpr double kStep = 1e-5;
+    const Eigen::MatrixXd expected = central_differences(q.size(), 1e-5, [&](const Eigen::VectorXd& step) {
+      const KDL::Twist motion = KDL::diff(kdl_pose(chain, q), kdl_pose(chain, q + step));
+      return Eigen::VectorXd{{motion[0], motion[1], motion[2], motion[3], motion[4], motion[5]}};
+    });
     for (Eigen::Index i = 0; i < q.size(); ++i) {
-      const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(q.size(), i);
-      const KDL::Twist column = KDL::diff(kdl_pose(chain, q - step), kdl_pose(chain, q + step), 2.0 * kStep);
-      for (int row = 0; row < 6; ++row) {
+      for (Eigen::Index row = 0; row < 6; ++row) {
         for (const char* route : {"kdl", "matrix_derivative", "cross_product"}) {
           const Json& J = effect.with.json[route];
-          EXPECT_NEAR(J[static_cast<std::size_t>(row)][static_cast<std::size_t>(i)], column[row], 1e-8)
+          EXPECT_NEAR(J[static_cast<std::size_t>(row)][static_cast<std::size_t>(i)], expected(row, i), 1e-8)
               << route << " row " << row << " column " << i;
         }
       }

@@ -140,11 +140,12 @@ TEST(Identification, GradientAndHessianAreThoseOfTheStackedJacobian) {
   const Eigen::MatrixXd jacobian = problem.whitened(start).jacobian;
   EXPECT_LT((jacobian.transpose() * jacobian - equations.hessian).norm(), 1e-12 * equations.hessian.norm());
   // d cost / d step = -2 gradient, by central differences of the cost alone.
+  const Eigen::MatrixXd slopes =
+      testing::central_differences(problem.columns(), 1e-6, [&](const Eigen::VectorXd& step) {
+        return Eigen::VectorXd::Constant(1, problem.linearise(problem.unknowns().moved(start, step)).cost);
+      });
   for (Eigen::Index c = 0; c < problem.columns(); ++c) {
-    const Eigen::VectorXd step = 1e-6 * Eigen::VectorXd::Unit(problem.columns(), c);
-    const double difference = problem.linearise(problem.unknowns().moved(start, step)).cost -
-                              problem.linearise(problem.unknowns().moved(start, -step)).cost;
-    EXPECT_NEAR(-0.5 * difference / 2e-6, equations.gradient[c], 1e-6 * equations.gradient.norm());
+    EXPECT_NEAR(-0.5 * slopes(0, c), equations.gradient[c], 1e-6 * equations.gradient.norm());
   }
 }
 

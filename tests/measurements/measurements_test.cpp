@@ -17,6 +17,7 @@
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
+#include "refusal.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -41,14 +42,9 @@ std::string replaced(std::string text, const std::string& from, const std::strin
 /// The message of the InputError that the call throws; it must be one line.
 template <typename Call>
 std::string message_of(const Call& call) {
-  try {
-    call();
-  } catch (const InputError& error) {
-    std::string message = error.what();
-    EXPECT_EQ(message.find_first_of("\r\n"), std::string::npos) << message;
-    return message;
-  }
-  return "nothing was thrown";
+  std::string message = testing::refusal(call);
+  EXPECT_EQ(message.find_first_of("\r\n"), std::string::npos) << message;
+  return message;
 }
 
 std::string csv_message(const std::string& csv, const JointConvention* convention = nullptr) {
@@ -391,7 +387,7 @@ TEST(MeasurementsInput, BrokenQuaternionsAreRefused) {
               AllOf(StartsWith("m.csv:2: the norm of the quaternion"), HasSubstr("1.0011")));
   EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,0,0,0,0\n"), HasSubstr("norm"));
   EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,1e12,1e12,0,0\n"), HasSubstr("norm"));
-  EXPECT_EQ(csv_message(header + "c,A,1,2,3,4,5,1.0009,0,0,0\n"), "nothing was thrown");
+  EXPECT_EQ(csv_message(header + "c,A,1,2,3,4,5,1.0009,0,0,0\n"), "nothing was refused");
 }
 
 TEST(MeasurementsInput, DuplicateRowsNameBothLines) {
@@ -401,7 +397,7 @@ TEST(MeasurementsInput, DuplicateRowsNameBothLines) {
   EXPECT_THAT(row_message("c1,A,1,2,3,4,5\nc1,A,1,2,3,4,5\nc2,A,1,2,3,4,5\n"),
               AllOf(StartsWith("m.csv:3: "), HasSubstr("line 2")));
   const std::string header = replaced(kHeader, "\n", ",repeat\n");
-  EXPECT_EQ(csv_message(header + "c,A,1,2,3,4,5,2\nc,A,1,2,3,4,5,1\n"), "nothing was thrown");
+  EXPECT_EQ(csv_message(header + "c,A,1,2,3,4,5,2\nc,A,1,2,3,4,5,1\n"), "nothing was refused");
   EXPECT_THAT(csv_message(header + "c,A,1,2,3,4,5,2\nc,B,1,2,3,4,5,1\nc,A,1,2,3,4,5,2\n"), HasSubstr("measured twice"));
 }
 
@@ -449,7 +445,7 @@ TEST(MeasurementsInput, OtherEncodingsAreRefused) {
 
 TEST(MeasurementsInput, LimitsSayTheirSize) {
   const std::string longest((std::size_t{1} << 20U), '#');
-  EXPECT_EQ(csv_message(longest + "\n" + kHeader + "c1,A,1,2,3,4,5\n"), "nothing was thrown");
+  EXPECT_EQ(csv_message(longest + "\n" + kHeader + "c1,A,1,2,3,4,5\n"), "nothing was refused");
   EXPECT_THAT(csv_message(kHeader + longest + "#\nc1,A,1,2,3,4,5\n"),
               AllOf(StartsWith("m.csv:2: "), HasSubstr("1 MiB")));
   const TemporaryFile file("endless.csv", kHeader + std::string(std::size_t{10} << 20U, '1'));
@@ -884,6 +880,52 @@ TEST(MeasurementsOnRealData, ReadsTheUr10Poses) {
 TEST(MeasurementsOnRealData, WrittenFilesReadBackTheSame) {
   const Measurements fanuc = fanuc_tracker();
   expect_same(parse_measurements(measurements_csv(fanuc), kFanucJoints), fanuc);
+}
+
+Measurements of_three_configurations() {
+  Measurements m{.configurations = {"a", "b", "c"}, .targets = {"A", "B"}};
+  m.joint_values = Eigen::MatrixXd::Random(2, 3);
+  for (int row = 0; row < 6; ++row) {
+    m.observations.push_back({.position = Eigen::Vector3d::Constant(row), .configuration = row / 2, .target = row % 2});
+    m.orientations.push_back(row == 2 ? point_alone() : Eigen::Quaterniond::Identity());
+    m.order.push_back(10 - row);
+  }
+  return m;
+}
+
+TEST(TrainingRows, AreTheMeasurementsThemselvesWhereThereIsNothingElse) {
+  const Measurements all = of_three_configurations();
+  const TrainingRows training(all);
+  EXPECT_EQ(&*training, &all);
+  EXPECT_FALSE(training.has_others());
+  const std::vector<double> values = {1, 2, 3, 4, 5, 6};
+  EXPECT_EQ(training.values_of(values), values);
+  EXPECT_EQ(training.among_all(values, 7.0), values);
+}
+
+TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
+  Measurements all = of_three_configurations();
+  all.observations[1].split = all.observations[2].split = all.observations[3].split = Split::test;
+  const TrainingRows training(all);
+  ASSERT_TRUE(training.has_others());
+  const Measurements& rows = *training;
+  EXPECT_EQ(rows.configurations, all.configurations);
+  EXPECT_EQ(rows.joint_values, all.joint_values);
+  ASSERT_EQ(rows.observations.size(), 3U);
+  const std::vector<std::size_t> expected = {0, 4, 5};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Observation& observation = all.observations[expected[i]];
+    EXPECT_EQ(rows.observations[i].position, observation.position) << i;
+    EXPECT_EQ(rows.observations[i].configuration, observation.configuration) << i;
+    EXPECT_EQ(rows.observations[i].target, observation.target) << i;
+  }
+  EXPECT_EQ(rows.order, (std::vector<std::int64_t>{10, 6, 5}));
+  EXPECT_TRUE(std::none_of(rows.orientations.begin(), rows.orientations.end(), is_point));
+  EXPECT_EQ(training.values_of({1, 2, 3, 4, 5, 6}), (std::vector<double>{1, 5, 6}));
+  EXPECT_EQ(training.among_all({1, 5, 6}, 0.0), (std::vector<double>{1, 0, 0, 0, 5, 6}));
+  EXPECT_TRUE(training.values_of({}).empty());
+  EXPECT_TRUE(training.among_all({}, 0.0).empty());
+  EXPECT_THAT(testing::refusal([&] { static_cast<void>(training.values_of({1.0})); }), HasSubstr("1 values of rows"));
 }
 
 }  // namespace

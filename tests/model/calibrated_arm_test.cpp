@@ -64,7 +64,6 @@ TEST_P(OfArms, PoseIsThatOfTheKdlSolverAtTheJointValuesWithTheirEffects) {
 }
 
 TEST_P(OfArms, JacobianIsTheDerivativeOfThePose) {
-  constexpr double kStep = 1e-6;
   const Bent bent = this->bent();
   const CalibratedArm arm(bent.model, bent.errors, bent.effects);
   const CalibratedArm rigid(bent.model, bent.errors, {});
@@ -77,16 +76,14 @@ TEST_P(OfArms, JacobianIsTheDerivativeOfThePose) {
     const Eigen::Isometry3d pose = arm.flange_pose(q, jacobian);
     EXPECT_LT((pose.matrix() - arm.flange_pose(q).matrix()).cwiseAbs().maxCoeff(), 1e-14);
     rigid.flange_pose(q, of_links);
-    for (Eigen::Index i = 0; i < q.size(); ++i) {
-      const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(q.size(), i);
-      const Eigen::Isometry3d above = arm.flange_pose(q + step);
-      const Eigen::Isometry3d below = arm.flange_pose(q - step);
-      Vector6d expected;
-      expected << (above.translation() - below.translation()) / (2.0 * kStep),
-          rotation_log(above.linear() * below.linear().transpose()) / (2.0 * kStep);
-      largest = std::max(largest, (jacobian.col(i) - expected).cwiseAbs().maxCoeff());
-      without = std::max(without, (of_links.col(i) - expected).cwiseAbs().maxCoeff());
-    }
+    const Eigen::MatrixXd expected = testing::central_differences(q.size(), 1e-6, [&](const Eigen::VectorXd& step) {
+      const Eigen::Isometry3d moved = arm.flange_pose(q + step);
+      Vector6d motion;
+      motion << moved.translation(), rotation_log(moved.linear() * pose.linear().transpose());
+      return motion;
+    });
+    largest = std::max(largest, (jacobian - expected).cwiseAbs().maxCoeff());
+    without = std::max(without, (of_links - expected).cwiseAbs().maxCoeff());
   }
   EXPECT_LT(largest, 1e-8);
   EXPECT_GT(without, 1e-4) << "the effects' own share";

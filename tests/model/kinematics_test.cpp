@@ -82,22 +82,16 @@ TEST_P(EveryChain, IdentificationJacobianIsTheCentralDifference) {
   const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
   const Eigen::VectorXd q = testing::random_joints(model_, random);
   const Eigen::Vector3d target(0.1, -0.05, 0.2);
-  const auto point = [&](const Eigen::VectorXd& e) {
-    return Eigen::Vector3d(flange_pose(folded(model_, e), q) * target);
-  };
+  const Eigen::MatrixXd expected = testing::central_differences(errors.size(), 1e-6, [&](const Eigen::VectorXd& step) {
+    return Eigen::Vector3d(flange_pose(folded(model_, errors + step), q) * target);
+  });
   Matrix6Xd jacobian;
   const Eigen::Isometry3d X_BF =
       flange_jacobian(folded(model_, errors), parameter_twists(model_, errors, which_), q, jacobian);
-  const double h = 1e-6;
   for (Eigen::Index p = 0; p < errors.size(); ++p) {
-    Eigen::VectorXd plus = errors;
-    Eigen::VectorXd minus = errors;
-    plus[p] += h;
-    minus[p] -= h;
-    const Eigen::Vector3d expected = (point(plus) - point(minus)) / (2.0 * h);
     const Eigen::Vector3d linear = jacobian.col(p).head<3>();
     const Eigen::Vector3d angular = jacobian.col(p).tail<3>();
-    EXPECT_LT((X_BF.linear() * (linear + angular.cross(target)) - expected).norm(), 1e-9)
+    EXPECT_LT((X_BF.linear() * (linear + angular.cross(target)) - expected.col(p)).norm(), 1e-9)
         << model_.parameters[static_cast<std::size_t>(p)].name;
   }
 }
@@ -129,21 +123,14 @@ TEST_P(EveryChain, BaseColumnsAreTheMotionOfTheBaseInItsOwnFrame) {
   const Eigen::Vector3d target(0.1, -0.05, 0.2);
   Matrix6Xd jacobian;
   const Eigen::Isometry3d X_BF = flange_jacobian(chain, base_twists(), q, jacobian);
-  const double h = 1e-6;
+  const Eigen::MatrixXd expected = testing::central_differences(6, 1e-6, [&](const Eigen::VectorXd& step) {
+    const Eigen::Matrix3d R = rotation_exp(step.tail<3>());
+    return Eigen::Vector3d(R * (X_BF * target) + step.head<3>());
+  });
   for (int c = 0; c < 6; ++c) {
-    const auto moved = [&](double amount) {
-      Eigen::Isometry3d motion = Eigen::Isometry3d::Identity();
-      if (c < 3) {
-        motion.translation()[c] = amount;
-      } else {
-        motion.linear() = rotation_exp(Eigen::Vector3d::Unit(c - 3) * amount);
-      }
-      return Eigen::Vector3d(motion * X_BF * target);
-    };
-    const Eigen::Vector3d expected = (moved(h) - moved(-h)) / (2.0 * h);
     const Eigen::Vector3d linear = jacobian.col(c).head<3>();
     const Eigen::Vector3d angular = jacobian.col(c).tail<3>();
-    EXPECT_LT((X_BF.linear() * (linear + angular.cross(target)) - expected).norm(), 1e-9);
+    EXPECT_LT((X_BF.linear() * (linear + angular.cross(target)) - expected.col(c)).norm(), 1e-9);
   }
 }
 

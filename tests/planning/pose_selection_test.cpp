@@ -11,6 +11,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/workspace.hpp"
+#include "refusal.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration {
@@ -191,13 +192,8 @@ TEST(PoseSelection, FindsTheSmallestNumberForAnAccuracy) {
 
 TEST(PoseSelection, SaysWhyItCannotChoose) {
   const Fixture f(40, 1);
-  const auto message = [&](const MatrixXd& all, int count) -> std::string {
-    try {
-      select_configurations(f.experiment, {all, f.none}, {.count = count});
-    } catch (const InputError& error) {
-      return error.what();
-    }
-    return {};
+  const auto message = [&](const MatrixXd& all, int count) {
+    return testing::refusal([&] { select_configurations(f.experiment, {all, f.none}, {.count = count}); });
   };
   EXPECT_THAT(message(f.all, 3), ::testing::HasSubstr("expected at least 4 configurations"));
   EXPECT_THAT(message(f.all, 41), ::testing::HasSubstr("40 candidates"));

@@ -17,13 +17,14 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "refusal.hpp"
 
 namespace kdl_calibration {
 namespace {
 
-using testing::AllOf;
-using testing::HasSubstr;
-using testing::Not;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
 
 /// Everything that a hand-edited URDF may hold; every joint has an origin.
 const std::string kAwkward = R"(<?xml version='1.0' encoding="utf-8"?>
@@ -166,12 +167,7 @@ std::vector<std::string> origins(const std::string& text) {
 }
 
 std::string message_of(const std::string& urdf, const std::vector<OriginCorrection>& corrections) {
-  try {
-    (void)corrected_urdf(urdf, corrections);
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "no InputError";
+  return testing::refusal([&] { corrected_urdf(urdf, corrections); });
 }
 
 OriginCorrection shift(const std::string& joint, double x, double y, double z) {

@@ -1,0 +1,369 @@
+#include <gmock/gmock.h>
+
+#include <barrier>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <numeric>
+#include <regex>
+#include <set>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "kdl_calibration/kdl_calibration.hpp"
+#include "mistakes_support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using testing::Measured;
+
+/// A question about objects that threads share, answered by a number that hangs on all of the answer.
+struct Asked {
+  std::string name;
+  std::function<double()> ask;
+};
+
+double number(const std::string& text) { return std::accumulate(text.begin(), text.end(), 0.0); }
+double number(const std::vector<std::string>& texts) {
+  return std::accumulate(texts.begin(), texts.end(), 0.0,
+                         [](double sum, const std::string& text) { return 2.0 * sum + number(text); });
+}
+double number(const std::vector<double>& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
+double number(const Estimate& estimate) {
+  double sum = estimate.errors.sum() + estimate.X_WB.matrix().sum() + estimate.effects.sum();
+  for (const TargetFrame& target : estimate.targets) {
+    sum += target.X_FT.matrix().sum();
+  }
+  return sum;
+}
+double number(const std::vector<Eigen::Isometry3d>& poses) {
+  return std::accumulate(poses.begin(), poses.end(), 0.0,
+                         [](double sum, const Eigen::Isometry3d& pose) { return sum + pose.matrix().sum(); });
+}
+double number(const ColumnRange& range) { return static_cast<double>(100 * range.first + range.count); }
+double number(const NormalEquations& equations) {
+  return equations.hessian.sum() + equations.gradient.sum() + equations.cost;
+}
+double number(const Measurements& measurements) {
+  double sum = measurements.joint_values.sum();
+  for (const Observation& observation : measurements.observations) {
+    sum += observation.position.sum() + observation.configuration;
+  }
+  return sum;
+}
+double number(const NoiseModel& noise) { return noise.independent.sum() + noise.common.sum() + noise.misfit; }
+
+/// Objects of every class of the public API, made once and then constant.
+struct Shared {
+  Robot robot = testing::fanuc();
+  Measured measured = with_test_rows(testing::measured(complete_model(robot), 1, {.configurations = 24, .repeats = 2}));
+  const ErrorModel& model = measured.model;
+  const Measurements& data = measured.data;
+  const Unknowns& free = measured.free;
+  Estimate start = nominal_start(model, data);
+  CalibrationOptions options = {.threads = 1};
+  Calibration calibration = calibrate(model, data, options);
+  const Estimate& estimate = calibration.identification.estimate;
+  FitProblem fit_problem{.model = model, .measurements = data, .start = estimate, .free = free};
+  TrainingRows rows{data};
+  TrainingProblem training{fit_problem};
+  LeastSquaresProblem problem{model, data, free};
+  PositionPredictor predictor{model, estimate, free};
+  ChainFolder folder{model, {0, 1, 2}};
+  CalibratedArm arm{model, estimate.errors, {}};
+  VectorXd q = data.joint_values.col(0);
+  std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, data.joint_values);
+  WhitenedSummary summary = problem.whitened_summary(estimate);
+  MatrixXd C = covariance(summary.triangle, 1e-9);
+  NoiseParts parts = estimate_noise(model, data, estimate, free, {});
+  ResidualOptions residuals{.row_weights = std::vector<double>(data.observations.size(), 0.5)};
+  LinearSums sums{.information = summary.triangle.transpose() * summary.triangle,
+                  .moment = VectorXd::Ones(free.size()),
+                  .squares = 1e3,
+                  .equations = 200.0};
+  std::vector<Index> columns = all_columns(free.size());
+  SizeEstimator sizes{sums, columns, {{6, 7, 8}}};
+  std::vector<std::vector<Index>> folds = make_folds(data, 4);
+  OptionError error{"noise", "is none", {"weights"}};
+  Experiment experiment = nominal_experiment(model, estimate.targets);
+  TruthComparison comparison = compare_with_truth(model, estimate, start, data.joint_values);
+
+  static Measured with_test_rows(Measured measured) {
+    for (Observation& observation : measured.data.observations) {
+      observation.split = observation.configuration % 6 == 0 ? Split::test : Split::train;
+    }
+    return measured;
+  }
+  static std::vector<Index> all_columns(Index count) {
+    std::vector<Index> columns(static_cast<std::size_t>(count));
+    std::iota(columns.begin(), columns.end(), Index{0});
+    return columns;
+  }
+};
+
+const Shared& shared() {
+  static const Shared instance;
+  return instance;
+}
+
+std::vector<Asked> methods_of_estimation() {
+  const Shared& s = shared();
+  const Unknowns& free = s.free;
+  const Estimate& estimate = s.estimate;
+  const VectorXd step = VectorXd::Constant(free.size(), 1e-6);
+  return {
+      {"Unknowns::with", [&] { return number(free.with(s.model, UnknownGroup::base, {1}).names()); }},
+      {"Unknowns::with_all", [&] { return number(free.with_all(s.model, UnknownGroup::geometric).names()); }},
+      {"Unknowns::without", [&] { return number(free.without(UnknownGroup::targets).names()); }},
+      {"Unknowns::subset", [&] { return number(free.subset(std::vector<bool>(free.columns().size(), true)).names()); }},
+      {"Unknowns::size", [&] { return static_cast<double>(free.size()); }},
+      {"Unknowns::columns", [&] { return static_cast<double>(free.columns().size()); }},
+      {"Unknowns::names", [&] { return number(free.names()); }},
+      {"Unknowns::column",
+       [&] {
+         return static_cast<double>(free.column(free.names().back()).value() +
+                                    free.column(UnknownGroup::base, 3).value());
+       }},
+      {"Unknowns::target_columns", [&] { return static_cast<double>(free.target_columns(1)[2]); }},
+      {"Unknowns::range", [&] { return number(free.range(UnknownGroup::targets)); }},
+      {"Unknowns::chain", [&] { return number(free.chain()); }},
+      {"Unknowns::of", [&] { return static_cast<double>(free.of(UnknownGroup::targets).back()); }},
+      {"Unknowns::geometric", [&] { return static_cast<double>(free.geometric().back()); }},
+      {"Unknowns::effects", [&] { return static_cast<double>(free.effects().size()); }},
+      {"Unknowns::order_of_choice", [&] { return static_cast<double>(free.order_of_choice().back()); }},
+      {"Unknowns::move",
+       [&, step] {
+         Estimate moved = estimate;
+         free.move(estimate, step, moved);
+         return number(moved);
+       }},
+      {"Unknowns::moved", [&, step] { return number(free.moved(estimate, step)); }},
+      {"Unknowns::difference", [&] { return free.difference(s.start, estimate).sum(); }},
+      {"Unknowns::prior_information", [&] { return free.prior_information({.length = 1e-3, .angle = 1e-3}).sum(); }},
+      {"ColumnRange::end", [&] { return static_cast<double>(free.chain().end()); }},
+      {"ColumnRange::empty", [&] { return free.chain().empty() ? 1.0 : 0.0; }},
+      {"LeastSquaresProblem::linearise",
+       [&] {
+         LeastSquaresProblem::Workspace own;
+         NormalEquations equations;
+         s.problem.linearise(estimate, own, equations);
+         return number(equations) + number(s.problem.linearise(s.start));
+       }},
+      {"LeastSquaresProblem::cost",
+       [&] {
+         LeastSquaresProblem::Workspace own;
+         return s.problem.cost(estimate) + s.problem.cost(s.start, own);
+       }},
+      {"LeastSquaresProblem::whitened", [&] { return s.problem.whitened(estimate).jacobian.sum(); }},
+      {"LeastSquaresProblem::whitened_summary", [&] { return s.problem.whitened_summary(estimate).triangle.sum(); }},
+      {"LeastSquaresProblem::model", [&] { return static_cast<double>(s.problem.model().parameters.size()); }},
+      {"LeastSquaresProblem::unknowns", [&] { return static_cast<double>(s.problem.unknowns().size()); }},
+      {"LeastSquaresProblem::columns", [&] { return static_cast<double>(s.problem.columns()); }},
+      {"LeastSquaresProblem::equations", [&] { return static_cast<double>(s.problem.equations()); }},
+      {"LeastSquaresProblem::points", [&] { return static_cast<double>(s.problem.points()); }},
+      {"LeastSquaresProblem::cost_of_repeats", [&] { return s.problem.cost_of_repeats(); }},
+      {"LeastSquaresProblem::total_weight", [&] { return s.problem.total_weight(); }},
+  };
+}
+
+std::vector<Asked> other_methods() {
+  const Shared& s = shared();
+  return {
+      {"CalibratedArm::joints", [&] { return static_cast<double>(s.arm.joints()); }},
+      {"CalibratedArm::flange_pose",
+       [&] {
+         Matrix6Xd jacobian;
+         return s.arm.flange_pose(s.q, jacobian).matrix().sum() + s.arm.flange_pose(s.q).matrix().sum() +
+                jacobian.sum();
+       }},
+      {"ChainFolder::shape", [&] { return static_cast<double>(s.folder.shape().links.size()); }},
+      {"ChainFolder::fold",
+       [&] {
+         FoldedChain chain = s.folder.shape();
+         std::vector<ParameterTwist> twists(3);
+         s.folder.fold(s.estimate.errors, chain, twists, 0);
+         return flange_pose(chain, s.q).matrix().sum();
+       }},
+      {"PositionPredictor::jacobians", [&] { return s.predictor.jacobians(s.q).back().sum(); }},
+      {"TrainingRows::has_others", [&] { return s.rows.has_others() ? 1.0 : 0.0; }},
+      {"TrainingRows::values_of", [&] { return number(s.rows.values_of(s.residuals.row_weights)); }},
+      {"TrainingRows::among_all",
+       [&] { return number(s.rows.among_all(std::vector<double>((*s.rows).observations.size(), 2.0), 1.0)); }},
+      {"TrainingProblem::rows", [&] { return number(*s.training.rows()) + number((*s.training).start); }},
+      {"NoiseModel::is_absolute", [&] { return s.options.noise.is_absolute() ? 1.0 : 0.0; }},
+      {"NoiseModel::has_misfit", [&] { return s.options.noise.has_misfit() ? 1.0 : 0.0; }},
+      {"NoiseModel::is_isotropic", [&] { return s.options.noise.is_isotropic() ? 1.0 : 0.0; }},
+      {"ResidualOptions::row_weight", [&] { return s.residuals.row_weight(3); }},
+      {"NoiseParts::estimates_misfit", [&] { return s.parts.estimates_misfit() ? 1.0 : 0.0; }},
+      {"NoiseParts::misfit", [&] { return s.parts.misfit(); }},
+      {"NoiseParts::target_misfit", [&] { return s.parts.target_misfit(); }},
+      {"NoiseParts::common", [&] { return s.parts.common().sum(); }},
+      {"NoiseParts::independent", [&] { return s.parts.independent().sum(); }},
+      {"NoiseParts::model", [&] { return number(s.parts.model({})); }},
+      {"NoiseParts::point", [&] { return s.parts.point().sum(); }},
+      {"NoiseParts::freedom", [&] { return s.parts.freedom(1e-9, NoiseParts::Variances::Ones()); }},
+      {"NoiseParts::freedom_of_point", [&] { return s.parts.freedom_of_point(); }},
+      {"ResidualNoise::total", [&] { return noise_from_residuals(s.summary, 30, 1.0).total(); }},
+      {"NoiseReport::freedom_of_covariance", [&] { return s.calibration.noise.freedom_of_covariance(); }},
+      {"Calibration::trusted", [&] { return s.calibration.trusted() ? 1.0 : 0.0; }},
+      {"Calibration::held_out", [&] { return s.calibration.held_out()->after.rms; }},
+      {"SizeEstimator::is_determined", [&] { return s.sizes.is_determined() ? 1.0 : 0.0; }},
+      {"SizeEstimator::estimate", [&] { return s.sizes.estimate({}, {}, 1e-9).values.sum(); }},
+      {"TruthComparison::comparable", [&] { return s.comparison.comparable() ? 1.0 : 0.0; }},
+      {"OptionError::option", [&] { return number(s.error.option()); }},
+      {"OptionError::fault", [&] { return number(s.error.fault()); }},
+      {"OptionError::remedies", [&] { return number(s.error.remedies()); }},
+  };
+}
+
+std::vector<Asked> functions_up_to_estimation() {
+  const Shared& s = shared();
+  const FitProblem& fit_problem = s.fit_problem;
+  return {
+      {"complete_model", [&] { return static_cast<double>(complete_model(s.robot).parameters.size()); }},
+      {"error_chain", [&] { return difference_to_kdl(s.model, s.estimate.errors, s.data.joint_values); }},
+      {"flange_poses", [&] { return number(flange_poses(s.model, s.estimate, s.data.joint_values)); }},
+      {"reduced_model", [&] { return number(reduced_model(s.model, s.estimate.targets).kept); }},
+      {"subset", [&] { return number(subset(s.data, [](const Observation& row) { return row.target == 1; })); }},
+      {"averaged", [&] { return number(averaged(s.data)); }},
+      {"training_sample", [&] { return number(training_sample(s.data, 5)); }},
+      {"trained_ranges", [&] { return trained_ranges(s.data).front().first; }},
+      {"joined", [&] { return number(joined(s.data, s.data)); }},
+      {"register_base_and_targets", [&] { return register_base_and_targets(s.X_BF, s.data).rms; }},
+      {"identify_jointly", [&] { return number(identify_jointly(s.model, s.data, s.start, s.free).estimate); }},
+      {"identify_robustly", [&] { return number(identify_robustly(fit_problem).weights); }},
+      {"identify_in_two_steps",
+       [&] {
+         const std::function<Measurements(int)> same = [&](int) { return s.data; };
+         return number(identify_in_two_steps(s.model, same, s.start, s.free.geometric(), {.rounds = 2}).estimate);
+       }},
+      {"identification_jacobian", [&] { return identification_jacobian(s.model, s.estimate, s.free, s.q).sum(); }},
+  };
+}
+
+std::vector<Asked> functions_of_assessment() {
+  const Shared& s = shared();
+  const FitProblem& fit_problem = s.fit_problem;
+  return {
+      {"identifiability", [&] { return identifiability(s.summary.triangle, s.free.names()).condition; }},
+      {"covariance", [&] { return covariance(s.summary, noise_from_residuals(s.summary, 30, 1.0), 1.0).sum(); }},
+      {"predicted_covariance", [&] { return predicted_covariance(s.predictor, s.C, s.q, 1).sum(); }},
+      {"noise_from_repeats", [&] { return noise_from_repeats(s.data).total.sum(); }},
+      {"estimate_noise", [&] { return estimate_noise(s.model, s.data, s.estimate, s.free, {}).variances.sum(); }},
+      {"test_lack_of_fit",
+       [&] { return test_lack_of_fit(s.model, s.data, s.estimate, s.free).has_value() ? 1.0 : 0.0; }},
+      {"explained_by_joints", [&] { return number(explained_by_joints(s.model, s.estimate, s.data)); }},
+      {"influence",
+       [&] { return influence(s.problem, s.data, {}, s.estimate, s.summary.triangle).configurations.back().cook; }},
+      {"pseudo_values",
+       [&] {
+         const std::vector<double>& weights = s.residuals.row_weights;
+         return number(pseudo_values(s.model, s.data, s.estimate, Loss::huber, weights).measurements);
+       }},
+      {"position_errors", [&] { return number(position_errors(s.model, s.estimate, s.data)); }},
+      {"iso_9283", [&] { return iso_9283(s.model, s.estimate, s.data).repeatability.rms; }},
+      {"make_folds", [&] { return static_cast<double>(make_folds(s.data, 4).back().back()); }},
+      {"can_be_left_out", [&] { return can_be_left_out(s.data, s.folds, s.free.size()) ? 1.0 : 0.0; }},
+      {"cross_validate", [&] { return number(cross_validate(fit_problem, s.folds, 2).distances); }},
+      {"cross_validate_by_sums",
+       [&] { return number(cross_validate_by_sums(fit_problem, s.folds, 3e-5, 2).distances); }},
+      {"predict_folds",
+       [&] {
+         const FoldTask task{.problem = fit_problem, .triangle = s.summary.triangle, .noise = 3e-5};
+         return number(distances_of(predict_folds(task, s.folds, 2)));
+       }},
+      {"check_measurements",
+       [&] { return static_cast<double>(check_measurements(s.model, s.data, s.estimate).size()); }},
+      {"try_conventions", [&] { return try_conventions(s.model, s.data, s.free, {.threads = 2}).front().rms; }},
+      {"suspicions",
+       [&] { return static_cast<double>(suspicions(s.model, s.data, s.estimate, s.free, {.threads = 2}).size()); }},
+  };
+}
+
+std::vector<Asked> functions_of_whole_jobs() {
+  const Shared& s = shared();
+  return {
+      {"calibrate", [&] { return number(calibrate(s.model, s.data, {.threads = 2}).identification.estimate); }},
+      {"calibrated_urdf", [&] { return number(calibrated_urdf(s.robot, s.calibration)); }},
+      {"result_json", [&] { return number(result_json(s.robot, s.data, s.options, s.calibration)); }},
+      {"result_table", [&] { return number(result_table(s.data, s.calibration)); }},
+      {"residuals_csv", [&] { return number(residuals_csv(s.data, s.calibration)); }},
+      {"parse_calibration",
+       [&] {
+         const std::string json = result_json(s.robot, s.data, s.options, s.calibration);
+         return number(parse_calibration(json, s.robot, "the result").estimate);
+       }},
+      {"information", [&] { return information(s.experiment, s.data).sum(); }},
+      {"predicted",
+       [&] {
+         const MatrixXd sum = information(s.experiment, s.data.joint_values);
+         return predicted(s.experiment, sum, s.data.joint_values, 2).sigma.rms;
+       }},
+      {"compare_with_truth",
+       [&] { return compare_with_truth(s.model, s.estimate, s.start, s.data.joint_values).gauge_misfit; }},
+  };
+}
+
+void expect_the_same_from_two_threads(const std::vector<Asked>& questions) {
+  for (const Asked& asked : questions) {
+    const double expected = asked.ask();
+    std::vector<double> found(2);
+    std::barrier together(2);
+    const auto answer = [&](double& own) {
+      together.arrive_and_wait();
+      own = asked.ask();
+    };
+    std::thread other(answer, std::ref(found[1]));
+    answer(found[0]);
+    other.join();
+    EXPECT_EQ(found, std::vector<double>(2, expected)) << asked.name;
+  }
+}
+
+TEST(Threads, MayCallConstMethodsOfOneEstimation) { expect_the_same_from_two_threads(methods_of_estimation()); }
+
+TEST(Threads, MayCallConstMethodsOfOneObject) { expect_the_same_from_two_threads(other_methods()); }
+
+TEST(Threads, MayEstimateFromTheSameMeasurements) { expect_the_same_from_two_threads(functions_up_to_estimation()); }
+
+TEST(Threads, MayAssessTheSameFit) { expect_the_same_from_two_threads(functions_of_assessment()); }
+
+TEST(Threads, MayDoTheWholeJobOnTheSameMeasurements) { expect_the_same_from_two_threads(functions_of_whole_jobs()); }
+
+// The names of const methods in the public headers; operators are asked beside the others of their class.
+std::set<std::string> const_methods() {
+  const std::regex declaration(R"((\w+)\(([^;{}()]|\([^()]*\))*\)\s*const\s*[;{])");
+  const std::set<std::string> of_nobody_else = {"solve", "all_values"};  // private
+  std::set<std::string> names;
+  for (const auto& header :
+       std::filesystem::directory_iterator(std::string(PROJECT_DIR) + "/include/kdl_calibration")) {
+    std::ifstream file(header.path());
+    const std::string text((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+    for (std::sregex_iterator found(text.begin(), text.end(), declaration); found != std::sregex_iterator(); ++found) {
+      if (of_nobody_else.count((*found)[1]) == 0) {
+        names.insert((*found)[1]);
+      }
+    }
+  }
+  return names;
+}
+
+TEST(Threads, AreTriedOnEveryConstMethodOfThePublicHeaders) {
+  std::set<std::string> asked;
+  for (const std::vector<Asked>& questions : {methods_of_estimation(), other_methods()}) {
+    for (const Asked& question : questions) {
+      asked.insert(question.name.substr(question.name.find("::") + 2));
+    }
+  }
+  EXPECT_THAT(asked, ::testing::IsSupersetOf(const_methods()));
+  EXPECT_GT(const_methods().size(), 50U);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
