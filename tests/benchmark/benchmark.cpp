@@ -102,10 +102,10 @@ BENCHMARK(iteration_ceres_qr)
 // -----------------------------------------------------------------------------------------------
 
 // One iteration: the pass over the data and the step.
-void iteration_library(benchmark::State& state) {
+void iteration(benchmark::State& state, const ResidualOptions& options) {
   const auto count = static_cast<int>(state.range(0));
   const Measurements measured = experiment().measurements(count);
-  const LeastSquaresProblem problem(experiment().model, measured, experiment().free);
+  const LeastSquaresProblem problem(experiment().model, measured, experiment().free, options);
   const Estimate start = experiment().nominal();
   LeastSquaresProblem::Workspace workspace;
   NormalEquations equations;
@@ -116,7 +116,17 @@ void iteration_library(benchmark::State& state) {
   state.counters["per_configuration"] =
       benchmark::Counter(count, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
+void iteration_library(benchmark::State& state) { iteration(state, {}); }
 BENCHMARK(iteration_library)->Arg(30)->Arg(300)->Arg(3000)->Arg(30000)->Arg(300000)->Unit(benchmark::kMicrosecond);
+
+// With noise that the points of a configuration share.
+void iteration_correlated(benchmark::State& state) {
+  ResidualOptions options;
+  options.noise.independent.setConstant(3e-5);
+  options.noise.common.setConstant(1e-5);
+  iteration(state, options);
+}
+BENCHMARK(iteration_correlated)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond);
 
 void whole_fit_library(benchmark::State& state) {
   const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)));
