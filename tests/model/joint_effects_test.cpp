@@ -382,7 +382,9 @@ TEST(JointEffects, OfMeasuredTorquesAreTheTorqueAndItsSide) {
 TEST(JointEffects, OfTorquesThatWereNotMeasuredAreRefused) {
   ErrorModel model = complete_model(fanuc());
   Random random(13);
-  auto [q, signals] = driven_stops(model, random);
+  DrivenConfigurations driven = driven_stops(model, random);
+  const Eigen::MatrixXd& q = driven.joint_values;
+  DriveSignals& signals = driven.signals;
   EXPECT_TRUE(effect_terms(model, EffectGroup::torque, q).empty());
   model.effects = effect_terms(model, EffectGroup::torque, q, signals);
   EXPECT_THAT(testing::refusal([&] { effect_basis(model, q); }), ::testing::HasSubstr("no measured torque of joint_1"));
