@@ -88,6 +88,9 @@ private:
   std::optional<Measurements> apart_;
 };
 
+/// Of each configuration, whether it has training rows.
+std::vector<bool> trained_configurations(const Measurements& measurements);
+
 /// The training rows of at most so many configurations, evenly spaced over those that have any.
 Measurements training_sample(const Measurements& measurements, std::size_t most_configurations);
 

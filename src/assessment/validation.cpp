@@ -149,13 +149,8 @@ std::vector<std::vector<Eigen::Index>> same_joint_values(const Measurements& mea
 }  // namespace
 
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
-  check(measurements);
-  std::vector<bool> trained(static_cast<std::size_t>(measurements.joint_values.cols()), false);
-  const TrainingRows training(measurements);
-  for (const Observation& observation : (*training).observations) {
-    trained[static_cast<std::size_t>(observation.configuration)] = true;
-  }
-  std::vector<std::vector<Eigen::Index>> configurations = same_joint_values(measurements, trained);
+  std::vector<std::vector<Eigen::Index>> configurations =
+      same_joint_values(measurements, trained_configurations(measurements));
   const std::size_t count = configurations.size();
   const bool one_each = folds <= 0 || static_cast<std::size_t>(folds) >= count;
   if (!one_each) {  // Fisher-Yates

@@ -284,12 +284,8 @@ void add_frames(const Estimate& estimate, std::string& text) {
 }
 
 long fitted_configurations(const Measurements& measurements) {
-  std::set<std::int32_t> configurations;
-  const TrainingRows training(measurements);
-  for (const Observation& observation : (*training).observations) {
-    configurations.insert(observation.configuration);
-  }
-  return static_cast<long>(configurations.size());
+  const std::vector<bool> trained = trained_configurations(measurements);
+  return std::count(trained.begin(), trained.end(), true);
 }
 
 std::string sizes(const Measurements& measurements, const Calibration& calibration) {

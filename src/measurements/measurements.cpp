@@ -144,6 +144,7 @@ TrainingRows::TrainingRows(const Measurements& measurements) : all_(measurements
   if (std::all_of(rows.begin(), rows.end(), is_training)) {
     return;
   }
+  check(all_);
   apart_ = all_;
   keep_those_of_training(rows, apart_->orientations);
   keep_those_of_training(rows, apart_->order);
@@ -174,7 +175,7 @@ std::vector<double> TrainingRows::among_all(std::vector<double> values, double o
   return result;
 }
 
-Measurements training_sample(const Measurements& measurements, std::size_t most_configurations) {
+std::vector<bool> trained_configurations(const Measurements& measurements) {
   check(measurements);
   std::vector<bool> trained(measurements.configurations.size(), false);
   for (const Observation& observation : measurements.observations) {
@@ -182,6 +183,11 @@ Measurements training_sample(const Measurements& measurements, std::size_t most_
       trained[static_cast<std::size_t>(observation.configuration)] = true;
     }
   }
+  return trained;
+}
+
+Measurements training_sample(const Measurements& measurements, std::size_t most_configurations) {
+  const std::vector<bool> trained = trained_configurations(measurements);
   std::vector<std::size_t> all;
   for (std::size_t c = 0; c < trained.size(); ++c) {
     if (trained[c]) {
@@ -199,11 +205,11 @@ Measurements training_sample(const Measurements& measurements, std::size_t most_
 }
 
 Eigen::MatrixXd approach_directions(const Measurements& measurements) {
-  check(measurements);
   const std::vector<std::int64_t>& order = measurements.order;
   if (order.empty()) {
     return {};
   }
+  check(measurements);
   std::vector<std::size_t> rows(order.size());
   std::iota(rows.begin(), rows.end(), std::size_t{0});
   std::stable_sort(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) { return order[a] < order[b]; });

@@ -903,6 +903,18 @@ TEST(TrainingRows, AreTheMeasurementsThemselvesWhereThereIsNothingElse) {
   EXPECT_EQ(training.among_all(values, 7.0), values);
 }
 
+TEST(TrainingRows, OfWhatDoesNotHoldTogetherAreRefusedBeforeAnyIsTaken) {
+  const Measurements sound = parse(
+      "configuration,split,target,joint_1[rad],joint_2[mm],x,y,z\n"
+      "a,train,A,1,2,0,0,1\nb,test,A,3,4,0,0,2\nc,train,A,5,6,0,0,3\n");
+  Measurements fewer = sound;
+  fewer.orientations = {Eigen::Quaterniond::Identity()};
+  EXPECT_THAT(testing::refusal([&] { TrainingRows rows(fewer); }), HasSubstr("1 orientations, expected 3"));
+  Measurements more = sound;
+  more.order.assign(5, 1);
+  EXPECT_THAT(testing::refusal([&] { TrainingRows rows(more); }), HasSubstr("5 places in the order, expected 3"));
+}
+
 TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
   Measurements all = of_three_configurations();
   all.observations[1].split = all.observations[2].split = all.observations[3].split = Split::test;
