@@ -199,6 +199,8 @@ std::vector<Asked> other_methods() {
       {"NoiseModel::is_absolute", [&] { return s.options.noise.is_absolute() ? 1.0 : 0.0; }},
       {"NoiseModel::has_misfit", [&] { return s.options.noise.has_misfit() ? 1.0 : 0.0; }},
       {"NoiseModel::is_isotropic", [&] { return s.options.noise.is_isotropic() ? 1.0 : 0.0; }},
+      {"NoiseModel::is_alike_in_every_direction",
+       [&] { return s.options.noise.is_alike_in_every_direction() ? 1.0 : 0.0; }},
       {"ResidualOptions::row_weight", [&] { return s.residuals.row_weight(3); }},
       {"NoiseParts::estimates_misfit", [&] { return s.parts.estimates_misfit() ? 1.0 : 0.0; }},
       {"NoiseParts::misfit", [&] { return s.parts.misfit(); }},

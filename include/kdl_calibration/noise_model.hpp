@@ -35,6 +35,8 @@ struct NoiseModel {
 
   bool is_absolute() const { return tracker.has_value() || !independent.isZero(0.0) || !common.isZero(0.0); }
   bool has_misfit() const { return misfit != 0.0 || target_misfit != 0.0; }
+  /// Whether errors are alike in every direction, whatever points share.
+  bool is_alike_in_every_direction() const;
   /// Whether points are independent of each other and alike in every direction.
   bool is_isotropic() const;
 };

@@ -63,14 +63,8 @@ void order_columns(LaneWorkspace& work) {
 
 // Where the kept point `k` is expected in the flange frame.
 Vector3d kept_target(const LaneGroup& group, std::size_t k, const Estimate& estimate) {
-  if (group.mixing.size() == 0) {
-    return estimate.targets[group.targets[k]].X_FT.translation();
-  }
-  Vector3d target = Vector3d::Zero();
-  for (std::size_t l = 0; l < group.targets.size(); ++l) {
-    target += group.share(k, l) * estimate.targets[group.targets[l]].X_FT.translation();
-  }
-  return target;
+  return group.mixed(k,
+                     [&](std::size_t l) -> Vector3d { return estimate.targets[group.targets[l]].X_FT.translation(); });
 }
 
 // sum sqrt(w_k): the weight of the mean of the points with the weights sqrt(w_k), and the group of these means. The sum
@@ -232,14 +226,11 @@ void LanePass::add_group(const LaneGroup& group, double weight, const LaneWorksp
 // Calls visitor(column, coordinate, share) for each free coordinate of the targets in the kept point `k`.
 template <class Visitor>
 void LanePass::visit_targets(const LaneGroup& group, std::size_t k, Visitor visitor) const {
-  for (std::size_t l = group.mixing.size() == 0 ? k : 0; l < group.targets.size(); ++l) {
+  for (std::size_t l = k; l < group.mixed_end(k); ++l) {
     for (std::size_t c = 0; c < 3; ++c) {
       if (const int column = unknowns_.target_columns(group.targets[l])[c]; column >= 0) {
         visitor(static_cast<Index>(column), c, group.share(k, l));
       }
-    }
-    if (group.mixing.size() == 0) {
-      return;
     }
   }
 }

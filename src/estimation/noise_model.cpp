@@ -5,10 +5,11 @@ namespace kdl_calibration {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-bool NoiseModel::is_isotropic() const {
-  const bool equal = independent.isConstant(independent.x(), 0.0);
-  return equal && common.isZero(0.0) && !has_misfit() && !tracker;
+bool NoiseModel::is_alike_in_every_direction() const {
+  return independent.isConstant(independent.x(), 0.0) && common.isConstant(common.x(), 0.0) && !tracker;
 }
+
+bool NoiseModel::is_isotropic() const { return is_alike_in_every_direction() && common.isZero(0.0) && !has_misfit(); }
 
 Matrix3d point_covariance(const NoiseModel& noise, const Observation& observation) {
   if (observation.sigma > 0.0) {

@@ -67,11 +67,6 @@ std::optional<LaneGroup> group_for(const ObservedConfiguration& configuration, I
   return group;
 }
 
-bool is_alike_in_every_direction(const NoiseModel& noise) {
-  return !noise.tracker && noise.independent.isConstant(noise.independent.x(), 0.0) &&
-         noise.common.isConstant(noise.common.x(), 0.0);
-}
-
 // Groups keep joint values alone.
 bool asks_for_signals(const ErrorModel& model) {
   return std::any_of(model.effects.begin(), model.effects.end(),
@@ -79,7 +74,7 @@ bool asks_for_signals(const ErrorModel& model) {
 }
 
 bool could_be_alike(const Unknowns& unknowns, const Measurements& measurements, const NoiseModel& noise) {
-  return is_alike_in_every_direction(noise) && measurements.orientations.empty() && unknowns.effects().empty() &&
+  return noise.is_alike_in_every_direction() && measurements.orientations.empty() && unknowns.effects().empty() &&
          (measurements.joint_values.array().abs() <= kLargestAngle).all();
 }
 
@@ -142,13 +137,7 @@ void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const ObservedConfig
     write(i, q[static_cast<Index>(i)]);
   }
   for (std::size_t k = 0; k < targets.size(); ++k) {
-    Vector3d kept = configuration.points[k].position;
-    if (information) {
-      kept.setZero();
-      for (std::size_t l = 0; l < targets.size(); ++l) {
-        kept += share(k, l) * configuration.points[l].position;
-      }
-    }
+    const Vector3d kept = mixed(k, [&](std::size_t l) { return configuration.points[l].position; });
     for (std::size_t i = 0; i < 3; ++i) {
       write(joints + 3 * k + i, kept[static_cast<Index>(i)]);
     }
@@ -170,12 +159,10 @@ void LaneGroup::read(std::size_t configuration, VectorXd& q, ObservedConfigurati
     point.target = targets[k];
     point.weight = information ? 0.0 : weights[k];
     point.position = Vector3d(at(configuration, row), at(configuration, row + 1), at(configuration, row + 2));
-    if (information) {
-      for (std::size_t l = k + 1; l < targets.size(); ++l) {
-        point.position -= share(k, l) * points.points[l].position;
-      }
-      point.position /= share(k, k);
+    for (std::size_t l = k + 1; l < mixed_end(k); ++l) {
+      point.position -= share(k, l) * points.points[l].position;
     }
+    point.position /= share(k, k);
   }
 }
 

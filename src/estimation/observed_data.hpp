@@ -33,12 +33,23 @@ struct LaneGroup {
     return data[configuration / kLanes * rows() + row].lanes[configuration % kLanes];
   }
   bool takes(const ObservedConfiguration& configuration) const;
-  /// Share of target `l` in the kept point `k`.
+  /// The kept point `k` is made of the points k … mixed_end(k) - 1, as `mixing` is upper triangular.
+  std::size_t mixed_end(std::size_t k) const { return mixing.size() == 0 ? k + 1 : targets.size(); }
+  /// Share of the point `l` in the kept point `k`.
   double share(std::size_t k, std::size_t l) const {
     if (mixing.size() == 0) {
       return k == l ? 1.0 : 0.0;
     }
     return mixing(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(l));
+  }
+  /// Of positions position_of(l) that of the kept point `k`.
+  template <class PositionOf>
+  Eigen::Vector3d mixed(std::size_t k, PositionOf position_of) const {
+    Eigen::Vector3d sum = share(k, k) * position_of(k);
+    for (std::size_t l = k + 1; l < mixed_end(k); ++l) {
+      sum += share(k, l) * position_of(l);
+    }
+    return sum;
   }
   void append(const Eigen::Ref<const Eigen::VectorXd>& q, const ObservedConfiguration& configuration);
   /// The joint values and the points of one.
