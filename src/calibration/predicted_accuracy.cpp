@@ -41,9 +41,7 @@ public:
     for (const Matrix3Xd& jacobian : free_.jacobians(q, signals)) {
       result.emplace_back(jacobian * uncertain_.covariance * jacobian.transpose());
     }
-    if (leaves_out_effects(q, signals)) {
-      add_left_out(q, signals, result);
-    }
+    add_left_out(q, signals, result);
     if (undetermined_.cols() > 0) {
       const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q, signals);
       for (std::size_t k = 0; k < result.size(); ++k) {
@@ -94,36 +92,32 @@ public:
   }
 
 private:
-  bool leaves_out_effects(const Eigen::VectorXd& q, const DriveSignals& signals) const {
-    const std::vector<EffectTerm>& terms = uncertain_.model.effects;
-    return withholds_tables(uncertain_.model, q) ||
-           std::any_of(terms.begin(), terms.end(),
-                       [&](const EffectTerm& term) { return misses_approach(term, signals, 0); });
-  }
-
-  // 1 sigma of the motion [rad or m] by a term that is left out there. A table that is withheld may be anything that
-  // its size beforehand allows; a joint came from either side.
-  double left_out(std::size_t place, const Eigen::VectorXd& q, const DriveSignals& signals) const {
-    const EffectTerm& term = uncertain_.model.effects[place];
-    if (is_withheld(term, q[term.index])) {
-      return term.sigma * table_value(term.table, q[term.index]);
+  // Variances of the joints' motions [rad^2 or m^2] by the effects that are left out there. A table that is withheld
+  // may be anything that its size beforehand allows; a joint came from either side.
+  Eigen::VectorXd left_out(const Eigen::VectorXd& q, const DriveSignals& signals) const {
+    Eigen::VectorXd variances = Eigen::VectorXd::Zero(q.size());
+    for (std::size_t place = 0; place < uncertain_.model.effects.size(); ++place) {
+      const EffectTerm& term = uncertain_.model.effects[place];
+      double motion = 0.0;
+      if (is_withheld(term, q[term.index])) {
+        motion = term.sigma * table_value(term.table, q[term.index]);
+      } else if (misses_approach(term, signals, 0)) {
+        motion = estimate_.effects[static_cast<Eigen::Index>(place)];
+      }
+      variances[term.index] += motion * motion;
     }
-    return misses_approach(term, signals, 0) ? estimate_.effects[static_cast<Eigen::Index>(place)] : 0.0;
+    return variances;
   }
 
   void add_left_out(const Eigen::VectorXd& q, const DriveSignals& signals,
                     std::vector<Eigen::Matrix3d>& covariances) const {
+    const Eigen::VectorXd variances = left_out(q, signals);
+    if (variances.isZero(0.0)) {
+      return;
+    }
     const std::vector<Matrix3Xd> jacobians = joints_.jacobians(q, signals);
-    for (std::size_t place = 0; place < uncertain_.model.effects.size(); ++place) {
-      const EffectTerm& term = uncertain_.model.effects[place];
-      const double value = left_out(place, q, signals);
-      if (value == 0.0) {
-        continue;
-      }
-      for (std::size_t k = 0; k < covariances.size(); ++k) {
-        const Eigen::Vector3d moved = value * jacobians[k].col(term.index);
-        covariances[k] += moved * moved.transpose();
-      }
+    for (std::size_t k = 0; k < covariances.size(); ++k) {
+      covariances[k] += jacobians[k] * variances.asDiagonal() * jacobians[k].transpose();
     }
   }
 
