@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <string>
 #include <vector>
 
 namespace kdl_calibration {
@@ -14,6 +15,13 @@ struct DriveSignals {
   /// [Nm], or [N] where the joint slides; NaN where none was measured.
   Eigen::MatrixXd torques;
 };
+
+/// Whether some configuration has a torque of the joint.
+bool has_torques(const DriveSignals& signals, Eigen::Index joint);
+
+/// What keeps the signals from being those of joint values (joints x N), in words that name `what` they are for; empty
+/// where they are.
+std::string fault_of(const DriveSignals& signals, const Eigen::MatrixXd& joint_values, const std::string& what = "");
 
 /// Those of some of the configurations, in this order.
 DriveSignals columns(const DriveSignals& signals, const std::vector<Eigen::Index>& which);

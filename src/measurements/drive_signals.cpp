@@ -2,11 +2,35 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace kdl_calibration {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
+
+bool has_torques(const DriveSignals& signals, Index joint) {
+  return signals.torques.size() > 0 && !signals.torques.row(joint).array().isNaN().all();
+}
+
+std::string fault_of(const DriveSignals& signals, const MatrixXd& joint_values, const std::string& what) {
+  const auto size = [](const MatrixXd& matrix) {
+    return std::to_string(matrix.rows()) + " x " + std::to_string(matrix.cols());
+  };
+  for (const auto& [name, values] :
+       {std::pair{"directions of approach", &signals.approach}, std::pair{"torques", &signals.torques}}) {
+    if (values->size() == 0) {
+      continue;
+    }
+    if (values->rows() != joint_values.rows() || values->cols() != joint_values.cols()) {
+      return size(*values) + " " + name + what + ", expected " + size(joint_values) + ", one for each joint value";
+    }
+    if (values->array().isInf().any()) {
+      return std::string(name) + what + " that are infinite, expected NaN where none is known";
+    }
+  }
+  return {};
+}
 
 DriveSignals columns(const DriveSignals& signals, const std::vector<Index>& which) {
   const auto of = [&](const MatrixXd& matrix) {
@@ -15,7 +39,10 @@ DriveSignals columns(const DriveSignals& signals, const std::vector<Index>& whic
   return {.approach = of(signals.approach), .torques = of(signals.torques)};
 }
 
-DriveSignals column(const DriveSignals& signals, Index which) { return columns(signals, {which}); }
+DriveSignals column(const DriveSignals& signals, Index which) {
+  const auto of = [&](const MatrixXd& matrix) { return matrix.size() == 0 ? MatrixXd() : MatrixXd(matrix.col(which)); };
+  return {.approach = of(signals.approach), .torques = of(signals.torques)};
+}
 
 DriveSignals side_by_side(const DriveSignals& first, const DriveSignals& second) {
   const auto both = [](const MatrixXd& left, const MatrixXd& right) {

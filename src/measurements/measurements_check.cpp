@@ -28,21 +28,6 @@ void require_size_if_any(const Measurements& measurements, const char* what, std
   }
 }
 
-void require_one_for_each_value(const Measurements& measurements, const char* what, const Eigen::MatrixXd& signals) {
-  if (signals.size() == 0) {
-    return;
-  }
-  const Eigen::MatrixXd& q = measurements.joint_values;
-  if (signals.rows() != q.rows() || signals.cols() != q.cols()) {
-    refuse(measurements, std::to_string(signals.rows()) + " x " + std::to_string(signals.cols()) + " " + what +
-                             ", expected " + std::to_string(q.rows()) + " x " + std::to_string(q.cols()) +
-                             ", one for each joint value");
-  }
-  if (signals.array().isInf().any()) {
-    refuse(measurements, std::string(what) + " that are infinite, expected NaN where none is known");
-  }
-}
-
 void require_sound(const Measurements& measurements, std::size_t row) {
   const Observation& observation = measurements.observations[row];
   const auto refuse_row = [&](const std::string& fault) {
@@ -83,8 +68,9 @@ void check(const Measurements& measurements) {
   require_size_if_any(measurements, "places in the order", measurements.order.size(), rows);
   require_size_if_any(measurements, "units of joints", measurements.joint_units.size(),
                       static_cast<std::size_t>(measurements.joint_values.rows()));
-  require_one_for_each_value(measurements, "directions of approach", measurements.signals.approach);
-  require_one_for_each_value(measurements, "torques", measurements.signals.torques);
+  if (const std::string fault = fault_of(measurements.signals, measurements.joint_values); !fault.empty()) {
+    refuse(measurements, fault);
+  }
   if (!measurements.joint_values.allFinite()) {
     refuse(measurements, "a joint value is not finite");
   }

@@ -47,7 +47,7 @@ UsedColumns used_columns(const Measurements& measurements) {
   used.quaternion = !measurements.orientations.empty();
   used.order = !measurements.order.empty();
   for (Eigen::Index j = 0; j < measurements.signals.torques.rows(); ++j) {
-    if (!measurements.signals.torques.row(j).array().isNaN().all()) used.torques.push_back(j);
+    if (has_torques(measurements.signals, j)) used.torques.push_back(j);
   }
   for (const Observation& o : measurements.observations) {
     used.split = used.split || o.split == Split::test;

@@ -162,8 +162,7 @@ void add_backlash(const ErrorModel& model, std::size_t joint, const Stops& stops
 }
 
 void add_torque(const ErrorModel& model, std::size_t joint, const Stops& stops, std::vector<EffectTerm>& terms) {
-  const auto row = static_cast<Index>(joint);
-  if (stops.signals.torques.size() == 0 || stops.signals.torques.row(row).array().isNaN().all()) {
+  if (!has_torques(stops.signals, static_cast<Index>(joint))) {
     return;
   }
   EffectTerm term = term_of(model, joint, EffectGroup::torque);

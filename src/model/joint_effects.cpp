@@ -8,6 +8,7 @@
 #include <memory_resource>
 
 #include "base/preconditions.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "model/effect_functions.hpp"
 
@@ -79,13 +80,6 @@ namespace {
 // What the term is of that moves its joint; nothing where it is a function of what is not known.
 double scaled(const EffectTerm& term, double raw) { return std::isnan(raw) ? 0.0 : (raw - term.mean) / term.scale; }
 
-void require_signals(const char* what, const MatrixXd& signals, const MatrixXd& joint_values) {
-  if (signals.size() > 0) {
-    require_count(what, signals.rows(), joint_values.rows());
-    require_count(what, signals.cols(), joint_values.cols());
-  }
-}
-
 }  // namespace
 
 bool needs_torques(const ErrorModel& model) {
@@ -100,8 +94,9 @@ bool misses_approach(const EffectTerm& term, const DriveSignals& signals, Index 
 
 MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values, const DriveSignals& signals) {
   require_count("joint values", joint_values.rows(), model.joints.size());
-  require_signals("directions of approach", signals.approach, joint_values);
-  require_signals("torques", signals.torques, joint_values);
+  if (const std::string fault = fault_of(signals, joint_values); !fault.empty()) {
+    throw InputError(fault);
+  }
   MatrixXd basis(static_cast<Index>(model.effects.size()), joint_values.cols());
   if (model.effects.empty()) {
     return basis;
