@@ -2,8 +2,10 @@
 
 import math
 import sys
+import tempfile
 import unittest
 from pathlib import Path
+from types import SimpleNamespace
 
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(Path(__file__).parent))
@@ -12,6 +14,7 @@ from cpp_tokens import Source  # noqa: E402
 from drawing import Defect  # noqa: E402
 from mutation import wilson  # noqa: E402
 from operators import mutations  # noqa: E402
+from tree import CleanTree, Outcome, baseline  # noqa: E402
 
 
 def drawn(code, kind=None):
@@ -78,6 +81,43 @@ class Defects(unittest.TestCase):
     def test_interval_is_that_of_wilson(self):
         low, high = wilson(81, 263)  # Newcombe, Statistics in Medicine 17 (1998), table I
         self.assertTrue(math.isclose(low, 0.2553, abs_tol=5e-5) and math.isclose(high, 0.3662, abs_tol=5e-5), (low, high))
+
+
+class Suites(unittest.TestCase):
+    def test_are_those_of_the_tests_folder_alone(self):
+        tree = CleanTree(Path("/made/clean"), Path("/project"))
+        for file, expected in {
+            "/made/clean/source/tests/base/text_test.cpp": True,
+            "/made/clean/source/tests/fuzz/fuzz_corpus_test.cpp": False,
+            "/made/clean/source/tests/faults.cpp": False,
+            "/made/clean/build/report_files.cpp": False,
+        }.items():
+            self.assertEqual(expected, tree._is_suite(SimpleNamespace(file=file)), file)
+
+    def test_that_fail_without_a_defect_are_left_out_test_by_test(self):
+        broken = {"a_test": ["A.One", "A.Two"], "b_test": [], "c_test": ["ended by signal 11"]}
+
+        class Runner:
+            left_out = []
+            left_out_of = {}
+
+            def run(self, suite, *_):
+                left = [test for test in broken[suite] if test not in self.left_out_of.get(suite, [])]
+                return Outcome(not left, *left[:1])
+
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch)
+            for name in ("kdlcal.real", *broken):
+                (folder / name).write_text(name)
+            clean = SimpleNamespace(
+                directory=folder, build=folder, library=folder / "kdlcal.real", suites=broken,
+                executable=lambda suite: folder / suite,
+            )  # fmt: skip
+            runner = Runner()
+            times, failing = baseline(clean, runner, lambda line: None)
+        self.assertEqual({"a_test", "b_test"}, set(times))
+        self.assertEqual({"a_test": ["A.One", "A.Two"], "c_test": ["ended by signal 11"]}, failing)
+        self.assertEqual({"a_test": ["A.One", "A.Two"]}, runner.left_out_of)
 
 
 if __name__ == "__main__":
