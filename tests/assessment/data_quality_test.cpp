@@ -6,6 +6,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 
@@ -70,14 +71,18 @@ Observation& row(Measurements& measurements, int configuration, int target, int 
   throw InputError("no such row");
 }
 
-/// R_WF for the estimate, for defects that are fixed to the flange.
-void slip_target(const ErrorModel& model, const Estimate& estimate, Measurements& measurements, int target, int after,
-                 const Eigen::Vector3d& step) {
+struct Slip {
+  int target = 0;
+  int after = 0;         // so many configurations
+  Eigen::Vector3d step;  // in F
+};
+
+void slip_target(const ErrorModel& model, const Estimate& estimate, Measurements& measurements, const Slip& slip) {
   const auto X_BF = flange_poses(model, estimate, measurements.joint_values);
   for (Observation& observation : measurements.observations) {
-    if (observation.target == target && observation.configuration >= after) {
+    if (observation.target == slip.target && observation.configuration >= slip.after) {
       observation.position +=
-          estimate.X_WB.linear() * X_BF[static_cast<std::size_t>(observation.configuration)].linear() * step;
+          estimate.X_WB.linear() * X_BF[static_cast<std::size_t>(observation.configuration)].linear() * slip.step;
     }
   }
 }
@@ -201,7 +206,10 @@ TEST(DataQuality, NamesATargetThatSlipped) {
       // y is perpendicular to the plane of the published targets.
       const Eigen::Vector3d& direction = directions[seed % directions.size()];
       Measurements measured = experiment().measured(seed, kSmall, kNoise);
-      slip_target(experiment().model, experiment().preliminary(measured), measured, target, 12, 0.001 * direction);
+      slip_target(experiment().model, experiment().preliminary(measured), measured, {target, 12, 0.001 * direction});
+      if (target == 1) {  // rows may come in any order
+        std::reverse(measured.observations.begin(), measured.observations.end());
+      }
       const std::vector<QualityFinding> findings = experiment().findings(measured);
       ASSERT_EQ(findings.size(), 1U) << seed << " " << target << ::testing::PrintToString(messages(findings));
       EXPECT_EQ(findings[0].kind, QualityKind::slipped_target);
@@ -216,7 +224,7 @@ TEST(DataQuality, NamesATargetThatSlipped) {
 TEST(DataQuality, DistancesAloneNameASlipAlongTheirDirection) {
   for (int target = 0; target < 3; ++target) {
     Measurements measured = experiment().measured(5, kSmall, kNoise);
-    slip_target(experiment().model, experiment().preliminary(measured), measured, target, 12, {0.0007, 0.0, 0.0007});
+    slip_target(experiment().model, experiment().preliminary(measured), measured, {target, 12, {0.0007, 0.0, 0.0007}});
     const std::vector<QualityFinding> findings = check_distances(measured);
     ASSERT_EQ(findings.size(), 1U) << ::testing::PrintToString(messages(findings));
     EXPECT_EQ(findings[0].kind, QualityKind::slipped_target);
@@ -227,7 +235,7 @@ TEST(DataQuality, DistancesAloneNameASlipAlongTheirDirection) {
 
 TEST(DataQuality, DistancesHardlySeeASlipAcrossThePlaneOfTheTargets) {
   Measurements measured = experiment().measured(5, kSmall, kNoise);
-  slip_target(experiment().model, experiment().preliminary(measured), measured, 2, 12, {0.0, 0.001, 0.0});
+  slip_target(experiment().model, experiment().preliminary(measured), measured, {2, 12, {0.0, 0.001, 0.0}});
   EXPECT_THAT(messages(check_distances(measured)), IsEmpty());
   EXPECT_THAT(messages(experiment().findings(measured)),
               ElementsAre("target C slipped by about 1.0 mm after configuration 12"));
@@ -236,7 +244,7 @@ TEST(DataQuality, DistancesHardlySeeASlipAcrossThePlaneOfTheTargets) {
 TEST(DataQuality, NamesASlipInDataWithoutNoiseAndInRepeats) {
   for (const double sigma : {0.0, kNoise}) {
     Measurements measured = experiment().measured(6, kPublished, sigma, sigma > 0.0 ? 5 : 1);
-    slip_target(experiment().model, experiment().preliminary(measured), measured, 0, 12, {0.0, 0.0, -0.001});
+    slip_target(experiment().model, experiment().preliminary(measured), measured, {0, 12, {0.0, 0.0, -0.001}});
     EXPECT_THAT(messages(experiment().findings(measured)),
                 ElementsAre("target A slipped by about 1.0 mm after configuration 12"));
   }
@@ -250,7 +258,7 @@ TEST(DataQuality, NamesTheOnlyTargetThatSlipped) {
   const VirtualRobot robot = virtual_robot(e.model, free.geometric(), targets, kSmall, random);
   Measurements measured =
       measure(robot, random_configurations(published_ranges(e.model.joints), 80, random), {.sigma = kNoise}, random);
-  slip_target(e.model, robot.truth, measured, 0, 30, {0.0, 0.0006, 0.0008});
+  slip_target(e.model, robot.truth, measured, {0, 30, {0.0, 0.0006, 0.0008}});
   const Estimate estimate = identify_robustly({.model = e.model,
                                                .measurements = measured,
                                                .start = nominal_start(e.model, measured),
@@ -397,13 +405,26 @@ TEST(DataQuality, NamesAConfigurationWhoseJointValuesAreWrong) {
 
 TEST(DataQuality, NamesAllThatIsWrongAtOnce) {
   Measurements measured = experiment().measured(4, kSmall, kNoise);
-  slip_target(experiment().model, experiment().preliminary(measured), measured, 2, 12, {0.0, 0.001, 0.0});
+  slip_target(experiment().model, experiment().preliminary(measured), measured, {2, 12, {0.0, 0.001, 0.0}});
   swap_targets(measured, 7, 0, 1);
   row(measured, 5, 1).position.x() += 0.01;
   EXPECT_THAT(messages(experiment().findings(measured)),
               ElementsAre("target C slipped by about 1.0 mm after configuration 12",
                           "target B in configuration 5, repeat 1: x is off by about 10.0 mm",
                           "targets A and B are swapped in configuration 7"));
+}
+
+// Residuals of the nominal robot show an error of half a metre, and none of eight millimetres.
+TEST(DataQuality, WhatDistancesAloneShowStandsBesideWhatResidualsShow) {
+  Measurements measured = experiment().measured(3, kPublished, kNoise);
+  row(measured, 5, 1).position.x() += 0.5;
+  row(measured, 20, 1).position.z() += 0.008;
+  const std::vector<QualityFinding> findings =
+      check_measurements(experiment().model, measured, nominal_start(experiment().model, measured));
+  ASSERT_EQ(findings.size(), 2U) << ::testing::PrintToString(messages(findings));
+  EXPECT_EQ(findings[0].configuration, "5");
+  EXPECT_EQ(findings[1].configuration, "20");
+  EXPECT_THAT(findings[1].targets, ElementsAre("B"));
 }
 
 TEST(DataQuality, HasNothingToSayAboutNothing) {
@@ -490,6 +511,41 @@ TEST(JointConventions, TurnAboutTheirOffset) {
   EXPECT_LT((better->joint_values - measured.joint_values).norm(), 1e-12);
 }
 
+TEST(JointConventions, NamesTheUnitOfAJoint) {
+  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  const std::vector<TargetFrame> targets = testing::circle_of_targets();
+  const Unknowns free(model, targets, reduced_model(model, targets).kept);
+  Random random(3);
+  const VirtualRobot robot = virtual_robot(model, free.geometric(), targets, kSmall, random);
+  const Measurements right =
+      measure(robot, random_configurations(limits_of(model.joints), 40, random), {.sigma = kNoise}, random);
+  struct Misread {
+    Eigen::Index joint;
+    double factor;
+    const char* words;
+  };
+  for (const Misread& misread : {Misread{1, 1000.0, "slide in millimetres, read as metres"},
+                                 {1, 0.001, "slide in metres, read as millimetres"},
+                                 {1, 100.0, "slide in centimetres, read as metres"},
+                                 {1, 0.1, "slide in centimetres, read as millimetres"},
+                                 {1, 1.0 / 0.0254, "slide in inches, read as metres"},
+                                 {1, 1.0 / 25.4, "slide in inches, read as millimetres"},
+                                 {3, 1.0 / kDegree, "elbow in degrees, read as radians"},
+                                 {3, kDegree, "elbow in radians, read as degrees"},
+                                 {3, 1.0 / 0.9, "elbow in gradians, read as degrees"},
+                                 {3, 1.0 / (0.9 * kDegree), "elbow in gradians, read as radians"},
+                                 {3, 1000.0, "elbow in milliradians, read as radians"},
+                                 {3, 1.0 / (360.0 * kDegree), "elbow in turns, read as radians"},
+                                 {3, 1.0 / 360.0, "elbow in turns, read as degrees"}}) {
+    Measurements wrong = right;
+    wrong.joint_values.row(misread.joint) *= misread.factor;
+    const auto better = better_convention(try_conventions(model, wrong, free));
+    ASSERT_TRUE(better) << misread.words;
+    EXPECT_EQ(better->description, misread.words);
+    EXPECT_LT((better->joint_values - right.joint_values).cwiseAbs().maxCoeff(), 1e-12) << misread.words;
+  }
+}
+
 TEST(JointConventions, HaveNothingBetterToOfferWhereTheFitIsFine) {
   const JointConvention pendant = shipped("pendant");
   const JointConvention serial = shipped("serial");
@@ -550,7 +606,7 @@ TEST(DataQualityOnRealData, NamesDefectsPutIntoTheFanucSeries) {
   for (int target = 0; target < 3; ++target) {
     for (int axis = 0; axis < 3; ++axis) {
       Measurements slipped = clean;
-      slip_target(experiment().model, estimate, slipped, target, 12, 0.001 * Eigen::Vector3d::Unit(axis));
+      slip_target(experiment().model, estimate, slipped, {target, 12, 0.001 * Eigen::Vector3d::Unit(axis)});
       const std::string name = clean.targets[static_cast<std::size_t>(target)];
       const std::vector<QualityFinding> findings = experiment().findings(slipped);
       ASSERT_EQ(findings.size(), 1U) << name << axis << ::testing::PrintToString(messages(findings));

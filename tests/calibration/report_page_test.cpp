@@ -10,6 +10,7 @@
 #include <random>
 
 #include "base/thinned.hpp"
+#include "calibration/report_blocks.hpp"
 #include "german_locale.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -22,7 +23,7 @@
 #include "support.hpp"
 
 /// What glibc keeps of LOCPATH is no leak of ours.
-extern "C" const char* __lsan_default_suppressions() { return "leak:__argz_add_sep"; }  // NOLINT(bugprone-*)
+extern "C" const char* __lsan_default_suppressions() { return "leak:__argz_add_sep"; }  // NOLINT
 
 namespace kdl_calibration::testing {
 namespace {
@@ -149,6 +150,15 @@ TEST(ReportPage, ShowsTheLargestAndEvenlySpacedOnesOfManyPoints) {
   EXPECT_TRUE(std::any_of(points.begin(), points.end(), [](const Json& point) { return point["row"] == kWrong; }));
   EXPECT_EQ(data["measured"]["distributions"]["train"]["after"]["count"], 5400);
   EXPECT_EQ(data["measured"]["distributions"]["train"]["after"]["values"].size(), 1001U);
+}
+
+TEST(ReportPage, OfPointsThatAreAllAsLargeTheFirstAreShown) {
+  const std::vector<std::size_t> shown = shown_rows(std::vector<double>(5000, 1.0));
+  ASSERT_GE(shown.size(), 200U);
+  EXPECT_TRUE(std::is_sorted(shown.begin(), shown.end()));
+  for (std::size_t row = 0; row < 200; ++row) {
+    ASSERT_EQ(shown[row], row);
+  }
 }
 
 TEST(ReportPage, DistributionsHoldTheErrorsBeforeAndAfter) {

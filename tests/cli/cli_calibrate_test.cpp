@@ -127,9 +127,9 @@ TEST_F(CalibrateReport, PredictsAtConfigurationsOfAFile) {
   // The flange by another subcommand, the target from the result.
   const Json frames = run_json({"fk", "--joints", "10,20,30,5.729577951308232,11.459155902616464,17.188733853924695",
                                 "--degrees", "--result", "r.json", "--json"})["frames"];
-  const Json flange = frames.back();
+  const Json& flange = frames.back();
   const Json target = json_of("r.json")["targets"][0]["position"];
-  const auto q = flange["quaternion_wxyz"];
+  const auto& q = flange["quaternion_wxyz"];
   const Eigen::Vector3d expected =
       Eigen::Vector3d(flange["position"][0], flange["position"][1], flange["position"][2]) +
       Eigen::Quaterniond(q[0], q[1], q[2], q[3]) * Eigen::Vector3d(target[0], target[1], target[2]);
@@ -173,6 +173,11 @@ TEST_F(CalibrateReport, OrientationSigmaNeedsOrientationsAndPositionsToCompareWi
   expect_refused({"calibrate", "--measurements", "poses.csv", "--orientation-sigma", "1e-4"},
                  {"--orientation-sigma: ", "see --noise-independent, --noise-tracker, --noise"});
   expect_refused({"calibrate", "--measurements", "poses.csv", "--orientation-sigma", "-1"}, {"--orientation-sigma"});
+  Measurements poses = read_measurements(directory / "poses.csv", joint_names(fanuc()));
+  poses.observations.back().sigma = 2e-5;
+  write("one.csv", measurements_csv(poses));
+  expect_refused({"calibrate", "--measurements", "one.csv", "--orientation-sigma", "1e-4"},
+                 {"--orientation-sigma: ", "sigma in every row"});
 }
 
 TEST_F(CalibrateReport, TakesATrackersOwnNoise) {

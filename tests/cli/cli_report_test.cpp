@@ -65,6 +65,23 @@ TEST_F(PageOfKdlcal, NamesTheCommandThatPlansWhatComesNext) {
   EXPECT_THAT(command, HasSubstr(" --measured 'with space.csv' --add 10 --output plan.csv"));
 }
 
+TEST_F(PageOfKdlcal, NamesInTheCommandWhatTheResultSaysAsText) {
+  calibrate_with_page();
+  const auto command_with = [&](const char* key, const Json& value) {
+    Json result = json_of("r.json");
+    result["input"][key] = value;
+    write("odd.json", result.dump());
+    EXPECT_EQ(run({"report", "--result", "odd.json", "--output", "odd.html", "--force"}).status, 0) << key << value;
+    return page("odd.html").value("plan_command", "");
+  };
+  for (const Json& odd : {Json(5), Json(nullptr), Json::array()}) {
+    EXPECT_EQ(command_with("measurements", odd), "");
+    const std::string command = command_with("urdf", odd);
+    EXPECT_THAT(command, HasSubstr(" --measured m.csv"));
+    EXPECT_THAT(command, ::testing::Not(HasSubstr("--urdf")));
+  }
+}
+
 TEST_F(PageOfKdlcal, OfAnotherRobotOrOtherMeasurementsIsRefused) {
   calibrate_with_page();
   expect_refused({"report", "--result", "r.json", "--urdf", "c.urdf", "--output", "x.html"}, {"c.urdf", "hash"});

@@ -229,22 +229,24 @@ TEST_F(CalibrateResult, IsRefusedWithTheUrdfThatItCorrected) {
   expect_refused({"validate", "--urdf", "c.urdf", "--result", "r.json", "--measurements", "m.csv"}, {"r.json", "hash"});
 }
 
-TEST_F(CalibrateResult, FkTiltsTheJointsAsTheResultSays) {
-  ASSERT_EQ(run({"simulate", "--configurations", "40", "--targets", "2", "--effects", "transverse", "--effect-sigma",
-                 "0.0005", "--output", "m.csv", "--force"})
-                .status,
-            0);
-  ASSERT_EQ(run(calibrate({"--effects", "transverse", "--prior", "none", "--result", "r.json"})).status, 0);
-  const Json fk = run_json({"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json", "--result", "r.json"});
-  const SavedCalibration saved = load_calibration(directory / "r.json", fanuc());
-  Eigen::VectorXd q(6);
-  q << 0.1, 0.2, 0.3, 0.4, 0.5, 0.6;
-  const Eigen::Vector3d expected =
-      CalibratedArm(saved.model, saved.estimate.errors, saved.estimate.effects).flange_pose(q).translation();
-  const Eigen::Vector3d rigid = CalibratedArm(saved.model, saved.estimate.errors, {}).flange_pose(q).translation();
-  const auto found = fk["frames"].back()["position"].get<std::vector<double>>();
-  EXPECT_LT((Eigen::Map<const Eigen::Vector3d>(found.data()) - expected).norm(), 1e-9);
-  EXPECT_GT((rigid - expected).norm(), 1e-5);
+TEST_F(CalibrateResult, FkMovesAndTiltsTheJointsAsTheResultSays) {
+  for (const char* effect : {"transverse", "gain"}) {
+    ASSERT_EQ(run({"simulate", "--configurations", "40", "--targets", "2", "--effects", effect, "--effect-sigma",
+                   "0.0005", "--output", "m.csv", "--force"})
+                  .status,
+              0);
+    ASSERT_EQ(run(calibrate({"--effects", effect, "--prior", "none", "--result", "r.json", "--force"})).status, 0);
+    const Json fk = run_json({"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json", "--result", "r.json"});
+    const SavedCalibration saved = load_calibration(directory / "r.json", fanuc());
+    Eigen::VectorXd q(6);
+    q << 0.1, 0.2, 0.3, 0.4, 0.5, 0.6;
+    const Eigen::Vector3d expected =
+        CalibratedArm(saved.model, saved.estimate.errors, saved.estimate.effects).flange_pose(q).translation();
+    const Eigen::Vector3d rigid = CalibratedArm(saved.model, saved.estimate.errors, {}).flange_pose(q).translation();
+    const auto found = fk["frames"].back()["position"].get<std::vector<double>>();
+    EXPECT_LT((Eigen::Map<const Eigen::Vector3d>(found.data()) - expected).norm(), 1e-9) << effect;
+    EXPECT_GT((rigid - expected).norm(), 1e-5) << effect;
+  }
 }
 
 // ---- Help ----------------------------------------------------------------------------------------------------------

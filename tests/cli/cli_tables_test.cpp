@@ -348,6 +348,86 @@ TEST_F(Tables, JacobianShowsARowForEachVelocityAndAColumnForEachJoint) {
   expect_columns(printed, 1, 8, 5);
 }
 
+// ---- simulate and plan ---------------------------------------------------------------------------------------------
+
+TEST_F(Tables, SimulateSaysWhatItDrew) {
+  expect_table({"simulate", "--configurations", "40",    "--test-configurations",
+                "7",        "--targets",        "2",     "--noise",
+                "4e-5",     "--length-sigma",   "0.002", "--angle-sigma",
+                "0.003",    "--effects",        "gain",  "--effect-sigma",
+                "0.0005",   "--seed",           "5",     "--output",
+                "m.csv",    "--truth",          "t.json"},
+               {"40 configurations to fit and 7 to test, 2 targets, 94 rows",
+                "noise 0.0400 mm; 20 true errors, lengths 2.000 mm, angles 0.1719 deg (1 sigma); 6 effects, 0.500 "
+                "mrad; seed 5"});
+  const Json truth = json_of("t.json");
+  EXPECT_EQ(truth["parameters"].size(), 20U);
+  EXPECT_EQ(truth["effects"]["terms"].size(), 6U);
+  expect_table({"simulate", "--configurations", "5", "--poses", "--output", "p.csv"},
+               {"5 configurations to fit, 3 poses, 15 rows",
+                "noise 0.0000 mm; 20 true errors, lengths 2.500 mm, angles 3.0000 deg (1 sigma); seed 1"});
+}
+
+/// What plan prints, by the answer that it gives in JSON to the same words.
+std::vector<std::string> plan_lines(const Json& plan, const std::string& noise, const std::string& removed) {
+  const auto text = [](const Json& number) { return std::to_string(number.get<long>()); };
+  const auto of_sigma = [&](const std::string& label, const Json& sigma) {
+    std::string line = label;
+    for (const char* figure : {"mean", "p95", "max", "worst_configuration_rms"}) {
+      line += " " + decimals(sigma[figure].get<double>() * 1e3, 4);
+    }
+    return line;
+  };
+  const Json& sigma = plan["sigma"];
+  const Json& O = plan["observability"];
+  std::vector<std::string> lines = {std::to_string(plan["configurations"].size()) +
+                                        " configurations of 300 candidates, " + plan["criterion"].get<std::string>() +
+                                        "-optimal; " + text(plan["targets"]) + " targets, " + text(plan["parameters"]) +
+                                        " parameters, noise " + noise,
+                                    "search 3 starts, " + text(plan["exchanges"]) + " exchanges; seed 4",
+                                    "samples " + text(plan["candidates"]["samples"]) + " drawn" + removed,
+                                    "predicted 1 sigma [mm] mean p95 max worst RMS of a configuration",
+                                    of_sigma("this plan", sigma["plan"]),
+                                    of_sigma("random choice", sigma["random"])};
+  if (!sigma["floor"].is_null()) {
+    lines.push_back("the least that any plan could promise " + decimals(sigma["floor"].get<double>() * 1e3, 4));
+  }
+  lines.push_back("observability O1 " + decimals(O["O1"], 4) + ", O2 " + decimals(O["O2"], 5) + ", O3 " +
+                  decimals(O["O3"], 4) + ", O4 " + decimals(O["O4"], 5) + ", O5 " + decimals(O["O5"], 5) + " (m, rad)");
+  lines.push_back("D-efficiency at least " + decimals(plan["d_efficiency"], 3));
+  lines.push_back("travel " + decimals(plan["travel_seconds"], 0) + " s at full speed, without the stops");
+  if (plan.contains("monte_carlo")) {
+    const Json& runs = plan["monte_carlo"];
+    const auto mm = [](const Json& metres) { return decimals(metres.get<double>() * 1e3, 4); };
+    lines.push_back("Monte Carlo " + text(runs["runs"]) + " runs, " + text(runs["not_trusted"]) +
+                    " not to be trusted; held-out error [mm] mean " + mm(runs["held_out_error"]["mean"]) + ", p95 " +
+                    mm(runs["held_out_error"]["p95"]) + ", max " + mm(runs["held_out_error"]["max"]) +
+                    "; RMS of a point, mean " + mm(runs["rms_of_point_mean"]));
+  }
+  return lines;
+}
+
+TEST_F(Tables, PlanShowsWhatItsJsonHolds) {
+  const std::vector<std::string> plan = {"plan", "--candidates", "300", "--workspace", "150", "--starts",
+                                         "3",    "--seed",       "4",   "--noise",     "5e-5"};
+  const auto both = [&](std::vector<std::string> words, const std::string& noise, bool refuses) {
+    words.insert(words.begin(), plan.begin(), plan.end());
+    std::vector<std::string> as_json = words;
+    as_json.emplace_back("--json");
+    const Json answer = run_json(as_json);
+    std::string removed;
+    for (const Json& refused : answer["candidates"]["refused"]) {
+      removed += "; " + refused["constraint"].get<std::string>() + " removes " + refused["samples"].dump();
+    }
+    EXPECT_EQ(removed.empty(), !refuses);
+    expect_table(words, plan_lines(answer, noise, removed));
+  };
+  both({"--configurations", "20", "--monte-carlo", "5"}, "0.0500 mm", false);
+  both({"--configurations", "14", "--targets", "2", "--criterion", "I", "--least-height", "0.3", "--noise-tracker",
+        "1e-5,0,3e-5,8e-6", "--tracker", "4,1,0.5"},
+       "of the tracker", true);
+}
+
 TEST_F(Tables, LongNamesOfJointsKeepTheirColumns) {
   std::string urdf = kOddArm;
   for (const auto& [from, to] : {std::pair<std::string, std::string>{"\"skew\"", "\"a_joint_with_a_long_name\""},

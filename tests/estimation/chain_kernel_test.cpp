@@ -185,6 +185,19 @@ TEST(ChainKernel, AddsUpWhatTheFormulasSay) {
   }
 }
 
+#ifdef __x86_64__
+TEST(ChainKernel, KnowsTheInstructionSetsOfTheMachine) {
+  std::vector<InstructionSet> expected = {InstructionSet::baseline};
+  if (__builtin_cpu_supports("avx2")) {
+    expected.push_back(InstructionSet::avx2);
+  }
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
+    expected.push_back(InstructionSet::avx512);
+  }
+  EXPECT_EQ(instruction_sets(), expected);
+}
+#endif
+
 TEST(ChainKernel, GivesTheSameBitsWithEveryInstructionSet) {
   const Case c;
   const ChainKernelSums baseline = sums_of(c, false, InstructionSet::baseline);

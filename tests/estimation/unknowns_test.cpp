@@ -102,6 +102,8 @@ TEST(Unknowns, AreFoundByNameAndByPlace) {
   EXPECT_THAT(arm.free.effects(), ElementsAre(0, 2));
   EXPECT_THAT(arm.free.target_columns(0), ElementsAre(-1, -1, 6, -1, -1, -1));
   EXPECT_THAT(arm.free.target_columns(1), ElementsAre(7, -1, -1, -1, 8, -1));
+  EXPECT_THAT(arm.free.target_columns(2), ElementsAre(-1, -1, -1, -1, -1, -1)) << "there is no third one";
+  EXPECT_THAT(arm.free.target_columns(1000), ElementsAre(-1, -1, -1, -1, -1, -1));
 }
 
 TEST(Unknowns, KnowLengthsFromAngles) {

@@ -17,6 +17,7 @@
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
+#include "kdl_calibration/robot.hpp"
 #include "refusal.hpp"
 
 namespace kdl_calibration {
@@ -314,6 +315,24 @@ TEST(MeasurementsInput, UnknownUnitListsTheAllowedOnes) {
   EXPECT_THAT(csv_message(replaced(kHeader, "x[m]", "x[deg]")), HasSubstr("unknown unit 'deg'"));
   EXPECT_THAT(csv_message(replaced(kHeader, "target", "target[m]")), HasSubstr("expected none"));
   EXPECT_THAT(csv_message(replaced(kHeader, "x[m]", "x[]")), HasSubstr("unknown unit ''"));
+}
+
+TEST(MeasurementsInput, ValuesWithoutUnitAreJudgedByTheKindOfTheJoint) {
+  const Robot robot = parse_robot(R"(<robot name="r"><link name="l0"/><link name="l1"/><link name="l2"/>
+    <joint name="slide" type="prismatic"><parent link="l0"/><child link="l1"/>
+      <limit lower="-2" upper="3" velocity="1" effort="1"/></joint>
+    <joint name="turn" type="continuous"><parent link="l1"/><child link="l2"/><origin xyz="1 0 0"/></joint></robot>)");
+  const auto fault = [&](const std::string& slide, const std::string& turn, const std::string& x) {
+    const std::string header = "configuration,target,slide,turn,x,y,z\n";
+    const std::string first = "1,A," + slide + "," + turn + "," + x + ",0,0\n";
+    return testing::refusal([&] { parse_measurements(robot, header + first + "2,A,0,0,0,0,0\n"); });
+  };
+  // Two turns; 20 times the 5 m that arm, slide and a tool of a metre reach.
+  EXPECT_EQ(fault("99", "12.5", "99"), "nothing was refused");
+  EXPECT_EQ(fault("-99", "-12.5", "-99"), "nothing was refused");
+  EXPECT_THAT(fault("-101", "0", "0"), AllOf(HasSubstr("'slide' up to 101"), HasSubstr("write slide[mm] (or [m])")));
+  EXPECT_THAT(fault("0", "-12.6", "0"), AllOf(HasSubstr("'turn' up to 12.6"), HasSubstr("write turn[deg] (or [rad])")));
+  EXPECT_THAT(fault("0", "0", "-101"), AllOf(HasSubstr("targets 101 m apart along x"), HasSubstr("x[mm] (or [m])")));
 }
 
 TEST(MeasurementsInput, RepeatedAndNamelessColumnsAreRefused) {

@@ -141,6 +141,24 @@ TEST(MeasuringPlan, WritesSlidesInMillimetresAndTurnsInDegrees) {
   EXPECT_LT((parse_configurations(csv, joint_names(robot)).joint_values - q).cwiseAbs().maxCoeff(), 1e-15);
 }
 
+TEST(MeasuringPlan, ControllersJointsHaveTheUnitOfWhatTheyMove) {
+  const Robot robot = parse_robot(kUnevenArm);
+  JointConvention convention{.name = "uneven.json",
+                             .controller_joints = {"E1", "J1", "J2", "J3"},
+                             .urdf_joints = {"slide", "shoulder", "elbow", "wrist"},
+                             .matrix = MatrixXd::Identity(4, 4),
+                             .offset = Eigen::VectorXd::Zero(4)};
+  convention.matrix(0, 0) = -1.0;
+  Eigen::VectorXd q(4);
+  q << -0.125, 30 * testing::kDegree, -45 * testing::kDegree, 0.0;
+  const std::string csv = plan_csv(plan_of(q), robot.joints, &convention);
+  EXPECT_THAT(csv, ::testing::HasSubstr(",E1[mm],J1[deg],J2[deg],J3[deg],"));
+  EXPECT_THAT(csv, ::testing::HasSubstr("1,A,125,30,-45,0,,,\n"));
+  convention.matrix(0, 1) = 0.01;  // J1 would move the slide as well
+  EXPECT_THAT(testing::refusal([&] { plan_csv(plan_of(q), robot.joints, &convention); }),
+              ::testing::HasSubstr("uneven.json: controller joint 'J1' moves angles and lengths"));
+}
+
 TEST(MeasuringPlan, ComesBackFromItsFile) {
   const Robot robot = testing::fanuc();
   const ErrorModel model = complete_model(robot);

@@ -261,6 +261,18 @@ TEST(Mimic, AFollowersColumnIsCheckedAndMayBeRounded) {
               AllOf(HasSubstr("hand '-0.1'"), HasSubstr("expected 0.5")));
 }
 
+TEST(Mimic, TheFirstJointOfTheChainMayFollow) {
+  const Robot robot = parse_robot(R"(<robot name="r"><link name="l0"/><link name="l1"/><link name="l2"/>
+    <joint name="first" type="continuous"><parent link="l0"/><child link="l1"/><axis xyz="0 0 1"/>
+      <mimic joint="second" multiplier="2"/></joint>
+    <joint name="second" type="continuous"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/></joint>
+  </robot>)");
+  const Measurements m = parse_measurements(robot, csv_of("first,second", "0.5,0.25"));
+  EXPECT_EQ(m.joint_values.col(0), Eigen::Vector2d(0.5, 0.25));
+  EXPECT_THAT(testing::refusal([&] { parse_measurements(robot, csv_of("first,second", "0.25,0.25")); }),
+              AllOf(HasSubstr("first '0.25'"), HasSubstr("expected 0.5")));
+}
+
 TEST(Mimic, AMissingLeaderIsMissedAndFollowersAreOffered) {
   EXPECT_THAT(reading_fault(csv_of("turn,slide,forearm,roll", "0,0,0,0")),
               AllOf(HasSubstr("missing column elbow"), HasSubstr("mimic others: forearm, hand")));
