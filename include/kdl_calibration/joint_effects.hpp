@@ -27,7 +27,7 @@ struct MovedBy {
   int joint = 0;
   EffectAxis axis = EffectAxis::own;
 
-  friend auto operator<=>(const MovedBy&, const MovedBy&) = default;
+  friend auto operator<=>(const MovedBy&, const MovedBy&) = default;  // NOLINT(modernize-use-nullptr): false
 };
 /// The terms of the model by what they do: their places in its list.
 std::map<MovedBy, std::vector<Eigen::Index>> terms_by_motion(const ErrorModel& model);

@@ -78,7 +78,7 @@ std::vector<Eigen::MatrixXd> random_designs(const Experiment& experiment, const 
 /// what is given, and M* the best that any weighting of the candidates could give in its place: weights by the
 /// multiplicative algorithm (Titterington 1976), and since log det is concave
 ///   log det M* <= log det M_w + count (max d - sum w d),  d_i = tr(A_i M_w^-1 A_i^T).
-double d_efficiency(const Experiment& experiment, const SelectionTask& task, const Eigen::MatrixXd& information,
-                    int count, int threads = 0);
+double d_efficiency(const Experiment& experiment, const SelectionTask& task, const Eigen::MatrixXd& design, int count,
+                    int threads = 0);
 
 }  // namespace kdl_calibration

@@ -74,24 +74,31 @@ Index located(const MatrixXd& values, Index first, Index end, Index change, Inde
 }
 
 // Binary segmentation.
-void find_changes(const MatrixXd& values, Index first, Index end, double sigma, double limit,
-                  const QualityOptions& options, std::vector<Index>& changes) {
-  if (end - first < 2 * shortest(options)) {
-    return;
+struct Segmentation {
+  const MatrixXd& values;
+  double sigma;
+  double limit;
+  const QualityOptions& options;
+  std::vector<Index> changes;  // ascending
+
+  void find(Index first, Index end) {
+    if (end - first < 2 * shortest(options)) {
+      return;
+    }
+    const Change change = largest_change(values, first, end, options, sigma);
+    if (!(change.statistic > limit * sigma)) {
+      return;
+    }
+    const Index position = located(values, first, end, change.position, shortest(options));
+    const double step = (medians(values, position, end) - medians(values, first, position)).norm();
+    if (!(step > options.smallest_slip * sigma)) {
+      return;
+    }
+    find(first, position);
+    changes.push_back(position);
+    find(position, end);
   }
-  const Change change = largest_change(values, first, end, options, sigma);
-  if (!(change.statistic > limit * sigma)) {
-    return;
-  }
-  const Index position = located(values, first, end, change.position, shortest(options));
-  const double step = (medians(values, position, end) - medians(values, first, position)).norm();
-  if (!(step > options.smallest_slip * sigma)) {
-    return;
-  }
-  find_changes(values, first, position, sigma, limit, options, changes);
-  changes.push_back(position);
-  find_changes(values, position, end, sigma, limit, options, changes);
-}
+};
 
 Levels levels_of(const Series& series, const std::vector<Index>& changes) {
   Levels levels;
@@ -162,12 +169,12 @@ std::vector<Levels> find_levels(const std::vector<Series>& all, double fitted, d
   const Scatter scatter = scatter_of(centred, fitted, options.noise_floor);
   std::vector<Levels> result;
   for (const Series& series : all) {
-    std::vector<Index> changes;
     const double limit =
         threshold(options.false_alarm, comparisons, series.values.cols(), independent * scatter.freedom);
     const Index rows = series.values.rows() < fewest_rows(options) ? 0 : series.values.rows();
-    find_changes(series.values, 0, rows, scatter.sigma, limit, options, changes);
-    result.push_back(levels_of(series, changes));
+    Segmentation search{series.values, scatter.sigma, limit, options, {}};
+    search.find(0, rows);
+    result.push_back(levels_of(series, search.changes));
   }
   return result;
 }

@@ -149,24 +149,17 @@ GroupSizes SizeEstimator::estimate(const std::vector<double>& start, const SizeL
     }
     before = evidence;
     for (std::size_t g = 0; g < groups_.size(); ++g) {
-      if (variances[g] == 0.0 || is_held(g)) {
-        continue;
+      if (variances[g] != 0.0 && !is_held(g)) {
+        const double told = std::max(fit.gamma[static_cast<Index>(g)], kLeastTold);
+        const double next = limited(g, fit.x(groups_[g]).squaredNorm() / told);
+        variances[g] = next > kSmallest ? next : 0.0;
       }
-      double squares = 0.0;
-      for (const Index place : groups_[g]) {
-        squares += fit.x[place] * fit.x[place];
-      }
-      const double next = limited(g, squares / std::max(fit.gamma[static_cast<Index>(g)], kLeastTold));
-      variances[g] = next > kSmallest ? next : 0.0;
     }
     variance = std::max(fit.squares / std::max(left - fit.gamma.sum(), kLeastFreedom), least);
   }
   fit = solve(variances, variance);
   GroupSizes result{
-      .sizes = {},
-      .sigma = std::sqrt(variance),
-      .evidence = -0.5 * (left * std::log(variance) + fit.log_determinant + fit.squares / variance + fit.penalty),
-      .values = all_values(fit.x)};
+      .sizes = {}, .sigma = std::sqrt(variance), .evidence = evidence_of(fit), .values = all_values(fit.x)};
   std::transform(variances.begin(), variances.end(), std::back_inserter(result.sizes),
                  [](double v) { return std::sqrt(v); });
   return result;

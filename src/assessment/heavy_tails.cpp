@@ -51,7 +51,8 @@ public:
   CensoredSizes(const std::vector<double>& sizes, std::size_t censored)
       : sizes_(sizes), known_(sizes.size() - censored), censored_(static_cast<double>(censored)) {
     step_ = std::max<std::size_t>(1, known_ / kMostSummed);
-    weight_ = static_cast<double>(known_) / static_cast<double>((known_ + step_ - 1) / step_);
+    const std::size_t summed = (known_ + step_ - 1) / step_;
+    weight_ = static_cast<double>(known_) / static_cast<double>(summed);
   }
 
   // By bisection of the derivative of the log likelihood by the scale.

@@ -21,7 +21,7 @@ MatrixXd scaled_triangle(const MatrixXd& jacobian) {
   const VectorXd norms = jacobian.colwise().norm();
   const double none = 1e-12 * norms.maxCoeff();
   const VectorXd scale = norms.unaryExpr([&](double norm) { return norm > none ? 1.0 / norm : 0.0; });
-  const MatrixXd scaled = jacobian * scale.asDiagonal();
+  MatrixXd scaled = jacobian * scale.asDiagonal();
   if (scaled.rows() <= scaled.cols()) {
     return scaled;
   }
@@ -117,7 +117,7 @@ Identifiability identifiability(const MatrixXd& jacobian, const std::vector<std:
   const MatrixXd triangle = scaled_triangle(jacobian);
   result.singular_values = VectorXd::Zero(jacobian.cols());
   const Eigen::BDCSVD<MatrixXd> svd(triangle, Eigen::ComputeThinV);
-  const VectorXd values = svd.singularValues();
+  const VectorXd& values = svd.singularValues();
   result.singular_values.head(values.size()) = values;
   const double largest = values[0];
   result.rank = static_cast<int>((values.array() > options.tolerance * largest).count());

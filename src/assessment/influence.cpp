@@ -29,6 +29,55 @@ double change_without(const ConfigurationSystem& system, const MatrixXd& rest, c
   return (system.B.transpose() * (G * left.solve(G.transpose() * system.e))).squaredNorm();
 }
 
+// Over all configurations.
+struct Totals {
+  double squares = 0.0;
+  double decided = 0.0;  // by the measurements, not by priors
+  double coordinates = 0.0;
+  double points = 0.0;
+};
+
+void add(const ConfigurationSystem& system, std::int32_t configuration, ConfigurationInfluence& entry, Totals& totals) {
+  const Index m = system.e.size();
+  const MatrixXd H = system.B * system.B.transpose();
+  const MatrixXd rest = MatrixXd::Identity(m, m) - H;
+  const VectorXd leverages = system.U.partialPivLu().solve(MatrixXd(H * system.U)).diagonal();
+  entry.configuration = configuration;
+  entry.leverage = H.trace();
+  entry.cook = change_without(system, rest, MatrixXd::Identity(m, m));
+  entry.coordinates = static_cast<int>(m);
+  for (std::size_t i = 0; i < system.targets.size(); ++i) {
+    entry.points.push_back({.target = system.targets[i],
+                            .coordinates = static_cast<int>(system.rows[i].size()),
+                            .leverage = leverages(system.rows[i]).sum(),
+                            .cook = change_without(system, rest, system.U(Eigen::all, system.rows[i]))});
+  }
+  totals.squares += system.e.squaredNorm();
+  totals.decided += entry.leverage;
+  totals.coordinates += static_cast<double>(m);
+  totals.points += static_cast<double>(system.targets.size());
+}
+
+// Cook's distances in the unit of the fit, and what is large.
+void judge(const Totals& totals, Influence& result) {
+  const double freedom = totals.coordinates - totals.decided;
+  const double unit = freedom > 0.0 ? totals.decided * totals.squares / freedom : 0.0;
+  result.leverage_limit = 2.0 * totals.decided / totals.coordinates;
+  result.cook_limit = 4.0 / static_cast<double>(result.configurations.size());
+  result.point_cook_limit = 4.0 / totals.points;
+  const auto judged = [&](auto& entry, double cook_limit) {
+    entry.cook = unit > 0.0 ? entry.cook / unit : 0.0;
+    entry.high_leverage = entry.leverage > entry.coordinates * result.leverage_limit;
+    entry.influential = entry.cook > cook_limit;
+  };
+  for (ConfigurationInfluence& entry : result.configurations) {
+    judged(entry, result.cook_limit);
+    for (PointInfluence& point : entry.points) {
+      judged(point, result.point_cook_limit);
+    }
+  }
+}
+
 }  // namespace
 
 Influence influence(const LeastSquaresProblem& problem, const Measurements& measurements,
@@ -47,10 +96,7 @@ Influence influence(const LeastSquaresProblem& problem, const Measurements& meas
   if (!(R.diagonal().cwiseAbs().cwiseProduct(unit_scale(triangle)).minCoeff() > kSingular)) {
     return result;
   }
-  double squares = 0.0;
-  double decided = 0.0;  // by the measurements, not by priors
-  double coordinates = 0.0;
-  double points = 0.0;
+  Totals totals;
   const TrainingRows training(measurements);
   ResidualOptions of_training = residuals;
   of_training.row_weights = training.values_of(residuals.row_weights);
@@ -66,43 +112,9 @@ Influence influence(const LeastSquaresProblem& problem, const Measurements& meas
       }
       together = systems.of(rows);
     }
-    const ConfigurationSystem& system = together[place];
-    const Index m = system.e.size();
-    const MatrixXd H = system.B * system.B.transpose();
-    const MatrixXd rest = MatrixXd::Identity(m, m) - H;
-    const VectorXd leverages = system.U.partialPivLu().solve(MatrixXd(H * system.U)).diagonal();
-    ConfigurationInfluence& entry = result.configurations.emplace_back();
-    entry.configuration = configurations[c].first;
-    entry.leverage = H.trace();
-    entry.cook = change_without(system, rest, MatrixXd::Identity(m, m));
-    entry.coordinates = static_cast<int>(m);
-    for (std::size_t i = 0; i < system.targets.size(); ++i) {
-      entry.points.push_back({.target = system.targets[i],
-                              .coordinates = static_cast<int>(system.rows[i].size()),
-                              .leverage = leverages(system.rows[i]).sum(),
-                              .cook = change_without(system, rest, system.U(Eigen::all, system.rows[i]))});
-    }
-    squares += system.e.squaredNorm();
-    decided += entry.leverage;
-    coordinates += static_cast<double>(m);
-    points += static_cast<double>(system.targets.size());
+    add(together[place], configurations[c].first, result.configurations.emplace_back(), totals);
   }
-  const double freedom = coordinates - decided;
-  const double unit = freedom > 0.0 ? decided * squares / freedom : 0.0;
-  result.leverage_limit = 2.0 * decided / coordinates;
-  result.cook_limit = 4.0 / static_cast<double>(result.configurations.size());
-  result.point_cook_limit = 4.0 / points;
-  const auto judge = [&](auto& entry, double cook_limit) {
-    entry.cook = unit > 0.0 ? entry.cook / unit : 0.0;
-    entry.high_leverage = entry.leverage > entry.coordinates * result.leverage_limit;
-    entry.influential = entry.cook > cook_limit;
-  };
-  for (ConfigurationInfluence& entry : result.configurations) {
-    judge(entry, result.cook_limit);
-    for (PointInfluence& point : entry.points) {
-      judge(point, result.point_cook_limit);
-    }
-  }
+  judge(totals, result);
   return result;
 }
 

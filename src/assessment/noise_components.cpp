@@ -39,6 +39,40 @@ void add_orientation_scatter(const Measurements& measurements, RepeatNoise& nois
   }
 }
 
+// Of each repeat from the mean over the repeats.
+using Deviations = std::map<std::int32_t, Vector3d>;
+
+// Subtracts the mean; returns the squares of what is left, summed along each axis.
+Vector3d centre(Deviations& repeats) {
+  Vector3d mean = Vector3d::Zero();
+  for (const auto& [repeat, position] : repeats) {
+    mean += position / static_cast<double>(repeats.size());
+  }
+  Vector3d squares = Vector3d::Zero();
+  for (auto& [repeat, position] : repeats) {
+    position -= mean;
+    squares += position.cwiseAbs2();
+  }
+  return squares;
+}
+
+// Of deviations of two targets in the same repeats.
+struct Products {
+  Vector3d sum = Vector3d::Zero();
+  double freedom = 0.0;
+
+  void add(const Deviations& first, const Deviations& second) {
+    double common = 0.0;
+    for (const auto& [repeat, deviation] : first) {
+      if (const auto other = second.find(repeat); other != second.end()) {
+        sum += deviation.cwiseProduct(other->second);
+        common += 1.0;
+      }
+    }
+    freedom += std::max(common - 1.0, 0.0);
+  }
+};
+
 }  // namespace
 
 RepeatNoise noise_from_repeats(const Measurements& measurements) {
@@ -49,38 +83,21 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
   if (std::none_of(rows.begin(), rows.end(), other_repeat)) {
     return {};
   }
-  // Deviations of each repeat from the mean over the repeats, per configuration and target.
-  using Repeats = std::map<std::int32_t, Vector3d>;  // repeat -> position
-  std::map<std::int32_t, std::map<std::int32_t, Repeats>> cells;
+  std::map<std::int32_t, std::map<std::int32_t, Deviations>> cells;  // by configuration and target
   for (const Observation& o : rows) {
     cells[o.configuration][o.target][o.repeat] = o.position;
   }
   RepeatNoise noise;
   Vector3d squares = Vector3d::Zero();
-  Vector3d products = Vector3d::Zero();
-  double pairs = 0.0;
+  Products products;
   for (auto& [configuration, targets] : cells) {
     for (auto& [target, repeats] : targets) {
-      Vector3d mean = Vector3d::Zero();
-      for (const auto& [repeat, position] : repeats) {
-        mean += position / static_cast<double>(repeats.size());
-      }
-      for (auto& [repeat, position] : repeats) {
-        position -= mean;
-        squares += position.cwiseAbs2();
-      }
+      squares += centre(repeats);
       noise.degrees_of_freedom += static_cast<double>(repeats.size()) - 1.0;
     }
     for (auto first = targets.begin(); first != targets.end(); ++first) {
       for (auto second = std::next(first); second != targets.end(); ++second) {
-        double common = 0.0;
-        for (const auto& [repeat, deviation] : first->second) {
-          if (const auto other = second->second.find(repeat); other != second->second.end()) {
-            products += deviation.cwiseProduct(other->second);
-            common += 1.0;
-          }
-        }
-        pairs += std::max(common - 1.0, 0.0);
+        products.add(first->second, second->second);
       }
     }
   }
@@ -89,9 +106,11 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
   }
   const Vector3d variance = squares / noise.degrees_of_freedom;
   noise.total = variance.cwiseSqrt();
-  noise.separable = pairs > 0.0;
-  const Vector3d shared =
-      noise.separable ? Vector3d((products / pairs).cwiseMax(0.0).cwiseMin(variance)) : Vector3d(Vector3d::Zero());
+  noise.separable = products.freedom > 0.0;
+  Vector3d shared = Vector3d::Zero();
+  if (noise.separable) {
+    shared = (products.sum / products.freedom).cwiseMax(0.0).cwiseMin(variance);
+  }
   noise.common = shared.cwiseSqrt();
   noise.independent = (variance - shared).cwiseSqrt();
   add_orientation_scatter(*training, noise);

@@ -416,6 +416,16 @@ void judge_as_a_whole(const Setting& setting, const Measurements& measurements, 
   result.warnings.insert(result.warnings.end(), more.begin(), more.end());
 }
 
+// Fits once more with the parts of the noise, where the residuals tell them, and lets rigid arms be compared with them.
+EstimatedNoise weigh_by_what_is_left(const FitTask& task, WholeFit& fitted, Weighing& weighing, Chosen& chosen) {
+  ResidualOptions& residuals = weighing.fit.joint.residuals;
+  EstimatedNoise estimated = fit_with_estimated_noise(task, fitted, residuals);
+  if (estimated.parts) {
+    chosen.rigid_options.joint.residuals.noise = residuals.noise;
+  }
+  return estimated;
+}
+
 }  // namespace
 
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
@@ -431,16 +441,12 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                      .fit_options = weighing.fit};
   Chosen chosen;
   WholeFit fitted = fit_what_is_chosen(task, setting, weighing, chosen);
-  const EstimatedNoise estimated = fit_with_estimated_noise(task, fitted, weighing.fit.joint.residuals);
-  if (estimated.parts) {
-    chosen.rigid_options.joint.residuals.noise = weighing.fit.joint.residuals.noise;
-  }
-  const bool smallest = options.model == ModelChoice::complete && options.method == Method::joint &&
-                        options.loss == Loss::none && take_smallest_errors(task, weighing.fit.joint.residuals, fitted);
+  const EstimatedNoise estimated = weigh_by_what_is_left(task, fitted, weighing, chosen);
+  const bool plain = options.method == Method::joint && options.loss == Loss::none;
+  const bool smallest = plain && options.model == ModelChoice::complete &&
+                        take_smallest_errors(task, weighing.fit.joint.residuals, fitted);
   Judgement judged = judge(task, fitted, estimated);
   note_what_is_open(judged, options, fitted.identification);
-  const bool as_fitted =
-      options.method == Method::joint && options.loss == Loss::none && arrived(fitted.identification);
   const ChoiceTask choices = choice_task(chosen, training, options, weighing.fit.joint.residuals.orientation_length);
   const Compared compared{.task = task,
                           .measurements = measurements,
@@ -448,7 +454,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                           .fit = fitted,
                           .known = setting.known,
                           .rigid_options = chosen.rigid_options,
-                          .triangle = as_fitted ? &judged.triangle : nullptr,
+                          .triangle = plain && arrived(fitted.identification) ? &judged.triangle : nullptr,
                           .noise = judged.noise.report.sigma,
                           .variance = variance_of_unit_weight(judged.triangle, judged.noise.covariance),
                           .choice = choices};

@@ -149,6 +149,7 @@ std::vector<std::string> effect_findings(const Calibration& calibration, const s
     }
   }
   std::vector<std::string> result;
+  result.reserve(most.size());
   for (const auto& [group, motion] : most) {
     result.push_back(in_words(calibration, motion) + explained_by(calibration.tried, to_string(group)));
   }

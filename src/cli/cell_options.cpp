@@ -52,7 +52,7 @@ std::pair<double, double> bounds(const std::string& option, const std::string& t
 Box box(const std::string& option, const std::string& text) {
   const std::string expected = "xmin,ymin,zmin,xmax,ymax,zmax in metres";
   const std::vector<double> v = numbers(option, text, 6, expected);
-  const Box result{.lower = {v[0], v[1], v[2]}, .upper = {v[3], v[4], v[5]}};
+  Box result{.lower = {v[0], v[1], v[2]}, .upper = {v[3], v[4], v[5]}};
   if (!(result.lower.array() <= result.upper.array()).all()) {
     refuse(option, text, expected);
   }

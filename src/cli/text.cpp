@@ -39,10 +39,10 @@ std::string padded(const std::string& text, int width) {
   return width < 0 ? text + blanks : blanks + text;
 }
 
-void print(std::string_view output) {
-  const std::string text = escaped(output);
+void print(std::string_view text) {
+  const std::string written = escaped(text);
   errno = 0;
-  if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size() || std::fflush(stdout) != 0) {
+  if (std::fwrite(written.data(), 1, written.size(), stdout) != written.size() || std::fflush(stdout) != 0) {
     throw InputError("standard output cannot be written: " + std::generic_category().message(errno));
   }
 }

@@ -88,7 +88,7 @@ void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& s
   sums.lanes.assign(1 + sums.gradient.size() + sums.twist.size() + sums.force.size() + sums.gram.size(), {});
   sums.turns.resize(2 * joints);
   sums.poses.resize(15 * (joints + 2));
-  sums.jacobian.resize(2 * 6 * columns);
+  sums.jacobian.resize(12 * columns);
   switch (set) {
 #ifdef KDL_CALIBRATION_WIDE_KERNELS
     case InstructionSet::avx512:

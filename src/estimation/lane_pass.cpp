@@ -69,15 +69,15 @@ Vector3d kept_target(const LaneGroup& group, std::size_t k, const Estimate& esti
 
 // sum sqrt(w_k): the weight of the mean of the points with the weights sqrt(w_k), and the group of these means. The sum
 // of sqrt(w_k) e_k over the points is W (z - t) for such a single point.
-struct Means {
+struct LaneMeans {
   double W = 0.0;
   Vector3d target = Vector3d::Zero();
   LaneGroup group;
 };
 
-Means means_of(const LaneGroup& group, const Estimate& estimate) {
+LaneMeans means_of(const LaneGroup& group, const Estimate& estimate) {
   const std::size_t points = group.targets.size();
-  Means means;
+  LaneMeans means;
   for (std::size_t k = 0; k < points; ++k) {
     means.W += std::sqrt(group.weights[k]);
     means.target += std::sqrt(group.weights[k]) * kept_target(group, k, estimate);
@@ -237,7 +237,7 @@ void LanePass::visit_targets(const LaneGroup& group, std::size_t k, Visitor visi
 
 void LanePass::add_sums(const LaneGroup& group, const Estimate& estimate, LaneWorkspace& work,
                         WhitenedSummary& summary) const {
-  const Means means = means_of(group, estimate);
+  const LaneMeans means = means_of(group, estimate);
   Estimate at_mean = estimate;
   at_mean.targets[0].X_FT.translation() = means.target;
   const Index columns = unknowns_.size();

@@ -357,6 +357,18 @@ Matrix3d target_orientation(const TargetSums& target, const Matrix3d& A) {
   return nearest_rotation(Eigen::Map<const Matrix3d>(sum.data()));
 }
 
+double rms_of(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& training, const Registration& found) {
+  double sum = 0.0;
+  for (const Observation& observation : training.observations) {
+    const Vector3d predicted =
+        found.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
+                      found.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
+    sum += (observation.position - predicted).squaredNorm();
+  }
+  const auto count = static_cast<double>(training.observations.size());
+  return count > 0.0 ? std::sqrt(sum / count) : 0.0;
+}
+
 }  // namespace
 
 Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
@@ -410,17 +422,7 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
     }
     result.targets.push_back(frame);
   }
-
-  double sum = 0.0;
-  double count = 0.0;
-  for (const Observation& observation : (*training).observations) {
-    const Vector3d predicted =
-        result.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
-                       result.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
-    sum += (observation.position - predicted).squaredNorm();
-    count += 1.0;
-  }
-  result.rms = count > 0.0 ? std::sqrt(sum / count) : 0.0;
+  result.rms = rms_of(X_BF, *training, result);
   return result;
 }
 

@@ -86,6 +86,26 @@ std::string csv_header(const Measurements& measurements, const UsedColumns& used
   return text + "\n";
 }
 
+/// Appends cells to a row, empty ones where a value is not known.
+class Cells {
+public:
+  explicit Cells(std::string& text) : text_(text) {}
+
+  template <typename Number>
+  void add(Number value, bool known = true) {
+    text_ += ',';
+    if (known) append_number(text_, value);
+  }
+
+  template <typename Numbers>
+  void add_each(const Numbers& values, bool known = true) {
+    for (const double value : values) add(value, known);
+  }
+
+private:
+  std::string& text_;
+};
+
 }  // namespace
 
 std::string measurements_csv(const Measurements& measurements) {
@@ -94,38 +114,24 @@ std::string measurements_csv(const Measurements& measurements) {
   std::string text = csv_header(measurements, used);
   const auto configurations = csv_labels(measurements.configurations, "configuration", measurements.source);
   const auto targets = csv_labels(measurements.targets, "target", measurements.source);
-  const auto append_cell = [&text](auto value) {
-    text += ',';
-    append_number(text, value);
-  };
+  Cells cells(text);
   for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
     const Observation& o = measurements.observations[i];
     text += configurations[static_cast<std::size_t>(o.configuration)];
     if (used.split) text += o.split == Split::test ? ",test" : ",train";
-    if (used.repeat) append_cell(o.repeat);
+    if (used.repeat) cells.add(o.repeat);
     text += "," + targets[static_cast<std::size_t>(o.target)];
-    for (const double value : measurements.joint_values.col(o.configuration)) append_cell(value);
-    for (const double value : o.position) append_cell(value);
+    cells.add_each(measurements.joint_values.col(o.configuration));
+    cells.add_each(o.position);
     if (used.quaternion) {
       const Eigen::Quaterniond& q = measurements.orientations[i];
-      if (is_point(q))
-        text += ",,,,";
-      else
-        for (const double value : {q.w(), q.x(), q.y(), q.z()}) append_cell(value);
+      cells.add_each(std::array{q.w(), q.x(), q.y(), q.z()}, !is_point(q));
     }
-    if (used.sigma) {
-      if (o.sigma > 0.0)
-        append_cell(o.sigma);
-      else
-        text += ',';
-    }
-    if (used.order) append_cell(measurements.order[i]);
+    if (used.sigma) cells.add(o.sigma, o.sigma > 0.0);
+    if (used.order) cells.add(measurements.order[i]);
     for (const Eigen::Index j : used.torques) {
       const double torque = measurements.signals.torques(j, o.configuration);
-      if (std::isnan(torque))
-        text += ',';
-      else
-        append_cell(torque);
+      cells.add(torque, !std::isnan(torque));
     }
     text += '\n';
   }

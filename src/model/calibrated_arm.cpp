@@ -76,7 +76,7 @@ Isometry3d CalibratedArm::flange_pose(const Ref<const VectorXd>& q, Matrix6Xd& j
   effect_motion(model_, effects_, q, moved);
   moved.head(n) += q;
   Map<Matrix6Xd> rigid(scratch.numbers(6 * entries), 6, entries);
-  const Isometry3d pose = manipulator_jacobian(chain_, moved, rigid);
+  Isometry3d pose = manipulator_jacobian(chain_, moved, rigid);
   jacobian = rigid.leftCols(n);
   Map<VectorXd> beside(scratch.numbers(n), n);
   Map<VectorXd> above(scratch.numbers(entries), entries);

@@ -264,7 +264,7 @@ std::vector<ParameterTwist> base_twists() {
   std::vector<ParameterTwist> twists(6);
   for (int axis = 0; axis < 3; ++axis) {
     twists[static_cast<std::size_t>(axis)] = {.frame = -1, .linear = Eigen::Vector3d::Unit(axis)};
-    twists[static_cast<std::size_t>(axis + 3)] = {.frame = -1, .angular = Eigen::Vector3d::Unit(axis)};
+    twists[static_cast<std::size_t>(axis) + 3] = {.frame = -1, .angular = Eigen::Vector3d::Unit(axis)};
   }
   return twists;
 }

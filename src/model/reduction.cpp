@@ -249,6 +249,62 @@ Eigen::VectorXd visible_norms(const ErrorModel& model, const Eigen::MatrixXd& co
   return norms;
 }
 
+// Which columns may be kept. Throws InputError where a fixed one is none of them.
+std::vector<bool> not_fixed(const std::vector<std::string>& names, const std::vector<std::string>& fixed) {
+  for (const std::string& name : fixed) {
+    if (std::find(names.begin(), names.end(), name) == names.end()) {
+      refuse_input("no parameter is named '" + name + "'", "one of the base or of a target");
+    }
+  }
+  std::vector<bool> result;
+  for (const std::string& name : names) {
+    result.push_back(std::find(fixed.begin(), fixed.end(), name) == fixed.end());
+  }
+  return result;
+}
+
+// What takes the part of the columns that are not kept.
+class Replacements {
+public:
+  // `frames`: the kept ones of base and targets. Keeps references.
+  Replacements(const Eigen::MatrixXd& columns, const std::vector<std::string>& names,
+               const std::vector<Eigen::Index>& kept, const std::vector<Eigen::Index>& frames)
+      : columns_(columns), names_(names), kept_(kept), frames_(frames) {}
+
+  void add(Eigen::Index column, bool joint_offset, Reduction& reduction) {
+    const std::string& name = names_[static_cast<std::size_t>(column)];
+    const Combination tied = combination(columns_, column, frames_, names_);
+    if (joint_offset && (without_effect(columns_, column) || !tied.empty())) {
+      GaugeParameter parameter{.name = name, .tied_to = {}};
+      for (const auto& entry : tied) {
+        parameter.tied_to.push_back(entry.first);
+      }
+      reduction.gauge.push_back(std::move(parameter));
+      gauge_.push_back(column);
+      return;
+    }
+    reduction.dropped.push_back({.name = name, .replaced_by = replacement(column)});
+  }
+
+private:
+  // A single gauge parameter says it in one word where base or targets would need many.
+  Combination replacement(Eigen::Index column) const {
+    for (const Eigen::Index g : gauge_) {
+      Combination by_gauge = combination(columns_, column, {g}, names_);
+      if (!by_gauge.empty()) {
+        return by_gauge;
+      }
+    }
+    return combination(columns_, column, kept_, names_, 1.0);  // what the noise hides included
+  }
+
+  const Eigen::MatrixXd& columns_;
+  const std::vector<std::string>& names_;
+  const std::vector<Eigen::Index>& kept_;
+  const std::vector<Eigen::Index>& frames_;
+  std::vector<Eigen::Index> gauge_;  // so far
+};
+
 }  // namespace
 
 Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
@@ -261,15 +317,7 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
   CandidateJacobian candidates(model, targets, options);
   const Eigen::MatrixXd columns = candidates.stacked();
   const std::vector<std::string>& names = candidates.names();
-  for (const std::string& name : options.fixed) {
-    if (std::find(names.begin(), names.end(), name) == names.end()) {
-      refuse_input("no parameter is named '" + name + "'", "one of the base or of a target");
-    }
-  }
-  std::vector<bool> candidate(names.size());
-  for (std::size_t c = 0; c < names.size(); ++c) {
-    candidate[c] = std::find(options.fixed.begin(), options.fixed.end(), names[c]) == options.fixed.end();
-  }
+  const std::vector<bool> candidate = not_fixed(names, options.fixed);
   std::vector<bool> faint;
   const std::vector<bool> raises =
       independent_columns(columns, candidate, {.seen = visible_norms(model, columns, options.noise)}, &faint);
@@ -277,7 +325,7 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
   Reduction reduction;
   reduction.candidates = static_cast<int>(std::count(candidate.begin(), candidate.end(), true));
   std::vector<Eigen::Index> kept;
-  std::vector<Eigen::Index> frames;  // the kept ones of base and targets
+  std::vector<Eigen::Index> frames;
   for (std::size_t c = 0; c < names.size(); ++c) {
     if (raises[c]) {
       kept.push_back(static_cast<Eigen::Index>(c));
@@ -291,37 +339,13 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
     }
   }
   reduction.rank = static_cast<int>(kept.size());
-
-  std::vector<Eigen::Index> gauge;
+  Replacements replacements(columns, names, kept, frames);
   for (std::size_t c = 0; c < names.size(); ++c) {
-    if (raises[c] || !candidate[c]) {
-      continue;
+    if (candidate[c] && !raises[c]) {
+      const bool joint_offset = c >= candidates.first_geometric() &&
+                                model.parameters[c - candidates.first_geometric()].kind == ParameterKind::joint_offset;
+      replacements.add(static_cast<Eigen::Index>(c), joint_offset, reduction);
     }
-    const auto column = static_cast<Eigen::Index>(c);
-    const bool joint_offset = c >= candidates.first_geometric() &&
-                              model.parameters[c - candidates.first_geometric()].kind == ParameterKind::joint_offset;
-    const Combination tied = combination(columns, column, frames, names);
-    if (joint_offset && (without_effect(columns, column) || !tied.empty())) {
-      GaugeParameter parameter{.name = names[c], .tied_to = {}};
-      for (const auto& entry : tied) {
-        parameter.tied_to.push_back(entry.first);
-      }
-      reduction.gauge.push_back(std::move(parameter));
-      gauge.push_back(column);
-      continue;
-    }
-    // A single gauge parameter says it in one word where base or targets would need many.
-    Combination replacement;
-    for (const Eigen::Index g : gauge) {
-      replacement = combination(columns, column, {g}, names);
-      if (!replacement.empty()) {
-        break;
-      }
-    }
-    if (replacement.empty()) {
-      replacement = combination(columns, column, kept, names, 1.0);  // what the noise hides included
-    }
-    reduction.dropped.push_back({.name = names[c], .replaced_by = std::move(replacement)});
   }
   return reduction;
 }

@@ -119,12 +119,16 @@ MatrixXd information(const Experiment& experiment, const Measurements& measureme
   return symmetric(problem.linearise(estimate).hessian);
 }
 
-std::vector<Prediction> predicted(const Experiment& experiment, const std::vector<MatrixXd>& informations,
-                                  const MatrixXd& joint_values, int threads) {
-  PointRows rows(experiment);
-  std::vector<Prediction> predictions(informations.size());
-  std::vector<std::size_t> regular;
+namespace {
+
+// Informations that can be inverted, by their places, in the basis that `rows` has from now on.
+struct Regular {
+  std::vector<std::size_t> places;
   std::vector<MatrixXd> covariances;
+};
+
+Regular regular_ones(const std::vector<MatrixXd>& informations, PointRows& rows) {
+  Regular result;
   bool changed = false;
   for (std::size_t k = 0; k < informations.size(); ++k) {
     require_count("rows of the information", informations[k].rows(), rows.columns());
@@ -133,15 +137,18 @@ std::vector<Prediction> predicted(const Experiment& experiment, const std::vecto
     // The first regular one gives the basis, so that packing loses no digits to nearly dependent columns.
     changed = changed || rows.change_basis(informations[k]);
     if (changed && invert(rows.in_basis(informations[k]), covariance)) {
-      regular.push_back(k);
-      covariances.push_back(covariance);
-    } else {
-      const double none = std::numeric_limits<double>::infinity();
-      predictions[k] = {.sigma = {.mean = none, .rms = none, .p95 = none, .max = none}, .worst_configuration = none};
+      result.places.push_back(k);
+      result.covariances.push_back(covariance);
     }
   }
+  return result;
+}
+
+// Trace of a predicted point's covariance: for each target joint_values.cols() x covariances.
+std::vector<MatrixXd> predicted_variances(const PointRows& rows, const std::vector<MatrixXd>& covariances,
+                                          const MatrixXd& joint_values, int threads) {
   const Index T = rows.targets();
-  const auto K = static_cast<Index>(regular.size());
+  const auto K = static_cast<Index>(covariances.size());
   const Index features = feature_count(rows.chain_columns());
   std::vector<MatrixXd> weights;
   MatrixXd constants(T, K);
@@ -154,37 +161,55 @@ std::vector<Prediction> predicted(const Experiment& experiment, const std::vecto
       constants(t, k) = form.constant;
     }
   }
-  const auto count = static_cast<std::size_t>(joint_values.cols());
   std::vector<MatrixXd> variances(static_cast<std::size_t>(T), MatrixXd(joint_values.cols(), K));
-  parallel_blocks(count, kBlock, threads, [&](std::size_t first, std::size_t end) {
-    const auto n = static_cast<Index>(end - first);
-    std::vector<Matrix6Xd> jacobians;
-    for (std::size_t i = first; i < end; ++i) {
-      jacobians.push_back(rows.jacobian(joint_values.col(static_cast<Index>(i))));
+  parallel_blocks(
+      static_cast<std::size_t>(joint_values.cols()), kBlock, threads, [&](std::size_t first, std::size_t end) {
+        const auto n = static_cast<Index>(end - first);
+        std::vector<Matrix6Xd> jacobians;
+        for (std::size_t i = first; i < end; ++i) {
+          jacobians.push_back(rows.jacobian(joint_values.col(static_cast<Index>(i))));
+        }
+        Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> packed(n, features);
+        for (std::size_t t = 0; t < variances.size(); ++t) {
+          const MatrixXd& S = rows.by_target()[t].S;
+          const Matrix6d P = S.transpose() * S;
+          for (Index i = 0; i < n; ++i) {
+            pack_features(jacobians[static_cast<std::size_t>(i)], P, packed.row(i));
+          }
+          variances[t].middleRows(static_cast<Index>(first), n).noalias() = packed * weights[t];
+          variances[t].middleRows(static_cast<Index>(first), n).rowwise() += constants.row(static_cast<Index>(t));
+        }
+      });
+  return variances;
+}
+
+Prediction prediction_of(const std::vector<MatrixXd>& variances, Index k) {
+  std::vector<double> sigmas;
+  VectorXd mean = VectorXd::Zero(variances.front().rows());
+  for (const MatrixXd& of_target : variances) {
+    const VectorXd variance = of_target.col(k).cwiseMax(0.0);
+    mean += variance / static_cast<double>(variances.size());
+    for (const double v : variance) {
+      sigmas.push_back(std::sqrt(v));
     }
-    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> packed(n, features);
-    for (std::size_t t = 0; t < variances.size(); ++t) {
-      const MatrixXd& S = rows.by_target()[t].S;
-      const Matrix6d P = S.transpose() * S;
-      for (Index i = 0; i < n; ++i) {
-        pack_features(jacobians[static_cast<std::size_t>(i)], P, packed.row(i));
-      }
-      variances[t].middleRows(static_cast<Index>(first), n).noalias() = packed * weights[t];
-      variances[t].middleRows(static_cast<Index>(first), n).rowwise() += constants.row(static_cast<Index>(t));
-    }
-  });
-  parallel_for(regular.size(), threads, [&](std::size_t k) {
-    std::vector<double> sigmas;
-    VectorXd mean = VectorXd::Zero(joint_values.cols());
-    for (const MatrixXd& of_target : variances) {
-      const VectorXd variance = of_target.col(static_cast<Index>(k)).cwiseMax(0.0);
-      mean += variance / static_cast<double>(T);
-      for (const double v : variance) {
-        sigmas.push_back(std::sqrt(v));
-      }
-    }
-    predictions[regular[k]] = {.sigma = error_statistics(std::move(sigmas)),
-                               .worst_configuration = std::sqrt(mean.size() > 0 ? mean.maxCoeff() : 0.0)};
+  }
+  return {.sigma = error_statistics(std::move(sigmas)),
+          .worst_configuration = std::sqrt(mean.size() > 0 ? mean.maxCoeff() : 0.0)};
+}
+
+}  // namespace
+
+std::vector<Prediction> predicted(const Experiment& experiment, const std::vector<MatrixXd>& informations,
+                                  const MatrixXd& joint_values, int threads) {
+  PointRows rows(experiment);
+  const Regular regular = regular_ones(informations, rows);
+  const std::vector<MatrixXd> variances = predicted_variances(rows, regular.covariances, joint_values, threads);
+  const double none = std::numeric_limits<double>::infinity();
+  std::vector<Prediction> predictions(
+      informations.size(),
+      {.sigma = {.mean = none, .rms = none, .p95 = none, .max = none}, .worst_configuration = none});
+  parallel_for(regular.places.size(), threads, [&](std::size_t k) {
+    predictions[regular.places[k]] = prediction_of(variances, static_cast<Index>(k));
   });
   return predictions;
 }

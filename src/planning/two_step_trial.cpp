@@ -33,6 +33,7 @@ void require_enough_equations(const Measurements& measurements, std::size_t geom
 
 std::vector<double> changes_of(const std::vector<TwoStepTrialRound>& rounds) {
   std::vector<double> changes;
+  changes.reserve(rounds.size());
   for (const TwoStepTrialRound& round : rounds) {
     changes.push_back(round.round.change);
   }

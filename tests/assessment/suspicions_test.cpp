@@ -209,7 +209,7 @@ TEST(Suspicions, RemarkThatAConfigurationHasTwoLabelsAndThatTestRowsAreCopies) {
   for_rows(m, [&](Observation& o) {
     if (o.configuration == 7) {
       o.split = Split::test;
-      o.position = m.data.observations[static_cast<std::size_t>(6 + o.target)].position;
+      o.position = m.data.observations[6 + static_cast<std::size_t>(o.target)].position;
     }
   });
   const std::vector<Suspicion> found = suspicions_of(m);

@@ -35,7 +35,7 @@ struct Arm {
   VirtualRobot robot;
   Measurements measured;
 
-  Arm(std::uint64_t seed, std::vector<TargetFrame> targets, int configurations, const MeasuringNoise& noise)
+  Arm(std::uint64_t seed, const std::vector<TargetFrame>& targets, int configurations, const MeasuringNoise& noise)
       : random_(seed) {
     const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
     Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  // the tracker stands askew, some metres away
@@ -77,7 +77,7 @@ double orientation_variance(const Matrix3d& position, double stated) {
   return stated > 0.0 ? stated * stated : position.trace() / 3.0 / (kOrientationLength * kOrientationLength);
 }
 
-DenseNoise dense_noise(std::function<Matrix3d(const Observation&)> position, double orientation,
+DenseNoise dense_noise(const std::function<Matrix3d(const Observation&)>& position, double orientation,
                        const Vector3d& common = Vector3d::Zero()) {
   return {.position = position,
           .orientation = [=](const Observation& o) { return orientation_variance(position(o), orientation); },

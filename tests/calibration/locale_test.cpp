@@ -18,7 +18,7 @@
 #include "support.hpp"
 
 /// What glibc keeps of LOCPATH is no leak of ours.
-extern "C" const char* __lsan_default_suppressions() { return "leak:__argz_add_sep"; }  // NOLINT(bugprone-*)
+extern "C" const char* __lsan_default_suppressions() { return "leak:__argz_add_sep"; }  // NOLINT
 
 namespace kdl_calibration::testing {
 namespace {

@@ -172,6 +172,30 @@ private:
   VectorXd residual_;
 };
 
+/// At these variances, of which the `isotropic` ones are one for all axes.
+void expect_least(const DenseLikelihood& minus_two_log, const NoiseParts& parts, bool isotropic,
+                  const std::string& what) {
+  const double best = minus_two_log(parts.variances);
+  for (Index k = 0; k < 8; ++k) {
+    if (!parts.estimated[static_cast<std::size_t>(k)]) {
+      EXPECT_EQ(parts.variances[k], 0.0) << what << k;
+      continue;
+    }
+    for (const double factor : {0.9, 1.1}) {
+      NoiseParts::Variances other = parts.variances;
+      if (isotropic && k >= 2) {
+        const Index first = k < 5 ? 2 : 5;
+        other.segment<3>(first) *= factor;
+      } else {
+        other[k] = std::max(other[k] * factor, other[k] + (factor - 1.0) * 1e-11);
+      }
+      if (other[k] >= 0.0 && other[k] != parts.variances[k]) {
+        EXPECT_GT(minus_two_log(other), best - 1e-6) << what << ", part " << k << " times " << factor;
+      }
+    }
+  }
+}
+
 TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
   const ErrorModel model = complete_model(testing::fanuc());
   for (const Truth& truth :
@@ -197,27 +221,7 @@ TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
     const NoiseParts parts = estimate_noise(model, t.measured, estimate, free, {});
     ASSERT_TRUE(parts.converged) << truth.name;
     const DenseLikelihood minus_two_log(model, t.measured, estimate, free);
-    const double best = minus_two_log(parts.variances);
-    const bool isotropic = truth.repeats == 1 || truth.targets == 1;
-    for (Index k = 0; k < 8; ++k) {
-      if (!parts.estimated[static_cast<std::size_t>(k)]) {
-        EXPECT_EQ(parts.variances[k], 0.0) << truth.name << k;
-        continue;
-      }
-      for (const double factor : {0.9, 1.1}) {
-        NoiseParts::Variances other = parts.variances;
-        if (isotropic && k >= 2) {
-          const Index first = k < 5 ? 2 : 5;
-          other.segment<3>(first) *= factor;
-        } else {
-          other[k] = std::max(other[k] * factor, other[k] + (factor - 1.0) * 1e-11);
-        }
-        if (other[k] < 0.0 || other[k] == parts.variances[k]) {
-          continue;
-        }
-        EXPECT_GT(minus_two_log(other), best - 1e-6) << truth.name << ", part " << k << " times " << factor;
-      }
-    }
+    expect_least(minus_two_log, parts, truth.repeats == 1 || truth.targets == 1, truth.name);
   }
 }
 
@@ -339,6 +343,26 @@ struct Coverage {
   double sigma_ratio = 0.0;  // mean of the estimated total over the true one
 };
 
+double truly(const ParameterEstimate& p, const ErrorModel& model, const Estimate& truth) {
+  if (p.name.rfind("base.", 0) != 0 && !p.joint.empty()) {
+    return p.nominal + truth.errors[static_cast<Index>(parameter_index(model, p.name))];
+  }
+  const bool base = p.name.rfind("base.", 0) == 0;
+  const Eigen::Isometry3d& X = base ? truth.X_WB : truth.targets[static_cast<std::size_t>(p.name[0] - 'A')].X_FT;
+  return (p.kind == "translation" ? Vector3d(X.translation()) : rotation_log(X.linear()))[p.axis[0] - 'x'];
+}
+
+Vector3d measured_at(const Vector3d& place, const Truth& truth, Random& random) {
+  Vector3d real = place + truth.misfit * normal_vector(random) + truth.target_misfit * normal_vector(random);
+  real += normal_vector(random).cwiseProduct(truth.common) + normal_vector(random).cwiseProduct(truth.independent);
+  if (truth.tracker) {
+    const Observation there{.position = real};
+    const Eigen::LLT<Eigen::Matrix3d> root(point_covariance({.tracker = truth.tracker}, there));
+    real += root.matrixL() * normal_vector(random);
+  }
+  return real;
+}
+
 Coverage coverage(const Truth& truth, int runs) {
   const ErrorModel model = complete_model(testing::fanuc());
   Coverage result;
@@ -360,38 +384,20 @@ Coverage coverage(const Truth& truth, int runs) {
       options.predict_at.names.push_back(std::to_string(i));
     }
     const Calibration found = calibrate(model, t.measured, options);
-    const Vector3d rotation = rotation_log(t.robot.truth.X_WB.linear());
     for (const ParameterEstimate& p : found.parameters) {
       if (!p.identifiable) {
         continue;
       }
-      double true_value = 0.0;
-      if (p.name.rfind("base.", 0) == 0) {
-        const Index axis = p.axis[0] - 'x';
-        true_value = p.kind == "translation" ? t.robot.truth.X_WB.translation()[axis] : rotation[axis];
-      } else if (p.joint.empty()) {
-        const auto k = static_cast<std::size_t>(p.name[0] - 'A');
-        const Eigen::Isometry3d& X_FT = t.robot.truth.targets[k].X_FT;
-        true_value = (p.kind == "translation" ? X_FT.translation() : rotation_log(X_FT.linear()))[p.axis[0] - 'x'];
-      } else {
-        true_value = p.nominal + t.robot.truth.errors[static_cast<Index>(parameter_index(model, p.name))];
-      }
+      const double true_value = truly(p, model, t.robot.truth);
       result.intervals += std::abs(p.value - true_value) <= t_critical_95(p.degrees_of_freedom) * p.std ? 1.0 : 0.0;
       intervals += 1.0;
     }
-    const auto truly = flange_poses(model, t.robot.truth, fresh);
+    const auto X_BF = flange_poses(model, t.robot.truth, fresh);
     for (std::size_t i = 0; i < found.predicted.asked.size(); ++i) {
       const PredictedPoint& point = found.predicted.asked[i];
-      const std::size_t k = i % static_cast<std::size_t>(truth.targets);
-      Vector3d real = t.robot.truth.X_WB * (truly[i / static_cast<std::size_t>(truth.targets)] *
-                                            t.robot.truth.targets[k].X_FT.translation());
-      real += truth.misfit * normal_vector(random) + truth.target_misfit * normal_vector(random);
-      real += normal_vector(random).cwiseProduct(truth.common) + normal_vector(random).cwiseProduct(truth.independent);
-      if (truth.tracker) {
-        const Observation there{.position = real};
-        const Eigen::LLT<Eigen::Matrix3d> root(point_covariance({.tracker = truth.tracker}, there));
-        real += root.matrixL() * normal_vector(random);
-      }
+      const auto count = static_cast<std::size_t>(truth.targets);
+      const Vector3d place = t.robot.truth.targets[i % count].X_FT.translation();
+      const Vector3d real = measured_at(t.robot.truth.X_WB * (X_BF[i / count] * place), truth, random);
       result.radius += (real - point.position_W).norm() <= point.radius_95 ? 1.0 : 0.0;
       points += 1.0;
     }

@@ -78,7 +78,7 @@ struct Setup {
   Eigen::MatrixXd configurations(int count) { return random_configurations(limits_of(model.joints), count, random); }
 
   /// Without stated sigmas.
-  Measurements measured(const Eigen::MatrixXd& q, MeasuringNoise noise, Split split = Split::train) {
+  Measurements measured(const Eigen::MatrixXd& q, const MeasuringNoise& noise, Split split = Split::train) {
     Measurements result = measure(truth, q, noise, random, split);
     for (Observation& observation : result.observations) {
       observation.sigma = 0.0;
@@ -1230,8 +1230,9 @@ struct Wanted {
   double value = 0.0;
 };
 
-void want_frame(const std::string& name, const Eigen::Isometry3d& nominal, const Eigen::Isometry3d& X, bool base,
-                bool rotations, std::vector<Wanted>& wanted) {
+void want_frame(const std::string& name, const Eigen::Isometry3d& nominal, const Eigen::Isometry3d& X, bool rotations,
+                std::vector<Wanted>& wanted) {
+  const bool base = name == "base";
   const KDL::Vector turn = to_kdl(X).M.GetRot();
   const KDL::Vector nominal_turn = to_kdl(nominal).M.GetRot();
   for (int i = 0; i < (rotations ? 6 : 3); ++i) {
@@ -1253,10 +1254,10 @@ void want_frame(const std::string& name, const Eigen::Isometry3d& nominal, const
 std::vector<Wanted> wanted_parameters(const Calibration& found, const Estimate& nominal) {
   const Estimate& estimate = found.identification.estimate;
   std::vector<Wanted> wanted;
-  want_frame("base", nominal.X_WB, estimate.X_WB, true, true, wanted);
+  want_frame("base", nominal.X_WB, estimate.X_WB, true, wanted);
   for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
     const TargetFrame& target = estimate.targets[k];
-    want_frame(target.name, nominal.targets[k].X_FT, target.X_FT, false, target.with_orientation, wanted);
+    want_frame(target.name, nominal.targets[k].X_FT, target.X_FT, target.with_orientation, wanted);
   }
   for (std::size_t p = 0; p < found.model.parameters.size(); ++p) {
     const ErrorParameter& parameter = found.model.parameters[p];
@@ -1272,6 +1273,17 @@ std::vector<Wanted> wanted_parameters(const Calibration& found, const Estimate& 
   return wanted;
 }
 
+void expect_terms(const Case& c) {
+  const Calibration& found = c.calibration;
+  const std::vector<std::string> columns = found.free.names();
+  EXPECT_EQ(c.result["effects"]["terms"].size(), found.model.effects.size()) << c.name;
+  for (const Json& term : c.result["effects"]["terms"]) {
+    const auto column = std::find(columns.begin(), columns.end(), term["name"].get<std::string>());
+    ASSERT_NE(column, columns.end()) << c.name << ", " << term["name"];
+    EXPECT_EQ(term["std"], std::sqrt(found.covariance(column - columns.begin(), column - columns.begin())));
+  }
+}
+
 TEST(ReportJson, ParametersAreThoseOfTheEstimateAndItsCovariance) {
   for (const Case& c : cases()) {
     const Calibration& found = c.calibration;
@@ -1285,12 +1297,7 @@ TEST(ReportJson, ParametersAreThoseOfTheEstimateAndItsCovariance) {
     for (const Json& parameter : c.result["parameters"]) {
       printed[parameter["name"]] = parameter;
     }
-    EXPECT_EQ(c.result["effects"]["terms"].size(), found.model.effects.size()) << c.name;
-    for (const Json& term : c.result["effects"]["terms"]) {
-      const auto column = std::find(columns.begin(), columns.end(), term["name"].get<std::string>());
-      ASSERT_NE(column, columns.end()) << c.name << ", " << term["name"];
-      EXPECT_EQ(term["std"], std::sqrt(found.covariance(column - columns.begin(), column - columns.begin())));
-    }
+    expect_terms(c);
     for (const Wanted& wanted : wanted_parameters(found, start_of(c))) {
       const std::string what = c.name + ", " + wanted.name;
       const auto column = std::find(columns.begin(), columns.end(), wanted.name);
@@ -1504,7 +1511,7 @@ void expect_accuracies(std::vector<std::string>& lines, const Calibration& found
     }
   }
   if (found.iso_after.repeatability.count > 0) {
-    lines.push_back("AP and RP by the formulas of ISO 9283 (not its test cycle), largest:");
+    lines.emplace_back("AP and RP by the formulas of ISO 9283 (not its test cycle), largest:");
     lines.push_back("AP nominal " + mm(found.iso_before.accuracy.max) + " mm, calibrated " +
                     mm(found.iso_after.accuracy.max) + " mm; RP " + mm(found.iso_after.repeatability.max) + " mm");
   }
@@ -1514,8 +1521,7 @@ std::string sigmas(const Eigen::Vector3d& s) {
   return s.x() == s.y() && s.y() == s.z() ? mm(s.x()) + " mm" : mm(s.x()) + ", " + mm(s.y()) + ", " + mm(s.z()) + " mm";
 }
 
-void expect_figures(std::vector<std::string>& lines, const Calibration& found) {
-  const NoiseReport& noise = found.noise;
+void expect_noise(std::vector<std::string>& lines, const NoiseReport& noise) {
   const bool stated = noise.model == "stated" || (noise.parts && !noise.parts->estimated[NoiseParts::kIndependent]);
   std::string line = "noise per coordinate: " + sigmas(noise.independent) + " per point";
   if (!noise.common.isZero(0.0)) {
@@ -1532,6 +1538,25 @@ void expect_figures(std::vector<std::string>& lines, const Calibration& found) {
                {"", line + (stated          ? misfits ? " (as stated, the misfits from the residuals)" : " (as stated)"
                             : noise.repeats ? " (from residuals and repeats)"
                                             : " (from the residuals)")});
+}
+
+void expect_choice(std::vector<std::string>& lines, const ModelOption& chosen) {
+  const bool priors = chosen.priors.length > 0.0 || chosen.priors.angle > 0.0;
+  std::string text = "chosen by cross-validation: ";
+  text += priors ? "priors of " + three_digits(chosen.priors.length * 1e3) + " mm and " +
+                       three_digits(chosen.priors.angle * 1e3) + " mrad"
+                 : "no priors";
+  text += ", beyond geometry ";
+  for (std::size_t i = 0; i < chosen.effects.size(); ++i) {
+    text += (i > 0 ? ", " : "") + chosen.effects[i];
+  }
+  for (const std::string& part : testing::lines_of(wrapped(text + (chosen.effects.empty() ? "nothing" : ""), 0, 2))) {
+    lines.push_back(squeezed(part));
+  }
+}
+
+void expect_figures(std::vector<std::string>& lines, const Calibration& found) {
+  expect_noise(lines, found.noise);
   const double condition = found.identifiability.condition;
   lines.push_back("rank " + std::to_string(found.identifiability.rank) + " of " +
                   std::to_string(found.identifiability.columns) + " parameters, condition number " +
@@ -1542,24 +1567,12 @@ void expect_figures(std::vector<std::string>& lines, const Calibration& found) {
                     " of the error of the round before");
   }
   if (found.predicted.workspace.count > 0) {
-    lines.push_back("1 sigma of a predicted point, from the uncertainty of the parameters alone:");
+    lines.emplace_back("1 sigma of a predicted point, from the uncertainty of the parameters alone:");
     lines.push_back(mm(found.predicted.measured.rms) + " mm at the measured configurations, " +
                     mm(found.predicted.workspace.rms) + " mm over the whole workspace");
   }
   if (!found.tried.empty()) {
-    const ModelOption& chosen = found.tried[0];
-    const bool priors = chosen.priors.length > 0.0 || chosen.priors.angle > 0.0;
-    std::string text = "chosen by cross-validation: ";
-    text += priors ? "priors of " + three_digits(chosen.priors.length * 1e3) + " mm and " +
-                         three_digits(chosen.priors.angle * 1e3) + " mrad"
-                   : "no priors";
-    text += ", beyond geometry ";
-    for (std::size_t i = 0; i < chosen.effects.size(); ++i) {
-      text += (i > 0 ? ", " : "") + chosen.effects[i];
-    }
-    for (const std::string& part : testing::lines_of(wrapped(text + (chosen.effects.empty() ? "nothing" : ""), 0, 2))) {
-      lines.push_back(squeezed(part));
-    }
+    expect_choice(lines, found.tried[0]);
   }
 }
 
@@ -1603,6 +1616,20 @@ void expect_errors(std::vector<std::string>& lines, const Case& c) {
   }
 }
 
+/// The joint and how far a group moves or tilts it at most.
+std::string motion_by_hand(const std::vector<MovingJoint>& joints, int joint, EffectAxis axis,
+                           const Eigen::MatrixXd& moved) {
+  const MovingJoint& own = joints[static_cast<std::size_t>(joint)];
+  const bool tilts = axis != EffectAxis::own;
+  const bool length = own.type == JointType::prismatic && !tilts;
+  const auto count = static_cast<Eigen::Index>(joints.size());
+  const Eigen::Index tilt = count + Eigen::Index{2} * joint + (axis == EffectAxis::across_y ? 1 : 0);
+  const double most = moved.row(tilts ? tilt : joint).cwiseAbs().maxCoeff() * (length ? 1e3 : kDegreesPerRadian);
+  const std::string about =
+      tilts ? std::string(", ") + (axis == EffectAxis::across_x ? "x" : "y") + " across its axis" : "";
+  return own.name + about + " " + decimals(most, length ? 4 : 5) + (length ? " mm" : " deg");
+}
+
 /// What a group alone makes of the joint values.
 void expect_motions(std::vector<std::string>& lines, const Case& c) {
   const Calibration& found = c.calibration;
@@ -1629,15 +1656,7 @@ void expect_motions(std::vector<std::string>& lines, const Case& c) {
     Eigen::MatrixXd moved = effective_joint_values(alone, all, c.measurements.joint_values);
     moved.topRows(count) -= c.measurements.joint_values;
     for (const auto& [joint, axis] : joints) {
-      const MovingJoint& own = c.robot.joints[static_cast<std::size_t>(joint)];
-      const bool tilts = axis != EffectAxis::own;
-      const bool length = own.type == JointType::prismatic && !tilts;
-      const Eigen::Index row = tilts ? count + 2 * joint + (axis == EffectAxis::across_y ? 1 : 0) : joint;
-      const double most = moved.row(row).cwiseAbs().maxCoeff() * (length ? 1e3 : kDegreesPerRadian);
-      const std::string about =
-          tilts ? std::string(", ") + (axis == EffectAxis::across_x ? "x" : "y") + " across its axis" : "";
-      lines.push_back(group + " " + own.name + about + " " + decimals(most, length ? 4 : 5) +
-                      (length ? " mm" : " deg"));
+      lines.push_back(group + " " + motion_by_hand(c.robot.joints, joint, axis, moved));
     }
   }
   for (const std::string& finding : effect_findings(found, effect_motions(found, c.measurements))) {

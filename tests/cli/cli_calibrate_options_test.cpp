@@ -70,6 +70,7 @@ Eigen::Isometry3d known_base() {
   return Eigen::Translation3d(2.001, 1.0, 0.502) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8);
 }
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> geometry_options() {
   const auto error_of = [](const Answer& run, const std::string& name) {
     for (const Json& parameter : run.json["parameters"]) {
@@ -174,6 +175,7 @@ std::vector<OptionCase> geometry_options() {
   };
 }
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> noise_options() {
   const auto stated = [](auto& o) { o.noise.independent = Eigen::Vector3d::Constant(2e-5); };
   return {
@@ -270,6 +272,7 @@ std::vector<OptionCase> noise_options() {
   };
 }
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> file_options() {
   const Words threads = {"--threads", "1"};
   return {

@@ -149,7 +149,6 @@ std::vector<OptionCase> arm_options() {
   Eigen::VectorXd longer = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(fanuc_model.parameters.size()));
   longer[static_cast<Eigen::Index>(parameter_index(fanuc_model, "Tz2"))] = 0.1;
   const Eigen::VectorXd six = Eigen::Matrix<double, 6, 1>(0.3, -0.2, 0.5, 1.0, -1.0, 2.0);
-  constexpr double d = kDegree;
   return {
       {"UrdfIsTheRobot",
        {"--urdf", "longer.urdf"},
@@ -166,7 +165,7 @@ std::vector<OptionCase> arm_options() {
        {"--urdf", "plinth.urdf"}},
       {"DegreesAreOfAnglesAlone",
        {"--degrees"},
-       is_at(arm("floor", "tool", false), at({30 * d, -0.2, 50 * d, 60 * d, -70 * d})),
+       is_at(arm("floor", "tool", false), at({30 * kDegree, -0.2, 50 * kDegree, 60 * kDegree, -70 * kDegree})),
        degrees},
       {"JointConventionTurnsTheControllersValues",
        {"--joint-convention", "coupled.json"},
@@ -175,7 +174,8 @@ std::vector<OptionCase> arm_options() {
        controller},
       {"JointConventionInDegreesHasOffsetsInRadians",
        {"--joint-convention", "coupled.json"},
-       is_at(arm("floor", "tool", false), at({30 * d + 0.1, -0.2 + 0.05, 35 * d - 0.2, -10 * d + 0.3, -60 * d - 0.4})),
+       is_at(arm("floor", "tool", false),
+             at({30 * kDegree + 0.1, -0.2 + 0.05, 35 * kDegree - 0.2, -10 * kDegree + 0.3, -60 * kDegree - 0.4})),
        controller_degrees},
       {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json(), kAtJoints},
   };
@@ -334,6 +334,7 @@ Eigen::Isometry3d known_base() {
   return Eigen::Translation3d(2.001, 1.0, 0.502) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8);
 }
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> validate_options() {
   const auto rms = [](const Answer& run) { return run.json["position_error"]["train"]["rms"].get<double>(); };
   const auto position = [](const Json& frame) {

@@ -146,6 +146,7 @@ const Words kTracker = {"--tracker", "4,2,1"};
 const Eigen::Vector3d kStand(4.0, 2.0, 1.0);
 const Words kTable = {"--arm-radius", "0.1", "--keep-out-box", "1,-3,-1,3,3,0.8"};
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> number_options() {
   return {
       {"ConfigurationsAreChosen",
@@ -394,6 +395,7 @@ std::vector<OptionCase> cell_options() {
   };
 }
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> robot_options() {
   const Eigen::VectorXd home = Eigen::Matrix<double, 6, 1>(90.0, 30.0, -20.0, 10.0, -90.0, 170.0) * kDegree;
   Eigen::VectorXd odd_home(5);

@@ -205,7 +205,7 @@ TEST_F(LimitsLongRun, MemoryGrowsWithTheDataAloneBesideAutomaticChoices) { expec
 
 TEST_F(Limits, OfFileSizesAreStated) {
   constexpr std::uintmax_t kMiB = std::uintmax_t{1} << 20U;
-  const auto refuse = [&](std::vector<std::string> arguments, const std::string& fact) {
+  const auto refuse = [&](const std::vector<std::string>& arguments, const std::string& fact) {
     const Outcome outcome = run(arguments);
     EXPECT_EQ(outcome.status, 2);
     EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1);
@@ -214,7 +214,7 @@ TEST_F(Limits, OfFileSizesAreStated) {
   write("m.csv", header + "1,A,0,0,0,0,0,0,1,1,1\n");
   write("options.toml", std::string(kMiB + 1, '#'));
   refuse({"fk", "--config", "options.toml", "--joints", "0,0,0,0,0,0"}, "options.toml: larger than the limit of 1 MiB");
-  if (!sparse("huge", 17 * 1024 * kMiB)) {
+  if (!sparse("huge", 17 * (kMiB << 10U))) {
     GTEST_SKIP() << "no room for a sparse file";
   }
   refuse({"validate", "--measurements", "huge"}, "huge: larger than the limit of 16 GiB");
@@ -292,7 +292,7 @@ TEST_F(BadTable, TextThatIsNoUtf8IsRefused) {
                      6),
          {"UTF-16", "UTF-8"});
   refuse(header + "\nL\xe4nge,A,0,0,0,0,0,0,1,1,1\n", {":2", "not UTF-8"});
-  refuse(header + std::string("\n1,A\0,0,0,0,0,0,0,1,1,1\n", 25), {":2", "NUL"});
+  refuse(header + std::string("\n1,A\0,0,0,0,0,0,0,1,1,1\n", 24), {":2", "NUL"});
 }
 
 TEST_F(BadTable, RowsThatContradictThemselvesAreRefused) {

@@ -77,6 +77,7 @@ Check has_configurations(const std::string& key, int count, std::size_t rows) {
   };
 }
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> draw_options() {
   return {
       {"NoiseIsOfEveryCoordinate", {"--noise", "1e-4"}, truth_changes({"noise"}, scatters(1e-4))},
@@ -206,6 +207,7 @@ std::vector<OptionCase> draw_options() {
   };
 }
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> experiment_options() {
   return {
       {"ConfigurationsAreToFit",

@@ -542,8 +542,8 @@ TEST(Identification, TwoStepsWithRecordedConfigurationsConvergeMoreSlowlyToTheTr
   const VirtualRobot robot = experiment.robot(random);
   const Measurements recorded = measure(robot, random_configurations(ranges, 30, random), {}, random);
   const Estimate start = nominal_start(experiment.model, recorded);
-  const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return recorded; }, start,
-                                                        experiment.free.geometric(), {.rounds = 600});
+  const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return Measurements(recorded); },
+                                                        start, experiment.free.geometric(), {.rounds = 600});
   std::cout << "two-step convergence factor with recorded configurations " << two_step.convergence_factor << "\n";
   EXPECT_EQ(two_step.termination, Termination::converged) << two_step.message;
   EXPECT_GT(two_step.convergence_factor, 0.65);
@@ -560,7 +560,8 @@ TEST(Identification, TwoStepsThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) 
   const Estimate start = nominal_start(experiment.model, recorded);
   const auto factor = [&](const TwoStepOptions& options) {
     return identify_in_two_steps(
-               experiment.model, [&](int) { return recorded; }, start, experiment.free.geometric(), options)
+               experiment.model, [&](int) { return Measurements(recorded); }, start, experiment.free.geometric(),
+               options)
         .convergence_factor;
   };
   const double stopped = factor({.rounds = 600});
@@ -576,8 +577,8 @@ TEST(Identification, TwoStepsWithNoiseEndNearTheJointOptimum) {
       measure(experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 30, random),
               {.sigma = sigma}, random);
   const Estimate start = nominal_start(experiment.model, recorded);
-  const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return recorded; }, start,
-                                                        experiment.free.geometric(), {.rounds = 600});
+  const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return Measurements(recorded); },
+                                                        start, experiment.free.geometric(), {.rounds = 600});
   const Identification joint = identify_jointly(experiment.model, recorded, start, experiment.free);
   EXPECT_EQ(two_step.termination, Termination::converged) << two_step.message;
   EXPECT_GE(two_step.rms, joint.rms);
