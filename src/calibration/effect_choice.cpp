@@ -153,7 +153,7 @@ private:
       current = worth_of(all, with_tables, sized, tried);
       require_enough(current, all);
       if (!tables.terms.empty() && current.determined && means_.joint_values.cols() >= kLeastForTables) {
-        shorten(sized, terms, names, tables, current, tried);
+        shorten(sized, {terms, names}, tables, current, tried);
       }
       append(terms, tables.terms);
       names = with_tables;
@@ -332,7 +332,7 @@ private:
         const double wanted = current.sizes.evidence + kEvidence;
         Worth with = worth_of(joined(terms, left[i].terms), extended(names, left[i].name), sized, tried, wanted);
         if (left[i].name == to_string(EffectGroup::tables) && with.determined) {
-          shorten(sized, terms, names, left[i], with, tried);
+          shorten(sized, {terms, names}, left[i], with, tried);
         }
         if (helps(with, current) && (!best || with.sizes.evidence > of_best.sizes.evidence)) {
           best = i;
@@ -350,9 +350,14 @@ private:
     }
   }
 
+  // What the model has beside an option.
+  struct Beside {
+    const std::vector<EffectTerm>& terms;
+    const std::vector<std::string>& names;
+  };
+
   // Tables that forget themselves sooner, as long as they predict better.
-  void shorten(bool sized, const std::vector<EffectTerm>& terms, const std::vector<std::string>& names, Option& tables,
-               Worth& best, std::vector<ModelOption>& tried) const {
+  void shorten(bool sized, const Beside& beside, Option& tables, Worth& best, std::vector<ModelOption>& tried) const {
     for (const double degrees : {10.0, 4.0}) {
       const double length = degrees * std::numbers::pi / 180.0;
       Option shorter{.name = tables.name, .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
@@ -362,7 +367,7 @@ private:
       if (shorter.terms.empty()) {
         return;
       }
-      Worth with = worth_of(joined(terms, shorter.terms), extended(names, shorter.name), sized, tried);
+      Worth with = worth_of(joined(beside.terms, shorter.terms), extended(beside.names, shorter.name), sized, tried);
       if (!(with.held_out_rms < best.held_out_rms)) {
         return;
       }

@@ -72,7 +72,7 @@ Index motion_entry(const ErrorModel& model, const EffectTerm& term) {
   if (term.axis == EffectAxis::own) {
     return term.index;
   }
-  return static_cast<Index>(model.joints.size()) + 2 * term.index + (term.axis == EffectAxis::across_y ? 1 : 0);
+  return static_cast<Index>(model.joints.size()) + Index{2} * term.index + (term.axis == EffectAxis::across_y ? 1 : 0);
 }
 
 namespace {

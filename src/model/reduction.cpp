@@ -256,10 +256,9 @@ std::vector<bool> not_fixed(const std::vector<std::string>& names, const std::ve
       refuse_input("no parameter is named '" + name + "'", "one of the base or of a target");
     }
   }
-  std::vector<bool> result;
-  for (const std::string& name : names) {
-    result.push_back(std::find(fixed.begin(), fixed.end(), name) == fixed.end());
-  }
+  std::vector<bool> result(names.size());
+  std::transform(names.begin(), names.end(), result.begin(),
+                 [&](const std::string& name) { return std::find(fixed.begin(), fixed.end(), name) == fixed.end(); });
   return result;
 }
 

@@ -19,28 +19,28 @@ using testing::kdl_pose;
 
 class EveryChain : public ::testing::TestWithParam<bool> {
 protected:
-  EveryChain() : which_(model_.parameters.size()) { std::iota(which_.begin(), which_.end(), 0U); }
+  EveryChain() : which(model.parameters.size()) { std::iota(which.begin(), which.end(), 0U); }
 
-  const ErrorModel model_ = complete_model(GetParam() ? fanuc() : parse_robot(testing::kOddArm));
-  std::vector<std::size_t> which_;
+  const ErrorModel model = complete_model(GetParam() ? fanuc() : parse_robot(testing::kOddArm));
+  std::vector<std::size_t> which;
 };
 
 TEST_P(EveryChain, FlangePoseIsThatOfTheKdlSolver) {
   Random random(1);
   for (int i = 0; i < 1000; ++i) {
-    const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
-    const Eigen::VectorXd q = testing::random_joints(model_, random);
-    const KDL::Frame ours = to_kdl(flange_pose(folded(model_, errors), q));
-    ASSERT_LT(difference(ours, kdl_pose(error_chain(model_, errors), q)), 1e-12);
+    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
+    const Eigen::VectorXd q = testing::random_joints(model, random);
+    const KDL::Frame ours = to_kdl(flange_pose(folded(model, errors), q));
+    ASSERT_LT(difference(ours, kdl_pose(error_chain(model, errors), q)), 1e-12);
   }
 }
 
 TEST_P(EveryChain, BatchPosesAreTheSinglePoses) {
   Random random(2);
-  const FoldedChain chain = folded(model_, testing::random_errors(model_, random, 0.01, 0.1));
-  Eigen::MatrixXd q(model_.joints.size(), 37);
+  const FoldedChain chain = folded(model, testing::random_errors(model, random, 0.01, 0.1));
+  Eigen::MatrixXd q(model.joints.size(), 37);
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
-    q.col(c) = testing::random_joints(model_, random);
+    q.col(c) = testing::random_joints(model, random);
   }
   const auto poses = flange_poses(chain, q);
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
@@ -50,65 +50,64 @@ TEST_P(EveryChain, BatchPosesAreTheSinglePoses) {
 
 TEST_P(EveryChain, IdentificationJacobianIsThatOfTheKdlSolverOnTheChainWithErrorsAsJoints) {
   Random random(3);
-  const ParameterChain oracle = parameter_chain(model_);
+  const ParameterChain oracle = parameter_chain(model);
   KDL::ChainJntToJacSolver solver(oracle.chain);
   for (int i = 0; i < 100; ++i) {
-    const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
-    const Eigen::VectorXd q = testing::random_joints(model_, random);
+    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
+    const Eigen::VectorXd q = testing::random_joints(model, random);
     Matrix6Xd jacobian;
     const Eigen::Isometry3d X_BF =
-        flange_jacobian(folded(model_, errors), parameter_twists(model_, errors, which_), q, jacobian);
+        flange_jacobian(folded(model, errors), parameter_twists(model, errors, which), q, jacobian);
 
     KDL::JntArray all(oracle.chain.getNrOfJoints());
     for (std::size_t j = 0; j < oracle.joint_index.size(); ++j) {
       all(oracle.joint_index[j]) = q[static_cast<Eigen::Index>(j)];
     }
-    for (std::size_t p = 0; p < which_.size(); ++p) {
+    for (std::size_t p = 0; p < which.size(); ++p) {
       all(oracle.parameter_index[p]) = errors[static_cast<Eigen::Index>(p)];
     }
     KDL::Jacobian expected(all.rows());
     solver.JntToJac(all, expected);
-    for (std::size_t p = 0; p < which_.size(); ++p) {
+    for (std::size_t p = 0; p < which.size(); ++p) {
       const auto column = jacobian.col(static_cast<Eigen::Index>(p));
       const Eigen::VectorXd reference = expected.data.col(oracle.parameter_index[p]);
-      ASSERT_LT((X_BF.linear() * column.head<3>() - reference.head<3>()).norm(), 1e-12) << model_.parameters[p].name;
-      ASSERT_LT((X_BF.linear() * column.tail<3>() - reference.tail<3>()).norm(), 1e-12) << model_.parameters[p].name;
+      ASSERT_LT((X_BF.linear() * column.head<3>() - reference.head<3>()).norm(), 1e-12) << model.parameters[p].name;
+      ASSERT_LT((X_BF.linear() * column.tail<3>() - reference.tail<3>()).norm(), 1e-12) << model.parameters[p].name;
     }
   }
 }
 
 TEST_P(EveryChain, IdentificationJacobianIsTheCentralDifference) {
   Random random(4);
-  const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
-  const Eigen::VectorXd q = testing::random_joints(model_, random);
+  const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
+  const Eigen::VectorXd q = testing::random_joints(model, random);
   const Eigen::Vector3d target(0.1, -0.05, 0.2);
   const Eigen::MatrixXd expected = testing::central_differences(errors.size(), 1e-6, [&](const Eigen::VectorXd& step) {
-    return Eigen::Vector3d(flange_pose(folded(model_, errors + step), q) * target);
+    return Eigen::Vector3d(flange_pose(folded(model, errors + step), q) * target);
   });
   Matrix6Xd jacobian;
   const Eigen::Isometry3d X_BF =
-      flange_jacobian(folded(model_, errors), parameter_twists(model_, errors, which_), q, jacobian);
+      flange_jacobian(folded(model, errors), parameter_twists(model, errors, which), q, jacobian);
   for (Eigen::Index p = 0; p < errors.size(); ++p) {
     const Eigen::Vector3d linear = jacobian.col(p).head<3>();
     const Eigen::Vector3d angular = jacobian.col(p).tail<3>();
     EXPECT_LT((X_BF.linear() * (linear + angular.cross(target)) - expected.col(p)).norm(), 1e-9)
-        << model_.parameters[static_cast<std::size_t>(p)].name;
+        << model.parameters[static_cast<std::size_t>(p)].name;
   }
 }
 
 TEST_P(EveryChain, PublishedMatrixDerivativesGiveTheSameColumns) {
   Random random(5);
-  const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
-  const Eigen::VectorXd q = testing::random_joints(model_, random);
+  const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
+  const Eigen::VectorXd q = testing::random_joints(model, random);
   const Eigen::Vector3d target(0.1, -0.05, 0.2);
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.linear() = rotation_exp(Eigen::Vector3d(0.4, 2.0, -1.0));
   X_WB.translation() = Eigen::Vector3d(3.0, -2.0, 1.0);
   Matrix6Xd jacobian;
   const Eigen::Isometry3d X_WF =
-      X_WB * flange_jacobian(folded(model_, errors), parameter_twists(model_, errors, which_), q, jacobian);
-  const Matrix3Xd published =
-      X_WB.linear() * position_jacobian_by_matrix_derivatives(model_, errors, which_, q, target);
+      X_WB * flange_jacobian(folded(model, errors), parameter_twists(model, errors, which), q, jacobian);
+  const Matrix3Xd published = X_WB.linear() * position_jacobian_by_matrix_derivatives(model, errors, which, q, target);
   for (Eigen::Index p = 0; p < errors.size(); ++p) {
     const Eigen::Vector3d linear = jacobian.col(p).head<3>();
     const Eigen::Vector3d angular = jacobian.col(p).tail<3>();
@@ -118,8 +117,8 @@ TEST_P(EveryChain, PublishedMatrixDerivativesGiveTheSameColumns) {
 
 TEST_P(EveryChain, BaseColumnsAreTheMotionOfTheBaseInItsOwnFrame) {
   Random random(6);
-  const FoldedChain chain = folded(model_, testing::random_errors(model_, random, 0.0025, 3.0 * kDegree));
-  const Eigen::VectorXd q = testing::random_joints(model_, random);
+  const FoldedChain chain = folded(model, testing::random_errors(model, random, 0.0025, 3.0 * kDegree));
+  const Eigen::VectorXd q = testing::random_joints(model, random);
   const Eigen::Vector3d target(0.1, -0.05, 0.2);
   Matrix6Xd jacobian;
   const Eigen::Isometry3d X_BF = flange_jacobian(chain, base_twists(), q, jacobian);
@@ -137,9 +136,9 @@ TEST_P(EveryChain, BaseColumnsAreTheMotionOfTheBaseInItsOwnFrame) {
 TEST_P(EveryChain, ThreeRoutesToTheManipulatorJacobianAgree) {
   Random random(7);
   for (int i = 0; i < 100; ++i) {
-    const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
-    const ManipulatorJacobians routes = manipulator_jacobians(model_, errors, testing::random_joints(model_, random));
-    ASSERT_EQ(routes.kdl.cols(), static_cast<Eigen::Index>(model_.joints.size()));
+    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
+    const ManipulatorJacobians routes = manipulator_jacobians(model, errors, testing::random_joints(model, random));
+    ASSERT_EQ(routes.kdl.cols(), static_cast<Eigen::Index>(model.joints.size()));
     ASSERT_LT(routes.largest_difference, 1e-12);
   }
 }
@@ -147,25 +146,25 @@ TEST_P(EveryChain, ThreeRoutesToTheManipulatorJacobianAgree) {
 // Whatever the order of a frame's parameters: with a rotation in front of a translation it has a lever arm.
 TEST_P(EveryChain, FolderGivesTheFoldedChainAndTheTwists) {
   Random random(8);
-  ErrorModel model = model_;
+  ErrorModel arm = model;
   for (int order = 0; order < 2; ++order) {
-    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.01, 0.1);
-    const FoldedChain expected = folded(model, errors);
-    const std::vector<ParameterTwist> expected_twists = parameter_twists(model, errors, which_);
-    const ChainFolder folder(model, which_);
+    const Eigen::VectorXd errors = testing::random_errors(arm, random, 0.01, 0.1);
+    const FoldedChain expected = folded(arm, errors);
+    const std::vector<ParameterTwist> expected_twists = parameter_twists(arm, errors, which);
+    const ChainFolder folder(arm, which);
     FoldedChain chain = folder.shape();
-    std::vector<ParameterTwist> twists(which_.size());
+    std::vector<ParameterTwist> twists(which.size());
     folder.fold(errors, chain, twists, 0);
     EXPECT_EQ(chain.prismatic, expected.prismatic);
     for (std::size_t i = 0; i < expected.links.size(); ++i) {
       EXPECT_LT((chain.links[i].matrix() - expected.links[i].matrix()).norm(), 1e-14) << i;
     }
-    for (std::size_t p = 0; p < which_.size(); ++p) {
+    for (std::size_t p = 0; p < which.size(); ++p) {
       EXPECT_EQ(twists[p].frame, expected_twists[p].frame);
-      EXPECT_LT((twists[p].linear - expected_twists[p].linear).norm(), 1e-14) << model.parameters[p].name;
-      EXPECT_LT((twists[p].angular - expected_twists[p].angular).norm(), 1e-14) << model.parameters[p].name;
+      EXPECT_LT((twists[p].linear - expected_twists[p].linear).norm(), 1e-14) << arm.parameters[p].name;
+      EXPECT_LT((twists[p].angular - expected_twists[p].angular).norm(), 1e-14) << arm.parameters[p].name;
     }
-    std::reverse(model.parameters.begin(), model.parameters.end());
+    std::reverse(arm.parameters.begin(), arm.parameters.end());
   }
 }
 

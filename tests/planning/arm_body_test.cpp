@@ -182,7 +182,7 @@ TEST(ArmBody, CapsulesTouchTheShapesThatTheyEnclose) {
     ASSERT_EQ(body.capsules.size(), 3U);
     std::vector<Vector3d> corners;
     for (int corner = 0; corner < 8; ++corner) {
-      corners.push_back(half.cwiseProduct(Vector3d(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1)));
+      corners.emplace_back(half.cwiseProduct(Vector3d(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1)));
     }
     EXPECT_NEAR(farthest_outside(body.capsules[0], X, corners), 0.0, 1e-12);
     Eigen::Index longest = 0;

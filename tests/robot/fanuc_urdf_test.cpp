@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -42,9 +43,7 @@ Eigen::VectorXd urdf_joints(const JointConvention& convention, const Eigen::Vect
   return convention.matrix * controller + convention.offset;
 }
 
-Eigen::VectorXd six(double j1, double j2, double j3, double j4, double j5, double j6) {
-  return (Eigen::VectorXd(6) << j1, j2, j3, j4, j5, j6).finished();
-}
+Eigen::VectorXd six(const std::array<double, 6>& values) { return Eigen::Map<const Eigen::VectorXd>(values.data(), 6); }
 
 /// Wrist centre [mm] at each J3 of its range, in steps of 0.02 degrees, J3 relative to the upper arm.
 std::vector<KDL::Vector> wrist_centres(double j2) {
@@ -52,7 +51,7 @@ std::vector<KDL::Vector> wrist_centres(double j2) {
   const JointConvention serial = convention("serial");
   std::vector<KDL::Vector> centres;
   for (int step = 0; step <= 312 * 50; ++step) {
-    const Eigen::VectorXd q = urdf_joints(serial, six(0, j2, -132 + step / 50.0, 0, 0, 0) * kDegree);
+    const Eigen::VectorXd q = urdf_joints(serial, six({0, j2, -132 + step / 50.0, 0, 0, 0}) * kDegree);
     centres.push_back(1000.0 * kdl_pose(robot.chain, q.head(5)).p);
   }
   return centres;
@@ -126,24 +125,24 @@ TEST(FanucDataSheet, WristCentreReaches1919MillimetresBack) {
 }
 
 TEST(FanucConvention, SerialTurnsTheSignsOfJ2J4AndJ6) {
-  EXPECT_EQ(urdf_joints(convention("serial"), six(1, 2, 3, 4, 5, 6)), six(1, -2, 3, -4, 5, -6));
+  EXPECT_EQ(urdf_joints(convention("serial"), six({1, 2, 3, 4, 5, 6})), six({1, -2, 3, -4, 5, -6}));
 }
 
 TEST(FanucConvention, PendantKeepsTheForearmLevelWhileJ2Moves) {
   const Robot robot = fanuc();
   const KDL::Rotation upright = kdl_pose(robot.chain, Eigen::VectorXd::Zero(6)).M;
   for (int j2 = -60; j2 <= 76; j2 += 8) {
-    const Eigen::VectorXd controller = six(0, j2, 0, 0, 0, 0) * kDegree;
+    const Eigen::VectorXd controller = six({0, 1.0 * j2, 0, 0, 0, 0}) * kDegree;
     const KDL::Rotation flange = kdl_pose(robot.chain, urdf_joints(convention("pendant"), controller)).M;
     EXPECT_TRUE(KDL::Equal(flange, upright, 1e-14)) << "J2 = " << j2;
   }
 }
 
 TEST(FanucConvention, PendantDiffersFromSerialByJ2InTheThirdJointAlone) {
-  const Eigen::VectorXd controller = six(1, 2, 3, 4, 5, 6);
+  const Eigen::VectorXd controller = six({1, 2, 3, 4, 5, 6});
   const Eigen::VectorXd difference =
       urdf_joints(convention("pendant"), controller) - urdf_joints(convention("serial"), controller);
-  EXPECT_EQ(difference, six(0, 0, 2, 0, 0, 0));
+  EXPECT_EQ(difference, six({0, 0, 2, 0, 0, 0}));
 }
 
 TEST(FanucConvention, BothNameTheControllersAndTheUrdfsJoints) {

@@ -73,10 +73,10 @@ KDL::Frame forward(const KDL::Chain& chain, const std::vector<double>& q) {
   return frame;
 }
 
-Eigen::Isometry3d origin(double x, double y, double z, double roll, double pitch, double yaw) {
+Eigen::Isometry3d origin_of(const Eigen::Vector3d& xyz, const Eigen::Vector3d& rpy) {
   using Eigen::Vector3d;
-  return Eigen::Translation3d(x, y, z) * Eigen::AngleAxisd(yaw, Vector3d::UnitZ()) *
-         Eigen::AngleAxisd(pitch, Vector3d::UnitY()) * Eigen::AngleAxisd(roll, Vector3d::UnitX());
+  return Eigen::Translation3d(xyz) * Eigen::AngleAxisd(rpy.z(), Vector3d::UnitZ()) *
+         Eigen::AngleAxisd(rpy.y(), Vector3d::UnitY()) * Eigen::AngleAxisd(rpy.x(), Vector3d::UnitX());
 }
 
 double largest_difference(const KDL::Frame& a, const Eigen::Isometry3d& b) {
@@ -159,10 +159,10 @@ TEST(Robot, ChainAndJointsBothGiveTheHandWrittenForwardKinematics) {
   for (int i = 0; i < 1000; ++i) {
     const std::vector<double> q{random.uniform(-1.5, 2.5), random.uniform(0, 0.25), random.uniform(-9, 9)};
     const Eigen::Isometry3d expected =
-        origin(0.1, -0.2, 0.3, 0.4, 0.5, -0.6) * Eigen::AngleAxisd(q[0], Eigen::Vector3d(0, 0.6, 0.8)) *
-        origin(0, 0.05, 0, 1, 0, 0) * origin(1, 0, 0, 0, -1.2, 0) * Eigen::Translation3d(0, 0, -q[1]) *
-        origin(0, 0, 0, 0, 0, 3) * Eigen::AngleAxisd(q[2], Eigen::Vector3d::UnitX()) *
-        origin(0.01, 0.02, 0.03, 0.1, 0.2, 0.3);
+        origin_of({0.1, -0.2, 0.3}, {0.4, 0.5, -0.6}) * Eigen::AngleAxisd(q[0], Eigen::Vector3d(0, 0.6, 0.8)) *
+        origin_of({0, 0.05, 0}, {1, 0, 0}) * origin_of({1, 0, 0}, {0, -1.2, 0}) * Eigen::Translation3d(0, 0, -q[1]) *
+        origin_of({0, 0, 0}, {0, 0, 3}) * Eigen::AngleAxisd(q[2], Eigen::Vector3d::UnitX()) *
+        origin_of({0.01, 0.02, 0.03}, {0.1, 0.2, 0.3});
     ASSERT_LT(largest_difference(forward(robot.chain, q), expected), 1e-14);
 
     KDL::Frame folded = robot.joints[0].origin * KDL::Frame(KDL::Rotation::Rot(robot.joints[0].axis, q[0]));
@@ -376,7 +376,7 @@ TEST(RobotOnRealData, ReadsTheRosIndustrialDescription) {
   EXPECT_NEAR(robot.joints[1].lower.value_or(0), -60 * degree, 1e-12);
 
   const Eigen::Isometry3d stretched =
-      origin(0.312 + 1.280 + 0.215, 0, 0.670 + 1.075 + 0.225, std::numbers::pi, -std::numbers::pi / 2, 0);
+      origin_of({0.312 + 1.280 + 0.215, 0, 0.670 + 1.075 + 0.225}, {std::numbers::pi, -std::numbers::pi / 2, 0});
   EXPECT_LT(largest_difference(forward(robot.chain, std::vector<double>(6)), stretched), 1e-15);
 }
 
