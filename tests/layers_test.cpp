@@ -140,6 +140,32 @@ TEST(Layers, IncludesPointDownwardsOnly) {
   }();
 }
 
+/// Functions of C that keep something which all threads share.
+std::vector<std::string> shared_state(const std::vector<SourceFile>& files) {
+  const std::regex call(
+      R"((?:std::|[^\w:.>]::|[^\w:.>])(lgamma|strtok|localtime|gmtime|asctime|ctime|rand|srand|setlocale|strerror)\()");
+  std::vector<std::string> found;
+  for (const SourceFile& file : files) {
+    std::istringstream lines(file.text);
+    std::string line;
+    for (int number = 1; std::getline(lines, line); ++number) {
+      std::smatch match;
+      if (std::regex_search(line, match, call)) {
+        found.push_back(file.path + ":" + std::to_string(number) + ": " + match[1].str());
+      }
+    }
+  }
+  return found;
+}
+
+TEST(Layers, CallNothingThatThreadsShare) {
+  EXPECT_THAT(shared_state(project_files()), ::testing::IsEmpty());
+  const SourceFile bad{.path = "src/a.cpp", .wing = "base", .text = "x = 1;\ny = std::lgamma(x) + ::rand();\n"};
+  EXPECT_THAT(shared_state({bad}), ::testing::ElementsAre("src/a.cpp:2: lgamma"));
+  const SourceFile good{.path = "src/a.cpp", .wing = "base", .text = "y = ::lgamma_r(x, &s); z = robot.rand(3);\n"};
+  EXPECT_THAT(shared_state({good}), ::testing::IsEmpty());
+}
+
 TEST(Layers, NoticesWhatIsForbidden) {
   const auto one = [](const std::string& path, const std::string& wing, const std::string& include) {
     return SourceFile{.path = path, .wing = wing, .text = "// first line\n#include \"" + include + "\"\n"};

@@ -20,7 +20,7 @@ public:
   explicit TailedSize(double heaviness) : heaviness_(heaviness) {
     const double nu = 1.0 / heaviness;
     log_constant_ = heaviness == 0.0 ? 0.5 * std::log(2.0 / std::numbers::pi)
-                                     : std::log(2.0) + std::lgamma((nu + 1.0) / 2.0) - std::lgamma(nu / 2.0) -
+                                     : std::log(2.0) + log_gamma((nu + 1.0) / 2.0) - log_gamma(nu / 2.0) -
                                            0.5 * std::log(nu * std::numbers::pi);
   }
 

@@ -4,13 +4,13 @@
 #include <cmath>
 
 namespace kdl_calibration {
-namespace {
 
-// std::lgamma writes the sign to a variable that all threads share.
 double log_gamma(double x) {
   int sign = 0;
   return ::lgamma_r(x, &sign);
 }
+
+namespace {
 
 // P(F > f) and its slope by log f with the sign changed.
 struct Tail {

@@ -4,6 +4,9 @@
 
 namespace kdl_calibration {
 
+/// log |Gamma(x)|. std::lgamma writes the sign to a variable that all threads share.
+double log_gamma(double x);
+
 /// P(F > f) of the F distribution with a and b degrees of freedom (regularised incomplete beta function by its
 /// continued fraction, Abramowitz and Stegun 26.5.8 and 26.6.2).
 double f_upper_tail(double f, double a, double b);
