@@ -28,7 +28,7 @@
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {
 
@@ -158,25 +158,21 @@ inline constexpr const char* kFanucCoupled = R"({"controller_joints": ["A6", "A5
 /// seen from W, in which the base stands turned.
 inline Measurements measured_fanuc(const MeasuringNoise& noise, bool poses) {
   const ErrorModel model = complete_model(fanuc());
-  std::vector<TargetFrame> targets = published_targets(3);
-  for (TargetFrame& target : targets) {
-    target.with_orientation = poses;
-  }
+  const std::vector<TargetFrame> targets = published_targets(3);
   std::vector<std::size_t> with_errors;
   for (const char* name : {"dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Tz2", "Tz3", "Rz3", "Tz4", "Tz5"}) {
     with_errors.push_back(parameter_index(model, name));
   }
-  Random random(7);
-  const Eigen::Isometry3d X_WB = Eigen::Translation3d(2.0, 1.0, 0.5) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8);
-  const VirtualRobot robot =
-      placed(virtual_robot(model, with_errors, targets, {.length = 1e-3, .angle = 1e-3}, random), X_WB);
-  const Eigen::MatrixXd train = random_configurations(limits_of(model.joints), 12, random);
-  const Eigen::MatrixXd test = random_configurations(limits_of(model.joints), 4, random);
-  Measurements result = joined(measure(robot, train, noise, random), measure(robot, test, noise, random, Split::test));
-  for (Observation& row : result.observations) {
-    row.sigma = 0.0;  // a sigma of its own would stand above the noise that an option states
-  }
-  return result;
+  VirtualExperiment experiment({.model = model,
+                                .targets = poses ? as_frames(targets) : targets,
+                                .with_errors = with_errors,
+                                .X_WB = Eigen::Translation3d(2.0, 1.0, 0.5) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8),
+                                .random = Random(7)});
+  const Eigen::MatrixXd train = experiment.configurations(12);
+  const Eigen::MatrixXd test = experiment.configurations(4);
+  const Measurements held_out = experiment.measure(test, noise, Split::test);
+  // A sigma of its own would stand above the noise that an option states.
+  return without_sigmas(joined(experiment.measure(train, noise), held_out));
 }
 
 /// The robot on a foot, 0.3 m below its base.

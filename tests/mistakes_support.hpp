@@ -11,12 +11,10 @@
 #include <vector>
 
 #include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {
 
@@ -100,31 +98,27 @@ inline std::vector<TargetFrame> drawn_targets(const Draw& draw, Random& random) 
 inline Measured measured(const ErrorModel& model, std::uint64_t seed, const Draw& draw = {}) {
   Random random(seed);
   const std::vector<TargetFrame> targets = drawn_targets(draw, random);
-  const Reduction reduction = reduced_model(model, targets);
-  const Unknowns free(model, targets, reduction.kept);
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.linear() = rotation_exp({random.normal(), random.normal(), random.normal()});
   X_WB.translation() = Eigen::Vector3d(random.uniform(1.0, 4.0), random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0));
-  ErrorModel moving = model;
-  moving.effects = load_and_gain_terms(model);
-  VirtualRobot robot = placed(
-      virtual_robot(moving, free.geometric(), targets, {.length = draw.length, .angle = draw.angle}, random), X_WB);
-  robot.truth.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(moving.effects.size()));
-  for (std::size_t d = 0; d < moving.effects.size(); ++d) {
+  VirtualExperiment experiment({.model = model,
+                                .targets = targets,
+                                .sizes = {.length = draw.length, .angle = draw.angle},
+                                .X_WB = X_WB,
+                                .random = random});
+  VirtualRobot& robot = experiment.robot;
+  robot.model.effects = load_and_gain_terms(model);
+  robot.truth.effects.resize(static_cast<Eigen::Index>(robot.model.effects.size()));
+  for (std::size_t d = 0; d < robot.model.effects.size(); ++d) {
     robot.truth.effects[static_cast<Eigen::Index>(d)] =
-        random.normal() * (moving.effects[d].group == EffectGroup::gravity ? draw.effect : draw.gain);
+        experiment.random.normal() * (robot.model.effects[d].group == EffectGroup::gravity ? draw.effect : draw.gain);
   }
-  JointRanges ranges = limits_of(model.joints);
-  for (auto& [lower, upper] : ranges) {
+  for (auto& [lower, upper] : experiment.ranges) {
     lower = std::max(lower, -2.5);
     upper = std::min(upper, 2.5);
   }
-  const Eigen::MatrixXd q = random_configurations(model.joints, ranges, draw.configurations, random);
-  Measurements data = measure(robot, q, {.sigma = draw.noise, .repeats = draw.repeats}, random);
-  for (Observation& observation : data.observations) {
-    observation.sigma = 0.0;
-  }
-  return {.model = model, .truth = robot.truth, .free = free, .data = std::move(data)};
+  Measurements data = experiment.measure(draw.configurations, {.sigma = draw.noise, .repeats = draw.repeats});
+  return {.model = model, .truth = robot.truth, .free = experiment.free, .data = without_sigmas(std::move(data))};
 }
 
 /// What an arm of any kind may leave: errors of 0 to 3 degrees and 3 mm, compliance, gains, 1 to 5 targets, repeats.

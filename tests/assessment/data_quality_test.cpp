@@ -13,7 +13,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -23,19 +23,18 @@ using testing::fanuc;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::kDegree;
+using testing::VirtualExperiment;
 
 /// The published experiment: 30 configurations, three tools, errors that the reduced model carries.
-struct Experiment {
-  ErrorModel model = complete_model(fanuc());
-  Reduction reduction = reduced_model(model, published_targets());
-  Unknowns free = Unknowns(model, published_targets(), reduction.kept);
+struct Experiment : VirtualExperiment {
+  Experiment() : VirtualExperiment({.ranges = published_ranges}) {}
 
-  Measurements measured(std::uint64_t seed, const ErrorSizes& sizes, double sigma, int repeats = 1,
+  Measurements measured(std::uint64_t seed, const ErrorSizes& errors, double sigma, int repeats = 1,
                         int configurations = 30) const {
-    Random random(seed);
-    const VirtualRobot robot = virtual_robot(model, free.geometric(), published_targets(), sizes, random);
-    return measure(robot, random_configurations(published_ranges(model.joints), configurations, random),
-                   {.sigma = sigma, .repeats = repeats}, random);
+    VirtualExperiment drawn = *this;
+    drawn.sizes = errors;
+    drawn.restart(Random(seed));
+    return drawn.measure(configurations, {.sigma = sigma, .repeats = repeats});
   }
 
   Estimate preliminary(const Measurements& measurements) const {
@@ -251,18 +250,13 @@ TEST(DataQuality, NamesASlipInDataWithoutNoiseAndInRepeats) {
 }
 
 TEST(DataQuality, NamesTheOnlyTargetThatSlipped) {
-  Random random(1);
-  const Experiment& e = experiment();
-  const std::vector<TargetFrame> targets = published_targets(1);
-  const Unknowns free = Unknowns(e.model, targets, reduced_model(e.model, targets).kept);
-  const VirtualRobot robot = virtual_robot(e.model, free.geometric(), targets, kSmall, random);
-  Measurements measured =
-      measure(robot, random_configurations(published_ranges(e.model.joints), 80, random), {.sigma = kNoise}, random);
-  slip_target(e.model, robot.truth, measured, {0, 30, {0.0, 0.0006, 0.0008}});
+  VirtualExperiment e({.targets = published_targets(1), .sizes = kSmall, .ranges = published_ranges});
+  Measurements measured = e.measure(80, {.sigma = kNoise});
+  slip_target(e.model, e.robot.truth, measured, {0, 30, {0.0, 0.0006, 0.0008}});
   const Estimate estimate = identify_robustly({.model = e.model,
                                                .measurements = measured,
                                                .start = nominal_start(e.model, measured),
-                                               .free = free,
+                                               .free = e.free,
                                                .options = {.loss = Loss::tukey}})
                                 .fit.estimate;
   // Without others to compare it with, the fit bends a little to follow it.
@@ -512,13 +506,11 @@ TEST(JointConventions, TurnAboutTheirOffset) {
 }
 
 TEST(JointConventions, NamesTheUnitOfAJoint) {
-  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
-  const std::vector<TargetFrame> targets = testing::circle_of_targets();
-  const Unknowns free(model, targets, reduced_model(model, targets).kept);
-  Random random(3);
-  const VirtualRobot robot = virtual_robot(model, free.geometric(), targets, kSmall, random);
-  const Measurements right =
-      measure(robot, random_configurations(limits_of(model.joints), 40, random), {.sigma = kNoise}, random);
+  VirtualExperiment arm({.model = complete_model(parse_robot(testing::kOddArm)),
+                         .targets = testing::circle_of_targets(),
+                         .sizes = kSmall,
+                         .random = Random(3)});
+  const Measurements right = arm.measure(40, {.sigma = kNoise});
   struct Misread {
     Eigen::Index joint;
     double factor;
@@ -539,7 +531,7 @@ TEST(JointConventions, NamesTheUnitOfAJoint) {
                                  {3, 1.0 / 360.0, "elbow in turns, read as degrees"}}) {
     Measurements wrong = right;
     wrong.joint_values.row(misread.joint) *= misread.factor;
-    const auto better = better_convention(try_conventions(model, wrong, free));
+    const auto better = better_convention(try_conventions(arm.model, wrong, arm.free));
     ASSERT_TRUE(better) << misread.words;
     EXPECT_EQ(better->description, misread.words);
     EXPECT_LT((better->joint_values - right.joint_values).cwiseAbs().maxCoeff(), 1e-12) << misread.words;

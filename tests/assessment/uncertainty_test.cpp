@@ -14,12 +14,14 @@
 #include "base/f_distribution.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/random.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
+
+using testing::VirtualExperiment;
+using testing::without_sigmas;
 
 TEST(Uncertainty, UpperTailOfTheFDistribution) {
   for (const double n : {1.0, 2.0, 5.0, 30.0}) {
@@ -78,18 +80,13 @@ TEST(Uncertainty, FTailIsThatOfTheTables) {
   EXPECT_LT(f_upper_tail(50.0, 100, 100), 1e-30);
 }
 
-struct Experiment {
-  ErrorModel model = complete_model(testing::fanuc());
-  Unknowns free = Unknowns(model, published_targets(), reduced_model(model, published_targets()).kept);
-  JointRanges ranges = published_ranges(model.joints);
-
-  VirtualRobot robot(Random& random) const {
-    return virtual_robot(model, free.geometric(), published_targets(), {.length = 0.001, .angle = 0.001}, random);
-  }
-};
+/// With errors of the irreducible model.
+VirtualExperiment published(const Random& random = Random(1)) {
+  return VirtualExperiment({.ranges = published_ranges, .random = random});
+}
 
 /// Difference of an estimate from the truth in the coordinates of the columns: base, geometric, targets.
-Eigen::VectorXd column_errors(const Experiment& experiment, const Estimate& estimate, const Estimate& truth) {
+Eigen::VectorXd column_errors(const VirtualExperiment& experiment, const Estimate& estimate, const Estimate& truth) {
   Eigen::VectorXd d(33);
   const Eigen::Isometry3d off = truth.X_WB.inverse() * estimate.X_WB;
   const Eigen::AngleAxisd turn(off.linear());
@@ -112,7 +109,7 @@ struct MonteCarlo {
   double coverage = 0.0;  // of 95 % intervals of predicted coordinates
 };
 
-MonteCarlo monte_carlo(const Experiment& experiment, int runs, int poses, const MeasuringNoise& noise,
+MonteCarlo monte_carlo(VirtualExperiment experiment, int runs, int poses, const MeasuringNoise& noise,
                        const NoiseModel& assumed, bool estimate_noise) {
   MonteCarlo result;
   Eigen::VectorXd squares = Eigen::VectorXd::Zero(33);
@@ -122,12 +119,10 @@ MonteCarlo monte_carlo(const Experiment& experiment, int runs, int poses, const 
   Random pose_random(1234);
   const Eigen::MatrixXd unmeasured = random_configurations(experiment.ranges, poses, pose_random);
   for (int run = 0; run < runs; ++run) {
-    Random random(77, static_cast<std::uint64_t>(run));
-    const VirtualRobot robot = experiment.robot(random);
-    Measurements measured = measure(robot, random_configurations(experiment.ranges, 30, random), noise, random);
-    for (Observation& observation : measured.observations) {
-      observation.sigma = 0.0;  // the noise model speaks for all
-    }
+    experiment.restart(Random(77, static_cast<std::uint64_t>(run)));
+    const VirtualRobot& robot = experiment.robot;
+    // The noise model speaks for all.
+    const Measurements measured = without_sigmas(experiment.measure(30, noise));
     JointOptions options;
     options.residuals.noise = assumed;
     const Identification found = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
@@ -178,14 +173,14 @@ void expect_confirmed(const MonteCarlo& found, const Tolerance& tolerance) {
 }
 
 void expect_covariance_confirmed(int runs, const Tolerance& tolerance) {
-  const Experiment experiment;
+  const VirtualExperiment experiment = published();
   const NoiseModel assumed{.independent = Eigen::Vector3d::Constant(0.00003)};
   expect_confirmed(monte_carlo(experiment, runs, 200, {.sigma = 0.00003}, assumed, false), tolerance);
 }
 
 void expect_covariance_confirmed_under_correlated_noise(int runs, const Tolerance& tolerance) {
   // The repeats of the real robot: 58, 59, 31 um shared by the points of a repeat, 11 um of each by itself.
-  const Experiment experiment;
+  const VirtualExperiment experiment = published();
   const Eigen::Vector3d common(0.000058, 0.000059, 0.000031);
   const MeasuringNoise noise{.sigma = 0.000011, .common = common};
   const NoiseModel full{.independent = Eigen::Vector3d::Constant(0.000011), .common = common};
@@ -207,24 +202,19 @@ TEST(UncertaintyLongRun, MonteCarloConfirmsTheCovarianceUnderCorrelatedNoise) {
 }
 
 TEST(Uncertainty, ResidualComponentsCoverCorrelatedNoiseThatNobodyStated) {
-  const Experiment experiment;
-  Random random(5);
+  VirtualExperiment experiment = published(Random(5));
   double ratio = 0.0;
   const int runs = 100;
-  for (int run = 0; run < runs; ++run) {
-    const VirtualRobot robot = experiment.robot(random);
-    Measurements measured = measure(robot, random_configurations(experiment.ranges, 60, random),
-                                    {.sigma = 0.00001, .common = Eigen::Vector3d::Constant(0.00005)}, random);
-    for (Observation& observation : measured.observations) {
-      observation.sigma = 0.0;
-    }
+  for (int run = 0; run < runs; ++run, experiment.draw_robot()) {
+    const Measurements measured =
+        without_sigmas(experiment.measure(60, {.sigma = 0.00001, .common = Eigen::Vector3d::Constant(0.00005)}));
     const Identification found =
         identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
     const WhitenedSystem system =
         LeastSquaresProblem(experiment.model, measured, experiment.free).whitened(found.estimate);
     const ResidualNoise noise = noise_from_residuals(system, 33, 1.0);
     EXPECT_GT(noise.common, 2.0 * noise.independent);
-    const Eigen::VectorXd d = column_errors(experiment, found.estimate, robot.truth);
+    const Eigen::VectorXd d = column_errors(experiment, found.estimate, experiment.robot.truth);
     const Eigen::MatrixXd C = covariance(system, noise, 1.0);
     ratio += (d.array().square() / C.diagonal().array()).segment(6, 18).mean() / runs;
   }
@@ -233,13 +223,9 @@ TEST(Uncertainty, ResidualComponentsCoverCorrelatedNoiseThatNobodyStated) {
 }
 
 TEST(Uncertainty, ResidualsGiveBothComponentsOfTheNoise) {
-  const Experiment experiment;
-  Random random(7);
-  Measurements measured = measure(experiment.robot(random), random_configurations(experiment.ranges, 400, random),
-                                  {.sigma = 0.00004, .common = Eigen::Vector3d::Constant(0.00003)}, random);
-  for (Observation& observation : measured.observations) {
-    observation.sigma = 0.0;
-  }
+  VirtualExperiment experiment = published(Random(7));
+  const Measurements measured =
+      without_sigmas(experiment.measure(400, {.sigma = 0.00004, .common = Eigen::Vector3d::Constant(0.00003)}));
   const Identification found =
       identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
   const ResidualNoise noise = noise_from_residuals(
@@ -249,11 +235,9 @@ TEST(Uncertainty, ResidualsGiveBothComponentsOfTheNoise) {
 }
 
 TEST(Uncertainty, RepeatsGiveBothComponentsOfTheNoise) {
-  const Experiment experiment;
-  Random random(6);
+  VirtualExperiment experiment = published(Random(6));
   const Eigen::Vector3d common(0.00006, 0.00005, 0.00003);
-  const Measurements measured = measure(experiment.robot(random), random_configurations(experiment.ranges, 40, random),
-                                        {.sigma = 0.00001, .repeats = 20, .common = common}, random);
+  const Measurements measured = experiment.measure(40, {.sigma = 0.00001, .repeats = 20, .common = common});
   const RepeatNoise noise = noise_from_repeats(measured);
   EXPECT_TRUE(noise.separable);
   EXPECT_EQ(noise.degrees_of_freedom, 40 * 3 * 19);
@@ -266,12 +250,9 @@ TEST(Uncertainty, RepeatsGiveBothComponentsOfTheNoise) {
 }
 
 TEST(Uncertainty, SummaryOfManyConfigurationsIsThatOfTheStackedJacobian) {
-  const Experiment experiment;
-  Random random(8);
-  const VirtualRobot robot = experiment.robot(random);
+  VirtualExperiment experiment = published(Random(8));
   const auto count = static_cast<int>(LeastSquaresProblem::kManyConfigurations) + 13;
-  const Measurements all =
-      measure(robot, random_configurations(experiment.ranges, count, random), {.sigma = 0.0001}, random);
+  const Measurements all = experiment.measure(count, {.sigma = 0.0001});
   // Some configurations lack a target or two, and one has none at all.
   const Measurements measured = subset(all, [](const Observation& o) {
     return !(o.configuration % 5 == 1 && o.target == 2) && !(o.configuration % 7 == 2 && o.target != 1) &&
@@ -294,11 +275,8 @@ TEST(Uncertainty, SummaryOfManyConfigurationsIsThatOfTheStackedJacobian) {
 
 // The rows of 400 configurations, of correlated noise and with priors, do not fit into one triangle's turn.
 TEST(Uncertainty, SummaryOfManyRowsIsThatOfTheStackedJacobian) {
-  const Experiment experiment;
-  Random random(9);
-  const VirtualRobot robot = experiment.robot(random);
-  const Measurements all =
-      measure(robot, random_configurations(experiment.ranges, 400, random), {.sigma = 0.0001}, random);
+  VirtualExperiment experiment = published(Random(9));
+  const Measurements all = experiment.measure(400, {.sigma = 0.0001});
   const Measurements measured = subset(all, [](const Observation& o) { return o.configuration % 7 != o.target; });
   ResidualOptions options{.priors = {.length = 0.001}};
   options.noise.common.setConstant(0.0002);
@@ -352,7 +330,7 @@ TEST(Uncertainty, SummaryTakesConfigurationsOfAnySize) {
 }
 
 // Exact refit of the rows that `keep` leaves, Cook's distance as defined.
-double cook_by_refit(const Experiment& experiment, const Measurements& measured, const Identification& full,
+double cook_by_refit(const VirtualExperiment& experiment, const Measurements& measured, const Identification& full,
                      const ResidualOptions& residuals, const std::function<bool(const Observation&)>& keep) {
   const LeastSquaresProblem problem(experiment.model, measured, experiment.free, residuals);
   const NormalEquations equations = problem.linearise(full.estimate);
@@ -368,14 +346,12 @@ double cook_by_refit(const Experiment& experiment, const Measurements& measured,
 }
 
 TEST(Uncertainty, LeverageAddsUpToTheRankAndCooksDistanceIsThatOfARefit) {
-  const Experiment experiment;
+  VirtualExperiment experiment = published();
   const Eigen::Vector3d common(0.00002, 0.00001, 0.00003);
   for (const bool correlated : {false, true}) {
-    Random random(9);
-    const VirtualRobot robot = experiment.robot(random);
+    experiment.restart(Random(9));
     Measurements measured =
-        measure(robot, random_configurations(experiment.ranges, 30, random),
-                {.sigma = 1e-6, .repeats = 2, .common = 0.1 * common}, random);  // so small that all is linear
+        experiment.measure(30, {.sigma = 1e-6, .repeats = 2, .common = 0.1 * common});  // so small that all is linear
     for (Observation& observation : measured.observations) {
       observation.sigma = 0.0;
     }
@@ -431,15 +407,13 @@ TEST(Uncertainty, LeverageAddsUpToTheRankAndCooksDistanceIsThatOfARefit) {
 }
 
 TEST(Uncertainty, ResidualsOfOneJointAreExplainedByIt) {
-  const Experiment experiment;
-  Random random(11);
-  const VirtualRobot robot = experiment.robot(random);
-  Measurements measured = measure(robot, random_configurations(experiment.ranges, 60, random), {.sigma = 1e-6}, random);
+  VirtualExperiment experiment = published(Random(11));
+  Measurements measured = experiment.measure(60, {.sigma = 1e-6});
   for (Observation& o : measured.observations) {
     const double q = measured.joint_values(3, o.configuration);
     o.position += Eigen::Vector3d(0.0001 * std::sin(q), -0.0002 * std::cos(q), 0.00005);
   }
-  const std::vector<double> explained = explained_by_joints(experiment.model, robot.truth, measured);
+  const std::vector<double> explained = explained_by_joints(experiment.model, experiment.robot.truth, measured);
   ASSERT_EQ(explained.size(), 6U);
   EXPECT_GT(explained[3], 0.999);
   for (const std::size_t other : {0U, 1U, 2U, 4U, 5U}) {
@@ -474,11 +448,10 @@ TEST(Uncertainty, ObservabilityIndicesFollowTheirDefinitions) {
 }
 
 TEST(Uncertainty, PredictionJacobianIsTheCentralDifference) {
-  const Experiment experiment;
-  Random random(7);
-  const VirtualRobot robot = experiment.robot(random);
-  const Eigen::VectorXd q = random_configurations(experiment.ranges, 1, random).col(0);
-  const Measurements measured = measure(robot, q, {}, random);
+  VirtualExperiment experiment = published(Random(7));
+  const VirtualRobot& robot = experiment.robot;
+  const Eigen::VectorXd q = experiment.configurations(1).col(0);
+  const Measurements measured = experiment.measure(q);
   const LeastSquaresProblem problem(experiment.model, measured, experiment.free);
   const Matrix3Xd jacobian = PositionPredictor(experiment.model, robot.truth, experiment.free).jacobians(q)[2];
   const auto point = [&](const Eigen::VectorXd& step) {

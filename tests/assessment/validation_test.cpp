@@ -5,9 +5,8 @@
 
 #include "kdl_calibration/fold_sums.hpp"
 #include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -26,18 +25,10 @@ TEST(Validation, StatisticsAreTheTextbookOnes) {
   EXPECT_EQ(error_statistics({1.0}).std, 0.0);
 }
 
-struct Fixture {
-  ErrorModel model = complete_model(fanuc());
-  Unknowns free = Unknowns(model, published_targets(), reduced_model(model, published_targets()).kept);
-  VirtualRobot robot;
+struct Fixture : testing::VirtualExperiment {
   Measurements measured;
 
-  explicit Fixture(int repeats = 1) {
-    Random random(1);
-    robot = virtual_robot(model, free.geometric(), published_targets(), {.length = 0.001, .angle = 0.001}, random);
-    measured = measure(robot, random_configurations(limits_of(model.joints), 20, random),
-                       {.sigma = 0.00003, .repeats = repeats}, random);
-  }
+  explicit Fixture(int repeats = 1) : measured(measure(20, {.sigma = 0.00003, .repeats = repeats})) {}
 };
 
 TEST(Validation, PositionErrorsAreTheDistancesToThePrediction) {

@@ -2,29 +2,18 @@
 
 // The published experiment: errors of the irreducible model, three tools, N random configurations without noise.
 
-#include <string>
-#include <vector>
-
+#include "../virtual_experiment.hpp"
 #include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/robot.hpp"
-#include "kdl_calibration/simulation.hpp"
 
 namespace kdl_calibration::benchmarks {
 
-struct Experiment {
-  ErrorModel model = complete_model(load_robot(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf"));
-  Reduction reduction = reduced_model(model, published_targets());
-  Unknowns free = Unknowns(model, published_targets(), reduction.kept);
+struct Experiment : testing::VirtualExperiment {
+  Experiment() : VirtualExperiment({.sizes = {}, .ranges = published_ranges}) {}
 
-  VirtualRobot robot(Random& random) const {
-    return virtual_robot(model, free.geometric(), published_targets(), {}, random);
-  }
-  Measurements measurements(int configurations, std::uint64_t seed = 1, double sigma = 0.0) const {
-    Random random(seed);
-    const VirtualRobot truth = robot(random);
-    return measure(truth, random_configurations(published_ranges(model.joints), configurations, random),
-                   {.sigma = sigma}, random);
+  Measurements measurements(int count, std::uint64_t seed = 1, double sigma = 0.0) const {
+    VirtualExperiment drawn = *this;
+    drawn.restart(Random(seed));
+    return drawn.measure(count, {.sigma = sigma});
   }
   /// Nominal geometry, base and tools: the start of all that is compared.
   Estimate nominal() const {

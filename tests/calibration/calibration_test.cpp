@@ -16,9 +16,8 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/least_squares.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -29,23 +28,14 @@ using testing::fanuc;
 using ::testing::HasSubstr;
 using testing::kdl_pose;
 using ::testing::Not;
+using testing::VirtualExperiment;
 
-struct Simulated {
-  Robot robot = fanuc();
-  ErrorModel model = complete_model(robot);
-  VirtualRobot truth;
+struct Simulated : VirtualExperiment {
   Measurements measured;
 
-  Simulated(std::uint64_t seed, double sigma, int targets = 3) {
-    Random random(seed);
-    const std::vector<TargetFrame> frames = published_targets(targets);
-    const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
-    truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
-    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
-    measured = measure(truth, q, {.sigma = sigma}, random);
-  }
-
-  int free_count() const { return reduced_model(model, truth.truth.targets).rank; }
+  Simulated(std::uint64_t seed, double sigma, int target_count = 3)
+      : VirtualExperiment({.targets = published_targets(target_count), .random = Random(seed)}),
+        measured(measure(30, {.sigma = sigma})) {}
 };
 
 std::vector<std::string> identifiable_names(const Calibration& calibration) {
@@ -63,7 +53,7 @@ TEST(Calibration, ExportedUrdfIsTheCalibratedRobot) {
   const Calibration found = calibrate(s.model, s.measured);
   ASSERT_TRUE(found.trusted()) << found.identification.message;
   const Eigen::VectorXd& errors = found.identification.estimate.errors;
-  const Robot exported = parse_robot(calibrated_urdf(s.robot, s.model, errors));
+  const Robot exported = parse_robot(calibrated_urdf(fanuc(), s.model, errors));
   const KDL::Chain chain = error_chain(s.model, errors);
   const KDL::Chain nominal_of_exported = exported.chain;
   Random random(2);
@@ -140,8 +130,8 @@ TEST(Calibration, FixesAndFreesByPattern) {
 TEST(Calibration, WithKnownFramesTheGaugeIsIdentified) {
   const Simulated s(6, 0.0);
   CalibrationOptions options;
-  options.known_base = s.truth.truth.X_WB;
-  options.known_targets = s.truth.truth.targets;
+  options.known_base = s.robot.truth.X_WB;
+  options.known_targets = s.robot.truth.targets;
   const Calibration found = calibrate(s.model, s.measured, options);
   ASSERT_TRUE(found.trusted()) << found.identification.message;
   EXPECT_EQ(found.identifiability.rank, 30);
@@ -204,7 +194,7 @@ TEST(Calibration, NamesTiedParametersWhenAllConfigurationsAreAlike) {
   Simulated s(8, 0.00003);
   s.measured.joint_values = s.measured.joint_values.col(0).replicate(1, 30).eval();
   Random random(1);
-  s.measured = measure(s.truth, s.measured.joint_values, {.sigma = 0.00003}, random);
+  s.measured = measure(s.robot, s.measured.joint_values, {.sigma = 0.00003}, random);
   const Calibration found = calibrate(s.model, s.measured);
   EXPECT_FALSE(found.trusted());
   EXPECT_EQ(found.identification.termination, Termination::rank_deficient);
@@ -212,26 +202,19 @@ TEST(Calibration, NamesTiedParametersWhenAllConfigurationsAreAlike) {
 }
 
 // Measurements without noise in configurations of which some joints never move.
-struct PartlyMoved {
-  ErrorModel model = complete_model(fanuc());
-  VirtualRobot truth;
+struct PartlyMoved : VirtualExperiment {
   Measurements train;
   Measurements test;
 
-  PartlyMoved(std::uint64_t seed, const std::vector<int>& moving) {
-    Random random(seed);
-    const std::vector<TargetFrame> frames = published_targets();
-    const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
-    truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
-    JointRanges ranges = limits_of(model.joints);
+  PartlyMoved(std::uint64_t seed, const std::vector<int>& moving) : VirtualExperiment({.random = Random(seed)}) {
     for (std::size_t i = 0; i < ranges.size(); ++i) {
       if (std::find(moving.begin(), moving.end(), static_cast<int>(i) + 1) == moving.end()) {
         const double still = 0.2 + 0.1 * static_cast<double>(i);
         ranges[i] = {still, still};
       }
     }
-    train = measure(truth, random_configurations(ranges, 30, random), {}, random);
-    test = measure(truth, random_configurations(ranges, 20, random), {}, random, Split::test);
+    train = measure(30);
+    test = measure(20, {}, Split::test);
   }
 };
 
@@ -284,7 +267,7 @@ TEST(Calibration, WhatTheDataCannotTellIsHeldAtZeroAndPredictionsHold) {
 TEST(Calibration, PredictionsAreUncertainOnlyWhereTheGaugeMatters) {
   const PartlyMoved s(42, {1, 2, 3});
   Random random(43);
-  const Measurements measured = measure(s.truth, s.train.joint_values, {.sigma = 0.00003}, random);
+  const Measurements measured = measure(s.robot, s.train.joint_values, {.sigma = 0.00003}, random);
   CalibrationOptions options;
   options.predict_at = {.names = {"as measured", "elsewhere"}, .joint_values = s.test.joint_values.leftCols(2)};
   options.predict_at.joint_values(4, 1) += 0.5;
@@ -325,14 +308,14 @@ void add_asked_errors(std::uint64_t seed, int configurations, AskedErrors& sums)
   }
   options.noise.independent.setConstant(0.00003);
   const Calibration found = calibrate(s.model, s.measured, options);
-  const KDL::Chain real = error_chain(s.truth.model, s.truth.truth.errors);
+  const KDL::Chain real = error_chain(s.robot.model, s.robot.truth.errors);
   ASSERT_EQ(found.predicted.asked.size(), static_cast<std::size_t>(3 * configurations));
   for (std::size_t i = 0; i < found.predicted.asked.size(); ++i) {
     const PredictedPoint& point = found.predicted.asked[i];
     EXPECT_EQ(point.configuration, "p" + std::to_string(i / 3));
     const auto q = options.predict_at.joint_values.col(static_cast<Eigen::Index>(i / 3));
     const Eigen::Isometry3d X_BF = to_eigen(kdl_pose(real, q));
-    const Eigen::Vector3d truth = s.truth.truth.X_WB * (X_BF * s.truth.truth.targets[i % 3].X_FT.translation());
+    const Eigen::Vector3d truth = s.robot.truth.X_WB * (X_BF * s.robot.truth.targets[i % 3].X_FT.translation());
     const Eigen::Vector3d error = point.position_W - truth;
     EXPECT_LT((found.identification.estimate.X_WB * point.position - point.position_W).norm(), 1e-12);
     EXPECT_NEAR(point.sigma, point.std.norm(), 1e-12);
@@ -394,18 +377,10 @@ TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
 }
 
 TEST(Calibration, OrientationsHaveASigmaOfTheirOwn) {
-  const Robot robot = fanuc();
-  const ErrorModel model = complete_model(robot);
-  std::vector<TargetFrame> frames = published_targets(1);
-  frames[0].with_orientation = true;
-  Random random(45);
-  const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
-  const VirtualRobot truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
-  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 40, random);
-  Measurements measured = measure(truth, q, {.sigma = 0.00003, .orientation_sigma = 0.0002, .repeats = 5}, random);
-  for (Observation& observation : measured.observations) {
-    observation.sigma = 0.0;
-  }
+  VirtualExperiment experiment({.targets = testing::as_frames(published_targets(1)), .random = Random(45)});
+  const ErrorModel& model = experiment.model;
+  const Measurements measured =
+      testing::without_sigmas(experiment.measure(40, {.sigma = 0.00003, .orientation_sigma = 0.0002, .repeats = 5}));
   const RepeatNoise repeats = noise_from_repeats(measured);
   EXPECT_EQ(repeats.orientation_degrees_of_freedom, 40 * 4);
   EXPECT_NEAR(repeats.orientation, 0.0002, 0.00002);
@@ -483,7 +458,7 @@ TEST(Calibration, WarnsOfJointValuesOutsideTheLimits) {
   Eigen::MatrixXd q = s.measured.joint_values;
   q(4, 3) = 2.5;
   q(4, 7) = -2.5;
-  const Calibration found = calibrate(s.model, measure(s.truth, q, {.sigma = 0.00003}, random));
+  const Calibration found = calibrate(s.model, measure(s.robot, q, {.sigma = 0.00003}, random));
   EXPECT_THAT(found.warnings, Contains(HasSubstr("2 of 30 configurations")));
 }
 
@@ -524,10 +499,10 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
   // From configuration 13 on the third target sits 1 mm elsewhere on the tool.
   const Eigen::Vector3d slip(0.0006, -0.0006, 0.00053);
   const auto slipped = [&](const Simulated& s, Measurements& m) {
-    const auto poses = flange_poses(s.model, s.truth.truth, m.joint_values);
+    const auto poses = flange_poses(s.model, s.robot.truth, m.joint_values);
     for (Observation& o : m.observations) {
       if (o.target == 2 && o.configuration >= 12) {
-        o.position += s.truth.truth.X_WB.linear() * poses[static_cast<std::size_t>(o.configuration)].linear() * slip;
+        o.position += s.robot.truth.X_WB.linear() * poses[static_cast<std::size_t>(o.configuration)].linear() * slip;
       }
     }
   };
@@ -542,7 +517,7 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
     const Calibration clean = calibrate(s.model, s.measured, {.held_out = false, .try_readings = false});
     EXPECT_TRUE(clean.findings.empty()) << clean.findings.front().message;
     Random random(seed + 1000);
-    clean_squares += std::pow(held_out_rms(s.truth, clean, random), 2);
+    clean_squares += std::pow(held_out_rms(s.robot, clean, random), 2);
     for (std::size_t defect = 0; defect < 3; ++defect) {
       Measurements spoilt = s.measured;
       if (defect == 0) {
@@ -553,7 +528,7 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
       const Calibration found =
           calibrate(s.model, spoilt, {.loss = Loss::tukey, .held_out = false, .try_readings = false});
       EXPECT_THAT(found.warnings, Contains(HasSubstr(expected[defect]))) << seed;
-      VirtualRobot truth = s.truth;
+      VirtualRobot truth = s.robot;
       if (defect == 0) {  // what is measured from now on is where the target sits now
         truth.truth.targets[2].X_FT.translation() += slip;
       }
@@ -578,20 +553,17 @@ TEST(CalibrationLongRun, DefectsOfTheMeasurementsAreNamedAndTheRobustFitSurvives
 
 // `of_mean`: how far the mean of the p-values may be from one half; `most_below`: runs with one below 0.05.
 void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_below) {
-  const ErrorModel model = complete_model(fanuc());
-  const std::vector<TargetFrame> frames = published_targets();
-  const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
+  VirtualExperiment experiment;
   const MeasuringNoise noise{.sigma = 0.00001, .repeats = 10, .common = Eigen::Vector3d::Constant(0.00004)};
   double mean = 0.0;
   int below = 0;
   for (int run = 0; run < runs; ++run) {
-    Random random(300, static_cast<std::uint64_t>(run));
-    VirtualRobot truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
-    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
+    experiment.restart(Random(300, static_cast<std::uint64_t>(run)));
+    const Eigen::MatrixXd q = experiment.configurations(30);
     const auto tested = [&](const Measurements& measured) {
-      return *calibrate(model, measured, {.held_out = false, .try_readings = false}).lack_of_fit;
+      return *calibrate(experiment.model, measured, {.held_out = false, .try_readings = false}).lack_of_fit;
     };
-    const LackOfFit clean = tested(measure(truth, q, noise, random));
+    const LackOfFit clean = tested(experiment.measure(q, noise));
     EXPECT_NEAR(clean.degrees_of_freedom, 270 - 33, 1e-6);
     EXPECT_EQ(clean.repeat_degrees_of_freedom, 3 * 30 * 3 * 9);
     mean += clean.p_value / runs;
@@ -599,7 +571,7 @@ void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_b
     if (run == 0) {  // an encoder with an error twice per turn of joint 3, which no geometry explains
       Eigen::MatrixXd off = q;
       off.row(2).array() += 0.001 * (2.0 * q.row(2).array()).sin();
-      Measurements measured = measure(truth, off, noise, random);
+      Measurements measured = experiment.measure(off, noise);
       measured.joint_values = q;
       const LackOfFit misfit = tested(measured);
       EXPECT_LT(misfit.p_value, 1e-10);
@@ -624,10 +596,10 @@ TEST(Calibration, OneOrTwoTargetsAreEnough) {
     const Simulated s(47, 0.0, targets);
     const Calibration found = calibrate(s.model, s.measured);
     ASSERT_TRUE(found.trusted()) << found.identification.message;
-    EXPECT_EQ(found.identifiability.rank, s.free_count());
+    EXPECT_EQ(found.identifiability.rank, s.reduction.rank);
     EXPECT_LT(found.train.after.max, 1e-12);
     Random random(48);
-    EXPECT_LT(held_out_rms(s.truth, found, random), 1e-11);
+    EXPECT_LT(held_out_rms(s.robot, found, random), 1e-11);
   }
 }
 

@@ -11,12 +11,11 @@
 #include "dense_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/covariance.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -30,28 +29,20 @@ using testing::DenseFit;
 using testing::DenseNoise;
 using testing::fanuc;
 
-struct Arm {
-  ErrorModel model = complete_model(fanuc());
-  VirtualRobot robot;
+struct Arm : testing::VirtualExperiment {
   Measurements measured;
 
-  Arm(std::uint64_t seed, const std::vector<TargetFrame>& targets, int configurations, const MeasuringNoise& noise)
-      : random_(seed) {
-    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
-    Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  // the tracker stands askew, some metres away
-    X_WB.linear() = testing::turned_by({0.3, -0.2, 1.1});
-    X_WB.translation() = Vector3d(2.0, -3.0, 0.5);
-    robot = placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random_), X_WB);
-    measured = measure(robot, random_configurations(limits_of(model.joints), configurations, random_), noise, random_);
-    for (Observation& observation : measured.observations) {
-      observation.sigma = 0.0;
-    }
-  }
-
-  Random& random() { return random_; }
+  Arm(std::uint64_t seed, const std::vector<TargetFrame>& stated, int count, const MeasuringNoise& noise)
+      : VirtualExperiment({.targets = stated, .X_WB = askew(), .random = Random(seed)}),
+        measured(testing::without_sigmas(measure(count, noise))) {}
 
 private:
-  Random random_;
+  static Eigen::Isometry3d askew() {  // the tracker, some metres away
+    Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+    X_WB.linear() = testing::turned_by({0.3, -0.2, 1.1});
+    X_WB.translation() = Vector3d(2.0, -3.0, 0.5);
+    return X_WB;
+  }
 };
 
 // One target is measured as a frame, the other one as a point; of the first some rows are points as well.

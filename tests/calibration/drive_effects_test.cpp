@@ -7,14 +7,12 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/prediction.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "refusal.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -28,38 +26,31 @@ constexpr double kSize = 3e-4;  // [rad] of a term
 constexpr double kNoise = 3e-5;
 
 /// An arm whose joints move by what its drives tell, and what was measured of it on its way.
-struct DrivenArm {
-  ErrorModel model = complete_model(testing::fanuc());
-  VirtualRobot truth;
+struct DrivenArm : testing::VirtualExperiment {
   Measurements measured;
   Measurements unseen;  // without noise
 
-  DrivenArm(DriveSignal signal, unsigned seed) {
-    Random random(seed);
-    const std::vector<TargetFrame> targets = published_targets();
-    const Unknowns free(model, targets, reduced_model(model, targets).kept);
-    truth = placed(virtual_robot(model, free.geometric(), targets, {.length = 5e-4, .angle = 5e-4}, random),
-                   Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)));
-    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
-    const Eigen::MatrixXd elsewhere = random_configurations(limits_of(model.joints), 100, random);
+  DrivenArm(DriveSignal signal, unsigned seed)
+      : VirtualExperiment({.sizes = {.length = 5e-4, .angle = 5e-4},
+                           .X_WB = Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)),
+                           .random = Random(seed)}) {
+    const Eigen::MatrixXd q = configurations(60);
+    const Eigen::MatrixXd elsewhere = configurations(100);
     const ToldByDrives told{.approach = true, .torques = true, .seed = seed};
     const DrivenConfigurations driven = driven_to(model, q, {}, told);
     for (const EffectGroup group : {EffectGroup::backlash, EffectGroup::torque}) {
       for (const EffectTerm& term : effect_terms(model, group, q, driven.signals)) {
         if (term.signal == signal) {
-          truth.model.effects.push_back(term);
+          robot.model.effects.push_back(term);
         }
       }
     }
-    truth.truth.effects.resize(static_cast<Eigen::Index>(truth.model.effects.size()));
-    for (double& value : truth.truth.effects) {
+    robot.truth.effects.resize(static_cast<Eigen::Index>(robot.model.effects.size()));
+    for (double& value : robot.truth.effects) {
       value = kSize * random.normal();
     }
-    measured = measure(truth, driven, {.sigma = kNoise}, random);
-    unseen = measure(truth, driven_to(model, elsewhere, q, told), {}, random);
-    for (Observation& o : measured.observations) {
-      o.sigma = 0.0;
-    }
+    measured = testing::without_sigmas(kdl_calibration::measure(robot, driven, {.sigma = kNoise}, random));
+    unseen = kdl_calibration::measure(robot, driven_to(model, elsewhere, q, told), {}, random);
   }
 
   double error_at_unseen(const Calibration& found) const {
@@ -87,13 +78,13 @@ const DrivenArm& that_gives_way() {
 
 /// Every true coefficient within four of its standard deviations.
 void expect_coefficients(const Calibration& found, const DrivenArm& arm) {
-  for (std::size_t e = 0; e < arm.truth.model.effects.size(); ++e) {
-    const std::string& name = arm.truth.model.effects[e].name;
+  for (std::size_t e = 0; e < arm.robot.model.effects.size(); ++e) {
+    const std::string& name = arm.robot.model.effects[e].name;
     const auto parameter = std::find_if(found.parameters.begin(), found.parameters.end(),
                                         [&](const ParameterEstimate& p) { return p.name == name; });
     ASSERT_NE(parameter, found.parameters.end()) << name;
     EXPECT_LT(parameter->std, 0.3 * kSize) << name;
-    EXPECT_NEAR(parameter->value, arm.truth.truth.effects[static_cast<Eigen::Index>(e)], 4.0 * parameter->std) << name;
+    EXPECT_NEAR(parameter->value, arm.robot.truth.effects[static_cast<Eigen::Index>(e)], 4.0 * parameter->std) << name;
   }
 }
 

@@ -11,12 +11,11 @@
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "mistakes_support.hpp"
 #include "refusal.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -27,42 +26,34 @@ using ::testing::IsEmpty;
 using testing::kOddArm;
 
 /// An arm that does more than its geometry says, and what a tracker saw of it.
-struct Arm {
-  ErrorModel model;
-  VirtualRobot truth;
+struct Arm : testing::VirtualExperiment {
   Measurements measured;
   Eigen::MatrixXd unseen;
 
-  Arm(const Robot& robot, unsigned seed, int configurations, const std::vector<std::pair<EffectGroup, double>>& effects,
+  Arm(const Robot& nominal, unsigned seed, int count, const std::vector<std::pair<EffectGroup, double>>& effects,
       double sigma = 5e-5)
-      : model(complete_model(robot)) {
-    Random random(seed);
-    const std::vector<TargetFrame> targets = published_targets();
-    const Unknowns free(model, targets, reduced_model(model, targets).kept);
-    truth = placed(virtual_robot(model, free.geometric(), targets, {.length = 5e-4, .angle = 5e-4}, random),
-                   Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)));
-    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), configurations, random);
-    unseen = random_configurations(limits_of(model.joints), 200, random);
+      : VirtualExperiment({.model = complete_model(nominal),
+                           .sizes = {.length = 5e-4, .angle = 5e-4},
+                           .X_WB = Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)),
+                           .random = Random(seed)}) {
+    const Eigen::MatrixXd q = configurations(count);
+    unseen = configurations(200);
     std::vector<double> values;
     for (const auto& [group, size] : effects) {
       for (const EffectTerm& term : effect_terms(model, group, q)) {
-        truth.model.effects.push_back(term);
+        robot.model.effects.push_back(term);
         values.push_back(size * random.normal());
       }
     }
-    truth.truth.effects = Eigen::Map<Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
-    measured = measure(truth, q, {.sigma = sigma}, random);
-    for (Observation& o : measured.observations) {
-      o.sigma = 0.0;  // nothing is stated
-    }
+    robot.truth.effects = Eigen::Map<Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+    measured = testing::without_sigmas(measure(q, {.sigma = sigma}));
   }
 
   /// [m] RMS at configurations that were not measured.
   double error_at_unseen(const Calibration& found) const {
-    Random random(1);
-    return error_statistics(position_errors(found.model, found.identification.estimate,
-                                            measure(truth, unseen, {.sigma = 0.0}, random)))
-        .rms;
+    Random none(1);
+    const Measurements exact = kdl_calibration::measure(robot, unseen, {}, none);
+    return error_statistics(position_errors(found.model, found.identification.estimate, exact)).rms;
   }
 };
 
@@ -120,10 +111,10 @@ TEST(EffectChoice, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
   // Whole degrees, in radians with four decimals.
   const Eigen::MatrixXd whole = (arm.measured.joint_values / degree).array().round().matrix() * degree;
   const Eigen::MatrixXd q = (1e4 * whole).array().round().matrix() / 1e4;
-  arm.truth.model.effects = ripple_terms(arm.model, q, 1, 300.0);  // which looks like 60 times at whole degrees
-  arm.truth.truth.effects = Eigen::VectorXd::Constant(2, 3e-4);
+  arm.robot.model.effects = ripple_terms(arm.model, q, 1, 300.0);  // which looks like 60 times at whole degrees
+  arm.robot.truth.effects = Eigen::VectorXd::Constant(2, 3e-4);
   Random random(5);
-  arm.measured = measure(arm.truth, q, {.sigma = 5e-5}, random);
+  arm.measured = measure(arm.robot, q, {.sigma = 5e-5}, random);
   const Calibration found = calibrate(arm.model, arm.measured, automatic());
   ASSERT_THAT(found.tried.front().effects, Contains("ripple"));
   for (const EffectTerm& term : found.model.effects) {
@@ -149,11 +140,11 @@ TEST(EffectChoiceLongRun, ARigidArmHasNoRipple) { expect_no_ripple_in_rigid_arms
 TEST(EffectChoice, TablesAreWithheldInGaps) {
   Arm arm(fanuc(), 23, 100, {});
   const Eigen::MatrixXd q = 0.3 * arm.measured.joint_values;
-  arm.truth.model.effects = table_terms(arm.model, q, 10.0 * std::numbers::pi / 180.0);
+  arm.robot.model.effects = table_terms(arm.model, q, 10.0 * std::numbers::pi / 180.0);
   Random random(24);
-  arm.truth.truth.effects = Eigen::VectorXd::NullaryExpr(static_cast<Eigen::Index>(arm.truth.model.effects.size()),
+  arm.robot.truth.effects = Eigen::VectorXd::NullaryExpr(static_cast<Eigen::Index>(arm.robot.model.effects.size()),
                                                          [&](Eigen::Index) { return 3e-4 * random.normal(); });
-  arm.measured = measure(arm.truth, q, {.sigma = 5e-5}, random);
+  arm.measured = measure(arm.robot, q, {.sigma = 5e-5}, random);
   const auto q3 = arm.measured.joint_values.row(2);
   const double middle = 0.5 * (q3.minCoeff() + q3.maxCoeff());
   const Measurements gapped = subset(arm.measured, [&](const Observation& o) {
@@ -198,7 +189,7 @@ TEST(EffectChoice, FindsTheSizeOfWhatIsThere) {
   CalibrationOptions options = kGeometry;
   options.effects.groups = {EffectGroup::gravity};
   const Calibration found = calibrate(arm.model, arm.measured, options);
-  ASSERT_EQ(found.model.effects.size(), arm.truth.model.effects.size());
+  ASSERT_EQ(found.model.effects.size(), arm.robot.model.effects.size());
   EXPECT_GT(found.model.effects.front().sigma, 1e-4);
   EXPECT_LT(found.model.effects.front().sigma, 4e-4);
   // What is true of the values lies where their covariance says.
@@ -206,7 +197,7 @@ TEST(EffectChoice, FindsTheSizeOfWhatIsThere) {
   ASSERT_EQ(columns.count, static_cast<Eigen::Index>(found.model.effects.size()));
   int inside = 0;
   for (Eigen::Index e = 0; e < columns.count; ++e) {
-    const double error = found.identification.estimate.effects[e] - arm.truth.truth.effects[e];
+    const double error = found.identification.estimate.effects[e] - arm.robot.truth.effects[e];
     const double sigma = std::sqrt(found.covariance(columns.first + e, columns.first + e));
     inside += std::abs(error) < 2.0 * sigma ? 1 : 0;
   }
@@ -238,9 +229,9 @@ TEST(EffectChoice, NothingIsChosenWhereNothingIsLeft) {
 // Of an arm that is as drawn, where priors leave the geometry nearly nominal.
 TEST(EffectChoice, TheNoiseIsInPartsBesideChosenPriors) {
   Arm arm(fanuc(), 2, 30, {});
-  arm.truth.truth.errors.setZero();
+  arm.robot.truth.errors.setZero();
   Random random(3);
-  arm.measured = measure(arm.truth, arm.measured.joint_values,
+  arm.measured = measure(arm.robot, arm.measured.joint_values,
                          {.sigma = 1e-5, .repeats = 5, .common = Eigen::Vector3d::Constant(5e-5)}, random);
   for (Observation& o : arm.measured.observations) {
     o.sigma = 0.0;
@@ -301,17 +292,17 @@ TEST(EffectChoice, HeldTermsTakeNoPart) {
 
 TEST(EffectChoice, AnArmOnAWallSagsAlongItsOwnDirection) {
   Arm arm(fanuc(), 7, 60, {});
-  arm.truth.model.gravity = KDL::Vector(1.0, 0.0, 0.0);
-  arm.truth.model.effects = effect_terms(arm.truth.model, EffectGroup::gravity, arm.measured.joint_values);
+  arm.robot.model.gravity = KDL::Vector(1.0, 0.0, 0.0);
+  arm.robot.model.effects = effect_terms(arm.robot.model, EffectGroup::gravity, arm.measured.joint_values);
   Random random(8);
-  arm.truth.truth.effects = Eigen::VectorXd::NullaryExpr(static_cast<Eigen::Index>(arm.truth.model.effects.size()),
+  arm.robot.truth.effects = Eigen::VectorXd::NullaryExpr(static_cast<Eigen::Index>(arm.robot.model.effects.size()),
                                                          [&](Eigen::Index) { return 3e-4 * random.normal(); });
-  arm.measured = measure(arm.truth, arm.measured.joint_values, {.sigma = 5e-5}, random);
+  arm.measured = measure(arm.robot, arm.measured.joint_values, {.sigma = 5e-5}, random);
   CalibrationOptions options = kGeometry;
   options.effects.groups = {EffectGroup::gravity};
   const double upright = arm.error_at_unseen(calibrate(arm.model, arm.measured, options));
   ErrorModel on_wall = arm.model;
-  on_wall.gravity = arm.truth.model.gravity;
+  on_wall.gravity = arm.robot.model.gravity;
   const double known = arm.error_at_unseen(calibrate(on_wall, arm.measured, options));
   EXPECT_LT(known, 0.7 * upright);
 }
@@ -342,7 +333,7 @@ double covered(unsigned first, unsigned count, int configurations, bool with_eff
       if (parameter == found.parameters.end() || !parameter->identifiable) {
         continue;
       }
-      const double error = parameter->error - arm.truth.truth.errors[static_cast<Eigen::Index>(p)];
+      const double error = parameter->error - arm.robot.truth.errors[static_cast<Eigen::Index>(p)];
       inside += std::abs(error) <= half_width_95(parameter->std, parameter->degrees_of_freedom) ? 1.0 : 0.0;
       all += 1.0;
     }

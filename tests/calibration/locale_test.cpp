@@ -9,13 +9,12 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "refusal.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 /// What glibc keeps of LOCPATH is no leak of ours.
 extern "C" const char* __lsan_default_suppressions() { return "leak:__argz_add_sep"; }  // NOLINT
@@ -57,9 +56,8 @@ std::string everything() {
   const ErrorModel model = complete_model(robot);
   const JointConvention convention = read_joint_convention(std::string(URDF_DIR) + "/fanuc_r2000ic_165f_pendant.json");
   text += nlohmann::json(convention.matrix(2, 1)).dump();
-  const VirtualRobot virtual_one = virtual_robot(model, {6, 7, 8}, published_targets(), {}, random);
-  const Measurements measurements =
-      measure(virtual_one, random_configurations(limits_of(model.joints), 15, random), {.sigma = 1e-5}, random);
+  VirtualExperiment experiment({.model = model, .with_errors = {{6, 7, 8}}, .sizes = {}, .random = random});
+  const Measurements measurements = experiment.measure(15, {.sigma = 1e-5});
   const std::string csv = measurements_csv(measurements);
   const Measurements read = parse_measurements(csv, joint_names(robot));
   const CalibrationOptions options;

@@ -19,7 +19,7 @@
 #include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -63,21 +63,19 @@ struct Trial {
 };
 
 Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
-  Random random(97, seed);
-  std::vector<TargetFrame> targets = published_targets(truth.targets);
-  for (TargetFrame& target : targets) {
-    target.with_orientation = truth.orientation_sigma > 0.0;
-  }
-  const Unknowns free(model, targets, reduced_model(model, targets).kept);
-  Trial result{.robot = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random),
-               .measured = {},
-               .ranges = published_ranges(model.joints)};
-  const MatrixXd q = random_configurations(result.ranges, truth.configurations, random);
+  const std::vector<TargetFrame> targets = published_targets(truth.targets);
+  testing::VirtualExperiment experiment(
+      {.model = model,
+       .targets = truth.orientation_sigma > 0.0 ? testing::as_frames(targets) : targets,
+       .ranges = published_ranges,
+       .random = Random(97, seed)});
+  Trial result{.robot = experiment.robot, .measured = {}, .ranges = experiment.ranges};
+  Random& random = experiment.random;
+  const MatrixXd q = experiment.configurations(truth.configurations);
   MatrixXd real = q;
   real.row(2).array() += truth.swing * (2.0 * q.row(2).array()).sin();
-  result.measured = measure(
-      result.robot, real,
-      {.orientation_sigma = truth.orientation_sigma, .repeats = truth.repeats, .tracker = truth.tracker}, random);
+  result.measured = experiment.measure(
+      real, {.orientation_sigma = truth.orientation_sigma, .repeats = truth.repeats, .tracker = truth.tracker});
   result.measured.joint_values = q;
   std::map<int, Vector3d> of_configuration;
   std::map<std::pair<int, int>, Vector3d> of_target;

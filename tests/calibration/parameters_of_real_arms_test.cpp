@@ -8,12 +8,10 @@
 #include <sstream>
 
 #include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -86,11 +84,10 @@ struct Simulated {
         wrong.push_back(p);
       }
     }
-    Random random(seed);
-    const VirtualRobot truth = virtual_robot(model, wrong, published_targets(), sizes, random);
-    const JointRanges ranges = limits_of(model.joints);
-    const Measurements train = measure(truth, random_configurations(ranges, 40, random), {.sigma = noise}, random);
-    measured = joined(train, measure(truth, random_configurations(ranges, 100, random), {}, random, Split::test));
+    testing::VirtualExperiment experiment(
+        {.model = model, .with_errors = wrong, .sizes = sizes, .random = Random(seed)});
+    const Measurements train = experiment.measure(40, {.sigma = noise});
+    measured = joined(train, experiment.measure(100, {}, Split::test));
   }
 };
 
@@ -187,13 +184,13 @@ int iterations_to_rounding(std::uint64_t seed) {
   for (TargetFrame& target : targets) {
     target.X_FT.translation() *= 0.1 / target.X_FT.translation().norm();
   }
-  std::vector<std::size_t> all(model.parameters.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  Random random(1000 + seed);
-  const VirtualRobot truth = virtual_robot(model, all, targets, {.length = 0.002, .angle = 0.005}, random);
-  const JointRanges ranges = limits_of(model.joints);
-  const Measurements train = measure(truth, random_configurations(ranges, 40, random), {}, random);
-  const Measurements test = measure(truth, random_configurations(ranges, 50, random), {}, random, Split::test);
+  testing::VirtualExperiment experiment({.model = model,
+                                         .targets = targets,
+                                         .with_errors = testing::all_parameters(model),
+                                         .sizes = {.length = 0.002, .angle = 0.005},
+                                         .random = Random(1000 + seed)});
+  const Measurements train = experiment.measure(40);
+  const Measurements test = experiment.measure(50, {}, Split::test);
   const Calibration found = calibrate(model, joined(train, test), {.held_out = false, .try_readings = false});
   EXPECT_EQ(found.identification.termination, Termination::converged) << seed << ": " << found.identification.message;
   EXPECT_LT(found.test->after.rms, 1e-9) << seed;
@@ -283,13 +280,8 @@ TEST(ParametersOfRealArms, TheLastColumnOfTwoThatAreNearlyTheSameIsLeftToBetterO
 
 // What the noise hides there is held in a fit of its own, whose history begins with that of the fit before it.
 TEST(ParametersOfRealArms, ATargetAtTheWristCentreKeepsTheHistoryOfEveryFit) {
-  const ErrorModel model = complete_model(fanuc());
-  const std::vector<TargetFrame> targets = testing::targets_at({{0.0, -0.215, 0.0}});
-  const Unknowns free(model, targets, reduced_model(model, targets).kept);
-  Random random(1);
-  const VirtualRobot truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
-  const Calibration found =
-      calibrate(model, measure(truth, random_configurations(limits_of(model.joints), 40, random), {}, random));
+  testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.0, -0.215, 0.0}})});
+  const Calibration found = calibrate(experiment.model, experiment.measure(40));
   EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
   EXPECT_GT(found.identification.rms_history.front(), 1e-5) << "of the nominal robot";
   EXPECT_LT(found.train.after.max, 1e-9);

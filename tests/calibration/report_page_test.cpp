@@ -14,13 +14,12 @@
 #include "german_locale.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/prediction.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "refusal.hpp"
 #include "report_page_support.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 /// What glibc keeps of LOCPATH is no leak of ours.
 extern "C" const char* __lsan_default_suppressions() { return "leak:__argz_add_sep"; }  // NOLINT
@@ -43,14 +42,11 @@ struct Measured {
 // A calibrated FANUC, with so many configurations, and names of its targets.
 Measured measured(int configurations, const std::vector<std::string>& targets = {"A", "B", "C"}) {
   Measured result;
-  Random random(5);
-  std::vector<std::size_t> all(result.model.parameters.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  const VirtualRobot robot = virtual_robot(result.model, all, published_targets(static_cast<int>(targets.size())),
-                                           {.length = 1e-3, .angle = 1e-3}, random);
-  result.measurements =
-      measure(robot, random_configurations(result.model.joints, limits_of(result.model.joints), configurations, random),
-              {.sigma = 3e-5}, random);
+  VirtualExperiment experiment({.model = result.model,
+                                .targets = published_targets(static_cast<int>(targets.size())),
+                                .with_errors = all_parameters(result.model),
+                                .random = Random(5)});
+  result.measurements = experiment.measure(configurations, {.sigma = 3e-5});
   result.measurements.targets = targets;
   return result;
 }

@@ -32,7 +32,7 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "printed_text.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -60,34 +60,26 @@ struct Case {
 Json rendered(const Case& c) { return Json::parse(result_json(c.robot, c.measurements, c.options, c.calibration)); }
 
 /// A robot with errors of a millimetre and a milliradian, measured by a tracker a few metres away.
-struct Setup {
-  Robot robot;
-  ErrorModel model;
-  VirtualRobot truth;
-  Random random;
+struct Setup : testing::VirtualExperiment {
+  Robot nominal;
 
-  Setup(Robot of, const std::vector<TargetFrame>& targets, std::uint64_t seed)
-      : robot(std::move(of)), model(complete_model(robot)), random(seed) {
-    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
-    Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
-    X_WB.linear() = Eigen::AngleAxisd(2.5, Eigen::Vector3d(0.3, -0.2, 0.9).normalized()).toRotationMatrix();
-    X_WB.translation() = Eigen::Vector3d(2.0, -1.5, 0.4);
-    truth = placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random), X_WB);
+  Setup(Robot of, const std::vector<TargetFrame>& stated, std::uint64_t seed)
+      : VirtualExperiment(
+            {.model = complete_model(of), .targets = stated, .X_WB = some_metres_away(), .random = Random(seed)}),
+        nominal(std::move(of)) {}
+
+  static Eigen::Isometry3d some_metres_away() {
+    const Eigen::AngleAxisd turn(2.5, Eigen::Vector3d(0.3, -0.2, 0.9).normalized());
+    return Eigen::Translation3d(2.0, -1.5, 0.4) * turn;
   }
-
-  Eigen::MatrixXd configurations(int count) { return random_configurations(limits_of(model.joints), count, random); }
 
   /// Without stated sigmas.
   Measurements measured(const Eigen::MatrixXd& q, const MeasuringNoise& noise, Split split = Split::train) {
-    Measurements result = measure(truth, q, noise, random, split);
-    for (Observation& observation : result.observations) {
-      observation.sigma = 0.0;
-    }
-    return result;
+    return testing::without_sigmas(measure(q, noise, split));
   }
 
   Case calibrated(const std::string& name, const Measurements& measurements, const CalibrationOptions& options = {}) {
-    Case result{name, robot, measurements, options, calibrate(model, measurements, options), {}};
+    Case result{name, nominal, measurements, options, calibrate(model, measurements, options), {}};
     result.result = rendered(result);
     return result;
   }
@@ -113,8 +105,8 @@ void add_cases_of_points(std::vector<Case>& cases) {
   cases.push_back(s.calibrated("test rows, leave-one-out, k-fold", with_test, {.leave_one_out = true, .k_fold = 5}));
   cases.push_back(s.calibrated("two-step", plain, {.method = Method::two_step}));
   cases.push_back(s.calibrated("complete model", plain, {.model = ModelChoice::complete}));
-  cases.push_back(s.calibrated("known base", plain, {.known_base = s.truth.truth.X_WB}));
-  cases.push_back(s.calibrated("known targets", plain, {.known_targets = s.truth.truth.targets}));
+  cases.push_back(s.calibrated("known base", plain, {.known_base = s.robot.truth.X_WB}));
+  cases.push_back(s.calibrated("known targets", plain, {.known_targets = s.robot.truth.targets}));
   cases.push_back(s.calibrated("hardly enough", s.measured(s.configurations(5), kPoints)));
   Measurements mistyped = plain;
   mistyped.observations[40].position.y() += 0.01;
@@ -146,9 +138,9 @@ void add_cases_of_repeats(std::vector<Case>& cases) {
 
 void add_cases_of_effects(std::vector<Case>& cases) {
   Setup s(fanuc(), published_targets(), 4);
-  s.truth.model.effects = load_terms(s.model);
-  const auto count = static_cast<Eigen::Index>(s.truth.model.effects.size());
-  s.truth.truth.effects = Eigen::VectorXd::LinSpaced(count, 4e-4, 8e-4);
+  s.robot.model.effects = load_terms(s.model);
+  const auto count = static_cast<Eigen::Index>(s.robot.model.effects.size());
+  s.robot.truth.effects = Eigen::VectorXd::LinSpaced(count, 4e-4, 8e-4);
   const Measurements sagging =
       joined(s.measured(s.configurations(24), kPoints), s.measured(s.configurations(5), kPoints, Split::test));
   cases.push_back(s.calibrated("gravity and gains", sagging,
@@ -179,9 +171,9 @@ Case table_with_a_gap() {
   q.row(4) = q.row(4).unaryExpr([](double value) { return value + std::copysign(1.0, value); }) * 2.0 / 3.0;
   Eigen::MatrixXd asked = q.leftCols(1).replicate(1, 2);
   asked(4, 1) = 0.0;
-  odd.truth.model.effects = table_terms(odd.model, q, 0.3);
-  const auto count = static_cast<Eigen::Index>(odd.truth.model.effects.size());
-  odd.truth.truth.effects =
+  odd.robot.model.effects = table_terms(odd.model, q, 0.3);
+  const auto count = static_cast<Eigen::Index>(odd.robot.model.effects.size());
+  odd.robot.truth.effects =
       Eigen::VectorXd::NullaryExpr(count, [&](Eigen::Index) { return 1e-3 * odd.random.normal(); });
   return odd.calibrated("a table with a gap", odd.measured(q, kPoints),
                         {.effects = {.groups = {EffectGroup::tables}},

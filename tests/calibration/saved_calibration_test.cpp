@@ -10,12 +10,10 @@
 
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "refusal.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -41,14 +39,14 @@ struct Written {
     std::vector<TargetFrame> targets = testing::targets_at({{0.1, 0.0, 0.05}, {0.0, 0.12, 0.0}});
     targets[1].with_orientation = true;
     targets[1].X_FT.linear() = Eigen::AngleAxisd(2.0, Eigen::Vector3d(1.0, 0.5, -0.3).normalized()).toRotationMatrix();
-    Random random(5);
-    const Unknowns free(model, targets, reduced_model(model, targets).kept);
-    VirtualRobot truth =
-        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random),
-               Eigen::Isometry3d(Eigen::Translation3d(2.0, 1.0, 0.5)));
-    truth.model.effects = load_terms(model);
-    truth.truth.effects = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(truth.model.effects.size()), 4e-4);
-    measured = measure(truth, random_configurations(limits_of(model.joints), 40, random), {.sigma = 3e-5}, random);
+    testing::VirtualExperiment experiment({.model = model,
+                                           .targets = targets,
+                                           .X_WB = Eigen::Isometry3d(Eigen::Translation3d(2.0, 1.0, 0.5)),
+                                           .random = Random(5)});
+    VirtualRobot& arm = experiment.robot;
+    arm.model.effects = load_terms(model);
+    arm.truth.effects = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(arm.model.effects.size()), 4e-4);
+    measured = experiment.measure(40, {.sigma = 3e-5});
     calibration = calibrate(model, measured, options);
     json = result_json(robot, measured, options, calibration);
   }

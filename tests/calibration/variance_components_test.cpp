@@ -3,10 +3,8 @@
 #include <gmock/gmock.h>
 
 #include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -19,23 +17,15 @@ struct HeldOut {
 };
 
 HeldOut held_out(double orientation_sigma) {
-  const ErrorModel model = complete_model(testing::fanuc());
-  std::vector<TargetFrame> frames = published_targets(1);
-  frames[0].with_orientation = true;
-  const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
+  testing::VirtualExperiment experiment({.targets = testing::as_frames(published_targets(1))});
+  const ErrorModel& model = experiment.model;
   constexpr double kSigma = 0.00003;
   HeldOut sums;
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {
-    Random random(seed);
-    const VirtualRobot truth =
-        virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
-    const JointRanges ranges = limits_of(model.joints);
-    Measurements train = measure(truth, random_configurations(ranges, 30, random),
-                                 {.sigma = kSigma, .orientation_sigma = orientation_sigma}, random);
-    for (Observation& observation : train.observations) {
-      observation.sigma = 0.0;
-    }
-    const Measurements test = measure(truth, random_configurations(ranges, 100, random), {}, random, Split::test);
+    experiment.restart(Random(seed));
+    const Measurements train =
+        testing::without_sigmas(experiment.measure(30, {.sigma = kSigma, .orientation_sigma = orientation_sigma}));
+    const Measurements test = experiment.measure(100, {}, Split::test);
     const auto square = [&](const Estimate& estimate) {
       const double rms = error_statistics(position_errors(model, estimate, joined(train, test), Rows::test)).rms;
       return rms * rms;
@@ -46,7 +36,7 @@ HeldOut held_out(double orientation_sigma) {
     stated.noise.orientation = orientation_sigma;
     sums.stated += square(calibrate(model, train, stated).identification.estimate);
     sums.estimated += square(calibrate(model, train, fit_alone).identification.estimate);
-    sums.lever += square(identify_jointly(model, train, nominal_start(model, train), free).estimate);
+    sums.lever += square(identify_jointly(model, train, nominal_start(model, train), experiment.free).estimate);
   }
   return sums;
 }
@@ -65,14 +55,8 @@ TEST(VarianceComponents, AreAsGoodAsStatedSigmas) {
 }
 
 TEST(VarianceComponents, LeaveExactPosesExact) {
-  const ErrorModel model = complete_model(testing::fanuc());
-  std::vector<TargetFrame> frames = published_targets(1);
-  frames[0].with_orientation = true;
-  const Unknowns free = Unknowns(model, frames, reduced_model(model, frames).kept);
-  Random random(1);
-  const VirtualRobot truth = virtual_robot(model, free.geometric(), frames, {.length = 0.001, .angle = 0.001}, random);
-  const Calibration found =
-      calibrate(model, measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random));
+  testing::VirtualExperiment experiment({.targets = testing::as_frames(published_targets(1))});
+  const Calibration found = calibrate(experiment.model, experiment.measure(30));
   EXPECT_TRUE(found.trusted()) << found.identification.message;
   EXPECT_LT(found.train.after.max, 1e-12);
 }

@@ -16,7 +16,7 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -33,23 +33,17 @@ using ::testing::Not;
 constexpr double kNoise = 3e-5;
 
 /// The R-2000iC/165F with errors of a millimetre and a milliradian in 25 configurations, no sigma stated.
-struct Series {
-  ErrorModel model = complete_model(fanuc());
-  VirtualRobot truth;
-  Random random;
+struct Series : testing::VirtualExperiment {
   Measurements measured;
 
   explicit Series(std::uint64_t seed = 1, const MeasuringNoise& noise = {.sigma = kNoise},
-                  const std::vector<TargetFrame>& targets = published_targets())
-      : random(seed) {
-    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
-    truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
-    measure_at(random_configurations(limits_of(model.joints), 25, random), noise);
+                  const std::vector<TargetFrame>& stated = published_targets())
+      : VirtualExperiment({.targets = stated, .random = Random(seed)}) {
+    measure_at(configurations(25), noise);
   }
 
   void measure_at(const Eigen::MatrixXd& q, const MeasuringNoise& noise = {.sigma = kNoise}) {
-    measured = measure(truth, q, noise, random);
-    state_sigma(0.0);
+    measured = testing::without_sigmas(measure(q, noise));
   }
 
   void state_sigma(double sigma) {
@@ -72,7 +66,7 @@ Measurements with_ripple(const Series& clean, double amplitude, const MeasuringN
   const Eigen::MatrixXd q = clean.measured.joint_values;
   Eigen::MatrixXd off = q;
   off.row(2).array() += amplitude * (2.0 * q.row(2).array()).sin();
-  Measurements measured = measure(clean.truth, off, noise, random);
+  Measurements measured = measure(clean.robot, off, noise, random);
   measured.joint_values = q;
   for (Observation& observation : measured.observations) {
     observation.sigma = 0.0;
@@ -106,7 +100,7 @@ Calibration with_a_held_joint() {
 Calibration without_effect_of_joint_6() {
   const std::vector<TargetFrame> targets = testing::targets_at({{0.0, 0.1, 0.0}});
   Series s(2, {.sigma = kNoise}, targets);
-  s.truth.truth.targets = targets;
+  s.robot.truth.targets = targets;
   s.measure_at(s.measured.joint_values);
   return s.calibrated({.fix = {"?x6", "?z6"}, .free = {"dq6"}, .known_targets = targets});
 }
@@ -158,7 +152,7 @@ Calibration of_another_robot() {
 
 Calibration without_errors() {
   Series s;
-  s.truth.truth.errors.setZero();
+  s.robot.truth.errors.setZero();
   s.measure_at(s.measured.joint_values);
   return s.calibrated();
 }
@@ -166,9 +160,9 @@ Calibration without_errors() {
 Calibration with_test_rows_of_another_robot() {
   Series s;
   Series nominal(9);
-  nominal.truth.truth.errors.setZero();
-  nominal.truth.truth.X_WB = s.truth.truth.X_WB;
-  nominal.truth.truth.targets = s.truth.truth.targets;
+  nominal.robot.truth.errors.setZero();
+  nominal.robot.truth.X_WB = s.robot.truth.X_WB;
+  nominal.robot.truth.targets = s.robot.truth.targets;
   nominal.measure_at(nominal.measured.joint_values);
   for (Observation& observation : nominal.measured.observations) {
     observation.split = Split::test;
@@ -417,7 +411,7 @@ TEST(HeldOut, IsLeaveOneOutAndTenFoldsOfMany) {
   EXPECT_FALSE(not_asked.k_fold);
   constexpr int kMost = static_cast<int>(kMostLeftOutSingly);
   for (const auto& [count, singly] : {std::pair{kMost, true}, std::pair{kMost + 1, false}}) {
-    s.measure_at(random_configurations(limits_of(s.model.joints), count, s.random));
+    s.measure_at(s.configurations(count));
     const Calibration found = s.calibrated({.try_readings = false});
     EXPECT_EQ(found.leave_one_out.has_value(), singly) << count;
     EXPECT_EQ(found.k_fold.has_value(), !singly) << count;
@@ -568,9 +562,9 @@ struct Defect {
 std::vector<Defect> defects() {
   return {{QualityKind::slipped_target,
            [](Series& s) {
-             const auto poses = flange_poses(s.model, s.truth.truth, s.measured.joint_values);
+             const auto poses = flange_poses(s.model, s.robot.truth, s.measured.joint_values);
              for (int c = 13; c <= 25; ++c) {
-               s.row(c, 2).position += s.truth.truth.X_WB.linear() * poses[static_cast<std::size_t>(c - 1)].linear() *
+               s.row(c, 2).position += s.robot.truth.X_WB.linear() * poses[static_cast<std::size_t>(c - 1)].linear() *
                                        Eigen::Vector3d(0.0, 0.002, 0.0);
              }
            },
@@ -632,7 +626,7 @@ TEST(Warnings, OfMoreThanTwentyThousandRowsComeFromDistancesAlone) {
 // ---- how a fit can end ---------------------------------------------------------------------------------------------
 
 Unknowns irreducible(const Series& s) {
-  return Unknowns(s.model, s.truth.truth.targets, reduced_model(s.model, s.truth.truth.targets).kept);
+  return Unknowns(s.model, s.robot.truth.targets, reduced_model(s.model, s.robot.truth.targets).kept);
 }
 
 void expect_end(const Identification& fit, Termination termination, const std::string& name,
@@ -664,10 +658,10 @@ TEST(Terminations, SayHowTheJointFitEnded) {
 
 /// A robot whose one true error is of that size, and a fit that begins there.
 void expect_fit_from_truth(Series& s, const std::string& name, double error, const std::string& ran_away) {
-  s.truth.truth.errors.setZero();
-  s.truth.truth.errors[static_cast<Eigen::Index>(parameter_index(s.model, name))] = error;
+  s.robot.truth.errors.setZero();
+  s.robot.truth.errors[static_cast<Eigen::Index>(parameter_index(s.model, name))] = error;
   s.measure_at(s.measured.joint_values, {.sigma = 0.0});
-  const Identification fit = identify_jointly(s.model, s.measured, s.truth.truth, irreducible(s));
+  const Identification fit = identify_jointly(s.model, s.measured, s.robot.truth, irreducible(s));
   EXPECT_EQ(fit.termination, ran_away.empty() ? Termination::converged : Termination::diverged)
       << error << ", " << fit.message;
   if (ran_away.empty()) {

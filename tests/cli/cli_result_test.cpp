@@ -9,13 +9,11 @@
 #include "base/sha256.hpp"
 #include "cli_support.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "printed_text.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {
 namespace {
@@ -30,18 +28,7 @@ class CalibrateResult : public CommandLine {
 protected:
   void SetUp() override {
     CommandLine::SetUp();
-    const ErrorModel model = complete_model(fanuc());
-    const std::vector<TargetFrame> targets = published_targets();
-    Random random(1);
-    const Unknowns free(model, targets, reduced_model(model, targets).kept);
-    const VirtualRobot truth =
-        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
-    Measurements measured =
-        measure(truth, random_configurations(limits_of(model.joints), 20, random), {.sigma = 3e-5}, random);
-    for (Observation& observation : measured.observations) {
-      observation.sigma = 0.0;
-    }
-    write("m.csv", measurements_csv(measured));
+    write("m.csv", measurements_csv(without_sigmas(VirtualExperiment().measure(20, {.sigma = 3e-5}))));
   }
 
   static Words calibrate(const Words& more = {}) {

@@ -7,7 +7,6 @@
 #include <kdl/chainjnttojacsolver.hpp>
 
 #include "cli_support.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_file.hpp"
@@ -15,7 +14,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "printed_text.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {
 namespace {
@@ -79,23 +78,16 @@ protected:
 class ValidateTable : public Tables {
 protected:
   ValidateTable() {
-    Random random(11);
     std::vector<TargetFrame> targets = published_targets(2);
     targets[1].with_orientation = true;
-    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
     Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
     X_WB.linear() = Eigen::AngleAxisd(3.0, Eigen::Vector3d(0.2, -0.3, 0.9).normalized()).toRotationMatrix();
     X_WB.translation() = Eigen::Vector3d(2.0, -1.5, 0.4);
-    const VirtualRobot truth =
-        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random), X_WB);
-    const auto measured_rows = [&](int count, Split split) {
-      return measure(truth, random_configurations(limits_of(model.joints), count, random), {.sigma = 3e-5}, random,
-                     split);
-    };
-    measured = joined(measured_rows(12, Split::train), measured_rows(5, Split::test));
+    VirtualExperiment experiment({.model = model, .targets = targets, .X_WB = X_WB, .random = Random(11)});
+    const Measurements held_out = experiment.measure(5, {.sigma = 3e-5}, Split::test);
+    measured = without_sigmas(joined(experiment.measure(12, {.sigma = 3e-5}), held_out));
     const Eigen::Quaterniond none = Eigen::Quaterniond(Eigen::Vector4d::Constant(std::nan("")));
     for (std::size_t row = 0; row < measured.observations.size(); ++row) {
-      measured.observations[row].sigma = 0.0;
       measured.orientations[row] = measured.observations[row].target == 0 ? none : measured.orientations[row];
     }
   }

@@ -6,13 +6,11 @@
 
 #include "cli_support.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "printed_text.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {
 namespace {
@@ -27,22 +25,8 @@ const std::string kPendant = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_pendan
 
 class CommandLineWarnings : public CommandLine {
 protected:
-  CommandLineWarnings() {
-    const std::vector<TargetFrame> targets = published_targets();
-    const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
-    truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
-    measured = at(random_configurations(limits_of(model.joints), 20, random));
-  }
-
   Measurements at(const Eigen::MatrixXd& q, const MeasuringNoise& noise = {.sigma = 3e-5}) {
-    return without_sigma(measure(truth, q, noise, random));
-  }
-
-  static Measurements without_sigma(Measurements measurements) {
-    for (Observation& observation : measurements.observations) {
-      observation.sigma = 0.0;
-    }
-    return measurements;
+    return without_sigmas(experiment.measure(q, noise));
   }
 
   /// With the joint values that a controller of this convention shows, under its names J1 to J6.
@@ -71,10 +55,8 @@ protected:
     return outcome;
   }
 
-  ErrorModel model = complete_model(fanuc());
-  Random random{1};
-  VirtualRobot truth;
-  Measurements measured;
+  VirtualExperiment experiment;
+  Measurements measured = at(experiment.configurations(20));
 };
 
 // ---- calibrate -----------------------------------------------------------------------------------------------------
@@ -130,7 +112,7 @@ TEST_F(CommandLineWarnings, CalibrateDoubtsAMisfitThatNoGeometryExplains) {
 }
 
 TEST_F(CommandLineWarnings, CalibrateKeepsTheNominalRobotWhereNothingIsGained) {
-  truth.truth.errors.setZero();
+  experiment.robot.truth.errors.setZero();
   write("m.csv", measurements_csv(at(measured.joint_values)));
   expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--effects", "none", "--prior", "none"}, 1,
          {kFileDoesNotSaySo},
@@ -190,7 +172,7 @@ TEST_F(CommandLineWarnings, CalibrateStatesSingleFindingsWithoutDoubt) {
   expect(calibrated(precise), 0, {"the residuals are [0-9.]+ times the stated noise; .*"});
 
   Eigen::MatrixXd outside = measured.joint_values;
-  outside(1, 4) = *model.joints[1].upper + 0.1;
+  outside(1, 4) = *experiment.model.joints[1].upper + 0.1;
   expect(calibrated(at(outside)), 0, {"1 of 20 configurations have joint values outside the limits of the URDF"});
 
   Eigen::MatrixXd off = measured.joint_values;
@@ -268,8 +250,8 @@ TEST_F(CommandLineWarnings, ValidateStatesTheMisfitOfBothReadings) {
 
 TEST_F(CommandLineWarnings, KinematicsNameTheJointsOutsideTheirLimits) {
   const auto joints = [&](double beyond) {
-    return nlohmann::json(*model.joints[1].upper + beyond).dump() + "," +
-           nlohmann::json(*model.joints[2].lower - beyond).dump();
+    return nlohmann::json(*experiment.model.joints[1].upper + beyond).dump() + "," +
+           nlohmann::json(*experiment.model.joints[2].lower - beyond).dump();
   };
   for (const char* subcommand : {"fk", "jacobian"}) {
     expect({subcommand, "--joints", "0," + joints(0.0) + ",0,0,0"}, 0, {});

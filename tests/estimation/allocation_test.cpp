@@ -10,9 +10,8 @@
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 #if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
 
@@ -32,14 +31,10 @@ namespace kdl_calibration {
 namespace {
 
 long allocations_of_a_pass(int configurations, const ResidualOptions& options) {
-  static const ErrorModel model = complete_model(testing::fanuc());
-  static const Unknowns free = Unknowns(model, published_targets(), reduced_model(model, published_targets()).kept);
-  Random random(1);
-  const VirtualRobot robot = virtual_robot(model, free.geometric(), published_targets(), {}, random);
-  const Measurements measured =
-      measure(robot, random_configurations(published_ranges(model.joints), configurations, random), {}, random);
-  const LeastSquaresProblem problem(model, measured, free, options);
-  const Estimate start{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+  testing::VirtualExperiment experiment({.ranges = published_ranges});
+  const Measurements measured = experiment.measure(configurations);
+  const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options);
+  const Estimate start{.errors = Eigen::VectorXd::Zero(experiment.robot.truth.errors.size()),
                        .targets = published_targets()};
   LeastSquaresProblem::Workspace workspace;
   NormalEquations equations;

@@ -11,36 +11,28 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
 
 using testing::fanuc;
+using testing::VirtualExperiment;
 
-/// The published experiment: true errors of the irreducible model, 30 configurations, three tools.
-struct Experiment {
-  ErrorModel model = complete_model(fanuc());
-  Reduction reduction = reduced_model(model, published_targets());
-  std::vector<std::size_t> with_errors;
-  Unknowns free = Unknowns(model, published_targets(), reduction.kept);
-
-  Experiment() {
-    with_errors = free.geometric();
-    for (const GaugeParameter& gauge : reduction.gauge) {
-      with_errors.push_back(parameter_index(model, gauge.name));
-    }
-  }
-
-  VirtualRobot robot(Random& random, const ErrorSizes& sizes = {}) const {
-    return virtual_robot(model, with_errors, published_targets(), sizes, random);
-  }
-};
+/// The published experiment: true errors of the irreducible model and its gauge, three tools.
+VirtualExperiment published(std::uint64_t seed = 1, const ErrorSizes& sizes = {}) {
+  static const ErrorModel model = complete_model(fanuc());
+  static const Reduction reduction = reduced_model(model, published_targets());
+  return VirtualExperiment({.with_errors = with_true_errors(model, reduction, false),
+                            .sizes = sizes,
+                            .ranges = published_ranges,
+                            .random = Random(seed)});
+}
 
 /// 3D RMS of what the estimate predicts against the truth at fresh configurations.
-double held_out_rms(const VirtualRobot& robot, const Estimate& estimate, const JointRanges& ranges, int count,
-                    Random& random) {
-  const Eigen::MatrixXd q = random_configurations(ranges, count, random);
+double held_out_rms(VirtualExperiment& experiment, const Estimate& estimate, int count) {
+  const Eigen::MatrixXd q = experiment.configurations(count);
+  const VirtualRobot& robot = experiment.robot;
   const FoldedChain truth = folded(robot.model, robot.truth.errors);
   const FoldedChain found = folded(robot.model, estimate.errors);
   double sum = 0.0;
@@ -56,19 +48,17 @@ double held_out_rms(const VirtualRobot& robot, const Estimate& estimate, const J
 }
 
 TEST(Identification, RecoversThePublishedExperimentToRounding) {
-  const Experiment experiment;
+  VirtualExperiment experiment = published();
   int most_iterations = 0;
   double worst = 0.0;
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
-    Random random(seed);
-    const VirtualRobot robot = experiment.robot(random);
-    const JointRanges ranges = published_ranges(experiment.model.joints);
-    const Measurements measured = measure(robot, random_configurations(ranges, 30, random), {}, random);
+    experiment.restart(Random(seed));
+    const Measurements measured = experiment.measure(30);
     const Identification found =
         identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
     ASSERT_EQ(found.termination, Termination::converged) << seed << ": " << found.message;
     ASSERT_LE(found.iterations, 8) << seed;
-    const double held_out = held_out_rms(robot, found.estimate, ranges, 100, random);
+    const double held_out = held_out_rms(experiment, found.estimate, 100);
     ASSERT_LE(held_out, 1e-12) << seed;
     most_iterations = std::max(most_iterations, found.iterations);
     worst = std::max(worst, held_out);
@@ -80,17 +70,15 @@ TEST(Identification, RecoversThePublishedExperimentToRounding) {
 
 TEST(Identification, AveragesNoiseAsTheoryPredicts) {
   // sigma sqrt(33 / 90) = 0.0182 mm is the floor; random configurations come to 0.0207 mm +- 4 %.
-  const Experiment experiment;
+  VirtualExperiment experiment = published();
   double sum = 0.0;
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
-    Random random(seed);
-    const VirtualRobot robot = experiment.robot(random);
-    const JointRanges ranges = published_ranges(experiment.model.joints);
-    const Measurements measured = measure(robot, random_configurations(ranges, 30, random), {.sigma = 0.00003}, random);
+    experiment.restart(Random(seed));
+    const Measurements measured = experiment.measure(30, {.sigma = 0.00003});
     const Identification found =
         identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
     ASSERT_EQ(found.termination, Termination::converged) << seed << ": " << found.message;
-    sum += held_out_rms(robot, found.estimate, ranges, 100, random);
+    sum += held_out_rms(experiment, found.estimate, 100);
   }
   const double mean = sum / 200.0;
   std::cout << "mean held out " << mean * 1e3 << " mm\n";
@@ -100,12 +88,11 @@ TEST(Identification, AveragesNoiseAsTheoryPredicts) {
 // The normal equations square the condition number, but their gradient comes from the residuals: each step refines what
 // the one before left, and the end is where an orthogonal factorisation of the stacked Jacobian would go no further.
 TEST(Identification, ReachesTheOptimumOfAnOrthogonalFactorisation) {
-  const Experiment experiment;
+  VirtualExperiment experiment = published(21, {.length = 0.001, .angle = 0.002});
   for (const double range : {1.5, 0.2, 0.05}) {
-    Random random(21);
-    const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.002});
-    const JointRanges ranges(experiment.model.joints.size(), {0.3 - range, 0.3 + range});
-    const Measurements measured = measure(robot, random_configurations(ranges, 60, random), {.sigma = 0.00003}, random);
+    experiment.ranges.assign(experiment.model.joints.size(), {0.3 - range, 0.3 + range});
+    experiment.restart(Random(21));
+    const Measurements measured = experiment.measure(60, {.sigma = 0.00003});
     const Identification found =
         identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
     ASSERT_EQ(found.termination, Termination::converged) << range << ": " << found.message;
@@ -126,16 +113,12 @@ TEST(Identification, ReachesTheOptimumOfAnOrthogonalFactorisation) {
 }
 
 TEST(Identification, GradientAndHessianAreThoseOfTheStackedJacobian) {
-  const Experiment experiment;
-  Random random(11);
-  const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  const Measurements measured =
-      measure(robot, random_configurations(published_ranges(experiment.model.joints), 7, random),
-              {.sigma = 0.001, .repeats = 3}, random);
+  VirtualExperiment experiment = published(11, {.length = 0.001, .angle = 0.001});
+  const Measurements measured = experiment.measure(7, {.sigma = 0.001, .repeats = 3});
   const LeastSquaresProblem problem(experiment.model, measured, experiment.free,
                                     {.priors = {.length = 0.002, .angle = 0.003}});
   Estimate start = nominal_start(experiment.model, measured);
-  start.errors = testing::random_errors(experiment.model, random, 0.001, 0.001);  // which the priors pull at
+  start.errors = testing::random_errors(experiment.model, experiment.random, 0.001, 0.001);  // which the priors pull at
   const NormalEquations equations = problem.linearise(start);
   const Eigen::MatrixXd jacobian = problem.whitened(start).jacobian;
   EXPECT_LT((jacobian.transpose() * jacobian - equations.hessian).norm(), 1e-12 * equations.hessian.norm());
@@ -150,11 +133,8 @@ TEST(Identification, GradientAndHessianAreThoseOfTheStackedJacobian) {
 }
 
 TEST(Identification, TheOrderOfTheRowsDoesNotMatter) {
-  const Experiment experiment;
-  Random random(17);
-  const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  Measurements sorted = measure(robot, random_configurations(published_ranges(experiment.model.joints), 40, random),
-                                {.sigma = 0.001, .repeats = 2}, random);
+  VirtualExperiment experiment = published(17, {.length = 0.001, .angle = 0.001});
+  Measurements sorted = experiment.measure(40, {.sigma = 0.001, .repeats = 2});
   for (Observation& observation : sorted.observations) {
     observation.split = observation.configuration == 5 ? Split::test : Split::train;
   }
@@ -163,18 +143,18 @@ TEST(Identification, TheOrderOfTheRowsDoesNotMatter) {
   });
   Measurements mixed = sorted;
   for (std::size_t i = mixed.observations.size(); i > 1; --i) {
-    std::swap(mixed.observations[i - 1], mixed.observations[random.bits() % i]);
+    std::swap(mixed.observations[i - 1], mixed.observations[experiment.random.bits() % i]);
   }
   const LeastSquaresProblem problem(experiment.model, mixed, experiment.free);
   const LeastSquaresProblem expected(experiment.model, sorted, experiment.free);
   EXPECT_EQ(problem.equations(), expected.equations());
   EXPECT_NEAR(problem.cost_of_repeats(), expected.cost_of_repeats(), 1e-12 * expected.cost_of_repeats());
-  const NormalEquations a = problem.linearise(robot.truth);
-  const NormalEquations b = expected.linearise(robot.truth);
+  const NormalEquations a = problem.linearise(experiment.robot.truth);
+  const NormalEquations b = expected.linearise(experiment.robot.truth);
   EXPECT_NEAR(a.cost, b.cost, 1e-12 * b.cost);
   EXPECT_LT((a.hessian - b.hessian).norm(), 1e-12 * b.hessian.norm());
   EXPECT_LT((a.gradient - b.gradient).norm(), 1e-12 * b.hessian.norm());
-  const Eigen::MatrixXd jacobian = problem.whitened(robot.truth).jacobian;
+  const Eigen::MatrixXd jacobian = problem.whitened(experiment.robot.truth).jacobian;
   EXPECT_LT((jacobian.transpose() * jacobian - a.hessian).norm(), 1e-12 * a.hessian.norm());
 }
 
@@ -240,11 +220,8 @@ NormalEquations written_out(const ErrorModel& model, const Measurements& measure
 }
 
 TEST(Identification, CorrelatedNoiseOfEveryKindIsThatOfTheWholeCovariance) {
-  const Experiment experiment;
-  Random random(20);
-  const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  Measurements measured = measure(robot, random_configurations(published_ranges(experiment.model.joints), 42, random),
-                                  {.sigma = 0.0002, .repeats = 2}, random);
+  VirtualExperiment experiment = published(20, {.length = 0.001, .angle = 0.001});
+  Measurements measured = experiment.measure(42, {.sigma = 0.0002, .repeats = 2});
   std::erase_if(measured.observations, [](const Observation& o) {
     return (o.configuration % 4 == 1 && o.repeat == 2) || (o.configuration % 5 == 2 && o.target == o.repeat);
   });
@@ -274,12 +251,9 @@ TEST(Identification, CorrelatedNoiseOfEveryKindIsThatOfTheWholeCovariance) {
 }
 
 TEST(Identification, WhatManyCorrelatedPointsSayIsWhatTheirRowsSay) {
-  const Experiment experiment;
-  Random random(21);
-  const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
+  VirtualExperiment experiment = published(21, {.length = 0.001, .angle = 0.001});
   const int count = static_cast<int>(LeastSquaresProblem::kManyConfigurations) + 13;
-  Measurements measured =
-      measure(robot, random_configurations(published_ranges(experiment.model.joints), count, random), {}, random);
+  Measurements measured = experiment.measure(count);
   std::erase_if(measured.observations, [](const Observation& o) { return o.configuration % 7 == 3 && o.target == 1; });
   NoiseModel noise;
   noise.independent.setConstant(3e-5);
@@ -314,11 +288,8 @@ TEST(Identification, WhatManyCorrelatedPointsSayIsWhatTheirRowsSay) {
 }
 
 TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
-  const Experiment experiment;
-  Random random(17);
-  const VirtualRobot robot = experiment.robot(random);
-  const Measurements all = measure(robot, random_configurations(published_ranges(experiment.model.joints), 12, random),
-                                   {.sigma = 0.001, .repeats = 2}, random);
+  VirtualExperiment experiment = published(17);
+  const Measurements all = experiment.measure(12, {.sigma = 0.001, .repeats = 2});
   const auto left_out = [](const Observation& o) { return o.configuration == 4 || o.configuration % 5 == o.target; };
   Measurements some = all;
   std::erase_if(some.observations, left_out);
@@ -342,8 +313,8 @@ TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
       }
       const LeastSquaresProblem problem(experiment.model, a, experiment.free, weighted);
       const LeastSquaresProblem expected(experiment.model, b, experiment.free, plain);
-      const NormalEquations found = problem.linearise(robot.truth);
-      const NormalEquations known = expected.linearise(robot.truth);
+      const NormalEquations found = problem.linearise(experiment.robot.truth);
+      const NormalEquations known = expected.linearise(experiment.robot.truth);
       EXPECT_EQ(problem.equations(), expected.equations());
       EXPECT_NEAR(problem.total_weight(), expected.total_weight(), 1e-12 * expected.total_weight());
       EXPECT_NEAR(found.cost, known.cost, 1e-12 * known.cost);
@@ -353,11 +324,8 @@ TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
 }
 
 TEST(Identification, RefusesNoiseThatIsNoCovariance) {
-  const Experiment experiment;
-  Random random(18);
-  const VirtualRobot robot = experiment.robot(random);
-  const Measurements measured = measure(
-      robot, random_configurations(published_ranges(experiment.model.joints), 30, random), {.sigma = 1e-4}, random);
+  VirtualExperiment experiment = published(18);
+  const Measurements measured = experiment.measure(30, {.sigma = 1e-4});
   const auto equations = [&](const Eigen::Vector3d& independent, double common) {
     Measurements m = measured;
     for (Observation& observation : m.observations) {
@@ -366,7 +334,7 @@ TEST(Identification, RefusesNoiseThatIsNoCovariance) {
     ResidualOptions options;
     options.noise.independent = independent;
     options.noise.common.setConstant(common);
-    return LeastSquaresProblem(experiment.model, m, experiment.free, options).linearise(robot.truth);
+    return LeastSquaresProblem(experiment.model, m, experiment.free, options).linearise(experiment.robot.truth);
   };
   EXPECT_THROW(equations({1e-4, 0.0, 1e-4}, 0.0), InputError);
   EXPECT_THROW(equations({1e-4, 0.0, 1e-4}, 1e-3), InputError);
@@ -387,54 +355,38 @@ TEST(Identification, StatedSigmasAreTheCovarianceOfTheirPoints) {
 }
 
 TEST(Identification, ResidualAndGradientVanishAtTheTruth) {
-  const Experiment experiment;
-  Random random(12);
-  const VirtualRobot robot = experiment.robot(random);
-  const Measurements measured =
-      measure(robot, random_configurations(published_ranges(experiment.model.joints), 10, random), {}, random);
+  VirtualExperiment experiment = published(12);
+  const Measurements measured = experiment.measure(10);
   const NormalEquations equations =
-      LeastSquaresProblem(experiment.model, measured, experiment.free).linearise(robot.truth);
+      LeastSquaresProblem(experiment.model, measured, experiment.free).linearise(experiment.robot.truth);
   EXPECT_LT(equations.cost, 1e-26);
   EXPECT_LT(equations.gradient.norm(), 1e-12);
 }
 
-struct MeasuredFrame {
-  ErrorModel model;
-  std::vector<TargetFrame> targets;
-  Unknowns free;
-};
-
-MeasuredFrame odd_arm_with_a_measured_frame() {
-  MeasuredFrame result{
-      .model = complete_model(parse_robot(testing::kOddArm)), .targets = generic_targets(1), .free = {}};
-  result.targets[0].with_orientation = true;
-  result.free = Unknowns(result.model, result.targets, reduced_model(result.model, result.targets).kept);
-  return result;
+VirtualExperiment odd_arm_with_a_measured_frame(std::uint64_t seed, const ErrorSizes& sizes) {
+  return VirtualExperiment({.model = complete_model(parse_robot(testing::kOddArm)),
+                            .targets = testing::as_frames(generic_targets(1)),
+                            .sizes = sizes,
+                            .random = Random(seed)});
 }
 
 TEST(Identification, RecoversMeasuredFramesOfAnOddArm) {
-  const auto [model, targets, free] = odd_arm_with_a_measured_frame();
-  Random random(13);
+  VirtualExperiment arm = odd_arm_with_a_measured_frame(13, {.length = 0.0025, .angle = 0.02});
+  arm.X_WB.translation() = Eigen::Vector3d(5.0, -3.0, 1.0);
   for (int trial = 0; trial < 20; ++trial) {
-    Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
-    X_WB.linear() = rotation_exp(2.0 * Eigen::Vector3d(random.normal(), random.normal(), random.normal()));
-    X_WB.translation() = Eigen::Vector3d(5.0, -3.0, 1.0);
-    const VirtualRobot robot =
-        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.0025, .angle = 0.02}, random), X_WB);
-    const JointRanges ranges = limits_of(model.joints);
-    const Measurements measured = measure(robot, random_configurations(ranges, 40, random), {}, random);
-    const Identification found = identify_jointly(model, measured, nominal_start(model, measured), free);
+    const Eigen::Vector3d turn = 2.0 * Eigen::Vector3d::NullaryExpr([&] { return arm.random.normal(); });
+    arm.X_WB.linear() = rotation_exp(turn);
+    arm.draw_robot();
+    const Measurements measured = arm.measure(40);
+    const Identification found = identify_jointly(arm.model, measured, nominal_start(arm.model, measured), arm.free);
     ASSERT_EQ(found.termination, Termination::converged) << found.message;
-    ASSERT_LE(held_out_rms(robot, found.estimate, ranges, 100, random), 1e-12);
+    ASSERT_LE(held_out_rms(arm, found.estimate, 100), 1e-12);
   }
 }
 
 TEST(Identification, RepeatedOrientationsCountWithTheirMean) {
-  const auto [model, targets, free] = odd_arm_with_a_measured_frame();
-  Random random(16);
-  const VirtualRobot robot = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.01}, random);
-  const Measurements repeated = measure(robot, random_configurations(limits_of(model.joints), 20, random),
-                                        {.orientation_sigma = 1e-4, .repeats = 3}, random);
+  VirtualExperiment arm = odd_arm_with_a_measured_frame(16, {.length = 0.001, .angle = 0.01});
+  const Measurements repeated = arm.measure(20, {.orientation_sigma = 1e-4, .repeats = 3});
   Measurements apart = repeated;  // every repeat as a configuration of its own
   apart.joint_values.resize(repeated.joint_values.rows(), 60);
   apart.configurations.resize(60);
@@ -444,19 +396,17 @@ TEST(Identification, RepeatedOrientationsCountWithTheirMean) {
     observation.configuration = static_cast<std::int32_t>(column);
     observation.repeat = 1;
   }
-  const Estimate start = nominal_start(model, repeated);
-  const Eigen::VectorXd gradient = LeastSquaresProblem(model, repeated, free).linearise(start).gradient;
-  const Eigen::VectorXd expected = LeastSquaresProblem(model, apart, free).linearise(start).gradient;
+  const Estimate start = nominal_start(arm.model, repeated);
+  const Eigen::VectorXd gradient = LeastSquaresProblem(arm.model, repeated, arm.free).linearise(start).gradient;
+  const Eigen::VectorXd expected = LeastSquaresProblem(arm.model, apart, arm.free).linearise(start).gradient;
   EXPECT_LT((gradient - expected).norm(), 1e-6 * expected.norm());  // the mean is exact to the square of the noise
 }
 
 TEST(Identification, SaysWhenTheMeasurementsDoNotDetermineAllParameters) {
-  const Experiment experiment;
-  Random random(14);
-  const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  Eigen::MatrixXd q = random_configurations(published_ranges(experiment.model.joints), 30, random);
+  VirtualExperiment experiment = published(14, {.length = 0.001, .angle = 0.001});
+  Eigen::MatrixXd q = experiment.configurations(30);
   q.row(4).setZero();  // the fifth joint never moves
-  const Measurements measured = measure(robot, q, {.sigma = 0.00003}, random);
+  const Measurements measured = experiment.measure(q, {.sigma = 0.00003});
   const Identification found =
       identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
   EXPECT_EQ(found.termination, Termination::rank_deficient) << found.message;
@@ -464,11 +414,8 @@ TEST(Identification, SaysWhenTheMeasurementsDoNotDetermineAllParameters) {
 }
 
 TEST(Identification, RefusesFewerEquationsThanUnknowns) {
-  const Experiment experiment;
-  Random random(15);
-  const Measurements measured =
-      measure(experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 3, random), {},
-              random);
+  VirtualExperiment experiment = published(15);
+  const Measurements measured = experiment.measure(3);
   try {
     identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
     FAIL() << "27 coordinates cannot determine 33 unknowns";
@@ -479,11 +426,8 @@ TEST(Identification, RefusesFewerEquationsThanUnknowns) {
 }
 
 TEST(Identification, StopsAtTheIterationLimit) {
-  const Experiment experiment;
-  Random random(16);
-  const Measurements measured =
-      measure(experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 30, random),
-              {}, random);
+  VirtualExperiment experiment = published(16);
+  const Measurements measured = experiment.measure(30);
   const Identification found = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
                                                 experiment.free, {.max_iterations = 2});
   EXPECT_EQ(found.termination, Termination::iteration_limit);
@@ -491,11 +435,8 @@ TEST(Identification, StopsAtTheIterationLimit) {
 }
 
 TEST(Identification, StrongPriorsKeepTheNominalGeometry) {
-  const Experiment experiment;
-  Random random(17);
-  const VirtualRobot robot = experiment.robot(random, {.length = 0.001, .angle = 0.001});
-  const Measurements measured = measure(
-      robot, random_configurations(published_ranges(experiment.model.joints), 30, random), {.sigma = 0.00003}, random);
+  VirtualExperiment experiment = published(17, {.length = 0.001, .angle = 0.001});
+  const Measurements measured = experiment.measure(30, {.sigma = 0.00003});
   const Estimate start = nominal_start(experiment.model, measured);
   const Identification held = identify_jointly(experiment.model, measured, start, experiment.free,
                                                {.residuals = {.priors = {.length = 1e-12, .angle = 1e-12}}});
@@ -507,18 +448,16 @@ TEST(Identification, StrongPriorsKeepTheNominalGeometry) {
 }
 
 void expect_a_tenth_of_a_millimetre_of_two_steps(std::uint64_t seeds) {
-  const Experiment experiment;
-  const JointRanges ranges = published_ranges(experiment.model.joints);
+  VirtualExperiment experiment = published();
   double log_factor = 0.0;
   for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
-    Random random(seed);
-    const VirtualRobot robot = experiment.robot(random);
-    const auto fresh = [&](int) { return measure(robot, random_configurations(ranges, 30, random), {}, random); };
+    experiment.restart(Random(seed));
+    const auto fresh = [&](int) { return experiment.measure(30); };
     const Estimate start = nominal_start(experiment.model, fresh(0));
     const Identification found =
         identify_in_two_steps(experiment.model, fresh, start, experiment.free.geometric(), {.rounds = 40});
     ASSERT_NE(found.termination, Termination::diverged) << seed << ": " << found.message;
-    ASSERT_LE(held_out_rms(robot, found.estimate, ranges, 100, random), 1e-4) << seed;
+    ASSERT_LE(held_out_rms(experiment, found.estimate, 100), 1e-4) << seed;
     log_factor += std::log(found.convergence_factor) / static_cast<double>(seeds);
   }
   const double factor = std::exp(log_factor);
@@ -536,11 +475,8 @@ TEST(IdentificationLongRun, TwoStepsWithFreshConfigurationsReachATenthOfAMillime
 }
 
 TEST(Identification, TwoStepsWithRecordedConfigurationsConvergeMoreSlowlyToTheTruth) {
-  const Experiment experiment;
-  const JointRanges ranges = published_ranges(experiment.model.joints);
-  Random random(3);
-  const VirtualRobot robot = experiment.robot(random);
-  const Measurements recorded = measure(robot, random_configurations(ranges, 30, random), {}, random);
+  VirtualExperiment experiment = published(3);
+  const Measurements recorded = experiment.measure(30);
   const Estimate start = nominal_start(experiment.model, recorded);
   const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return Measurements(recorded); },
                                                         start, experiment.free.geometric(), {.rounds = 600});
@@ -548,15 +484,12 @@ TEST(Identification, TwoStepsWithRecordedConfigurationsConvergeMoreSlowlyToTheTr
   EXPECT_EQ(two_step.termination, Termination::converged) << two_step.message;
   EXPECT_GT(two_step.convergence_factor, 0.65);
   EXPECT_LT(two_step.convergence_factor, 1.0);
-  EXPECT_LT(held_out_rms(robot, two_step.estimate, ranges, 100, random), 1e-9);
+  EXPECT_LT(held_out_rms(experiment, two_step.estimate, 100), 1e-9);
 }
 
 TEST(Identification, TwoStepsThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) {
-  const Experiment experiment;
-  Random random(3);
-  const Measurements recorded =
-      measure(experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 30, random),
-              {}, random);
+  VirtualExperiment experiment = published(3);
+  const Measurements recorded = experiment.measure(30);
   const Estimate start = nominal_start(experiment.model, recorded);
   const auto factor = [&](const TwoStepOptions& options) {
     return identify_in_two_steps(
@@ -570,12 +503,9 @@ TEST(Identification, TwoStepsThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) 
 
 TEST(Identification, TwoStepsWithNoiseEndNearTheJointOptimum) {
   // Near it, not at it: the published A turns the base about the flange's lever alone, without the tool's.
-  const Experiment experiment;
-  Random random(4);
+  VirtualExperiment experiment = published(4);
   const double sigma = 0.00003;
-  const Measurements recorded =
-      measure(experiment.robot(random), random_configurations(published_ranges(experiment.model.joints), 30, random),
-              {.sigma = sigma}, random);
+  const Measurements recorded = experiment.measure(30, {.sigma = sigma});
   const Estimate start = nominal_start(experiment.model, recorded);
   const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return Measurements(recorded); },
                                                         start, experiment.free.geometric(), {.rounds = 600});

@@ -10,7 +10,7 @@
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -66,12 +66,14 @@ protected:
 
   // Twice each, but for some rows; every seventh configuration is held out, and one point was never seen.
   Measurements measured_with(std::uint64_t seed) {
-    Random random(seed);
-    const VirtualRobot robot =
-        virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.002}, random);
-    truth = robot.truth;
-    Measurements all = measure(robot, random_configurations(published_ranges(model.joints), 40, random),
-                               {.orientation_sigma = kOrientationSigma, .repeats = 2}, random);
+    testing::VirtualExperiment experiment({.model = model,
+                                           .targets = targets,
+                                           .sizes = {.length = 0.001, .angle = 0.002},
+                                           .ranges = published_ranges,
+                                           .random = Random(seed)});
+    truth = experiment.robot.truth;
+    Measurements all = experiment.measure(40, {.orientation_sigma = kOrientationSigma, .repeats = 2});
+    Random& random = experiment.random;
     for (Observation& o : all.observations) {
       o.sigma = 0.0;
       o.split = o.configuration % 7 == 3 ? Split::test : Split::train;

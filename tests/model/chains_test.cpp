@@ -3,14 +3,15 @@
 #include <gmock/gmock.h>
 
 #include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
+
+using testing::VirtualExperiment;
 
 std::string joint(const std::string& name, const std::string& type, const std::string& parent, const std::string& child,
                   const std::string& xyz, const std::string& rpy, const std::string& axis) {
@@ -86,24 +87,20 @@ TEST_P(AnyChain, RankIsWhatTheorySays) {
 TEST_P(AnyChain, IsRecoveredToRounding) {
   const Robot robot = parse_robot(GetParam().urdf);
   const ErrorModel model = complete_model(robot);
-  const std::vector<TargetFrame> targets = generic_targets(3);
-  const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
-  Random random(1);
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.linear() = rotation_exp(Eigen::Vector3d(0.5, -2.0, 1.0));
   X_WB.translation() = Eigen::Vector3d(3.0, -4.0, 0.5);
-  for (int trial = 0; trial < 10; ++trial) {
-    const VirtualRobot truth =
-        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.005}, random), X_WB);
-    const Measurements train = measure(truth, random_configurations(limits_of(model.joints), 60, random), {}, random);
-    const Measurements test =
-        measure(truth, random_configurations(limits_of(model.joints), 100, random), {}, random, Split::test);
+  VirtualExperiment experiment(
+      {.model = model, .targets = generic_targets(3), .sizes = {.length = 0.001, .angle = 0.005}, .X_WB = X_WB});
+  for (int trial = 0; trial < 10; ++trial, experiment.draw_robot()) {
+    const Measurements train = experiment.measure(60);
+    const Measurements test = experiment.measure(100, {}, Split::test);
     const Calibration found = calibrate(model, joined(train, test));
     ASSERT_TRUE(found.trusted()) << found.identification.message;
     ASSERT_LE(found.test->after.rms, 1e-12);
     ASSERT_LE(found.difference_to_kdl, 1e-12);
     const Robot exported = parse_robot(calibrated_urdf(robot, model, found.exported.estimate.errors));
-    const Eigen::VectorXd q = random_configurations(limits_of(model.joints), 1, random).col(0);
+    const Eigen::VectorXd q = experiment.configurations(1).col(0);
     ASSERT_LT(testing::difference(testing::kdl_pose(exported.chain, q),
                                   testing::kdl_pose(error_chain(model, found.exported.estimate.errors), q)),
               1e-12);
@@ -140,14 +137,10 @@ TEST(Chains, ATipInTheMiddleOfATreeLeavesTheRestUntouched) {
 }
 
 TEST(Chains, MissingTargetsAndManyTargetsAreNormal) {
-  const ErrorModel model = complete_model(testing::fanuc());
-  const std::vector<TargetFrame> targets = generic_targets(20);
-  const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
-  Random random(2);
-  const VirtualRobot truth = virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
-  const Measurements all = measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random);
+  VirtualExperiment experiment({.targets = generic_targets(20), .random = Random(2)});
+  const Measurements all = experiment.measure(30);
   const Measurements some = subset(all, [](const Observation& o) { return (o.configuration + 3 * o.target) % 4 != 0; });
-  const Calibration found = calibrate(model, some);
+  const Calibration found = calibrate(experiment.model, some);
   ASSERT_TRUE(found.trusted()) << found.identification.message;
   EXPECT_EQ(found.identifiability.rank, 24 + 60);
   EXPECT_LE(found.train.after.max, 1e-12);
@@ -156,21 +149,19 @@ TEST(Chains, MissingTargetsAndManyTargetsAreNormal) {
 TEST(Chains, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
   // Range 10 um, transverse 20 um + 15 um/m: at 8 m the transverse error is fourteen times the other. Knowing that
   // must predict better than ignoring it.
-  const ErrorModel model = complete_model(testing::fanuc());
-  const std::vector<TargetFrame> targets = published_targets();
-  const Unknowns free = Unknowns(model, targets, reduced_model(model, targets).kept);
   const TrackerNoise tracker{.range = 1e-5, .transverse = 2e-5, .transverse_per_metre = 1.5e-5};
-  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
-  X_WB.translation() = Eigen::Vector3d(8.0, 0.0, 0.0);
+  VirtualExperiment experiment({.X_WB = Eigen::Isometry3d(Eigen::Translation3d(8.0, 0.0, 0.0))});
+  const ErrorModel& model = experiment.model;
+  const Unknowns& free = experiment.free;
   double with = 0.0;
   double without = 0.0;
   double chi_square = 0.0;
   const int runs = 40;
   for (int run = 0; run < runs; ++run) {
-    Random random(9, static_cast<std::uint64_t>(run));
-    const VirtualRobot truth =
-        placed(virtual_robot(model, free.geometric(), targets, {.length = 0.001, .angle = 0.001}, random), X_WB);
-    Measurements measured = measure(truth, random_configurations(limits_of(model.joints), 30, random), {}, random);
+    experiment.restart(Random(9, static_cast<std::uint64_t>(run)));
+    Random& random = experiment.random;
+    const Estimate& truth = experiment.robot.truth;
+    Measurements measured = experiment.measure(30);
     for (Observation& o : measured.observations) {
       const double distance = o.position.norm();
       const Eigen::Vector3d line = o.position / distance;
@@ -181,14 +172,14 @@ TEST(Chains, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
     const Estimate start = nominal_start(model, measured);
     JointOptions whitened;
     whitened.residuals.noise.tracker = tracker;
-    const Eigen::MatrixXd fresh = random_configurations(limits_of(model.joints), 50, random);
+    const Eigen::MatrixXd fresh = experiment.configurations(50);
     const auto held_out = [&](const Estimate& estimate) {
       const auto ours = flange_poses(model, estimate, fresh);
-      const auto real = flange_poses(model, truth.truth, fresh);
+      const auto real = flange_poses(model, truth, fresh);
       double sum = 0.0;
       for (std::size_t c = 0; c < ours.size(); ++c) {
         sum += (estimate.X_WB * (ours[c] * estimate.targets[0].X_FT.translation()) -
-                truth.truth.X_WB * (real[c] * truth.truth.targets[0].X_FT.translation()))
+                truth.X_WB * (real[c] * truth.targets[0].X_FT.translation()))
                    .squaredNorm();
       }
       return sum;

@@ -12,10 +12,9 @@
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "refusal.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -481,16 +480,14 @@ TEST(JointEffects, IsIdentifiedFromMeasurements) {
   for (const EffectTerm& gain : gain_terms(model)) {
     model.effects.push_back(gain);
   }
-  Random random(3);
-  const std::vector<TargetFrame> targets = published_targets();
-  const Unknowns rigid(model, targets, reduced_model(model, targets).kept);
-  VirtualRobot robot = virtual_robot(model, rigid.geometric(), targets, {.length = 0.001, .angle = 0.001}, random);
+  testing::VirtualExperiment experiment({.model = model, .random = Random(3)});
+  VirtualRobot& robot = experiment.robot;
   robot.truth.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.effects.size()));
   robot.truth.effects.head<4>() << 0.001, -0.0005, 0.0008, 0.0002;
-  const Measurements measured = measure(robot, random_configurations(limits_of(model.joints), 60, random), {}, random);
+  const Measurements measured = experiment.measure(60);
   std::vector<std::size_t> effects(model.effects.size());
   std::iota(effects.begin(), effects.end(), 0U);
-  const Unknowns free = rigid.with(model, UnknownGroup::effects, effects);
+  const Unknowns free = experiment.free.with(model, UnknownGroup::effects, effects);
   const Identification found = identify_jointly(model, measured, nominal_start(model, measured), free);
   ASSERT_EQ(found.termination, Termination::converged) << found.message;
   EXPECT_LT((found.estimate.effects - robot.truth.effects).cwiseAbs().maxCoeff(), 1e-9);

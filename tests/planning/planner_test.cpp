@@ -10,7 +10,7 @@
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "refusal.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -72,12 +72,12 @@ TEST(Planner, APlanForSaggingArmsTellsMoreOfThem) {
 
 TEST(Planner, OnTopOfACalibrationItsTermsAreTheOnesItFound) {
   const Robot robot = testing::fanuc();
-  Random random(5);
   const ErrorModel model = complete_model(robot);
-  VirtualRobot arm = virtual_robot(model, {2, 4, 8}, published_targets(), {.length = 5e-4, .angle = 5e-4}, random);
-  const MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
-  add_effects(arm, {EffectGroup::gravity}, q, 3e-4, random);
-  const Measurements measured = measure(arm, q, {.sigma = 3e-5}, random);
+  testing::VirtualExperiment arm(
+      {.model = model, .with_errors = {{2, 4, 8}}, .sizes = {.length = 5e-4, .angle = 5e-4}, .random = Random(5)});
+  const MatrixXd q = arm.configurations(60);
+  add_effects(arm.robot, {EffectGroup::gravity}, q, 3e-4, arm.random);
+  const Measurements measured = arm.measure(q, {.sigma = 3e-5});
   const CalibrationOptions options{
       .effects = {.groups = {EffectGroup::gravity}}, .held_out = false, .try_readings = false};
   const Calibration found = calibrate(model, measured, options);

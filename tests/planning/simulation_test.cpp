@@ -9,20 +9,13 @@
 
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
 
+using testing::all_parameters;
 using testing::fanuc;
-
-std::vector<std::size_t> all_parameters(const ErrorModel& model) {
-  std::vector<std::size_t> all(model.parameters.size());
-  for (std::size_t p = 0; p < all.size(); ++p) {
-    all[p] = p;
-  }
-  return all;
-}
 
 TEST(Simulation, DrawsErrorsOfTheStatedSizes) {
   const ErrorModel model = complete_model(fanuc());

@@ -1,6 +1,5 @@
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/reduction.hpp"
 
 #include <gmock/gmock.h>
 
@@ -11,7 +10,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -23,20 +22,10 @@ using Eigen::VectorXd;
 class TruthComparison : public ::testing::Test {
 protected:
   void SetUp() override {
-    std::vector<std::size_t> all;
-    for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-      if (model.parameters[p].frame > 0 || model.parameters[p].kind == ParameterKind::joint_offset) {
-        all.push_back(p);
-      }
-    }
-    truth = virtual_robot(model, all, published_targets(), {.length = 0.001, .angle = 0.005}, random).truth;
-    const Measurements exact = measure({.model = model, .truth = truth}, configurations(40), {}, random);
-    const Reduction reduction = reduced_model(model, truth.targets);
-    estimate =
-        identify_jointly(model, exact, nominal_start(model, exact), Unknowns(model, truth.targets, reduction.kept))
-            .estimate;
+    const Measurements exact = experiment.measure(40);
+    estimate = identify_jointly(model, exact, nominal_start(model, exact), experiment.free).estimate;
   }
-  MatrixXd configurations(int count) { return random_configurations(published_ranges(model.joints), count, random); }
+  MatrixXd configurations(int count) { return experiment.configurations(count); }
 
   const ComparedParameter& of(const kdl_calibration::TruthComparison& comparison, const std::string& name) {
     const std::size_t index = parameter_index(model, name);
@@ -49,8 +38,11 @@ protected:
   }
 
   ErrorModel model = complete_model(testing::fanuc());
-  Random random{11};
-  Estimate truth;
+  testing::VirtualExperiment experiment{{.with_errors = with_true_errors(model, {}, true),
+                                         .sizes = {.length = 0.001, .angle = 0.005},
+                                         .ranges = published_ranges,
+                                         .random = Random(11)}};
+  Estimate truth = experiment.robot.truth;
   Estimate estimate;
 };
 
@@ -99,7 +91,7 @@ TEST_F(TruthComparison, ADifferenceOfOneParameterIsFoundAsWhatItIs) {
 TEST_F(TruthComparison, EffectsOfBothArePartOfThePredictions) {
   const MatrixXd q = configurations(60);
   VirtualRobot bent{.model = model, .truth = truth};
-  add_effects(bent, {EffectGroup::harmonics, EffectGroup::gravity}, q, 3e-4, random);
+  add_effects(bent, {EffectGroup::harmonics, EffectGroup::gravity}, q, 3e-4, experiment.random);
 
   // An estimate that knows them differs in nothing.
   Estimate knowing = estimate;
@@ -133,7 +125,7 @@ TEST_F(TruthComparison, EffectsOfBothArePartOfThePredictions) {
 
 TEST_F(TruthComparison, ArmsUnderGravityOfAnotherDirectionAreNotOneModel) {
   VirtualRobot bent{.model = model, .truth = truth};
-  add_effects(bent, {EffectGroup::gravity}, configurations(60), 3e-4, random);
+  add_effects(bent, {EffectGroup::gravity}, configurations(60), 3e-4, experiment.random);
   ErrorModel on_a_wall = model;
   on_a_wall.gravity = {1.0, 0.0, 0.0};
   EXPECT_EQ(as_one_model(on_a_wall, estimate, bent).model.gravity, model.gravity) << "it has no effects of its own";

@@ -1,10 +1,9 @@
 #include "kdl_calibration/two_step_trial.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/reduction.hpp"
 
 #include <gmock/gmock.h>
 
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -13,10 +12,8 @@ namespace {
 class TwoStepTrialTest : public ::testing::Test {
 protected:
   TwoStepTrialResult run(std::uint64_t seed, int rounds, bool recorded = false, double noise = 0.0) {
-    Random random(seed);
-    const std::vector<TargetFrame> targets = published_targets();
-    const std::vector<std::size_t> errors = Unknowns(model, targets, reduced_model(model, targets).kept).geometric();
-    TwoStepTrial trial{.robot = virtual_robot(model, errors, targets, {}, random),
+    testing::VirtualExperiment experiment({.model = model, .sizes = {}, .random = Random(seed)});
+    TwoStepTrial trial{.robot = experiment.robot,
                        .configurations = [&](Random& r) { return random_configurations(ranges, 30, r); },
                        .noise = {.sigma = noise},
                        .rounds = rounds,
@@ -29,7 +26,7 @@ protected:
     Random elsewhere(seed, 1);
     trial.held_out = random_configurations(ranges, 200, elsewhere);
     drawn = 0;
-    return run_two_step_trial(trial, random);
+    return run_two_step_trial(trial, experiment.random);
   }
 
   ErrorModel model = complete_model(testing::fanuc());

@@ -17,7 +17,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/workspace.hpp"
 #include "refusal.hpp"
-#include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -27,6 +27,7 @@ using Eigen::VectorXd;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using testing::VirtualExperiment;
 
 constexpr double kDegree = testing::kDegree;
 
@@ -200,17 +201,12 @@ TEST(Mimic, TheReductionKeepsAsManyParametersAsTheReachableConfigurationsTell) {
 TEST(Mimic, CalibratesAndExportsARobotThatStillMimics) {
   const Robot robot = mimic_robot();
   const ErrorModel model = complete_model(robot);
-  Random random(5);
-  const Reduction reduction = reduced_model(model, published_targets());
-  const Unknowns free = Unknowns(model, published_targets(), reduction.kept);
-  const VirtualRobot truth =
-      virtual_robot(model, free.geometric(), published_targets(), {.length = 0.001, .angle = 0.005}, random);
-  const Measurements measured =
-      measure(truth, random_configurations(model.joints, limits_of(model.joints), 40, random), {}, random);
+  VirtualExperiment arm({.model = model, .sizes = {.length = 0.001, .angle = 0.005}, .random = Random(5)});
+  const Measurements measured = arm.measure(40);
   const Calibration found = calibrate(model, measured);
   EXPECT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
-  const MatrixXd fresh = random_configurations(model.joints, limits_of(model.joints), 100, random);
-  const Measurements held_out = measure(truth, fresh, {}, random);
+  const MatrixXd fresh = arm.configurations(100);
+  const Measurements held_out = arm.measure(fresh);
   EXPECT_LT(error_statistics(position_errors(model, found.identification.estimate, held_out)).max, 1e-9);
 
   const Robot exported = parse_robot(calibrated_urdf(robot, model, found.identification.estimate.errors));
@@ -300,11 +296,7 @@ TEST(Mimic, AConventionIsOneOfTheIndependentJoints) {
 
 TEST(Mimic, WrittenMeasurementsAndPlansAreReadBack) {
   const Robot robot = mimic_robot();
-  const ErrorModel model = complete_model(robot);
-  Random random(6);
-  const VirtualRobot truth = virtual_robot(model, {}, published_targets(), {}, random);
-  const Measurements m =
-      measure(truth, random_configurations(model.joints, limits_of(model.joints), 5, random), {}, random);
+  const Measurements m = VirtualExperiment({.model = complete_model(robot), .random = Random(6)}).measure(5);
   const Measurements read = parse_measurements(robot, measurements_csv(m));
   EXPECT_EQ(read.joint_values, m.joint_values);
 
@@ -319,17 +311,13 @@ TEST(Mimic, WrittenMeasurementsAndPlansAreReadBack) {
 
 TEST(Mimic, TheOppositeSignOfALeaderMovesItsFollowersToo) {
   const Robot robot = mimic_robot();
-  const ErrorModel model = complete_model(robot);
-  Random random(7);
-  const Reduction reduction = reduced_model(model, published_targets());
-  const Unknowns free = Unknowns(model, published_targets(), reduction.kept);
-  const VirtualRobot truth = virtual_robot(model, {}, published_targets(), {}, random);
-  const Measurements right =
-      measure(truth, random_configurations(model.joints, limits_of(model.joints), 30, random), {}, random);
+  VirtualExperiment arm(
+      {.model = complete_model(robot), .with_errors = std::vector<std::size_t>{}, .random = Random(7)});
+  const Measurements right = arm.measure(30);
   Measurements wrong = right;
   wrong.joint_values.row(3) *= -1.0;
   follow(robot.joints, wrong.joint_values);
-  const auto better = better_convention(try_conventions(model, wrong, free));
+  const auto better = better_convention(try_conventions(arm.model, wrong, arm.free));
   ASSERT_TRUE(better);
   EXPECT_EQ(better->description, "elbow with the opposite sign");
   EXPECT_LT((better->joint_values - right.joint_values).cwiseAbs().maxCoeff(), 1e-15);

@@ -1,0 +1,103 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <numeric>
+#include <optional>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/random.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/unknowns.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::testing {
+
+/// All parameters of the model, those of the base link included, which no reduced model keeps.
+inline std::vector<std::size_t> all_parameters(const ErrorModel& model) {
+  std::vector<std::size_t> all(model.parameters.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  return all;
+}
+
+/// Targets of which not just the position is measured.
+inline std::vector<TargetFrame> as_frames(std::vector<TargetFrame> targets) {
+  for (TargetFrame& target : targets) {
+    target.with_orientation = true;
+  }
+  return targets;
+}
+
+/// The same rows as from a tracker that states no sigma.
+inline Measurements without_sigmas(Measurements measurements) {
+  for (Observation& observation : measurements.observations) {
+    observation.sigma = 0.0;
+  }
+  return measurements;
+}
+
+struct VirtualExperimentOptions {
+  ErrorModel model = complete_model(fanuc());
+  std::vector<TargetFrame> targets = published_targets();
+  /// Which parameters have errors (indices into the model's); without: those that the reduced model keeps.
+  std::optional<std::vector<std::size_t>> with_errors = std::nullopt;
+  ErrorSizes sizes = {.length = 0.001, .angle = 0.001};
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  ///< where the base stands, but for an error of it
+  JointRanges (*ranges)(const std::vector<MovingJoint>& joints) = limits_of;  ///< or published_ranges
+  Random random = Random(1);
+};
+
+/// An arm whose errors, base and targets are known, and a tracker that measures it. One sequence of random numbers
+/// gives first the errors, then whatever is asked for, in that order.
+struct VirtualExperiment {
+  ErrorModel model;
+  std::vector<TargetFrame> targets;  ///< as they are stated, not as they are
+  Reduction reduction;
+  Unknowns free;  ///< what the reduction keeps
+  std::vector<std::size_t> with_errors;
+  ErrorSizes sizes;
+  Eigen::Isometry3d X_WB;
+  JointRanges ranges;
+  Random random;
+  VirtualRobot robot;  ///< with the truth
+
+  explicit VirtualExperiment(const VirtualExperimentOptions& options = {})
+      : model(options.model),
+        targets(options.targets),
+        reduction(reduced_model(model, targets)),
+        free(model, targets, reduction.kept),
+        with_errors(options.with_errors.value_or(free.geometric())),
+        sizes(options.sizes),
+        X_WB(options.X_WB),
+        ranges(options.ranges(model.joints)),
+        random(options.random) {
+    draw_robot();
+  }
+
+  /// Another robot of the same kind.
+  void draw_robot() { robot = placed(virtual_robot(model, with_errors, targets, sizes, random), X_WB); }
+
+  /// Begins anew with these random numbers, and so with another robot. The reduction, which takes its time, stays.
+  void restart(const Random& from) {
+    random = from;
+    draw_robot();
+  }
+
+  Eigen::MatrixXd configurations(int count) { return random_configurations(model.joints, ranges, count, random); }
+
+  /// Every target in every configuration (joints x N).
+  Measurements measure(const Eigen::MatrixXd& q, const MeasuringNoise& noise = {}, Split split = Split::train) {
+    return kdl_calibration::measure(robot, q, noise, random, split);
+  }
+  /// The same in so many random configurations.
+  Measurements measure(int count, const MeasuringNoise& noise = {}, Split split = Split::train) {
+    const Eigen::MatrixXd q = configurations(count);
+    return measure(q, noise, split);
+  }
+};
+
+}  // namespace kdl_calibration::testing
