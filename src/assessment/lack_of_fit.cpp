@@ -57,7 +57,7 @@ public:
   RepeatVariances(const std::vector<Stratum>& strata, const MatrixXd& parts) : parts_(parts) {
     std::vector<const Stratum*> repeats;
     for (const Stratum& stratum : strata) {
-      if (stratum.information.size() == 0) {
+      if (!stratum.predicted) {
         repeats.push_back(&stratum);
       }
     }
@@ -119,7 +119,7 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   VectorXd gradient = VectorXd::Zero(free.size());
   std::vector<std::pair<const Stratum*, Scatter>> tested;
   for (const Stratum& stratum : all) {
-    const bool of_means = stratum.information.size() > 0 && stratum.coefficients[NoiseParts::kOrientation] == 0.0;
+    const bool of_means = stratum.predicted && stratum.coefficients[NoiseParts::kOrientation] == 0.0;
     const Scatter expected = of_means ? repeats.of(stratum) : Scatter{};
     if (expected.variance > 0.0) {
       information += stratum.information / expected.variance;
@@ -127,9 +127,11 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
       tested.emplace_back(&stratum, expected);
     }
   }
-  const auto factor = information.completeOrthogonalDecomposition();
-  const VectorXd step = factor.solve(gradient);
-  const MatrixXd C = factor.pseudoInverse();
+  MatrixXd C = information;
+  if (free.size() > 0) {  // Eigen decomposes no matrix without columns
+    C = information.completeOrthogonalDecomposition().pseudoInverse();
+  }
+  const VectorXd step = C * gradient;
   LackOfFit result;
   double sum_of_logarithms = 0.0;
   double tests = 0.0;

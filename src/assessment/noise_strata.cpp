@@ -38,7 +38,8 @@ WhitenedSystem unit_system(const ErrorModel& model, const Measurements& measurem
 }  // namespace
 
 void Stratum::add_row(const Eigen::RowVectorXd& row, double residual, double factor) {
-  if (information.size() == 0) {
+  if (!predicted) {
+    predicted = true;
     information = MatrixXd::Zero(row.size(), row.size());
     gradient = VectorXd::Zero(row.size());
   }

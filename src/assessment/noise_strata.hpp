@@ -15,9 +15,9 @@ namespace kdl_calibration {
 
 /// Combinations of measured coordinates that are independent of each other and have one variance
 ///   lambda = known + coefficients . variances,
-/// with J of these combinations: information J^T J, gradient J^T e and squares e^T e. Without information they are
-/// deviations that no parameter moves.
+/// with J of these combinations: information J^T J, gradient J^T e and squares e^T e.
 struct Stratum {
+  bool predicted = false;  // by the model; else they are deviations that no parameter moves, without information
   Eigen::MatrixXd information;
   Eigen::VectorXd gradient;
   double squares = 0.0;

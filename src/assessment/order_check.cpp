@@ -161,16 +161,23 @@ private:
         points_ += 1.0;
       }
     }
-    const VectorXd scale = unit_scale_of_information(H);
-    const MatrixXd scaled = scale.asDiagonal() * MatrixXd(H.selfadjointView<Eigen::Lower>()) * scale.asDiagonal();
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scaled);
-    constexpr double kDetermined = 1e-10;
-    const Index rank = (eigen.eigenvalues().array() > kDetermined).count();
-    root_ = eigen.eigenvalues().tail(rank).cwiseSqrt().cwiseInverse().asDiagonal() *
-            eigen.eigenvectors().rightCols(rank).transpose() * scale.asDiagonal();
+    root_ = root_of_inverse(MatrixXd(H.selfadjointView<Eigen::Lower>()));
     root_right_ = root_ * g;
     squares_ = std::max(sum - root_right_.squaredNorm(), 0.0);
-    freedom_ = 3.0 * points_ - static_cast<double>(rank);
+    freedom_ = 3.0 * points_ - static_cast<double>(root_.rows());
+  }
+
+  // root^T root is the inverse where the information determines something; rank x columns.
+  static MatrixXd root_of_inverse(const MatrixXd& information) {
+    if (information.size() == 0) {  // nothing is free, and Eigen decomposes no matrix without columns
+      return information;
+    }
+    const VectorXd scale = unit_scale_of_information(information);
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scale.asDiagonal() * information * scale.asDiagonal());
+    constexpr double kDetermined = 1e-10;
+    const Index rank = (eigen.eigenvalues().array() > kDetermined).count();
+    return eigen.eigenvalues().tail(rank).cwiseSqrt().cwiseInverse().asDiagonal() *
+           eigen.eigenvectors().rightCols(rank).transpose() * scale.asDiagonal();
   }
 
   const Measurements& measurements_;

@@ -22,7 +22,7 @@ constexpr double kLeastShare = 1e-8;  // of a stratum's variance in those of its
 bool is_of_orientations(const Stratum& stratum) { return stratum.coefficients[NoiseParts::kOrientation] != 0.0; }
 
 // Of positions that parameters move.
-bool is_of_means(const Stratum& stratum) { return stratum.information.size() > 0 && !is_of_orientations(stratum); }
+bool is_of_means(const Stratum& stratum) { return stratum.predicted && !is_of_orientations(stratum); }
 
 // Solves for the active unknowns and, where one of them would be negative, goes as far as the first becomes zero.
 // Whether all of the way was gone.
@@ -160,7 +160,7 @@ VarianceEstimation::Solution VarianceEstimation::solve(const VectorXd& weights) 
     const Stratum& stratum = task_.strata[i];
     const double weight = weights[static_cast<Index>(i)];
     result.minus_two_log += weight * stratum.squares - stratum.count * std::log(weight);
-    if (stratum.information.size() > 0) {
+    if (stratum.predicted) {
       M += weight * stratum.information;
       g += weight * stratum.gradient;
     }
@@ -178,7 +178,7 @@ VarianceEstimation::Solution VarianceEstimation::solve(const VectorXd& weights) 
     const Stratum& stratum = task_.strata[i];
     double& left = result.squares[static_cast<Index>(i)];
     left = stratum.squares;
-    if (stratum.information.size() > 0) {
+    if (stratum.predicted) {
       left = std::max(left + step.dot(stratum.information * step) - 2.0 * step.dot(stratum.gradient), 0.0);
     }
   }
@@ -192,7 +192,7 @@ VarianceEstimation::Expectation VarianceEstimation::expectation(const Solution& 
   for (Index s = 0; s < count; ++s) {
     const Stratum& stratum = task_.strata[static_cast<std::size_t>(s)];
     result.by_variances(s, s) = stratum.count;
-    if (stratum.information.size() == 0) {
+    if (!stratum.predicted) {
       continue;
     }
     MatrixXd& own = explained[static_cast<std::size_t>(s)];
@@ -347,10 +347,10 @@ NoiseParts VarianceEstimation::parts() const {
     const auto s = static_cast<Index>(i);
     const double squared = solution_.weights[s] * solution_.weights[s];
     result.degrees_of_freedom += is_of_means(stratum) ? freedom_[s] : 0.0;
-    if (stratum.information.size() > 0 && !with_own_weights_) {
+    if (stratum.predicted && !with_own_weights_) {
       result.scatter += squared * lambda_[s] * stratum.information;
     }
-    for (Index k = 0; k < NoiseParts::kCount && stratum.information.size() > 0; ++k) {
+    for (Index k = 0; k < NoiseParts::kCount && stratum.predicted; ++k) {
       if (result.estimated[static_cast<std::size_t>(k)]) {
         result.sensitivity[static_cast<std::size_t>(k)] += squared * stratum.coefficients[k] * stratum.information;
       }

@@ -121,6 +121,17 @@ TEST(Suspicions, SayNothingAboutShortLeversFewConfigurationsAndRepeats) {
 
 // ---- words ---------------------------------------------------------------------------------------------------------
 
+TEST(Suspicions, JudgeAModelOfWhichNothingIsFree) {
+  testing::VirtualExperiment experiment;
+  const Unknowns none(experiment.model, experiment.targets, {});
+  Measurements measured = testing::without_sigmas(experiment.measure(40, {.sigma = 3e-5}));
+  EXPECT_THAT(causes(suspicions(experiment.model, measured, experiment.robot.truth, none)), IsEmpty());
+  for (Observation& o : measured.observations) {
+    o.position.x() += o.configuration < 20 ? 0.0 : 0.001;  // somebody moved the tracker
+  }
+  EXPECT_FALSE(suspicions(experiment.model, measured, experiment.robot.truth, none).empty());
+}
+
 TEST(Suspicions, StateTheMisfitOfBothReadings) {
   Measured m = measured(large_arm(), 1);
   m.data.joint_values.row(1) *= -1.0;

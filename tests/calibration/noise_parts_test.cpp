@@ -452,6 +452,16 @@ std::vector<Truth> truths() {
           {.name = "Tukey, outliers", .loss = Loss::tukey, .outliers = 0.05}};
 }
 
+TEST(NoiseParts, AreThoseOfTheResidualsWhereNothingIsFree) {
+  testing::VirtualExperiment experiment;
+  const Unknowns none(experiment.model, experiment.targets, {});
+  const Measurements measured = testing::without_sigmas(experiment.measure(200, {.sigma = 3e-5, .repeats = 2}));
+  const NoiseParts found = estimate_noise(experiment.model, measured, experiment.robot.truth, none, {});
+  EXPECT_NEAR(found.degrees_of_freedom, 3.0 * 600.0, 1e-6) << "of the means";
+  EXPECT_NEAR(found.independent().mean(), 9e-10, 1e-10);
+  EXPECT_LT(found.misfit() + found.target_misfit() + found.common().mean(), 1e-10);
+}
+
 void expect_coverage(const std::vector<Truth>& sorts, int runs, double tolerance) {
   for (const Truth& truth : sorts) {
     const Coverage found = coverage(truth, runs);
