@@ -109,15 +109,15 @@ struct MonteCarlo {
   double coverage = 0.0;  // of 95 % intervals of predicted coordinates
 };
 
-MonteCarlo monte_carlo(VirtualExperiment experiment, int runs, int poses, const MeasuringNoise& noise,
-                       const NoiseModel& assumed, bool estimate_noise) {
+MonteCarlo monte_carlo(int runs, const MeasuringNoise& noise, const NoiseModel& assumed, bool estimate_noise) {
+  VirtualExperiment experiment = published();
   MonteCarlo result;
   Eigen::VectorXd squares = Eigen::VectorXd::Zero(33);
   Eigen::VectorXd predicted = Eigen::VectorXd::Zero(33);
   double covered = 0.0;
   double intervals = 0.0;
   Random pose_random(1234);
-  const Eigen::MatrixXd unmeasured = random_configurations(experiment.ranges, poses, pose_random);
+  const Eigen::MatrixXd unmeasured = random_configurations(experiment.ranges, 200, pose_random);
   for (int run = 0; run < runs; ++run) {
     experiment.restart(Random(77, static_cast<std::uint64_t>(run)));
     const VirtualRobot& robot = experiment.robot;
@@ -173,19 +173,17 @@ void expect_confirmed(const MonteCarlo& found, const Tolerance& tolerance) {
 }
 
 void expect_covariance_confirmed(int runs, const Tolerance& tolerance) {
-  const VirtualExperiment experiment = published();
   const NoiseModel assumed{.independent = Eigen::Vector3d::Constant(0.00003)};
-  expect_confirmed(monte_carlo(experiment, runs, 200, {.sigma = 0.00003}, assumed, false), tolerance);
+  expect_confirmed(monte_carlo(runs, {.sigma = 0.00003}, assumed, false), tolerance);
 }
 
 void expect_covariance_confirmed_under_correlated_noise(int runs, const Tolerance& tolerance) {
   // The repeats of the real robot: 58, 59, 31 um shared by the points of a repeat, 11 um of each by itself.
-  const VirtualExperiment experiment = published();
   const Eigen::Vector3d common(0.000058, 0.000059, 0.000031);
   const MeasuringNoise noise{.sigma = 0.000011, .common = common};
   const NoiseModel full{.independent = Eigen::Vector3d::Constant(0.000011), .common = common};
-  expect_confirmed(monte_carlo(experiment, runs, 200, noise, full, false), tolerance);
-  const MonteCarlo independent = monte_carlo(experiment, runs, 200, noise, {}, true);
+  expect_confirmed(monte_carlo(runs, noise, full, false), tolerance);
+  const MonteCarlo independent = monte_carlo(runs, noise, {}, true);
   EXPECT_LT(independent.coverage, 0.92) << "the model without the common part would do as well";
 }
 

@@ -315,7 +315,7 @@ TEST(Doors, OfTheSimulationRefuseWhatDoesNotFit) {
   const MatrixXd q = MatrixXd::Zero(6, 2);
   Estimate alone = s.estimate;
   alone.targets.resize(1);
-  const auto draw = [&](Random&) { return q; };
+  const auto draw = [](Random&) -> MatrixXd { return MatrixXd::Zero(6, 2); };
   const MonteCarlo nowhere{
       .model = s.model, .with_errors = s.beyond, .targets = s.estimate.targets, .train = draw, .test = draw};
   const MonteCarlo empty{.model = s.model, .targets = s.estimate.targets, .train = draw};

@@ -241,8 +241,8 @@ TEST(ReportPage, PointsHaveTheirPlaceInTheOrderOfMeasurementWhereThatIsStated) {
   }
   const Json with_order = points();
   ASSERT_EQ(with_order.size(), setting.measurements.observations.size());
-  for (std::size_t i = 0; i < with_order.size(); ++i) {
-    EXPECT_EQ(with_order[i]["order"], 1000 - with_order[i]["row"].get<std::int64_t>());
+  for (const Json& point : with_order) {
+    EXPECT_EQ(point["order"], 1000 - point["row"].get<std::int64_t>());
   }
 }
 

@@ -54,7 +54,8 @@ struct Series : testing::VirtualExperiment {
 
   /// Of targets 0, 1, 2 in configurations 1, 2, …
   Observation& row(int configuration, int target) {
-    return measured.observations.at(static_cast<std::size_t>(3 * (configuration - 1) + target));
+    return measured.observations.at(3 * (static_cast<std::size_t>(configuration) - 1) +
+                                    static_cast<std::size_t>(target));
   }
 
   Calibration calibrated(const CalibrationOptions& options = {}) const { return calibrate(model, measured, options); }
@@ -180,6 +181,7 @@ Calibration with_few_rows(int configurations) {
   return s.calibrated();
 }
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<Scenario> scenarios() {
   const std::string gauge =
       R"( \(errors at zero, frames as registered\); predictions hold where it was measured, single parameters do not)";

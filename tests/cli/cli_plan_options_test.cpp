@@ -325,6 +325,7 @@ std::vector<OptionCase> promise_options() {
   };
 }
 
+// NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> cell_options() {
   const Eigen::RowVectorXd first = Eigen::RowVectorXd::Unit(6, 0) / kDegree;
   const Eigen::RowVectorXd sum = (Eigen::RowVectorXd::Unit(6, 1) + Eigen::RowVectorXd::Unit(6, 2)) / kDegree;

@@ -40,7 +40,7 @@ protected:
   /// "kdlcal: warning: " on each line.
   Outcome expect(const Arguments& arguments, int status, const std::vector<std::string>& warnings,
                  const std::vector<std::string>& doubts = {}) {
-    const Outcome outcome = run(arguments);
+    Outcome outcome = run(arguments);
     const std::string command = ::testing::PrintToString(arguments);
     EXPECT_EQ(outcome.status, status) << command << outcome.err;
     std::vector<::testing::Matcher<std::string>> lines;

@@ -13,20 +13,30 @@ namespace {
 
 using testing::VirtualExperiment;
 
-std::string joint(const std::string& name, const std::string& type, const std::string& parent, const std::string& child,
-                  const std::string& xyz, const std::string& rpy, const std::string& axis) {
-  const std::string limit = type == "fixed" ? "" : R"(<limit lower="-1.5" upper="1.5" velocity="1" effort="1"/>)";
-  return "<joint name=\"" + name + "\" type=\"" + type + "\"><parent link=\"" + parent + "\"/><child link=\"" + child +
-         "\"/><origin xyz=\"" + xyz + "\" rpy=\"" + rpy + "\"/><axis xyz=\"" + axis + "\"/>" + limit + "</joint>";
+struct JointText {
+  std::string name;
+  std::string type;
+  std::string parent;
+  std::string child;
+  std::string xyz;
+  std::string rpy;
+  std::string axis;
+};
+
+std::string text_of(const JointText& joint) {
+  const std::string limit = joint.type == "fixed" ? "" : R"(<limit lower="-1.5" upper="1.5" velocity="1" effort="1"/>)";
+  return "<joint name=\"" + joint.name + "\" type=\"" + joint.type + "\"><parent link=\"" + joint.parent +
+         "\"/><child link=\"" + joint.child + "\"/><origin xyz=\"" + joint.xyz + "\" rpy=\"" + joint.rpy +
+         "\"/><axis xyz=\"" + joint.axis + "\"/>" + limit + "</joint>";
 }
 
-std::string robot_of(const std::vector<std::string>& links, const std::vector<std::string>& joints) {
+std::string robot_of(const std::vector<std::string>& links, const std::vector<JointText>& joints) {
   std::string text = "<robot name=\"arm\">";
   for (const std::string& link : links) {
     text += "<link name=\"" + link + "\"/>";
   }
-  for (const std::string& each : joints) {
-    text += each;
+  for (const JointText& joint : joints) {
+    text += text_of(joint);
   }
   return text + "</robot>";
 }
@@ -37,36 +47,36 @@ const std::string kRight = "1.5707963267948966";
 std::string seven_joint_arm() {
   const std::string m = "-" + kRight;
   return robot_of({"base", "l1", "l2", "l3", "l4", "l5", "l6", "l7", "tool"},
-                  {joint("a1", "revolute", "base", "l1", "0 0 0.34", "0 0 0", "0 0 1"),
-                   joint("a2", "revolute", "l1", "l2", "0 0 0", m + " 0 0", "0 0 1"),
-                   joint("a3", "revolute", "l2", "l3", "0 -0.4 0", kRight + " 0 0", "0 0 1"),
-                   joint("a4", "revolute", "l3", "l4", "0.05 0 0", kRight + " 0 0", "0 0 1"),
-                   joint("a5", "revolute", "l4", "l5", "-0.05 0.4 0", m + " 0 0", "0 0 1"),
-                   joint("a6", "revolute", "l5", "l6", "0 0 0", m + " 0 0", "0 0 1"),
-                   joint("a7", "revolute", "l6", "l7", "0 -0.13 0", kRight + " 0 0", "0 0 1"),
-                   joint("mount", "fixed", "l7", "tool", "0 0 0.1", "0.1 0.2 0.3", "1 0 0")});
+                  {{"a1", "revolute", "base", "l1", "0 0 0.34", "0 0 0", "0 0 1"},
+                   {"a2", "revolute", "l1", "l2", "0 0 0", m + " 0 0", "0 0 1"},
+                   {"a3", "revolute", "l2", "l3", "0 -0.4 0", kRight + " 0 0", "0 0 1"},
+                   {"a4", "revolute", "l3", "l4", "0.05 0 0", kRight + " 0 0", "0 0 1"},
+                   {"a5", "revolute", "l4", "l5", "-0.05 0.4 0", m + " 0 0", "0 0 1"},
+                   {"a6", "revolute", "l5", "l6", "0 0 0", m + " 0 0", "0 0 1"},
+                   {"a7", "revolute", "l6", "l7", "0 -0.13 0", kRight + " 0 0", "0 0 1"},
+                   {"mount", "fixed", "l7", "tool", "0 0 0.1", "0.1 0.2 0.3", "1 0 0"}});
 }
 
 /// Three revolute joints and a wrist on a linear axis that is askew.
 std::string arm_on_a_linear_axis() {
   return robot_of({"floor", "cart", "plate", "l1", "l2", "l3", "l4", "l5", "tool"},
-                  {joint("rail", "prismatic", "floor", "cart", "0.2 0.1 0.3", "0 0 0.4", "1 0 0"),
-                   joint("bolt", "fixed", "cart", "plate", "0 0.1 0.2", "0.2 0 0", "1 0 0"),
-                   joint("j1", "revolute", "plate", "l1", "0 0 0.4", "0 0 0", "0 0 1"),
-                   joint("j2", "revolute", "l1", "l2", "0.2 0 0.3", kRight + " 0 0", "0 0 1"),
-                   joint("j3", "revolute", "l2", "l3", "0.6 0 0", "0 0 0.5", "0 0 1"),
-                   joint("j4", "revolute", "l3", "l4", "0.1 -0.1 0", kRight + " 0 0", "0 0 1"),
-                   joint("j5", "revolute", "l4", "l5", "0 0 0.5", "-" + kRight + " 0 0", "0 0 1"),
-                   joint("mount", "fixed", "l5", "tool", "0 0.1 0", "0 0 0", "1 0 0")});
+                  {{"rail", "prismatic", "floor", "cart", "0.2 0.1 0.3", "0 0 0.4", "1 0 0"},
+                   {"bolt", "fixed", "cart", "plate", "0 0.1 0.2", "0.2 0 0", "1 0 0"},
+                   {"j1", "revolute", "plate", "l1", "0 0 0.4", "0 0 0", "0 0 1"},
+                   {"j2", "revolute", "l1", "l2", "0.2 0 0.3", kRight + " 0 0", "0 0 1"},
+                   {"j3", "revolute", "l2", "l3", "0.6 0 0", "0 0 0.5", "0 0 1"},
+                   {"j4", "revolute", "l3", "l4", "0.1 -0.1 0", kRight + " 0 0", "0 0 1"},
+                   {"j5", "revolute", "l4", "l5", "0 0 0.5", "-" + kRight + " 0 0", "0 0 1"},
+                   {"mount", "fixed", "l5", "tool", "0 0.1 0", "0 0 0", "1 0 0"}});
 }
 
 /// Two parallel revolute joints, a vertical slide and a turning flange.
 std::string scara() {
   return robot_of({"base", "upper", "fore", "slide", "flange"},
-                  {joint("shoulder", "revolute", "base", "upper", "0 0 0.4", "0 0 0.3", "0 0 1"),
-                   joint("elbow", "revolute", "upper", "fore", "0.35 0 0.05", "0 0 -0.2", "0 0 1"),
-                   joint("lift", "prismatic", "fore", "slide", "0.3 0 0", "3.141592653589793 0 0", "0 0 1"),
-                   joint("turn", "revolute", "slide", "flange", "0 0 0.1", "0 0 0", "0 0 1")});
+                  {{"shoulder", "revolute", "base", "upper", "0 0 0.4", "0 0 0.3", "0 0 1"},
+                   {"elbow", "revolute", "upper", "fore", "0.35 0 0.05", "0 0 -0.2", "0 0 1"},
+                   {"lift", "prismatic", "fore", "slide", "0.3 0 0", "3.141592653589793 0 0", "0 0 1"},
+                   {"turn", "revolute", "slide", "flange", "0 0 0.1", "0 0 0", "0 0 1"}});
 }
 
 struct Case {

@@ -133,33 +133,33 @@ TEST(ErrorModel, RankOfAGeneralChainIsWhatTheorySays) {
 
 class EveryChain : public ::testing::TestWithParam<bool> {
 protected:
-  const ErrorModel model_ = complete_model(GetParam() ? fanuc() : parse_robot(testing::kOddArm));
+  const ErrorModel model = complete_model(GetParam() ? fanuc() : parse_robot(testing::kOddArm));
 };
 
 TEST_P(EveryChain, ErrorSegmentsAndFoldedChainGiveTheSameFlangePose) {
   Random random(5);
   for (int i = 0; i < 1000; ++i) {
-    const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
-    const Eigen::VectorXd q = testing::random_joints(model_, random);
-    ASSERT_LT(difference(kdl_pose(error_chain(model_, errors), q), kdl_pose(folded_chain(model_, errors), q)), 1e-12);
+    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
+    const Eigen::VectorXd q = testing::random_joints(model, random);
+    ASSERT_LT(difference(kdl_pose(error_chain(model, errors), q), kdl_pose(folded_chain(model, errors), q)), 1e-12);
   }
 }
 
 TEST_P(EveryChain, WithZeroErrorsIsTheNominalChain) {
   const Robot robot = GetParam() ? fanuc() : parse_robot(testing::kOddArm);
-  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model_.parameters.size()));
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   Random random(6);
   for (int i = 0; i < 100; ++i) {
-    const Eigen::VectorXd q = testing::random_joints(model_, random);
-    ASSERT_LT(difference(kdl_pose(robot.chain, q), kdl_pose(error_chain(model_, zero), q)), 1e-14);
+    const Eigen::VectorXd q = testing::random_joints(model, random);
+    ASSERT_LT(difference(kdl_pose(robot.chain, q), kdl_pose(error_chain(model, zero), q)), 1e-14);
   }
 }
 
 TEST_P(EveryChain, WithErrorsAsJointsGivesTheSamePose) {
   Random random(7);
-  const Eigen::VectorXd errors = testing::random_errors(model_, random, 0.0025, 3.0 * kDegree);
-  const Eigen::VectorXd q = testing::random_joints(model_, random);
-  const ParameterChain chain = parameter_chain(model_);
+  const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
+  const Eigen::VectorXd q = testing::random_joints(model, random);
+  const ParameterChain chain = parameter_chain(model);
   Eigen::VectorXd all(chain.chain.getNrOfJoints());
   for (std::size_t i = 0; i < chain.joint_index.size(); ++i) {
     all[chain.joint_index[i]] = q[static_cast<Eigen::Index>(i)];
@@ -167,7 +167,7 @@ TEST_P(EveryChain, WithErrorsAsJointsGivesTheSamePose) {
   for (std::size_t p = 0; p < chain.parameter_index.size(); ++p) {
     all[chain.parameter_index[p]] = errors[static_cast<Eigen::Index>(p)];
   }
-  EXPECT_LT(difference(kdl_pose(chain.chain, all), kdl_pose(error_chain(model_, errors), q)), 1e-13);
+  EXPECT_LT(difference(kdl_pose(chain.chain, all), kdl_pose(error_chain(model, errors), q)), 1e-13);
 }
 
 INSTANTIATE_TEST_SUITE_P(ErrorModel, EveryChain, ::testing::Values(true, false),

@@ -379,9 +379,16 @@ TEST(UrdfExport, InGimbalLockTheYawStaysAndTheRollTakesTheChange) {
   }
 }
 
+// The other roll, pitch and yaw of the same rotation.
+std::array<double, 3> flipped(const std::array<double, 3>& rpy) {
+  constexpr double kHalf = std::numbers::pi;
+  return {rpy[0] + kHalf, kHalf - rpy[1], rpy[2] + kHalf};
+}
+
+double from_whole_turns(double angle) { return std::abs(std::remainder(angle, 2.0 * std::numbers::pi)); }
+
 TEST(UrdfExport, OfAllEquivalentAnglesItWritesThoseNearestToTheOldText) {
   Random random(13);
-  constexpr double kTurn = 2.0 * std::numbers::pi;
   for (int i = 0; i < 500; ++i) {
     const double near_lock = i % 2 == 0 ? random.uniform(-6, 6) : std::numbers::pi / 2 + random.uniform(-1e-3, 1e-3);
     const std::array<double, 3> old = {random.uniform(-6, 6), near_lock, random.uniform(-6, 6)};
@@ -389,23 +396,13 @@ TEST(UrdfExport, OfAllEquivalentAnglesItWritesThoseNearestToTheOldText) {
     const std::string after = corrected_urdf(before, {turn("j", random_rotation(random, random.uniform(0.0, 0.2)))});
     const std::array<std::string, 3> texts = rpy_texts(after);
     const std::array<double, 3> rpy = {std::stod(texts[0]), std::stod(texts[1]), std::stod(texts[2])};
-    const auto distance = [&](const std::array<double, 3>& angles) {
-      return std::abs(angles[0] - old[0]) + std::abs(angles[1] - old[1]) + std::abs(angles[2] - old[2]);
-    };
     double nearest = std::numeric_limits<double>::infinity();
-    for (const bool flipped : {false, true}) {
-      const double half = flipped ? std::numbers::pi : 0.0;
-      for (int a = -2; a <= 2; ++a) {
-        for (int b = -2; b <= 2; ++b) {
-          for (int c = -2; c <= 2; ++c) {
-            const double pitch = flipped ? std::numbers::pi - rpy[1] : rpy[1];
-            nearest =
-                std::min(nearest, distance({rpy[0] + half + a * kTurn, pitch + b * kTurn, rpy[2] + half + c * kTurn}));
-          }
-        }
-      }
+    for (const auto& [a, b, c] : {rpy, flipped(rpy)}) {
+      nearest =
+          std::min(nearest, from_whole_turns(a - old[0]) + from_whole_turns(b - old[1]) + from_whole_turns(c - old[2]));
     }
-    EXPECT_LE(distance(rpy), nearest + 1e-12) << before << "\n" << after;
+    const double distance = std::abs(rpy[0] - old[0]) + std::abs(rpy[1] - old[1]) + std::abs(rpy[2] - old[2]);
+    EXPECT_LE(distance, nearest + 1e-12) << before << "\n" << after;
   }
 }
 
