@@ -119,19 +119,20 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   VectorXd gradient = VectorXd::Zero(free.size());
   std::vector<std::pair<const Stratum*, Scatter>> tested;
   for (const Stratum& stratum : all) {
-    const bool of_means = stratum.predicted && stratum.coefficients[NoiseParts::kOrientation] == 0.0;
-    const Scatter expected = of_means ? repeats.of(stratum) : Scatter{};
+    const Scatter expected = stratum.is_of_means() ? repeats.of(stratum) : Scatter{};
     if (expected.variance > 0.0) {
       information += stratum.information / expected.variance;
       gradient += stratum.gradient / expected.variance;
       tested.emplace_back(&stratum, expected);
     }
   }
+  VectorXd step = gradient;
   MatrixXd C = information;
   if (free.size() > 0) {  // Eigen decomposes no matrix without columns
-    C = information.completeOrthogonalDecomposition().pseudoInverse();
+    const auto factor = information.completeOrthogonalDecomposition();
+    step = factor.solve(gradient);
+    C = factor.pseudoInverse();
   }
-  const VectorXd step = C * gradient;
   LackOfFit result;
   double sum_of_logarithms = 0.0;
   double tests = 0.0;

@@ -27,6 +27,9 @@ struct Stratum {
   double summed = 0.0;  // configurations that coefficients and known are sums over, until they are means
 
   void add_row(const Eigen::RowVectorXd& row, double residual, double factor);
+  bool is_of_orientations() const { return coefficients[NoiseParts::kOrientation] != 0.0; }
+  /// Of positions that parameters move.
+  bool is_of_means() const { return predicted && !is_of_orientations(); }
 };
 
 /// The rows of one target in one configuration.

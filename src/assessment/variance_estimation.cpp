@@ -19,11 +19,6 @@ namespace {
 
 constexpr double kLeastShare = 1e-8;  // of a stratum's variance in those of its kind: less is rounding
 
-bool is_of_orientations(const Stratum& stratum) { return stratum.coefficients[NoiseParts::kOrientation] != 0.0; }
-
-// Of positions that parameters move.
-bool is_of_means(const Stratum& stratum) { return stratum.predicted && !is_of_orientations(stratum); }
-
 // Solves for the active unknowns and, where one of them would be negative, goes as far as the first becomes zero.
 // Whether all of the way was gone.
 bool go_to_active(const MatrixXd& normal, const VectorXd& right, std::vector<bool>& active, VectorXd& x) {
@@ -124,7 +119,7 @@ bool VarianceEstimation::start() {
       double sum = 0.0;
       double of = 0.0;
       for (Index t = 0; t < count; ++t) {
-        const bool alike = is_of_orientations(stratum(s)) == is_of_orientations(stratum(t));
+        const bool alike = stratum(s).is_of_orientations() == stratum(t).is_of_orientations();
         sum += alike ? squares(t) : 0.0;
         of += alike ? rows(t) : 0.0;
       }
@@ -310,7 +305,7 @@ double VarianceEstimation::tail_of_means() const {
   double ratio = 0.0;
   double freedom = 0.0;
   for (std::size_t i = 0; i < task_.strata.size(); ++i) {
-    if (is_of_means(task_.strata[i])) {
+    if (task_.strata[i].is_of_means()) {
       const auto s = static_cast<Index>(i);
       ratio += solution_.squares[s] / lambda_[s];
       freedom += freedom_[s];
@@ -346,7 +341,7 @@ NoiseParts VarianceEstimation::parts() const {
     const Stratum& stratum = task_.strata[i];
     const auto s = static_cast<Index>(i);
     const double squared = solution_.weights[s] * solution_.weights[s];
-    result.degrees_of_freedom += is_of_means(stratum) ? freedom_[s] : 0.0;
+    result.degrees_of_freedom += stratum.is_of_means() ? freedom_[s] : 0.0;
     if (stratum.predicted && !with_own_weights_) {
       result.scatter += squared * lambda_[s] * stratum.information;
     }
