@@ -6,6 +6,7 @@
 #include <string>
 
 #include "kdl_calibration/identification.hpp"
+#include "record.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
@@ -56,8 +57,9 @@ Alarms false_alarms(const Sort& sort, int runs) {
 void expect_as_many_alarms_as_stated(int runs, double sigmas) {
   for (const Sort& sort : sorts()) {
     const Alarms found = false_alarms(sort, runs);
-    std::cout << sort.name << ": " << 100.0 * found.of_twenty << " % below 0.05, " << 100.0 * found.of_thousand
-              << " % below 0.001, mean p " << found.mean << std::endl;
+    testing::record(sort.name + ", share below 0.05", found.of_twenty);
+    testing::record(sort.name + ", share below 0.001", found.of_thousand);
+    testing::record(sort.name + ", mean p", found.mean);
     EXPECT_NEAR(found.of_twenty, 0.05, 0.01 + sigmas * std::sqrt(0.05 * 0.95 / runs)) << sort.name;
     EXPECT_LE(found.of_thousand, 0.002 + sigmas * std::sqrt(0.001 / runs)) << sort.name;
     EXPECT_NEAR(found.mean, 0.5, 0.02 + sigmas * std::sqrt(1.0 / 12.0 / runs)) << sort.name;

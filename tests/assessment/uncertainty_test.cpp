@@ -15,6 +15,7 @@
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "record.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
@@ -164,8 +165,10 @@ constexpr Tolerance kOf100Runs{.std_ratio = 0.3, .nees = 3.0, .coverage = 0.025}
 constexpr Tolerance kOf1000Runs{.std_ratio = 0.1, .nees = 0.8, .coverage = 0.01};
 
 void expect_confirmed(const MonteCarlo& found, const Tolerance& tolerance) {
-  std::cout << "std over predicted " << found.std_ratio.minCoeff() << " to " << found.std_ratio.maxCoeff() << ", NEES "
-            << found.mean_nees << ", coverage " << found.coverage << "\n";
+  testing::record("least std over predicted", found.std_ratio.minCoeff());
+  testing::record("largest std over predicted", found.std_ratio.maxCoeff());
+  testing::record("NEES", found.mean_nees);
+  testing::record("coverage", found.coverage);
   EXPECT_GT(found.std_ratio.minCoeff(), 1.0 - tolerance.std_ratio);
   EXPECT_LT(found.std_ratio.maxCoeff(), 1.0 + tolerance.std_ratio);
   EXPECT_NEAR(found.mean_nees, 33.0, tolerance.nees);
@@ -348,12 +351,10 @@ TEST(Uncertainty, LeverageAddsUpToTheRankAndCooksDistanceIsThatOfARefit) {
   const Eigen::Vector3d common(0.00002, 0.00001, 0.00003);
   for (const bool correlated : {false, true}) {
     experiment.restart(Random(9));
-    Measurements measured =
-        experiment.measure(30, {.sigma = 1e-6, .repeats = 2, .common = 0.1 * common});  // so small that all is linear
-    for (Observation& observation : measured.observations) {
-      observation.sigma = 0.0;
-    }
-    measured = subset(measured, [](const Observation& o) { return o.configuration != 4 || o.target != 1; });
+    const Measurements all = without_sigmas(
+        experiment.measure(30, {.sigma = 1e-6, .repeats = 2, .common = 0.1 * common}));  // so small that all is linear
+    const Measurements measured =
+        subset(all, [](const Observation& o) { return o.configuration != 4 || o.target != 1; });
     JointOptions options;
     options.step_tolerance = 1e-13;
     if (correlated) {
@@ -392,8 +393,7 @@ TEST(Uncertainty, LeverageAddsUpToTheRankAndCooksDistanceIsThatOfARefit) {
         largest_difference = std::max(largest_difference, std::abs(point.cook / exact - 1.0));
       }
     }
-    std::cout << "sum of leverages " << sum << ", Cook's distance differs from refits by " << largest_difference
-              << " of it at most\n";
+    testing::record("largest difference of Cook's distance from refits", largest_difference);
     EXPECT_NEAR(sum, 33.0, 1e-8);
     EXPECT_NEAR(sum_of_points, 33.0, 1e-8);
     EXPECT_NEAR(hat.trace(), 33.0, 1e-6);

@@ -17,6 +17,7 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "record.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
@@ -338,8 +339,8 @@ TEST(CalibrationLongRun, PredictsPositionsAtAskedConfigurations) {
   for (std::uint64_t seed = 201; seed <= 240; ++seed) {
     add_asked_errors(seed, 10, sums);
   }
-  std::cout << "mean square over variance " << sums.squares / sums.count / 3.0 << ", within the 95 % radius "
-            << sums.inside / sums.count << "\n";
+  testing::record("mean square over variance", sums.squares / sums.count / 3.0);
+  testing::record("within the 95 % radius", sums.inside / sums.count);
   EXPECT_NEAR(sums.squares / sums.count / 3.0, 1.0, 0.15);
   EXPECT_GE(sums.inside / sums.count, 0.95);
 }
@@ -538,7 +539,7 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
   }
   for (std::size_t defect = 0; defect < 3; ++defect) {
     const double ratio = std::sqrt(robust_squares[defect] / clean_squares);
-    std::cout << expected[defect] << ": robust held out over clean " << ratio << "\n";
+    testing::record(expected[defect] + ", robust held out over clean", ratio);
     EXPECT_LT(ratio, largest_ratio) << expected[defect];
   }
 }
@@ -578,7 +579,8 @@ void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_b
       EXPECT_EQ(misfit.explained_by_joint.size(), 6U);
     }
   }
-  std::cout << "lack of fit without misfit: mean p " << mean << ", " << below << " of " << runs << " below 0.05\n";
+  testing::record("mean p without misfit", mean);
+  testing::record("p below 0.05", below);
   EXPECT_NEAR(mean, 0.5, of_mean);
   EXPECT_LE(below, most_below);
 }
@@ -656,8 +658,8 @@ TEST(CalibrationOnRealData, R2000iCFitsAsIndependentFitsDid) {
   EXPECT_NEAR(found.train.before.rms, 0.00062, 0.00001);
   EXPECT_LE(found.leave_one_out->after.rms, 0.000235);
   EXPECT_NEAR(found.leave_one_out->before.rms, 0.00072, 0.00001);
-  std::cout << "leave-one-out " << found.leave_one_out->after.rms * 1e3 << " mm, condition "
-            << found.identifiability.condition << "\n";
+  testing::record("leave-one-out [m]", found.leave_one_out->after.rms);
+  testing::record("condition", found.identifiability.condition);
 }
 
 Calibration chosen_by_itself(bool nested) {
@@ -672,8 +674,9 @@ Calibration chosen_by_itself(bool nested) {
 TEST(CalibrationOnRealData, R2000iCChoosesPriorsAndGravityByItself) {
   const Calibration found = chosen_by_itself(false);
   ASSERT_TRUE(found.trusted()) << found.identification.message;
-  std::cout << "chosen: priors " << found.priors.length << ", effects " << found.model.effects.size()
-            << "; leave-one-out " << found.leave_one_out->after.rms * 1e3 << " mm\n";
+  testing::record("prior of lengths [m]", found.priors.length);
+  testing::record("effects", found.model.effects.size());
+  testing::record("leave-one-out [m]", found.leave_one_out->after.rms);
   EXPECT_LE(found.leave_one_out->after.rms, 0.00019);
   EXPECT_THAT(found.tried.front().effects, ::testing::Contains("gravity"));
   EXPECT_LT(found.train.rigid->rms, 0.0002);  // the exported URDF alone
@@ -683,7 +686,7 @@ TEST(CalibrationOnRealData, R2000iCChoosesPriorsAndGravityByItself) {
 
 TEST(CalibrationOnRealDataLongRun, R2000iCPredictsWhatItsChoicesDidNotSee) {
   const Calibration found = chosen_by_itself(true);
-  std::cout << "nested leave-one-out " << found.nested_leave_one_out->rms * 1e3 << " mm\n";
+  testing::record("nested leave-one-out [m]", found.nested_leave_one_out->rms);
   EXPECT_LE(found.nested_leave_one_out->rms, 0.00020);
   EXPECT_GT(found.nested_leave_one_out->rms, found.leave_one_out->after.rms);
 }
@@ -712,7 +715,7 @@ TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies
 
 TEST(CalibrationOnRealData, R2000iCIsPredictedBetterWithWeightsByThePartsOfTheNoise) {
   const Calibration found = calibrate(complete_model(fanuc()), real_measurements());
-  std::cout << "leave-one-out " << found.leave_one_out->after.rms * 1e3 << " mm\n";
+  testing::record("leave-one-out [m]", found.leave_one_out->after.rms);
   EXPECT_LT(found.leave_one_out->after.rms, 0.0002);
 }
 
@@ -735,8 +738,9 @@ TEST(CalibrationOnRealData, Ur10PosesPredictBetterThanTheNominalRobot) {
       calibrate(complete_model(robot), read_measurements(folder + "/measurements.csv", joint_names(robot)));
   EXPECT_TRUE(found.trusted()) << found.identification.message;
   ASSERT_TRUE(found.test.has_value());
-  std::cout << "UR10 held out " << found.test->before.rms * 1e3 << " -> " << found.test->after.rms * 1e3 << " mm, rank "
-            << found.identifiability.rank << "\n";
+  testing::record("held out by the nominal robot [m]", found.test->before.rms);
+  testing::record("held out [m]", found.test->after.rms);
+  testing::record("rank", found.identifiability.rank);
   EXPECT_NEAR(found.test->before.rms, 0.00095, 0.00005);
   EXPECT_LE(found.test->after.rms, 0.00047);
 }

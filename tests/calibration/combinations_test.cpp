@@ -581,7 +581,7 @@ struct Tight {
 
   explicit Tight(int freedom, int configurations = 11)
       : arm(40 + static_cast<std::uint64_t>(freedom), published_targets(1), configurations, {.sigma = 1e-4}) {
-    const Reduction reduction = reduced_model(arm.model, published_targets(1));
+    const Reduction& reduction = arm.reduction;
     const std::size_t unknowns = static_cast<std::size_t>(3 * configurations - freedom);
     std::size_t count = reduction.kept.size();
     for (auto name = reduction.kept.rbegin(); name != reduction.kept.rend() && count > unknowns; ++name, --count) {

@@ -14,6 +14,7 @@
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "mistakes_support.hpp"
+#include "record.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
@@ -71,8 +72,10 @@ void expect_found_and_predicted_by(const std::vector<EffectGroup>& groups) {
     EXPECT_FALSE(found.tried.front().effects.empty()) << to_string(group);
     const double with = arm.error_at_unseen(found);
     const double without = arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry));
-    std::cout << to_string(group) << ": " << ::testing::PrintToString(found.tried.front().effects) << ", unseen "
-              << with * 1e3 << " mm, by geometry " << without * 1e3 << " mm\n";
+    const std::string of_group = to_string(group);
+    testing::record(of_group + ", chosen", ::testing::PrintToString(found.tried.front().effects));
+    testing::record(of_group + ", unseen [m]", with);
+    testing::record(of_group + ", unseen by geometry [m]", without);
     EXPECT_LT(with, 0.6 * without) << to_string(group);
     EXPECT_LT(found.noise.sigma, 8e-5) << to_string(group);
   }
@@ -231,11 +234,8 @@ TEST(EffectChoice, TheNoiseIsInPartsBesideChosenPriors) {
   Arm arm(fanuc(), 2, 30, {});
   arm.robot.truth.errors.setZero();
   Random random(3);
-  arm.measured = measure(arm.robot, arm.measured.joint_values,
-                         {.sigma = 1e-5, .repeats = 5, .common = Eigen::Vector3d::Constant(5e-5)}, random);
-  for (Observation& o : arm.measured.observations) {
-    o.sigma = 0.0;
-  }
+  const MeasuringNoise noise{.sigma = 1e-5, .repeats = 5, .common = Eigen::Vector3d::Constant(5e-5)};
+  arm.measured = testing::without_sigmas(measure(arm.robot, arm.measured.joint_values, noise, random));
   const Calibration found = calibrate(arm.model, arm.measured, automatic());
   ASSERT_TRUE(found.tried.front().sized);
   ASSERT_TRUE(found.noise.parts.has_value());
@@ -338,8 +338,9 @@ double covered(unsigned first, unsigned count, int configurations, bool with_eff
       all += 1.0;
     }
   }
-  std::cout << configurations << " configurations" << (with_effects ? " of an arm that sags" : "") << ": "
-            << 100.0 * inside / all << " % of " << all << " errors in their intervals\n";
+  testing::record("errors in their intervals, " + std::to_string(configurations) + " configurations" +
+                      (with_effects ? " of an arm that sags" : ""),
+                  inside / all);
   return inside / all;
 }
 
@@ -396,8 +397,10 @@ Rigid of_rigid_arms(unsigned first, unsigned count) {
     result.much_worse += ratio > 1.1 ? 1 : 0;
     result.ratio += std::log(ratio) / count;
   }
-  std::cout << result.arms << " rigid arms: effects kept in " << result.kept << ", error at unseen configurations "
-            << std::exp(result.ratio) << " of geometry's, worse by more than 10 % in " << result.much_worse << "\n";
+  testing::record("rigid arms", result.arms);
+  testing::record("effects kept in", result.kept);
+  testing::record("error at unseen configurations over geometry's", std::exp(result.ratio));
+  testing::record("worse by more than 10 %", result.much_worse);
   return result;
 }
 

@@ -7,7 +7,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <iostream>
 #include <optional>
 #include <set>
 #include <string>
@@ -17,8 +16,8 @@
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/noise_components.hpp"
-#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "record.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
@@ -56,25 +55,23 @@ Vector3d normal_vector(Random& random) {
   return {x, y, random.normal()};
 }
 
-struct Trial {
-  VirtualRobot robot;
+struct Trial : testing::VirtualExperiment {
   Measurements measured;
-  JointRanges ranges;
 };
 
 Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
   const std::vector<TargetFrame> targets = published_targets(truth.targets);
-  testing::VirtualExperiment experiment(
-      {.model = model,
-       .targets = truth.orientation_sigma > 0.0 ? testing::as_frames(targets) : targets,
-       .ranges = published_ranges,
-       .random = Random(97, seed)});
-  Trial result{.robot = experiment.robot, .measured = {}, .ranges = experiment.ranges};
-  Random& random = experiment.random;
-  const MatrixXd q = experiment.configurations(truth.configurations);
+  Trial result{
+      testing::VirtualExperiment({.model = model,
+                                  .targets = truth.orientation_sigma > 0.0 ? testing::as_frames(targets) : targets,
+                                  .ranges = published_ranges,
+                                  .random = Random(97, seed)}),
+      {}};
+  Random& random = result.random;
+  const MatrixXd q = result.configurations(truth.configurations);
   MatrixXd real = q;
   real.row(2).array() += truth.swing * (2.0 * q.row(2).array()).sin();
-  result.measured = experiment.measure(
+  result.measured = result.measure(
       real, {.orientation_sigma = truth.orientation_sigma, .repeats = truth.repeats, .tracker = truth.tracker});
   result.measured.joint_values = q;
   std::map<int, Vector3d> of_configuration;
@@ -213,8 +210,7 @@ TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
         .independent = Vector3d::Constant(11 * kMicrometre),
         .swing = 0.001}}) {
     const Trial t = trial(model, truth, 3);
-    const auto targets = published_targets(truth.targets);
-    const Unknowns free(model, targets, reduced_model(model, targets).kept);
+    const Unknowns& free = t.free;
     const Estimate estimate = fitted(model, t.measured, free);
     const NoiseParts parts = estimate_noise(model, t.measured, estimate, free, {});
     ASSERT_TRUE(parts.converged) << truth.name;
@@ -236,7 +232,7 @@ TEST(NoiseParts, KeepWhatRepeatsShowBesideAMisfitOfAnotherKind) {
                              .independent = Vector3d::Constant(11 * kMicrometre),
                              .swing = 0.001},
                             seed);
-      const Unknowns free(model, published_targets(targets), reduced_model(model, published_targets(targets)).kept);
+      const Unknowns& free = t.free;
       const RepeatNoise repeats = noise_from_repeats(t.measured);
       for (const Estimate& estimate : {fitted(model, t.measured, free), nominal_start(model, t.measured)}) {
         const NoiseParts parts = estimate_noise(model, t.measured, estimate, free, {});
@@ -258,7 +254,7 @@ FitProblem plain_problem(const ErrorModel& model, const Measurements& measured, 
 TEST(NoiseParts, OfOneKindBesideEqualWeightsAreTheMeanSquareOfTheResiduals) {
   const ErrorModel model = complete_model(testing::fanuc());
   const Trial t = trial(model, {.configurations = 20, .targets = 1}, 3);
-  const Unknowns free(model, published_targets(1), reduced_model(model, published_targets(1)).kept);
+  const Unknowns& free = t.free;
   const FitProblem problem = plain_problem(model, t.measured, free);
   const NoiseParts parts = noise_beside_weights(problem, {}, true);
   ASSERT_TRUE(parts.converged);
@@ -279,7 +275,7 @@ TEST(NoiseParts, BesideEqualWeightsGiveTheColumnsTheCovarianceThatTheyHave) {
                          .common = Vector3d(58, 59, 31) * kMicrometre,
                          .independent = Vector3d::Constant(11 * kMicrometre)},
                         5);
-  const Unknowns free(model, published_targets(3), reduced_model(model, published_targets(3)).kept);
+  const Unknowns& free = t.free;
   const FitProblem problem = plain_problem(model, t.measured, free);
   const NoiseParts parts = noise_beside_weights(problem, {}, true);
   ASSERT_TRUE(parts.converged);
@@ -298,7 +294,6 @@ TEST(NoiseParts, BesideEqualWeightsGiveTheColumnsTheCovarianceThatTheyHave) {
 TEST(NoiseParts, BesideEqualWeightsAreRightOnAverage) {
   constexpr int kRuns = 100;
   const ErrorModel model = complete_model(testing::fanuc());
-  const Unknowns free(model, published_targets(3), reduced_model(model, published_targets(3)).kept);
   NoiseParts::Variances truth = NoiseParts::Variances::Zero();
   truth << 1e-8, 2.5e-9, 3.4e-9, 3.4e-9, 1e-9, 4e-10, 4e-10, 4e-10, 0.0;
   NoiseParts::Variances mean = NoiseParts::Variances::Zero();
@@ -311,7 +306,7 @@ TEST(NoiseParts, BesideEqualWeightsAreRightOnAverage) {
                            .common = truth.segment<3>(NoiseParts::kCommon).cwiseSqrt(),
                            .independent = Vector3d::Constant(2e-5)},
                           static_cast<std::uint64_t>(run));
-    const NoiseParts parts = noise_beside_weights(plain_problem(model, t.measured, free), {}, true);
+    const NoiseParts parts = noise_beside_weights(plain_problem(model, t.measured, t.free), {}, true);
     ASSERT_TRUE(parts.converged);
     mean += parts.variances / kRuns;
   }
@@ -465,8 +460,9 @@ TEST(NoiseParts, AreThoseOfTheResidualsWhereNothingIsFree) {
 void expect_coverage(const std::vector<Truth>& sorts, int runs, double tolerance) {
   for (const Truth& truth : sorts) {
     const Coverage found = coverage(truth, runs);
-    std::cout << truth.name << ": intervals " << found.intervals << ", radius " << found.radius << ", sigma ratio "
-              << found.sigma_ratio << std::endl;
+    testing::record(truth.name + ", intervals", found.intervals);
+    testing::record(truth.name + ", radius", found.radius);
+    testing::record(truth.name + ", sigma ratio", found.sigma_ratio);
     EXPECT_NEAR(found.intervals, 0.95, 0.015 + tolerance) << truth.name;
     if (truth.targets > 1) {
       EXPECT_NEAR(found.radius, 0.955, 0.02 + tolerance) << truth.name;

@@ -4,6 +4,7 @@
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "record.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
@@ -44,9 +45,9 @@ HeldOut held_out(double orientation_sigma) {
 TEST(VarianceComponents, AreAsGoodAsStatedSigmas) {
   for (const double sigma : {0.00001, 0.0001, 0.002}) {
     const HeldOut found = held_out(sigma);
-    std::cout << "orientations to " << sigma << " rad: held out over stated sigmas "
-              << std::sqrt(found.estimated / found.stated) << " estimated, " << std::sqrt(found.lever / found.stated)
-              << " by a lever of 0.3 m\n";
+    const std::string over_stated = "held out over stated sigmas, orientations to " + std::to_string(sigma) + " rad, ";
+    testing::record(over_stated + "estimated", std::sqrt(found.estimated / found.stated));
+    testing::record(over_stated + "by a lever of 0.3 m", std::sqrt(found.lever / found.stated));
     EXPECT_LT(found.estimated, 1.1 * found.stated) << sigma;
     if (sigma > 0.001) {
       EXPECT_LT(found.estimated, 0.5 * found.lever) << sigma;

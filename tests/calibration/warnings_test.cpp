@@ -67,11 +67,8 @@ Measurements with_ripple(const Series& clean, double amplitude, const MeasuringN
   const Eigen::MatrixXd q = clean.measured.joint_values;
   Eigen::MatrixXd off = q;
   off.row(2).array() += amplitude * (2.0 * q.row(2).array()).sin();
-  Measurements measured = measure(clean.robot, off, noise, random);
+  Measurements measured = testing::without_sigmas(measure(clean.robot, off, noise, random));
   measured.joint_values = q;
-  for (Observation& observation : measured.observations) {
-    observation.sigma = 0.0;
-  }
   return measured;
 }
 

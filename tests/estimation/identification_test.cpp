@@ -11,6 +11,7 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "record.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
@@ -63,9 +64,8 @@ TEST(Identification, RecoversThePublishedExperimentToRounding) {
     most_iterations = std::max(most_iterations, found.iterations);
     worst = std::max(worst, held_out);
   }
-  RecordProperty("most_iterations", most_iterations);
-  RecordProperty("worst_held_out", std::to_string(worst));
-  std::cout << "most iterations " << most_iterations << ", worst held out " << worst << " m\n";
+  testing::record("most iterations", most_iterations);
+  testing::record("worst held out [m]", worst);
 }
 
 TEST(Identification, AveragesNoiseAsTheoryPredicts) {
@@ -81,7 +81,7 @@ TEST(Identification, AveragesNoiseAsTheoryPredicts) {
     sum += held_out_rms(experiment, found.estimate, 100);
   }
   const double mean = sum / 200.0;
-  std::cout << "mean held out " << mean * 1e3 << " mm\n";
+  testing::record("mean held out [m]", mean);
   EXPECT_NEAR(mean, 0.0000207, 0.04 * 0.0000207);
 }
 
@@ -105,8 +105,10 @@ TEST(Identification, ReachesTheOptimumOfAnOrthogonalFactorisation) {
     const Eigen::VectorXd std = (scaled.transpose() * scaled).inverse().diagonal().cwiseSqrt();
     const double motion = 0.00003 * (scaled * step).norm() / std::sqrt(static_cast<double>(scaled.rows()) / 3.0);
     const double in_sigmas = step.cwiseQuotient(std).cwiseAbs().maxCoeff();
-    std::cout << "range " << range << ": condition " << singular[0] / singular.tail<1>()[0] << ", motion " << motion
-              << " m, parameters " << in_sigmas << " sigma\n";
+    const std::string of_range = "range " + std::to_string(range);
+    testing::record(of_range + ", condition", singular[0] / singular.tail<1>()[0]);
+    testing::record(of_range + ", motion [m]", motion);
+    testing::record(of_range + ", parameters [sigma]", in_sigmas);
     EXPECT_LT(motion, 1e-13);
     EXPECT_LT(in_sigmas, 1e-6);
   }
@@ -325,12 +327,8 @@ TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
 
 TEST(Identification, RefusesNoiseThatIsNoCovariance) {
   VirtualExperiment experiment = published(18);
-  const Measurements measured = experiment.measure(30, {.sigma = 1e-4});
+  const Measurements m = testing::without_sigmas(experiment.measure(30, {.sigma = 1e-4}));
   const auto equations = [&](const Eigen::Vector3d& independent, double common) {
-    Measurements m = measured;
-    for (Observation& observation : m.observations) {
-      observation.sigma = 0.0;
-    }
     ResidualOptions options;
     options.noise.independent = independent;
     options.noise.common.setConstant(common);
@@ -461,7 +459,7 @@ void expect_a_tenth_of_a_millimetre_of_two_steps(std::uint64_t seeds) {
     log_factor += std::log(found.convergence_factor) / static_cast<double>(seeds);
   }
   const double factor = std::exp(log_factor);
-  std::cout << "two-step convergence factor with fresh configurations " << factor << "\n";
+  testing::record("factor with fresh configurations", factor);
   EXPECT_GT(factor, 0.5);
   EXPECT_LT(factor, 0.75);
 }
@@ -480,7 +478,7 @@ TEST(Identification, TwoStepsWithRecordedConfigurationsConvergeMoreSlowlyToTheTr
   const Estimate start = nominal_start(experiment.model, recorded);
   const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return Measurements(recorded); },
                                                         start, experiment.free.geometric(), {.rounds = 600});
-  std::cout << "two-step convergence factor with recorded configurations " << two_step.convergence_factor << "\n";
+  testing::record("factor with recorded configurations", two_step.convergence_factor);
   EXPECT_EQ(two_step.termination, Termination::converged) << two_step.message;
   EXPECT_GT(two_step.convergence_factor, 0.65);
   EXPECT_LT(two_step.convergence_factor, 1.0);

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include "record.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
@@ -49,7 +50,7 @@ TEST_F(TwoStepTrialTest, ArrivesAtTheTruthUpToTheGaugeWithThePublishedFactor) {
     EXPECT_EQ(result.rounds[3].round.misfit, result.identification.rms_history[3]);
     log_factor += std::log(result.factor) / 6.0;
   }
-  std::cout << "factor with fresh configurations " << std::exp(log_factor) << "\n";
+  testing::record("factor with fresh configurations", std::exp(log_factor));
   EXPECT_GT(std::exp(log_factor), 0.6);
   EXPECT_LT(std::exp(log_factor), 0.7);
 }
