@@ -182,7 +182,8 @@ struct PredictedAccuracy {
   ErrorStatistics workspace;         ///< at 1,000 seeded configurations within the joint limits
   std::vector<WorkspaceCell> cells;  ///< the same 1,000, in cubes of `cell` metres
   double cell = 0.5;
-  /// What the radii were multiplied by, so that 95 % of the held-out points lie inside; 1 below 40 configurations.
+  /// What the radii were multiplied by: from 40 configurations on so that 95 % of the held-out points lie inside, below
+  /// by how many times larger the held-out RMS is where the model is chosen without what is held out.
   double radius_factor = 1.0;
   std::vector<PredictedPoint> asked;  ///< CalibrationOptions::predict_at, every target
 };

@@ -471,7 +471,8 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                                          .covariance = judged.noise.covariance,
                                          .triangle_of_candidates = judged.triangle_of_candidates,
                                          .noise = judged.noise.report,
-                                         .held_out = held_out.prediction},
+                                         .held_out = held_out.prediction,
+                                         .price_of_choosing = chosen.choice.price},
                                         training, options.predict_at);
   result.difference_to_kdl = difference_to_kdl(model, fitted.identification.estimate.errors, measurements.joint_values);
   result.parameters = parameter_estimates(task, fitted,

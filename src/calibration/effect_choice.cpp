@@ -18,6 +18,7 @@
 #include "calibration/parameter_choice.hpp"
 #include "calibration/ripple_search.hpp"
 #include "calibration/table_certainty.hpp"
+#include "calibration/tried_models.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/group_sizes.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -87,26 +88,31 @@ public:
     const bool asked = !options.effects.automatic;
     Outcome outcome;
     Choice& result = outcome.choice;
+    TriedModels tried;
     bool sized = false;
     std::vector<EffectTerm>& terms = outcome.terms;
     std::vector<std::string> names;
-    Worth current = worth_of({}, {}, false, result.tried);
+    Worth current = worth_of({}, {}, false, tried);
     if (options.automatic_priors) {
-      Worth with_sizes = worth_of({}, {}, true, result.tried);
+      Worth with_sizes = worth_of({}, {}, true, tried);
       sized = with_sizes.held_out_rms < current.held_out_rms;
       current = sized ? std::move(with_sizes) : std::move(current);
     }
     result.rigid_priors = priors_of(current, sized);
     if (asked) {
-      add_asked(sized, terms, names, current, result.tried);
+      add_asked(sized, terms, names, current, tried);
     } else {
-      add_what_helps(sized, terms, names, current, result.tried);
+      add_what_helps(sized, terms, names, current, tried);
     }
     result.priors = priors_of(current, sized);
     withhold_tables(sized, terms, current);
     result.terms = with_sigmas(terms, current);
     result.noise = current.noise;
-    mark_chosen(names, sized, result.tried);
+    tried.put_first(names, sized);
+    result.tried = tried.options();
+    if (place_ == Place::outermost && options.effects.groups.empty()) {
+      result.price = tried.price_of_choosing();
+    }
     outcome.values = current.sizes.values;
     return outcome;
   }
@@ -132,7 +138,7 @@ private:
 
   // Tables get the length that predicts best; ripple is looked for in what all others leave.
   void add_asked(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
-                 std::vector<ModelOption>& tried) const {
+                 TriedModels& tried) const {
     const std::vector<EffectGroup>& groups = task_.options.effects.groups;
     const auto is_asked = [&](EffectGroup group) {
       return std::find(groups.begin(), groups.end(), group) != groups.end();
@@ -214,7 +220,7 @@ private:
 
   // Folds are predicted only where the evidence is at least `wanted`.
   Worth worth_of(const std::vector<EffectTerm>& terms, const std::vector<std::string>& names, bool sized,
-                 std::vector<ModelOption>& tried, double wanted = -kUnlimited) const {
+                 TriedModels& tried, double wanted = -kUnlimited) const {
     const Candidate candidate = with_terms(task_.model, task_.free, terms, sized);
     Worth worth;
     worth.groups = groups_of(candidate, task_.options.priors);
@@ -238,11 +244,12 @@ private:
       predict_folds(candidate, rows, all, worth,
                     place_ == Place::outermost ? counted_fits(task_.options, what, folds_.size()) : nullptr);
     }
-    tried.push_back({.priors = priors_of(worth, sized),
-                     .effects = names,
-                     .sized = sized,
-                     .held_out_rms = worth.held_out_rms,
-                     .evidence = worth.sizes.evidence});
+    tried.add({.priors = priors_of(worth, sized),
+               .effects = names,
+               .sized = sized,
+               .held_out_rms = worth.held_out_rms,
+               .evidence = worth.sizes.evidence},
+              worth.squares);
     worth.information = std::move(all.information);
     return worth;
   }
@@ -317,7 +324,7 @@ private:
 
   // The likeliest of what helps, again and again.
   void add_what_helps(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
-                      std::vector<ModelOption>& tried) const {
+                      TriedModels& tried) const {
     std::vector<Option> left = options();
     bool swings = false;
     while (current.determined) {
@@ -357,7 +364,7 @@ private:
   };
 
   // Tables that forget themselves sooner, as long as they predict better.
-  void shorten(bool sized, const Beside& beside, Option& tables, Worth& best, std::vector<ModelOption>& tried) const {
+  void shorten(bool sized, const Beside& beside, Option& tables, Worth& best, TriedModels& tried) const {
     for (const double degrees : {10.0, 4.0}) {
       const double length = degrees * std::numbers::pi / 180.0;
       Option shorter{.name = tables.name, .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
@@ -427,18 +434,6 @@ private:
     }
     std::erase_if(terms, [](const EffectTerm& term) { return !(term.sigma > 0.0) || is_withheld_throughout(term); });
     return terms;
-  }
-
-  // The chosen one first, the others by what they predict.
-  static void mark_chosen(const std::vector<std::string>& names, bool sized, std::vector<ModelOption>& tried) {
-    std::stable_sort(tried.begin(), tried.end(),
-                     [](const ModelOption& a, const ModelOption& b) { return a.held_out_rms < b.held_out_rms; });
-    const auto chosen = std::find_if(tried.begin(), tried.end(), [&](const ModelOption& option) {
-      return option.effects == names && option.sized == sized;
-    });
-    if (chosen != tried.end()) {
-      std::rotate(tried.begin(), chosen, chosen + 1);
-    }
   }
 
   const ChoiceTask& task_;

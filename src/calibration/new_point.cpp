@@ -42,7 +42,7 @@ bool MeasuredRegion::holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_p
 }
 
 MeasuredRegion measured_region(const Measurements& measurements, const FoldPrediction& held_out,
-                               const NoiseReport& noise) {
+                               const NoiseReport& noise, double price_of_choosing) {
   constexpr double kBeyond = 0.05;  // of the range
   constexpr std::size_t kFewest = 40;
   MeasuredRegion region;
@@ -71,6 +71,7 @@ MeasuredRegion measured_region(const Measurements& measurements, const FoldPredi
     }
   }
   if (ratios.size() < kFewest) {
+    region.radius_factor = price_of_choosing;
     return region;
   }
   std::sort(shares.begin(), shares.end());

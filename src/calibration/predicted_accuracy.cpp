@@ -170,7 +170,8 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
       random_configurations(model.joints, limits_of(model.joints), kWorkspaceSamples, random);
   PredictedAccuracy result;
   const UncertainPredictor predictor(uncertain);
-  const MeasuredRegion region = measured_region(measurements, uncertain.held_out, uncertain.noise);
+  const MeasuredRegion region =
+      measured_region(measurements, uncertain.held_out, uncertain.noise, uncertain.price_of_choosing);
   result.radius_factor = region.radius_factor;
   result.asked = predictor.points(asked, region);
   if (!uncertain.covariance.diagonal().allFinite()) {

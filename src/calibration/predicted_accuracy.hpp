@@ -16,6 +16,7 @@ struct UncertainEstimate {
   const Eigen::MatrixXd& triangle_of_candidates;  ///< of the whitened system
   const NoiseReport& noise;
   const FoldPrediction& held_out;
+  double price_of_choosing = 1.0;  ///< see TriedModels
 };
 
 /// At the measured configurations, over the workspace and where it was asked for.

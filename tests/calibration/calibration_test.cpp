@@ -691,6 +691,34 @@ TEST(CalibrationOnRealDataLongRun, R2000iCPredictsWhatItsChoicesDidNotSee) {
   EXPECT_GT(found.nested_leave_one_out->rms, found.leave_one_out->after.rms);
 }
 
+// Each configuration is measured by those who have never seen it: every choice is made without it.
+TEST(CalibrationOnRealDataLongRun, R2000iCRadiusHoldsWhatNothingHasSeen) {
+  const ErrorModel model = complete_model(fanuc());
+  const Measurements all = real_measurements();
+  int inside = 0;
+  for (Eigen::Index left = 0; left < all.joint_values.cols(); ++left) {
+    CalibrationOptions options;
+    options.automatic_priors = true;
+    options.effects.automatic = true;
+    options.try_readings = false;
+    options.predict_at = {.names = {"left out"}, .joint_values = all.joint_values.col(left), .signals = {}};
+    const Measurements rest = subset(all, [&](const Observation& o) { return o.configuration != left; });
+    const Calibration found = calibrate(model, rest, options);
+    EXPECT_GE(found.predicted.radius_factor, 1.0);
+    EXPECT_LE(found.predicted.radius_factor, 1.3);
+    for (const Observation& o : all.observations) {
+      if (o.configuration == left) {
+        const PredictedPoint& point = found.predicted.asked[static_cast<std::size_t>(o.target)];
+        inside += (o.position - point.position_W).norm() <= point.radius_95 ? 1 : 0;
+      }
+    }
+  }
+  const double share = static_cast<double>(inside) / static_cast<double>(all.observations.size());
+  testing::record("inside the radius", share);
+  EXPECT_GE(share, 0.90);
+  EXPECT_LE(share, 0.99);
+}
+
 TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies) {
   const Calibration found = calibrate(complete_model(fanuc()), real_measurements());
   ASSERT_TRUE(found.noise.repeats.has_value());
