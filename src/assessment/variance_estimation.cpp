@@ -17,6 +17,7 @@ using Variances = NoiseParts::Variances;
 
 namespace {
 
+constexpr double kUsedUp = 1e-6;      // degrees of freedom: what has as few left stays zero, its likelihood is flat
 constexpr double kLeastShare = 1e-8;  // of a stratum's variance in those of its kind: less is rounding
 
 // Solves for the active unknowns and, where one of them would be negative, goes as far as the first becomes zero.
@@ -140,6 +141,10 @@ bool VarianceEstimation::start() {
   floor_ = kLeastShare * least;
   x_ = VectorXd::Zero(unknowns());
   for (Index i = 0; i < unknowns(); ++i) {
+    const auto is_of = (design_.col(i).array() > 0.0).cast<double>();
+    if (rows.rowwise().sum().cwiseMax(0.0).dot(is_of.matrix()) < kUsedUp) {
+      design_.col(i).setZero();
+    }
     x_[i] = (design_.col(i).array() > 0.0).select(least, 0.0).maxCoeff();
   }
   lambda_ = variances(x_);

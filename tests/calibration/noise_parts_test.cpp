@@ -14,6 +14,7 @@
 #include "base/f_distribution.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -250,6 +251,19 @@ TEST(NoiseParts, KeepWhatRepeatsShowBesideAMisfitOfAnotherKind) {
 
 FitProblem plain_problem(const ErrorModel& model, const Measurements& measured, const Unknowns& free) {
   return {.model = model, .measurements = measured, .start = fitted(model, measured, free), .free = free};
+}
+
+// Of five configurations the parameters use up all 15 coordinates that the targets share: whatever these had in common
+// would leave the same residuals.
+TEST(NoiseParts, ThatTheParametersUseUpAreZero) {
+  testing::VirtualExperiment experiment;
+  for (int draw = 0; draw < 5; ++draw) {
+    const Measurements measured = testing::without_sigmas(experiment.measure(5, {.sigma = 3e-5}));
+    const Calibration found = calibrate(experiment.model, measured, {.held_out = false, .try_readings = false});
+    EXPECT_EQ(found.noise.misfit, 0.0) << draw;
+    EXPECT_NEAR(found.noise.sigma, 3e-5, 2.5e-5) << draw;
+    EXPECT_NEAR(found.noise.degrees_of_freedom, 12.0, 0.1) << draw;
+  }
 }
 
 TEST(NoiseParts, OfOneKindBesideEqualWeightsAreTheMeanSquareOfTheResiduals) {
