@@ -55,6 +55,9 @@ awk '
         printf "%-58s %12.0f ns\n", "  N = " n, best["iteration_library/" n] / n * 1e9
     for (n = 3000; n <= 300000; n *= 10)
       ratio("  library over Ceres, dense QR, N = " n, "iteration_library/" n, "iteration_ceres_qr/" n)
+    ratio("  with 60 effects, N = 30000", "iteration_library/30000", "iteration_effects/30000")
+    ratio("  with noise of its own along each axis, N = 30000", "iteration_library/30000", "iteration_by_axis/30000")
+    ratio("  with noise in common, N = 30000", "iteration_library/30000", "iteration_correlated/30000")
     print "Long measurements, 900,000 points"
     row("  reading the CSV", "read_csv/300000")
     printf "%-58s %12.0f MB/s\n", "  reading the CSV", speed["read_csv/300000"] / 1e6

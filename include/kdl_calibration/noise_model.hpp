@@ -51,6 +51,7 @@ struct ResidualOptions {
   std::vector<double> row_weights;  ///< factor on the information of each observation, 0 leaves it out; empty: all 1
   /// [m] where orientations have no sigma: an error of one radian counts as much as this error of position.
   double orientation_length = 0.3;
+  int threads = 1;  ///< of a pass over many configurations, 0: one per core; its figures do not depend on it
 
   double row_weight(std::size_t row) const { return row_weights.empty() ? 1.0 : row_weights[row]; }
 };

@@ -23,8 +23,9 @@ std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estim
 Eigen::Vector3d predicted_point(const Estimate& estimate, const std::vector<Eigen::Isometry3d>& X_BF,
                                 const Observation& observation);
 
-/// Twists of the free chain columns (base, geometric, effects) at an estimate; those of the effects are per
-/// unit of the joint's motion and still lack the factor basis(q).
+/// Twist of a term's column, per unit of the joint's motion: the factor basis(q) is still to come.
+ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term);
+/// Twists of the free chain columns (base, geometric, effects) at an estimate; those of the effects as effect_twist().
 std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns);
 
 /// Jacobians of the predicted positions at one estimate. Keeps references to its arguments.

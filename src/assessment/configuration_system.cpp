@@ -18,18 +18,17 @@ std::vector<std::pair<std::int32_t, std::vector<std::size_t>>> rows_by_configura
   return {rows.begin(), rows.end()};
 }
 
-ConfigurationSystems::ConfigurationSystems(const LeastSquaresProblem& problem, const Measurements& measurements,
-                                           const ResidualOptions& residuals, const Estimate& estimate, MatrixXd R)
-    : model_(problem.model()),
-      measurements_(measurements),
-      residuals_(residuals),
-      estimate_(estimate),
+ConfigurationSystems::ConfigurationSystems(const FitProblem& fit, MatrixXd R)
+    : model_(fit.model),
+      measurements_(fit.measurements),
+      residuals_(fit.options.joint.residuals),
+      estimate_(fit.start),
       R_(std::move(R)) {
   // With every target free its columns are those of U.
-  std::vector<std::size_t> coordinates(6 * measurements.targets.size());
+  std::vector<std::size_t> coordinates(6 * measurements_.targets.size());
   std::iota(coordinates.begin(), coordinates.end(), 0U);
-  all_ = problem.unknowns().with(model_, UnknownGroup::targets, coordinates);
-  for (const Unknown& unknown : problem.unknowns().columns()) {
+  all_ = fit.free.with(model_, UnknownGroup::targets, coordinates);
+  for (const Unknown& unknown : fit.free.columns()) {
     estimated_.push_back(*all_.column(unknown.group, unknown.index));
   }
 }

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/prediction.hpp"
 
@@ -29,9 +30,9 @@ struct ConfigurationSystem {
 /// Gives the systems of some configurations at a time. Safe to ask from several threads.
 class ConfigurationSystems {
 public:
-  /// Keeps references to all but `R`: upper triangular, of the information R^T R of the whole system.
-  ConfigurationSystems(const LeastSquaresProblem& problem, const Measurements& measurements,
-                       const ResidualOptions& residuals, const Estimate& estimate, Eigen::MatrixXd R);
+  /// At the start of the fit, which must outlive this. `R`: upper triangular, of the information R^T R of the whole
+  /// system.
+  ConfigurationSystems(const FitProblem& fit, Eigen::MatrixXd R);
 
   /// So many together take a small part of the time that they take one by one.
   static constexpr std::size_t kTogether = 32;

@@ -90,20 +90,31 @@ private:
 // Everything that folds have in common. Keeps references.
 class FoldPredictor {
 public:
-  explicit FoldPredictor(const FoldTask& task)
+  FoldPredictor(const FoldTask& task, const std::vector<std::vector<Index>>& folds)
       : task_(task),
         problem_(task.problem),
         R_(root_of(task.triangle)),
         determined_(R_.diagonal().cwiseAbs().cwiseProduct(unit_scale(R_)).minCoeff() > kSingular),
-        system_(problem_.model, problem_.measurements, problem_.free, problem_.options.joint.residuals),
-        systems_(system_, problem_.measurements, problem_.options.joint.residuals, problem_.start, R_),
-        X_BF_(flange_poses(problem_.model, problem_.start, problem_.measurements)),
-        means_(averaged(problem_.measurements)) {
-    for (auto& [configuration, rows] : rows_by_configuration(problem_.measurements)) {
-      rows_[configuration] = std::move(rows);
+        systems_(problem_, R_) {
+    std::vector<bool> is_held_out(static_cast<std::size_t>(problem_.measurements.joint_values.cols()), false);
+    for (const std::vector<Index>& fold : folds) {
+      for (const Index c : fold) {
+        is_held_out[static_cast<std::size_t>(c)] = true;
+      }
     }
+    const auto keep = [&](const Observation& o) { return is_held_out[static_cast<std::size_t>(o.configuration)]; };
+    for (std::size_t row = 0; row < problem_.measurements.observations.size(); ++row) {
+      if (const Observation& observation = problem_.measurements.observations[row]; keep(observation)) {
+        rows_[observation.configuration].push_back(row);
+      }
+    }
+    std::vector<Index> kept;  // by their numbers in the means
+    for (const auto& [configuration, rows] : rows_) {
+      kept.push_back(configuration);
+    }
+    means_ = averaged(subset(problem_.measurements, keep));
     for (std::size_t row = 0; row < means_.observations.size(); ++row) {
-      rows_of_means_[means_.observations[row].configuration].push_back(row);
+      rows_of_means_[kept[static_cast<std::size_t>(means_.observations[row].configuration)]].push_back(row);
     }
   }
 
@@ -141,6 +152,20 @@ public:
     return part;
   }
 
+  // What of a held-out point was measured.
+  void take_mean(HeldOutPoint& point) const {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    point.repeats = 0.0;
+    for (const std::size_t row : rows_.at(point.configuration)) {
+      const Observation& observation = problem_.measurements.observations[row];
+      if (observation.target == point.target) {
+        point.repeats += 1.0;
+        sum += observation.position;
+      }
+    }
+    point.measured = sum / point.repeats;
+  }
+
 private:
   static MatrixXd root_of(const MatrixXd& triangle) {
     const Index columns = triangle.cols();
@@ -156,7 +181,10 @@ private:
     const Eigen::PartialPivLU<MatrixXd> to_metres(system.U);
     const VectorXd left = to_metres.solve(VectorXd(system.e - system.B * without.step()));
     const MatrixXd J = to_metres.solve(system.B);
-    const Matrix3d R_WF = problem_.start.X_WB.linear() * X_BF_[static_cast<std::size_t>(configuration)].linear();
+    const Measurements& measurements = problem_.measurements;
+    const auto X_BF = flange_poses(problem_.model, problem_.start, measurements.joint_values.col(configuration),
+                                   column(measurements.signals, configuration));
+    const Matrix3d R_WF = problem_.start.X_WB.linear() * X_BF.front().linear();
     for (std::size_t i = 0; i < system.targets.size(); ++i) {
       const auto first = static_cast<Index>(3 * i);
       const Matrix3d in_flange = without.covariance(J.middleRows(first, 3));
@@ -172,10 +200,10 @@ private:
                          const std::vector<HeldOutPoint>& points) const {
     Measurements held_out;
     held_out.targets = means_.targets;
-    held_out.joint_values = means_.joint_values(Eigen::all, fold);
-    held_out.signals = columns(means_.signals, fold);
+    held_out.joint_values = problem_.measurements.joint_values(Eigen::all, fold);
+    held_out.signals = columns(problem_.measurements.signals, fold);
     for (std::size_t i = 0; i < fold.size(); ++i) {
-      held_out.configurations.push_back(means_.configurations[static_cast<std::size_t>(fold[i])]);
+      held_out.configurations.push_back(problem_.measurements.configurations[static_cast<std::size_t>(fold[i])]);
       for (const std::size_t row : rows_of_means_.at(fold[i])) {
         held_out.observations.push_back(means_.observations[row]);
         held_out.observations.back().configuration = static_cast<std::int32_t>(i);
@@ -212,11 +240,9 @@ private:
   const FitProblem& problem_;
   MatrixXd R_;
   bool determined_;
-  LeastSquaresProblem system_;
   ConfigurationSystems systems_;
-  std::vector<Eigen::Isometry3d> X_BF_;
-  Measurements means_;
-  std::map<Index, std::vector<std::size_t>> rows_;
+  Measurements means_;                              // of the configurations that are held out
+  std::map<Index, std::vector<std::size_t>> rows_;  // of these
   std::map<Index, std::vector<std::size_t>> rows_of_means_;
 };
 
@@ -237,7 +263,7 @@ FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector
   require_sigma("the noise", task.noise);
   const TrainingProblem training(task.problem);
   const FoldTask task_of_training{.problem = *training, .triangle = task.triangle, .noise = task.noise};
-  const FoldPredictor predictor(task_of_training);
+  const FoldPredictor predictor(task_of_training, folds);
   std::vector<std::vector<Index>> sorted = folds;
   std::vector<std::pair<std::size_t, std::size_t>> some{{0, 0}};  // first fold and the one behind the last
   std::size_t together = 0;
@@ -261,22 +287,10 @@ FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector
       place += sorted[f].size();
     }
   });
-  struct Cell {
-    double repeats = 0.0;
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  };
-  std::map<std::pair<std::int32_t, std::int32_t>, Cell> cells;
-  for (const Observation& observation : (*training).measurements.observations) {
-    Cell& cell = cells[{observation.configuration, observation.target}];
-    cell.repeats += 1.0;
-    cell.sum += observation.position;
-  }
   FoldPrediction result;
   for (Part& part : parts) {
     for (HeldOutPoint& point : part.points) {
-      const Cell& cell = cells[{point.configuration, point.target}];
-      point.repeats = cell.repeats;
-      point.measured = cell.sum / cell.repeats;
+      predictor.take_mean(point);
     }
     result.points.insert(result.points.end(), part.points.begin(), part.points.end());
     result.refits += part.refitted ? 1 : 0;

@@ -98,9 +98,13 @@ Influence influence(const LeastSquaresProblem& problem, const Measurements& meas
   }
   Totals totals;
   const TrainingRows training(measurements);
-  ResidualOptions of_training = residuals;
-  of_training.row_weights = training.values_of(residuals.row_weights);
-  const ConfigurationSystems systems(problem, *training, of_training, estimate, R);
+  FitProblem fit{.model = problem.model(),
+                 .measurements = *training,
+                 .start = estimate,
+                 .free = problem.unknowns(),
+                 .options = {.joint = {.residuals = residuals}}};
+  fit.options.joint.residuals.row_weights = training.values_of(residuals.row_weights);
+  const ConfigurationSystems systems(fit, R);
   const auto configurations = rows_by_configuration(*training);
   std::vector<ConfigurationSystem> together;
   for (std::size_t c = 0; c < configurations.size(); ++c) {

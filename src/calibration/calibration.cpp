@@ -147,6 +147,7 @@ Weighing weigh(const Setting& setting, const Measurements& measurements, const C
     require_repeats(measurements);
   }
   joint.residuals.noise = options.noise;
+  joint.residuals.threads = options.threads;
   joint.max_iterations = options.iterations > 0 ? options.iterations : joint.max_iterations;
   const FitTask task{.model = setting.model,
                      .measurements = measurements,

@@ -71,11 +71,12 @@ public:
   void visit(const Estimate& estimate, Block& block, Visitor visitor) const {
     const BlockLinearisation linearisation(model_, unknowns_, estimate);
     Eigen::VectorXd q;
+    Eigen::VectorXd basis;
     ObservedConfiguration alike;
     for (const LaneGroup& group : data_.groups) {
       for (std::size_t c = 0; c < group.configurations; ++c) {
-        group.read(c, q, alike);
-        linearisation.at(effective_joint_values(model_, estimate.effects, q).col(0), Eigen::VectorXd(), alike, block);
+        group.read(c, q, basis, alike);
+        linearisation.at(effective_joint_values(model_, estimate.effects, q, basis).col(0), basis, alike, block);
         visitor(block);
       }
     }

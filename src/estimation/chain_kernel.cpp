@@ -2,12 +2,19 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <functional>
 
 namespace kdl_calibration {
 
 namespace {
 
 constexpr std::size_t kBlocksInCache = 16;
+constexpr std::size_t kMostBlocks = 4;  // whose products are added up before they are added to the sums
+
+// What there is besides the cost, in the order of ChainKernelSums::lanes.
+constexpr std::array kSummed = {&ChainKernelSums::gradient, &ChainKernelSums::coupling, &ChainKernelSums::force,
+                                &ChainKernelSums::turned,   &ChainKernelSums::gram,     &ChainKernelSums::spread};
 
 // The sums over the lanes of `rows`, which hold them part by part, each of `at_once` lanes. Two lanes at a time, for
 // every part has an even number of them, and in an order that does not depend on the parts.
@@ -26,8 +33,8 @@ void add_lanes(const std::vector<LaneRow>& rows, std::size_t at_once, ChainKerne
     return sum[0] + sum[1];
   };
   sums.cost = next();
-  for (std::vector<double>* part : {&sums.gradient, &sums.twist, &sums.force, &sums.gram}) {
-    std::generate(part->begin(), part->end(), next);
+  for (const auto part : kSummed) {
+    std::generate((sums.*part).begin(), (sums.*part).end(), next);
   }
 }
 
@@ -73,6 +80,14 @@ std::vector<InstructionSet> instruction_sets() {
   return sets;
 }
 
+void add(const ChainKernelSums& others, ChainKernelSums& sums) {
+  sums.cost += others.cost;
+  for (const auto part : kSummed) {
+    std::transform((sums.*part).begin(), (sums.*part).end(), (others.*part).begin(), (sums.*part).begin(),
+                   std::plus<>());
+  }
+}
+
 void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& sums) {
   static const InstructionSet widest = instruction_sets().back();
   sum_chain(input, cost_only, sums, widest);
@@ -81,14 +96,26 @@ void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& s
 void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& sums, InstructionSet set) {
   const std::size_t joints = input.prismatic.size();
   const std::size_t columns = input.columns.size();
-  sums.gradient.resize(columns);
-  sums.twist.resize(6 * columns);
-  sums.force.resize(3 * input.points.size());
+  std::size_t terms = 0;
+  for (const ChainMotion& motion : input.motions) {
+    terms += motion.free;
+  }
+  sums.gradient.resize(columns + terms);
+  sums.coupling.resize(input.width() * (columns + terms));
+  sums.force.resize(input.by_axis() ? input.pulls.size() : 3 * input.points.size());
+  sums.turned.resize(input.by_axis() ? 18 : 0);
   sums.gram.resize(columns * (columns + 1) / 2);
-  sums.lanes.assign(1 + sums.gradient.size() + sums.twist.size() + sums.force.size() + sums.gram.size(), {});
-  sums.turns.resize(2 * joints);
-  sums.poses.resize(15 * (joints + 2));
-  sums.jacobian.resize(12 * columns);
+  sums.spread.resize(terms * columns + terms * (terms + 1) / 2);
+  sums.lanes.assign(1 + sums.gradient.size() + sums.coupling.size() + sums.force.size() + sums.turned.size() +
+                        sums.gram.size() + sums.spread.size(),
+                    {});
+  sums.joints.resize(input.entries());
+  sums.turns.resize(2 * input.entries());
+  sums.poses.resize(15 * ((input.tilts ? 2 : 1) * joints + 2));
+  const std::size_t together = input.motions.empty() ? 2 : kMostBlocks;
+  sums.jacobian.resize(6 * together * (columns + input.motions.size()));
+  sums.forces.resize((1 + input.width()) * together * input.motions.size());
+  sums.pulls.resize(6 * input.pulls.size());
   switch (set) {
 #ifdef KDL_CALIBRATION_WIDE_KERNELS
     case InstructionSet::avx512:

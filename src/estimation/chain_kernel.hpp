@@ -10,8 +10,19 @@
 // translation 3. With X_WP = (R, p), residuals e_k = R^T (z_k - p) - t_k and columns (v, a):
 //   gram     = sum [v; L^T a] [v; L^T a]^T   (times w: the information of the chain's columns)
 //   gradient = sum v . F + a . M,            F = sum w_k e_k,  M = sum w_k t_k x e_k
-//   twist    = sum (v, a),                   force_k = sum w_k e_k,  cost = sum w_k |e_k|^2
+//   coupling = sum (v, a),                   force_k = sum w_k e_k,  cost = sum w_k |e_k|^2
 // where the outer sums are over the configurations. They run over kLanes configurations side by side.
+//
+// Where the noise is another along each axis x of W, a configuration is kept as rows j of numbers m_jx = sum_l U_jl,x
+// z_l,x with errors of their own of variance 1, U_x^T U_x being the information of the points' coordinates x. With r_x
+// row x of R, u_jx = sum_l U_jl,x and s_jx = sum_l U_jl,x t_l
+//   e_jx = m_jx - u_jx p_x - r_x . s_jx,   its derivative (u_jx r_x) . v + (s_jx x r_x) . a,   U_jl,x r_x . dt_l,
+// whose squares are the information G(q) of the twist (v, a); M with G = M^T M takes the place of [v; L^T a] (w is 1):
+//   coupling = sum (v, a) . K_lc,  K_lc = sum_jx U_jl,x r_xc (u_jx r_x, s_jx x r_x),  turned_x = sum r_x r_x^T
+//
+// Terms move a joint besides its value: motion m by sum_k value_k phi_k with phi_k one number a configuration. The
+// column of a term is phi_k times its motion's, so that products are formed once for two motions and spread:
+//   spread   = sum phi_k [v; L^T a]_m [v; L^T a]_i^T and sum phi_k phi_l [v; L^T a]_m [v; L^T a]_n^T
 
 #include <array>
 #include <cstddef>
@@ -24,13 +35,29 @@ namespace kdl_calibration {
 /// Rotation row by row, then the position.
 using FrameNumbers = std::array<double, 12>;
 
-/// A parameter's twist in joint frame `frame` (0: base, i + 1: joint frame i, joints + 1: flange).
+/// A parameter's twist in joint frame `frame` (0: base, i + 1: joint frame i, joints + 1: flange, joints + 2 + i: joint
+/// frame i behind its tilts, where the chain has some).
 struct ChainColumn {
   int frame = 0;
   bool moves = false;  // has a linear part
   bool turns = false;  // has an angular part; all such columns come first
   std::array<double, 3> linear = {};
   std::array<double, 3> angular = {};
+};
+
+/// What terms move: the terms first … last - 1, of which the first `free` have columns.
+struct ChainMotion {
+  std::size_t entry = 0;  // of the joint values and tilts that it adds to, see FoldedChain
+  ChainColumn column;
+  std::size_t first = 0;
+  std::size_t free = 0;
+  std::size_t last = 0;
+};
+
+/// u and s.
+struct AxisRow {
+  double sum = 0.0;
+  std::array<double, 3> target = {};
 };
 
 struct ChainKernelInput {
@@ -43,28 +70,51 @@ struct ChainKernelInput {
   std::vector<std::array<double, 3>> points;  // t_k
   std::vector<double> weights;                // w_k
   std::array<double, 6> root = {};            // L: 00 10 11 20 21 22
-  /// Per block of kLanes configurations: joints rows, then x y z of each point.
+  // Instead of points, weights and root:
+  std::vector<AxisRow> kept;         // of row j and axis x: 3 j + x
+  std::vector<AxisRow> pulls;        // of target l and axis x (3 l + x): sum_j U_jl,x (u_jx, s_jx)
+  std::vector<double> shares;        // U_jl,x at (3 j + x) targets + l
+  std::vector<ChainMotion> motions;  // the terms of each follow those of the one before
+  std::vector<double> values;        // of the terms
+  bool tilts = false;                // whether motions tilt joints
+  /// Per block of kLanes configurations: joints rows, then x y z of each point or row j, then phi of each term.
   const LaneRow* data = nullptr;
   std::size_t configurations = 0;
+
+  bool by_axis() const { return !kept.empty(); }
+  /// What `coupling` has for each column.
+  std::size_t width() const { return by_axis() ? pulls.size() : 6; }
+  std::size_t rows() const { return prismatic.size() + (by_axis() ? kept.size() : 3 * points.size()) + values.size(); }
+  std::size_t entries() const { return (tilts ? 3 : 1) * prismatic.size(); }
 };
 
-/// Rows of `gram`: for each turning column i the columns j >= i, then for each of the others the same.
+/// Rows of `gram`: for each turning column i the columns j >= i, then for each of the others the same. Rows of
+/// `spread`: for each motion its terms with every column, one column after the other, then for each motion from this
+/// one on, for each own term, the other's terms, from the own term on where both are the same.
 struct ChainKernelSums {
   double cost = 0.0;
   std::vector<double> gram;
-  std::vector<double> gradient;  // per column
-  std::vector<double> twist;     // 6 per column
-  std::vector<double> force;     // 3 per point
+  std::vector<double> spread;
+  std::vector<double> gradient;  // per column, then per term
+  std::vector<double> coupling;  // per column, then per term: 6, its twist, or by axis 3 per target
+  std::vector<double> force;     // 3 per point, or by axis 3 per target
+  std::vector<double> turned;    // by axis: 00 01 02 11 12 22 of each
   // Workspace.
-  std::vector<LaneRow> lanes;     // cost, gradient, twist, force, gram: what each lane adds up, one part of the lanes
-                                  // (a register of the instruction set) after the other
-  std::vector<LaneRow> turns;     // 2 per joint: sine and cosine
+  std::vector<LaneRow> lanes;     // cost, gradient, coupling, force, turned, gram, spread: what each lane adds up, one
+                                  // part of the lanes (a register of the instruction set) after the other
+  std::vector<LaneRow> joints;    // values and tilts
+  std::vector<LaneRow> turns;     // 2 of each: sine and cosine
   std::vector<LaneRow> poses;     // 15 per frame: rotation, position, and the position in the frame P
-  std::vector<LaneRow> jacobian;  // 6 per column, of two blocks
+  std::vector<LaneRow> jacobian;  // 6 per column and motion, of some blocks
+  std::vector<LaneRow> forces;    // per motion, of these blocks: what it adds to gradient and coupling
+  std::vector<LaneRow> pulls;     // 18 per target: K
 };
 
 /// The sums over all configurations; with `cost_only` nothing but the cost. Angles beyond kLargestAngle lose accuracy.
 void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& sums);
+
+/// Adds the sums over other configurations, the workspace apart.
+void add(const ChainKernelSums& others, ChainKernelSums& sums);
 
 /// The same with a given instruction set; every one gives the same bits.
 enum class InstructionSet { baseline, avx2, avx512 };

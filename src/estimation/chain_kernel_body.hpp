@@ -1,198 +1,94 @@
 // Included by chain_kernel.cpp inside a namespace, once per instruction set, with the doubles that one of its registers
 // holds in KDL_CALIBRATION_AT_ONCE.
 
-constexpr std::size_t kAtOnce = KDL_CALIBRATION_AT_ONCE;
-constexpr std::size_t kParts = kLanes / kAtOnce;
+#include "estimation/chain_kernel_poses.hpp"
+// and, with what that declares,
+#include "estimation/chain_kernel_points.hpp"
 
-using Vector = double __attribute__((vector_size(kAtOnce * sizeof(double)), may_alias));
-using Integers = long long __attribute__((vector_size(kAtOnce * sizeof(double))));
+// The first three coordinates of a twist (v, a), or where it turns all six.
+template <bool kTurns>
+constexpr std::size_t kCoordinates = kTurns ? 6 : 3;
 
-// The same part of the lanes of every row of data.
-struct Rows {
-  const Vector* first;
-  const Vector& operator[](std::size_t row) const { return first[row * kParts]; }
+// A column's twist in P.
+template <bool kTurns>
+static inline __attribute__((always_inline)) void twist_of(const ChainColumn& column, const Vector* poses,
+                                                           Vector* twist) {
+  const Vector* R = poses + 15 * static_cast<std::size_t>(column.frame);
+  Vector* const v = twist;
+  v[0] = v[1] = v[2] = Vector{};
+  if (column.moves) {
+    turned_back(R, column.linear, v);
+  }
+  if constexpr (kTurns) {
+    Vector* const a = twist + 3;
+    turned_back(R, column.angular, a);
+    const Vector* p = R + 12;
+    v[0] += a[1] * p[2] - a[2] * p[1];
+    v[1] += a[2] * p[0] - a[0] * p[2];
+    v[2] += a[0] * p[1] - a[1] * p[0];
+  }
+}
+
+// One block after its residuals: where the chain is, and what they are as a wrench on P.
+struct PulledBlock {
+  const Vector* poses;
+  const Vector* wrench;
 };
 
-// What one part of the lanes adds up.
-struct Sums {
-  Vector* gram;
+// Where the sums of a column or motion are.
+struct ColumnSums {
   Vector* gradient;
-  Vector* twist;
-  Vector* force;
-  Vector* cost;
+  Vector* coupling;
 };
 
-// Sine and cosine after reduction to [-pi/4, pi/4] (Cody and Waite) by polynomials of degree 13 and 14, within 1 ulp.
-// The lowest bits of x / (pi/2) + 1.5 * 2^52 hold the quadrant.
-static inline void sine_and_cosine(const Vector& x, Vector& sine, Vector& cosine) {
-  const Vector shifted = x * 0.63661977236758134308 + 6755399441055744.0;
-  const Vector n = shifted - 6755399441055744.0;
-  const Integers quadrant = (Integers)shifted & 3;
-  const Vector r = ((x - n * 1.57079632673412561417) - n * 6.07710050630396597660e-11) - n * 2.02226624879595063154e-21;
-  const Vector z = r * r;
-  const Vector s = r + r * z *
-                           (-1.66666666666666324348e-01 +
-                            z * (8.33333333332248946124e-03 +
-                                 z * (-1.98412698298579493134e-04 +
-                                      z * (2.75573137070700676789e-06 +
-                                           z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)))));
-  const Vector c =
-      1.0 - (0.5 * z - z * z *
-                           (4.16666666666666019037e-02 +
-                            z * (-1.38888888888741095749e-03 +
-                                 z * (2.48015872894767294178e-05 +
-                                      z * (-2.75573143513906633035e-07 +
-                                           z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))))));
-  const Integers odd = (quadrant & 1) != 0;
-  const Integers sine_sign = (quadrant & 2) << 62;
-  const Integers cosine_sign = ((quadrant + 1) & 2) << 62;
-  sine = (Vector)((Integers)(odd ? c : s) ^ sine_sign);
-  cosine = (Vector)((Integers)(odd ? s : c) ^ cosine_sign);
+// The rows of a column, and what it adds.
+template <bool kTurns, class Points>
+static inline __attribute__((always_inline)) void add_column(const ChainColumn& column, const PulledBlock& block,
+                                                             const Points& points, const ColumnSums& sums,
+                                                             Vector* rows) {
+  Vector twist[6];
+  twist_of<kTurns>(column, block.poses, twist);
+  points.template rows_of<kTurns>(twist, rows);
+  points.template add_coupling<kTurns>(twist, sums.coupling);
+  Vector gradient = *sums.gradient;
+  for (std::size_t c = 0; c < kCoordinates<kTurns>; ++c) {
+    gradient += twist[c] * block.wrench[c];
+  }
+  *sums.gradient = gradient;
 }
 
-// out = frame * in, with `in` and `out` the rows of a pose.
-static inline void behind(const FrameNumbers& frame, const Vector* in, Vector* out) {
-  for (std::size_t r = 0; r < 3; ++r) {
-    const double a = frame[3 * r];
-    const double b = frame[3 * r + 1];
-    const double c = frame[3 * r + 2];
-    out[3 * r] = a * in[0] + b * in[3] + c * in[6];
-    out[3 * r + 1] = a * in[1] + b * in[4] + c * in[7];
-    out[3 * r + 2] = a * in[2] + b * in[5] + c * in[8];
-    out[9 + r] = a * in[9] + b * in[10] + c * in[11] + frame[9 + r];
+// The rows of one block's columns, and what these add to gradient and coupling.
+template <class Points>
+static inline __attribute__((always_inline)) void add_columns(const ChainKernelInput& input, const PulledBlock& block,
+                                                              const Points& points, const Sums& sums, Vector* rows) {
+  const std::size_t width = points.width();
+  for (std::size_t i = 0; i < input.turning; ++i) {
+    add_column<true>(input.columns[i], block, points, {sums.gradient + i, sums.coupling + width * i}, rows + 6 * i);
+  }
+  for (std::size_t i = input.turning; i < input.columns.size(); ++i) {
+    add_column<false>(input.columns[i], block, points, {sums.gradient + i, sums.coupling + width * i}, rows + 6 * i);
   }
 }
 
-// R^T v for the rotation at the head of a pose; v holds lanes or numbers.
-template <class Coordinates>
-static inline void turned_back(const Vector* R, const Coordinates& v, Vector* out) {
-  for (std::size_t c = 0; c < 3; ++c) {
-    out[c] = R[c] * v[0] + R[3 + c] * v[1] + R[6 + c] * v[2];
-  }
-}
-
-// Where `mask` is 0 a lane has no rotation, and with that no columns.
-static inline void constant_pose(const FrameNumbers& frame, const Vector& mask, Vector* pose) {
-  for (std::size_t i = 0; i < 12; ++i) {
-    pose[i] = i < 9 ? frame[i] * mask : frame[i] - Vector{};
-  }
-}
-
-// Turns a pose about z.
-static inline void turn_about_z(const Vector& sine, const Vector& cosine, Vector* pose) {
-  const Vector s = sine;
-  const Vector c = cosine;
-  const auto turn = [&](Vector & first, Vector & second) __attribute__((always_inline)) {
-    const Vector x = first;
-    first = c * x - s * second;
-    second = s * x + c * second;
-  };
-  turn(pose[0], pose[3]);
-  turn(pose[1], pose[4]);
-  turn(pose[2], pose[5]);
-  turn(pose[9], pose[10]);
-}
-
-// The poses of P in the flange, in every joint frame and in the base: poses[15 f] for frame f.
-static inline void chain_poses(const ChainKernelInput& input, const Vector& mask, const Rows& joints, Vector* turns,
-                               Vector* poses) {
-  const std::size_t count = input.prismatic.size();
-  for (std::size_t i = 0; i < count; ++i) {  // independent of each other, unlike the poses
-    if (input.prismatic[i] == 0) {
-      sine_and_cosine(joints[i], turns[2 * i], turns[2 * i + 1]);
+// The rows of one block's motions, and of each what it adds to gradient and coupling.
+template <class Points>
+static inline void take_motions(const ChainKernelInput& input, const PulledBlock& block, const Points& points,
+                                Vector* rows, Vector* forces) {
+  for (const ChainMotion& motion : input.motions) {
+    for (std::size_t c = 0; c <= points.width(); ++c) {
+      forces[c] = Vector{};
     }
-  }
-  constant_pose(input.flange, mask, poses + 15 * (count + 1));
-  turned_back(poses + 15 * (count + 1), poses + 15 * (count + 1) + 9, poses + 15 * (count + 1) + 12);
-  for (std::size_t i = count + 1; i-- > 0;) {
-    Vector* pose = poses + 15 * i;
-    if (i == count) {
-      constant_pose(input.links[i], mask, pose);
+    for (std::size_t c = 3; c < 6; ++c) {
+      rows[c] = Vector{};
+    }
+    const ColumnSums own{forces, forces + 1};
+    if (motion.column.turns) {
+      add_column<true>(motion.column, block, points, own, rows);
     } else {
-      behind(input.links[i], poses + 15 * (i + 1), pose);
+      add_column<false>(motion.column, block, points, own, rows);
     }
-    if (i > 0 && input.prismatic[i - 1] != 0) {
-      pose[11] += joints[i - 1];
-    } else if (i > 0) {
-      turn_about_z(turns[2 * i - 2], turns[2 * i - 1], pose);
-    }
-    turned_back(pose, pose + 9, pose + 12);
-  }
-}
-
-struct MeasuredBlock {
-  Vector mask;  // which lanes hold a configuration
-  Rows points;
-  const Vector* pose_in_base;
-};
-
-// Residuals of one block; force F and moment M into `wrench`.
-static inline void residuals(const ChainKernelInput& input, const MeasuredBlock& block, bool cost_only,
-                             const Sums& sums, Vector* wrench) {
-  const Rows& measured = block.points;
-  Vector pose[12];
-  behind(input.base, block.pose_in_base, pose);
-  Vector cost = sums.cost[0];
-  for (int i = 0; i < 6; ++i) {
-    wrench[i] = Vector{};
-  }
-  for (std::size_t k = 0; k < input.points.size(); ++k) {
-    const double* t = input.points[k].data();
-    const Vector d[3] = {measured[3 * k] - pose[9], measured[3 * k + 1] - pose[10], measured[3 * k + 2] - pose[11]};
-    Vector f[3];
-    for (int c = 0; c < 3; ++c) {
-      const Vector e = ((pose[c] * d[0] + pose[3 + c] * d[1] + pose[6 + c] * d[2]) - t[c]) * block.mask;
-      f[c] = input.weights[k] * e;
-      cost += f[c] * e;
-    }
-    if (cost_only) {
-      continue;
-    }
-    for (std::size_t c = 0; c < 3; ++c) {
-      sums.force[3 * k + c] += f[c];
-      wrench[c] += f[c];
-    }
-    wrench[3] += t[1] * f[2] - t[2] * f[1];
-    wrench[4] += t[2] * f[0] - t[0] * f[2];
-    wrench[5] += t[0] * f[1] - t[1] * f[0];
-  }
-  sums.cost[0] = cost;
-}
-
-// The columns [v; L^T a] of one block, six rows each, and what they add to gradient and twist.
-static inline void columns_of(const ChainKernelInput& input, const Vector* poses, const Vector* wrench,
-                              const Sums& sums, Vector* jacobian) {
-  const double* L = input.root.data();
-  for (std::size_t i = 0; i < input.columns.size(); ++i) {
-    const ChainColumn& column = input.columns[i];
-    const Vector* R = poses + 15 * static_cast<std::size_t>(column.frame);
-    Vector* out = jacobian + 6 * i;
-    Vector v[3] = {};
-    Vector gradient = sums.gradient[i];
-    if (column.moves) {
-      turned_back(R, column.linear, v);
-    }
-    if (column.turns) {
-      Vector a[3];
-      turned_back(R, column.angular, a);
-      for (std::size_t c = 0; c < 3; ++c) {
-        sums.twist[6 * i + 3 + c] += a[c];
-        gradient += a[c] * wrench[3 + c];
-      }
-      const Vector* p = R + 12;
-      v[0] += a[1] * p[2] - a[2] * p[1];
-      v[1] += a[2] * p[0] - a[0] * p[2];
-      v[2] += a[0] * p[1] - a[1] * p[0];
-      out[3] = L[0] * a[0] + L[1] * a[1] + L[3] * a[2];
-      out[4] = L[2] * a[1] + L[4] * a[2];
-      out[5] = L[5] * a[2];
-    }
-    for (std::size_t c = 0; c < 3; ++c) {
-      out[c] = v[c];
-      sums.twist[6 * i + c] += v[c];
-      gradient += v[c] * wrench[c];
-    }
-    sums.gradient[i] = gradient;
+    rows += 6;
+    forces += 1 + points.width();
   }
 }
 
@@ -202,8 +98,8 @@ struct ColumnRange {
   std::size_t last;
 };
 
-// Products of these columns with column `own` of one block's Jacobian, or of two blocks' that lie behind each other:
-// two blocks at a time, for the sums are more than fits into the cache next to the registers.
+// Products of these columns with column `own` of one block's Jacobian, or of two blocks' that lie behind each other
+// with so many columns: two blocks at a time, for the sums are more than fits into the cache next to the registers.
 template <std::size_t kBlocks, std::size_t kRows>
 static inline Vector* add_products(const Vector* J, std::size_t columns, std::size_t own, ColumnRange others,
                                    Vector* gram) {
@@ -231,59 +127,192 @@ static inline Vector* add_products(const Vector* J, std::size_t columns, std::si
 template <std::size_t kBlocks>
 static inline void add_gram(const ChainKernelInput& input, const Vector* J, Vector* gram) {
   const std::size_t columns = input.columns.size();
+  const std::size_t both = columns + input.motions.size();
   const std::size_t turning = input.turning;
   for (std::size_t i = 0; i < turning; ++i) {
-    gram = add_products<kBlocks, 6>(J, columns, i, {i, turning}, gram);
-    gram = add_products<kBlocks, 3>(J, columns, i, {turning, columns}, gram);
+    gram = add_products<kBlocks, 6>(J, both, i, {i, turning}, gram);
+    gram = add_products<kBlocks, 3>(J, both, i, {turning, columns}, gram);
   }
   for (std::size_t i = turning; i < columns; ++i) {
-    gram = add_products<kBlocks, 3>(J, columns, i, {i, columns}, gram);
+    gram = add_products<kBlocks, 3>(J, both, i, {i, columns}, gram);
   }
 }
 
-// Which lanes of a part hold a configuration: 1 or 0.
-static inline Vector mask_of(std::size_t first, std::size_t configurations) {
-  Vector mask;
-  for (std::size_t lane = 0; lane < kAtOnce; ++lane) {
-    mask[lane] = first + lane < configurations ? 1.0 : 0.0;
+// The product of two columns.
+static inline Vector product_of(const Vector* one, const Vector* other, bool turns) {
+  Vector product = (one[0] * other[0] + one[1] * other[1]) + one[2] * other[2];
+  if (turns) {
+    product += (one[3] * other[3] + one[4] * other[4]) + one[5] * other[5];
   }
-  return mask;
+  return product;
+}
+
+// What `factors` add with the terms first, … last - 1 of each block. Gives the sum behind the last one.
+template <std::size_t kBlocks>
+static inline __attribute__((always_inline)) Vector* add_terms(const Vector* factors, const Rows* terms,
+                                                               ColumnRange range, Vector* sums) {
+  for (std::size_t l = range.first; l < range.last; ++l) {
+    Vector sum = factors[0] * terms[0][l];
+    for (std::size_t b = 1; b < kBlocks; ++b) {
+      sum += factors[b] * terms[b][l];
+    }
+    *sums++ += sum;
+  }
+  return sums;
+}
+
+// What the terms add to gradient and coupling.
+template <std::size_t kBlocks>
+static inline void add_forces(const ChainKernelInput& input, const Vector* forces, const Rows* terms,
+                              const Sums& sums) {
+  const std::size_t width = input.width();
+  Vector* gradient = sums.gradient + input.columns.size();
+  Vector* coupling = sums.coupling + width * input.columns.size();
+  for (std::size_t m = 0; m < input.motions.size(); ++m) {
+    const ChainMotion& motion = input.motions[m];
+    for (std::size_t k = motion.first; k < motion.first + motion.free; ++k) {
+      for (std::size_t c = 0; c <= width; ++c) {
+        Vector& sum = c == 0 ? *gradient++ : *coupling++;
+        for (std::size_t b = 0; b < kBlocks; ++b) {
+          sum += terms[b][k] * forces[(width + 1) * (b * input.motions.size() + m) + c];
+        }
+      }
+    }
+  }
+}
+
+// Products of the terms with the columns and with each other: those of their motions, spread over what they are worth.
+template <std::size_t kBlocks>
+static inline void add_spread(const ChainKernelInput& input, const Vector* J, const Rows* terms, Vector* spread) {
+  const std::size_t columns = input.columns.size();
+  const std::size_t both = columns + input.motions.size();
+  Vector products[kBlocks];
+  for (std::size_t m = 0; m < input.motions.size(); ++m) {
+    const ChainMotion& own = input.motions[m];
+    const ColumnRange own_terms{own.first, own.first + own.free};
+    const Vector* const rows = J + 6 * (columns + m);
+    for (std::size_t i = 0; i < columns; ++i) {
+      for (std::size_t b = 0; b < kBlocks; ++b) {
+        products[b] = product_of(rows + 6 * b * both, J + 6 * (b * both + i), i < input.turning);
+      }
+      spread = add_terms<kBlocks>(products, terms, own_terms, spread);
+    }
+    for (std::size_t n = m; n < input.motions.size(); ++n) {
+      const ChainMotion& other = input.motions[n];
+      for (std::size_t b = 0; b < kBlocks; ++b) {
+        products[b] = product_of(rows + 6 * b * both, J + 6 * (b * both + columns + n), true);
+      }
+      for (std::size_t k = own_terms.first; k < own_terms.last; ++k) {
+        Vector factors[kBlocks];
+        for (std::size_t b = 0; b < kBlocks; ++b) {
+          factors[b] = products[b] * terms[b][k];
+        }
+        spread = add_terms<kBlocks>(factors, terms, {n == m ? k : other.first, other.first + other.free}, spread);
+      }
+    }
+  }
+}
+
+// Where one block's go: rows of columns and motions, what motions add, what targets pull at.
+struct BlockPlaces {
+  Vector* jacobian;
+  Vector* forces;
+  Vector* pulls;
+};
+
+// Residuals of one block, and the rows of its columns and motions.
+static inline __attribute__((always_inline)) void linearise(const ChainKernelInput& input, const MeasuredBlock& block,
+                                                            bool cost_only, const Sums& sums,
+                                                            const BlockPlaces& places) {
+  const auto add = [&](const Vector* wrench, const auto& points) __attribute__((always_inline)) {
+    if (!cost_only) {
+      const PulledBlock pulled{block.pose_in_base, wrench};
+      add_columns(input, pulled, points, sums, places.jacobian);
+      take_motions(input, pulled, points, places.jacobian + 6 * input.columns.size(), places.forces);
+    }
+  };
+  if (input.by_axis()) {
+    PointsByAxis points{
+        .targets = input.pulls.size() / 3, .pulls = places.pulls, .wrench = {}, .information = {}, .root = {}};
+    residuals_by_axis(input, block, cost_only, sums, points);
+    add(points.wrench, points);
+  } else {
+    Vector wrench[6];
+    residuals_of_points(input, block, cost_only, sums, wrench);
+    add(wrench, PointsAlike{input.root.data()});
+  }
+}
+
+// One part of the lanes of the blocks from `first` on.
+struct BlockRange {
+  std::size_t first;
+  std::size_t part;
+};
+
+// What so many blocks add.
+template <std::size_t kBlocks>
+static inline __attribute__((always_inline)) void add_blocks(const ChainKernelInput& input, const BlockRange& range,
+                                                             bool cost_only, const Sums& sums, ChainKernelSums& all) {
+  const std::size_t joints = input.prismatic.size();
+  const std::size_t motions = input.motions.size();
+  const std::size_t rows = 6 * (input.columns.size() + motions);
+  auto* const poses = reinterpret_cast<Vector*>(all.poses.data());
+  auto* const turns = reinterpret_cast<Vector*>(all.turns.data());
+  auto* const q = reinterpret_cast<Vector*>(all.joints.data());
+  auto* const jacobian = reinterpret_cast<Vector*>(all.jacobian.data());
+  auto* const forces = reinterpret_cast<Vector*>(all.forces.data());
+  auto* const pulls = reinterpret_cast<Vector*>(all.pulls.data());
+  Rows terms[kBlocks];
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    const Rows data{reinterpret_cast<const Vector*>(input.data + (range.first + b) * input.rows()) + range.part};
+    terms[b] = {&data[input.rows() - input.values.size()]};
+    const Vector mask = mask_of((range.first + b) * kLanes + range.part * kAtOnce, input.configurations);
+    motions_of(input, data, terms[b], q);
+    chain_poses(input, mask, q, turns, poses);
+    linearise(input, {mask, {&data[joints]}, poses}, cost_only, sums,
+              {jacobian + rows * b, forces + (1 + input.width()) * motions * b, pulls});
+  }
+  if (cost_only) {
+    return;
+  }
+  constexpr std::size_t kPair = kBlocks < 2 ? 1 : 2;
+  for (std::size_t b = 0; b < kBlocks; b += kPair) {
+    add_gram<kPair>(input, jacobian + rows * b, sums.gram);
+  }
+  if (motions > 0) {
+    add_forces<kBlocks>(input, forces, terms, sums);
+    add_spread<kBlocks>(input, jacobian, terms, sums.spread);
+  }
 }
 
 static void sum(const ChainKernelInput& input, bool cost_only, ChainKernelSums& all) {
-  const std::size_t joints = input.prismatic.size();
-  const std::size_t columns = input.columns.size();
-  const std::size_t rows = joints + 3 * input.points.size();
   const std::size_t blocks = (input.configurations + kLanes - 1) / kLanes;
-  auto* const poses = reinterpret_cast<Vector*>(all.poses.data());
-  auto* const turns = reinterpret_cast<Vector*>(all.turns.data());
-  auto* const jacobian = reinterpret_cast<Vector*>(all.jacobian.data());
   // One part after the other through a few blocks: the sums of all parts are more than the nearest cache holds.
   for (std::size_t begin = 0; begin < blocks; begin += kBlocksInCache) {
     const std::size_t end = std::min(begin + kBlocksInCache, blocks);
     for (std::size_t part = 0; part < kParts; ++part) {
       Vector* const cost = reinterpret_cast<Vector*>(all.lanes.data()) + part * all.lanes.size();
       Vector* const gradient = cost + 1;
-      Vector* const twist = gradient + columns;
-      Vector* const force = twist + 6 * columns;
-      const Sums sums{
-          .gram = force + 3 * input.points.size(), .gradient = gradient, .twist = twist, .force = force, .cost = cost};
-      for (std::size_t block = begin; block < end; block += 2) {
-        const std::size_t together = std::min<std::size_t>(2, end - block);
-        for (std::size_t k = 0; k < together; ++k) {
-          const LaneRow* const first = input.data + (block + k) * rows;
-          const Rows data{reinterpret_cast<const Vector*>(first) + part};
-          const Vector mask = mask_of((block + k) * kLanes + part * kAtOnce, input.configurations);
-          Vector wrench[6];
-          chain_poses(input, mask, data, turns, poses);
-          residuals(input, {mask, {&data[joints]}, poses}, cost_only, sums, wrench);
-          if (!cost_only) {
-            columns_of(input, poses, wrench, sums, jacobian + 6 * columns * k);
-          }
-        }
-        if (!cost_only) {
-          together == 2 ? add_gram<2>(input, jacobian, sums.gram) : add_gram<1>(input, jacobian, sums.gram);
-        }
+      Vector* const coupling = gradient + all.gradient.size();
+      Vector* const force = coupling + all.coupling.size();
+      Vector* const turns = force + all.force.size();
+      Vector* const gram = turns + all.turned.size();
+      const Sums sums{.gram = gram,
+                      .spread = gram + all.gram.size(),
+                      .gradient = gradient,
+                      .coupling = coupling,
+                      .force = force,
+                      .turns = turns,
+                      .cost = cost};
+      std::size_t block = begin;
+      for (; !input.motions.empty() && block + kMostBlocks <= end; block += kMostBlocks) {
+        add_blocks<kMostBlocks>(input, {block, part}, cost_only, sums, all);
+      }
+      for (; block + 2 <= end; block += 2) {
+        add_blocks<2>(input, {block, part}, cost_only, sums, all);
+      }
+      if (block < end) {
+        add_blocks<1>(input, {block, part}, cost_only, sums, all);
       }
     }
   }

@@ -4,6 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
+
+#include "base/parallel.hpp"
+#include "estimation/lane_input.hpp"
+#include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
 
@@ -15,26 +20,6 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 namespace {
-
-FrameNumbers numbers_of(const Matrix3d& R, const Vector3d& p) {
-  return {R(0, 0), R(0, 1), R(0, 2), R(1, 0), R(1, 1), R(1, 2), R(2, 0), R(2, 1), R(2, 2), p.x(), p.y(), p.z()};
-}
-
-// L of the positive semidefinite S = L L^T; columns of a singular S are zero.
-std::array<double, 6> root_of(const Matrix3d& S) {
-  Matrix3d L = Matrix3d::Zero();
-  for (Index j = 0; j < 3; ++j) {
-    const double pivot = S(j, j) - L.row(j).squaredNorm();
-    if (pivot <= 1e-15 * S.trace()) {
-      continue;
-    }
-    L(j, j) = std::sqrt(pivot);
-    for (Index i = j + 1; i < 3; ++i) {
-      L(i, j) = (S(i, j) - L.row(i).head(j).dot(L.row(j).head(j))) / L(j, j);
-    }
-  }
-  return {L(0, 0), L(1, 0), L(1, 1), L(2, 0), L(2, 1), L(2, 2)};
-}
 
 // The kernel's columns: those that turn come first.
 void order_columns(LaneWorkspace& work) {
@@ -53,18 +38,8 @@ void order_columns(LaneWorkspace& work) {
   work.input.columns.resize(columns);
   for (std::size_t i = 0; i < columns; ++i) {
     const ParameterTwist& twist = work.twists[work.order[i]];
-    work.input.columns[i] = {.frame = twist.frame + 1,
-                             .moves = !twist.linear.isZero(0.0),
-                             .turns = i < work.input.turning,
-                             .linear = {twist.linear.x(), twist.linear.y(), twist.linear.z()},
-                             .angular = {twist.angular.x(), twist.angular.y(), twist.angular.z()}};
+    work.input.columns[i] = numbers_of(twist, twist.frame + 1);
   }
-}
-
-// Where the kept point `k` is expected in the flange frame.
-Vector3d kept_target(const LaneGroup& group, std::size_t k, const Estimate& estimate) {
-  return group.mixed(k,
-                     [&](std::size_t l) -> Vector3d { return estimate.targets[group.targets[l]].X_FT.translation(); });
 }
 
 // sum sqrt(w_k): the weight of the mean of the points with the weights sqrt(w_k), and the group of these means. The sum
@@ -75,6 +50,50 @@ struct LaneMeans {
   LaneGroup group;
 };
 
+// A group with the terms of another, without its data.
+LaneGroup emptied(const LaneGroup& group) {
+  return {.targets = {},
+          .weights = {},
+          .mixing = {},
+          .roots = {},
+          .information = {},
+          .joints = group.joints,
+          .terms = group.terms,
+          .configurations = group.configurations,
+          .columns = {},
+          .data = {}};
+}
+
+// Calls visitor(from, to) for the rows of each block of a group and of one that keeps less of each configuration, whose
+// joint values and terms are copied.
+template <class Visitor>
+void visit_blocks(const LaneGroup& group, LaneGroup& reduced, Visitor visitor) {
+  const std::size_t blocks = group.data.size() / group.rows();
+  reduced.data.resize(blocks * reduced.rows());
+  for (std::size_t block = 0; block < blocks; ++block) {
+    const LaneRow* const from = &group.data[block * group.rows()];
+    LaneRow* const to = &reduced.data[block * reduced.rows()];
+    std::copy_n(from, group.joints, to);
+    std::copy_n(from + group.first_term(), group.terms.size(), to + reduced.first_term());
+    visitor(from + group.joints, to + group.joints);
+  }
+}
+
+// Of groups by axis: the sum of the rows along each axis, one row.
+LaneGroup sums_by_axis(const LaneGroup& group) {
+  LaneGroup sums = emptied(group);
+  sums.targets = group.targets;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    sums.roots[axis] = group.roots[axis].colwise().sum();
+  }
+  visit_blocks(group, sums, [&](const LaneRow* from, LaneRow* to) {
+    for (std::size_t row = 0; row < 3 * group.kept(); ++row) {
+      to[row % 3].lanes += from[row].lanes;
+    }
+  });
+  return sums;
+}
+
 LaneMeans means_of(const LaneGroup& group, const Estimate& estimate) {
   const std::size_t points = group.targets.size();
   LaneMeans means;
@@ -83,32 +102,29 @@ LaneMeans means_of(const LaneGroup& group, const Estimate& estimate) {
     means.target += std::sqrt(group.weights[k]) * kept_target(group, k, estimate);
   }
   means.target /= means.W;
-  const std::size_t joints = group.joints;
-  const std::size_t blocks = group.data.size() / group.rows();
-  means.group = {.targets = {0},
-                 .weights = {means.W * means.W},
-                 .mixing = {},
-                 .information = {},
-                 .joints = joints,
-                 .configurations = group.configurations,
-                 .data = std::vector<LaneRow>(blocks * (joints + 3))};
-  for (std::size_t block = 0; block < blocks; ++block) {
-    const LaneRow* from = &group.data[block * group.rows()];
-    LaneRow* to = &means.group.data[block * (joints + 3)];
-    std::copy_n(from, joints, to);
+  means.group = emptied(group);
+  means.group.targets = {0};
+  means.group.weights = {means.W * means.W};
+  visit_blocks(group, means.group, [&](const LaneRow* from, LaneRow* to) {
     for (std::size_t k = 0; k < points; ++k) {
       for (std::size_t c = 0; c < 3; ++c) {
-        to[joints + c].lanes += std::sqrt(group.weights[k]) / means.W * from[joints + 3 * k + c].lanes;
+        to[c].lanes += std::sqrt(group.weights[k]) / means.W * from[3 * k + c].lanes;
       }
     }
-  }
+  });
   return means;
 }
 
 }  // namespace
 
-LanePass::LanePass(const ErrorModel& model, const Unknowns& unknowns, const std::vector<LaneGroup>& groups)
-    : unknowns_(unknowns), groups_(groups), folder_(model, unknowns.geometric()) {
+LanePass::LanePass(const ErrorModel& model, const Unknowns& unknowns, const std::vector<LaneGroup>& groups, int threads)
+    : model_(model),
+      unknowns_(unknowns),
+      groups_(groups),
+      folder_(model, unknowns.geometric()),
+      terms_(terms_in_lanes(model, unknowns)),
+      motions_(motions_of(model, unknowns, terms_)),
+      threads_(threads) {
   const std::vector<ParameterTwist> base = base_twists();
   for (const std::size_t i : unknowns.of(UnknownGroup::base)) {
     twists_.push_back(base[i]);
@@ -156,53 +172,87 @@ void LanePass::prepare(const Estimate& estimate, LaneWorkspace& work) const {
     work.input.links.push_back(numbers_of(link.linear(), link.translation()));
   }
   work.input.base = numbers_of(estimate.X_WB.linear(), estimate.X_WB.translation());
+  set_motions(estimate, work);
+}
+
+// Nothing where the joints are rigid and stay so.
+void LanePass::set_motions(const Estimate& estimate, LaneWorkspace& work) const {
+  const bool moved = estimate.effects.size() != 0 && !estimate.effects.isZero(0.0);
+  work.input.values.assign(terms_.size(), 0.0);
+  work.input.motions.clear();
+  work.input.tilts = false;
+  if (!moved && unknowns_.effects().empty()) {
+    return;
+  }
+  work.input.motions = motions_;
+  for (std::size_t t = 0; moved && t < terms_.size(); ++t) {
+    work.input.values[t] = estimate.effects[static_cast<Index>(terms_[t])];
+  }
+  work.input.tilts = std::cmp_greater(motion_size(model_), model_.joints.size());
+  const std::vector<std::size_t>& free = unknowns_.effects();
+  const auto first = static_cast<std::size_t>(unknowns_.range(UnknownGroup::effects).first);
+  for (const ChainMotion& motion : motions_) {
+    for (std::size_t t = motion.first; t < motion.first + motion.free; ++t) {
+      const auto found = std::find(free.begin(), free.end(), terms_[t]);
+      work.order.push_back(first + static_cast<std::size_t>(found - free.begin()));
+    }
+  }
 }
 
 // The kernel's sums over one group; gives the weight of its points together.
 double LanePass::sum(const LaneGroup& group, const Estimate& estimate, bool cost_only, LaneWorkspace& work) const {
   ChainKernelInput& input = work.input;
-  double weight = 0.0;
-  Vector3d centre = Vector3d::Zero();
-  for (std::size_t k = 0; k < group.targets.size(); ++k) {
-    weight += group.weights[k];
-    centre += group.weights[k] * kept_target(group, k, estimate);
-  }
-  centre /= weight;
-  Matrix3d spread = Matrix3d::Zero();
-  input.points.resize(group.targets.size());
-  input.weights = group.weights;
-  for (std::size_t k = 0; k < group.targets.size(); ++k) {
-    const Vector3d t = kept_target(group, k, estimate) - centre;
-    spread += group.weights[k] / weight * (t.squaredNorm() * Matrix3d::Identity() - t * t.transpose());
-    input.points[k] = {t.x(), t.y(), t.z()};
-  }
-  input.root = root_of(spread);
-  input.flange = numbers_of(Matrix3d::Identity(), centre);
+  const KeptFrame kept = set_kept(group, estimate, input);
+  input.flange = numbers_of(Matrix3d::Identity(), kept.centre);
   const Isometry3d& last = work.chain.links.back();
-  input.links.back() = numbers_of(last.linear(), last * centre);
+  input.links.back() = numbers_of(last.linear(), last * kept.centre);
   input.data = group.data.data();
   input.configurations = group.configurations;
-  sum_chain(input, cost_only, work.sums);
-  return weight;
+  sum_strands(cost_only, work);
+  return kept.weight;
+}
+
+// Large groups in parts that do not depend on the number of threads.
+void LanePass::sum_strands(bool cost_only, LaneWorkspace& work) const {
+  constexpr std::size_t kStrands = 8;
+  constexpr std::size_t kLeast = 2048;       // configurations of a strand
+  constexpr std::size_t kMostColumns = 500;  // whose sums may be had so often
+  const ChainKernelInput& input = work.input;
+  if (input.configurations < kStrands * kLeast || work.order.size() > kMostColumns) {
+    sum_chain(input, cost_only, work.sums);
+    return;
+  }
+  const std::size_t blocks = (input.configurations + kLanes - 1) / kLanes;
+  const std::size_t of_strand = (blocks + kStrands - 1) / kStrands;
+  work.strands.resize(kStrands);
+  parallel_for(kStrands, threads_, [&](std::size_t s) {
+    LaneStrand& strand = work.strands[s];
+    strand.input = input;
+    strand.input.data += s * of_strand * input.rows();
+    strand.input.configurations = std::min(input.configurations - s * of_strand * kLanes, of_strand * kLanes);
+    sum_chain(strand.input, cost_only, strand.sums);
+  });
+  work.sums = work.strands.front().sums;
+  for (std::size_t s = 1; s < kStrands; ++s) {
+    kdl_calibration::add(work.strands[s].sums, work.sums);
+  }
 }
 
 void LanePass::add_group(const LaneGroup& group, double weight, const LaneWorkspace& work,
                          NormalEquations& equations) const {
+  add_gram(weight, work, equations.hessian);
+  for (std::size_t i = 0; i < work.order.size(); ++i) {
+    equations.gradient[static_cast<Index>(work.order[i])] += work.sums.gradient[i];
+  }
+  group.by_axis() ? add_targets_by_axis(group, work, equations) : add_targets(group, work, equations);
+}
+
+void LanePass::add_targets(const LaneGroup& group, const LaneWorkspace& work, NormalEquations& equations) const {
   const ChainKernelSums& sums = work.sums;
-  const double* gram = sums.gram.data();
   for (std::size_t i = 0; i < work.order.size(); ++i) {
     const auto a = static_cast<Index>(work.order[i]);
-    equations.gradient[a] += sums.gradient[i];
-    for (std::size_t j = i; j < work.order.size(); ++j) {
-      const auto b = static_cast<Index>(work.order[j]);
-      const double value = weight * *gram++;
-      equations.hessian(a, b) += value;
-      if (a != b) {
-        equations.hessian(b, a) += value;
-      }
-    }
-    const Vector3d v(&sums.twist[6 * i]);
-    const Vector3d w(&sums.twist[6 * i + 3]);
+    const Vector3d v(&sums.coupling[6 * i]);
+    const Vector3d w(&sums.coupling[6 * i + 3]);
     for (std::size_t k = 0; k < group.targets.size(); ++k) {
       const Vector3d coupling = group.weights[k] * (v + w.cross(Vector3d(work.input.points[k].data())));
       visit_targets(group, k, [&](Index column, std::size_t c, double share) {
@@ -223,13 +273,84 @@ void LanePass::add_group(const LaneGroup& group, double weight, const LaneWorksp
   }
 }
 
+void LanePass::add_targets_by_axis(const LaneGroup& group, const LaneWorkspace& work,
+                                   NormalEquations& equations) const {
+  const ChainKernelSums& sums = work.sums;
+  const std::size_t coordinates = 3 * group.targets.size();
+  std::array<MatrixXd, 3> information;
+  std::array<Matrix3d, 3> turned;
+  for (std::size_t x = 0; x < 3; ++x) {
+    information[x] = group.roots[x].transpose() * group.roots[x];
+    const double* t = &sums.turned[6 * x];
+    turned[x] << t[0], t[1], t[2], t[1], t[3], t[4], t[2], t[4], t[5];
+  }
+  const auto column_of = [&](std::size_t k) { return Index{unknowns_.target_columns(group.targets[k / 3])[k % 3]}; };
+  for (std::size_t k = 0; k < coordinates; ++k) {
+    const Index column = column_of(k);
+    if (column < 0) {
+      continue;
+    }
+    equations.gradient[column] += sums.force[k];
+    for (std::size_t i = 0; i < work.order.size(); ++i) {
+      equations.hessian(static_cast<Index>(work.order[i]), column) += sums.coupling[coordinates * i + k];
+    }
+    for (std::size_t l = 0; l < coordinates; ++l) {
+      for (std::size_t x = 0; column_of(l) >= 0 && x < 3; ++x) {
+        equations.hessian(column, column_of(l)) +=
+            information[x](static_cast<Index>(k / 3), static_cast<Index>(l / 3)) *
+            turned[x](static_cast<Index>(k % 3), static_cast<Index>(l % 3));
+      }
+    }
+  }
+}
+
+// What columns and terms have with each other, in both triangles.
+void LanePass::add_gram(double weight, const LaneWorkspace& work, MatrixXd& hessian) const {
+  const auto add = [&](std::size_t i, std::size_t j, double product) {
+    const auto a = static_cast<Index>(work.order[i]);
+    const auto b = static_cast<Index>(work.order[j]);
+    hessian(a, b) += weight * product;
+    if (a != b) {
+      hessian(b, a) += weight * product;
+    }
+  };
+  const double* gram = work.sums.gram.data();
+  const std::size_t columns = work.input.columns.size();
+  for (std::size_t i = 0; i < columns; ++i) {
+    for (std::size_t j = i; j < columns; ++j) {
+      add(i, j, *gram++);
+    }
+  }
+  const double* spread = work.sums.spread.data();
+  std::size_t own = columns;
+  for (std::size_t m = 0; m < work.input.motions.size(); ++m) {
+    const std::size_t own_end = own + work.input.motions[m].free;
+    for (std::size_t j = 0; j < columns; ++j) {
+      for (std::size_t k = own; k < own_end; ++k) {
+        add(k, j, *spread++);
+      }
+    }
+    std::size_t other = own;
+    for (std::size_t n = m; n < work.input.motions.size(); ++n) {
+      const std::size_t other_end = other + work.input.motions[n].free;
+      for (std::size_t k = own; k < own_end; ++k) {
+        for (std::size_t l = n == m ? k : other; l < other_end; ++l) {
+          add(k, l, *spread++);
+        }
+      }
+      other = other_end;
+    }
+    own = own_end;
+  }
+}
+
 // Calls visitor(column, coordinate, share) for each free coordinate of the targets in the kept point `k`.
 template <class Visitor>
 void LanePass::visit_targets(const LaneGroup& group, std::size_t k, Visitor visitor) const {
   for (std::size_t l = k; l < group.mixed_end(k); ++l) {
     for (std::size_t c = 0; c < 3; ++c) {
       if (const int column = unknowns_.target_columns(group.targets[l])[c]; column >= 0) {
-        visitor(static_cast<Index>(column), c, group.share(k, l));
+        visitor(static_cast<Index>(column), c, group.share(k, l).x());
       }
     }
   }
@@ -237,24 +358,40 @@ void LanePass::visit_targets(const LaneGroup& group, std::size_t k, Visitor visi
 
 void LanePass::add_sums(const LaneGroup& group, const Estimate& estimate, LaneWorkspace& work,
                         WhitenedSummary& summary) const {
+  const std::size_t points = group.targets.size();
+  summary.pairs += static_cast<double>(group.configurations) * 3.0 * static_cast<double>(points * (points - 1)) / 2.0;
+  summary.measured_rows += static_cast<Index>(3 * points * group.configurations);
+  const Index columns = unknowns_.size();
+  NormalEquations own{.hessian = MatrixXd::Zero(columns, columns), .gradient = VectorXd::Zero(columns)};
+  if (group.by_axis()) {
+    const LaneGroup sums = sums_by_axis(group);
+    add_group(sums, sum(sums, estimate, false, work), work, own);
+    summary.squares_of_sums += work.sums.cost;
+    const Index chain = unknowns_.chain().count;
+    own.hessian.bottomLeftCorner(columns - chain, chain) =
+        own.hessian.topRightCorner(chain, columns - chain).transpose();
+    summary.sums += own.hessian;
+  } else {
+    add_sums_of_points(group, estimate, work, own, summary);
+  }
+}
+
+void LanePass::add_sums_of_points(const LaneGroup& group, const Estimate& estimate, LaneWorkspace& work,
+                                  NormalEquations& own, WhitenedSummary& summary) const {
   const LaneMeans means = means_of(group, estimate);
   Estimate at_mean = estimate;
   at_mean.targets[0].X_FT.translation() = means.target;
-  const Index columns = unknowns_.size();
   const Index chain = unknowns_.chain().count;
-  NormalEquations own{.hessian = MatrixXd::Zero(columns, columns), .gradient = VectorXd::Zero(columns)};
   add_group(means.group, sum(means.group, at_mean, false, work), work, own);
   const std::size_t points = group.targets.size();
   const auto count = static_cast<double>(group.configurations);
   summary.squares_of_sums += work.sums.cost;
-  summary.pairs += count * 3.0 * static_cast<double>(points * (points - 1)) / 2.0;
-  summary.measured_rows += static_cast<Index>(3 * points * group.configurations);
   summary.sums.topLeftCorner(chain, chain) += own.hessian.topLeftCorner(chain, chain);
   // The root of a target's weight in the sum over the points.
   const auto root = [&](std::size_t l) {
     double sum = 0.0;
     for (std::size_t k = 0; k < points; ++k) {
-      sum += std::sqrt(group.weights[k]) * group.share(k, l);
+      sum += std::sqrt(group.weights[k]) * group.share(k, l).x();
     }
     return sum;
   };
@@ -266,7 +403,7 @@ void LanePass::add_sums(const LaneGroup& group, const Estimate& estimate, LaneWo
       }
       for (std::size_t i = 0; i < work.order.size(); ++i) {
         const auto a = static_cast<Index>(work.order[i]);
-        const double value = means.W * root(l) * work.sums.twist[6 * i + c];
+        const double value = means.W * root(l) * work.sums.coupling[6 * i + c];
         summary.sums(a, column) += value;
         summary.sums(column, a) += value;
       }

@@ -12,20 +12,26 @@
 
 namespace kdl_calibration {
 
-/// What the pass needs to remember, for one thread.
-struct LaneWorkspace {
-  FoldedChain chain;
-  std::vector<ParameterTwist> twists;  // of base and geometric columns
-  std::vector<std::size_t> order;      // of the kernel's columns: those that turn come first
+/// A part of a group's configurations.
+struct LaneStrand {
   ChainKernelInput input;
   ChainKernelSums sums;
 };
 
-/// For rigid joints: estimates whose effects are zero.
+/// What the pass needs to remember, for one caller.
+struct LaneWorkspace {
+  FoldedChain chain;
+  std::vector<ParameterTwist> twists;  // of base and geometric columns
+  std::vector<std::size_t> order;      // columns of the kernel's columns, those that turn first, then of its terms
+  ChainKernelInput input;
+  ChainKernelSums sums;
+  std::vector<LaneStrand> strands;  // of large groups
+};
+
 class LanePass {
 public:
-  /// Keeps references to `unknowns` and `groups`.
-  LanePass(const ErrorModel& model, const Unknowns& unknowns, const std::vector<LaneGroup>& groups);
+  /// Keeps references to all of them.
+  LanePass(const ErrorModel& model, const Unknowns& unknowns, const std::vector<LaneGroup>& groups, int threads);
 
   /// Adds what all groups tell, both triangles of the chain's part and the upper one that chain and targets share.
   void add(const Estimate& estimate, LaneWorkspace& workspace, NormalEquations& equations) const;
@@ -36,18 +42,30 @@ public:
 
 private:
   void prepare(const Estimate& estimate, LaneWorkspace& workspace) const;
+  void set_motions(const Estimate& estimate, LaneWorkspace& workspace) const;
   double sum(const LaneGroup& group, const Estimate& estimate, bool cost_only, LaneWorkspace& workspace) const;
   template <class Visitor>
   void visit_targets(const LaneGroup& group, std::size_t k, Visitor visitor) const;
   void add_group(const LaneGroup& group, double weight, const LaneWorkspace& workspace,
                  NormalEquations& equations) const;
+  void add_targets(const LaneGroup& group, const LaneWorkspace& workspace, NormalEquations& equations) const;
+  void add_targets_by_axis(const LaneGroup& group, const LaneWorkspace& workspace, NormalEquations& equations) const;
   void add_sums(const LaneGroup& group, const Estimate& estimate, LaneWorkspace& workspace,
                 WhitenedSummary& summary) const;
+  void add_sums_of_points(const LaneGroup& group, const Estimate& estimate, LaneWorkspace& workspace,
+                          NormalEquations& own, WhitenedSummary& summary) const;
 
+  void sum_strands(bool cost_only, LaneWorkspace& workspace) const;
+  void add_gram(double weight, const LaneWorkspace& workspace, Eigen::MatrixXd& hessian) const;
+
+  const ErrorModel& model_;
   const Unknowns& unknowns_;
   const std::vector<LaneGroup>& groups_;
   ChainFolder folder_;
   std::vector<ParameterTwist> twists_;  // those of the base, and room for the geometric ones
+  std::vector<std::size_t> terms_;      // as terms_in_lanes()
+  std::vector<ChainMotion> motions_;
+  int threads_;
 };
 
 }  // namespace kdl_calibration

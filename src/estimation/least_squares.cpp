@@ -47,7 +47,7 @@ struct LeastSquaresProblem::Data {
         targets(measurements.targets.size()),
         observed(gathered(the_model, the_unknowns, measurements, options)),
         priors(the_unknowns.prior_information(options.priors)),
-        lanes(model, unknowns, observed.groups),
+        lanes(model, unknowns, observed.groups, options.threads),
         blocks(model, unknowns, observed) {}
 
   // Its sizes alone: this is asked for every pass.
@@ -59,11 +59,7 @@ struct LeastSquaresProblem::Data {
     }
   }
 
-  // The lanes know nothing of effects.
-  bool side_by_side(const Estimate& estimate) const {
-    const bool rigid = estimate.effects.size() == 0 || estimate.effects.isZero(0.0);
-    return !observed.groups.empty() && rigid;
-  }
+  bool side_by_side() const { return !observed.groups.empty(); }
 
   std::size_t configurations_side_by_side() const {
     std::size_t count = 0;
@@ -122,7 +118,7 @@ void LeastSquaresProblem::linearise(const Estimate& estimate, Workspace& workspa
   equations.hessian.setZero(columns, columns);
   equations.gradient.setZero(columns);
   equations.cost = data_->observed.totals.cost_of_repeats;
-  if (data_->side_by_side(estimate)) {
+  if (data_->side_by_side()) {
     data_->lanes.add(estimate, workspace.content_->lanes, equations);
   } else {
     data_->blocks.add(estimate, workspace.content_->blocks, equations);
@@ -146,8 +142,8 @@ double LeastSquaresProblem::cost(const Estimate& estimate) const {
 double LeastSquaresProblem::cost(const Estimate& estimate, Workspace& workspace) const {
   data_->require_fit(estimate);
   double cost = data_->observed.totals.cost_of_repeats;
-  cost += data_->side_by_side(estimate) ? data_->lanes.cost(estimate, workspace.content_->lanes)
-                                        : data_->blocks.cost(estimate, workspace.content_->blocks);
+  cost += data_->side_by_side() ? data_->lanes.cost(estimate, workspace.content_->lanes)
+                                : data_->blocks.cost(estimate, workspace.content_->blocks);
   data_->visit_priors(estimate, [&](Index, double information, double value) { cost += information * value * value; });
   return cost;
 }
@@ -188,7 +184,7 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
 
 WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) const {
   data_->require_fit(estimate);
-  if (data_->configurations_side_by_side() > kManyConfigurations && data_->side_by_side(estimate)) {
+  if (data_->configurations_side_by_side() > kManyConfigurations && data_->side_by_side()) {
     Workspace workspace;
     NormalEquations equations;
     linearise(estimate, workspace, equations);

@@ -1,8 +1,8 @@
 #include "estimation/observed_data.hpp"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <map>
-#include <optional>
 #include <utility>
 
 #include "estimation/chain_kernel.hpp"
@@ -29,73 +29,79 @@ std::vector<double> sort_of(const ObservedConfiguration& configuration, std::siz
   return sort;
 }
 
-// False where points that are not correlated would be made of others with a loss of digits.
-bool separate(LaneGroup& group) {
-  constexpr double kMostMixing = 1e4;
-  const auto points = static_cast<Index>(group.targets.size());
-  MatrixXd W(points, points);
+// Of the points' coordinates along one axis.
+MatrixXd information_along(Index axis, const MatrixXd& information) {
+  const Index points = information.rows() / 3;
+  MatrixXd result(points, points);
   for (Index k = 0; k < points; ++k) {
     for (Index l = 0; l < points; ++l) {
-      W(k, l) = (*group.information)(3 * k, 3 * l);
+      result(k, l) = information(3 * k + axis, 3 * l + axis);
     }
   }
-  const MatrixXd U = W.llt().matrixU();
-  const VectorXd sums = U.rowwise().sum();
-  group.mixing = sums.cwiseInverse().asDiagonal() * U;
-  group.weights.assign(sums.begin(), sums.end());
-  for (double& weight : group.weights) {
-    weight *= weight;
-  }
-  return sums.minCoeff() > 0.0 && group.mixing.cwiseAbs().maxCoeff() < kMostMixing;
+  return result;
 }
 
-std::optional<LaneGroup> group_for(const ObservedConfiguration& configuration, Index joints) {
+// For information that is alike along every axis; false where points that are not correlated would be made of others
+// with a loss of digits.
+bool separate(LaneGroup& group) {
+  constexpr double kMostMixing = 1e4;
+  const MatrixXd W = information_along(0, *group.information);
+  const MatrixXd U = W.llt().matrixU();
+  const VectorXd sums = U.rowwise().sum();
+  const MatrixXd mixing = sums.cwiseInverse().asDiagonal() * U;
+  if (!(sums.minCoeff() > 0.0 && mixing.cwiseAbs().maxCoeff() < kMostMixing)) {
+    return false;
+  }
+  group.mixing = mixing;
+  const VectorXd weights = sums.cwiseAbs2();
+  group.weights.assign(weights.begin(), weights.end());
+  return true;
+}
+
+LaneGroup group_for(const ObservedConfiguration& configuration, Index joints, bool alike_along_axes) {
   LaneGroup group{.targets = {},
                   .weights = {},
                   .mixing = {},
+                  .roots = {},
                   .information = configuration.information,
                   .joints = static_cast<std::size_t>(joints),
+                  .terms = {},
                   .columns = {},
                   .data = {}};
   for (const ObservedPoint& point : configuration.points) {
     group.targets.push_back(point.target);
     group.weights.push_back(point.weight);
   }
-  if (group.information && !separate(group)) {
-    return std::nullopt;
+  if (group.information && !(alike_along_axes && separate(group))) {
+    for (Index axis = 0; axis < 3; ++axis) {
+      group.roots[static_cast<std::size_t>(axis)] = information_along(axis, *group.information).llt().matrixU();
+    }
   }
   return group;
 }
 
-// Groups keep joint values alone.
-bool asks_for_signals(const ErrorModel& model) {
-  return std::any_of(model.effects.begin(), model.effects.end(),
-                     [](const EffectTerm& term) { return term.signal != DriveSignal::none; });
-}
-
-bool could_be_alike(const Unknowns& unknowns, const Measurements& measurements, const NoiseModel& noise) {
-  return noise.is_alike_in_every_direction() && measurements.orientations.empty() && unknowns.effects().empty() &&
+bool could_be_alike(const Measurements& measurements, const NoiseModel& noise) {
+  return !noise.tracker && measurements.orientations.empty() &&
          (measurements.joint_values.array().abs() <= kLargestAngle).all();
 }
 
 // False where too few configurations are alike.
-bool gather_groups(const Measurements& measurements, const ResidualOptions& options, ObservedData& data) {
+bool gather_groups(const ErrorModel& model, const std::vector<std::size_t>& terms, const Measurements& measurements,
+                   const ResidualOptions& options, ObservedData& data) {
   Gathering gathering(measurements, options);
   std::map<std::vector<double>, std::size_t> numbers;
   std::size_t number = 0;  // of the last configuration's group
   std::size_t configurations = 0;
   const Index joints = measurements.joint_values.rows();
+  VectorXd basis;
   while (const ObservedConfiguration* configuration = gathering.next()) {
     if (data.groups.empty() || !data.groups[number].takes(*configuration)) {
       const auto [found, is_new] =
           numbers.emplace(sort_of(*configuration, measurements.targets.size()), data.groups.size());
       number = found->second;
       if (is_new) {
-        std::optional<LaneGroup> group = group_for(*configuration, joints);
-        if (!group) {
-          return false;
-        }
-        data.groups.push_back(std::move(*group));
+        data.groups.push_back(group_for(*configuration, joints, options.noise.is_alike_in_every_direction()));
+        data.groups.back().terms = terms;
       }
     }
     LaneGroup& group = data.groups[number];
@@ -103,7 +109,12 @@ bool gather_groups(const Measurements& measurements, const ResidualOptions& opti
       const auto blocks = static_cast<std::size_t>((measurements.joint_values.cols() + kLanes - 1) / kLanes);
       group.data.reserve(blocks * group.rows());
     }
-    group.append(measurements.joint_values.col(configuration->column), *configuration);
+    const Index c = configuration->column;
+    const auto q = measurements.joint_values.col(c);
+    if (!terms.empty()) {
+      basis = effect_basis(model, q, column(measurements.signals, c));
+    }
+    group.append(q, basis, *configuration);
     ++configurations;
     if (data.groups.size() > kLanes && 2 * data.groups.size() > configurations) {
       return false;
@@ -125,7 +136,8 @@ bool LaneGroup::takes(const ObservedConfiguration& configuration) const {
                    (configuration.information && information && *configuration.information == *information));
 }
 
-void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const ObservedConfiguration& configuration) {
+void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const Eigen::Ref<const VectorXd>& basis,
+                       const ObservedConfiguration& configuration) {
   const std::size_t lane = configurations % kLanes;
   if (lane == 0) {
     data.resize(data.size() + rows());
@@ -136,33 +148,40 @@ void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const ObservedConfig
   for (std::size_t i = 0; i < joints; ++i) {
     write(i, q[static_cast<Index>(i)]);
   }
-  for (std::size_t k = 0; k < targets.size(); ++k) {
+  for (std::size_t k = 0; k < kept(); ++k) {
     const Vector3d kept = mixed(k, [&](std::size_t l) { return configuration.points[l].position; });
     for (std::size_t i = 0; i < 3; ++i) {
       write(joints + 3 * k + i, kept[static_cast<Index>(i)]);
     }
   }
+  for (std::size_t t = 0; t < terms.size(); ++t) {
+    write(first_term() + t, basis[static_cast<Index>(terms[t])]);
+  }
   columns.push_back(configuration.column);
   ++configurations;
 }
 
-void LaneGroup::read(std::size_t configuration, VectorXd& q, ObservedConfiguration& points) const {
+void LaneGroup::read(std::size_t configuration, VectorXd& q, VectorXd& basis, ObservedConfiguration& points) const {
+  basis.resize(static_cast<Index>(terms.size()));
+  for (std::size_t t = 0; t < terms.size(); ++t) {
+    basis[static_cast<Index>(terms[t])] = at(configuration, first_term() + t);
+  }
   q.resize(static_cast<Index>(joints));
   for (std::size_t i = 0; i < joints; ++i) {
     q[static_cast<Index>(i)] = at(configuration, i);
   }
   points.points.resize(targets.size());
   points.information = information;
-  for (std::size_t k = targets.size(); k-- > 0;) {  // `mixing` is upper triangular
+  for (std::size_t k = targets.size(); k-- > 0;) {  // `mixing` and `roots` are upper triangular
     const std::size_t row = joints + 3 * k;
     ObservedPoint& point = points.points[k];
     point.target = targets[k];
     point.weight = information ? 0.0 : weights[k];
     point.position = Vector3d(at(configuration, row), at(configuration, row + 1), at(configuration, row + 2));
     for (std::size_t l = k + 1; l < mixed_end(k); ++l) {
-      point.position -= share(k, l) * points.points[l].position;
+      point.position -= share(k, l).cwiseProduct(points.points[l].position);
     }
-    point.position /= share(k, k);
+    point.position = point.position.cwiseQuotient(share(k, k));
   }
 }
 
@@ -177,11 +196,27 @@ std::vector<Index> ObservedData::columns() const {
   return result;
 }
 
+std::vector<std::size_t> terms_in_lanes(const ErrorModel& model, const Unknowns& unknowns) {
+  const std::vector<std::size_t>& free = unknowns.effects();
+  std::vector<std::pair<std::pair<Index, bool>, std::size_t>> order;
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    const bool is_fixed = std::find(free.begin(), free.end(), e) == free.end();
+    order.push_back({{motion_entry(model, model.effects[e]), is_fixed}, e});
+  }
+  std::sort(order.begin(), order.end());
+  std::vector<std::size_t> terms;
+  terms.reserve(order.size());
+  for (const auto& [key, term] : order) {
+    terms.push_back(term);
+  }
+  return terms;
+}
+
 ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
                       const ResidualOptions& options) {
   ObservedData data;
-  if (!asks_for_signals(model) && could_be_alike(unknowns, measurements, options.noise) &&
-      gather_groups(measurements, options, data)) {
+  if (could_be_alike(measurements, options.noise) &&
+      gather_groups(model, terms_in_lanes(model, unknowns), measurements, options, data)) {
     return data;
   }
   data.groups.clear();

@@ -3,6 +3,7 @@
 // What was gathered of a set of measurements, in plain structs that the passes read. Not installed.
 
 #include <Eigen/Core>
+#include <array>
 #include <memory>
 #include <vector>
 
@@ -19,41 +20,55 @@ namespace kdl_calibration {
 /// of the targets' t, those with errors of their own and weights S^2, as the rows of `mixing` add up to 1.
 struct LaneGroup {
   std::vector<std::size_t> targets;
-  std::vector<double> weights;  // of each point that is kept
-  Eigen::MatrixXd mixing;       // points that are kept x points; empty where they are the same
+  std::vector<double> weights;           // of each point that is kept
+  Eigen::MatrixXd mixing;                // points that are kept x points; empty where they are the same
+  std::array<Eigen::MatrixXd, 3> roots;  // rows that are kept x points, along x, y and z of W; else empty
   /// 3 points x 3 points, see ObservedConfiguration.
   std::shared_ptr<const Eigen::MatrixXd> information;
   std::size_t joints = 0;
+  std::vector<std::size_t> terms;  // as terms_in_lanes()
   std::size_t configurations = 0;
   std::vector<Eigen::Index> columns;  // of each configuration, in the measurements
   std::vector<LaneRow> data;          // see ChainKernelInput::data
 
-  std::size_t rows() const { return joints + 3 * targets.size(); }  // of a block of kLanes configurations
+  // Of a block of kLanes configurations.
+  std::size_t rows() const { return first_term() + terms.size(); }
+  std::size_t first_term() const { return joints + 3 * kept(); }
+  bool by_axis() const { return roots[0].size() != 0; }
+  /// Points or, by axis, rows.
+  std::size_t kept() const { return by_axis() ? static_cast<std::size_t>(roots[0].rows()) : targets.size(); }
   double at(std::size_t configuration, std::size_t row) const {
     return data[configuration / kLanes * rows() + row].lanes[configuration % kLanes];
   }
   bool takes(const ObservedConfiguration& configuration) const;
-  /// The kept point `k` is made of the points k … mixed_end(k) - 1, as `mixing` is upper triangular.
-  std::size_t mixed_end(std::size_t k) const { return mixing.size() == 0 ? k + 1 : targets.size(); }
-  /// Share of the point `l` in the kept point `k`.
-  double share(std::size_t k, std::size_t l) const {
-    if (mixing.size() == 0) {
-      return k == l ? 1.0 : 0.0;
+  /// What is kept as `k` is made of the points k … mixed_end(k) - 1, as `mixing` and `roots` are upper triangular.
+  std::size_t mixed_end(std::size_t k) const { return mixing.size() == 0 && !by_axis() ? k + 1 : targets.size(); }
+  /// Share of the point `l`, l >= k, in what is kept as `k`, along each axis.
+  Eigen::Vector3d share(std::size_t k, std::size_t l) const {
+    const auto row = static_cast<Eigen::Index>(k);
+    const auto point = static_cast<Eigen::Index>(l);
+    if (by_axis()) {
+      return {roots[0](row, point), roots[1](row, point), roots[2](row, point)};
     }
-    return mixing(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(l));
+    return Eigen::Vector3d::Constant(mixing.size() == 0 ? (k == l ? 1.0 : 0.0) : mixing(row, point));
   }
-  /// Of positions position_of(l) that of the kept point `k`.
+  /// Of positions position_of(l) what is kept as `k`.
   template <class PositionOf>
   Eigen::Vector3d mixed(std::size_t k, PositionOf position_of) const {
-    Eigen::Vector3d sum = share(k, k) * position_of(k);
+    if (mixing.size() == 0 && !by_axis()) {
+      return position_of(k);
+    }
+    Eigen::Vector3d sum = share(k, k).cwiseProduct(Eigen::Vector3d(position_of(k)));
     for (std::size_t l = k + 1; l < mixed_end(k); ++l) {
-      sum += share(k, l) * position_of(l);
+      sum += share(k, l).cwiseProduct(Eigen::Vector3d(position_of(l)));
     }
     return sum;
   }
-  void append(const Eigen::Ref<const Eigen::VectorXd>& q, const ObservedConfiguration& configuration);
-  /// The joint values and the points of one.
-  void read(std::size_t configuration, Eigen::VectorXd& q, ObservedConfiguration& points) const;
+  /// `basis`: what the model's effects are worth there.
+  void append(const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& basis,
+              const ObservedConfiguration& configuration);
+  /// The joint values, the basis and the points of one.
+  void read(std::size_t configuration, Eigen::VectorXd& q, Eigen::VectorXd& basis, ObservedConfiguration& points) const;
 };
 
 /// Every configuration that is fitted stands in one of the groups, or all of them stand one by one.
@@ -69,8 +84,11 @@ struct ObservedData {
   std::vector<Eigen::Index> columns() const;
 };
 
-/// Groups are worth while, and possible, where points alone were measured with noise that is alike in every direction,
-/// few of the configurations differ in what was measured of them, and no effect is free.
+/// The model's effects, those of one motion together, those that are free before those that are not.
+std::vector<std::size_t> terms_in_lanes(const ErrorModel& model, const Unknowns& unknowns);
+
+/// Groups are worth while, and possible, where points alone were measured, no axis's noise knows of another's, and few
+/// of the configurations differ in what was measured of them.
 ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
                       const ResidualOptions& options);
 

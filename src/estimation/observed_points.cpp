@@ -145,106 +145,84 @@ void Gathering::add_orientation(std::size_t row, double position_information, Ob
 // z = W^-1 sum W_r z_r, sum (z_r - f)^T W_r (z_r - f) = (z - f)^T W (z - f) + constant. All z are counted from the
 // first repeat of their target: the constant is a small difference of squares.
 void Gathering::add_repeats() {
+  sort_by_repeat();
+  if (options_.noise.tracker || !is_like_the_last()) {  // a tracker's noise is another at every place
+    describe_repeats();
+  }
+  take_means();
+}
+
+void Gathering::sort_by_repeat() {
   const auto key = [&](std::uint32_t row) {
     const Observation& observation = measurements_.observations[row];
     return std::tuple(observation.repeat, observation.target);
   };
-  std::stable_sort(rows_.begin(), rows_.end(), [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
-  if (is_like_the_last_single_repeat()) {
-    take_single_repeat();
-    return;
+  const auto before = [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); };
+  if (!std::is_sorted(rows_.begin(), rows_.end(), before)) {
+    std::stable_sort(rows_.begin(), rows_.end(), before);
   }
-  const auto coordinates = static_cast<Index>(3 * points_.size());
-  Information information{.sum = MatrixXd::Zero(coordinates, coordinates), .weighted = VectorXd::Zero(coordinates)};
-  for (auto begin = rows_.cbegin(); begin != rows_.cend();) {
-    const std::int32_t repeat = measurements_.observations[*begin].repeat;
-    const auto end = std::find_if(begin, rows_.cend(),
-                                  [&](std::uint32_t row) { return measurements_.observations[row].repeat != repeat; });
-    add_repeat(begin, end, information);
-    begin = end;
-  }
-  take_means(information);
-  remember_single_repeat();
 }
 
-// Whether each point was measured once, all together, with noise that says nothing of where they are, and with the
-// sigmas and weights of a configuration before.
-bool Gathering::is_like_the_last_single_repeat() const {
-  if (single_.information == nullptr || rows_.size() != single_.rows.size()) {
-    return false;
+// `before`: the row in front of it.
+Gathering::PatternRow Gathering::pattern_row(std::size_t i, const PatternRow& before) const {
+  const Observation& observation = measurements_.observations[rows_[i]];
+  const bool is_next = i > 0 && observation.repeat != measurements_.observations[rows_[i - 1]].repeat;
+  return {.repeat = before.repeat + (is_next ? 1 : 0),
+          .target = observation.target,
+          .sigma = observation.sigma,
+          .weight = options_.row_weight(rows_[i])};
+}
+
+bool Gathering::is_like_the_last() const {
+  bool alike = rows_.size() == pattern_.rows.size();
+  PatternRow row;
+  for (std::size_t i = 0; alike && i < rows_.size(); ++i) {
+    row = pattern_row(i, row);
+    alike = row == pattern_.rows[i];
   }
-  const std::int32_t repeat = measurements_.observations[rows_.front()].repeat;
+  return alike;
+}
+
+void Gathering::describe_repeats() {
+  const auto targets = static_cast<Index>(points_.size());
+  const Matrix3d common = options_.noise.common.cwiseAbs2().asDiagonal();
+  MatrixXd sum = MatrixXd::Zero(3 * targets, 3 * targets);  // information of the repeats
+  std::vector<bool> measured(points_.size(), false);
+  pattern_.rows.clear();
   for (std::size_t i = 0; i < rows_.size(); ++i) {
-    const Observation& observation = measurements_.observations[rows_[i]];
-    const SingleRow& row = single_.rows[i];
-    if (observation.repeat != repeat || observation.target != row.target || observation.sigma != row.sigma ||
-        options_.row_weight(rows_[i]) != row.weight) {
-      return false;
+    pattern_.rows.push_back(pattern_row(i, i == 0 ? PatternRow() : pattern_.rows.back()));
+  }
+  pattern_.repeats.clear();
+  for (std::size_t begin = 0; begin < rows_.size();) {
+    Repeat& repeat = pattern_.repeats.emplace_back();
+    repeat.begin = begin;
+    for (; begin < rows_.size() && pattern_.rows[begin].repeat == pattern_.rows[repeat.begin].repeat; ++begin) {
+      append_coordinates(static_cast<std::size_t>(pattern_.rows[begin].target), repeat.coordinates);
+      measured[static_cast<std::size_t>(pattern_.rows[begin].target)] = true;
+    }
+    repeat.end = begin;
+    const auto count = static_cast<Index>(repeat.end - repeat.begin);
+    MatrixXd covariance = common.replicate(count, count);
+    for (std::size_t i = repeat.begin; i < repeat.end; ++i) {
+      const auto place = static_cast<Index>(3 * (i - repeat.begin));
+      covariance.block<3, 3>(place, place) +=
+          point_covariance(options_.noise, measurements_.observations[rows_[i]]) / pattern_.rows[i].weight;
+    }
+    repeat.inverse = inverse_of(covariance);
+    sum(repeat.coordinates, repeat.coordinates) += repeat.inverse;
+  }
+  pattern_.coordinates.clear();
+  for (std::size_t k = 0; k < measured.size(); ++k) {
+    if (measured[k]) {
+      append_coordinates(k, pattern_.coordinates);
     }
   }
-  return true;
-}
-
-void Gathering::take_single_repeat() {
-  for (const std::uint32_t row : rows_) {
-    const auto target = static_cast<std::size_t>(measurements_.observations[row].target);
-    points_[target].position = measurements_.observations[row].position;
-    seen_[target] = true;
+  MatrixXd of_measured = sum(pattern_.coordinates, pattern_.coordinates);
+  if (of_measured.size() != of_repeats_.size() || of_measured != of_repeats_) {
+    root_.compute(of_measured);
+    configuration_.information = std::make_shared<const MatrixXd>(with_misfit(of_measured, options_.noise));
+    of_repeats_ = std::move(of_measured);
   }
-  totals_.equations += 3 * static_cast<long>(rows_.size());
-  totals_.points += static_cast<long>(rows_.size());
-  totals_.weight += single_.weight;
-  configuration_.information = single_.information;
-  take_seen_points();
-}
-
-void Gathering::remember_single_repeat() {
-  single_ = {};
-  const std::int32_t repeat = measurements_.observations[rows_.front()].repeat;
-  const bool single = std::all_of(rows_.begin(), rows_.end(),
-                                  [&](std::uint32_t row) { return measurements_.observations[row].repeat == repeat; });
-  const auto same_target = [&](std::uint32_t a, std::uint32_t b) {
-    return measurements_.observations[a].target == measurements_.observations[b].target;
-  };
-  const bool twice = std::adjacent_find(rows_.begin(), rows_.end(), same_target) != rows_.end();
-  if (!single || twice || options_.noise.tracker || !measurements_.orientations.empty()) {
-    return;
-  }
-  for (const std::uint32_t row : rows_) {
-    const Observation& observation = measurements_.observations[row];
-    single_.rows.push_back(
-        {.target = observation.target, .sigma = observation.sigma, .weight = options_.row_weight(row)});
-  }
-  single_.weight = configuration_.information->trace() / 3.0;
-  single_.information = configuration_.information;
-}
-
-void Gathering::add_repeat(RowIterator begin, RowIterator end, Information& information) {
-  const NoiseModel& noise = options_.noise;
-  const Matrix3d common = noise.common.cwiseAbs2().asDiagonal();
-  std::vector<Index> coordinates;
-  VectorXd z(3 * (end - begin));
-  MatrixXd covariance = common.replicate(end - begin, end - begin);
-  for (auto row = begin; row != end; ++row) {
-    const Observation& observation = measurements_.observations[*row];
-    const Matrix3d own = point_covariance(options_.noise, observation);
-    const Index i = 3 * (row - begin);
-    const auto target = static_cast<std::size_t>(observation.target);
-    if (!seen_[target]) {
-      points_[target].position = observation.position;
-      seen_[target] = true;
-    }
-    z.segment<3>(i) = observation.position - points_[target].position;
-    covariance.block<3, 3>(i, i) += own / options_.row_weight(*row);
-    append_coordinates(target, coordinates);
-    totals_.equations += 3;
-    totals_.points += 1;
-    add_orientation(*row, 3.0 / own.trace(), points_[target]);
-  }
-  const MatrixXd& inverse = inverse_of(covariance);
-  information.sum(coordinates, coordinates) += inverse;
-  information.weighted(coordinates) += inverse * z;
-  information.squares += z.dot(inverse * z);
 }
 
 const MatrixXd& Gathering::inverse_of(const MatrixXd& covariance) {
@@ -262,24 +240,40 @@ const MatrixXd& Gathering::inverse_of(const MatrixXd& covariance) {
   return inverse_;
 }
 
-void Gathering::take_means(const Information& information) {
-  std::vector<Index> measured;
-  for (std::size_t k = 0; k < seen_.size(); ++k) {
-    if (seen_[k]) {
-      append_coordinates(k, measured);
+void Gathering::take_means() {
+  weighted_.setZero(static_cast<Index>(3 * points_.size()));
+  double squares = 0.0;
+  for (const Repeat& repeat : pattern_.repeats) {
+    deviations_.resize(static_cast<Index>(repeat.coordinates.size()));
+    for (std::size_t i = repeat.begin; i < repeat.end; ++i) {
+      const Observation& observation = measurements_.observations[rows_[i]];
+      const auto target = static_cast<std::size_t>(observation.target);
+      ObservedPoint& point = points_[target];
+      if (!seen_[target]) {
+        point.position = observation.position;
+        seen_[target] = true;
+      }
+      deviations_.segment<3>(static_cast<Index>(3 * (i - repeat.begin))) = observation.position - point.position;
+      if (!measurements_.orientations.empty()) {
+        add_orientation(rows_[i], 3.0 / point_covariance(options_.noise, observation).trace(), point);
+      }
+    }
+    if (!deviations_.isZero(0.0)) {
+      pulls_.noalias() = repeat.inverse * deviations_;
+      squares += deviations_.dot(pulls_);
+      weighted_(repeat.coordinates) += pulls_;
     }
   }
-  MatrixXd of_measured = information.sum(measured, measured);
-  if (of_measured.size() != of_repeats_.size() || of_measured != of_repeats_) {
-    root_.compute(of_measured);
-    configuration_.information = std::make_shared<const MatrixXd>(with_misfit(of_measured, options_.noise));
-    of_repeats_ = std::move(of_measured);
-  }
+  totals_.equations += 3 * static_cast<long>(rows_.size());
+  totals_.points += static_cast<long>(rows_.size());
   totals_.weight += configuration_.information->trace() / 3.0;
-  const VectorXd weighted = information.weighted(measured);
-  const VectorXd mean = root_.solve(weighted);
-  totals_.cost_of_repeats += information.squares - mean.dot(weighted);
   take_seen_points();
+  if (squares == 0.0) {
+    return;
+  }
+  const VectorXd weighted = weighted_(pattern_.coordinates);
+  const VectorXd mean = root_.solve(weighted);
+  totals_.cost_of_repeats += squares - mean.dot(weighted);
   for (std::size_t i = 0; i < configuration_.points.size(); ++i) {
     configuration_.points[i].position += mean.segment<3>(static_cast<Index>(3 * i));
   }

@@ -50,34 +50,36 @@ public:
   const ObservedTotals& totals() const { return totals_; }
 
 private:
-  struct Information {
-    Eigen::MatrixXd sum;       // over the repeats
-    Eigen::VectorXd weighted;  // sum of information times position
-    double squares = 0.0;
-  };
-  struct SingleRow {
+  struct PatternRow {
+    std::int32_t repeat = 0;  // counted within the configuration
     std::int32_t target = 0;
     double sigma = 0.0;
     double weight = 1.0;
+    bool operator==(const PatternRow&) const = default;
   };
-  /// The last configuration in which each point was measured once, and what that was worth.
-  struct SingleRepeat {
-    std::vector<SingleRow> rows;
-    double weight = 0.0;
-    std::shared_ptr<const Eigen::MatrixXd> information;  // none: there was none
+  struct Repeat {
+    std::size_t begin = 0;  // of its rows
+    std::size_t end = 0;
+    std::vector<Eigen::Index> coordinates;  // of its points among those of all targets
+    Eigen::MatrixXd inverse;                // of its covariance
   };
-  using RowIterator = std::vector<std::uint32_t>::const_iterator;
+  /// What was measured in a configuration and what that is worth: the same for all that are alike.
+  struct Pattern {
+    std::vector<PatternRow> rows;
+    std::vector<Repeat> repeats;
+    std::vector<Eigen::Index> coordinates;  // of all points
+  };
 
   std::size_t row_at(std::size_t i) const { return order_.empty() ? i : order_[i]; }
   bool is_fitted(std::size_t row) const;
   void add_row(std::size_t row);
   void add_repeats();
-  bool is_like_the_last_single_repeat() const;
-  void take_single_repeat();
-  void remember_single_repeat();
-  void add_repeat(RowIterator begin, RowIterator end, Information& information);
+  void sort_by_repeat();
+  PatternRow pattern_row(std::size_t i, const PatternRow& before) const;
+  bool is_like_the_last() const;
+  void describe_repeats();
   void add_orientation(std::size_t row, double position_information, ObservedPoint& point);
-  void take_means(const Information& information);
+  void take_means();
   void take_seen_points();
   const Eigen::MatrixXd& inverse_of(const Eigen::MatrixXd& covariance);
 
@@ -92,11 +94,14 @@ private:
   std::vector<ObservedPoint> points_;  // of the configuration, by target
   std::vector<bool> seen_;             // which of them there are
   // What many repeats and configurations have in common is factorised and stored once.
+  Pattern pattern_;  // of the last configuration
   Eigen::MatrixXd covariance_;
   Eigen::MatrixXd inverse_;
   Eigen::MatrixXd of_repeats_;  // information of the means by the repeats alone
   Eigen::LLT<Eigen::MatrixXd> root_;
-  SingleRepeat single_;
+  Eigen::VectorXd deviations_;  // of one repeat, from where its points were seen first
+  Eigen::VectorXd pulls_;       // the same times its information
+  Eigen::VectorXd weighted_;    // sum of these over the repeats, of all targets
 };
 
 }  // namespace kdl_calibration

@@ -31,6 +31,20 @@ Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>
                           estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
 }
 
+ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term) {
+  require_index("the joint of an effect", term.index, model.joints.size());
+  ParameterTwist twist;
+  twist.frame = term.index;
+  twist.tilted = term.axis != EffectAxis::across_x;  // the folded chain's joints turn about x, then about y and z
+  if (term.axis == EffectAxis::own) {
+    const bool prismatic = model.joints[static_cast<std::size_t>(term.index)].type == JointType::prismatic;
+    (prismatic ? twist.linear : twist.angular) = Vector3d::UnitZ();
+  } else {
+    twist.angular = term.axis == EffectAxis::across_x ? Vector3d::UnitX() : Vector3d::UnitY();
+  }
+  return twist;
+}
+
 std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns) {
   std::vector<ParameterTwist> twists;
   const std::vector<ParameterTwist> base = base_twists();
@@ -41,16 +55,7 @@ std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate
   twists.insert(twists.end(), geometric.begin(), geometric.end());
   require_indices("the effect", unknowns.effects(), model.effects.size());
   for (const std::size_t d : unknowns.effects()) {
-    const EffectTerm& term = model.effects[d];
-    ParameterTwist& twist = twists.emplace_back();
-    twist.frame = term.index;
-    twist.tilted = term.axis != EffectAxis::across_x;  // the folded chain's joints turn about x, then about y and z
-    if (term.axis == EffectAxis::own) {
-      const bool prismatic = model.joints[static_cast<std::size_t>(term.index)].type == JointType::prismatic;
-      (prismatic ? twist.linear : twist.angular) = Vector3d::UnitZ();
-    } else {
-      twist.angular = term.axis == EffectAxis::across_x ? Vector3d::UnitX() : Vector3d::UnitY();
-    }
+    twists.push_back(effect_twist(model, model.effects[d]));
   }
   return twists;
 }

@@ -7,6 +7,7 @@
 #include "base/parallel.hpp"
 #include "experiment.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/registration.hpp"
@@ -102,19 +103,20 @@ BENCHMARK(iteration_ceres_qr)
 // -----------------------------------------------------------------------------------------------
 
 // One iteration: the pass over the data and the step.
-void iteration(benchmark::State& state, const ResidualOptions& options) {
-  const auto count = static_cast<int>(state.range(0));
-  const Measurements measured = experiment().measurements(count);
-  const LeastSquaresProblem problem(experiment().model, measured, experiment().free, options);
-  const Estimate start = experiment().nominal();
+void iteration(benchmark::State& state, const LeastSquaresProblem& problem, const Estimate& start) {
   LeastSquaresProblem::Workspace workspace;
   NormalEquations equations;
   for (auto _ : state) {
     problem.linearise(start, workspace, equations);
     benchmark::DoNotOptimize(equations.hessian.llt().solve(equations.gradient).eval());
   }
-  state.counters["per_configuration"] =
-      benchmark::Counter(count, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+  state.counters["per_configuration"] = benchmark::Counter(
+      static_cast<double>(state.range(0)), benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+void iteration(benchmark::State& state, const ResidualOptions& options) {
+  const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)));
+  iteration(state, LeastSquaresProblem(experiment().model, measured, experiment().free, options),
+            experiment().nominal());
 }
 void iteration_library(benchmark::State& state) { iteration(state, {}); }
 BENCHMARK(iteration_library)->Arg(30)->Arg(300)->Arg(3000)->Arg(30000)->Arg(300000)->Unit(benchmark::kMicrosecond);
@@ -127,6 +129,32 @@ void iteration_correlated(benchmark::State& state) {
   iteration(state, options);
 }
 BENCHMARK(iteration_correlated)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond);
+
+// The same, another one along each axis.
+void iteration_by_axis(benchmark::State& state) {
+  ResidualOptions options;
+  options.noise.independent = {3e-5, 2e-5, 4e-5};
+  options.noise.common = {1e-5, 2e-5, 3e-5};
+  iteration(state, options);
+}
+BENCHMARK(iteration_by_axis)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond);
+
+// The first 60 terms of what bends, turns and tilts joints.
+void iteration_effects(benchmark::State& state) {
+  const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)));
+  ErrorModel model = experiment().model;
+  for (const EffectGroup group : {EffectGroup::gravity, EffectGroup::gain, EffectGroup::backlash,
+                                  EffectGroup::harmonics, EffectGroup::transverse}) {
+    const std::vector<EffectTerm> terms = effect_terms(model, group, measured.joint_values);
+    model.effects.insert(model.effects.end(), terms.begin(), terms.end());
+  }
+  model.effects.resize(60);
+  Estimate start = experiment().nominal();
+  start.effects = Eigen::VectorXd::Constant(60, 1e-5);
+  const Unknowns free = experiment().free.with_all(model, UnknownGroup::effects);
+  iteration(state, LeastSquaresProblem(model, measured, free, {.priors = {.length = 1e-3, .angle = 1e-3}}), start);
+}
+BENCHMARK(iteration_effects)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond);
 
 void whole_fit_library(benchmark::State& state) {
   const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)));

@@ -3,7 +3,10 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
+#include <array>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "kdl_calibration/random.hpp"
 
@@ -36,8 +39,8 @@ FrameNumbers numbers_of(const Isometry3d& X) {
 
 Vector3d vector_of(const std::array<double, 3>& numbers) { return Vector3d(numbers.data()); }
 
-// An arm with a prismatic joint in the middle, columns of every kind, and a number of configurations that leaves lanes
-// empty, in one block more than are done in one go.
+// An arm with a prismatic joint in the middle, columns of every kind, joints that terms move and tilt, and a number of
+// configurations that leaves lanes empty, in one block more than are done in one go.
 struct Case {
   static constexpr std::size_t kJoints = 3;
   static constexpr std::size_t kConfigurations = 8 * 16 + 5;
@@ -48,7 +51,7 @@ struct Case {
   ChainKernelInput input;
   std::vector<LaneRow> data;
 
-  Case() {
+  explicit Case(bool by_axis = false) {
     for (std::size_t i = 0; i <= kJoints; ++i) {
       links.push_back(random_pose(random));
       input.links.push_back(numbers_of(i < kJoints ? links[i] : links[i] * X_FP));
@@ -72,7 +75,20 @@ struct Case {
     input.weights = {2.0, 0.5};
     input.points = {{0.1, -0.2, 0.3}, {-0.4, 0.8, -1.2}};
     input.root = {0.3, -0.2, 0.7, 0.1, 0.4, 0.9};
-    const std::size_t rows = kJoints + 3 * input.points.size();
+    const ChainColumn turn{.frame = kJoints + 2, .turns = true, .linear = {}, .angular = {0.0, 0.0, 1.0}};
+    const ChainColumn slide{.frame = kJoints + 3, .moves = true, .linear = {0.0, 0.0, 1.0}, .angular = {}};
+    const ChainColumn tilt_x{.frame = 3, .turns = true, .linear = {}, .angular = {1.0, 0.0, 0.0}};
+    const ChainColumn tilt_y{.frame = kJoints + 4, .turns = true, .linear = {}, .angular = {0.0, 1.0, 0.0}};
+    input.motions = {{.entry = 0, .column = turn, .first = 0, .free = 2, .last = 3},
+                     {.entry = 1, .column = slide, .first = 3, .free = 1, .last = 4},
+                     {.entry = kJoints + 4, .column = tilt_x, .first = 4, .free = 2, .last = 6},
+                     {.entry = kJoints + 5, .column = tilt_y, .first = 6, .free = 0, .last = 7}};
+    if (by_axis) {
+      keep_rows();
+    }
+    input.values = {0.1, -0.2, 0.05, 0.3, -0.1, 0.2, 0.15};
+    input.tilts = true;
+    const std::size_t rows = input.rows();
     data.resize((kConfigurations + kLanes - 1) / kLanes * rows);
     for (LaneRow& row : data) {
       for (int lane = 0; lane < kLanes; ++lane) {
@@ -83,70 +99,173 @@ struct Case {
     input.configurations = kConfigurations;
   }
 
+  // Two rows along each axis, of three targets.
+  void keep_rows() {
+    input.points.clear();
+    input.weights.clear();
+    const std::vector<Vector3d> targets = {{0.3, -0.2, 0.1}, {-0.1, 0.4, 0.2}, {0.2, 0.1, -0.5}};
+    input.kept.resize(6);
+    input.pulls.resize(9);
+    for (std::size_t row = 0; row < 6; ++row) {
+      for (std::size_t l = 0; l < 3; ++l) {
+        const double share = l == 1 && row == 4 ? 0.0 : random.normal();
+        input.shares.push_back(share);
+        input.kept[row].sum += share;
+        Eigen::Map<Vector3d>(input.kept[row].target.data()) += share * targets[l];
+      }
+    }
+    for (std::size_t row = 0; row < 6; ++row) {
+      for (std::size_t l = 0; l < 3; ++l) {
+        AxisRow& pull = input.pulls[3 * l + row % 3];
+        pull.sum += input.shares[3 * row + l] * input.kept[row].sum;
+        Eigen::Map<Vector3d>(pull.target.data()) += input.shares[3 * row + l] * vector_of(input.kept[row].target);
+      }
+    }
+  }
+
   double value(std::size_t configuration, std::size_t row) const {
-    return data[configuration / kLanes * (kJoints + 3 * input.points.size()) + row].lanes[configuration % kLanes];
+    return data[configuration / kLanes * input.rows() + row].lanes[configuration % kLanes];
+  }
+
+  double worth(std::size_t configuration, std::size_t term) const {
+    return value(configuration, input.rows() - input.values.size() + term);
+  }
+
+  // Of the joint values and tilts.
+  double moved(std::size_t configuration, std::size_t entry) const {
+    double sum = entry < kJoints ? value(configuration, entry) : 0.0;
+    for (const ChainMotion& motion : input.motions) {
+      for (std::size_t k = motion.first; motion.entry == entry && k < motion.last; ++k) {
+        sum += input.values[k] * worth(configuration, k);
+      }
+    }
+    return sum;
   }
 };
+
+Isometry3d turned_about(const Vector3d& axis, double angle) { return Isometry3d(Eigen::AngleAxisd(angle, axis)); }
 
 struct Sums {
   MatrixXd gram;
   VectorXd gradient;
-  MatrixXd twist;
+  MatrixXd coupling;
   MatrixXd force;
+  std::array<Matrix3d, 3> turned = {Matrix3d::Zero(), Matrix3d::Zero(), Matrix3d::Zero()};
   double cost = 0.0;
 };
 
+// By the header's formulas, what the rows of one configuration add: J has the twists of all columns.
+void add_rows(const Case& c, std::size_t n, const Isometry3d& X_WP, const MatrixXd& J, Sums& sums) {
+  for (std::size_t x = 0; x < 3; ++x) {
+    const Vector3d r = X_WP.linear().row(static_cast<Index>(x)).transpose();
+    sums.turned[x] += r * r.transpose();
+  }
+  for (std::size_t row = 0; row < c.input.kept.size(); ++row) {
+    const auto x = static_cast<Index>(row % 3);
+    const AxisRow& kept = c.input.kept[row];
+    const Vector3d r = X_WP.linear().row(x).transpose();
+    const Vector3d s = vector_of(kept.target);
+    const double e = c.value(n, Case::kJoints + row) - kept.sum * X_WP.translation()[x] - r.dot(s);
+    const Eigen::RowVectorXd own =
+        kept.sum * r.transpose() * J.topRows<3>() + s.cross(r).transpose() * J.bottomRows<3>();
+    sums.cost += e * e;
+    sums.gradient += e * own.transpose();
+    sums.gram += own.transpose() * own;
+    for (Index l = 0; l < 3; ++l) {
+      const Vector3d of_target = c.input.shares[3 * row + static_cast<std::size_t>(l)] * r;
+      sums.force.col(l) += e * of_target;
+      sums.coupling.middleRows<3>(3 * l) += of_target * own;
+    }
+  }
+}
+
+// Frames of a configuration in the base frame: of each joint before its own motion, of the flange, of each joint behind
+// its tilts as well.
+std::vector<Isometry3d> frames(const Case& c, std::size_t n) {
+  std::vector<Isometry3d> X_Bf = {Isometry3d::Identity()};
+  std::vector<Isometry3d> X_Bt;
+  Isometry3d X_B = Isometry3d::Identity();
+  for (std::size_t i = 0; i < Case::kJoints; ++i) {
+    Isometry3d joint = Isometry3d::Identity();
+    if (c.input.prismatic[i] != 0) {
+      joint.translation().z() = c.moved(n, i);
+    } else {
+      joint = turned_about(Vector3d::UnitZ(), c.moved(n, i));
+    }
+    X_Bf.push_back(X_B * c.links[i]);
+    X_Bt.push_back(X_Bf.back() * turned_about(Vector3d::UnitX(), c.moved(n, Case::kJoints + 2 * i)) *
+                   turned_about(Vector3d::UnitY(), c.moved(n, Case::kJoints + 2 * i + 1)));
+    X_B = X_Bt.back() * joint;
+  }
+  X_Bf.push_back(X_B * c.links[Case::kJoints]);
+  X_Bf.insert(X_Bf.end(), X_Bt.begin(), X_Bt.end());
+  return X_Bf;
+}
+
+// Each column's twist at the flange's point P, in its axes: linear above angular part. Terms lie behind the others.
+MatrixXd twists(const Case& c, std::size_t n, const std::vector<Isometry3d>& X_Bf, const Isometry3d& X_BP) {
+  std::vector<std::pair<ChainColumn, double>> all;
+  for (const ChainColumn& column : c.input.columns) {
+    all.emplace_back(column, 1.0);
+  }
+  for (const ChainMotion& motion : c.input.motions) {
+    for (std::size_t k = motion.first; k < motion.first + motion.free; ++k) {
+      all.emplace_back(motion.column, c.worth(n, k));
+    }
+  }
+  MatrixXd J(6, static_cast<Index>(all.size()));
+  for (Index i = 0; i < J.cols(); ++i) {
+    const auto& [column, worth] = all[static_cast<std::size_t>(i)];
+    const Isometry3d X_Pf = X_BP.inverse() * X_Bf[static_cast<std::size_t>(column.frame)];
+    const Vector3d a = worth * X_Pf.linear() * vector_of(column.angular);
+    const Vector3d v = worth * X_Pf.linear() * vector_of(column.linear) + X_Pf.translation().cross(a);
+    J.col(i) << v, a;
+  }
+  return J;
+}
+
+// Noise alike in every direction.
+void add_points(const Case& c, std::size_t n, const Isometry3d& X_WP, MatrixXd J, Sums& sums) {
+  Vector3d F = Vector3d::Zero();
+  Vector3d M = Vector3d::Zero();
+  for (Index k = 0; k < sums.force.cols(); ++k) {
+    const auto row = Case::kJoints + 3 * static_cast<std::size_t>(k);
+    const Vector3d z(c.value(n, row), c.value(n, row + 1), c.value(n, row + 2));
+    const Vector3d t = vector_of(c.input.points[static_cast<std::size_t>(k)]);
+    const double w = c.input.weights[static_cast<std::size_t>(k)];
+    const Vector3d e = X_WP.inverse() * z - t;
+    sums.cost += w * e.squaredNorm();
+    sums.force.col(k) += w * e;
+    F += w * e;
+    M += w * t.cross(e);
+  }
+  sums.coupling += J;
+  sums.gradient += J.topRows<3>().transpose() * F + J.bottomRows<3>().transpose() * M;
+  const auto& root = c.input.root;
+  Matrix3d L = Matrix3d::Zero();
+  L << root[0], 0.0, 0.0, root[1], root[2], 0.0, root[3], root[4], root[5];
+  J.bottomRows<3>() = L.transpose() * J.bottomRows<3>().eval();
+  sums.gram += J.transpose() * J;
+}
+
 // The header's formulas, written out for one configuration after the other.
 Sums formulas(const Case& c) {
-  const auto columns = static_cast<Index>(c.input.columns.size());
-  const auto points = static_cast<Index>(c.input.points.size());
+  const auto columns = static_cast<Index>(c.input.columns.size()) + 5;
+  const auto points = static_cast<Index>(c.input.by_axis() ? 3 : c.input.points.size());
   Sums sums{.gram = MatrixXd::Zero(columns, columns),
             .gradient = VectorXd::Zero(columns),
-            .twist = MatrixXd::Zero(6, columns),
+            .coupling = MatrixXd::Zero(static_cast<Index>(c.input.width()), columns),
             .force = MatrixXd::Zero(3, points)};
-  Matrix3d L = Matrix3d::Zero();
-  const auto& root = c.input.root;
-  L << root[0], 0.0, 0.0, root[1], root[2], 0.0, root[3], root[4], root[5];
   for (std::size_t n = 0; n < Case::kConfigurations; ++n) {
-    std::vector<Isometry3d> X_Bf = {Isometry3d::Identity()};  // of a joint: before its own motion
-    Isometry3d X_B = Isometry3d::Identity();
-    for (std::size_t i = 0; i < Case::kJoints; ++i) {
-      Isometry3d joint = Isometry3d::Identity();
-      if (c.input.prismatic[i] != 0) {
-        joint.translation().z() = c.value(n, i);
-      } else {
-        joint.linear() = Eigen::AngleAxisd(c.value(n, i), Vector3d::UnitZ()).toRotationMatrix();
-      }
-      X_Bf.push_back(X_B * c.links[i]);
-      X_B = X_Bf.back() * joint;
-    }
-    X_Bf.push_back(X_B * c.links[Case::kJoints]);
-    const Isometry3d X_BP = X_Bf.back() * c.X_FP;
+    const std::vector<Isometry3d> X_Bf = frames(c, n);
+    const Isometry3d X_BP = X_Bf[Case::kJoints + 1] * c.X_FP;
     const Isometry3d X_WP = c.X_WB * X_BP;
-    Vector3d F = Vector3d::Zero();
-    Vector3d M = Vector3d::Zero();
-    for (Index k = 0; k < points; ++k) {
-      const auto row = Case::kJoints + 3 * static_cast<std::size_t>(k);
-      const Vector3d z(c.value(n, row), c.value(n, row + 1), c.value(n, row + 2));
-      const Vector3d t = vector_of(c.input.points[static_cast<std::size_t>(k)]);
-      const double w = c.input.weights[static_cast<std::size_t>(k)];
-      const Vector3d e = X_WP.inverse() * z - t;
-      sums.cost += w * e.squaredNorm();
-      sums.force.col(k) += w * e;
-      F += w * e;
-      M += w * t.cross(e);
+    const MatrixXd J = twists(c, n, X_Bf, X_BP);
+    if (c.input.by_axis()) {
+      add_rows(c, n, X_WP, J, sums);
+    } else {
+      add_points(c, n, X_WP, J, sums);
     }
-    MatrixXd J(6, columns);
-    for (Index i = 0; i < columns; ++i) {
-      const ChainColumn& column = c.input.columns[static_cast<std::size_t>(i)];
-      const Isometry3d X_Pf = X_BP.inverse() * X_Bf[static_cast<std::size_t>(column.frame)];
-      const Vector3d a = X_Pf.linear() * vector_of(column.angular);
-      const Vector3d v = X_Pf.linear() * vector_of(column.linear) + X_Pf.translation().cross(a);
-      sums.twist.col(i) += (Eigen::Matrix<double, 6, 1>() << v, a).finished();
-      sums.gradient[i] += v.dot(F) + a.dot(M);
-      J.col(i) << v, L.transpose() * a;
-    }
-    sums.gram += J.transpose() * J;
   }
   return sums;
 }
@@ -155,30 +274,76 @@ ChainKernelSums sums_of(const Case& c, bool cost_only, InstructionSet set) {
   ChainKernelSums sums;
   ChainKernelInput other = c.input;  // leaves nothing behind
   other.columns.resize(7);
+  other.motions.pop_back();
   other.configurations = 30;
   sum_chain(other, false, sums, set);
   sum_chain(c.input, cost_only, sums, set);
   return sums;
 }
 
-TEST(ChainKernel, AddsUpWhatTheFormulasSay) {
-  const Case c;
+// Products of the terms, of which the three motions that have some have two, one and two.
+void expect_spread(const ChainKernelSums& sums, const MatrixXd& gram, Index columns) {
+  const double tolerance = 1e-12 * gram.cwiseAbs().maxCoeff();
+  const std::vector<std::pair<Index, Index>> terms = {{0, 2}, {2, 3}, {3, 5}};
+  std::vector<std::pair<Index, Index>> order;  // rows and columns of `gram`
+  for (auto own = terms.begin(); own != terms.end(); ++own) {
+    for (Index j = 0; j < columns; ++j) {
+      for (Index k = own->first; k < own->second; ++k) {
+        order.emplace_back(columns + k, j);
+      }
+    }
+    for (auto other = own; other != terms.end(); ++other) {
+      for (Index k = own->first; k < own->second; ++k) {
+        for (Index l = other == own ? k : other->first; l < other->second; ++l) {
+          order.emplace_back(columns + k, columns + l);
+        }
+      }
+    }
+  }
+  ASSERT_EQ(order.size(), sums.spread.size());
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const auto& [row, column] = order[i];
+    EXPECT_NEAR(sums.spread[i], gram(row, column), tolerance) << row << ", " << column;
+  }
+}
+
+void expect_turned(const ChainKernelSums& sums, const Sums& expected, bool by_axis) {
+  ASSERT_EQ(sums.turned.size(), by_axis ? 18U : 0U);
+  for (std::size_t x = 0; by_axis && x < 3; ++x) {
+    const Matrix3d& turned = expected.turned[x];
+    const std::vector<double> upper = {turned(0, 0), turned(0, 1), turned(0, 2),
+                                       turned(1, 1), turned(1, 2), turned(2, 2)};
+    for (std::size_t k = 0; k < 6; ++k) {
+      EXPECT_NEAR(sums.turned[6 * x + k], upper[k], 1e-12 * static_cast<double>(Case::kConfigurations));
+    }
+  }
+}
+
+class ChainKernels : public ::testing::TestWithParam<bool> {};
+
+TEST_P(ChainKernels, AddUpWhatTheFormulasSay) {
+  const Case c(GetParam());
   const Sums expected = formulas(c);
   const double scale = expected.gram.cwiseAbs().maxCoeff();
   for (const InstructionSet set : instruction_sets()) {
     const ChainKernelSums sums = sums_of(c, false, set);
     EXPECT_NEAR(sums.cost, expected.cost, 1e-12 * expected.cost);
     std::size_t row = 0;
+    const auto columns = static_cast<Index>(c.input.columns.size());
     for (Index i = 0; i < expected.gram.rows(); ++i) {
-      for (Index j = i; j < expected.gram.cols(); ++j) {
+      for (Index j = i; j < columns; ++j) {
         EXPECT_NEAR(sums.gram[row++], expected.gram(i, j), 1e-12 * scale) << i << ", " << j;
       }
       const auto column = static_cast<std::size_t>(i);
       EXPECT_NEAR(sums.gradient[column], expected.gradient[i], 1e-12 * scale) << i;
-      for (Index k = 0; k < 6; ++k) {
-        EXPECT_NEAR(sums.twist[6 * column + static_cast<std::size_t>(k)], expected.twist(k, i), 1e-12 * scale);
+      for (Index k = 0; k < expected.coupling.rows(); ++k) {
+        EXPECT_NEAR(sums.coupling[c.input.width() * column + static_cast<std::size_t>(k)], expected.coupling(k, i),
+                    1e-12 * scale)
+            << i << ", " << k;
       }
     }
+    expect_spread(sums, expected.gram, columns);
+    expect_turned(sums, expected, c.input.by_axis());
     for (Index k = 0; k < expected.force.size(); ++k) {
       EXPECT_NEAR(sums.force[static_cast<std::size_t>(k)], expected.force.reshaped()[k], 1e-12 * scale);
     }
@@ -198,19 +363,24 @@ TEST(ChainKernel, KnowsTheInstructionSetsOfTheMachine) {
   EXPECT_EQ(instruction_sets(), expected);
 }
 
-TEST(ChainKernel, GivesTheSameBitsWithEveryInstructionSet) {
-  const Case c;
+TEST_P(ChainKernels, GiveTheSameBitsWithEveryInstructionSet) {
+  const Case c(GetParam());
   const ChainKernelSums baseline = sums_of(c, false, InstructionSet::baseline);
   for (const InstructionSet set : instruction_sets()) {
     const ChainKernelSums sums = sums_of(c, false, set);
     EXPECT_EQ(sums.cost, baseline.cost);
     EXPECT_EQ(sums.gram, baseline.gram);
+    EXPECT_EQ(sums.spread, baseline.spread);
     EXPECT_EQ(sums.gradient, baseline.gradient);
-    EXPECT_EQ(sums.twist, baseline.twist);
+    EXPECT_EQ(sums.coupling, baseline.coupling);
+    EXPECT_EQ(sums.turned, baseline.turned);
     EXPECT_EQ(sums.force, baseline.force);
     EXPECT_EQ(sums_of(c, true, set).cost, baseline.cost);
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(Noise, ChainKernels, ::testing::Values(false, true),
+                         [](const auto& test) { return test.param ? "ByAxis" : "Alike"; });
 
 }  // namespace
 }  // namespace kdl_calibration

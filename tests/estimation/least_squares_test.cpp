@@ -26,7 +26,8 @@ struct Case {
   bool effects = false;       // in the model
   bool free_effects = false;  // and to be estimated
   bool orientations = false;
-  double common = 0.0;  // [m]
+  double common = 0.0;   // [m]
+  bool by_axis = false;  // noise of another size along each
 };
 
 constexpr double kSigma = 1e-4;
@@ -59,8 +60,8 @@ protected:
     free = Unknowns(model, targets, names);
     measured = measured_with(1);
     options.priors = {.length = 0.002, .angle = 0.003};
-    options.noise.independent.setConstant(kSigma);
-    options.noise.common.setConstant(GetParam().common);
+    options.noise.independent = kSigma * sizes();
+    options.noise.common = GetParam().common * sizes().reverse();
     options.noise.orientation = GetParam().orientations ? kOrientationSigma : 0.0;
   }
 
@@ -83,6 +84,9 @@ protected:
       return !(o.repeat == 2 && o.configuration % 5 == 1) && !(o.configuration == 4 && o.target == 1);
     });
   }
+
+  // Of the noise along each axis.
+  static Vector3d sizes() { return GetParam().by_axis ? Vector3d(1.0, 0.5, 2.0) : Vector3d::Ones(); }
 
   Estimate near_nominal() const {
     Estimate estimate{.errors = VectorXd::Constant(static_cast<Index>(model.parameters.size()), 1e-4),
@@ -109,9 +113,9 @@ TEST_P(LeastSquares, EquationsAreThoseOfTheRowsWrittenOut) {
   const LeastSquaresProblem problem(model, measured, free, options);
   const testing::DenseFit dense(
       model, measured, free,
-      {.position = [](const Observation&) { return Eigen::Matrix3d(kSigma * kSigma * Eigen::Matrix3d::Identity()); },
+      {.position = [](const Observation&) { return Eigen::Matrix3d((kSigma * sizes()).cwiseAbs2().asDiagonal()); },
        .orientation = [](const Observation&) { return kOrientationSigma * kOrientationSigma; },
-       .common = Vector3d::Constant(GetParam().common)},
+       .common = GetParam().common * sizes().reverse()},
       options.priors);
   const MatrixXd J = dense.jacobian(truth);
   const VectorXd e = dense.residuals(truth);
@@ -221,12 +225,38 @@ TEST_P(LeastSquares, AWorkspaceRemembersNothingOfTheProblemBefore) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Passes, LeastSquares,
-                         ::testing::Values(Case{.name = "side_by_side"}, Case{.name = "held_effects", .effects = true},
-                                           Case{.name = "effects", .effects = true, .free_effects = true},
-                                           Case{.name = "orientations", .orientations = true},
-                                           Case{.name = "common_noise", .common = 2e-4}),
-                         [](const auto& instance) { return std::string(instance.param.name); });
+// So many that the pass takes them in parts. Halves of them it takes at once.
+TEST(LeastSquaresOfManyConfigurations, AddsUpThePartsOnAnyNumberOfThreads) {
+  testing::VirtualExperiment experiment;
+  const Measurements all = experiment.measure(8 * 2048 + 37, {.sigma = kSigma});
+  const Estimate estimate{.errors = VectorXd::Constant(static_cast<Index>(experiment.model.parameters.size()), 1e-4),
+                          .targets = experiment.targets};
+  const auto equations_of = [&](const Measurements& measured, int threads) {
+    ResidualOptions options;
+    options.threads = threads;
+    return LeastSquaresProblem(experiment.model, measured, experiment.free, options).linearise(estimate);
+  };
+  const auto half = [&](int remainder) {
+    return subset(all, [=](const Observation& o) { return o.configuration % 2 == remainder; });
+  };
+  const NormalEquations one = equations_of(all, 1);
+  expect_same_bits(one, equations_of(all, 3));
+  const NormalEquations even = equations_of(half(0), 1);
+  const NormalEquations odd = equations_of(half(1), 1);
+  EXPECT_NEAR(one.cost, even.cost + odd.cost, 1e-12 * one.cost);
+  EXPECT_LT((one.hessian - even.hessian - odd.hessian).norm(), 1e-12 * one.hessian.norm());
+  EXPECT_LT((one.gradient - even.gradient - odd.gradient).norm(), 1e-9 * one.gradient.norm());
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Passes, LeastSquares,
+    ::testing::Values(
+        Case{.name = "side_by_side"}, Case{.name = "held_effects", .effects = true},
+        Case{.name = "effects", .effects = true, .free_effects = true},
+        Case{.name = "orientations", .orientations = true}, Case{.name = "common_noise", .common = 2e-4},
+        Case{.name = "by_axis", .by_axis = true}, Case{.name = "common_noise_by_axis", .common = 2e-4, .by_axis = true},
+        Case{.name = "effects_by_axis", .effects = true, .free_effects = true, .common = 2e-4, .by_axis = true}),
+    [](const auto& instance) { return std::string(instance.param.name); });
 
 }  // namespace
 }  // namespace kdl_calibration

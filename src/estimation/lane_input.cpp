@@ -1,0 +1,136 @@
+#include "estimation/lane_input.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/prediction.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+namespace {
+
+// L of the positive semidefinite S = L L^T; columns of a singular S are zero.
+std::array<double, 6> root_of(const Matrix3d& S) {
+  Matrix3d L = Matrix3d::Zero();
+  for (Index j = 0; j < 3; ++j) {
+    const double pivot = S(j, j) - L.row(j).squaredNorm();
+    if (pivot <= 1e-15 * S.trace()) {
+      continue;
+    }
+    L(j, j) = std::sqrt(pivot);
+    for (Index i = j + 1; i < 3; ++i) {
+      L(i, j) = (S(i, j) - L.row(i).head(j).dot(L.row(j).head(j))) / L(j, j);
+    }
+  }
+  return {L(0, 0), L(1, 0), L(1, 1), L(2, 0), L(2, 1), L(2, 2)};
+}
+
+KeptFrame set_points(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
+  KeptFrame kept{.weight = 0.0};
+  for (std::size_t k = 0; k < group.targets.size(); ++k) {
+    kept.weight += group.weights[k];
+    kept.centre += group.weights[k] * kept_target(group, k, estimate);
+  }
+  kept.centre /= kept.weight;
+  Matrix3d spread = Matrix3d::Zero();
+  input.kept.clear();
+  input.pulls.clear();
+  input.points.resize(group.targets.size());
+  input.weights = group.weights;
+  for (std::size_t k = 0; k < group.targets.size(); ++k) {
+    const Vector3d t = kept_target(group, k, estimate) - kept.centre;
+    spread += group.weights[k] / kept.weight * (t.squaredNorm() * Matrix3d::Identity() - t * t.transpose());
+    input.points[k] = {t.x(), t.y(), t.z()};
+  }
+  input.root = root_of(spread);
+  return kept;
+}
+
+KeptFrame set_rows(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
+  const std::size_t targets = group.targets.size();
+  KeptFrame kept;
+  for (const std::size_t target : group.targets) {
+    kept.centre += estimate.targets[target].X_FT.translation() / static_cast<double>(targets);
+  }
+  input.points.clear();
+  input.kept.assign(3 * group.kept(), {});
+  input.pulls.assign(3 * targets, {});
+  input.shares.resize(input.kept.size() * targets);
+  const auto add = [](double share, const Vector3d& t, AxisRow& row) {
+    row.sum += share;
+    for (std::size_t c = 0; c < 3; ++c) {
+      row.target[c] += share * t[static_cast<Index>(c)];
+    }
+  };
+  for (std::size_t row = 0; row < input.kept.size(); ++row) {
+    for (std::size_t l = 0; l < targets; ++l) {
+      const double share = group.roots[row % 3](static_cast<Index>(row / 3), static_cast<Index>(l));
+      input.shares[row * targets + l] = share;
+      add(share, estimate.targets[group.targets[l]].X_FT.translation() - kept.centre, input.kept[row]);
+    }
+    for (std::size_t l = 0; l < targets; ++l) {
+      const double share = input.shares[row * targets + l];
+      AxisRow& pull = input.pulls[3 * l + row % 3];
+      pull.sum += share * input.kept[row].sum;
+      for (std::size_t c = 0; c < 3; ++c) {
+        pull.target[c] += share * input.kept[row].target[c];
+      }
+    }
+  }
+  return kept;
+}
+
+}  // namespace
+
+FrameNumbers numbers_of(const Matrix3d& R, const Vector3d& p) {
+  return {R(0, 0), R(0, 1), R(0, 2), R(1, 0), R(1, 1), R(1, 2), R(2, 0), R(2, 1), R(2, 2), p.x(), p.y(), p.z()};
+}
+
+ChainColumn numbers_of(const ParameterTwist& twist, int frame) {
+  return {.frame = frame,
+          .moves = !twist.linear.isZero(0.0),
+          .turns = !twist.angular.isZero(0.0),
+          .linear = {twist.linear.x(), twist.linear.y(), twist.linear.z()},
+          .angular = {twist.angular.x(), twist.angular.y(), twist.angular.z()}};
+}
+
+std::vector<ChainMotion> motions_of(const ErrorModel& model, const Unknowns& unknowns,
+                                    const std::vector<std::size_t>& terms) {
+  const auto joints = static_cast<int>(model.joints.size());
+  const bool tilts = std::cmp_greater(motion_size(model), joints);
+  const std::vector<std::size_t>& free = unknowns.effects();
+  std::vector<ChainMotion> motions;
+  for (std::size_t t = 0; t < terms.size(); ++t) {
+    const EffectTerm& term = model.effects[terms[t]];
+    const auto entry = static_cast<std::size_t>(motion_entry(model, term));
+    if (motions.empty() || motions.back().entry != entry) {
+      const ParameterTwist twist = effect_twist(model, term);
+      const int frame = twist.frame + (tilts && twist.tilted ? joints + 2 : 1);
+      motions.push_back({.entry = entry, .column = numbers_of(twist, frame), .first = t, .free = 0, .last = t});
+    }
+    motions.back().last = t + 1;
+    if (std::find(free.begin(), free.end(), terms[t]) != free.end()) {
+      ++motions.back().free;
+    }
+  }
+  return motions;
+}
+
+Vector3d kept_target(const LaneGroup& group, std::size_t k, const Estimate& estimate) {
+  return group.mixed(k,
+                     [&](std::size_t l) -> Vector3d { return estimate.targets[group.targets[l]].X_FT.translation(); });
+}
+
+KeptFrame set_kept(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
+  return group.by_axis() ? set_rows(group, estimate, input) : set_points(group, estimate, input);
+}
+
+}  // namespace kdl_calibration
