@@ -11,7 +11,7 @@ sys.dont_write_bytecode = True
 sys.path.insert(0, str(Path(__file__).parent))
 
 from cpp_tokens import Source  # noqa: E402
-from drawing import Defect  # noqa: E402
+from drawing import Defect, listed  # noqa: E402
 from mutation import wilson  # noqa: E402
 from operators import mutations  # noqa: E402
 from tree import CleanTree, Outcome, baseline  # noqa: E402
@@ -77,6 +77,14 @@ class Defects(unittest.TestCase):
         defect = Defect("src/a.cpp", 2, "b;\n", "c;\n", "sign")
         self.assertEqual("x;\ny;\nz;\nc;\n", defect.applied_to("x;\ny;\nz;\nb;\n"))
         self.assertIsNone(defect.applied_to("x;\n"))
+
+    def test_of_the_list_stand_once_in_their_sources(self):
+        root = Path(__file__).parents[2]
+        for defect in listed(root, root / "tests/mutation/defects.tsv"):
+            file = root / defect.path
+            count = file.read_text().count(defect.old) if file.exists() else 0
+            self.assertEqual(1, count, f"{defect.path}: {defect.old}")
+            self.assertNotEqual(defect.old, defect.new, defect.path)
 
     def test_interval_is_that_of_wilson(self):
         low, high = wilson(81, 263)  # Newcombe, Statistics in Medicine 17 (1998), table I
