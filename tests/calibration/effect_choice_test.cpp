@@ -315,17 +315,12 @@ TEST(EffectChoice, OfFewConfigurationsOnlyWhatTheyCanTell) {
   }
 }
 
-/// Share of the geometric errors that lie in their 95 % intervals, over arms without effects.
-double covered(unsigned first, unsigned count, int configurations, bool with_effects) {
+/// Geometric errors that lie in their 95 % intervals, of those that the data determine.
+struct Coverage {
   double inside = 0.0;
   double all = 0.0;
-  for (unsigned seed = first; seed < first + count; ++seed) {
-    std::vector<std::pair<EffectGroup, double>> effects;
-    if (with_effects) {
-      effects.emplace_back(EffectGroup::gravity, 2e-4);
-    }
-    const Arm arm(fanuc(), seed, configurations, effects);
-    const Calibration found = calibrate(arm.model, arm.measured, automatic());
+
+  void add(const Calibration& found, const testing::VirtualExperiment& arm) {
     for (std::size_t p = 0; p < arm.model.parameters.size(); ++p) {
       const auto parameter =
           std::find_if(found.parameters.begin(), found.parameters.end(),
@@ -338,10 +333,24 @@ double covered(unsigned first, unsigned count, int configurations, bool with_eff
       all += 1.0;
     }
   }
+};
+
+/// Share of them over arms.
+double covered(unsigned first, unsigned count, int configurations, bool with_effects) {
+  Coverage coverage;
+  for (unsigned seed = first; seed < first + count; ++seed) {
+    std::vector<std::pair<EffectGroup, double>> effects;
+    if (with_effects) {
+      effects.emplace_back(EffectGroup::gravity, 2e-4);
+    }
+    const Arm arm(fanuc(), seed, configurations, effects);
+    coverage.add(calibrate(arm.model, arm.measured, automatic()), arm);
+  }
+  const double share = coverage.inside / coverage.all;
   testing::record("errors in their intervals, " + std::to_string(configurations) + " configurations" +
                       (with_effects ? " of an arm that sags" : ""),
-                  inside / all);
-  return inside / all;
+                  share);
+  return share;
 }
 
 TEST(EffectChoiceLongRun, IntervalsHoldBesideAutomaticChoices) {
@@ -350,6 +359,25 @@ TEST(EffectChoiceLongRun, IntervalsHoldBesideAutomaticChoices) {
     EXPECT_GT(share, 0.90);
     EXPECT_LT(share, 0.98);
   }
+}
+
+// Hardly more equations than unknowns.
+TEST(EffectChoiceLongRun, IntervalsHoldWhereTenPointsSizeThePriors) {
+  Coverage coverage;
+  for (unsigned seed = 1; seed <= 60; ++seed) {
+    testing::VirtualExperiment arm({.targets = published_targets(1),
+                                    .sizes = {.length = 5e-4, .angle = 5e-4},
+                                    .X_WB = Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)),
+                                    .random = Random(seed)});
+    const Measurements measured = testing::without_sigmas(arm.measure(arm.configurations(10), {.sigma = 5e-5}));
+    const Calibration found = calibrate(arm.model, measured, automatic());
+    EXPECT_THAT(found.model.effects, IsEmpty());
+    coverage.add(found, arm);
+  }
+  const double share = coverage.inside / coverage.all;
+  testing::record("errors in their intervals, ten configurations of one target", share);
+  EXPECT_GT(share, 0.85);
+  EXPECT_LT(share, 0.99);
 }
 
 // ---- rigid arms ----------------------------------------------------------------------------------------------------
