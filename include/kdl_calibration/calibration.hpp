@@ -71,7 +71,7 @@ struct CalibrationOptions {
   std::optional<Eigen::Isometry3d> known_base;  ///< X_WB
   std::vector<TargetFrame> known_targets;
   bool leave_one_out = false;
-  bool nested = false;  ///< with leave_one_out: make every automatic choice anew without each configuration
+  bool nested = false;  ///< leave_one_out, and beside it every automatic choice made anew without each configuration
   int k_fold = 0;       ///< 0: none
   /// Where neither is asked for: leave-one-out or, above kMostLeftOutSingly configurations, ten folds. Without it the
   /// answer cannot be doubted for what it does at unseen configurations.

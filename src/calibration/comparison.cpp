@@ -160,7 +160,8 @@ HeldOutErrors hold_out(const Compared& compared, const Comparison& fitted) {
   const double nominal = fitted.train.before.rms;
   HeldOutErrors result;
   const Folds singly = make_folds(task.measurements, 0);
-  const bool by_default = options.held_out && !options.leave_one_out && options.k_fold < 2;
+  const bool asked_singly = options.leave_one_out || options.nested;
+  const bool by_default = options.held_out && !asked_singly && options.k_fold < 2;
   const bool many = singly.size() > kMostLeftOutSingly;
   const Folds default_folds = by_default && many ? make_folds(task.measurements, kFoldsOfMany) : singly;
   if (by_default && !can_be_left_out(task.measurements, default_folds, compared.fit.free.size())) {
@@ -168,10 +169,10 @@ HeldOutErrors hold_out(const Compared& compared, const Comparison& fitted) {
         "too few measurements to predict some of them from the others: nothing is known of unseen configurations");
     return result;
   }
-  if (options.leave_one_out || (by_default && !many)) {
+  if (asked_singly || (by_default && !many)) {
     result.leave_one_out = predicted_folds(compared, singly, "leave-one-out", nominal, result);
   }
-  if (options.leave_one_out && options.nested && choice_is_open(options)) {
+  if (options.nested && choice_is_open(options)) {
     result.nested_leave_one_out = error_statistics(
         nested_distances(compared.choice, counted_fits(options, "nested leave-one-out", singly.size())));
   }

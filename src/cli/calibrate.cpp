@@ -392,7 +392,7 @@ void add_noise_options(CLI::App& app, Arguments& arguments) {
   app.add_flag("--leave-one-out", arguments.options.leave_one_out,
                "Predict each configuration from all the others as well");
   app.add_flag("--nested", arguments.options.nested,
-               "With --leave-one-out: make automatic choices anew without each configuration");
+               "Leave-one-out, with automatic choices made anew without each configuration as well");
   app.add_option("--k-fold", arguments.options.k_fold, "Predict each of K groups of configurations from the others")
       ->type_name("K")
       ->check(whole_number_between(2, 1000, "a whole number from 2 to 1000"));

@@ -252,6 +252,17 @@ std::vector<OptionCase> noise_options() {
                    }),
                    changes_only({"position_error/nested_leave_one_out"})),
        kOfM + kNoEffects + Words{"--leave-one-out", "--prior", "auto"}},
+      {"NestedLeavesOneOutAsWell",
+       {"--nested"},
+       both_checks(is_library([](auto& o) {
+                     o.leave_one_out = true;
+                     o.nested = true;
+                     o.automatic_priors = true;
+                     o.k_fold = 3;
+                   }),
+                   changes({"position_error/leave_one_out", "position_error/nested_leave_one_out"},
+                           {"parameters", "position_error/train", "position_error/k_fold"})),
+       kOfM + kNoEffects + Words{"--k-fold", "3", "--prior", "auto"}},
       {"KFoldAddsAPrediction",
        {"--k-fold", "2"},
        both_checks(is_library([](auto& o) {
