@@ -107,7 +107,8 @@ CalibrationOptions options_from(Reader& reader) {
   options.model = (first & 2U) != 0 ? ModelChoice::complete : ModelChoice::irreducible;
   options.loss = kLosses.at((first >> 2U) % kLosses.size());
   if ((first & 64U) != 0) {
-    options.effects.groups = {EffectGroup::gravity, EffectGroup::tables};
+    options.effects.groups = (first & 32U) != 0 ? std::vector{EffectGroup::transverse, EffectGroup::ripple}
+                                                : std::vector{EffectGroup::gravity, EffectGroup::tables};
   }
   options.effects.automatic = (first & 128U) != 0;
   options.leave_one_out = (second & 7U) == 1;
