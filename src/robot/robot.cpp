@@ -33,13 +33,13 @@ std::string listed(const std::vector<std::string>& names) {
   return names.size() > kMostShown ? list + ", ... (" + std::to_string(names.size()) + " in all)" : list;
 }
 
-/// Keeps urdfdom's messages from the console while it lives, and remembers its errors.
+/// Keeps urdfdom's messages from the console while it lives, and remembers its errors from listen() on.
 class UrdfdomErrors : public console_bridge::OutputHandler {
 public:
   UrdfdomErrors()
       : lock_(mutex()), previous_(console_bridge::getOutputHandler()), level_(console_bridge::getLogLevel()) {
     console_bridge::useOutputHandler(this);
-    console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_ERROR);
+    console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_NONE);  // no message is formatted
   }
   ~UrdfdomErrors() override {
     console_bridge::useOutputHandler(previous_);
@@ -55,6 +55,7 @@ public:
       text_ += (text_.empty() ? "" : "; ") + one_line(text);
     }
   }
+  static void listen() { console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_ERROR); }
   const std::string& text() const { return text_; }
 
 private:
@@ -131,6 +132,21 @@ void refuse_xacro(std::string_view elements, const std::string& source) {
   }
 }
 
+std::string replaced(std::string text, std::string_view from, std::string_view to) {
+  for (std::size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size())) {
+    text.replace(at, from.size(), to);
+  }
+  return text;
+}
+
+/// What urdfdom finds wrong with `elements`. It hands on texts of the file as printf formats, in which a `%n` would write
+/// to memory: each % of the file is doubled, which prints as one.
+std::string urdfdom_errors_in(const std::string& elements, UrdfdomErrors& errors) {
+  UrdfdomErrors::listen();
+  urdf::parseURDF(replaced(elements, "%", "%%"));
+  return replaced(errors.text(), "%%", "%");  // where it was no format
+}
+
 urdf::ModelInterfaceSharedPtr parse_model(std::string_view text, const std::string& source) {
   if (text.size() > kLargestText) {
     throw InputError(source + ": larger than the limit of 64 MiB");
@@ -147,14 +163,16 @@ urdf::ModelInterfaceSharedPtr parse_model(std::string_view text, const std::stri
   check_tree(*robot, source);
 
   UrdfdomErrors errors;
+  std::string reason;
   try {
     if (urdf::ModelInterfaceSharedPtr model = urdf::parseURDF(printer.CStr())) {
       return model;
     }
+    reason = urdfdom_errors_in(printer.CStr(), errors);
   } catch (const std::exception& error) {
-    throw InputError(source + ": not a valid URDF: " + one_line(error.what()));
+    reason = one_line(error.what());
   }
-  throw InputError(source + ": not a valid URDF: " + errors.text());
+  throw InputError(source + ": not a valid URDF: " + reason);
 }
 
 void collect_leaves(const urdf::ModelInterface& model, const std::string& base, std::vector<std::string>& leaves,

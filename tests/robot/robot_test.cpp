@@ -302,6 +302,16 @@ TEST(RobotBadInput, SomethingElseThanAUrdfIsNamed) {
   EXPECT_THAT(message_of(one_joint("revolute", "")), AllOf(HasSubstr("[j]"), HasSubstr("limits")));
 }
 
+TEST(RobotBadInput, PercentSignsAreTextAndNoFormat) {
+  EXPECT_THAT(message_of(one_joint("continuous", "<origin xyz='0 %s%n%n 0'/>")), HasSubstr("[%s%n%n]"));
+  EXPECT_THAT(message_of(one_joint("%s%n%n", "")), HasSubstr("[%s%n%n]"));
+  EXPECT_THAT(message_of(robot_of("<link name='a'/><link name='%n%s'/><link name='%n%s'/>")), HasSubstr("%n%s"));
+  const std::string urdf = robot_of(links({"a", "%n%s"}) + joint("100 %%", "continuous", "a", "%n%s"));
+  const Robot robot = parse_robot(urdf, {}, "test.urdf");
+  EXPECT_EQ(robot.tip, "%n%s");
+  EXPECT_EQ(robot.joints.front().name, "100 %%");
+}
+
 TEST(RobotBadInput, UnknownLinksAreNamedWithTheExistingOnes) {
   EXPECT_THAT(message_of(forked("x", "y"), {.base = "bsae", .tip = "x"}),
               AllOf(HasSubstr("no base link 'bsae'"), HasSubstr("base, l1, l2, x, y")));
