@@ -18,16 +18,22 @@ inline int thread_count(int wanted) {
   return wanted > 0 ? wanted : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
+/// Whether this thread is one of several that share some work.
+inline thread_local bool shares_work = false;
+
 /// Calls work(0) … work(count - 1), in any order and each once, on `threads` threads (0: one per core). Each call may
-/// write to what belongs to its index alone. The exception of the lowest index that threw is passed on.
+/// write to what belongs to its index alone. The exception of the lowest index that threw is passed on. Inside work
+/// that several threads share no further ones are started.
 template <class Work>
 void parallel_for(std::size_t count, int threads, const Work& work) {
-  const std::size_t workers = std::min(static_cast<std::size_t>(thread_count(threads)), count);
+  const bool is_inside = shares_work;
+  const std::size_t workers = is_inside ? 1 : std::min(static_cast<std::size_t>(thread_count(threads)), count);
   std::atomic<std::size_t> next{0};
   std::mutex mutex;
   std::exception_ptr failure;
   std::size_t failed = count;
   const auto serve = [&] {
+    shares_work = is_inside || workers > 1;
     for (std::size_t i = next++; i < count; i = next++) {
       try {
         work(i);
@@ -49,6 +55,7 @@ void parallel_for(std::size_t count, int threads, const Work& work) {
   } catch (const std::system_error&) {  // no more threads to be had: those that are there do the work
   }
   serve();
+  shares_work = is_inside;
   for (std::thread& thread : pool) {
     thread.join();
   }

@@ -42,6 +42,28 @@ TEST(Parallel, UsesAsManyThreadsAsAreWantedAndNoMoreThanThereIsWork) {
   EXPECT_GE(thread_count(0), 1);
 }
 
+TEST(Parallel, StartsNoThreadsInsideWorkThatSeveralShare) {
+  const auto is_alone = [](int outer, int inner) {
+    std::atomic<bool> alone{true};
+    parallel_for(4, outer, [&](std::size_t /*i*/) {
+      const std::thread::id own = std::this_thread::get_id();
+      std::atomic<int> calls{0};
+      parallel_for(3, inner, [&](std::size_t /*k*/) {
+        ++calls;
+        alone = alone && std::this_thread::get_id() == own;
+        while (outer == 1 && calls < 3) {  // so that none does the work of two
+          std::this_thread::yield();
+        }
+      });
+      EXPECT_EQ(calls, 3);
+    });
+    return alone.load();
+  };
+  EXPECT_TRUE(is_alone(2, 3));
+  EXPECT_TRUE(is_alone(5, 0));
+  EXPECT_FALSE(is_alone(1, 3)) << "one thread shares nothing, and what it shared before is over";
+}
+
 TEST(Parallel, PassesOnWhatTheLowestIndexThrewAfterAllWereTried) {
   for (const int threads : {1, 4}) {
     std::atomic<int> calls{0};
