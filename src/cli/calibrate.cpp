@@ -396,7 +396,8 @@ void add_noise_options(CLI::App& app, Arguments& arguments) {
   app.add_option("--k-fold", arguments.options.k_fold, "Predict each of K groups of configurations from the others")
       ->type_name("K")
       ->check(whole_number_between(2, 1000, "a whole number from 2 to 1000"));
-  app.add_option("--threads", arguments.options.threads, "Threads for refits; 0: all")
+  app.add_option("--threads", arguments.options.threads,
+                 "Threads for refits and for passes over many configurations; 0: all")
       ->type_name("N")
       ->check(whole_number_between(0, 1024, "a whole number from 0 to 1024"));
 }
