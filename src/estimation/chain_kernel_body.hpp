@@ -265,11 +265,11 @@ static inline __attribute__((always_inline)) void add_blocks(const ChainKernelIn
   Rows terms[kBlocks];
   for (std::size_t b = 0; b < kBlocks; ++b) {
     const Rows data{reinterpret_cast<const Vector*>(input.data + (range.first + b) * input.rows()) + range.part};
-    terms[b] = {&data[input.rows() - input.values.size()]};
+    terms[b] = data.from(input.rows() - input.values.size());
     const Vector mask = mask_of((range.first + b) * kLanes + range.part * kAtOnce, input.configurations);
-    motions_of(input, data, terms[b], q);
+    moved_joints(input, data, terms[b], q);
     chain_poses(input, mask, q, turns, poses);
-    linearise(input, {mask, {&data[joints]}, poses}, cost_only, sums,
+    linearise(input, {mask, data.from(joints), poses}, cost_only, sums,
               {jacobian + rows * b, forces + (1 + input.width()) * motions * b, pulls});
   }
   if (cost_only) {
@@ -295,14 +295,14 @@ static void sum(const ChainKernelInput& input, bool cost_only, ChainKernelSums& 
       Vector* const gradient = cost + 1;
       Vector* const coupling = gradient + all.gradient.size();
       Vector* const force = coupling + all.coupling.size();
-      Vector* const turns = force + all.force.size();
-      Vector* const gram = turns + all.turned.size();
+      Vector* const turned = force + all.force.size();
+      Vector* const gram = turned + all.turned.size();
       const Sums sums{.gram = gram,
                       .spread = gram + all.gram.size(),
                       .gradient = gradient,
                       .coupling = coupling,
                       .force = force,
-                      .turns = turns,
+                      .turned = turned,
                       .cost = cost};
       std::size_t block = begin;
       for (; !input.motions.empty() && block + kMostBlocks <= end; block += kMostBlocks) {

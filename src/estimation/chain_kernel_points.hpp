@@ -150,10 +150,10 @@ static inline void pulls_of(const ChainKernelInput& input, const Vector* R, cons
         }
       }
     }
-    Vector* turns = sums.turns + 6 * x;
+    Vector* turned = sums.turned + 6 * x;
     for (std::size_t c = 0; c < 3; ++c) {
       for (std::size_t d = c; d < 3; ++d) {
-        *turns++ += r[c] * r[d];
+        *turned++ += r[c] * r[d];
       }
     }
   }

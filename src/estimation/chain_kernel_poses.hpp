@@ -10,6 +10,7 @@ using Integers = long long __attribute__((vector_size(kAtOnce * sizeof(double)))
 struct Rows {
   const Vector* first;
   const Vector& operator[](std::size_t row) const { return first[row * kParts]; }
+  Rows from(std::size_t row) const { return {first + row * kParts}; }
 };
 
 // What one part of the lanes adds up.
@@ -19,7 +20,7 @@ struct Sums {
   Vector* gradient;
   Vector* coupling;
   Vector* force;
-  Vector* turns;
+  Vector* turned;
   Vector* cost;
 };
 
@@ -96,7 +97,7 @@ static inline __attribute__((always_inline)) void turn(const Vector* sine_and_co
 }
 
 // Joint values, and behind them tilts: what is commanded and what the terms add.
-static inline void motions_of(const ChainKernelInput& input, const Rows& commanded, const Rows& terms, Vector* q) {
+static inline void moved_joints(const ChainKernelInput& input, const Rows& commanded, const Rows& terms, Vector* q) {
   const std::size_t joints = input.prismatic.size();
   for (std::size_t i = 0; i < joints; ++i) {
     q[i] = commanded[i];

@@ -130,6 +130,14 @@ LanePass::LanePass(const ErrorModel& model, const Unknowns& unknowns, const std:
     twists_.push_back(base[i]);
   }
   twists_.resize(twists_.size() + unknowns.geometric().size());
+  const std::vector<std::size_t>& free = unknowns.effects();
+  const auto first = static_cast<std::size_t>(unknowns.range(UnknownGroup::effects).first);
+  for (const ChainMotion& motion : motions_) {
+    for (std::size_t t = motion.first; t < motion.first + motion.free; ++t) {
+      const auto found = std::find(free.begin(), free.end(), terms_[t]);
+      term_columns_.push_back(first + static_cast<std::size_t>(found - free.begin()));
+    }
+  }
 }
 
 void LanePass::add(const Estimate& estimate, LaneWorkspace& workspace, NormalEquations& equations) const {
@@ -189,14 +197,7 @@ void LanePass::set_motions(const Estimate& estimate, LaneWorkspace& work) const 
     work.input.values[t] = estimate.effects[static_cast<Index>(terms_[t])];
   }
   work.input.tilts = std::cmp_greater(motion_size(model_), model_.joints.size());
-  const std::vector<std::size_t>& free = unknowns_.effects();
-  const auto first = static_cast<std::size_t>(unknowns_.range(UnknownGroup::effects).first);
-  for (const ChainMotion& motion : motions_) {
-    for (std::size_t t = motion.first; t < motion.first + motion.free; ++t) {
-      const auto found = std::find(free.begin(), free.end(), terms_[t]);
-      work.order.push_back(first + static_cast<std::size_t>(found - free.begin()));
-    }
-  }
+  work.order.insert(work.order.end(), term_columns_.begin(), term_columns_.end());
 }
 
 // The kernel's sums over one group; gives the weight of its points together.
@@ -232,7 +233,7 @@ void LanePass::sum_strands(bool cost_only, LaneWorkspace& work) const {
     strand.input.configurations = std::min(input.configurations - s * of_strand * kLanes, of_strand * kLanes);
     sum_chain(strand.input, cost_only, strand.sums);
   });
-  work.sums = work.strands.front().sums;
+  std::swap(work.sums, work.strands.front().sums);
   for (std::size_t s = 1; s < kStrands; ++s) {
     kdl_calibration::add(work.strands[s].sums, work.sums);
   }
@@ -277,10 +278,8 @@ void LanePass::add_targets_by_axis(const LaneGroup& group, const LaneWorkspace& 
                                    NormalEquations& equations) const {
   const ChainKernelSums& sums = work.sums;
   const std::size_t coordinates = 3 * group.targets.size();
-  std::array<MatrixXd, 3> information;
   std::array<Matrix3d, 3> turned;
   for (std::size_t x = 0; x < 3; ++x) {
-    information[x] = group.roots[x].transpose() * group.roots[x];
     const double* t = &sums.turned[6 * x];
     turned[x] << t[0], t[1], t[2], t[1], t[3], t[4], t[2], t[4], t[5];
   }
@@ -297,7 +296,7 @@ void LanePass::add_targets_by_axis(const LaneGroup& group, const LaneWorkspace& 
     for (std::size_t l = 0; l < coordinates; ++l) {
       for (std::size_t x = 0; column_of(l) >= 0 && x < 3; ++x) {
         equations.hessian(column, column_of(l)) +=
-            information[x](static_cast<Index>(k / 3), static_cast<Index>(l / 3)) *
+            group.roots[x].col(static_cast<Index>(k / 3)).dot(group.roots[x].col(static_cast<Index>(l / 3))) *
             turned[x](static_cast<Index>(k % 3), static_cast<Index>(l % 3));
       }
     }

@@ -65,6 +65,7 @@ private:
   std::vector<ParameterTwist> twists_;  // those of the base, and room for the geometric ones
   std::vector<std::size_t> terms_;      // as terms_in_lanes()
   std::vector<ChainMotion> motions_;
+  std::vector<std::size_t> term_columns_;  // of the terms that have columns, in their order
   int threads_;
 };
 

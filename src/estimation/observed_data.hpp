@@ -14,10 +14,11 @@
 
 namespace kdl_calibration {
 
-/// Configurations in which the same points were measured with the same weights, which are alike in every direction,
-/// side by side. Points whose errors are correlated, with information W = U^T U of them (U upper triangular), are kept
-/// as others that are not: mixing = S^-1 U with the sums of U's rows in S makes of the points z of a configuration, and
-/// of the targets' t, those with errors of their own and weights S^2, as the rows of `mixing` add up to 1.
+/// Configurations in which the same points were measured with the same weights, side by side. Points whose errors are
+/// correlated and alike in every direction, with information W = U^T U of them (U upper triangular), are kept as others
+/// that are not correlated: mixing = S^-1 U with the sums of U's rows in S makes of the points z of a configuration,
+/// and of the targets' t, those with errors of their own and weights S^2, as the rows of `mixing` add up to 1. Where
+/// the noise is another along each axis, rows of U for each of them take the place of points.
 struct LaneGroup {
   std::vector<std::size_t> targets;
   std::vector<double> weights;           // of each point that is kept

@@ -56,7 +56,9 @@ TEST(Allocation, CorrelatedNoiseTakesNonePerConfiguration) {
   options.noise.independent.setConstant(1e-5);
   options.noise.common.setConstant(5e-5);
   EXPECT_EQ(allocations_of_a_pass(300, options), allocations_of_a_pass(30, options));
-  options.noise.common.z() = 2e-5;  // no longer alike in every direction: one configuration after the other
+  options.noise.common.z() = 2e-5;  // no longer alike in every direction
+  EXPECT_EQ(allocations_of_a_pass(300, options), 0);
+  options.noise.tracker = {.range = 1e-5, .transverse = 1e-5};  // one configuration after the other
   EXPECT_EQ(allocations_of_a_pass(300, options), allocations_of_a_pass(30, options));
 }
 
