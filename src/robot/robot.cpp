@@ -139,8 +139,8 @@ std::string replaced(std::string text, std::string_view from, std::string_view t
   return text;
 }
 
-/// What urdfdom finds wrong with `elements`. It hands on texts of the file as printf formats, in which a `%n` would write
-/// to memory: each % of the file is doubled, which prints as one.
+/// What urdfdom finds wrong with `elements`. It hands on texts of the file as printf formats, in which a `%n` would
+/// write to memory: each % of the file is doubled, which prints as one.
 std::string urdfdom_errors_in(const std::string& elements, UrdfdomErrors& errors) {
   UrdfdomErrors::listen();
   urdf::parseURDF(replaced(elements, "%", "%%"));
