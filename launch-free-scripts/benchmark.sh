@@ -58,6 +58,8 @@ awk '
     ratio("  with 60 effects, N = 30000", "iteration_library/30000", "iteration_effects/30000")
     ratio("  with noise of its own along each axis, N = 30000", "iteration_library/30000", "iteration_by_axis/30000")
     ratio("  with noise in common, N = 30000", "iteration_library/30000", "iteration_correlated/30000")
+    ratio("  with noise along a line of sight, N = 30000", "iteration_library/30000", "iteration_tracker/30000")
+    ratio("  with measured orientations, N = 30000", "iteration_library/30000", "iteration_poses/30000")
     print "Long measurements, 900,000 points"
     row("  reading the CSV", "read_csv/300000")
     printf "%-58s %12.0f MB/s\n", "  reading the CSV", speed["read_csv/300000"] / 1e6

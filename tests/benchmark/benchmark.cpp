@@ -113,10 +113,12 @@ void iteration(benchmark::State& state, const LeastSquaresProblem& problem, cons
   state.counters["per_configuration"] = benchmark::Counter(
       static_cast<double>(state.range(0)), benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
-void iteration(benchmark::State& state, const ResidualOptions& options) {
-  const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)));
+void iteration(benchmark::State& state, const Measurements& measured, const ResidualOptions& options) {
   iteration(state, LeastSquaresProblem(experiment().model, measured, experiment().free, options),
             experiment().nominal());
+}
+void iteration(benchmark::State& state, const ResidualOptions& options) {
+  iteration(state, experiment().measurements(static_cast<int>(state.range(0))), options);
 }
 void iteration_library(benchmark::State& state) { iteration(state, {}); }
 BENCHMARK(iteration_library)->Arg(30)->Arg(300)->Arg(3000)->Arg(30000)->Arg(300000)->Unit(benchmark::kMicrosecond);
@@ -138,6 +140,22 @@ void iteration_by_axis(benchmark::State& state) {
   iteration(state, options);
 }
 BENCHMARK(iteration_by_axis)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond);
+
+// A tracker's, which has its line of sight.
+void iteration_tracker(benchmark::State& state) {
+  ResidualOptions options;
+  options.noise.tracker = {.range = 1e-5, .transverse = 3e-5};
+  iteration(state, options);
+}
+BENCHMARK(iteration_tracker)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond);
+
+// Whole poses of the targets.
+void iteration_poses(benchmark::State& state) {
+  Measurements measured = experiment().measurements(static_cast<int>(state.range(0)));
+  measured.orientations.assign(measured.observations.size(), Eigen::Quaterniond::Identity());
+  iteration(state, measured, {});
+}
+BENCHMARK(iteration_poses)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond);
 
 // The first 60 terms of what bends, turns and tilts joints.
 void iteration_effects(benchmark::State& state) {
