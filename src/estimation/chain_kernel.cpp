@@ -5,6 +5,8 @@
 #include <cmath>
 #include <functional>
 
+#include "kdl_calibration/kinematics.hpp"
+
 namespace kdl_calibration {
 
 namespace {
@@ -14,7 +16,8 @@ constexpr std::size_t kMostBlocks = 4;  // whose products are added up before th
 
 // What there is besides the cost, in the order of ChainKernelSums::lanes.
 constexpr std::array kSummed = {&ChainKernelSums::gradient, &ChainKernelSums::coupling, &ChainKernelSums::force,
-                                &ChainKernelSums::turned,   &ChainKernelSums::gram,     &ChainKernelSums::spread};
+                                &ChainKernelSums::turned,   &ChainKernelSums::weights,  &ChainKernelSums::gram,
+                                &ChainKernelSums::spread};
 
 // The sums over the lanes of `rows`, which hold them part by part, each of `at_once` lanes. Two lanes at a time, for
 // every part has an even number of them, and in an order that does not depend on the parts.
@@ -36,6 +39,12 @@ void add_lanes(const std::vector<LaneRow>& rows, std::size_t at_once, ChainKerne
   for (const auto part : kSummed) {
     std::generate((sums.*part).begin(), (sums.*part).end(), next);
   }
+}
+
+// The rotation vector of a matrix given row by row; by one function for all instruction sets.
+void take_rotation_vector(const std::array<double, 9>& R, std::array<double, 3>& vector) {
+  Eigen::Map<Eigen::Vector3d>(vector.data()) =
+      rotation_log(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(R.data()));
 }
 
 }  // namespace
@@ -102,12 +111,13 @@ void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& s
   }
   sums.gradient.resize(columns + terms);
   sums.coupling.resize(input.width() * (columns + terms));
-  sums.force.resize(input.by_axis() ? input.pulls.size() : 3 * input.points.size());
-  sums.turned.resize(input.by_axis() ? 18 : 0);
+  sums.force.resize(3 * (input.targets() + input.oriented.size()));
+  sums.turned.resize(input.by_axis() ? 18 : input.own_roots ? root_rows(input.targets(), true) : 0);
+  sums.weights.resize(input.oriented.size());
   sums.gram.resize(columns * (columns + 1) / 2);
   sums.spread.resize(terms * columns + terms * (terms + 1) / 2);
   sums.lanes.assign(1 + sums.gradient.size() + sums.coupling.size() + sums.force.size() + sums.turned.size() +
-                        sums.gram.size() + sums.spread.size(),
+                        sums.weights.size() + sums.gram.size() + sums.spread.size(),
                     {});
   sums.joints.resize(input.entries());
   sums.turns.resize(2 * input.entries());
@@ -115,7 +125,8 @@ void sum_chain(const ChainKernelInput& input, bool cost_only, ChainKernelSums& s
   const std::size_t together = input.motions.empty() ? 2 : kMostBlocks;
   sums.jacobian.resize(6 * together * (columns + input.motions.size()));
   sums.forces.resize((1 + input.width()) * together * input.motions.size());
-  sums.pulls.resize(6 * input.pulls.size());
+  sums.pulls.resize(input.in_rows() ? 24 * input.targets() : 0);
+  sums.turning.resize(input.oriented.size());
   switch (set) {
 #ifdef KDL_CALIBRATION_WIDE_KERNELS
     case InstructionSet::avx512:

@@ -20,6 +20,14 @@
 // whose squares are the information G(q) of the twist (v, a); M with G = M^T M takes the place of [v; L^T a] (w is 1):
 //   coupling = sum (v, a) . K_lc,  K_lc = sum_jx U_jl,x r_xc (u_jx r_x, s_jx x r_x),  turned_x = sum r_x r_x^T
 //
+// Where every configuration has an information of its own, as along a line of sight, it brings its root U, upper
+// triangular with a row j of blocks U_jl of three for each coordinate, and with g_jl = R^T U_jl^T
+//   e_j = sum_l g_jl . e_l,  its derivative (sum_l g_jl) . v + (sum_l t_l x g_jl) . a,  g_jl . dt_l,
+// from which G(q), K_lc and, as `turned`, the sums of g_jl,c g_jm,d follow in the same way.
+//
+// A measured orientation Z of the target frame T, of weight o and with the error e = log(R_PT^T R^T Z), turns with a
+// alone: it adds (o / w) I to S or o to what G says of a, R_PT o e to M, o |e|^2 to the cost and o e, in T, to the force.
+//
 // Terms move a joint besides its value: motion m by sum_k value_k phi_k with phi_k one number a configuration. The
 // column of a term is phi_k times its motion's, so that products are formed once for two motions and spread:
 //   spread   = sum phi_k [v; L^T a]_m [v; L^T a]_i^T and sum phi_k phi_l [v; L^T a]_m [v; L^T a]_n^T
@@ -54,11 +62,21 @@ struct ChainMotion {
   std::size_t last = 0;
 };
 
+/// R_PT of a target whose orientation was measured, row by row.
+using OrientationNumbers = std::array<double, 9>;
+
 /// u and s.
 struct AxisRow {
   double sum = 0.0;
   std::array<double, 3> target = {};
 };
+
+/// Rows of data that an orientation takes.
+constexpr std::size_t kOrientationRows = 10;
+/// Those that the root of the information of so many points takes.
+constexpr std::size_t root_rows(std::size_t points, bool coupled) {
+  return coupled ? 3 * points * (3 * points + 1) / 2 : 6 * points;
+}
 
 struct ChainKernelInput {
   std::vector<FrameNumbers> links;  // as FoldedChain::links, the last one prolonged to P
@@ -71,20 +89,33 @@ struct ChainKernelInput {
   std::vector<double> weights;                // w_k
   std::array<double, 6> root = {};            // L: 00 10 11 20 21 22
   // Instead of points, weights and root:
-  std::vector<AxisRow> kept;         // of row j and axis x: 3 j + x
-  std::vector<AxisRow> pulls;        // of target l and axis x (3 l + x): sum_j U_jl,x (u_jx, s_jx)
-  std::vector<double> shares;        // U_jl,x at (3 j + x) targets + l
+  std::vector<AxisRow> kept;   // of row j and axis x: 3 j + x
+  std::vector<AxisRow> pulls;  // of target l and axis x (3 l + x): sum_j U_jl,x (u_jx, s_jx)
+  std::vector<double> shares;  // U_jl,x at (3 j + x) targets + l
+  // Instead of weights and root:
+  bool own_roots = false;  // U stands in the data,
+  bool coupled = false;    // whole, else only the blocks U_jl of a point's own rows j
+  std::vector<OrientationNumbers> oriented;
   std::vector<ChainMotion> motions;  // the terms of each follow those of the one before
   std::vector<double> values;        // of the terms
   bool tilts = false;                // whether motions tilt joints
-  /// Per block of kLanes configurations: joints rows, then x y z of each point or row j, then phi of each term.
+  /// Per block of kLanes configurations: joints rows, then x y z of each point or row j, then U row by row from the
+  /// diagonal on, then of each orientation Z row by row and o, then phi of each term.
   const LaneRow* data = nullptr;
   std::size_t configurations = 0;
 
   bool by_axis() const { return !kept.empty(); }
-  /// What `coupling` has for each column.
-  std::size_t width() const { return by_axis() ? pulls.size() : 6; }
-  std::size_t rows() const { return prismatic.size() + (by_axis() ? kept.size() : 3 * points.size()) + values.size(); }
+  bool in_rows() const { return by_axis() || own_roots; }
+  /// Those that have coordinates of their own.
+  std::size_t targets() const { return by_axis() ? pulls.size() / 3 : points.size(); }
+  /// What `coupling` has for each column: for positions, and behind that three for each orientation, sum o a.
+  std::size_t width_of_positions() const { return in_rows() ? 3 * targets() : 6; }
+  std::size_t width() const { return width_of_positions() + 3 * oriented.size(); }
+  std::size_t first_orientation() const {
+    return prismatic.size() + (by_axis() ? kept.size() : 3 * points.size()) +
+           (own_roots ? root_rows(points.size(), coupled) : 0);
+  }
+  std::size_t rows() const { return first_orientation() + kOrientationRows * oriented.size() + values.size(); }
   std::size_t entries() const { return (tilts ? 3 : 1) * prismatic.size(); }
 };
 
@@ -96,18 +127,20 @@ struct ChainKernelSums {
   std::vector<double> gram;
   std::vector<double> spread;
   std::vector<double> gradient;  // per column, then per term
-  std::vector<double> coupling;  // per column, then per term: 6, its twist, or by axis 3 per target
-  std::vector<double> force;     // 3 per point, or by axis 3 per target
-  std::vector<double> turned;    // by axis: 00 01 02 11 12 22 of each
+  std::vector<double> coupling;  // per column, then per term: 6, its twist, or in rows 3 per target; 3 per orientation
+  std::vector<double> force;     // 3 per point, or in rows 3 per target, then 3 per orientation
+  std::vector<double> turned;    // by axis: 00 01 02 11 12 22 of each; own roots: of all coordinates the same triangle
+  std::vector<double> weights;   // of each orientation: sum o
   // Workspace.
-  std::vector<LaneRow> lanes;     // cost, gradient, coupling, force, turned, gram, spread: what each lane adds up, one
-                                  // part of the lanes (a register of the instruction set) after the other
+  std::vector<LaneRow> lanes;     // cost, gradient, coupling, force, turned, weights, gram, spread: what each lane adds
+                                  // up, one part of the lanes (a register of the instruction set) after the other
   std::vector<LaneRow> joints;    // values and tilts
   std::vector<LaneRow> turns;     // 2 of each: sine and cosine
   std::vector<LaneRow> poses;     // 15 per frame: rotation, position, and the position in the frame P
   std::vector<LaneRow> jacobian;  // 6 per column and motion, of some blocks
   std::vector<LaneRow> forces;    // per motion, of these blocks: what it adds to gradient and coupling
-  std::vector<LaneRow> pulls;     // 18 per target: K
+  std::vector<LaneRow> pulls;     // 18 per target: K, and with roots of their own 6 more: e_l, then g_jl
+  std::vector<LaneRow> turning;   // o of each orientation
 };
 
 /// The sums over all configurations; with `cost_only` nothing but the cost. Angles beyond kLargestAngle lose accuracy.

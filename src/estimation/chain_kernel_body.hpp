@@ -218,12 +218,17 @@ struct BlockPlaces {
   Vector* jacobian;
   Vector* forces;
   Vector* pulls;
+  Vector* turning;
 };
 
 // Residuals of one block, and the rows of its columns and motions.
-static inline __attribute__((always_inline)) void linearise(const ChainKernelInput& input, const MeasuredBlock& block,
+static inline __attribute__((always_inline)) void linearise(const ChainKernelInput& input, MeasuredBlock block,
                                                             bool cost_only, const Sums& sums,
                                                             const BlockPlaces& places) {
+  Vector pose[12];
+  behind(input.base, block.pose_in_base, pose);
+  block.pose = pose;
+  const Turns turns{input.oriented.size(), places.turning};
   const auto add = [&](const Vector* wrench, const auto& points) __attribute__((always_inline)) {
     if (!cost_only) {
       const PulledBlock pulled{block.pose_in_base, wrench};
@@ -231,15 +236,30 @@ static inline __attribute__((always_inline)) void linearise(const ChainKernelInp
       take_motions(input, pulled, points, places.jacobian + 6 * input.columns.size(), places.forces);
     }
   };
-  if (input.by_axis()) {
-    PointsByAxis points{
-        .targets = input.pulls.size() / 3, .pulls = places.pulls, .wrench = {}, .information = {}, .root = {}};
-    residuals_by_axis(input, block, cost_only, sums, points);
+  if (input.in_rows()) {
+    PointsInRows points{.targets = input.targets(),
+                        .turns = turns,
+                        .pulls = places.pulls,
+                        .wrench = {},
+                        .information = {},
+                        .root = {}};
+    points.clear();
+    if (input.by_axis()) {
+      residuals_by_axis(input, block, cost_only, sums, points);
+    } else {
+      residuals_of_own_rows(input, block, cost_only, sums, points);
+    }
+    points.add_information_of_turns(
+        residuals_of_orientations(input, block, cost_only, sums, places.turning, points.wrench + 3));
+    if (!cost_only) {
+      points.take_root();
+    }
     add(points.wrench, points);
   } else {
     Vector wrench[6];
     residuals_of_points(input, block, cost_only, sums, wrench);
-    add(wrench, PointsAlike{input.root.data()});
+    residuals_of_orientations(input, block, cost_only, sums, places.turning, wrench + 3);
+    add(wrench, PointsAlike{input.root.data(), turns});
   }
 }
 
@@ -262,6 +282,7 @@ static inline __attribute__((always_inline)) void add_blocks(const ChainKernelIn
   auto* const jacobian = reinterpret_cast<Vector*>(all.jacobian.data());
   auto* const forces = reinterpret_cast<Vector*>(all.forces.data());
   auto* const pulls = reinterpret_cast<Vector*>(all.pulls.data());
+  auto* const turning = reinterpret_cast<Vector*>(all.turning.data());
   Rows terms[kBlocks];
   for (std::size_t b = 0; b < kBlocks; ++b) {
     const Rows data{reinterpret_cast<const Vector*>(input.data + (range.first + b) * input.rows()) + range.part};
@@ -269,8 +290,8 @@ static inline __attribute__((always_inline)) void add_blocks(const ChainKernelIn
     const Vector mask = mask_of((range.first + b) * kLanes + range.part * kAtOnce, input.configurations);
     moved_joints(input, data, terms[b], q);
     chain_poses(input, mask, q, turns, poses);
-    linearise(input, {mask, data.from(joints), poses}, cost_only, sums,
-              {jacobian + rows * b, forces + (1 + input.width()) * motions * b, pulls});
+    linearise(input, {mask, data.from(joints), poses, nullptr}, cost_only, sums,
+              {jacobian + rows * b, forces + (1 + input.width()) * motions * b, pulls, turning});
   }
   if (cost_only) {
     return;
@@ -296,13 +317,15 @@ static void sum(const ChainKernelInput& input, bool cost_only, ChainKernelSums& 
       Vector* const coupling = gradient + all.gradient.size();
       Vector* const force = coupling + all.coupling.size();
       Vector* const turned = force + all.force.size();
-      Vector* const gram = turned + all.turned.size();
+      Vector* const weights = turned + all.turned.size();
+      Vector* const gram = weights + all.weights.size();
       const Sums sums{.gram = gram,
                       .spread = gram + all.gram.size(),
                       .gradient = gradient,
                       .coupling = coupling,
                       .force = force,
                       .turned = turned,
+                      .weights = weights,
                       .cost = cost};
       std::size_t block = begin;
       for (; !input.motions.empty() && block + kMostBlocks <= end; block += kMostBlocks) {

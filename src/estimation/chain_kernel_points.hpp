@@ -2,17 +2,17 @@
 
 struct MeasuredBlock {
   Vector mask;  // which lanes hold a configuration
-  Rows points;
+  Rows data;    // of points, and orientations behind them
   const Vector* pose_in_base;
+  const Vector* pose;  // of P in W
 };
 
 // Residuals of one block; force F and moment M into `wrench`.
 static inline __attribute__((always_inline)) void residuals_of_points(const ChainKernelInput& input,
                                                                       const MeasuredBlock& block, bool cost_only,
                                                                       const Sums& sums, Vector* wrench) {
-  const Rows& measured = block.points;
-  Vector pose[12];
-  behind(input.base, block.pose_in_base, pose);
+  const Rows& measured = block.data;
+  const Vector* const pose = block.pose;
   Vector cost = sums.cost[0];
   for (int i = 0; i < 6; ++i) {
     wrench[i] = Vector{};
@@ -40,11 +40,28 @@ static inline __attribute__((always_inline)) void residuals_of_points(const Chai
   sums.cost[0] = cost;
 }
 
+// The orientations that were measured, and o of each.
+struct Turns {
+  std::size_t count;
+  const Vector* weights;
+
+  // Adds what they need of a column's twist.
+  template <bool kTurns>
+  void add_coupling(const Vector* twist, Vector* sums) const {
+    for (std::size_t k = 0; kTurns && k < count; ++k) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        *sums++ += weights[k] * twist[3 + c];
+      }
+    }
+  }
+};
+
 // What points with noise that is alike in every direction make of a column's twist.
 struct PointsAlike {
   const double* L;
+  Turns turns;
 
-  std::size_t width() const { return 6; }
+  std::size_t width() const { return 6 + 3 * turns.count; }
   // The rows [v; L^T a] from the twist (v, a), where it does not turn from v alone.
   template <bool kTurns>
   void rows_of(const Vector* twist, Vector* out) const {
@@ -64,6 +81,7 @@ struct PointsAlike {
     for (std::size_t c = 0; c < (kTurns ? 6 : 3); ++c) {
       sums[c] += twist[c];
     }
+    turns.add_coupling<kTurns>(twist, sums + 6);
   }
 };
 
@@ -76,15 +94,16 @@ static inline void cross(const std::array<double, 3>& a, const Vector* b, Vector
 // The upper triangle of a symmetric matrix of six rows, row by row.
 constexpr std::size_t place_in_triangle(std::size_t row, std::size_t column) { return row * (11 - row) / 2 + column; }
 
-// The same for noise of its own along each axis of W: P gets the information of all rows together.
-struct PointsByAxis {
+// The same for rows with errors of their own: P gets the information of all rows together.
+struct PointsInRows {
   std::size_t targets;
+  Turns turns;
   Vector* pulls;           // 18 per target: of each coordinate, what a force along it is as a wrench on P
   Vector wrench[6];        // of the residuals on P
   Vector information[21];  // of a twist of P, upper triangle
   Vector root[21];         // M with information = M^T M, upper triangle but for zeros in front of it
 
-  std::size_t width() const { return 3 * targets; }
+  std::size_t width() const { return 3 * (targets + turns.count); }
   template <bool kTurns>
   void rows_of(const Vector* twist, Vector* out) const {
     constexpr std::size_t kCount = kTurns ? 6 : 3;
@@ -105,6 +124,33 @@ struct PointsByAxis {
         sum += twist[c] * pull[c];
       }
       sums[k] = sum;
+    }
+    turns.add_coupling<kTurns>(twist, sums + 3 * targets);
+  }
+
+  void clear() {
+    for (Vector& sum : wrench) {
+      sum = Vector{};
+    }
+    for (Vector& sum : information) {
+      sum = Vector{};
+    }
+    for (std::size_t k = 0; k < 18 * targets; ++k) {
+      pulls[k] = Vector{};
+    }
+  }
+  // A row of the derivative by a twist of P, and its residual.
+  void add_row(const Vector* row, const Vector& e) {
+    for (std::size_t i = 0; i < 6; ++i) {
+      wrench[i] += row[i] * e;
+      for (std::size_t k = i; k < 6; ++k) {
+        information[place_in_triangle(i, k)] += row[i] * row[k];
+      }
+    }
+  }
+  void add_information_of_turns(const Vector& of_turns) {
+    for (std::size_t i = 3; i < 6; ++i) {
+      information[place_in_triangle(i, i)] += of_turns;
     }
   }
 
@@ -134,10 +180,7 @@ struct PointsByAxis {
 };
 
 // What a target's coordinates pull at, and how the rows turn.
-static inline void pulls_of(const ChainKernelInput& input, const Vector* R, const Sums& sums, PointsByAxis& points) {
-  for (std::size_t k = 0; k < 18 * points.targets; ++k) {
-    points.pulls[k] = Vector{};
-  }
+static inline void pulls_of(const ChainKernelInput& input, const Vector* R, const Sums& sums, PointsInRows& points) {
   for (std::size_t x = 0; x < 3; ++x) {
     const Vector* const r = R + 3 * x;
     for (std::size_t l = 0; l < points.targets; ++l) {
@@ -161,34 +204,22 @@ static inline void pulls_of(const ChainKernelInput& input, const Vector* R, cons
 
 // As residuals_of_points, for rows along the axes of W.
 static inline void residuals_by_axis(const ChainKernelInput& input, const MeasuredBlock& block, bool cost_only,
-                                     const Sums& sums, PointsByAxis& points) {
-  Vector pose[12];
-  behind(input.base, block.pose_in_base, pose);
-  for (Vector& sum : points.information) {
-    sum = Vector{};
-  }
-  for (Vector& sum : points.wrench) {
-    sum = Vector{};
-  }
+                                     const Sums& sums, PointsInRows& points) {
+  const Vector* const pose = block.pose;
   for (std::size_t j = 0; j < input.kept.size(); ++j) {
     const std::size_t x = j % 3;
     const AxisRow& kept = input.kept[j];
     const Vector* const r = pose + 3 * x;
     const Vector predicted =
         kept.sum * pose[9 + x] + ((kept.target[0] * r[0] + kept.target[1] * r[1]) + kept.target[2] * r[2]);
-    const Vector e = (block.points[j] - predicted) * block.mask;
+    const Vector e = (block.data[j] - predicted) * block.mask;
     sums.cost[0] += e * e;
     if (cost_only) {
       continue;
     }
     Vector row[6] = {kept.sum * r[0], kept.sum * r[1], kept.sum * r[2]};
     cross(kept.target, r, row + 3);
-    for (std::size_t i = 0; i < 6; ++i) {
-      points.wrench[i] += row[i] * e;
-      for (std::size_t k = i; k < 6; ++k) {
-        points.information[place_in_triangle(i, k)] += row[i] * row[k];
-      }
-    }
+    points.add_row(row, e);
     for (std::size_t l = 0; l < points.targets; ++l) {
       const double share = input.shares[j * points.targets + l];
       if (share == 0.0) {
@@ -200,7 +231,134 @@ static inline void residuals_by_axis(const ChainKernelInput& input, const Measur
     }
   }
   if (!cost_only) {
-    points.take_root();
     pulls_of(input, pose, sums, points);
   }
+}
+
+// What one row of U adds whose g_jl are those of the targets first, … last - 1.
+static inline void add_own_row(const Vector* g, const Vector* row, const Vector& e, std::size_t first, std::size_t last,
+                               const Sums& sums, PointsInRows& points) {
+  points.add_row(row, e);
+  const std::size_t coordinates = 3 * points.targets;
+  for (std::size_t a = 3 * first; a < 3 * last; ++a) {
+    sums.force[a] += g[a] * e;
+    for (std::size_t i = 0; i < 6; ++i) {
+      points.pulls[6 * a + i] += g[a] * row[i];
+    }
+    Vector* const turned = sums.turned + a * (2 * coordinates - a - 1) / 2;
+    for (std::size_t b = a; b < 3 * last; ++b) {
+      turned[b] += g[a] * g[b];
+    }
+  }
+}
+
+// As residuals_of_points, for roots of the configurations' own.
+static inline void residuals_of_own_rows(const ChainKernelInput& input, const MeasuredBlock& block, bool cost_only,
+                                         const Sums& sums, PointsInRows& points) {
+  const std::size_t targets = points.targets;
+  const Vector* const pose = block.pose;
+  Vector* const errors = points.pulls + 18 * targets;
+  Vector* const g = errors + 3 * targets;
+  for (std::size_t l = 0; l < targets; ++l) {
+    const Vector d[3] = {block.data[3 * l] - pose[9], block.data[3 * l + 1] - pose[10],
+                         block.data[3 * l + 2] - pose[11]};
+    turned_back(pose, d, errors + 3 * l);
+    for (std::size_t c = 0; c < 3; ++c) {
+      errors[3 * l + c] -= input.points[l][c];
+    }
+  }
+  std::size_t at = 3 * targets;  // of the next number of U
+  for (std::size_t j = 0; j < 3 * targets; ++j) {
+    const std::size_t last = input.coupled ? targets : j / 3 + 1;
+    Vector e{};
+    Vector row[6] = {};
+    for (std::size_t l = j / 3; l < last; ++l) {
+      Vector u[3];
+      for (std::size_t c = 0; c < 3; ++c) {
+        u[c] = 3 * l + c < j ? Vector{} : block.data[at++];
+      }
+      Vector* const own = g + 3 * l;
+      turned_back(pose, u, own);
+      e += (own[0] * errors[3 * l] + own[1] * errors[3 * l + 1]) + own[2] * errors[3 * l + 2];
+      Vector moment[3];
+      cross(input.points[l], own, moment);
+      for (std::size_t c = 0; c < 3; ++c) {
+        row[c] += own[c];
+        row[3 + c] += moment[c];
+      }
+    }
+    e *= block.mask;
+    sums.cost[0] += e * e;
+    if (!cost_only) {
+      add_own_row(g, row, e, j / 3, last, sums, points);
+    }
+  }
+}
+
+// Rotation vectors of the matrices E, row by row. With s = sin(h), h half the angle, the angle over its sine is
+// arcsin(s) / (s sqrt(1 - s^2)), whose series has the terms (2 n)!! / (2 n + 1)!! s^(2 n); lanes far from the identity
+// are done one by one.
+static inline void rotation_vectors(const Vector* E, const Vector& mask, Vector* vectors) {
+  constexpr double kNear = 0.01;  // of s^2: 11 degrees
+  const Vector s2 = 0.25 * (3.0 - (E[0] + E[4] + E[8])) * mask;
+  Vector sum = {};
+  for (int n = 9; n > 0; --n) {
+    sum = (1.0 + sum) * s2 * (2.0 * n / (2.0 * n + 1.0));
+  }
+  const Vector half = 0.5 + 0.5 * sum;
+  vectors[0] = half * (E[7] - E[5]);
+  vectors[1] = half * (E[2] - E[6]);
+  vectors[2] = half * (E[3] - E[1]);
+  for (std::size_t lane = 0; lane < kAtOnce; ++lane) {
+    if (!(s2[lane] <= kNear)) {
+      std::array<double, 9> matrix;
+      std::array<double, 3> vector;
+      for (std::size_t i = 0; i < 9; ++i) {
+        matrix[i] = E[i][lane];
+      }
+      take_rotation_vector(matrix, vector);
+      for (std::size_t c = 0; c < 3; ++c) {
+        vectors[c][lane] = vector[c];
+      }
+    }
+  }
+}
+
+// Residuals of measured orientations: writes the weight of each, adds to the moment on P and gives the information of
+// its turns.
+static inline Vector residuals_of_orientations(const ChainKernelInput& input, const MeasuredBlock& block,
+                                               bool cost_only, const Sums& sums, Vector* weights, Vector* moment) {
+  Rows measured = block.data.from(input.first_orientation() - input.prismatic.size());
+  Vector* force = sums.force + 3 * input.targets();
+  Vector information{};
+  for (std::size_t k = 0; k < input.oriented.size(); ++k) {
+    const OrientationNumbers& R_PT = input.oriented[k];
+    Vector E[9] = {};  // R_PT^T R_PW Z
+    for (std::size_t column = 0; column < 3; ++column) {
+      const Vector Z[3] = {measured[column], measured[3 + column], measured[6 + column]};
+      Vector in_P[3];
+      turned_back(block.pose, Z, in_P);
+      for (std::size_t row = 0; row < 3; ++row) {
+        E[3 * row + column] = (R_PT[row] * in_P[0] + R_PT[3 + row] * in_P[1]) + R_PT[6 + row] * in_P[2];
+      }
+    }
+    Vector e[3];
+    rotation_vectors(E, block.mask, e);
+    const Vector weight = measured[9] * block.mask;
+    for (std::size_t c = 0; c < 3; ++c) {
+      sums.cost[0] += weight * e[c] * e[c];
+      e[c] *= weight;
+    }
+    if (!cost_only) {
+      weights[k] = weight;
+      sums.weights[k] += weight;
+      for (std::size_t c = 0; c < 3; ++c) {
+        *force++ += e[c];
+        moment[c] += (R_PT[3 * c] * e[0] + R_PT[3 * c + 1] * e[1]) + R_PT[3 * c + 2] * e[2];
+      }
+    }
+    information += weight;
+    measured = measured.from(kOrientationRows);
+  }
+  return information;
 }

@@ -21,6 +21,7 @@ struct Sums {
   Vector* coupling;
   Vector* force;
   Vector* turned;
+  Vector* weights;
   Vector* cost;
 };
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "kdl_calibration/joint_effects.hpp"
@@ -40,9 +41,8 @@ KeptFrame set_points(const LaneGroup& group, const Estimate& estimate, ChainKern
     kept.centre += group.weights[k] * kept_target(group, k, estimate);
   }
   kept.centre /= kept.weight;
-  Matrix3d spread = Matrix3d::Zero();
-  input.kept.clear();
-  input.pulls.clear();
+  const double turns = std::accumulate(group.orientation_weights.begin(), group.orientation_weights.end(), 0.0);
+  Matrix3d spread = turns / kept.weight * Matrix3d::Identity();
   input.points.resize(group.targets.size());
   input.weights = group.weights;
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
@@ -54,12 +54,28 @@ KeptFrame set_points(const LaneGroup& group, const Estimate& estimate, ChainKern
   return kept;
 }
 
-KeptFrame set_rows(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
-  const std::size_t targets = group.targets.size();
+// The middle of the targets.
+KeptFrame middle_of(const LaneGroup& group, const Estimate& estimate) {
   KeptFrame kept;
   for (const std::size_t target : group.targets) {
-    kept.centre += estimate.targets[target].X_FT.translation() / static_cast<double>(targets);
+    kept.centre += estimate.targets[target].X_FT.translation() / static_cast<double>(group.targets.size());
   }
+  return kept;
+}
+
+KeptFrame set_own_rows(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
+  const KeptFrame kept = middle_of(group, estimate);
+  input.points.resize(group.targets.size());
+  for (std::size_t k = 0; k < group.targets.size(); ++k) {
+    const Vector3d t = estimate.targets[group.targets[k]].X_FT.translation() - kept.centre;
+    input.points[k] = {t.x(), t.y(), t.z()};
+  }
+  return kept;
+}
+
+KeptFrame set_rows(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
+  const std::size_t targets = group.targets.size();
+  const KeptFrame kept = middle_of(group, estimate);
   input.points.clear();
   input.kept.assign(3 * group.kept(), {});
   input.pulls.assign(3 * targets, {});
@@ -130,6 +146,20 @@ Vector3d kept_target(const LaneGroup& group, std::size_t k, const Estimate& esti
 }
 
 KeptFrame set_kept(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
+  input.kept.clear();
+  input.pulls.clear();
+  input.own_roots = group.own_roots;
+  input.coupled = group.coupled;
+  input.oriented.clear();
+  for (std::size_t k = 0; k < group.targets.size(); ++k) {
+    if (group.orientation_weight(k) > 0.0) {
+      const Matrix3d& R = estimate.targets[group.targets[k]].X_FT.linear();
+      input.oriented.push_back({R(0, 0), R(0, 1), R(0, 2), R(1, 0), R(1, 1), R(1, 2), R(2, 0), R(2, 1), R(2, 2)});
+    }
+  }
+  if (group.own_roots) {
+    return set_own_rows(group, estimate, input);
+  }
   return group.by_axis() ? set_rows(group, estimate, input) : set_points(group, estimate, input);
 }
 

@@ -57,6 +57,7 @@ LaneGroup emptied(const LaneGroup& group) {
           .mixing = {},
           .roots = {},
           .information = {},
+          .orientation_weights = {},
           .joints = group.joints,
           .terms = group.terms,
           .configurations = group.configurations,
@@ -115,7 +116,26 @@ LaneMeans means_of(const LaneGroup& group, const Estimate& estimate) {
   return means;
 }
 
+// Of the coordinates k and l of a group's targets, 3 of each.
+double product_of_targets(const LaneGroup& group, const ChainKernelSums& sums, std::size_t k, std::size_t l) {
+  if (group.own_roots) {
+    const std::size_t first = std::min(k, l);
+    return sums.turned[first * (6 * group.targets.size() - first - 1) / 2 + std::max(k, l)];
+  }
+  double product = 0.0;
+  for (std::size_t x = 0; x < 3; ++x) {
+    const double* const t = &sums.turned[6 * x];
+    const std::size_t row = std::min(k % 3, l % 3);
+    const MatrixXd& root = group.roots[x];
+    product += root.col(static_cast<Index>(k / 3)).dot(root.col(static_cast<Index>(l / 3))) *
+               t[row * (5 - row) / 2 + std::max(k % 3, l % 3)];
+  }
+  return product;
+}
+
 }  // namespace
+
+bool has_summary(const LaneGroup& group) { return !group.own_roots && group.orientations() == 0; }
 
 LanePass::LanePass(const ErrorModel& model, const Unknowns& unknowns, const std::vector<LaneGroup>& groups, int threads)
     : model_(model),
@@ -245,15 +265,20 @@ void LanePass::add_group(const LaneGroup& group, double weight, const LaneWorksp
   for (std::size_t i = 0; i < work.order.size(); ++i) {
     equations.gradient[static_cast<Index>(work.order[i])] += work.sums.gradient[i];
   }
-  group.by_axis() ? add_targets_by_axis(group, work, equations) : add_targets(group, work, equations);
+  if (group.in_rows()) {
+    add_targets_of_rows(group, work, equations);
+  } else {
+    add_targets(group, work, equations);
+  }
+  add_orientations(group, work, equations);
 }
 
 void LanePass::add_targets(const LaneGroup& group, const LaneWorkspace& work, NormalEquations& equations) const {
   const ChainKernelSums& sums = work.sums;
   for (std::size_t i = 0; i < work.order.size(); ++i) {
     const auto a = static_cast<Index>(work.order[i]);
-    const Vector3d v(&sums.coupling[6 * i]);
-    const Vector3d w(&sums.coupling[6 * i + 3]);
+    const Vector3d v(&sums.coupling[work.input.width() * i]);
+    const Vector3d w(&sums.coupling[work.input.width() * i + 3]);
     for (std::size_t k = 0; k < group.targets.size(); ++k) {
       const Vector3d coupling = group.weights[k] * (v + w.cross(Vector3d(work.input.points[k].data())));
       visit_targets(group, k, [&](Index column, std::size_t c, double share) {
@@ -274,32 +299,52 @@ void LanePass::add_targets(const LaneGroup& group, const LaneWorkspace& work, No
   }
 }
 
-void LanePass::add_targets_by_axis(const LaneGroup& group, const LaneWorkspace& work,
+void LanePass::add_targets_of_rows(const LaneGroup& group, const LaneWorkspace& work,
                                    NormalEquations& equations) const {
-  const ChainKernelSums& sums = work.sums;
   const std::size_t coordinates = 3 * group.targets.size();
-  std::array<Matrix3d, 3> turned;
-  for (std::size_t x = 0; x < 3; ++x) {
-    const double* t = &sums.turned[6 * x];
-    turned[x] << t[0], t[1], t[2], t[1], t[3], t[4], t[2], t[4], t[5];
-  }
+  const std::size_t width = work.input.width();
   const auto column_of = [&](std::size_t k) { return Index{unknowns_.target_columns(group.targets[k / 3])[k % 3]}; };
   for (std::size_t k = 0; k < coordinates; ++k) {
     const Index column = column_of(k);
     if (column < 0) {
       continue;
     }
-    equations.gradient[column] += sums.force[k];
+    equations.gradient[column] += work.sums.force[k];
     for (std::size_t i = 0; i < work.order.size(); ++i) {
-      equations.hessian(static_cast<Index>(work.order[i]), column) += sums.coupling[coordinates * i + k];
+      equations.hessian(static_cast<Index>(work.order[i]), column) += work.sums.coupling[width * i + k];
     }
     for (std::size_t l = 0; l < coordinates; ++l) {
-      for (std::size_t x = 0; column_of(l) >= 0 && x < 3; ++x) {
-        equations.hessian(column, column_of(l)) +=
-            group.roots[x].col(static_cast<Index>(k / 3)).dot(group.roots[x].col(static_cast<Index>(l / 3))) *
-            turned[x](static_cast<Index>(k % 3), static_cast<Index>(l % 3));
+      if (column_of(l) >= 0) {
+        equations.hessian(column, column_of(l)) += product_of_targets(group, work.sums, k, l);
       }
     }
+  }
+}
+
+// Of the measured orientations with each other and with all that turns them.
+void LanePass::add_orientations(const LaneGroup& group, const LaneWorkspace& work, NormalEquations& equations) const {
+  const ChainKernelInput& input = work.input;
+  std::size_t next = 0;
+  for (std::size_t k = 0; k < group.targets.size(); ++k) {
+    if (group.orientation_weight(k) == 0.0) {
+      continue;
+    }
+    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R_PT(input.oriented[next].data());
+    const double* const force = &work.sums.force[3 * (input.targets() + next)];
+    for (std::size_t c = 0; c < 3; ++c) {
+      const Index column = unknowns_.target_columns(group.targets[k])[3 + c];
+      if (column < 0) {
+        continue;
+      }
+      equations.gradient[column] += force[c];
+      equations.hessian(column, column) += work.sums.weights[next];
+      for (std::size_t i = 0; i < work.order.size(); ++i) {
+        const Vector3d turn(&work.sums.coupling[input.width() * i + input.width_of_positions() + 3 * next]);
+        equations.hessian(static_cast<Index>(work.order[i]), column) +=
+            R_PT.col(static_cast<Index>(c)).dot(turn);
+      }
+    }
+    ++next;
   }
 }
 

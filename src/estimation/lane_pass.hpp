@@ -28,6 +28,9 @@ struct LaneWorkspace {
   std::vector<LaneStrand> strands;  // of large groups
 };
 
+/// Whether summarise() takes a group: not where configurations have roots of their own or orientations.
+bool has_summary(const LaneGroup& group);
+
 class LanePass {
 public:
   /// Keeps references to all of them.
@@ -49,7 +52,8 @@ private:
   void add_group(const LaneGroup& group, double weight, const LaneWorkspace& workspace,
                  NormalEquations& equations) const;
   void add_targets(const LaneGroup& group, const LaneWorkspace& workspace, NormalEquations& equations) const;
-  void add_targets_by_axis(const LaneGroup& group, const LaneWorkspace& workspace, NormalEquations& equations) const;
+  void add_targets_of_rows(const LaneGroup& group, const LaneWorkspace& workspace, NormalEquations& equations) const;
+  void add_orientations(const LaneGroup& group, const LaneWorkspace& workspace, NormalEquations& equations) const;
   void add_sums(const LaneGroup& group, const Estimate& estimate, LaneWorkspace& workspace,
                 WhitenedSummary& summary) const;
   void add_sums_of_points(const LaneGroup& group, const Estimate& estimate, LaneWorkspace& workspace,

@@ -61,12 +61,12 @@ struct LeastSquaresProblem::Data {
 
   bool side_by_side() const { return !observed.groups.empty(); }
 
-  std::size_t configurations_side_by_side() const {
+  bool is_summarised_side_by_side() const {
     std::size_t count = 0;
     for (const LaneGroup& group : observed.groups) {
       count += group.configurations;
     }
-    return count;
+    return count > kManyConfigurations && std::all_of(observed.groups.begin(), observed.groups.end(), has_summary);
   }
 
   // Calls visitor(column, information, value) for each prior that there is.
@@ -184,7 +184,7 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
 
 WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) const {
   data_->require_fit(estimate);
-  if (data_->configurations_side_by_side() > kManyConfigurations && data_->side_by_side()) {
+  if (data_->is_summarised_side_by_side()) {
     Workspace workspace;
     NormalEquations equations;
     linearise(estimate, workspace, equations);

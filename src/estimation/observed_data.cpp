@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <utility>
 
@@ -16,17 +17,55 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// By their targets' weights, 0 where a target was not measured, and where points are correlated by their information.
-std::vector<double> sort_of(const ObservedConfiguration& configuration, std::size_t targets) {
-  std::vector<double> sort(targets, 0.0);
-  for (const ObservedPoint& point : configuration.points) {
-    sort[point.target] = configuration.information ? 1.0 : point.weight;
+// How configurations are put side by side.
+enum class Alike {
+  weights,  // with those that have the same points and weights
+  points,   // with those that have the same points, each with the root of its own information
+};
+
+bool is_coupled(const ObservedConfiguration& configuration) {
+  if (!configuration.information) {
+    return false;
   }
-  if (configuration.information) {
+  const MatrixXd& information = *configuration.information;
+  for (Index k = 3; k < information.cols(); k += 3) {
+    if (!information.block(0, k, k, 3).isZero(0.0)) {
+      return true;
+    }
+  }
+  return false;
+}
+
+// What the configurations of a group have in common: the targets' weights, 0 where a target was not measured, those of
+// its orientations, and where points are correlated their information.
+std::vector<double> sort_of(const ObservedConfiguration& configuration, std::size_t targets, Alike alike) {
+  std::vector<double> sort(2 * targets, 0.0);
+  const bool weights = alike == Alike::weights;
+  for (const ObservedPoint& point : configuration.points) {
+    sort[2 * point.target] = configuration.information || !weights ? 1.0 : point.weight;
+    sort[2 * point.target + 1] = weights || point.orientation_weight == 0.0 ? point.orientation_weight : 1.0;
+  }
+  if (!weights) {
+    sort.push_back(is_coupled(configuration) ? 1.0 : 0.0);
+  } else if (configuration.information) {
     const MatrixXd& information = *configuration.information;
     sort.insert(sort.end(), information.data(), information.data() + information.size());
   }
   return sort;
+}
+
+// Upper triangular.
+MatrixXd root_of_information(const ObservedConfiguration& configuration) {
+  if (configuration.information) {
+    return configuration.information->llt().matrixU();
+  }
+  const auto points = static_cast<Index>(configuration.points.size());
+  MatrixXd root = MatrixXd::Zero(3 * points, 3 * points);
+  for (Index k = 0; k < points; ++k) {
+    root.diagonal().segment<3>(3 * k).setConstant(
+        std::sqrt(configuration.points[static_cast<std::size_t>(k)].weight));
+  }
+  return root;
 }
 
 // Of the points' coordinates along one axis.
@@ -58,21 +97,29 @@ bool separate(LaneGroup& group) {
   return true;
 }
 
-LaneGroup group_for(const ObservedConfiguration& configuration, Index joints, bool alike_along_axes) {
+LaneGroup group_for(const ObservedConfiguration& configuration, Alike alike, const NoiseModel& noise) {
   LaneGroup group{.targets = {},
                   .weights = {},
                   .mixing = {},
                   .roots = {},
                   .information = configuration.information,
-                  .joints = static_cast<std::size_t>(joints),
+                  .own_roots = alike == Alike::points,
+                  .orientation_weights = {},
                   .terms = {},
                   .columns = {},
                   .data = {}};
   for (const ObservedPoint& point : configuration.points) {
+    const bool is_oriented = point.orientation_weight > 0.0;
     group.targets.push_back(point.target);
     group.weights.push_back(point.weight);
+    group.orientation_weights.push_back(is_oriented && group.own_roots ? 1.0 : point.orientation_weight);
   }
-  if (group.information && !(alike_along_axes && separate(group))) {
+  if (group.orientations() == 0) {
+    group.orientation_weights.clear();
+  }
+  if (group.own_roots) {
+    group.coupled = is_coupled(configuration);
+  } else if (group.information && !(noise.is_alike_in_every_direction() && separate(group))) {
     for (Index axis = 0; axis < 3; ++axis) {
       group.roots[static_cast<std::size_t>(axis)] = information_along(axis, *group.information).llt().matrixU();
     }
@@ -80,14 +127,23 @@ LaneGroup group_for(const ObservedConfiguration& configuration, Index joints, bo
   return group;
 }
 
-bool could_be_alike(const Measurements& measurements, const NoiseModel& noise) {
-  return !noise.tracker && measurements.orientations.empty() &&
-         (measurements.joint_values.array().abs() <= kLargestAngle).all();
-}
+// The numbers of one lane of a block, row after row: through a pointer, as a vector type's element has no reference.
+class LaneWriter {
+public:
+  LaneWriter(LaneRow& first, std::size_t lane) : next_(reinterpret_cast<double*>(&first) + lane) {}
+  void write(double value) {
+    *next_ = value;
+    next_ += kLanes;
+  }
+
+private:
+  double* next_;
+};
 
 // False where too few configurations are alike.
 bool gather_groups(const ErrorModel& model, const std::vector<std::size_t>& terms, const Measurements& measurements,
-                   const ResidualOptions& options, ObservedData& data) {
+                   const ResidualOptions& options, Alike alike, ObservedData& data) {
+  data.groups.clear();
   Gathering gathering(measurements, options);
   std::map<std::vector<double>, std::size_t> numbers;
   std::size_t number = 0;  // of the last configuration's group
@@ -97,10 +153,11 @@ bool gather_groups(const ErrorModel& model, const std::vector<std::size_t>& term
   while (const ObservedConfiguration* configuration = gathering.next()) {
     if (data.groups.empty() || !data.groups[number].takes(*configuration)) {
       const auto [found, is_new] =
-          numbers.emplace(sort_of(*configuration, measurements.targets.size()), data.groups.size());
+          numbers.emplace(sort_of(*configuration, measurements.targets.size(), alike), data.groups.size());
       number = found->second;
       if (is_new) {
-        data.groups.push_back(group_for(*configuration, joints, options.noise.is_alike_in_every_direction()));
+        data.groups.push_back(group_for(*configuration, alike, options.noise));
+        data.groups.back().joints = static_cast<std::size_t>(joints);
         data.groups.back().terms = terms;
       }
     }
@@ -126,14 +183,25 @@ bool gather_groups(const ErrorModel& model, const std::vector<std::size_t>& term
 
 }  // namespace
 
+std::size_t LaneGroup::orientations() const {
+  return static_cast<std::size_t>(
+      std::count_if(orientation_weights.begin(), orientation_weights.end(), [](double weight) { return weight > 0.0; }));
+}
+
 bool LaneGroup::takes(const ObservedConfiguration& configuration) const {
   bool alike = configuration.points.size() == targets.size();
   for (std::size_t k = 0; alike && k < targets.size(); ++k) {
-    alike = configuration.points[k].target == targets[k] &&
-            (information != nullptr || configuration.points[k].weight == weights[k]);
+    const ObservedPoint& point = configuration.points[k];
+    alike = point.target == targets[k] &&
+            (own_roots ? (point.orientation_weight > 0.0) == (orientation_weight(k) > 0.0)
+                       : (information != nullptr || point.weight == weights[k]) &&
+                             point.orientation_weight == orientation_weight(k));
   }
-  return alike && (configuration.information == information ||
-                   (configuration.information && information && *configuration.information == *information));
+  if (!alike || own_roots) {
+    return alike && is_coupled(configuration) == coupled;
+  }
+  return configuration.information == information ||
+         (configuration.information && information && *configuration.information == *information);
 }
 
 void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const Eigen::Ref<const VectorXd>& basis,
@@ -142,23 +210,47 @@ void LaneGroup::append(const Eigen::Ref<const VectorXd>& q, const Eigen::Ref<con
   if (lane == 0) {
     data.resize(data.size() + rows());
   }
-  // Through a pointer to its numbers: a vector type's element has no reference.
-  auto* const block = reinterpret_cast<double*>(&data[data.size() - rows()]);
-  const auto write = [&](std::size_t row, double value) { block[row * kLanes + lane] = value; };
-  for (std::size_t i = 0; i < joints; ++i) {
-    write(i, q[static_cast<Index>(i)]);
-  }
+  LaneWriter writer(data[data.size() - rows()], lane);
+  const auto write_all = [&](const auto& values) {
+    std::for_each(values.begin(), values.end(), [&](double value) { writer.write(value); });
+  };
+  write_all(q);
   for (std::size_t k = 0; k < kept(); ++k) {
-    const Vector3d kept = mixed(k, [&](std::size_t l) { return configuration.points[l].position; });
-    for (std::size_t i = 0; i < 3; ++i) {
-      write(joints + 3 * k + i, kept[static_cast<Index>(i)]);
+    write_all(mixed(k, [&](std::size_t l) { return configuration.points[l].position; }));
+  }
+  if (own_roots) {
+    const MatrixXd root = root_of_information(configuration);
+    for (Index row = 0; row < root.rows(); ++row) {
+      write_all(root.row(row).segment(row, root_end(row) - row));
     }
   }
-  for (std::size_t t = 0; t < terms.size(); ++t) {
-    write(first_term() + t, basis[static_cast<Index>(terms[t])]);
+  for (const ObservedPoint& point : configuration.points) {
+    if (point.orientation_weight > 0.0) {
+      write_all(point.orientation.reshaped<Eigen::RowMajor>());
+      writer.write(point.orientation_weight);
+    }
+  }
+  for (const std::size_t term : terms) {
+    writer.write(basis[static_cast<Index>(term)]);
   }
   columns.push_back(configuration.column);
   ++configurations;
+}
+
+Index LaneGroup::root_end(Index row) const {
+  return coupled ? static_cast<Index>(3 * targets.size()) : row - row % 3 + 3;
+}
+
+MatrixXd LaneGroup::information_at(std::size_t configuration) const {
+  const auto size = static_cast<Index>(3 * targets.size());
+  MatrixXd root = MatrixXd::Zero(size, size);
+  std::size_t next = first_root();
+  for (Index row = 0; row < size; ++row) {
+    for (Index column = row; column < root_end(row); ++column) {
+      root(row, column) = at(configuration, next++);
+    }
+  }
+  return root.transpose() * root;
 }
 
 void LaneGroup::read(std::size_t configuration, VectorXd& q, VectorXd& basis, ObservedConfiguration& points) const {
@@ -171,17 +263,32 @@ void LaneGroup::read(std::size_t configuration, VectorXd& q, VectorXd& basis, Ob
     q[static_cast<Index>(i)] = at(configuration, i);
   }
   points.points.resize(targets.size());
-  points.information = information;
+  points.information = own_roots ? std::make_shared<const MatrixXd>(information_at(configuration)) : information;
   for (std::size_t k = targets.size(); k-- > 0;) {  // `mixing` and `roots` are upper triangular
     const std::size_t row = joints + 3 * k;
     ObservedPoint& point = points.points[k];
     point.target = targets[k];
-    point.weight = information ? 0.0 : weights[k];
+    point.weight = points.information ? 0.0 : weights[k];
     point.position = Vector3d(at(configuration, row), at(configuration, row + 1), at(configuration, row + 2));
     for (std::size_t l = k + 1; l < mixed_end(k); ++l) {
       point.position -= share(k, l).cwiseProduct(points.points[l].position);
     }
     point.position = point.position.cwiseQuotient(share(k, k));
+  }
+  read_orientations(configuration, points);
+}
+
+void LaneGroup::read_orientations(std::size_t configuration, ObservedConfiguration& points) const {
+  std::size_t next = first_orientation();
+  for (std::size_t k = 0; k < targets.size(); ++k) {
+    ObservedPoint& point = points.points[k];
+    point.orientation_weight = 0.0;
+    if (orientation_weight(k) > 0.0) {
+      for (Index i = 0; i < 9; ++i) {
+        point.orientation(i / 3, i % 3) = at(configuration, next++);
+      }
+      point.orientation_weight = at(configuration, next++);
+    }
   }
 }
 
@@ -215,8 +322,10 @@ std::vector<std::size_t> terms_in_lanes(const ErrorModel& model, const Unknowns&
 ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
                       const ResidualOptions& options) {
   ObservedData data;
-  if (could_be_alike(measurements, options.noise) &&
-      gather_groups(model, terms_in_lanes(model, unknowns), measurements, options, data)) {
+  const std::vector<std::size_t> terms = terms_in_lanes(model, unknowns);
+  const auto gather = [&](Alike alike) { return gather_groups(model, terms, measurements, options, alike, data); };
+  if ((measurements.joint_values.array().abs() <= kLargestAngle).all() &&
+      ((!options.noise.tracker && gather(Alike::weights)) || gather(Alike::points))) {
     return data;
   }
   data.groups.clear();

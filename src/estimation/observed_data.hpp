@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "estimation/lanes.hpp"
+#include "estimation/chain_kernel.hpp"
 #include "estimation/observed_points.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/unknowns.hpp"
@@ -18,7 +18,8 @@ namespace kdl_calibration {
 /// correlated and alike in every direction, with information W = U^T U of them (U upper triangular), are kept as others
 /// that are not correlated: mixing = S^-1 U with the sums of U's rows in S makes of the points z of a configuration,
 /// and of the targets' t, those with errors of their own and weights S^2, as the rows of `mixing` add up to 1. Where
-/// the noise is another along each axis, rows of U for each of them take the place of points.
+/// the noise is another along each axis, rows of U for each of them take the place of points. Where the configurations
+/// have nothing but the points in common, each keeps its own U beside them.
 struct LaneGroup {
   std::vector<std::size_t> targets;
   std::vector<double> weights;           // of each point that is kept
@@ -26,6 +27,10 @@ struct LaneGroup {
   std::array<Eigen::MatrixXd, 3> roots;  // rows that are kept x points, along x, y and z of W; else empty
   /// 3 points x 3 points, see ObservedConfiguration.
   std::shared_ptr<const Eigen::MatrixXd> information;
+  bool own_roots = false;  // of the information, in the data
+  bool coupled = false;    // whether these couple the points
+  /// Of each target, 0 where it was not measured, with own roots 1 instead of others; empty where none was.
+  std::vector<double> orientation_weights;
   std::size_t joints = 0;
   std::vector<std::size_t> terms;  // as terms_in_lanes()
   std::size_t configurations = 0;
@@ -34,8 +39,13 @@ struct LaneGroup {
 
   // Of a block of kLanes configurations.
   std::size_t rows() const { return first_term() + terms.size(); }
-  std::size_t first_term() const { return joints + 3 * kept(); }
+  std::size_t first_root() const { return joints + 3 * kept(); }
+  std::size_t first_orientation() const { return first_root() + (own_roots ? root_rows(targets.size(), coupled) : 0); }
+  std::size_t first_term() const { return first_orientation() + kOrientationRows * orientations(); }
+  double orientation_weight(std::size_t k) const { return orientation_weights.empty() ? 0.0 : orientation_weights[k]; }
+  std::size_t orientations() const;
   bool by_axis() const { return roots[0].size() != 0; }
+  bool in_rows() const { return by_axis() || own_roots; }
   /// Points or, by axis, rows.
   std::size_t kept() const { return by_axis() ? static_cast<std::size_t>(roots[0].rows()) : targets.size(); }
   double at(std::size_t configuration, std::size_t row) const {
@@ -70,6 +80,12 @@ struct LaneGroup {
               const ObservedConfiguration& configuration);
   /// The joint values, the basis and the points of one.
   void read(std::size_t configuration, Eigen::VectorXd& q, Eigen::VectorXd& basis, ObservedConfiguration& points) const;
+
+private:
+  /// Behind the last column that is kept of a root's row.
+  Eigen::Index root_end(Eigen::Index row) const;
+  Eigen::MatrixXd information_at(std::size_t configuration) const;
+  void read_orientations(std::size_t configuration, ObservedConfiguration& points) const;
 };
 
 /// Every configuration that is fitted stands in one of the groups, or all of them stand one by one.

@@ -3,8 +3,10 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -39,6 +41,14 @@ FrameNumbers numbers_of(const Isometry3d& X) {
 
 Vector3d vector_of(const std::array<double, 3>& numbers) { return Vector3d(numbers.data()); }
 
+// What is kept of the points.
+enum class Kept { points, rows_by_axis, own_rows, coupled_own_rows };
+
+struct Kind {
+  Kept kept = Kept::points;
+  bool oriented = false;
+};
+
 // An arm with a prismatic joint in the middle, columns of every kind, joints that terms move and tilt, and a number of
 // configurations that leaves lanes empty, in one block more than are done in one go.
 struct Case {
@@ -51,7 +61,7 @@ struct Case {
   ChainKernelInput input;
   std::vector<LaneRow> data;
 
-  explicit Case(bool by_axis = false) {
+  explicit Case(const Kind& kind) {
     for (std::size_t i = 0; i <= kJoints; ++i) {
       links.push_back(random_pose(random));
       input.links.push_back(numbers_of(i < kJoints ? links[i] : links[i] * X_FP));
@@ -83,8 +93,14 @@ struct Case {
                      {.entry = 1, .column = slide, .first = 3, .free = 1, .last = 4},
                      {.entry = kJoints + 4, .column = tilt_x, .first = 4, .free = 2, .last = 6},
                      {.entry = kJoints + 5, .column = tilt_y, .first = 6, .free = 0, .last = 7}};
-    if (by_axis) {
+    if (kind.kept == Kept::rows_by_axis) {
       keep_rows();
+    }
+    input.own_roots = kind.kept == Kept::own_rows || kind.kept == Kept::coupled_own_rows;
+    input.coupled = kind.kept == Kept::coupled_own_rows;
+    for (int k = 0; kind.oriented && k < 2; ++k) {
+      const FrameNumbers numbers = numbers_of(random_pose(random));
+      std::copy_n(numbers.begin(), 9, input.oriented.emplace_back().begin());
     }
     input.values = {0.1, -0.2, 0.05, 0.3, -0.1, 0.2, 0.15};
     input.tilts = true;
@@ -97,7 +113,17 @@ struct Case {
     }
     input.data = data.data();
     input.configurations = kConfigurations;
+    for (std::size_t n = 0; n < kConfigurations; ++n) {
+      orient(n);
+    }
   }
+
+  Matrix3d R_PT(std::size_t k) const {
+    return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(input.oriented[k].data());
+  }
+
+  // Measured orientations at all distances from those expected: none, small, and up to half a turn.
+  void orient(std::size_t n);
 
   // Two rows along each axis, of three targets.
   void keep_rows() {
@@ -123,6 +149,10 @@ struct Case {
     }
   }
 
+  void set_value(std::size_t configuration, std::size_t row, double value) {
+    data[configuration / kLanes * input.rows() + row].lanes[configuration % kLanes] = value;
+  }
+
   double value(std::size_t configuration, std::size_t row) const {
     return data[configuration / kLanes * input.rows() + row].lanes[configuration % kLanes];
   }
@@ -143,6 +173,33 @@ struct Case {
   }
 };
 
+Matrix3d measured_orientation(const Case& c, std::size_t n, std::size_t k) {
+  Matrix3d Z;
+  for (std::size_t i = 0; i < 9; ++i) {
+    Z(static_cast<Index>(i / 3), static_cast<Index>(i % 3)) =
+        c.value(n, c.input.first_orientation() + kOrientationRows * k + i);
+  }
+  return Z;
+}
+
+double weight_of_orientation(const Case& c, std::size_t n, std::size_t k) {
+  return c.value(n, c.input.first_orientation() + kOrientationRows * k + 9);
+}
+
+// U of a configuration, 3 points x 3 points.
+MatrixXd own_root(const Case& c, std::size_t n) {
+  const auto size = static_cast<Index>(3 * c.input.points.size());
+  MatrixXd U = MatrixXd::Zero(size, size);
+  std::size_t next = Case::kJoints + 3 * c.input.points.size();
+  for (Index row = 0; row < size; ++row) {
+    for (Index column = row; column < (c.input.coupled ? size : row - row % 3 + 3); ++column) {
+      U(row, column) = c.value(n, next++);
+    }
+  }
+  EXPECT_EQ(next, c.input.first_orientation());
+  return U;
+}
+
 Isometry3d turned_about(const Vector3d& axis, double angle) { return Isometry3d(Eigen::AngleAxisd(angle, axis)); }
 
 struct Sums {
@@ -151,6 +208,8 @@ struct Sums {
   MatrixXd coupling;
   MatrixXd force;
   std::array<Matrix3d, 3> turned = {Matrix3d::Zero(), Matrix3d::Zero(), Matrix3d::Zero()};
+  MatrixXd of_targets;  // of own rows: all coordinates with each other
+  VectorXd weights;
   double cost = 0.0;
 };
 
@@ -175,6 +234,55 @@ void add_rows(const Case& c, std::size_t n, const Isometry3d& X_WP, const Matrix
       const Vector3d of_target = c.input.shares[3 * row + static_cast<std::size_t>(l)] * r;
       sums.force.col(l) += e * of_target;
       sums.coupling.middleRows<3>(3 * l) += of_target * own;
+    }
+  }
+}
+
+// The same for a configuration's own rows U, whose Jacobian by all coordinates and by the twist is U R (I, [-t x]).
+void add_own_rows(const Case& c, std::size_t n, const Isometry3d& X_WP, const MatrixXd& J, Sums& sums) {
+  const auto points = static_cast<Index>(c.input.points.size());
+  VectorXd e(3 * points);
+  MatrixXd of_twist(3 * points, 6);
+  MatrixXd R = MatrixXd::Zero(3 * points, 3 * points);
+  for (Index l = 0; l < points; ++l) {
+    const Vector3d t = vector_of(c.input.points[static_cast<std::size_t>(l)]);
+    const auto row = Case::kJoints + 3 * static_cast<std::size_t>(l);
+    e.segment<3>(3 * l) = Vector3d(c.value(n, row), c.value(n, row + 1), c.value(n, row + 2)) - X_WP * t;
+    Matrix3d cross;
+    cross << 0.0, -t.z(), t.y(), t.z(), 0.0, -t.x(), -t.y(), t.x(), 0.0;
+    of_twist.middleRows<3>(3 * l) << X_WP.linear(), -X_WP.linear() * cross;
+    R.block<3, 3>(3 * l, 3 * l) = X_WP.linear();
+  }
+  const MatrixXd U = own_root(c, n);
+  const VectorXd Ue = U * e;
+  const MatrixXd own = U * of_twist * J;
+  const MatrixXd of_target = U * R;
+  sums.cost += Ue.squaredNorm();
+  sums.gradient += own.transpose() * Ue;
+  sums.gram += own.transpose() * own;
+  sums.force.leftCols(points).reshaped() += of_target.transpose() * Ue;
+  sums.coupling.topRows(3 * points) += of_target.transpose() * own;
+  sums.of_targets += of_target.transpose() * of_target;
+}
+
+// What the measured orientations of one configuration add, behind all that positions do.
+void add_orientations(const Case& c, std::size_t n, const Isometry3d& X_WP, const MatrixXd& J, Sums& sums) {
+  const auto positions = static_cast<Index>(c.input.targets());
+  const auto width = static_cast<Index>(c.input.width_of_positions());
+  for (Index k = 0; k < sums.weights.size(); ++k) {
+    const auto place = static_cast<std::size_t>(k);
+    const double weight = weight_of_orientation(c, n, place);
+    const Matrix3d R_PT = c.R_PT(place);
+    const Eigen::AngleAxisd error(
+        Matrix3d(R_PT.transpose() * X_WP.linear().transpose() * measured_orientation(c, n, place)));
+    const Vector3d e = error.angle() * error.axis();
+    sums.cost += weight * e.squaredNorm();
+    sums.gradient += weight * J.bottomRows<3>().transpose() * R_PT * e;
+    sums.force.col(positions + k) += weight * e;
+    sums.coupling.middleRows<3>(width + 3 * k) += weight * J.bottomRows<3>();
+    sums.weights[k] += weight;
+    if (c.input.in_rows()) {  // else `root` says it
+      sums.gram += weight * J.bottomRows<3>().transpose() * J.bottomRows<3>();
     }
   }
 }
@@ -224,11 +332,25 @@ MatrixXd twists(const Case& c, std::size_t n, const std::vector<Isometry3d>& X_B
   return J;
 }
 
+void Case::orient(std::size_t n) {
+  const Isometry3d X_WP = X_WB * frames(*this, n)[kJoints + 1] * X_FP;
+  for (std::size_t k = 0; k < input.oriented.size(); ++k) {
+    const double angle = n % 4 == 0 ? 0.0 : std::pow(10.0, -static_cast<double>(n % 9)) * std::abs(std::sin(1.0 + n));
+    const Matrix3d Z = X_WP.linear() * R_PT(k) *
+                       Eigen::AngleAxisd(3.0 * angle, random_vector(random).normalized()).toRotationMatrix();
+    const std::size_t first = input.first_orientation() + kOrientationRows * k;
+    for (std::size_t i = 0; i < 9; ++i) {
+      set_value(n, first + i, Z(static_cast<Index>(i / 3), static_cast<Index>(i % 3)));
+    }
+    set_value(n, first + 9, 0.5 + random.uniform());
+  }
+}
+
 // Noise alike in every direction.
 void add_points(const Case& c, std::size_t n, const Isometry3d& X_WP, MatrixXd J, Sums& sums) {
   Vector3d F = Vector3d::Zero();
   Vector3d M = Vector3d::Zero();
-  for (Index k = 0; k < sums.force.cols(); ++k) {
+  for (Index k = 0; k < static_cast<Index>(c.input.points.size()); ++k) {
     const auto row = Case::kJoints + 3 * static_cast<std::size_t>(k);
     const Vector3d z(c.value(n, row), c.value(n, row + 1), c.value(n, row + 2));
     const Vector3d t = vector_of(c.input.points[static_cast<std::size_t>(k)]);
@@ -239,7 +361,7 @@ void add_points(const Case& c, std::size_t n, const Isometry3d& X_WP, MatrixXd J
     F += w * e;
     M += w * t.cross(e);
   }
-  sums.coupling += J;
+  sums.coupling.topRows<6>() += J;
   sums.gradient += J.topRows<3>().transpose() * F + J.bottomRows<3>().transpose() * M;
   const auto& root = c.input.root;
   Matrix3d L = Matrix3d::Zero();
@@ -252,10 +374,13 @@ void add_points(const Case& c, std::size_t n, const Isometry3d& X_WP, MatrixXd J
 Sums formulas(const Case& c) {
   const auto columns = static_cast<Index>(c.input.columns.size()) + 5;
   const auto points = static_cast<Index>(c.input.by_axis() ? 3 : c.input.points.size());
+  const auto orientations = static_cast<Index>(c.input.oriented.size());
   Sums sums{.gram = MatrixXd::Zero(columns, columns),
             .gradient = VectorXd::Zero(columns),
             .coupling = MatrixXd::Zero(static_cast<Index>(c.input.width()), columns),
-            .force = MatrixXd::Zero(3, points)};
+            .force = MatrixXd::Zero(3, points + orientations),
+            .of_targets = MatrixXd::Zero(3 * points, 3 * points),
+            .weights = VectorXd::Zero(orientations)};
   for (std::size_t n = 0; n < Case::kConfigurations; ++n) {
     const std::vector<Isometry3d> X_Bf = frames(c, n);
     const Isometry3d X_BP = X_Bf[Case::kJoints + 1] * c.X_FP;
@@ -263,9 +388,12 @@ Sums formulas(const Case& c) {
     const MatrixXd J = twists(c, n, X_Bf, X_BP);
     if (c.input.by_axis()) {
       add_rows(c, n, X_WP, J, sums);
+    } else if (c.input.own_roots) {
+      add_own_rows(c, n, X_WP, J, sums);
     } else {
       add_points(c, n, X_WP, J, sums);
     }
+    add_orientations(c, n, X_WP, J, sums);
   }
   return sums;
 }
@@ -307,9 +435,25 @@ void expect_spread(const ChainKernelSums& sums, const MatrixXd& gram, Index colu
   }
 }
 
-void expect_turned(const ChainKernelSums& sums, const Sums& expected, bool by_axis) {
-  ASSERT_EQ(sums.turned.size(), by_axis ? 18U : 0U);
-  for (std::size_t x = 0; by_axis && x < 3; ++x) {
+// Of own rows: the upper triangle, row by row.
+void expect_products_of_targets(const ChainKernelSums& sums, const MatrixXd& of_targets) {
+  const double tolerance = 1e-12 * of_targets.cwiseAbs().maxCoeff();
+  std::size_t next = 0;
+  for (Index row = 0; row < of_targets.rows(); ++row) {
+    for (Index column = row; column < of_targets.cols(); ++column) {
+      EXPECT_NEAR(sums.turned[next++], of_targets(row, column), tolerance) << row << ", " << column;
+    }
+  }
+  EXPECT_EQ(next, sums.turned.size());
+}
+
+void expect_turned(const ChainKernelSums& sums, const Sums& expected, const ChainKernelInput& input) {
+  if (input.own_roots) {
+    expect_products_of_targets(sums, expected.of_targets);
+    return;
+  }
+  ASSERT_EQ(sums.turned.size(), input.by_axis() ? 18U : 0U);
+  for (std::size_t x = 0; input.by_axis() && x < 3; ++x) {
     const Matrix3d& turned = expected.turned[x];
     const std::vector<double> upper = {turned(0, 0), turned(0, 1), turned(0, 2),
                                        turned(1, 1), turned(1, 2), turned(2, 2)};
@@ -319,7 +463,7 @@ void expect_turned(const ChainKernelSums& sums, const Sums& expected, bool by_ax
   }
 }
 
-class ChainKernels : public ::testing::TestWithParam<bool> {};
+class ChainKernels : public ::testing::TestWithParam<Kind> {};
 
 TEST_P(ChainKernels, AddUpWhatTheFormulasSay) {
   const Case c(GetParam());
@@ -343,7 +487,12 @@ TEST_P(ChainKernels, AddUpWhatTheFormulasSay) {
       }
     }
     expect_spread(sums, expected.gram, columns);
-    expect_turned(sums, expected, c.input.by_axis());
+    expect_turned(sums, expected, c.input);
+    EXPECT_EQ(sums.weights.size(), c.input.oriented.size());
+    for (Index k = 0; k < expected.weights.size(); ++k) {
+      EXPECT_NEAR(sums.weights[static_cast<std::size_t>(k)], expected.weights[k], 1e-12 * expected.weights[k]);
+    }
+    EXPECT_EQ(sums.force.size(), static_cast<std::size_t>(expected.force.size()));
     for (Index k = 0; k < expected.force.size(); ++k) {
       EXPECT_NEAR(sums.force[static_cast<std::size_t>(k)], expected.force.reshaped()[k], 1e-12 * scale);
     }
@@ -375,12 +524,22 @@ TEST_P(ChainKernels, GiveTheSameBitsWithEveryInstructionSet) {
     EXPECT_EQ(sums.coupling, baseline.coupling);
     EXPECT_EQ(sums.turned, baseline.turned);
     EXPECT_EQ(sums.force, baseline.force);
+    EXPECT_EQ(sums.weights, baseline.weights);
     EXPECT_EQ(sums_of(c, true, set).cost, baseline.cost);
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Noise, ChainKernels, ::testing::Values(false, true),
-                         [](const auto& test) { return test.param ? "ByAxis" : "Alike"; });
+std::string name_of(const ::testing::TestParamInfo<Kind>& test) {
+  const std::array names = {"Points", "RowsByAxis", "OwnRows", "CoupledOwnRows"};
+  return std::string(names.at(static_cast<std::size_t>(test.param.kept))) + (test.param.oriented ? "Oriented" : "");
+}
+
+INSTANTIATE_TEST_SUITE_P(All, ChainKernels,
+                         ::testing::Values(Kind{Kept::points, false}, Kind{Kept::points, true},
+                                           Kind{Kept::rows_by_axis, false}, Kind{Kept::rows_by_axis, true},
+                                           Kind{Kept::own_rows, false}, Kind{Kept::own_rows, true},
+                                           Kind{Kept::coupled_own_rows, false}, Kind{Kept::coupled_own_rows, true}),
+                         name_of);
 
 }  // namespace
 }  // namespace kdl_calibration
