@@ -310,16 +310,26 @@ private:
     }
   }
 
-  static bool helps(const Worth& with, const Worth& without) {
-    if (!with.determined || with.motion > kLargestMotion ||
-        !(with.held_out_rms <= kWorthwhile * without.held_out_rms)) {
-      return false;
-    }
+  // Mean gain of a configuration's squares, over its standard error.
+  static double certainty_of_gain(const Worth& with, const Worth& without) {
     const VectorXd gain = without.squares - with.squares;
     const auto n = static_cast<double>(gain.size());
     const double mean = gain.mean();
-    const double error = std::sqrt((gain.array() - mean).square().sum() / (n * std::max(n - 1.0, 1.0)));
-    return mean > error;
+    return mean / std::sqrt((gain.array() - mean).square().sum() / (n * std::max(n - 1.0, 1.0)));
+  }
+
+  static bool helps(const Worth& with, const Worth& without) {
+    return with.determined && with.motion <= kLargestMotion &&
+           with.held_out_rms <= kWorthwhile * without.held_out_rms && certainty_of_gain(with, without) > 1.0;
+  }
+
+  // What is left out lies next to what is not: of how far tables reach into gaps the evidence knows more.
+  static bool is_better_length(const Worth& shorter, const Worth& longer) {
+    if (!shorter.determined) {
+      return false;
+    }
+    const bool likelier = shorter.sizes.evidence >= longer.sizes.evidence + kEvidence;
+    return shorter.held_out_rms < longer.held_out_rms || (likelier && certainty_of_gain(shorter, longer) > -1.0);
   }
 
   // The likeliest of what helps, again and again.
@@ -363,7 +373,7 @@ private:
     const std::vector<std::string>& names;
   };
 
-  // Tables that forget themselves sooner, as long as they predict better.
+  // Tables that forget themselves sooner, as long as they predict better, or as well and are likelier.
   void shorten(bool sized, const Beside& beside, Option& tables, Worth& best, TriedModels& tried) const {
     for (const double degrees : {10.0, 4.0}) {
       const double length = degrees * std::numbers::pi / 180.0;
@@ -375,7 +385,7 @@ private:
         return;
       }
       Worth with = worth_of(joined(beside.terms, shorter.terms), extended(beside.names, shorter.name), sized, tried);
-      if (!(with.held_out_rms < best.held_out_rms)) {
+      if (!is_better_length(with, best)) {
         return;
       }
       tables = std::move(shorter);

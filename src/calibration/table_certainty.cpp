@@ -37,7 +37,7 @@ TableCertainty::TableCertainty(const Candidate& candidate, const MatrixXd& infor
     return;
   }
   const SizedInformation sized = sized_information(information, groups, sizes);
-  const Eigen::LDLT<MatrixXd> solver(sized.matrix);
+  const Eigen::LLT<MatrixXd> solver(sized.matrix);
   std::map<int, std::vector<Index>> places;  // among the columns that take part
   for (const std::size_t e : candidate.free.effects()) {
     const EffectTerm& term = candidate.model.effects[e];
