@@ -1,0 +1,335 @@
+// Left-out configurations against the normal equations of the others, which are summed anew for every fold.
+
+#include "kdl_calibration/fold_prediction.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <limits>
+
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using Folds = std::vector<std::vector<Index>>;
+
+Eigen::Isometry3d askew() {
+  return Eigen::Translation3d(2.0, -3.0, 0.5) * Eigen::AngleAxisd(1.1, Vector3d(0.3, -0.2, 0.9).normalized());
+}
+
+FitProblem at_optimum(const testing::VirtualExperiment& experiment, const Measurements& measured,
+                      const FitOptions& options = {}) {
+  FitProblem problem{.model = experiment.model,
+                     .measurements = measured,
+                     .start = nominal_start(experiment.model, measured),
+                     .free = experiment.free,
+                     .options = options};
+  problem.start = fit(problem).estimate;
+  return problem;
+}
+
+MatrixXd triangle_of(const FitProblem& problem) {
+  return LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
+      .whitened_summary(problem.start)
+      .triangle;
+}
+
+FoldPrediction predicted(const FitProblem& problem, const Folds& folds, double noise) {
+  const MatrixXd triangle = triangle_of(problem);
+  return predict_folds({.problem = problem, .triangle = triangle, .noise = noise}, folds, 2);
+}
+
+Measurements others_than(const Measurements& measurements, const std::vector<Index>& fold) {
+  return subset(measurements, [&](const Observation& o) {
+    return o.split == Split::train && std::find(fold.begin(), fold.end(), o.configuration) == fold.end();
+  });
+}
+
+// The step that the others ask for from the optimum of all, and the covariance that they give the columns.
+struct ByTheOthers {
+  VectorXd step;
+  MatrixXd covariance;
+
+  ByTheOthers(const FitProblem& problem, const std::vector<Index>& fold) {
+    const Measurements others = others_than(problem.measurements, fold);
+    const WhitenedSystem system =
+        LeastSquaresProblem(problem.model, others, problem.free, problem.options.joint.residuals)
+            .whitened(problem.start);
+    const VectorXd scale = system.jacobian.colwise().norm().cwiseInverse();
+    const Eigen::HouseholderQR<MatrixXd> qr(MatrixXd(system.jacobian * scale.asDiagonal()));
+    step = scale.cwiseProduct(qr.solve(system.residual));
+    const MatrixXd R = qr.matrixQR().topRows(scale.size()).triangularView<Eigen::Upper>();
+    const MatrixXd root = R.triangularView<Eigen::Upper>().solve(MatrixXd::Identity(R.rows(), R.cols()));
+    covariance = scale.asDiagonal() * root * root.transpose() * scale.asDiagonal();
+  }
+};
+
+Vector3d expected_at(const FitProblem& problem, const Estimate& estimate, const HeldOutPoint& point) {
+  const Eigen::Isometry3d X_BF =
+      flange_pose(folded(problem.model, estimate.errors), problem.measurements.joint_values.col(point.configuration));
+  return estimate.X_WB * (X_BF * estimate.targets[static_cast<std::size_t>(point.target)].X_FT.translation());
+}
+
+// What was measured of a target in a configuration, by the mean of its training rows.
+struct Mean {
+  Vector3d position = Vector3d::Zero();
+  double rows = 0.0;
+};
+
+Mean mean_of(const Measurements& measurements, Index configuration, int target) {
+  Mean mean;
+  for (const Observation& o : measurements.observations) {
+    if (o.configuration == configuration && o.target == target && o.split == Split::train) {
+      mean.rows += 1.0;
+      mean.position += o.position;
+    }
+  }
+  mean.position /= mean.rows;
+  return mean;
+}
+
+// Configuration and target of each point that is to come.
+std::vector<std::pair<int, int>> places_of(const Measurements& measurements, const Folds& folds) {
+  std::vector<std::pair<int, int>> places;
+  for (std::vector<Index> fold : folds) {
+    std::sort(fold.begin(), fold.end());
+    for (const Index c : fold) {
+      for (int k = 0; k < static_cast<int>(measurements.targets.size()); ++k) {
+        if (mean_of(measurements, c, k).rows > 0.0) {
+          places.emplace_back(c, k);
+        }
+      }
+    }
+  }
+  return places;
+}
+
+void expect_by_the_others(const FitProblem& problem, const Folds& folds, const FoldPrediction& found) {
+  const auto places = places_of(problem.measurements, folds);
+  ASSERT_EQ(found.points.size(), places.size());
+  EXPECT_EQ(distances_of(found).size(), places.size());
+  const PositionPredictor predictor(problem.model, problem.start, problem.free);
+  std::size_t place = 0;
+  for (const std::vector<Index>& fold : folds) {
+    const ByTheOthers others(problem, fold);
+    for (; place < places.size(); ++place) {
+      const HeldOutPoint& point = found.points[place];
+      if (std::find(fold.begin(), fold.end(), places[place].first) == fold.end()) {
+        break;
+      }
+      SCOPED_TRACE("point " + std::to_string(place));
+      EXPECT_EQ(std::pair(point.configuration, point.target), places[place]);
+      const Mean mean = mean_of(problem.measurements, point.configuration, point.target);
+      EXPECT_EQ(point.repeats, mean.rows);
+      EXPECT_LT((point.measured - mean.position).norm(), 1e-12);
+      const MatrixXd J = predictor.jacobians(
+          problem.measurements.joint_values.col(point.configuration))[static_cast<std::size_t>(point.target)];
+      const Vector3d left = mean.position - expected_at(problem, problem.start, point) - J * others.step;
+      EXPECT_LT((point.residual - left).norm(), 1e-10);
+      EXPECT_NEAR(distances_of(found)[place], left.norm(), 1e-10);
+      const Matrix3d covariance = J * others.covariance * J.transpose();
+      EXPECT_LT((point.covariance - covariance).norm(), 1e-7 * covariance.norm());
+    }
+  }
+}
+
+Folds one_by_one(Index count) {
+  Folds folds(static_cast<std::size_t>(count));
+  for (Index c = 0; c < count; ++c) {
+    folds[static_cast<std::size_t>(c)] = {c};
+  }
+  return folds;
+}
+
+TEST(FoldPrediction, OfFoldsOfEverySizeIsThatOfTheNormalEquationsOfTheOthers) {
+  testing::VirtualExperiment experiment({.X_WB = askew()});
+  Measurements measured = subset(experiment.measure(40, {.sigma = 1e-5, .repeats = 2}), [](const Observation& o) {
+    return !(o.configuration % 5 == 1 && o.target == 1) && !(o.configuration % 7 == 3 && o.repeat == 2);
+  });
+  for (Observation& o : measured.observations) {
+    o.split = o.configuration % 11 == 4 ? Split::test : Split::train;
+  }
+  FitOptions options;
+  options.joint.residuals.noise = {.independent = Vector3d(1e-5, 2e-5, 1e-5), .common = Vector3d::Constant(1e-5)};
+  const FitProblem problem = at_optimum(experiment, measured, options);
+  std::vector<Index> wide;  // more rows than columns
+  for (Index c = 18; c < 34; ++c) {
+    if (c % 11 != 4) {
+      wide.push_back(c);
+    }
+  }
+  const Folds folds = {{12, 2, 7}, {0}, wide, {39, 38}};
+  const FoldPrediction found = predicted(problem, folds, 1e-5);
+  EXPECT_EQ(found.refits, 0);
+  EXPECT_EQ(found.not_converged, 0);
+  expect_by_the_others(problem, folds, found);
+}
+
+TEST(FoldPrediction, OfMoreFoldsThanAreLookedAtTogetherIsThatOfEachAlone) {
+  testing::VirtualExperiment experiment;
+  const Measurements measured = testing::without_sigmas(experiment.measure(67, {.sigma = 1e-5}));
+  const FitProblem problem = at_optimum(experiment, measured);
+  const Folds folds = one_by_one(67);
+  const FoldPrediction found = predicted(problem, folds, 1e-5);
+  EXPECT_EQ(found.refits, 0);
+  expect_by_the_others(problem, folds, found);
+}
+
+TEST(FoldPrediction, OfPosesTakesTheirOrientationsIntoAccount) {
+  testing::VirtualExperiment experiment({.targets = testing::as_frames(published_targets(2)), .X_WB = askew()});
+  Measurements measured =
+      testing::without_sigmas(experiment.measure(20, {.sigma = 1e-5, .orientation_sigma = 1e-5, .repeats = 2}));
+  for (std::size_t row = 0; row < measured.observations.size(); ++row) {
+    if (const Observation& o = measured.observations[row]; o.configuration % 4 == 1 && o.target == 0) {
+      measured.orientations[row] = point_alone();
+    }
+  }
+  const FitProblem problem = at_optimum(experiment, measured);
+  const Folds folds = {{1}, {4, 3}, {19}};
+  const FoldPrediction found = predicted(problem, folds, 1e-5);
+  EXPECT_EQ(found.refits, 0);
+  expect_by_the_others(problem, folds, found);
+}
+
+// How far the points of a fold, at the estimate that the others ask for, are from the linear prediction.
+double distance_from_linear(const FitProblem& problem, const std::vector<Index>& fold) {
+  const ByTheOthers others(problem, fold);
+  const Estimate moved = problem.free.moved(problem.start, others.step);
+  const FoldPrediction linear = predicted(problem, {fold}, 1.0);
+  double largest = 0.0;
+  for (const HeldOutPoint& point : linear.points) {
+    const double exact = (point.measured - expected_at(problem, moved, point)).norm();
+    largest = std::max(largest, std::abs(exact - point.residual.norm()));
+  }
+  return largest;
+}
+
+Estimate refitted(const FitProblem& problem, const std::vector<Index>& fold) {
+  const Measurements others = others_than(problem.measurements, fold);
+  return fit(with_measurements(problem, others)).estimate;
+}
+
+TEST(FoldPrediction, IsARefitWhereItIsOffByMoreThanATenthOfTheNoise) {
+  testing::VirtualExperiment experiment;
+  const Measurements measured = testing::without_sigmas(experiment.measure(14, {.sigma = 1e-3}));
+  FitProblem problem = at_optimum(experiment, measured);
+  std::atomic<int> fits = 0;
+  problem.options.after_fit = [&] { ++fits; };
+  const Folds folds = {{5, 1}};
+  const double off = distance_from_linear(problem, folds[0]);
+  ASSERT_GT(off, 1e-8);
+  const FoldPrediction linear = predicted(problem, folds, 1.05 * off / 0.1);
+  EXPECT_EQ(linear.refits, 0);
+  expect_by_the_others(problem, folds, linear);
+  fits = 0;
+  const FoldPrediction refit = predicted(problem, folds, 0.95 * off / 0.1);
+  EXPECT_EQ(fits, 1);
+  EXPECT_EQ(refit.refits, 1);
+  EXPECT_EQ(refit.not_converged, 0);
+  const Estimate expected = refitted(problem, folds[0]);
+  ASSERT_EQ(refit.points.size(), linear.points.size());
+  for (std::size_t i = 0; i < refit.points.size(); ++i) {
+    const HeldOutPoint& point = refit.points[i];
+    EXPECT_EQ(point.configuration, linear.points[i].configuration);
+    EXPECT_EQ(point.target, linear.points[i].target);
+    EXPECT_EQ(point.measured, linear.points[i].measured);
+    EXPECT_LT((point.residual - (point.measured - expected_at(problem, expected, point))).norm(), 1e-9);
+    EXPECT_EQ(point.covariance, linear.points[i].covariance);
+  }
+  fits = 0;
+  problem.options.joint.max_iterations = 1;
+  const FoldPrediction halfway = predicted(problem, {{5, 1}, {2}, {3}}, 0.0);
+  EXPECT_EQ(fits, 3);
+  EXPECT_EQ(halfway.refits, 3);
+  EXPECT_EQ(halfway.not_converged, 3);
+}
+
+TEST(FoldPrediction, CallsBehindEachFoldThatIsPredictedWithoutAFit) {
+  testing::VirtualExperiment experiment;
+  const Measurements measured = experiment.measure(16, {.sigma = 1e-6});
+  FitProblem problem = at_optimum(experiment, measured);
+  std::atomic<int> fits = 0;
+  problem.options.after_fit = [&] { ++fits; };
+  EXPECT_EQ(predicted(problem, one_by_one(16), 1e-3).refits, 0);
+  EXPECT_EQ(fits, 16);
+}
+
+TEST(FoldPrediction, OfExactMeasurementsMayBeOffByATenthOfANanometre) {
+  testing::VirtualExperiment experiment;
+  const Measurements exact = testing::without_sigmas(experiment.measure(14));
+  const auto disturbed = [&](double size) {
+    Measurements measured = exact;
+    measured.observations[3].position.x() += size;
+    return measured;
+  };
+  const auto off = [&](double size) {
+    const Measurements measured = disturbed(size);
+    return distance_from_linear(at_optimum(experiment, measured), {1});
+  };
+  double size = 1e-4;  // what is not linear grows with its square
+  size *= std::sqrt(1e-10 / off(size));
+  for (const double factor : {0.8, 1.2}) {
+    const Measurements measured = disturbed(size * std::sqrt(factor));
+    EXPECT_NEAR(off(size * std::sqrt(factor)), factor * 1e-10, 0.1e-10);
+    EXPECT_EQ(predicted(at_optimum(experiment, measured), {{1}}, 0.0).refits, factor > 1.0 ? 1 : 0) << factor;
+  }
+}
+
+// A base that is moved alone: two configurations tell of it as much as they weigh.
+TEST(FoldPrediction, IsARefitWhereTheOthersKnowLessThanATenthOfABillionth) {
+  testing::VirtualExperiment experiment({.targets = published_targets(1)});
+  const Measurements measured = testing::without_sigmas(experiment.measure(2, {.sigma = 1e-4}));
+  for (const double left : {0.7e-10, 1.4e-10}) {
+    FitProblem problem{.model = experiment.model,
+                       .measurements = measured,
+                       .start = experiment.robot.truth,
+                       .free = Unknowns(experiment.model, experiment.targets, {"base.Tx", "base.Ty", "base.Tz"})};
+    problem.options.joint.residuals.row_weights = {1.0, left};
+    problem.start = fit(problem).estimate;
+    const FoldPrediction found = predicted(problem, {{0}}, 1e-4);
+    ASSERT_EQ(found.points.size(), 1U);
+    EXPECT_EQ(found.refits, left < 1e-10 ? 1 : 0) << left;
+    EXPECT_EQ(std::isfinite(found.points[0].covariance.sum()), left > 1e-10) << left;
+    EXPECT_GT(found.points[0].residual.norm(), 1e-5);
+    EXPECT_LT(found.points[0].residual.norm(), 1e-3);
+  }
+}
+
+TEST(FoldPrediction, IsARefitWhereAllTogetherDoNotDetermineTheColumns) {
+  testing::VirtualExperiment experiment;
+  const Measurements measured = testing::without_sigmas(experiment.measure(14, {.sigma = 1e-5}));
+  const FitProblem determined = at_optimum(experiment, measured);
+  FitProblem problem = determined;
+  std::vector<std::string> names = experiment.free.names();
+  names.emplace_back("dq1");  // does what base.Rz does
+  problem.free = Unknowns(experiment.model, experiment.targets, names);
+  const FoldPrediction found = predicted(problem, {{3}, {4, 2}}, 1.0);
+  const FoldPrediction expected = predicted(determined, {{3}, {4, 2}}, 0.0);
+  EXPECT_EQ(found.refits, 2);
+  ASSERT_EQ(found.points.size(), expected.points.size());
+  for (std::size_t i = 0; i < found.points.size(); ++i) {
+    EXPECT_EQ(found.points[i].configuration, expected.points[i].configuration);
+    EXPECT_EQ(found.points[i].target, expected.points[i].target);
+    EXPECT_LT((found.points[i].residual - expected.points[i].residual).norm(), 1e-7);
+    EXPECT_TRUE((found.points[i].covariance.array() == std::numeric_limits<double>::infinity()).all());
+  }
+  const MatrixXd nothing = MatrixXd::Zero(3, determined.free.size());
+  const FoldPrediction unknown =
+      predict_folds({.problem = determined, .triangle = nothing, .noise = 1.0}, {{3}, {4, 2}});
+  EXPECT_EQ(unknown.refits, 2);
+  EXPECT_TRUE(std::isinf(unknown.points.back().covariance(2, 0)));
+}
+
+}  // namespace
+}  // namespace kdl_calibration
