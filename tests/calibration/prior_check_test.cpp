@@ -1,0 +1,79 @@
+#include "calibration/prior_check.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "base/f_distribution.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+// Of three parameters, two lengths and an angle, and a base that has no prior.
+Calibration with_errors(double length, double second_length, double angle) {
+  Calibration found;
+  found.model = complete_model(testing::fanuc());
+  found.identification.estimate.errors =
+      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(found.model.parameters.size()));
+  found.identification.estimate.targets = published_targets();
+  found.free = Unknowns(found.model, published_targets(), {"base.Tx", "Tx1", "Ty1", "Rz2"});
+  const auto set = [&](const std::string& name, double error) {
+    const auto p = std::find_if(found.model.parameters.begin(), found.model.parameters.end(),
+                                [&](const ErrorParameter& parameter) { return parameter.name == name; });
+    found.identification.estimate.errors[p - found.model.parameters.begin()] = error;
+  };
+  set("Tx1", length);
+  set("Ty1", second_length);
+  set("Rz2", angle);
+  found.identification.estimate.X_WB.translation().x() = 5.0;
+  found.priors = {.length = 1e-3, .angle = 2e-3};
+  found.covariance = Eigen::MatrixXd::Zero(4, 4);
+  found.covariance.diagonal() << 1e-8, 1e-7, 4e-7, 1e-6;
+  return found;
+}
+
+// Columns: base.Tx, Tx1, Ty1, Rz2; of the prior variances the measurements leave a tenth, four tenths and a quarter.
+constexpr double kExpected = 0.9 + 0.6 + 0.75;
+
+TEST(PriorCheck, EstimatesAreAsManyTimesTooLargeAsTheirSquaresSay) {
+  const double squares = 9.0 + 16.0 + 25.0;
+  EXPECT_NEAR(excess_over_priors(with_errors(3e-3, -4e-3, 10e-3)), std::sqrt(squares / kExpected), 1e-12);
+}
+
+TEST(PriorCheck, ContradictsFromAChanceOfOneInAThousandOn) {
+  double below = 1.0;
+  double above = 100.0;
+  for (int halving = 0; halving < 60; ++halving) {
+    const double middle = 0.5 * (below + above);
+    (reduced_chi_squared_tail(middle, kExpected) > 1e-3 ? below : above) = middle;
+  }
+  const double length = 1e-3 * std::sqrt(above * kExpected / 3.0);
+  for (const double factor : {0.99, 1.01}) {
+    const Calibration found = with_errors(factor * length, factor * length, 2.0 * factor * length);
+    const double expected = factor > 1.0 ? factor * std::sqrt(above) : 1.0;
+    EXPECT_NEAR(excess_over_priors(found), expected, 1e-9) << factor;
+  }
+}
+
+TEST(PriorCheck, SmallEstimatesAndNoneContradictNothing) {
+  EXPECT_EQ(excess_over_priors(with_errors(1e-9, 0.0, 0.0)), 1.0);
+  Calibration without = with_errors(1.0, 1.0, 1.0);
+  without.priors = {};
+  EXPECT_EQ(excess_over_priors(without), 1.0);
+}
+
+TEST(PriorCheck, WhatIsNotDeterminedOrTellsNothingBeyondItsPriorDoesNotCount) {
+  Calibration found = with_errors(8e-3, 1.0, 0.0);
+  found.covariance(2, 2) = std::numeric_limits<double>::infinity();
+  EXPECT_NEAR(excess_over_priors(found), std::sqrt(64.0 / (0.9 + 0.75)), 1e-12);
+  found = with_errors(8e-3, 0.0, 0.0);
+  found.covariance(3, 3) = 5e-6;  // more than its prior says
+  EXPECT_NEAR(excess_over_priors(found), std::sqrt(64.0 / (0.9 + 0.6)), 1e-12);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
