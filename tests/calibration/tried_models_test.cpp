@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -95,6 +96,89 @@ TEST(TriedModels, TheChosenOneComesFirstAndTheOthersByWhatTheyPredict) {
     order.push_back(option.effects.front());
   }
   EXPECT_EQ(order, (std::vector<std::string>{"3", "1", "2"}));
+}
+
+// Models and configurations drawn by the same numbers, one drawing after the other.
+double price_by_hand(const std::vector<VectorXd>& squares) {
+  Random random(1);
+  double of_first = 0.0;
+  double of_best = 0.0;
+  for (int drawing = 0; drawing < 2000; ++drawing) {
+    std::vector<int> times(static_cast<std::size_t>(kConfigurations), 0);
+    for (Eigen::Index i = 0; i < kConfigurations; ++i) {
+      ++times[static_cast<std::size_t>(random.uniform(0.0, static_cast<double>(kConfigurations)))];
+    }
+    std::vector<double> chosen_by(squares.size(), 0.0);
+    std::vector<double> judged(squares.size(), 0.0);
+    for (std::size_t model = 0; model < squares.size(); ++model) {
+      for (std::size_t c = 0; c < times.size(); ++c) {
+        const double square = squares[model][static_cast<Eigen::Index>(c)];
+        chosen_by[model] += times[c] * square;
+        judged[model] += times[c] == 0 ? square : 0.0;
+      }
+    }
+    of_first += judged[0];
+    of_best +=
+        judged[static_cast<std::size_t>(std::min_element(chosen_by.begin(), chosen_by.end()) - chosen_by.begin())];
+  }
+  return std::max(1.0, std::sqrt(of_best / of_first));
+}
+
+TEST(TriedModels, ThePriceIsThatOfTwoThousandDrawings) {
+  for (const std::size_t models : {2U, 3U, 7U}) {
+    Random random(models);
+    TriedModels tried;
+    std::vector<VectorXd> squares;
+    for (std::size_t model = 0; model < models; ++model) {
+      squares.push_back(squared_normals(random));
+    }
+    std::sort(squares.begin(), squares.end(), [](const VectorXd& a, const VectorXd& b) { return a.mean() < b.mean(); });
+    for (const VectorXd& of_model : squares) {
+      tried.add(option_of(of_model, std::to_string(of_model.mean())), of_model);
+    }
+    EXPECT_GT(tried.price_of_choosing(), 1.01);
+    EXPECT_NEAR(tried.price_of_choosing(), price_by_hand(squares), 1e-12) << models;
+  }
+}
+
+TEST(TriedModels, AModelAloneOrOneThatPredictsNoFoldHasNoPrice) {
+  Random random(9);
+  const VectorXd squares = squared_normals(random);
+  TriedModels tried;
+  tried.add(option_of(squares, "alone"), squares);
+  EXPECT_EQ(tried.price_of_choosing(), 1.0);
+  const VectorXd other = squared_normals(random);
+  tried.add(option_of(other, "other"), other);
+  const VectorXd third = squared_normals(random);
+  tried.add(option_of(third, "third"), third);
+  ModelOption unknown = option_of(squares, "unknown");
+  unknown.held_out_rms = std::numeric_limits<double>::infinity();
+  tried.add(unknown, VectorXd());
+  tried.put_first({"unknown"}, false);
+  EXPECT_EQ(tried.options().front().effects, std::vector<std::string>{"unknown"});
+  EXPECT_EQ(tried.price_of_choosing(), 1.0);
+}
+
+TEST(TriedModels, TheChosenOneIsThatOfItsEffectsAndSizes) {
+  TriedModels tried;
+  for (const double square : {4.0, 3.0, 2.0, 1.0}) {
+    const VectorXd squares = VectorXd::Constant(kConfigurations, square);
+    ModelOption option = option_of(squares, square > 2.0 ? "first" : "second");
+    option.sized = square == 4.0 || square == 2.0;
+    tried.add(option, squares);
+  }
+  const auto order = [&](const std::string& effect, bool sized) {
+    tried.put_first({effect}, sized);
+    std::vector<double> squares;
+    for (const ModelOption& option : tried.options()) {
+      squares.push_back(std::round(option.held_out_rms * option.held_out_rms));
+    }
+    return squares;
+  };
+  EXPECT_EQ(order("first", false), (std::vector<double>{3.0, 1.0, 2.0, 4.0}));
+  EXPECT_EQ(order("first", true), (std::vector<double>{4.0, 1.0, 2.0, 3.0}));
+  EXPECT_EQ(order("second", true), (std::vector<double>{2.0, 1.0, 3.0, 4.0}));
+  EXPECT_EQ(order("none", true), (std::vector<double>{1.0, 2.0, 3.0, 4.0}));
 }
 
 }  // namespace

@@ -1,6 +1,12 @@
 // Measured orientations are weighed by what their residuals say, not by a lever.
 
+#include "calibration/variance_components.hpp"
+
 #include <gmock/gmock.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -60,6 +66,114 @@ TEST(VarianceComponents, LeaveExactPosesExact) {
   const Calibration found = calibrate(experiment.model, experiment.measure(30));
   EXPECT_TRUE(found.trusted()) << found.identification.message;
   EXPECT_LT(found.train.after.max, 1e-12);
+}
+
+// Poses of one target with these sigmas, and what a fit needs to know.
+struct Poses : testing::VirtualExperiment {
+  Measurements measured;
+  CalibrationOptions options;
+  FitOptions fit_options;
+  Estimate start;
+
+  Poses(int count, const MeasuringNoise& noise)
+      : VirtualExperiment(arm()),
+        measured(testing::without_sigmas(measure(count, noise))),
+        start(nominal_start(model, measured)) {}
+
+  static const VirtualExperiment& arm() {
+    static const VirtualExperiment experiment(
+        {.targets = testing::as_frames(published_targets(1)), .random = Random(11)});
+    return experiment;
+  }
+
+  double length() const {
+    const FitTask task{
+        .model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options};
+    return orientation_length_of_residuals(task, free);
+  }
+};
+
+// Variances of unit weight of positions and orientations at the fit that weighs by a length, and what they rest on.
+struct UnitVariances {
+  double ratio = 0.0;
+  double freedom_p = 0.0;
+  double freedom_o = 0.0;
+
+  UnitVariances(const Poses& poses, double length) {
+    JointOptions joint;
+    joint.residuals.orientation_length = length;
+    const Estimate estimate = identify_jointly(poses.model, poses.measured, poses.start, poses.free, joint).estimate;
+    const WhitenedSystem system =
+        LeastSquaresProblem(poses.model, poses.measured, poses.free, joint.residuals).whitened(estimate);
+    const Eigen::VectorXd scale = system.jacobian.colwise().norm().cwiseInverse();
+    const Eigen::MatrixXd J = system.jacobian * scale.asDiagonal();
+    const Eigen::MatrixXd hat = J * (J.transpose() * J).ldlt().solve(J.transpose());
+    double squares_p = 0.0;
+    double squares_o = 0.0;
+    for (Eigen::Index row = 0; row < hat.rows(); ++row) {  // of each configuration its position, then its orientation
+      const bool position = row % 6 < 3;
+      (position ? freedom_p : freedom_o) += 1.0 - hat(row, row);
+      (position ? squares_p : squares_o) += system.residual[row] * system.residual[row];
+    }
+    ratio = squares_o / freedom_o / (squares_p / freedom_p);
+  }
+};
+
+// The length that the rounds end with, and the least degrees of freedom of a kind on their way.
+struct ByHand {
+  double length;
+  double least_freedom = 1e6;
+
+  ByHand(const Poses& poses, double present) : length(present) {
+    for (int round = 0; round < 10; ++round) {
+      const UnitVariances variances(poses, length);
+      least_freedom = std::min({least_freedom, variances.freedom_p, variances.freedom_o});
+      const double before = length;
+      length /= std::sqrt(variances.ratio);
+      if (std::abs(length - before) < 0.01 * before) {
+        break;
+      }
+    }
+    length = least_freedom > 10.0 ? length : present;
+  }
+};
+
+TEST(VarianceComponents, AreCorrectedByTheirUnitVariancesUntilTheLengthSettles) {
+  for (const double orientation : {2e-5, 2e-2}) {
+    const Poses poses(20, {.sigma = 3e-5, .orientation_sigma = orientation});
+    const ByHand expected(poses, 0.3);
+    EXPECT_NEAR(poses.length() / expected.length, 1.0, 1e-6) << orientation;
+    EXPECT_NEAR(UnitVariances(poses, expected.length).ratio, 1.0, 0.02) << orientation;
+  }
+}
+
+TEST(VarianceComponents, RestOnMoreThanTenDegreesOfFreedomOfEachKind) {
+  bool some = false;
+  bool none = false;
+  for (const int count : {9, 10, 11, 12}) {
+    Poses poses(count, {.sigma = 3e-5, .orientation_sigma = 2e-4});
+    poses.fit_options.joint.residuals.orientation_length = 0.5;
+    const ByHand expected(poses, 0.5);
+    ASSERT_GT(std::abs(expected.least_freedom - 10.0), 0.05) << count;
+    (expected.least_freedom > 10.0 ? some : none) = true;
+    EXPECT_NEAR(poses.length() / expected.length, 1.0, 1e-6) << count << ": " << expected.least_freedom;
+  }
+  EXPECT_TRUE(some && none);
+}
+
+TEST(VarianceComponents, StayBetweenAMillimetreAndAHundredMetres) {
+  EXPECT_DOUBLE_EQ(Poses(20, {.sigma = 1e-3, .orientation_sigma = 1e-6}).length(), 100.0);
+  EXPECT_DOUBLE_EQ(Poses(20, {.sigma = 1e-7, .orientation_sigma = 1e-2}).length(), 1e-3);
+}
+
+TEST(VarianceComponents, ArePresentOnesWhereNothingTellsThem) {
+  Poses exact(20, {});
+  exact.fit_options.joint.residuals.orientation_length = 0.7;
+  EXPECT_EQ(exact.length(), 0.7);
+  Poses points(20, {.sigma = 1e-4});
+  points.measured.orientations.clear();
+  points.fit_options.joint.residuals.orientation_length = 0.7;
+  EXPECT_EQ(points.length(), 0.7);
 }
 
 }  // namespace

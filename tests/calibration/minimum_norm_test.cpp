@@ -1,0 +1,99 @@
+#include "calibration/minimum_norm.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+
+// An arm fitted with all parameters of the complete model as candidates.
+struct Fitted : testing::VirtualExperiment {
+  Measurements measured;
+  CalibrationOptions options{.model = ModelChoice::complete};
+  FitOptions fit_options;
+  Estimate start;
+  WholeFit fit;
+
+  explicit Fitted(double sigma)
+      : VirtualExperiment({.random = Random(7)}),
+        measured(testing::without_sigmas(measure(30, {.sigma = sigma}))),
+        start(nominal_start(model, measured)) {
+    const ParameterChoice choice = choose_parameters(model, start.targets, options);
+    fit = fit_whole(task(), choice, Unknowns(model, start.targets, choice.free));
+  }
+  Fitted(const Fitted&) = delete;
+  Fitted& operator=(const Fitted&) = delete;
+
+  FitTask task() const {
+    return {.model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options};
+  }
+
+  // The derivative, along what is open, of the sum of squared errors in usual ones, over their size.
+  double slope() const {
+    const Estimate& estimate = fit.identification.estimate;
+    const Eigen::MatrixXd open = undetermined_directions(
+        LeastSquaresProblem(model, measured, fit.candidates).whitened_summary(estimate).triangle);
+    Eigen::VectorXd errors = Eigen::VectorXd::Zero(fit.candidates.size());
+    Eigen::VectorXd scale = errors;
+    for (Index c = 0; c < fit.candidates.size(); ++c) {
+      const Unknown& unknown = fit.candidates.columns()[static_cast<std::size_t>(c)];
+      if (unknown.group == UnknownGroup::geometric) {
+        scale[c] = unknown.length ? 1.0 / 0.003 : 1.0 / 0.005;
+        errors[c] = scale[c] * Unknowns::value(estimate, unknown);
+      }
+    }
+    const Eigen::MatrixXd along = scale.asDiagonal() * open;
+    return (along.transpose() * errors).norm() / (along.norm() * errors.norm());
+  }
+};
+
+TEST(MinimumNorm, ErrorsAreAsSmallAsTheyGetAlongWhatIsOpen) {
+  Fitted f(1e-5);
+  const double rms = f.fit.identification.rms;
+  EXPECT_GT(f.slope(), 1e-3);
+  EXPECT_TRUE(take_smallest_errors(f.task(), {}, f.fit));
+  EXPECT_LT(f.slope(), 1e-8);
+  EXPECT_NEAR(f.fit.identification.rms, rms, 1e-12);
+}
+
+TEST(MinimumNorm, NothingChangesWhereNothingIsOpenOrTheFitDidNotArrive) {
+  Fitted f(1e-5);
+  const WholeFit before = f.fit;
+  for (const Termination termination : {Termination::stalled, Termination::iteration_limit, Termination::diverged}) {
+    f.fit.identification.termination = termination;
+    EXPECT_FALSE(take_smallest_errors(f.task(), {}, f.fit));
+    EXPECT_EQ(f.fit.identification.estimate.errors, before.identification.estimate.errors);
+  }
+  f.fit = before;
+  f.fit.candidates = f.fit.free;
+  EXPECT_FALSE(take_smallest_errors(f.task(), {}, f.fit));
+  EXPECT_EQ(f.fit.identification.estimate.errors, before.identification.estimate.errors);
+}
+
+// What the way there may cost: a billionth of the misfit and a tenth of a nanometre.
+TEST(MinimumNorm, IsNotTakenWhereItCostsAMisfit) {
+  Fitted f(0.03);
+  const WholeFit before = f.fit;
+  const double rms = before.identification.rms;
+  ASSERT_TRUE(arrived(before.identification)) << before.identification.message;
+  ASSERT_GT(rms, 0.04);
+  for (const double share : {0.9, 1.1}) {
+    f.fit = before;
+    f.fit.identification.rms = rms - share * (1e-9 * rms + 1e-10);
+    EXPECT_EQ(take_smallest_errors(f.task(), {}, f.fit), share < 1.0) << share;
+    if (share > 1.0) {
+      EXPECT_EQ(f.fit.identification.estimate.errors, before.identification.estimate.errors);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,177 @@
+#include "calibration/predicted_accuracy.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "calibration/new_point.hpp"
+#include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/prediction.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// The truth as an estimate whose covariance is made up.
+struct Uncertain : testing::VirtualExperiment {
+  WholeFit fit;
+  MatrixXd covariance;
+  MatrixXd triangle;  // of the candidates
+  NoiseReport noise;
+  FoldPrediction held_out;
+  double price = 1.0;
+  Configurations asked;
+
+  explicit Uncertain(int count_of_targets)
+      : VirtualExperiment({.targets = published_targets(count_of_targets), .random = Random(4)}) {
+    fit.identification.estimate = robot.truth;
+    fit.free = free;
+    fit.candidates = free;
+    Random numbers(5);
+    const MatrixXd root = MatrixXd::NullaryExpr(free.size(), free.size(), [&] { return 1e-5 * numbers.normal(); });
+    covariance = root * root.transpose();
+    triangle = MatrixXd::Identity(free.size(), free.size());
+    noise.model = "residuals";
+    noise.degrees_of_freedom = 20.0;
+    noise.independent.setConstant(3e-5);
+    noise.misfit = 2e-5;
+  }
+
+  PredictedAccuracy predicted(const Measurements& measured) const {
+    return predicted_accuracy({.model = model,
+                               .fit = fit,
+                               .covariance = covariance,
+                               .triangle_of_candidates = triangle,
+                               .noise = noise,
+                               .held_out = held_out,
+                               .price_of_choosing = price},
+                              measured, asked);
+  }
+
+  void ask(const MatrixXd& q) {
+    asked.joint_values = q;
+    for (Index c = 0; c < q.cols(); ++c) {
+      asked.names.push_back("asked " + std::to_string(c));
+    }
+  }
+};
+
+TEST(PredictedAccuracy, OfAskedPointsIsThatOfTheirColumnsAndOfANewPoint) {
+  Uncertain u(3);
+  u.price = 1.4;
+  const Measurements measured = u.measure(12);
+  MatrixXd asked(6, 3);
+  asked << measured.joint_values.leftCols(2), measured.joint_values.col(2);
+  asked(3, 2) = 20.0;  // nowhere near
+  u.ask(asked);
+  const PredictedAccuracy found = u.predicted(measured);
+  EXPECT_EQ(found.radius_factor, 1.4);
+  ASSERT_EQ(found.asked.size(), 9U);
+  const Estimate& truth = u.robot.truth;
+  const PositionPredictor predictor(u.model, truth, u.free);
+  const KDL::Chain chain = error_chain(u.model, truth.errors);
+  for (std::size_t i = 0; i < 9; ++i) {
+    const PredictedPoint& point = found.asked[i];
+    const auto c = static_cast<Index>(i / 3);
+    SCOPED_TRACE(point.configuration + " " + point.target);
+    EXPECT_EQ(point.configuration, "asked " + std::to_string(c));
+    EXPECT_EQ(point.target, truth.targets[i % 3].name);
+    const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, asked.col(c)));
+    const Vector3d place = X_BF * truth.targets[i % 3].X_FT.translation();
+    EXPECT_LT((point.position - place).norm(), 1e-12);
+    EXPECT_LT((point.position_W - truth.X_WB * place).norm(), 1e-12);
+    const Eigen::Matrix3d P = predicted_covariance(predictor, u.covariance, asked.col(c), i % 3);
+    EXPECT_LT((point.std - P.diagonal().cwiseSqrt()).norm(), 1e-9 * point.std.norm());
+    EXPECT_NEAR(point.sigma, std::sqrt(P.trace()), 1e-9 * point.sigma);
+    const NewPoint fresh = new_point({.covariance = P, .place = truth.X_WB * place}, u.noise);
+    EXPECT_NEAR(point.radius_95, 1.4 * fresh.radius_95, 1e-9 * point.radius_95);
+    EXPECT_EQ(point.degrees_of_freedom, fresh.degrees_of_freedom);
+    EXPECT_EQ(point.outside, c == 2);
+  }
+}
+
+TEST(PredictedAccuracy, WhereItWasMeasuredIsThatOfTheFirstThousandConfigurations) {
+  Uncertain u(2);
+  Measurements measured = u.measure(1003);
+  const PredictedAccuracy found = u.predicted(measured);
+  const PositionPredictor predictor(u.model, u.robot.truth, u.free);
+  std::vector<double> sigmas;
+  for (Index c = 0; c < 1000; ++c) {
+    for (std::size_t k = 0; k < 2; ++k) {
+      const auto P = predicted_covariance(predictor, u.covariance, measured.joint_values.col(c), k);
+      sigmas.push_back(std::sqrt(P.trace()));
+    }
+  }
+  const ErrorStatistics expected = error_statistics(sigmas);
+  EXPECT_EQ(found.measured.count, 2000);
+  EXPECT_NEAR(found.measured.rms, expected.rms, 1e-9 * expected.rms);
+  EXPECT_NEAR(found.measured.max, expected.max, 1e-9 * expected.max);
+  EXPECT_EQ(found.workspace.count, 2000);
+  EXPECT_TRUE(found.asked.empty());
+  int cells = 0;
+  for (const WorkspaceCell& cell : found.cells) {
+    cells += cell.count;
+  }
+  EXPECT_EQ(cells, 1000);
+}
+
+TEST(PredictedAccuracy, OfColumnsThatAreNotDeterminedIsOfAskedPointsAlone) {
+  Uncertain u(1);
+  const Measurements measured = u.measure(5);
+  u.ask(measured.joint_values.leftCols(1));
+  u.covariance(3, 3) = kInfinity;
+  const PredictedAccuracy found = u.predicted(measured);
+  EXPECT_EQ(found.asked.size(), 1U);
+  EXPECT_EQ(found.measured.count, 0);
+  EXPECT_EQ(found.workspace.count, 0);
+}
+
+// Base and first joint turn the arm alike: what is open between them moves no point, and a shift beside it moves all.
+TEST(PredictedAccuracy, IsInfiniteWhereWhatIsOpenMovesThePointByAMillionth) {
+  Uncertain u(1);
+  const Measurements measured = u.measure(5);
+  u.ask(measured.joint_values.leftCols(1));
+  std::vector<std::string> names = u.free.names();
+  names.emplace_back("dq1");
+  u.fit.candidates = Unknowns(u.model, u.targets, names);
+  const Unknowns& candidates = u.fit.candidates;
+  const MatrixXd J = PositionPredictor(u.model, u.robot.truth, candidates).jacobians(measured.joint_values.col(0))[0];
+  VectorXd open = VectorXd::Zero(candidates.size());
+  open[*candidates.column("base.Rz")] = -1.0;
+  open[*candidates.column("dq1")] = 1.0;
+  // What the base's turn leaves of the joint's is made up for by shifts, so that nothing moves.
+  const Vector3d left = J * open;
+  for (int axis = 0; axis < 3; ++axis) {
+    const Index shift = *candidates.column(std::string("base.T") + "xyz"[axis]);
+    open[shift] -= (u.robot.truth.X_WB.linear().transpose() * left)[axis];
+  }
+  ASSERT_LT((J * open).norm(), 1e-12);
+  const double sizes = (J.cwiseAbs() * open.cwiseAbs()).sum();
+  for (const double share : {0.0, 0.9e-6, 1.1e-6}) {
+    VectorXd moving = open;
+    moving[*candidates.column("base.Tx")] += share * sizes;
+    moving.normalize();
+    u.triangle = MatrixXd::Identity(candidates.size(), candidates.size()) - moving * moving.transpose();
+    ASSERT_EQ(undetermined_directions(u.triangle).cols(), 1);
+    const PredictedAccuracy found = u.predicted(measured);
+    ASSERT_EQ(found.asked.size(), 1U);
+    EXPECT_EQ(std::isinf(found.asked[0].sigma), share > 1e-6) << share;
+    EXPECT_EQ(std::isinf(found.asked[0].radius_95), share > 1e-6) << share;
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration

@@ -1,0 +1,139 @@
+#include "calibration/whole_fit.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <functional>
+
+#include "kdl_calibration/effect_terms.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "refusal.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using ::testing::HasSubstr;
+using testing::refusal;
+
+struct Arm : testing::VirtualExperiment {
+  Measurements measured;
+  CalibrationOptions options;
+  FitOptions fit_options;
+  Estimate start;
+
+  explicit Arm(const testing::VirtualExperimentOptions& of = {}, int count = 20, const MeasuringNoise& noise = {})
+      : VirtualExperiment(of),
+        measured(testing::without_sigmas(measure(count, noise))),
+        start(nominal_start(model, measured)) {}
+
+  WholeFit fitted() const {
+    const ParameterChoice choice = choose_parameters(model, start.targets, options, {.configurations = 20});
+    return fit_whole(
+        {.model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options},
+        choice, Unknowns(model, start.targets, choice.free));
+  }
+};
+
+TEST(WholeFit, TheTwoStepProcedureRefusesWhatItWasNotPublishedFor) {
+  const Arm arm({}, 12, {.sigma = 1e-5, .repeats = 2});
+  const auto refused = [&](const std::function<void(Arm&)>& change) {
+    Arm changed = arm;
+    changed.options.method = Method::two_step;
+    changed.options.iterations = 2;
+    change(changed);
+    return refusal([&] { changed.fitted(); });
+  };
+  EXPECT_EQ(refused([](Arm&) {}), "nothing was refused");
+  const std::string frames = "method: the two-step procedure finds base and targets, which cannot be known or fixed";
+  EXPECT_EQ(refused([](Arm& a) { a.options.known_base = a.start.X_WB; }), frames);
+  EXPECT_EQ(refused([](Arm& a) { a.options.known_targets = a.start.targets; }), frames);
+  EXPECT_EQ(refused([](Arm& a) { a.options.known_targets = {a.start.targets[0], a.start.targets[2]}; }), frames);
+  EXPECT_EQ(refused([](Arm& a) {
+              a.measured.orientations.assign(a.measured.observations.size(), Eigen::Quaterniond::Identity());
+              a.measured.source = "poses.csv";
+            }),
+            "method: the two-step procedure fits points; the measured orientations of poses.csv need the joint "
+            "estimate");
+  const std::string more = "method: the published two-step procedure has no priors, effects, losses or noise model";
+  EXPECT_EQ(refused([](Arm& a) { a.options.automatic_priors = true; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.priors.length = 1e-3; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.priors.angle = 1e-3; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.effects.automatic = true; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.effects.groups = {EffectGroup::gain}; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.loss = Loss::huber; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.weights = Weights::repeats; }), more);
+}
+
+// Joints that hardly move tell so little that the two steps go on and on.
+TEST(WholeFit, TheTwoStepProcedureTakesAThousandRoundsUnlessToldOtherwise) {
+  const auto a_little = [](const std::vector<MovingJoint>& joints) { return JointRanges(joints.size(), {0.1, 0.4}); };
+  Arm arm({.targets = published_targets(1), .ranges = a_little}, 10);
+  arm.options.method = Method::two_step;
+  const Identification found = arm.fitted().identification;
+  EXPECT_EQ(found.termination, Termination::iteration_limit) << found.message;
+  EXPECT_EQ(found.iterations, 1000);
+  for (const int rounds : {1, 3}) {
+    arm.options.iterations = rounds;
+    EXPECT_EQ(arm.fitted().identification.iterations, rounds);
+  }
+}
+
+TEST(WholeFit, OfRobustLossesHasTheirWeightsAndScale) {
+  Arm arm({}, 16, {.sigma = 1e-4});
+  arm.measured.observations[5].position.x() += 0.02;
+  arm.fit_options.loss = Loss::tukey;
+  arm.options.loss = Loss::tukey;
+  const WholeFit found = arm.fitted();
+  const RobustIdentification expected = identify_robustly({.model = arm.model,
+                                                           .measurements = arm.measured,
+                                                           .start = arm.start,
+                                                           .free = arm.free,
+                                                           .options = arm.fit_options});
+  EXPECT_EQ(found.robust.weights, expected.weights);
+  EXPECT_EQ(found.robust.scale, expected.scale);
+  EXPECT_EQ(found.identification.estimate.errors, expected.fit.estimate.errors);
+  EXPECT_EQ(found.free, arm.free);
+  EXPECT_EQ(found.candidates, arm.free);
+  arm.fit_options.loss = Loss::none;
+  EXPECT_TRUE(arm.fitted().robust.weights.empty());
+}
+
+TEST(WholeFit, ArrivedWhereItsGradientVanishes) {
+  for (const Termination termination : {Termination::converged, Termination::rank_deficient, Termination::stalled,
+                                        Termination::iteration_limit, Termination::diverged}) {
+    const bool expected = termination == Termination::converged || termination == Termination::rank_deficient;
+    EXPECT_EQ(arrived({.termination = termination}), expected) << to_string(termination);
+  }
+}
+
+// The rank of the columns of these names at an estimate.
+Eigen::Index rank_of(const Arm& arm, const Estimate& estimate, const Unknowns& columns) {
+  const Eigen::MatrixXd J = LeastSquaresProblem(arm.model, arm.measured, columns).whitened(estimate).jacobian;
+  const Eigen::VectorXd scale = J.colwise().norm().unaryExpr([](double n) { return n > 0.0 ? 1.0 / n : 0.0; });
+  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(Eigen::MatrixXd(J * scale.asDiagonal()));
+  qr.setThreshold(1e-7);
+  return qr.rank();
+}
+
+TEST(WholeFit, KeepsOfTheCandidatesAsManyAsTheMeasurementsTellAndTheFirstOfThem) {
+  Arm arm({}, 2);
+  for (const int held : {0, 2, 5}) {
+    Eigen::MatrixXd q = arm.configurations(25);
+    q.row(held).setConstant(0.3);
+    arm.measured = arm.measure(q);
+    arm.start = nominal_start(arm.model, arm.measured);
+    const WholeFit found = arm.fitted();
+    const Estimate& estimate = found.identification.estimate;
+    EXPECT_EQ(found.free.size(), rank_of(arm, estimate, found.candidates)) << held;
+    EXPECT_EQ(found.free.size(), rank_of(arm, estimate, found.free)) << held;
+    EXPECT_LT(found.free.size(), found.candidates.size());
+    EXPECT_EQ(found.free.range(UnknownGroup::base).count, 6) << "base comes first";
+    EXPECT_LT(found.identification.rms, 1e-10);
+    EXPECT_EQ(found.identification.rms_history.size(), static_cast<std::size_t>(found.identification.iterations));
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration
