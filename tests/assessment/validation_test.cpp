@@ -35,7 +35,14 @@ TEST(Validation, StatisticsAreTheTextbookOnes) {
 struct Fixture : testing::VirtualExperiment {
   Measurements measured;
 
-  explicit Fixture(int repeats = 1) : measured(measure(20, {.sigma = 0.00003, .repeats = repeats})) {}
+  explicit Fixture(int repeats = 1)
+      : VirtualExperiment(arm()), measured(measure(20, {.sigma = 0.00003, .repeats = repeats})) {}
+
+private:
+  static const VirtualExperiment& arm() {
+    static const VirtualExperiment experiment;
+    return experiment;
+  }
 };
 
 TEST(Validation, PositionErrorsAreTheDistancesToThePrediction) {

@@ -12,12 +12,14 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <optional>
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "record.hpp"
+#include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
@@ -639,6 +641,232 @@ TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {
     EXPECT_EQ(one.tried[i].held_out_rms, three.tried[i].held_out_rms);
   }
   EXPECT_THAT(one.tried.front().effects, ::testing::IsEmpty());  // there is none in the simulation
+}
+
+// ---- what the parts of a result are ---------------------------------------------------------------------------------
+
+const CalibrationOptions kFitAlone{.weights = Weights::equal, .held_out = false, .try_readings = false};
+
+TEST(Calibration, JudgesByTheLinearisedProblemAtItsEnd) {
+  VirtualExperiment experiment({.random = Random(16)});
+  Measurements measured = testing::without_sigmas(experiment.measure(24, {.sigma = 3e-5, .repeats = 2}));
+  measured.joint_values.col(7) = measured.joint_values.col(6);
+  measured = subset(measured, [](const Observation& o) { return o.configuration != 7; });
+  CalibrationOptions options = kFitAlone;
+  options.noise.independent = Eigen::Vector3d(2e-5, 3e-5, 4e-5);
+  const Calibration found = calibrate(experiment.model, measured, options);
+  const Estimate& estimate = found.identification.estimate;
+  const ResidualOptions residuals{.noise = options.noise};
+  const LeastSquaresProblem problem(found.model, measured, found.free, residuals);
+  const Eigen::MatrixXd triangle = problem.whitened_summary(estimate).triangle;
+  const Identifiability judged = identifiability(triangle, found.free.names());
+  EXPECT_EQ(found.identifiability.columns, 33);
+  EXPECT_NEAR(found.identifiability.condition / judged.condition, 1.0, 1e-9);
+  const ObservabilityIndices observed = observability_indices(triangle, 23);
+  EXPECT_NEAR(found.observability.O1 / observed.O1, 1.0, 1e-9);
+  EXPECT_NEAR(found.observability.O5 / observed.O5, 1.0, 1e-9);
+  const Influence expected = influence(problem, measured, residuals, estimate, triangle);
+  ASSERT_EQ(found.influence.configurations.size(), 23U);
+  for (std::size_t c = 0; c < 23; ++c) {
+    EXPECT_NEAR(found.influence.configurations[c].leverage, expected.configurations[c].leverage, 1e-9);
+    EXPECT_NEAR(found.influence.configurations[c].cook, expected.configurations[c].cook, 1e-9);
+  }
+  const std::optional<LackOfFit> lack = test_lack_of_fit(found.model, measured, estimate, found.free);
+  ASSERT_TRUE(found.lack_of_fit && lack);
+  EXPECT_EQ(found.lack_of_fit->f, lack->f);
+  EXPECT_EQ(found.lack_of_fit->explained_by_joint, explained_by_joints(found.model, estimate, measured));
+  EXPECT_EQ(found.difference_to_kdl, difference_to_kdl(found.model, estimate.errors, measured.joint_values));
+  EXPECT_EQ(found.reduction.kept, experiment.reduction.kept);
+  EXPECT_EQ(found.candidates, found.free);
+  EXPECT_EQ(found.priors.length, 0.0);
+  EXPECT_FALSE(found.noise.orientation_length.has_value());
+  EXPECT_TRUE(found.weights.empty());
+  EXPECT_TRUE(found.tried.empty());
+}
+
+TEST(Calibration, WeighsOrientationsByTheirResidualsUnlessTheirSigmaIsStated) {
+  VirtualExperiment experiment({.targets = testing::as_frames(published_targets(1)), .random = Random(17)});
+  const Measurements measured =
+      testing::without_sigmas(experiment.measure(25, {.sigma = 3e-5, .orientation_sigma = 1e-3}));
+  CalibrationOptions options = kFitAlone;
+  options.noise.independent.setConstant(3e-5);
+  const Calibration unstated = calibrate(experiment.model, measured, options);
+  ASSERT_TRUE(unstated.noise.orientation_length.has_value());
+  EXPECT_NEAR(*unstated.noise.orientation_length / 0.03, 1.0, 0.3);
+  options.noise.orientation = 1e-3;
+  EXPECT_FALSE(calibrate(experiment.model, measured, options).noise.orientation_length.has_value());
+}
+
+TEST(Calibration, PriorsOfOneKindAloneStandBesideTheNoiseOfThePlainFit) {
+  VirtualExperiment experiment({.random = Random(18)});
+  const Measurements measured = testing::without_sigmas(experiment.measure(14, {.sigma = 1e-4}));
+  const Calibration plain = calibrate(experiment.model, measured, kFitAlone);
+  for (const Priors& priors : {Priors{.length = 2e-4}, Priors{.angle = 2e-4}}) {
+    CalibrationOptions options = kFitAlone;
+    options.priors = priors;
+    const Calibration unstated = calibrate(experiment.model, measured, options);
+    options.noise.independent.setConstant(plain.noise.sigma);
+    const Calibration stated = calibrate(experiment.model, measured, options);
+    const auto from_stated = [&](const Calibration& other) {
+      return (other.identification.estimate.errors - stated.identification.estimate.errors).norm();
+    };
+    EXPECT_LT(from_stated(unstated), 1e-7) << priors.length;
+    EXPECT_GT(from_stated(plain), 1e-5) << priors.length;
+    EXPECT_EQ(stated.priors.length, priors.length);
+    EXPECT_EQ(stated.priors.angle, priors.angle);
+    // What the measurements tell by themselves, at nearly the same place.
+    EXPECT_NEAR(stated.identifiability.condition / plain.identifiability.condition, 1.0, 0.01) << priors.length;
+  }
+}
+
+TEST(Calibration, RowsThatAreNotFittedHaveFullWeightInARobustFit) {
+  Simulated s(19, 3e-5);
+  for (Observation& observation : s.measured.observations) {
+    observation.split = observation.configuration % 5 == 2 ? Split::test : Split::train;
+  }
+  s.measured.observations[0].position.x() += 0.01;
+  s.measured.observations[6].position.x() += 0.01;  // a test row
+  const Calibration found =
+      calibrate(s.model, s.measured, {.loss = Loss::tukey, .held_out = false, .try_readings = false});
+  ASSERT_EQ(found.weights.size(), 90U);
+  EXPECT_LT(found.weights[0], 0.01);
+  for (std::size_t row = 0; row < 90; ++row) {
+    if (s.measured.observations[row].split == Split::test) {
+      EXPECT_EQ(found.weights[row], 1.0) << row;
+    }
+  }
+}
+
+// A fourth target that was measured anywhere but where it is: of no row's weight anything is left.
+TEST(Calibration, NothingBecomesUndeterminedByAWeight) {
+  VirtualExperiment experiment({.targets = published_targets(4), .random = Random(20)});
+  Measurements measured = subset(testing::without_sigmas(experiment.measure(30, {.sigma = 3e-5})),
+                                 [](const Observation& o) { return o.target != 3 || o.configuration < 4; });
+  for (Observation& observation : measured.observations) {
+    for (double& coordinate : observation.position) {
+      coordinate += observation.target == 3 ? experiment.random.uniform(-1.0, 1.0) : 0.0;
+    }
+  }
+  CalibrationOptions options = kFitAlone;
+  options.loss = Loss::tukey;
+  const Calibration found = calibrate(experiment.model, measured, options);
+  ResidualOptions residuals{.row_weights = found.weights};
+  int none = 0;
+  for (double& weight : residuals.row_weights) {
+    none += weight < 1e-12 ? 1 : 0;
+    weight = std::max(weight, 1e-9);
+  }
+  ASSERT_EQ(none, 4);
+  const LeastSquaresProblem problem(found.model, measured, found.free, residuals);
+  const Identifiability expected =
+      identifiability(problem.whitened_summary(found.identification.estimate).triangle, found.free.names());
+  EXPECT_EQ(found.identifiability.rank, 36);
+  EXPECT_NEAR(found.identifiability.condition / expected.condition, 1.0, 1e-6);
+}
+
+std::string refused(const ErrorModel& model, const Measurements& measured, const CalibrationOptions& options) {
+  return testing::refusal([&] { calibrate(model, measured, options); });
+}
+
+TEST(Calibration, RefusesPredictionsThatDoNotHoldTogetherAndFitsOfNothing) {
+  const Simulated s(21, 3e-5);
+  CalibrationOptions options = kFitAlone;
+  options.predict_at.names = {"a"};
+  EXPECT_THAT(refused(s.model, s.measured, options), HasSubstr("0 joint values to predict at, expected 6"));
+  options.predict_at = {.names = {}, .joint_values = s.measured.joint_values.leftCols(1), .signals = {}};
+  EXPECT_THAT(refused(s.model, s.measured, options), HasSubstr("0 names of configurations to predict at, expected 1"));
+  options.predict_at.names = {"a"};
+  options.predict_at.joint_values(3, 0) = std::nan("");
+  EXPECT_THAT(refused(s.model, s.measured, options), HasSubstr("where to predict"));
+  options = kFitAlone;
+  options.known_base = s.robot.truth.X_WB;
+  options.known_targets = s.robot.truth.targets;
+  options.fix = {"*"};
+  EXPECT_THAT(refused(s.model, s.measured, options),
+              HasSubstr("fix: leaves nothing to estimate of base, targets and geometric errors; validation predicts"));
+}
+
+TEST(Calibration, TakesAsManyIterationsAsItMay) {
+  const Simulated s(22, 3e-5);
+  for (const int iterations : {1, 2}) {
+    CalibrationOptions options = kFitAlone;
+    options.iterations = iterations;
+    const Calibration found = calibrate(s.model, s.measured, options);
+    EXPECT_EQ(found.identification.termination, Termination::iteration_limit);
+    EXPECT_EQ(found.identification.iterations, iterations);
+  }
+  EXPECT_EQ(calibrate(s.model, s.measured, kFitAlone).identification.termination, Termination::converged);
+}
+
+// ---- findings beside what the whole of the data may be taken for ----------------------------------------------------
+
+std::vector<std::pair<QualityKind, std::vector<std::string>>> kinds_of(const std::vector<QualityFinding>& findings) {
+  std::vector<std::pair<QualityKind, std::vector<std::string>>> kinds;
+  for (const QualityFinding& finding : findings) {
+    kinds.emplace_back(finding.kind, finding.targets);
+  }
+  return kinds;
+}
+
+std::vector<std::string> doubted(const Calibration& found) {
+  std::vector<std::string> causes;
+  for (const Suspicion& suspicion : found.suspicions) {
+    if (suspicion.doubt) {
+      causes.push_back(suspicion.cause);
+    }
+  }
+  return causes;
+}
+
+struct Beside {
+  Calibration alone;  // no reading is tried
+  Calibration found;
+
+  Beside(const ErrorModel& model, const Measurements& measured)
+      : alone(calibrate(model, measured, {.held_out = false, .try_readings = false})),
+        found(calibrate(model, measured, {.held_out = false})) {}
+};
+
+// The third target slipped when the tripod was knocked.
+TEST(Calibration, AccusesNoTargetWhereTheBaseMoved) {
+  Simulated s(23, 3e-5);
+  const auto X_BF = flange_poses(s.model, s.robot.truth, s.measured.joint_values);
+  for (Observation& o : s.measured.observations) {
+    if (o.configuration >= 15) {
+      const Eigen::Vector3d slip(0.0008, 0.0, 0.0006);
+      o.position += o.target == 2 ? X_BF[static_cast<std::size_t>(o.configuration)].linear() * slip
+                                  : Eigen::Vector3d::Zero().eval();
+      o.position += Eigen::Vector3d(0.004, -0.003, 0.002);
+    }
+  }
+  const Beside beside(s.model, s.measured);
+  const auto is_slip = [](const QualityFinding& f) { return f.kind == QualityKind::slipped_target; };
+  std::vector<QualityFinding> expected = beside.alone.findings;
+  std::erase_if(expected, is_slip);
+  EXPECT_THAT(doubted(beside.found), Contains("moved_base"));
+  EXPECT_EQ(kinds_of(beside.found.findings), kinds_of(expected));
+  EXPECT_TRUE(std::any_of(beside.alone.findings.begin(), beside.alone.findings.end(), is_slip));
+}
+
+TEST(Calibration, NamesNoRowsWhereTargetsWereExchanged) {
+  Simulated s(24, 3e-5);
+  for (std::size_t row = 45; row < 90; row += 3) {
+    std::swap(s.measured.observations[row].position, s.measured.observations[row + 1].position);
+  }
+  const Beside beside(s.model, s.measured);
+  EXPECT_THAT(doubted(beside.found), Contains("exchanged_targets"));
+  EXPECT_THAT(beside.found.findings, ::testing::IsEmpty());
+  EXPECT_THAT(beside.alone.findings, Not(::testing::IsEmpty()));
+}
+
+TEST(Calibration, TrustsDistancesAloneWhereJointValuesWereReadWrongly) {
+  Simulated s(25, 3e-5);
+  s.measured.joint_values.row(0) *= 1.02;
+  s.measured.observations[9].position.y() += 0.01;
+  const Beside beside(s.model, s.measured);
+  EXPECT_THAT(doubted(beside.found), Contains("joint_gain"));
+  EXPECT_EQ(kinds_of(beside.found.findings), kinds_of(check_distances(s.measured)));
+  EXPECT_NE(kinds_of(beside.alone.findings), kinds_of(beside.found.findings));
 }
 
 Measurements real_measurements() {

@@ -392,6 +392,8 @@ TEST(Doubts, WhereNothingIsGainedTheUrdfIsTheOneThatWasRead) {
   EXPECT_TRUE(calibrated_urdf(robot, found) == robot.urdf);
   EXPECT_EQ(found.exported.train.rms, found.train.before.rms);
   EXPECT_EQ(found.exported.held_out->rms, found.leave_one_out->before.rms);
+  EXPECT_EQ(found.exported.iso.accuracy.rms, found.iso_before.accuracy.rms);
+  EXPECT_TRUE(found.exported.estimate.errors.isZero(0.0));
   const Calibration gained = clean();
   EXPECT_FALSE(gained.exported.nominal_kept);
   EXPECT_TRUE(calibrated_urdf(robot, gained) ==
@@ -416,6 +418,7 @@ TEST(HeldOut, IsLeaveOneOutAndTenFoldsOfMany) {
     EXPECT_EQ(found.k_fold.has_value(), !singly) << count;
     EXPECT_EQ(found.folds, singly ? 0 : 10) << count;
     EXPECT_EQ(found.held_out()->after.count, 2 * count) << count;
+    EXPECT_EQ(found.influence.configurations.size(), singly ? static_cast<std::size_t>(count) : 0U) << "one by one";
   }
 }
 
