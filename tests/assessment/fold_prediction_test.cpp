@@ -267,12 +267,12 @@ TEST(FoldPrediction, IsARefitWhereItIsOffByMoreThanATenthOfTheNoise) {
 
 TEST(FoldPrediction, CallsBehindEachFoldThatIsPredictedWithoutAFit) {
   testing::VirtualExperiment experiment = arm();
-  const Measurements measured = experiment.measure(16, {.sigma = 1e-6});
+  const Measurements measured = experiment.measure(40, {.sigma = 1e-6});
   FitProblem problem = at_optimum(experiment, measured);
   std::atomic<int> fits = 0;
   problem.options.after_fit = [&] { ++fits; };
-  EXPECT_EQ(predicted(problem, one_by_one(16), 1e-3).refits, 0);
-  EXPECT_EQ(fits, 16);
+  EXPECT_EQ(predicted(problem, one_by_one(40), 1e-3).refits, 0);
+  EXPECT_EQ(fits, 40);
 }
 
 TEST(FoldPrediction, OfExactMeasurementsMayBeOffByATenthOfANanometre) {
