@@ -7,7 +7,6 @@
 #include <cmath>
 #include <map>
 #include <numeric>
-#include <set>
 
 #include "assessment/folds.hpp"
 #include "kdl_calibration/fold_sums.hpp"

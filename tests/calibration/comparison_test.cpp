@@ -4,12 +4,9 @@
 
 #include <gmock/gmock.h>
 
-#include <algorithm>
 #include <cmath>
 
-#include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"
 

@@ -8,8 +8,6 @@
 #include <limits>
 
 #include "dense_fit.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "virtual_experiment.hpp"

@@ -3,14 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
 
 #include "calibration/new_point.hpp"
 #include "kdl_calibration/covariance.hpp"
-#include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/prediction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"

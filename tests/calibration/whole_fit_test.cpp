@@ -6,7 +6,6 @@
 #include <cmath>
 #include <functional>
 
-#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
@@ -14,7 +13,6 @@
 namespace kdl_calibration {
 namespace {
 
-using ::testing::HasSubstr;
 using testing::refusal;
 
 struct Arm : testing::VirtualExperiment {
