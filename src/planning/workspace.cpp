@@ -26,9 +26,9 @@ using Eigen::VectorXd;
 constexpr std::size_t kBlock = 4096;  // samples drawn before the next look at how many passed
 constexpr std::size_t kMostConstraints = 64;
 
-std::string millimetres(double metres) { return shortest(std::round(metres * 1e6) * 1e-3) + " mm"; }
+std::string millimetres(double metres) { return shortest(std::round(metres * 1e6) / 1e3) + " mm"; }
 std::string degrees(double radians) {
-  return shortest(std::round(radians * 180.0 / std::numbers::pi * 1e6) * 1e-6) + " deg";
+  return shortest(std::round(radians * 180.0 / std::numbers::pi * 1e6) / 1e6) + " deg";
 }
 
 // Where everything is at one sample; all in the base frame.

@@ -9,11 +9,13 @@
 #include <functional>
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <limits>
+#include <numbers>
 #include <utility>
 #include <vector>
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
+#include "refusal.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration {
@@ -309,6 +311,61 @@ TEST(WorkspaceLimits, SumsHoldAtBothOfTheirBounds) {
   g.expect_violates("range of diagonal", 0.25 - 1e-14, 0.5, 3.0);
 }
 
+TEST(WorkspaceLimits, NumbersInNamesAreRoundedToWhatMatters) {
+  Gantry g;
+  g.cell.height = 7.12345678;
+  g.expect_violates("least height 7123.457 mm", 0.0, 0.0, 0.0);
+  g.cell.height.reset();
+  g.cell.facing = {Vector3d::UnitX()};
+  g.cell.tracker = Tracker{.position = {-1.0, 0.0, 0.0}, .acceptance = 12.3456789012 * kDegree};
+  g.expect_violates("acceptance angle 12.345679 deg", 0.0, 0.0, 0.0);
+  g.cell.tracker->acceptance = std::numbers::pi;  // which every direction is within
+  g.expect_holds(0.0, 0.0, 0.0);
+}
+
+TEST(WorkspaceLimits, ABoxOfOneSideAloneIsOne) {
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const bool upper : {false, true}) {
+      Gantry g;
+      (upper ? g.cell.box.upper : g.cell.box.lower)[axis] = 1.0;
+      Vector3d p = Vector3d::Zero();
+      p[axis] = upper ? 2.0 : 0.0;
+      g.expect_violates("workspace box", p.x(), p.y(), p.z());
+      p[axis] = upper ? 0.0 : 2.0;
+      g.expect_holds(p.x(), p.y(), p.z());
+    }
+  }
+}
+
+TEST(WorkspaceLimits, ConstraintsAre64) {
+  Gantry g;
+  const Sphere far{.center = {100.0, 0.0, 0.0}, .radius = 1.0};
+  g.cell.out_spheres.assign(63, far);
+  g.cell.out_spheres.push_back({.center = {0.0, 0.0, 0.0}, .radius = 1.0});
+  g.expect_violates("keep-out sphere 64", 0.0, 0.0, 0.0);
+  g.expect_holds(2.0, 0.0, 0.0);
+  g.cell.out_spheres.push_back(far);
+  try {
+    g.at(0.0, 0.0, 0.0);
+    FAIL() << "65 constraints were taken";
+  } catch (const InputError& error) {
+    EXPECT_STREQ(error.what(), "the cell has 65 constraints, expected at most 64");
+  }
+}
+
+TEST(WorkspaceLimits, GivesUpAfter100000SamplesAnd200ForEachCandidate) {
+  Gantry g;
+  g.cell.height = 9.0;  // beyond the limit of the joint
+  try {
+    candidates(g.robot, g.targets, g.cell, {.count = 7});
+    FAIL() << "found candidates that cannot be";
+  } catch (const InputError& error) {
+    EXPECT_STREQ(error.what(),
+                 "the constraints leave 0 of 101400 sampled configurations, expected 7; least height "
+                 "9000 mm removes 101400 (101400 alone)");
+  }
+}
+
 TEST(WorkspaceLimits, BoxHeightAndRadiusHoldOnTheirBoundary) {
   Gantry box;
   box.cell.box = {.lower = {-1.0, -0.5, 0.25}, .upper = {1.5, 2.0, 0.75}};
@@ -519,13 +576,26 @@ TEST(Workspace, WhatCarriesTheTargetMayEncloseItButOthersMayNot) {
 TEST(Workspace, RefusesCellsThatDoNotFit) {
   const Robot robot = testing::fanuc();
   Cell cell;
-  EXPECT_THROW(candidates(robot, circle_of_targets(), cell), InputError);
+  const auto refused = [&] {
+    return testing::refusal([&] { candidates(robot, circle_of_targets(), cell, {.count = 1}); });
+  };
+  const std::string ranges = "the cell's joint ranges do not fit the robot, expected 6 joints";
+  EXPECT_EQ(refused(), ranges);
   cell.ranges = limits_of(robot.joints);
+  cell.sums = {{.name = "short", .weights = Eigen::VectorXd::Ones(5)}};
+  EXPECT_EQ(refused(), ranges);
+  cell.sums.clear();
   cell.ranges[2] = {1.0, -1.0};
-  EXPECT_THROW(candidates(robot, circle_of_targets(), cell), InputError);
-  cell.ranges[2] = {-1.0, 1.0};
+  EXPECT_EQ(refused(), "joint 'joint_3': its range is empty, expected one within the joint's limits");
+  cell.ranges[2] = {0.5, 0.5};
+  EXPECT_EQ(refused(), "nothing was refused");
   cell.facing = {Vector3d::UnitX()};
-  EXPECT_THROW(candidates(robot, circle_of_targets(), cell), InputError);
+  EXPECT_EQ(refused(), "the cell has 1 facing directions, expected one for each of 3 targets");
+  cell.facing.clear();
+  cell.body = {{.link = "x", .frame = robot.chain.getNrOfSegments() + 1}};
+  EXPECT_EQ(refused(), "the body of link 'x' belongs to no frame of the robot");
+  cell.body[0].frame = robot.chain.getNrOfSegments();
+  EXPECT_EQ(refused(), "nothing was refused");
 }
 
 TEST(Workspace, RefusesCellsOfWhatIsNoNumber) {
