@@ -18,6 +18,14 @@ inline std::string decimals(double value, int count) {
   return text.data() + (is_zero && text[0] == '-' ? 1 : 0);
 }
 
+/// printf.
+template <class... Values>
+std::string printed(const char* format, Values... values) {
+  std::array<char, 1000> text{};
+  std::snprintf(text.data(), text.size(), format, values...);
+  return text.data();
+}
+
 /// The text without blanks at either end, and each run of blanks as one.
 inline std::string squeezed(std::string_view text) {
   std::string result;

@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <iomanip>
 #include <kdl/chainfksolverpos_recursive.hpp>
+#include <numbers>
 #include <sstream>
 
 #include "kdl_calibration/input_error.hpp"
@@ -235,6 +237,76 @@ TEST(ArmBody, SaysWhichLinksHaveNoShapeItKnows) {
   const ArmBody body = body_from_urdf(robot);
   EXPECT_TRUE(body.capsules.empty());
   EXPECT_THAT(body.without_shape, ::testing::ElementsAre("a", "b"));
+}
+
+TEST(ArmBody, ALinkWithAMeshBesideItsOtherShapesIsNamedToo) {
+  const Robot robot = with_shapes(
+      "<collision><geometry><sphere radius='0.25'/></geometry></collision>"
+      "<collision><geometry><mesh filename='package://no/such.stl'/></geometry></collision>");
+  const ArmBody body = body_from_urdf(robot);
+  ASSERT_EQ(body.capsules.size(), 1U);
+  EXPECT_EQ(body.capsules[0].link, "a");
+  EXPECT_EQ(body.capsules[0].frame, 0U);
+  EXPECT_THAT(body.without_shape, ::testing::ElementsAre("a", "b"));
+}
+
+// Three joints that turn about z, x and y; the last one's axis passes the point where the others meet at this distance.
+Robot wrist_with_an_offset(double offset, const std::string& last = "revolute") {
+  std::string urdf = "<robot name='r'><link name='l0'/><link name='l1'/><link name='l2'/><link name='l3'/>";
+  const std::vector<std::string> axes = {"0 0 1", "1 0 0", "0 1 0"};
+  for (std::size_t i = 1; i <= 3; ++i) {
+    const std::string n = std::to_string(i);
+    const std::string x = i == 2 ? number(offset) : "0";  // the first two axes pass each other
+    urdf += "<joint name='j" + n + "' type='" + (i == 3 ? last : "revolute") + "'><parent link='l" +
+            std::to_string(i - 1) + "'/><child link='l" + n + "'/><origin xyz='0 " + x + " 0'/><axis xyz='" +
+            axes[i - 1] + "'/><limit lower='-3' upper='3' velocity='1' effort='1'/></joint>";
+  }
+  return parse_robot(urdf + "</robot>");
+}
+
+TEST(ArmBody, JointsWhoseAxesMeetWithinAMicrometreAreOneWrist) {
+  const std::vector<Capsule> capsules = {{.link = "l0", .frame = 0, .b = {0.0, 0.0, -1.0}},
+                                         {.link = "l2", .frame = 2, .b = {0.0, 0.0, 1.0}}};
+  // The point between the two axes is half of the offset from each.
+  EXPECT_THAT(pairs_to_keep_apart(wrist_with_an_offset(1.9e-6), capsules, 0.0), ::testing::IsEmpty());
+  EXPECT_EQ(pairs_to_keep_apart(wrist_with_an_offset(2.1e-6), capsules, 0.0).size(), 1U);
+  // What slides joins no wrist.
+  const std::vector<Capsule> behind = {{.link = "l1", .frame = 1, .b = {0.0, 0.0, -1.0}},
+                                       {.link = "l3", .frame = 3, .b = {0.0, 0.0, 1.0}}};
+  EXPECT_THAT(pairs_to_keep_apart(wrist_with_an_offset(0.0), behind, 0.0), ::testing::IsEmpty());
+  EXPECT_EQ(pairs_to_keep_apart(wrist_with_an_offset(0.0, "prismatic"), behind, 0.0).size(), 1U);
+}
+
+// The largest distance in the 500 configurations, by KDL.
+TEST(ArmBody, AClearanceCanBeAskedForUpToTheLargestOf500Configurations) {
+  std::string urdf = testing::kOddArm;
+  urdf.insert(urdf.find("</joint>", urdf.find("<joint name=\"wrist\"")),
+              R"(<mimic joint="elbow" multiplier="-0.5" offset="0.1"/>)");
+  const Robot robot = parse_robot(urdf);
+  const std::vector<Capsule> capsules = {
+      {.link = "a", .frame = 1, .a = {0.1, 0.0, 0.0}, .b = {0.0, 0.0, 0.5}, .radius = 0.03},
+      {.link = "tool", .frame = robot.chain.getNrOfSegments(), .b = {0.2, 0.1, 0.0}, .radius = 0.02}};
+  KDL::ChainFkSolverPos_recursive solver(robot.chain);
+  double largest = 0.0;
+  for (std::uint64_t k = 0; k < 500; ++k) {
+    Random random(1, k);
+    KDL::JntArray q(5);
+    for (unsigned i = 0; i < 5; ++i) {
+      const MovingJoint& joint = robot.joints[i];
+      q(i) = random.uniform(joint.lower.value_or(-std::numbers::pi), joint.upper.value_or(std::numbers::pi));
+    }
+    q(4) = -0.5 * q(3) + 0.1;
+    std::vector<Vector3d> ends;
+    for (const Capsule& capsule : capsules) {
+      KDL::Frame X;
+      solver.JntToCart(q, X, static_cast<int>(capsule.frame));
+      ends.emplace_back(to_eigen(X) * capsule.a);
+      ends.emplace_back(to_eigen(X) * capsule.b);
+    }
+    largest = std::max(largest, segment_distance(ends[0], ends[1], ends[2], ends[3]) - 0.05);
+  }
+  EXPECT_EQ(pairs_to_keep_apart(robot, capsules, largest - 1e-9).size(), 1U);
+  EXPECT_THAT(pairs_to_keep_apart(robot, capsules, largest + 1e-9), ::testing::IsEmpty());
 }
 
 TEST(ArmBody, LeavesNeighboursAndTheWristToTheJointLimits) {

@@ -212,6 +212,7 @@ TEST(Experiment, PredictsWhatTheCovarianceOfAFitSays) {
   const Prediction ours = predicted(f.experiment, information(f.experiment, q), elsewhere);
   EXPECT_EQ(ours.sigma.count, 140);
   EXPECT_NEAR(ours.sigma.mean / expected.mean, 1.0, 1e-6);
+  EXPECT_NEAR(ours.sigma.rms / expected.rms, 1.0, 1e-6);
   EXPECT_NEAR(ours.sigma.p95 / expected.p95, 1.0, 1e-6);
   EXPECT_NEAR(ours.sigma.max / expected.max, 1.0, 1e-6);
   EXPECT_NEAR(ours.worst_configuration / worst, 1.0, 1e-6);
@@ -222,7 +223,9 @@ TEST(Experiment, PromisesNothingWhereParametersAreNotDetermined) {
   const MatrixXd few = information(f.experiment, f.configurations(4));
   const MatrixXd enough = information(f.experiment, f.configurations(12));
   const std::vector<Prediction> both = predicted(f.experiment, std::vector<MatrixXd>{few, enough}, f.configurations(3));
-  EXPECT_TRUE(std::isinf(both[0].sigma.mean));
+  for (const double none : {both[0].sigma.mean, both[0].sigma.rms, both[0].sigma.p95, both[0].sigma.max}) {
+    EXPECT_TRUE(std::isinf(none));
+  }
   EXPECT_TRUE(std::isinf(both[0].worst_configuration));
   EXPECT_TRUE(std::isfinite(both[1].sigma.max));
   EXPECT_GT(both[1].sigma.mean, 0.0);
@@ -251,10 +254,37 @@ TEST(Experiment, ComputesTheFiveObservabilityIndices) {
   EXPECT_NEAR(o.O5, 1.0 / (1.0 / s.array()).sum(), 1e-10);
 }
 
+TEST(Experiment, MatchesTheTargetsOfAFileByName) {
+  Fixture f;
+  const MatrixXd q = f.configurations(8);
+  Measurements measurements = f.measured(q, 5e-5);
+  const MatrixXd expected = information(f.experiment, measurements);
+  std::swap(measurements.targets[0], measurements.targets[1]);
+  for (Observation& observation : measurements.observations) {
+    observation.target = 1 - observation.target;
+  }
+  // Orientations are not what is planned for.
+  measurements.orientations.assign(measurements.observations.size(), Eigen::Quaterniond(0.6, 0.8, 0.0, 0.0));
+  EXPECT_LT((information(f.experiment, measurements) - expected).norm(), 1e-9 * expected.norm());
+}
+
+TEST(Experiment, WhatIsFixedIsNotFree) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  std::vector<TargetFrame> targets = two_targets();
+  targets[0].with_orientation = true;
+  const Experiment experiment = nominal_experiment(model, targets, {}, {}, {"base.Tx", "A.y"});
+  EXPECT_FALSE(experiment.free.column("base.Tx") || experiment.free.column("A.y"));
+  EXPECT_TRUE(experiment.free.column("base.Ty") && experiment.free.column("A.x"));
+  EXPECT_FALSE(experiment.free.column("A.Rx")) << "points are planned for";
+  EXPECT_FALSE(experiment.targets[0].with_orientation);
+}
+
 TEST(Experiment, RefusesNoTargetsAndNoNoise) {
   const ErrorModel model = complete_model(testing::fanuc());
   EXPECT_THROW(nominal_experiment(model, {}), InputError);
   EXPECT_THROW(nominal_experiment(model, two_targets(), {.sigma = 0.0}), InputError);
+  EXPECT_THROW(nominal_experiment(model, two_targets(), {.configuration_sigma = -1e-9}), InputError);
+  EXPECT_EQ(nominal_experiment(model, two_targets(), {.configuration_sigma = 0.0}).targets.size(), 2U);
 }
 
 }  // namespace

@@ -131,6 +131,84 @@ TEST(MeasuringPlan, OrdersByTimeAndNotByDistance) {
   EXPECT_DOUBLE_EQ(way_time(even, home, q), 3.0 + 3.0);
 }
 
+// The nearest neighbour each time, then parts of the way reversed wherever that saves time, until nowhere it does.
+std::vector<Index> way_by_hand(const Eigen::VectorXd& home, const MatrixXd& q) {
+  const auto stop = [&](Index i) { return i < 0 ? home : Eigen::VectorXd(q.col(i)); };
+  std::vector<Index> way;
+  std::vector<Index> left(static_cast<std::size_t>(q.cols()));
+  std::iota(left.begin(), left.end(), Index{0});
+  while (!left.empty()) {
+    const Eigen::VectorXd here = stop(way.empty() ? -1 : way.back());
+    const auto nearest = std::min_element(
+        left.begin(), left.end(), [&](Index a, Index b) { return seconds(here, q.col(a)) < seconds(here, q.col(b)); });
+    way.push_back(*nearest);
+    left.erase(nearest);
+  }
+  const auto time = [&](const std::vector<Index>& stops) {
+    double total = 0.0;
+    for (std::size_t k = 0; k < stops.size(); ++k) {
+      total += seconds(stop(k == 0 ? -1 : stops[k - 1]), q.col(stops[k]));
+    }
+    return total;
+  };
+  for (bool improved = true; improved;) {
+    improved = false;
+    for (std::size_t first = 0; first + 1 < way.size(); ++first) {
+      for (std::size_t last = first + 1; last < way.size(); ++last) {
+        std::vector<Index> reversed = way;
+        std::reverse(reversed.begin() + static_cast<std::ptrdiff_t>(first),
+                     reversed.begin() + static_cast<std::ptrdiff_t>(last) + 1);
+        if (time(reversed) < time(way) - 1e-9) {
+          way = reversed;
+          improved = true;
+        }
+      }
+    }
+  }
+  return way;
+}
+
+TEST(MeasuringPlan, GoesToTheNearestAndThenReversesWhatSavesTime) {
+  const Robot robot = parse_robot(kUnevenArm);
+  Random random(6);
+  const Eigen::Vector4d home(0.5, -0.5, 1.0, -2.0);
+  for (const int count : {0, 1, 2, 3, 9, 14, 20}) {
+    const MatrixXd q = random_configurations(limits_of(robot.joints), count, random);
+    EXPECT_EQ(short_way(robot.joints, home, q), way_by_hand(home, q)) << count << " stops";
+  }
+}
+
+TEST(MeasuringPlan, AJointThatStatesNoVelocityDrivesAtOne) {
+  std::vector<MovingJoint> joints = parse_robot(kUnevenArm).joints;
+  joints[0].velocity = 0.0;
+  joints[1].velocity.reset();
+  EXPECT_DOUBLE_EQ(travel_time(joints, Eigen::Vector4d::Zero(), Eigen::Vector4d(0.75, 0.0, 0.0, 0.0)), 0.75);
+  EXPECT_DOUBLE_EQ(travel_time(joints, Eigen::Vector4d::Zero(), Eigen::Vector4d(0.0, -1.5, 0.0, 0.0)), 1.5);
+}
+
+TEST(MeasuringPlan, RoundsToABillionthOfADegreeOrAMillimetre) {
+  const Robot robot = parse_robot(kUnevenArm);
+  Eigen::VectorXd q(4);
+  q << 0.12345678901234e-3, 0.12345678951 * testing::kDegree, -7.0000000004 * testing::kDegree, 0.0;
+  EXPECT_THAT(plan_csv(plan_of(q), robot.joints), ::testing::HasSubstr("1,A,0.123456789,0.12345679,-7,0,,,\n"));
+}
+
+TEST(MeasuringPlan, OfControllersJointsTakesTheirOffsetsAway) {
+  const Robot robot = parse_robot(kUnevenArm);
+  JointConvention convention{.name = "uneven.json",
+                             .controller_joints = {"E1", "J1", "J2", "J3"},
+                             .urdf_joints = {"slide", "shoulder", "elbow", "wrist"},
+                             .matrix = MatrixXd::Identity(4, 4),
+                             .offset = Eigen::Vector4d(0.5, 10 * testing::kDegree, 0.0, -20 * testing::kDegree)};
+  convention.matrix(2, 1) = 0.5;  // J1 moves the elbow too
+  Eigen::VectorXd q(4);
+  q << 0.75, 30 * testing::kDegree, 45 * testing::kDegree, 0.0;
+  EXPECT_THAT(plan_csv(plan_of(q), robot.joints, &convention), ::testing::HasSubstr("1,A,250,20,35,20,,,\n"));
+  convention.urdf_joints = {"slide", "shoulder", "elbow", "other"};
+  EXPECT_THAT(testing::refusal([&] { plan_csv(plan_of(q), robot.joints, &convention); }),
+              ::testing::HasSubstr("other"));
+}
+
 TEST(MeasuringPlan, WritesSlidesInMillimetresAndTurnsInDegrees) {
   const Robot robot = parse_robot(kUnevenArm);
   Eigen::VectorXd q(4);
@@ -212,8 +290,18 @@ TEST(MeasuringPlan, ReadsConfigurationsOfHalfMeasuredFiles) {
 TEST(MeasuringPlan, RefusesNamesThatNoFileCanHold) {
   const Robot robot = testing::fanuc();
   MeasuringPlan plan = plan_of(MatrixXd::Zero(6, 1));
-  plan.targets = {"two\nlines"};
-  EXPECT_THROW(plan_csv(plan, robot.joints), InputError);
+  for (const std::string name : {"two\nlines", "", "\x1f"}) {
+    plan.targets = {"A", name};
+    EXPECT_THAT(testing::refusal([&] { plan_csv(plan, robot.joints); }),
+                ::testing::HasSubstr("cannot stand in a plan"));
+    plan.targets = {"A"};
+    plan.configurations = {name};
+    EXPECT_THAT(testing::refusal([&] { plan_csv(plan, robot.joints); }),
+                ::testing::HasSubstr("cannot stand in a plan"));
+    plan.configurations = {"1"};
+  }
+  plan.targets = {" "};
+  EXPECT_THAT(plan_csv(plan, robot.joints), ::testing::HasSubstr("\n1,\" \",0,"));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <set>
 
 #include "kdl_calibration/input_error.hpp"
@@ -161,6 +162,164 @@ TEST(PoseSelection, EachCriterionIsBestAtWhatItAsksFor) {
   EXPECT_LT(promises[2].sigma.rms, promises[1].sigma.rms);
 }
 
+// ---- Against plain double arithmetic -------------------------------------------------------------------------------
+
+// What is to be made small.
+double value_of(const MatrixXd& M, const MatrixXd& weights) {
+  const Eigen::LLT<MatrixXd> llt(M);
+  if (llt.info() != Eigen::Success) {
+    return std::numeric_limits<double>::infinity();
+  }
+  return weights.size() == 0 ? -2.0 * llt.matrixLLT().diagonal().array().log().sum() : llt.solve(weights).trace();
+}
+
+// The best value after adding one candidate that is no member, or after taking a member away.
+double step(const std::vector<MatrixXd>& own, const MatrixXd& weights, bool adds, MatrixXd& M,
+            std::vector<bool>& member) {
+  double best = std::numeric_limits<double>::infinity();
+  std::size_t which = own.size();
+  for (std::size_t i = 0; i < own.size(); ++i) {
+    if (member[i] != adds) {
+      const double value = value_of(M + (adds ? 1.0 : -1.0) * own[i], weights);
+      which = value < best ? i : which;
+      best = std::min(best, value);
+    }
+  }
+  M += (adds ? 1.0 : -1.0) * own[which];
+  member[which] = adds;
+  return best;
+}
+
+// Neither so many additions and then removals, nor the other way round, make a better design.
+void expect_no_excursion_helps(const std::vector<MatrixXd>& own, const MatrixXd& weights, const Selection& found,
+                               int length) {
+  const double value = value_of(found.information, weights);
+  for (const bool additions_first : {true, false}) {
+    MatrixXd M = found.information;
+    std::vector<bool> member(own.size(), false);
+    for (const Index i : found.chosen) {
+      member[static_cast<std::size_t>(i)] = true;
+    }
+    double after = value;
+    for (int i = 0; i < 2 * length; ++i) {
+      after = step(own, weights, (i < length) == additions_first, M, member);
+    }
+    EXPECT_GT(after, value - 1e-3 * (weights.size() == 0 ? 1.0 : value)) << length << " at once";
+  }
+}
+
+TEST(PoseSelection, EndsWhereNoExcursionHelps) {
+  const Fixture f(60, 40);
+  std::vector<MatrixXd> own;
+  for (const auto& q : f.all.colwise()) {
+    own.push_back(information(f.experiment, MatrixXd(q)));
+  }
+  // Its product with the covariance is the mean variance of a target in the tasks.
+  MatrixXd mean = MatrixXd::Zero(f.none.rows(), f.none.cols());
+  for (const auto& q : f.tasks.colwise()) {
+    const MatrixXd J = point_jacobian(f.experiment, q);
+    mean += J.transpose() * J / (3.0 * static_cast<double>(f.tasks.cols()));
+  }
+  for (const int depth : {1, 3}) {
+    const SelectionTask task{f.all, f.none, f.tasks};
+    SelectionOptions options{.count = 9, .starts = 1, .depth = depth};
+    const Selection d = select_configurations(f.experiment, task, options);
+    EXPECT_NEAR(d.objective, log_det(d.information), 1e-9 * std::abs(d.objective));
+    for (int length = 1; length <= depth; ++length) {
+      expect_no_excursion_helps(own, MatrixXd(), d, length);
+    }
+    options.criterion = Criterion::i_optimal;
+    const Selection i = select_configurations(f.experiment, task, options);
+    EXPECT_NEAR(i.objective / value_of(i.information, mean), 1.0, 1e-5);
+    // Candidates are ranked to first order: longer ones may miss the best of them.
+    expect_no_excursion_helps(own, mean, i, 1);
+  }
+}
+
+// Titterington's weights and the bound of their gap, in double precision.
+double efficiency_by_weights(const std::vector<MatrixXd>& own, const MatrixXd& given, const MatrixXd& design,
+                             double count) {
+  constexpr int kRounds = 150;
+  const auto size = static_cast<Index>(own.size());
+  Eigen::VectorXd w = Eigen::VectorXd::Constant(size, 1.0 / static_cast<double>(size));
+  double bound = std::numeric_limits<double>::infinity();
+  for (int round = 0; round <= kRounds; ++round) {
+    MatrixXd M = given;
+    for (Index i = 0; i < size; ++i) {
+      M += count * w[i] * own[static_cast<std::size_t>(i)];
+    }
+    const MatrixXd C = M.llt().solve(MatrixXd::Identity(M.rows(), M.cols()));
+    Eigen::VectorXd d(size);
+    for (Index i = 0; i < size; ++i) {
+      d[i] = C.cwiseProduct(own[static_cast<std::size_t>(i)]).sum();
+    }
+    const double mean = w.dot(d);
+    bound = std::min(bound, log_det(M) + count * (d.maxCoeff() - mean));
+    w = w.cwiseProduct(d) / mean;
+  }
+  return std::exp((log_det(design) - bound) / static_cast<double>(design.rows()));
+}
+
+TEST(PoseSelection, StatesTheEfficiencyThatWeightsOfAllCandidatesBound) {
+  const Fixture f(80, 1);
+  std::vector<MatrixXd> own;
+  for (const auto& q : f.all.colwise()) {
+    own.push_back(information(f.experiment, MatrixXd(q)));
+  }
+  for (const int before : {0, 3}) {
+    MatrixXd given = f.none;
+    for (int i = 0; i < before; ++i) {
+      given += 5.0 * own[static_cast<std::size_t>(i)];
+    }
+    const MatrixXd design = given + information(f.experiment, MatrixXd(f.all.rightCols(12)));
+    const double expected = efficiency_by_weights(own, given, design, 12.0);
+    EXPECT_NEAR(d_efficiency(f.experiment, {f.all, given}, design, 12, 1), expected, 2e-5 * expected) << before;
+    EXPECT_LT(expected, 0.98);
+  }
+}
+
+TEST(PoseSelection, RandomDesignsHaveEachCandidateOnceAndAnyOfThem) {
+  const Fixture f(6, 1);
+  const MatrixXd given = 1e6 * MatrixXd::Identity(f.none.rows(), f.none.cols());
+  const MatrixXd total = given + information(f.experiment, f.all);
+  const std::vector<MatrixXd> designs = random_designs(f.experiment, {f.all, given}, {.count = 5, .draws = 240});
+  ASSERT_EQ(designs.size(), 240U);
+  std::vector<int> left_out(6, 0);
+  for (const MatrixXd& design : designs) {
+    int fits = 0;
+    for (Index i = 0; i < 6; ++i) {
+      const bool without =
+          (total - design - information(f.experiment, MatrixXd(f.all.col(i)))).norm() < 1e-9 * total.norm();
+      left_out[static_cast<std::size_t>(i)] += without ? 1 : 0;
+      fits += without ? 1 : 0;
+    }
+    EXPECT_EQ(fits, 1) << "five of six, each once";
+  }
+  for (const int count : left_out) {
+    EXPECT_GE(count, 20);  // of 40 on average
+    EXPECT_LE(count, 65);
+  }
+  const std::vector<MatrixXd> all = random_designs(f.experiment, {f.all, given}, {.count = 6, .draws = 1});
+  EXPECT_LT((all[0] - total).norm(), 1e-12 * total.norm());
+  EXPECT_NE(random_designs(f.experiment, {f.all, given}, {.count = 2, .seed = 1})[0],
+            random_designs(f.experiment, {f.all, given}, {.count = 2, .seed = 2})[0]);
+}
+
+TEST(PoseSelection, EachFigureIsThatOfThePrediction) {
+  const Prediction prediction{.sigma = {.mean = 1.0, .p95 = 2.0, .max = 3.0}};
+  EXPECT_EQ(figure_of(prediction, Figure::mean), 1.0);
+  EXPECT_EQ(figure_of(prediction, Figure::p95), 2.0);
+  EXPECT_EQ(figure_of(prediction, Figure::max), 3.0);
+}
+
+TEST(PoseSelection, TellsTheShareOfTheStartsThatAreDone) {
+  const Fixture f(40, 1);
+  std::vector<double> shares;
+  select_configurations(f.experiment, {f.all, f.none},
+                        {.count = 6, .starts = 3, .threads = 1, .progress = [&](double s) { shares.push_back(s); }});
+  EXPECT_THAT(shares, ::testing::ElementsAre(0.25, 0.5, 0.75));
+}
+
 TEST(PoseSelection, AddsWhatIsMissingToWhatWasMeasured) {
   const Fixture f(1000, 500);
   // Measured: a corner of the workspace, far too little for all parameters.
@@ -192,6 +351,21 @@ TEST(PoseSelection, FindsTheSmallestNumberForAnAccuracy) {
 
 TEST(PoseSelection, SaysWhyItCannotChoose) {
   const Fixture f(40, 1);
+  for (const SelectionOptions& none : {SelectionOptions{.count = 0}, SelectionOptions{.count = 5, .starts = 0},
+                                       SelectionOptions{.count = 5, .depth = 0}}) {
+    EXPECT_EQ(testing::refusal([&] {
+                select_configurations(f.experiment, {f.all, f.none}, none);
+              }),
+              "the numbers of configurations, starts and the depth must be positive");
+  }
+  // Of 33 parameters 15 are known: nine coordinates of a configuration do not tell the others.
+  MatrixXd known = f.none;
+  known.diagonal().head(15).setConstant(1e8);
+  EXPECT_THAT(
+      testing::refusal([&] {
+        select_configurations(f.experiment, {f.all, known}, {.count = 1});
+      }),
+      ::testing::HasSubstr("1 configurations of 3 targets cannot determine 33 parameters, expected at least 2"));
   const auto message = [&](const MatrixXd& all, int count) {
     return testing::refusal([&] { select_configurations(f.experiment, {all, f.none}, {.count = count}); });
   };

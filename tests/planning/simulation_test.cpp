@@ -7,6 +7,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "kdl_calibration/drive_signals.hpp"
+#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "virtual_experiment.hpp"
@@ -118,6 +120,137 @@ TEST(Simulation, NoiseHasTheStatedSigmaAndRepeatsDiffer) {
   }
   EXPECT_NEAR(std::sqrt(sum / 9000.0), 0.001, 0.00003);
   EXPECT_EQ(noisy.observations[59].repeat, 20);
+}
+
+Eigen::Vector3d three(Random& random) {
+  const double x = random.normal();
+  const double y = random.normal();
+  return {x, y, random.normal()};
+}
+
+// Drift, noise along and across the line of sight, turns in the target's own frame: number by number.
+TEST(Simulation, MeasuresWithEveryPartOfTheNoise) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(12);
+  std::vector<TargetFrame> targets = published_targets(2);
+  targets[1].with_orientation = true;
+  targets[1].X_FT.linear() = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  VirtualRobot robot = virtual_robot(model, all_parameters(model), targets, {}, random);
+  robot = placed(robot, Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()));
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 3, random);
+  const TrackerNoise tracker{.range = 1e-3, .range_per_metre = 2e-3, .transverse = 4e-3, .transverse_per_metre = 5e-3};
+  for (const bool by_tracker : {false, true}) {
+    MeasuringNoise noise{.sigma = 1e-3, .orientation_sigma = 0.01, .repeats = 2, .common = {1e-3, 2e-3, 3e-3}};
+    if (by_tracker) {
+      noise.tracker = tracker;
+    }
+    Random ours(3);
+    Random theirs(3);
+    const Measurements measured = measure(robot, q, noise, theirs, Split::test);
+    ASSERT_EQ(measured.observations.size(), 12U);
+    ASSERT_EQ(measured.orientations.size(), 12U);
+    EXPECT_EQ(measured.configurations, (std::vector<std::string>{"1", "2", "3"}));
+    EXPECT_EQ(measured.source, "simulation");
+    const KDL::Chain chain = error_chain(model, robot.truth.errors);
+    std::size_t row = 0;
+    for (int c = 0; c < 3; ++c) {
+      const Eigen::Isometry3d X_WF = robot.truth.X_WB * to_eigen(testing::kdl_pose(chain, q.col(c)));
+      for (int repeat = 1; repeat <= 2; ++repeat) {
+        const Eigen::Vector3d drift = noise.common.cwiseProduct(three(ours));
+        for (int t = 0; t < 2; ++t, ++row) {
+          const Eigen::Isometry3d X_WT = X_WF * robot.truth.targets[static_cast<std::size_t>(t)].X_FT;
+          const Eigen::Vector3d normal = three(ours);
+          Eigen::Vector3d own = 1e-3 * normal;
+          if (by_tracker) {
+            const double distance = X_WT.translation().norm();
+            const Eigen::Matrix3d along = X_WT.translation() * X_WT.translation().transpose() / (distance * distance);
+            own =
+                ((1e-3 + 2e-3 * distance) * along + (4e-3 + 5e-3 * distance) * (Eigen::Matrix3d::Identity() - along)) *
+                normal;
+          }
+          const Observation& o = measured.observations[row];
+          EXPECT_LT((o.position - X_WT.translation() - drift - own).norm(), 1e-12) << row;
+          EXPECT_EQ(o.sigma, by_tracker ? 0.0 : 1e-3);
+          EXPECT_EQ(o.configuration, c);
+          EXPECT_EQ(o.target, t);
+          EXPECT_EQ(o.repeat, repeat);
+          EXPECT_EQ(o.split, Split::test);
+          const Eigen::Vector3d turn = 0.01 * three(ours);
+          const Eigen::AngleAxisd rotation(turn.norm(), turn.normalized());
+          EXPECT_LT((measured.orientations[row].toRotationMatrix() - X_WT.linear() * rotation).norm(), 1e-12) << row;
+        }
+      }
+    }
+    EXPECT_EQ(ours.normal(), theirs.normal()) << "numbers drawn";
+  }
+}
+
+TEST(Simulation, DrivesTellWhereTheyCameFromAndTheTorquesOfTenKilograms) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(3);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
+  const Eigen::MatrixXd stops = q.rightCols(20);
+  const Eigen::MatrixXd before = q.leftCols(10);
+  const DrivenConfigurations untold = driven_to(model, stops, before, {});
+  EXPECT_EQ(untold.joint_values, stops);
+  EXPECT_EQ(untold.signals.approach.size() + untold.signals.torques.size(), 0);
+
+  const DrivenConfigurations told = driven_to(model, stops, before, {.approach = true, .torques = true, .seed = 7});
+  for (Eigen::Index j = 0; j < 6; ++j) {
+    for (Eigen::Index c = 0; c < 20; ++c) {
+      EXPECT_EQ(told.signals.approach(j, c), stops(j, c) > q(j, c + 9) ? 1.0 : -1.0) << j << " " << c;
+    }
+  }
+  EXPECT_TRUE(std::isnan(driven_to(model, stops, {}, {.approach = true}).signals.approach(0, 0)));
+  const Eigen::MatrixXd gravity = 10.0 * 9.81 * gravity_torques(model, stops);
+  Random noise(7 + 10, 2);
+  for (Eigen::Index j = 0; j < 6; ++j) {
+    const double scatter = std::max(0.1 * gravity.row(j).cwiseAbs().mean(), 1.0);
+    for (Eigen::Index c = 0; c < 20; ++c) {
+      EXPECT_NEAR(told.signals.torques(j, c), gravity(j, c) + scatter * noise.normal(), 1e-10) << j << " " << c;
+    }
+  }
+  EXPECT_LT(gravity.row(0).cwiseAbs().maxCoeff(), 1e-9) << "the first axis is upright: at least 1 Nm of scatter";
+}
+
+TEST(Simulation, FurtherToolsLieOnASphereOfATenthOfAMetre) {
+  const std::vector<TargetFrame> generic = generic_targets(5);
+  const std::vector<TargetFrame> published = published_targets(5);
+  for (std::size_t k = 3; k < 5; ++k) {
+    const Eigen::Vector3d direction = generic[k].X_FT.translation().normalized();
+    EXPECT_LT((published[k].X_FT.translation() - 0.1 * direction).norm(), 1e-15) << k;
+    EXPECT_EQ(published[k].name, generic[k].name);
+  }
+}
+
+TEST(Simulation, TrueErrorsAreOfWhatIsKeptAndTheGaugeOrOfAllButTheBaseLink) {
+  const ErrorModel model = complete_model(fanuc());
+  const Reduction reduction = reduced_model(model, published_targets());
+  const auto names = [&](bool complete) {
+    std::vector<std::string> result;
+    for (const std::size_t p : with_true_errors(model, reduction, complete)) {
+      result.push_back(model.parameters[p].name);
+    }
+    return result;
+  };
+  std::vector<std::string> kept;
+  std::vector<std::string> behind_the_base;
+  for (const ErrorParameter& parameter : model.parameters) {
+    const bool is_kept =
+        std::find(reduction.kept.begin(), reduction.kept.end(), parameter.name) != reduction.kept.end() ||
+        parameter.name == "dq1" || parameter.name == "dq6";
+    const bool of_base = parameter.name.size() == 3 && parameter.name[2] == '0';
+    if (is_kept) {
+      kept.push_back(parameter.name);
+    }
+    if (!of_base) {
+      behind_the_base.push_back(parameter.name);
+    }
+  }
+  EXPECT_EQ(names(false), kept);
+  EXPECT_EQ(names(true), behind_the_base);
+  EXPECT_EQ(kept.size(), 20U);
+  EXPECT_LT(behind_the_base.size(), model.parameters.size());
 }
 
 TEST(Simulation, KeepsTheJointLimits) {

@@ -3,7 +3,9 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/identification.hpp"
@@ -86,6 +88,73 @@ TEST_F(TruthComparison, ADifferenceOfOneParameterIsFoundAsWhatItIs) {
     }
   }
   EXPECT_NEAR(found.points.max, largest, 1e-12);
+}
+
+TEST_F(TruthComparison, TheLargestDifferencesAreOfParametersBaseAndTargets) {
+  const MatrixXd q = configurations(80);
+  const auto with = [&](const std::function<void(Estimate&)>& change) {
+    Estimate changed = estimate;
+    change(changed);
+    return compare_with_truth(model, changed, truth, q);
+  };
+  const auto error = [&](const char* name) -> Eigen::Index {
+    return static_cast<Eigen::Index>(parameter_index(model, name));
+  };
+  const auto angle = with([&](Estimate& e) { e.errors[error("dq3")] -= 5e-4; });
+  EXPECT_NEAR(angle.largest_angle, 5e-4, 1e-9);
+  EXPECT_LT(angle.largest_length, 1e-9);
+  const auto turned = with([](Estimate& e) { e.X_WB.rotate(Eigen::AngleAxisd(6e-4, -Eigen::Vector3d::UnitY())); });
+  EXPECT_NEAR(turned.largest_angle, 6e-4, 1e-9);
+  EXPECT_NEAR(turned.base_difference[4], -6e-4, 1e-9);
+  EXPECT_LT(turned.base_difference.head<3>().norm(), 1e-9);
+  const auto tool = with([](Estimate& e) { e.targets[1].X_FT.translation().z() -= 7e-4; });
+  EXPECT_NEAR(tool.largest_length, 7e-4, 1e-9);
+  EXPECT_LT(tool.largest_angle, 1e-9);
+  // A twist in the base's own frame.
+  const auto moved = with([](Estimate& e) { e.X_WB = e.X_WB * Eigen::Translation3d(1e-4, -2e-4, 8e-4); });
+  EXPECT_LT((moved.base_difference.head<3>() - Eigen::Vector3d(1e-4, -2e-4, 8e-4)).norm(), 1e-9);
+  EXPECT_NEAR(moved.largest_length, 8e-4, 1e-9);
+  EXPECT_NEAR(moved.points.mean, Eigen::Vector3d(1e-4, -2e-4, 8e-4).norm(), 1e-9);
+}
+
+TEST_F(TruthComparison, OrientationsOfTargetsAreComparedWhereTheyWereMeasured) {
+  testing::VirtualExperiment poses({.targets = testing::as_frames(published_targets(2)),
+                                    .sizes = {.length = 0.001, .angle = 0.005},
+                                    .ranges = published_ranges,
+                                    .random = Random(12)});
+  const Measurements exact = poses.measure(30);
+  Estimate found = identify_jointly(poses.model, exact, nominal_start(poses.model, exact), poses.free).estimate;
+  const MatrixXd q = poses.configurations(50);
+  EXPECT_LT(compare_with_truth(poses.model, found, poses.robot.truth, q).largest_angle, 1e-9);
+  found.targets[1].X_FT.rotate(Eigen::AngleAxisd(9e-4, Eigen::Vector3d::UnitX()));
+  const auto turned = compare_with_truth(poses.model, found, poses.robot.truth, q);
+  EXPECT_NEAR(turned.largest_angle, 9e-4, 1e-9);
+  EXPECT_LT(turned.largest_length, 1e-9);
+}
+
+TEST_F(TruthComparison, ParametersAreThoseThatAreEstimatedOrDifferFromNominal) {
+  const MatrixXd q = configurations(40);
+  const Reduction reduction = reduced_model(model, estimate.targets);
+  std::vector<std::string> expected;
+  for (const ErrorParameter& parameter : model.parameters) {
+    const auto p = static_cast<Eigen::Index>(parameter_index(model, parameter.name));
+    const bool kept = std::find(reduction.kept.begin(), reduction.kept.end(), parameter.name) != reduction.kept.end();
+    if (kept || truth.errors[p] != 0.0 || estimate.errors[p] != 0.0) {
+      expected.push_back(parameter.name);
+    }
+  }
+  estimate.errors[static_cast<Eigen::Index>(parameter_index(model, "Tx0"))] = 1e-3;  // of the base link: the gauge
+  expected.insert(expected.begin(), "Tx0");
+  std::vector<std::string> found;
+  for (const ComparedParameter& parameter : compare_with_truth(model, estimate, truth, q).parameters) {
+    found.push_back(model.parameters[parameter.index].name);
+    const auto p = static_cast<Eigen::Index>(parameter.index);
+    const double nominal = model.parameters[parameter.index].nominal;
+    EXPECT_DOUBLE_EQ(parameter.estimated, nominal + estimate.errors[p]);
+    EXPECT_DOUBLE_EQ(parameter.truth, nominal + truth.errors[p]);
+  }
+  EXPECT_THAT(found, ::testing::UnorderedElementsAreArray(expected));
+  EXPECT_LT(found.size(), model.parameters.size());
 }
 
 TEST_F(TruthComparison, EffectsOfBothArePartOfThePredictions) {
