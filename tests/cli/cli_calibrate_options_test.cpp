@@ -138,6 +138,15 @@ std::vector<OptionCase> geometry_options() {
        both_checks(is_library([](auto& o) { o.priors.angle = 7e-4; }),
                    changes({"priors/angle"}, {"priors/length", "input"})),
        kMeasured},
+      {"PriorsThatAreStatedAreNotChosen",
+       {"--prior-length", "0.0005"},
+       is_library([](auto& o) { o.priors.length = 5e-4; }),
+       kOfM + kNoEffects},
+      {"PriorsOfAnglesThatAreStatedAreNotChosen",
+       {"--prior-angle", "0.0007"},
+       is_library([](auto& o) { o.priors.angle = 7e-4; }),
+       kOfM + kNoEffects},
+      {"AutoIsWhatIsDoneWhereNothingIsSaid", {"--prior", "auto", "--effects", "auto"}, changes_nothing(), kOfM},
       {"PriorNoneIsNone", {"--prior", "none"}, is_library([](auto&) {}), kOfM + kNoEffects},
       {"NothingSaidIsAllAutomatic",
        {"--threads", "1"},
@@ -159,8 +168,14 @@ std::vector<OptionCase> geometry_options() {
        kOfM + kNoPriors},
       {"EffectsNoneAreNone", {"--effects", "none"}, is_library([](auto&) {}), kOfM + kNoPriors},
       {"GravityDirectionIsThatOfTheSag",
-       {"--gravity-direction", "0,2,0"},
-       changes({"effects/gravity_direction/*", "effects/terms"}, {"input", "findings"}),
+       {"--gravity-direction", "1,2,-2"},
+       both_checks(changes({"effects/gravity_direction/*", "effects/terms"}, {"input", "findings"}),
+                   [](const Effect& effect) {
+                     const Json& direction = effect.with.json["effects"]["gravity_direction"];
+                     for (std::size_t axis = 0; axis < 3; ++axis) {
+                       EXPECT_NEAR(direction[axis], (axis == 0 ? 1.0 : axis == 1 ? 2.0 : -2.0) / 3.0, 1e-15) << axis;
+                     }
+                   }),
        kOfM + kNoPriors + Words{"--effects", "gravity"}},
       {"KnownBaseIsHeld",
        {"--known-base", "known.json"},
@@ -217,6 +232,13 @@ std::vector<OptionCase> noise_options() {
          o.noise.common = {1e-5, 2e-5, 3e-5};
        }),
        kStated},
+      {"NoiseCommonGoesWithThatOfATracker",
+       {"--noise-common", "1e-5"},
+       is_library([](auto& o) {
+         o.noise.tracker = TrackerNoise{.range = 1e-5, .range_per_metre = 0.0, .transverse = 2e-5};
+         o.noise.common = {1e-5, 1e-5, 1e-5};
+       }),
+       kMeasured + Words{"--noise-tracker", "1e-5,0,2e-5,0"}},
       {"NoiseTrackerIsRangeThenTransverse",
        {"--noise-tracker", "1e-5,1e-6,2e-5,3e-6"},
        is_library([](auto& o) {

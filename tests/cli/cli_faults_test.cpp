@@ -176,12 +176,14 @@ protected:
   }
 
   // What a terminal gets to see of it.
-  std::string seen_on_a_terminal(const std::vector<std::string>& arguments, Surroundings surroundings) {
+  std::string seen_on_a_terminal(const std::vector<std::string>& arguments, Surroundings surroundings,
+                                 bool both_streams = false, int expected = 0) {
     int terminal = -1;
     int other = -1;
     std::array<char, 256> name{};
     EXPECT_EQ(::openpty(&terminal, &other, name.data(), nullptr, nullptr), 0);
     surroundings.err = name.data();
+    surroundings.out = both_streams ? surroundings.err : surroundings.out;
     Process process(directory, arguments, surroundings);
     ::close(other);
     std::string text;
@@ -191,7 +193,7 @@ protected:
     }
     ::close(terminal);
     const int status = process.wait();
-    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << text;
+    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == expected) << text;
     return text;
   }
 };
@@ -232,6 +234,34 @@ TEST_F(ProgressBar, GrowsOnATerminalAndIsWipedAway) {
   const std::size_t wiped = text.find("\r\033[K");
   ASSERT_NE(wiped, std::string::npos) << text;
   EXPECT_THAT(text.substr(wiped), Not(HasSubstr("leave-one-out ["))) << "wiped before its end";
+}
+
+TEST_F(ProgressBar, ShowsTheShareOfAPlanThatIsDone) {
+  const std::string text = seen_on_a_terminal({"plan", "--configurations", "12", "--candidates", "60", "--workspace",
+                                               "20", "--starts", "4", "--monte-carlo", "2", "--threads", "1"},
+                                              hurried());
+  const std::regex bar("\r([^\\[\r]*) \\[(#*)( *)\\] (\\d+) %\033\\[K");
+  std::vector<std::string> shown;
+  for (std::sregex_iterator at(text.begin(), text.end(), bar), end; at != end; ++at) {
+    EXPECT_EQ((*at)[2].length(), std::stoi((*at)[4]) * 40 / 100) << at->str();
+    EXPECT_EQ((*at)[2].length() + (*at)[3].length(), 40) << at->str();
+    shown.push_back((*at)[1].str() + " " + (*at)[4].str());
+  }
+  EXPECT_THAT(shown, ::testing::ElementsAre("choosing 20", "choosing 40", "choosing 60", "choosing 80",
+                                            "Monte Carlo 50", "Monte Carlo 100"));
+}
+
+TEST_F(ProgressBar, StandsBesideDoubtsThatATerminalShowsOnce) {
+  ASSERT_EQ(run(simulate()).status, 0);
+  std::vector<std::string> arguments = {"calibrate", "--measurements", "m.csv",   "--iterations", "1",
+                                        "--effects", "none",           "--prior", "none"};
+  const std::string line = "kdlcal: not to be trusted: the fit did not converge";
+  const Surroundings usual = with_library();
+  EXPECT_THAT(seen_on_a_terminal(arguments, usual, false, 1), HasSubstr(line)) << "the table went elsewhere";
+  const std::string table = seen_on_a_terminal(arguments, usual, true, 1);
+  EXPECT_THAT(table, ::testing::AllOf(HasSubstr("the fit did not converge"), Not(HasSubstr(line))));
+  arguments.emplace_back("--json");
+  EXPECT_THAT(seen_on_a_terminal(arguments, usual, true, 1), HasSubstr(line)) << "the JSON is not for people";
 }
 
 TEST_F(ProgressBar, DoesNotShowForWorkOfLessThanASecond) {

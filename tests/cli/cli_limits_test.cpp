@@ -76,6 +76,16 @@ TEST_F(ExactLimits, OfCountsInCalibrations) {
   between(calibrate, "--threads", 0, 1'024);
 }
 
+TEST_F(ExactLimits, OfTheDirectionOfGravity) {
+  const Words calibrate = {"calibrate", "--measurements", "m.csv"};
+  accepts(calibrate, "--gravity-direction", {"-1000000,0,1000000"});
+  for (const std::string value : {"-1000001", "1000001"}) {
+    expect_refused(
+        {"calibrate", "--measurements", "m.csv", "--urdf", "none.urdf", "--gravity-direction", "0,0," + value},
+        {"--gravity-direction", "'" + value + "'", "expected a number"});
+  }
+}
+
 TEST_F(ExactLimits, OfCountsInPlans) {
   const Words plan = {"plan"};
   between(plan, "--configurations", 1, 2'000);

@@ -1,4 +1,5 @@
-#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <sstream>
@@ -324,6 +325,49 @@ TEST_F(Matrices, AreThoseOfAResult) {
   const Json result = run_json(calibrated);
   EXPECT_EQ(result["targets"][0]["position"], json_of("r.json")["targets"][0]["position"]);
   EXPECT_NE(result["configurations"], run_json(command)["configurations"]);
+}
+
+TEST_F(Matrices, OfAResultAreAtItsErrorsBaseAndTargets) {
+  write("r.json", R"({"parameters": [{"name": "dq2", "error": 0.002}, {"name": "Tz3", "error": -0.01}],
+    "base": {"position": [1, 2, 3], "quaternion_wxyz": [0.6, 0, 0.8, 0]},
+    "targets": [{"name": "A", "position": [0.1, 0.2, 0], "quaternion_wxyz": [1, 0, 0, 0]},
+                {"name": "B", "position": [0, 0.2, 0.3]}]})");
+  write("t.json", R"({"targets": [{"name": "Q", "position": [0.3, 0.1, -0.2]}]})");
+  const ErrorModel model = complete_model(fanuc());
+  Estimate estimate{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+                    .X_WB = Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(0.6, 0.0, 0.8, 0.0),
+                    .targets = targets_at({{0.1, 0.2, 0.0}, {0.0, 0.2, 0.3}})};
+  estimate.errors[static_cast<Eigen::Index>(parameter_index(model, "dq2"))] = 0.002;
+  estimate.errors[static_cast<Eigen::Index>(parameter_index(model, "Tz3"))] = -0.01;
+  Eigen::VectorXd q(6);
+  q << 0.1, 0.2, -0.3, 0.4, 0.5, 0.6;
+  const std::vector<std::string> command = {"jacobian", "--identification", "--joints", "0.1,0.2,-0.3,0.4,0.5,0.6",
+                                            "--result", "r.json",           "--json"};
+  const auto expect = [&](const std::vector<std::string>& words) {
+    const Json found = run_json(words)["configurations"][0];
+    const Unknowns free = Unknowns(model, estimate.targets, reduced_model(model, estimate.targets).kept);
+    for (const auto& [key, matrix] : {std::pair{"jacobian", identification_jacobian(model, estimate, free, q)},
+                                      std::pair{"A", base_and_tool_matrix(model, estimate, q)}}) {
+      ASSERT_EQ(found[key].size(), static_cast<std::size_t>(matrix.rows()));
+      for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
+        const std::vector<double> row = found[key][static_cast<std::size_t>(r)];
+        ASSERT_EQ(row.size(), static_cast<std::size_t>(matrix.cols()));
+        EXPECT_LT((Eigen::Map<const Eigen::RowVectorXd>(row.data(), matrix.cols()) - matrix.row(r)).norm(), 1e-12)
+            << key << " row " << r;
+      }
+    }
+  };
+  expect(command);
+  estimate.targets = targets_at({{0.3, 0.1, -0.2}});
+  std::vector<std::string> other_target = command;
+  other_target.insert(other_target.end(), {"--target-file", "t.json"});
+  expect(other_target);
+  other_target.back() = "t.json";
+  other_target.insert(other_target.end(), {"--output", "j.csv"});
+  other_target.erase(std::find(other_target.begin(), other_target.end(), "--json"));
+  const std::size_t columns = reduced_model(model, estimate.targets).kept.size();
+  EXPECT_EQ(run(other_target).out, "1 configurations, in each the identification Jacobian, 3 x " +
+                                       std::to_string(columns) + ", and A, 3 x 9\n");
 }
 
 TEST_F(Matrices, RefuseBadUsage) {

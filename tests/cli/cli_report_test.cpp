@@ -1,5 +1,6 @@
 // The page for people: which subcommands write it, by which rules, and what it refuses.
 
+#include "base/sha256.hpp"
 #include "cli_support.hpp"
 #include "report_page_support.hpp"
 #include "support.hpp"
@@ -43,7 +44,27 @@ TEST_F(PageOfKdlcal, IsMadeAgainFromTheResultWithoutAFit) {
   const Outcome outcome =
       run({"report", "--result", "r.json", "--urdf", source, "--measurements", "m.csv", "--output", "again.html"});
   EXPECT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_EQ(outcome.out, "Written: again.html\n");
   EXPECT_TRUE(text_of("again.html") == text_of("c.html"));
+}
+
+TEST_F(PageOfKdlcal, IsMadeAgainWithTheFramesThatWereKnown) {
+  const Words measured = {"--urdf",       urdf,         "--measurements",  "m.csv",
+                          "--known-base", "truth.json", "--known-targets", "truth.json"};
+  Words calibrate = {"calibrate", "--effects", "none", "--prior", "none", "--result", "r.json", "--report", "c.html"};
+  calibrate.insert(calibrate.end(), measured.begin(), measured.end());
+  ASSERT_EQ(run(calibrate).status, 0);
+  Words report = {"report", "--result", "r.json", "--output", "again.html"};
+  report.insert(report.end(), measured.begin(), measured.end());
+  const Outcome outcome = run(report);
+  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_TRUE(text_of("again.html") == text_of("c.html"));
+  std::vector<std::string> roles;
+  const Json result = json_of("r.json");
+  for (const Json& file : result["provenance"]["files_read"]) {
+    roles.push_back(file["role"]);
+  }
+  EXPECT_THAT(roles, ::testing::ElementsAre("urdf", "measurements", "known-base", "known-targets"));
 }
 
 TEST_F(PageOfKdlcal, WithoutRobotAndMeasurementsSaysWhatIsMissing) {
@@ -132,6 +153,18 @@ TEST_F(PageOfKdlcal, OfAValidationHasItsNumbers) {
   EXPECT_EQ(data["result"]["position_error"], printed["position_error"]);
   EXPECT_EQ(data["trusted"], true);
   EXPECT_EQ(data["measured"]["points"].size(), 75U);
+  EXPECT_EQ(
+      data["result"]["input"],
+      (Json{
+          {"urdf", "c.urdf"}, {"base", "base_link"}, {"tip", "flange"}, {"configurations", 25}, {"observations", 75}}));
+  const Json& files = data["result"]["provenance"]["files_read"];
+  ASSERT_EQ(files.size(), 2U);
+  EXPECT_EQ(files[0], (Json{{"role", "urdf"}, {"path", "c.urdf"}, {"sha256", sha256(text_of("c.urdf"))}}));
+  EXPECT_EQ(files[1], (Json{{"role", "measurements"}, {"path", "m.csv"}, {"sha256", sha256(text_of("m.csv"))}}));
+  // No point was measured twice: the accuracy of ISO 9283 is the error of each.
+  EXPECT_EQ(data["result"]["iso_9283"]["accuracy"]["count"], 75);
+  EXPECT_NEAR(data["result"]["iso_9283"]["accuracy"]["rms"], printed["position_error"]["all"]["rms"], 1e-12);
+  EXPECT_TRUE(data["result"]["iso_9283"]["repeatability"].is_null());
   expect_refused({"validate", "--urdf", "c.urdf", "--measurements", "m.csv", "--report", "v.html"},
                  {"--report", "v.html", "--force"});
   expect_refused({"validate", "--result", "r.json", "--truth", "truth.json", "--report", "t.html"},
@@ -163,6 +196,7 @@ TEST_F(PageOfKdlcal, OfAPlanHasItsNumbers) {
     }
   }
   EXPECT_FALSE(text_of("p.csv").empty());
+  EXPECT_EQ(data["setup"], Json::parse(R"([["noise", "0.0300 mm of a coordinate, 1 sigma"], ["seed", "1"]])"));
 }
 
 TEST_F(PageOfKdlcal, OfMonteCarloRunsHasTheirErrorsAndThePrediction) {
@@ -178,6 +212,9 @@ TEST_F(PageOfKdlcal, OfMonteCarloRunsHasTheirErrorsAndThePrediction) {
   EXPECT_EQ(data["distributions"]["all"]["count"], printed["held_out_error"]["all"]["count"]);
   EXPECT_EQ(data["distributions"]["all"]["values"].back(), printed["held_out_error"]["all"]["max"]);
   EXPECT_EQ(data["distributions"]["means"]["values"].size(), 20U);
+  EXPECT_EQ(data["setup"], Json::parse(R"([["robot", "fanuc_r2000ic_165f"], ["configurations", "20"], ["targets", "3"],
+    ["noise", "0.0300 mm of a coordinate, 1 sigma"],
+    ["true errors", "lengths 0.300 mm, angles 0.0172 deg, 1 sigma"], ["seed", "4"]])"));
   double squares = 0.0;
   for (const Json& sigma : data["predicted"]["values"]) {
     squares += sigma.get<double>() * sigma.get<double>();

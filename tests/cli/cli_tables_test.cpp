@@ -4,13 +4,16 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <kdl/chainjnttojacsolver.hpp>
+#include <sstream>
 
 #include "cli_support.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "printed_text.hpp"
@@ -123,8 +126,12 @@ TEST_F(ValidateTable, ShowsEachStatisticInMillimetres) {
        line("test", errors(found, Rows::test)), place("base, measured [mm]", found.X_WB.translation()),
        place("target A", found.targets[0].X_FT.translation()), place("target B", found.targets[1].X_FT.translation())});
   expect_columns(lines, 1, 5, 5);
-  EXPECT_EQ(word_ends(lines.at(5), 3), word_ends(lines.at(6), 3));
-  EXPECT_EQ(word_ends(lines.at(5), 3), word_ends(lines.at(7), 3));
+  const Eigen::Vector3d& base = found.X_WB.translation();
+  const Eigen::Vector3d& target = found.targets[1].X_FT.translation();
+  EXPECT_EQ(lines.at(5),
+            printed("%-24s%12.3f%12.3f%12.3f", "base, measured [mm]", base.x() * 1e3, base.y() * 1e3, base.z() * 1e3));
+  EXPECT_EQ(lines.at(7),
+            printed("%-24s%12.3f%12.3f%12.3f", "target B", target.x() * 1e3, target.y() * 1e3, target.z() * 1e3));
 }
 
 TEST_F(ValidateTable, JsonHoldsEachStatisticInMetresAndTheFrames) {
@@ -169,10 +176,11 @@ TEST_F(ValidateTable, LeavesOutRowsThatTheMeasurementsDoNotHave) {
 std::string sum_of(const std::map<std::string, double>& terms) {
   std::string text;
   for (const auto& [name, coefficient] : terms) {
+    text += text.empty() ? "" : " ";
     if (coefficient < 0.0) {
-      text += " - ";
+      text += "- ";
     } else if (!text.empty()) {
-      text += " + ";
+      text += "+ ";
     }
     text += decimals(std::abs(coefficient), 3) + " " + name;
   }
@@ -211,22 +219,35 @@ TEST_F(Tables, ModelListsWhatIsKeptTheGaugeAndWhatReplacesTheRest) {
         c.robot.name + ": " + c.robot.base + " to " + c.robot.tip + ", " + std::to_string(c.robot.joints.size()) +
             " joints, " + std::to_string(c.targets) + " measured " + (c.poses ? "poses" : "points") + " on the tool",
         "complete model, " + std::to_string(names.size()) + " geometric parameters:",
-        words(names, " "),
+        "  " + words(names, " "),
         "irreducible model, rank " + std::to_string(reduction.rank) + " of " + std::to_string(reduction.candidates) +
             " candidates:",
-        words(reduction.kept, " "),
+        "  " + words(reduction.kept, " "),
         "gauge, held at zero:"};
     for (const GaugeParameter& gauge : reduction.gauge) {
-      lines.push_back(gauge.name + " tied to " + words(gauge.tied_to, ", "));
+      lines.push_back(printed("  %-8stied to ", gauge.name.c_str()) + words(gauge.tied_to, ", "));
     }
     lines.emplace_back("dropped, replaced to first order by:");
     for (const DroppedParameter& dropped : reduction.dropped) {
-      lines.push_back(dropped.name + " " + sum_of(dropped.replaced_by));
+      lines.push_back(printed("  %-8s", dropped.name.c_str()) + sum_of(dropped.replaced_by));
     }
     std::vector<std::string> arguments = {"model"};
     arguments.insert(arguments.end(), c.options.begin(), c.options.end());
-    expect_table(arguments, lines);
+    EXPECT_EQ(expect_table(arguments, lines), lines);
   }
+}
+
+TEST_F(Tables, ModelNamesTheJointsThatFollowOthers) {
+  std::string urdf = kOddArm;
+  for (const auto& [joint, mimic] :
+       {std::pair<std::string, std::string>{"skew", R"(joint="turn")"},
+        std::pair<std::string, std::string>{"wrist", R"(joint="elbow" multiplier="-0.5" offset="0.25")"}}) {
+    urdf.insert(urdf.find("</joint>", urdf.find("<joint name=\"" + joint)), "<mimic " + mimic + "/>");
+  }
+  write("odd.urdf", urdf);
+  EXPECT_EQ(lines_of(run({"model", "--urdf", "odd.urdf"}).out).at(0),
+            "odd: world to tool, 5 joints (skew = 1.0 turn + 0.0, wrist = -0.5 elbow + 0.25), 3 measured points on the "
+            "tool");
 }
 
 // ---- fk and jacobian -----------------------------------------------------------------------------------------------
@@ -271,8 +292,63 @@ TEST_F(Tables, FkShowsMillimetresAndDegreesOfEveryFrame) {
   expect_table(arguments, {heading, lines.back()});
   std::vector<std::string> every = arguments;
   every.emplace_back("--frames");
-  const std::vector<std::string> printed = expect_table(every, lines);
-  expect_columns(printed, 0, printed.size(), 6);
+  expect_table(every, lines);
+}
+
+/// A line of fk in columns, or one of its heading.
+std::string in_columns(const std::string& name, int width, const std::vector<std::string>& words) {
+  std::string line = printed("%-*s", width, name.c_str());
+  for (const std::string& word : words) {
+    line += printed("%12s", word.c_str());
+  }
+  return line;
+}
+
+TEST_F(Tables, ColumnsAreAsWideAsTheNamesAndNumbersOrTwelve) {
+  write("odd.urdf", kOddArm);
+  std::string long_names = kOddArm;
+  for (const auto& [from, to] : {std::pair<std::string, std::string>{"\"skew\"", "\"a_joint_with_a_long_name\""},
+                                 std::pair<std::string, std::string>{"\"bracket\"", "\"a_bracket_of_length\""}}) {
+    for (std::size_t at = long_names.find(from); at != std::string::npos; at = long_names.find(from, at + to.size())) {
+      long_names.replace(at, from.size(), to);
+    }
+  }
+  write("long.urdf", long_names);
+  for (const bool is_long : {false, true}) {
+    const Robot robot = parse_robot(is_long ? long_names : kOddArm);
+    const std::vector<std::string> at_joints = {"--urdf", is_long ? "long.urdf" : "odd.urdf", "--joints",
+                                                kOddJointsText};
+    const int width = is_long ? 21 : 10;  // "a_bracket_of_length" and two blanks; "in world" and two
+    std::string fk = in_columns("in world", width, {"x[mm]", "y[mm]", "z[mm]", "roll[deg]", "pitch[deg]", "yaw[deg]"});
+    KDL::ChainFkSolverPos_recursive solver(robot.chain);
+    for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
+      KDL::Frame frame;
+      solver.JntToCart(odd_joints(), frame, static_cast<int>(s) + 1);
+      std::istringstream fields(pose_line("", frame));
+      const std::vector<std::string> numbers(std::istream_iterator<std::string>(fields), {});
+      fk += "\n" + in_columns(robot.chain.getSegment(s).getName(), width, numbers);
+    }
+    std::vector<std::string> arguments = {"fk", "--frames"};
+    arguments.insert(arguments.end(), at_joints.begin(), at_joints.end());
+    EXPECT_EQ(run(arguments).out, fk + "\n");
+
+    KDL::Jacobian J(5);
+    KDL::ChainJntToJacSolver(robot.chain).JntToJac(odd_joints(), J);
+    std::vector<int> widths(5, 12);
+    widths[2] = is_long ? 26 : 12;
+    std::vector<std::string> expected = {std::string(10, ' '), "v_x       ", "v_y       ", "v_z       ",
+                                         "omega_x   ",         "omega_y   ", "omega_z   "};
+    for (unsigned c = 0; c < 5; ++c) {
+      expected[0] += printed("%*s", widths[c], robot.joints[c].name.c_str());
+      for (unsigned r = 0; r < 6; ++r) {
+        expected[r + 1] += printed("%*s", widths[c], decimals(J(r, c), 7).c_str());
+      }
+    }
+    arguments.front() = "jacobian";
+    arguments.erase(arguments.begin() + 1);
+    const std::vector<std::string> lines = lines_of(run(arguments).out);
+    EXPECT_EQ(std::vector<std::string>(lines.begin() + 1, lines.begin() + 8), expected);
+  }
 }
 
 TEST_F(Tables, NothingIsPrintedAsMinusZero) {
@@ -336,8 +412,7 @@ TEST_F(Tables, JacobianShowsARowForEachVelocityAndAColumnForEachJoint) {
   as_json.emplace_back("--json");
   lines.push_back("largest difference between KDL's solver, matrix derivatives and cross products: " +
                   run_json(as_json)["largest_difference"].dump());
-  const std::vector<std::string> printed = expect_table(arguments, lines);
-  expect_columns(printed, 1, 8, 5);
+  expect_table(arguments, lines);
 }
 
 // ---- simulate and plan ---------------------------------------------------------------------------------------------
@@ -364,34 +439,39 @@ TEST_F(Tables, SimulateSaysWhatItDrew) {
 std::vector<std::string> plan_lines(const Json& plan, const std::string& noise, const std::string& removed) {
   const auto text = [](const Json& number) { return std::to_string(number.get<long>()); };
   const auto of_sigma = [&](const std::string& label, const Json& sigma) {
-    std::string line = label;
+    std::string line = printed("  %-22s", label.c_str());
     for (const char* figure : {"mean", "p95", "max", "worst_configuration_rms"}) {
-      line += " " + decimals(sigma[figure].get<double>() * 1e3, 4);
+      line += printed("%10s", sigma[figure].is_null() ? "-" : decimals(sigma[figure].get<double>() * 1e3, 4).c_str());
     }
     return line;
   };
   const Json& sigma = plan["sigma"];
   const Json& O = plan["observability"];
-  std::vector<std::string> lines = {std::to_string(plan["configurations"].size()) +
-                                        " configurations of 300 candidates, " + plan["criterion"].get<std::string>() +
-                                        "-optimal; " + text(plan["targets"]) + " targets, " + text(plan["parameters"]) +
-                                        " parameters, noise " + noise,
-                                    "search 3 starts, " + text(plan["exchanges"]) + " exchanges; seed 4",
-                                    "samples " + text(plan["candidates"]["samples"]) + " drawn" + removed,
-                                    "predicted 1 sigma [mm] mean p95 max worst RMS of a configuration",
-                                    of_sigma("this plan", sigma["plan"]),
-                                    of_sigma("random choice", sigma["random"])};
+  const std::string effects =
+      plan["effects"].empty() ? "" : ", " + std::to_string(plan["effects"].size()) + " of effects";
+  std::vector<std::string> lines = {
+      std::to_string(plan["configurations"].size()) + " configurations of 300 candidates, " +
+          plan["criterion"].get<std::string>() + "-optimal; " + text(plan["targets"]) + " targets, " +
+          text(plan["parameters"]) + " parameters" + effects + ", noise " + noise,
+      "search                  3 starts, " + text(plan["exchanges"]) + " exchanges; seed 4",
+      "samples                 " + text(plan["candidates"]["samples"]) + " drawn" + removed,
+      "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a "
+      "configuration",
+      of_sigma("this plan", sigma["plan"]),
+      of_sigma("random choice", sigma["random"])};
   if (!sigma["floor"].is_null()) {
-    lines.push_back("the least that any plan could promise " + decimals(sigma["floor"].get<double>() * 1e3, 4));
+    lines.push_back(
+        printed("%-54s%10.4f", "  the least that any plan could promise", sigma["floor"].get<double>() * 1e3));
   }
-  lines.push_back("observability O1 " + decimals(O["O1"], 4) + ", O2 " + decimals(O["O2"], 5) + ", O3 " +
+  lines.push_back("observability           O1 " + decimals(O["O1"], 4) + ", O2 " + decimals(O["O2"], 5) + ", O3 " +
                   decimals(O["O3"], 4) + ", O4 " + decimals(O["O4"], 5) + ", O5 " + decimals(O["O5"], 5) + " (m, rad)");
-  lines.push_back("D-efficiency at least " + decimals(plan["d_efficiency"], 3));
-  lines.push_back("travel " + decimals(plan["travel_seconds"], 0) + " s at full speed, without the stops");
+  lines.push_back("D-efficiency            at least " + decimals(plan["d_efficiency"], 3));
+  lines.push_back("travel                  " + decimals(plan["travel_seconds"], 0) +
+                  " s at full speed, without the stops");
   if (plan.contains("monte_carlo")) {
     const Json& runs = plan["monte_carlo"];
     const auto mm = [](const Json& metres) { return decimals(metres.get<double>() * 1e3, 4); };
-    lines.push_back("Monte Carlo " + text(runs["runs"]) + " runs, " + text(runs["not_trusted"]) +
+    lines.push_back("Monte Carlo             " + text(runs["runs"]) + " runs, " + text(runs["not_trusted"]) +
                     " not to be trusted; held-out error [mm] mean " + mm(runs["held_out_error"]["mean"]) + ", p95 " +
                     mm(runs["held_out_error"]["p95"]) + ", max " + mm(runs["held_out_error"]["max"]) +
                     "; RMS of a point, mean " + mm(runs["rms_of_point_mean"]));
@@ -412,31 +492,37 @@ TEST_F(Tables, PlanShowsWhatItsJsonHolds) {
       removed += "; " + refused["constraint"].get<std::string>() + " removes " + refused["samples"].dump();
     }
     EXPECT_EQ(removed.empty(), !refuses);
-    expect_table(words, plan_lines(answer, noise, removed));
+    const std::vector<std::string> expected = plan_lines(answer, noise, removed);
+    EXPECT_EQ(expect_table(words, expected), expected);
+    return answer;
   };
   both({"--configurations", "20", "--monte-carlo", "5"}, "0.0500 mm", false);
   both({"--configurations", "14", "--targets", "2", "--criterion", "I", "--least-height", "0.3", "--noise-tracker",
         "1e-5,0,3e-5,8e-6", "--tracker", "4,1,0.5"},
        "of the tracker", true);
+  both({"--configurations", "12", "--effects", "gain"}, "0.0500 mm", false);
+  // Joint 4 has but two values: random choices of one of them determine nothing.
+  const Json poor = both({"--configurations", "6", "--joint-range", "joint_4=0:0.001"}, "0.0500 mm", false);
+  EXPECT_THAT(poor["sigma"]["random"], ::testing::Each(Json(nullptr)));
 }
 
-TEST_F(Tables, LongNamesOfJointsKeepTheirColumns) {
-  std::string urdf = kOddArm;
-  for (const auto& [from, to] : {std::pair<std::string, std::string>{"\"skew\"", "\"a_joint_with_a_long_name\""},
-                                 std::pair<std::string, std::string>{"\"tool\"", "\"a_tool_with_a_long_name\""}}) {
-    for (std::size_t at = urdf.find(from); at != std::string::npos; at = urdf.find(from, at + to.size())) {
-      urdf.replace(at, from.size(), to);
-    }
-  }
-  write("odd.urdf", urdf);
-  const std::vector<std::string> jacobian =
-      lines_of(run({"jacobian", "--urdf", "odd.urdf", "--joints", kOddJointsText}).out);
-  ASSERT_EQ(jacobian.size(), 9U);
-  expect_columns(jacobian, 1, 8, 5);
-  const std::vector<std::string> fk =
-      lines_of(run({"fk", "--urdf", "odd.urdf", "--frames", "--joints", kOddJointsText}).out);
-  ASSERT_EQ(fk.size(), 8U);
-  expect_columns(fk, 0, fk.size(), 6);
+TEST_F(Tables, ManyRunsOfASimulationAreCountedAndTheirErrorsShown) {
+  const std::vector<std::string> simulate = {"simulate", "--monte-carlo", "2", "--noise", "1e-5", "--threads", "1"};
+  std::vector<std::string> as_json = simulate;
+  as_json.emplace_back("--json");
+  const Json runs = run_json(as_json);
+  const auto statistics = [&](const char* key) {
+    const Json& s = runs["held_out_error"][key];
+    return ErrorStatistics{
+        .count = s["count"], .mean = s["mean"], .rms = s["rms"], .p95 = s["p95"], .max = s["max"], .std = s["std"]};
+  };
+  EXPECT_EQ(statistics("all").count, 2 * 100 * 3);
+  EXPECT_EQ(statistics("mean_of_run").count, 2);
+  EXPECT_EQ(statistics("max_of_run").max, statistics("all").max);
+  EXPECT_EQ(run(simulate).out, "2 runs, 0 of them not to be trusted\n" + statistics_heading("held-out error [mm]") +
+                                   statistics_row("all points", statistics("all")) +
+                                   statistics_row("mean of a run", statistics("mean_of_run")) +
+                                   statistics_row("largest of a run", statistics("max_of_run")));
 }
 
 // ---- text ----------------------------------------------------------------------------------------------------------

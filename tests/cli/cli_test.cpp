@@ -79,6 +79,51 @@ TEST_F(Usage, RefusesWhatTheParserDoesNotKnowOnOneLine) {
   expect_refused({"calibrate", "--measurements", "a.csv", "--method", "best"}, {"'best'", "joint, two-step"});
 }
 
+TEST_F(Usage, NamesAnOptionThatNobodyKnows) {
+  const auto said = [&](const std::string& option) { return run({"calibrate", option}).err; };
+  EXPECT_EQ(said("--zzzzzzzz"), "kdlcal calibrate: '--zzzzzzzz' is not expected here, see kdlcal calibrate --help\n");
+  EXPECT_EQ(said("--measurments=m.csv"),
+            "kdlcal calibrate: '--measurments=m.csv' is not expected here, did you mean --measurements? See kdlcal "
+            "calibrate --help\n");
+  const std::string file(500, 'x');
+  const std::string longest = "kdlcal: " + file + ": No such file or directory";
+  EXPECT_EQ(run({"model", "--urdf", file}).err, longest.substr(0, 400) + "...\n");
+}
+
+/// What is wrong with options and files to write is said before a file is read that would take its time.
+TEST_F(Usage, RefusesWhatCannotBeWrittenBeforeItReads) {
+  write("old", "old");
+  for (const std::vector<std::string>& command :
+       std::vector<std::vector<std::string>>{{"simulate", "--output", "old"},
+                                             {"simulate", "--monte-carlo", "2", "--report", "old"},
+                                             {"simulate", "--two-step", "2", "--truth", "old"},
+                                             {"simulate", "--two-step", "2", "--report", "old"},
+                                             {"plan", "--output", "old"},
+                                             {"plan", "--report", "old"},
+                                             {"validate", "--measurements", "none.csv", "--report", "old"},
+                                             {"jacobian", "--identification", "--joints", "0", "--output", "old"},
+                                             {"calibrate", "--measurements", "none.csv", "--covariance", "old"},
+                                             {"report", "--result", "none.json", "--output", "old"}}) {
+    std::vector<std::string> words = command;
+    words.insert(words.end(), {"--urdf", "none.urdf"});
+    expect_refused(words, {command[command.size() - 2] + ": 'old' exists, expected a new file name or --force"});
+  }
+  const std::vector<std::string> calibrate = {"calibrate", "--measurements", "none.csv", "--urdf", "none.urdf"};
+  const auto with = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words = calibrate;
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  };
+  expect_refused(with({"--note", "serial"}), {"--note: 'serial' is not accepted, expected key=value in UTF-8"});
+  expect_refused(with({"--note", "serial=\xff"}), {"--note", "expected key=value in UTF-8"});
+  expect_refused(with({"--require", "rms"}), {"--require: 'rms'"});
+  expect_refused({"validate", "--measurements", "none.csv", "--require", "rms"}, {"--require: 'rms'"});
+  expect_refused({"plan", "--urdf", "none.urdf", "--monte-carlo", "2", "--effects", "gain"},
+                 {"--monte-carlo: tries the plan on rigid arms, expected it without --effects"});
+  expect_refused({"plan", "--urdf", "none.urdf", "--measured", "m.csv", "--add", "2", "--configurations", "3"},
+                 {"--configurations: --add says how many to choose, expected one of the two"});
+}
+
 TEST_F(Usage, RefusesJointValuesThatDoNotFitTheRobot) {
   expect_refused({"fk", "--joints", "1,2,3"}, {"--joints", "3 values", "expected 6", "joint_1"});
   expect_refused({"fk", "--joints", "1,2,3,4,5,six"}, {"--joints", "'six'", "joint_6", "radians"});

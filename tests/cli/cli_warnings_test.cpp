@@ -2,6 +2,8 @@
 // warning appears in its own case and in no other.
 
 #include <algorithm>
+#include <functional>
+#include <numbers>
 #include <regex>
 
 #include "cli_support.hpp"
@@ -9,6 +11,7 @@
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/validation.hpp"
 #include "printed_text.hpp"
 #include "virtual_experiment.hpp"
 
@@ -61,7 +64,9 @@ protected:
 
 // ---- calibrate -----------------------------------------------------------------------------------------------------
 
-const std::string kNotConverged = "the fit did not converge: the parameters were still changing after 1 iterations; .*";
+const std::string kNotConverged =
+    "the fit did not converge: the parameters were still changing after 1 iterations; .* "
+    R"(\(--iterations sets their number\))";
 const std::string kFoldsDidNot = "20 of 20 leave-one-out fits did not converge";
 const std::string kFileDoesNotSaySo =
     R"(c\.urdf comes from an answer that is not to be trusted; the file itself does not say so)";
@@ -72,7 +77,8 @@ TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
   write("m.csv", measurements_csv(measured));
   expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--leave-one-out"}, 0, {});
   write("serial.csv", controller_csv(measured, kSerial));
-  expect({"calibrate", "--measurements", "serial.csv", "--joint-convention", kSerial}, 0, {});
+  const Outcome outcome = expect({"calibrate", "--measurements", "serial.csv", "--joint-convention", kSerial}, 0, {});
+  EXPECT_THAT(outcome.out, ::testing::HasSubstr("joint offsets as the controller counts, for mastering\n  J1  "));
 }
 
 TEST_F(CommandLineWarnings, CalibrateDoubtsAFitThatDidNotConverge) {
@@ -95,7 +101,8 @@ TEST_F(CommandLineWarnings, CalibrateDoubtsWhatTheMeasurementsDoNotDetermine) {
   const Outcome outcome =
       expect({"calibrate", "--measurements", "m.csv", "--json"}, 1,
              {"the measurements cannot tell apart: .*", "fixed by gauge: .* \\(errors at zero, .*"},
-             {"the measurements do not determine [0-9]+ parameters \\(.*\\): joint_4 never moves; .*"});
+             {"the measurements do not determine [0-9]+ parameters \\(.*\\): joint_4 never moves; .* "
+              R"(\(kdlcal plan --measured FILE --add N chooses them\))"});
   EXPECT_EQ(nlohmann::json::parse(outcome.out)["termination"], "rank_deficient");
 }
 
@@ -145,6 +152,29 @@ TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
   for (std::size_t i = 0; i < expected.size(); ++i) {
     EXPECT_THAT(lines[i], ::testing::StartsWith(expected[i]));
   }
+  EXPECT_THAT(outcome.err, ::testing::HasSubstr("(--joint-convention says how to read the joint values)\n"));
+}
+
+TEST_F(CommandLineWarnings, CalibrateNamesTheOptionThatReadsJointValuesInAnotherWay) {
+  const auto doubt = [&](const std::string& cause, const std::function<void(Measurements&)>& spoil) {
+    Measurements spoilt = measured;
+    spoil(spoilt);
+    write("m.csv", measurements_csv(spoilt));
+    const Outcome outcome = run({"calibrate", "--measurements", "m.csv", "--effects", "none", "--prior", "none",
+                                 "--result", "r.json", "--force"});
+    EXPECT_EQ(outcome.status, 1) << cause;
+    std::vector<std::string> causes;
+    const nlohmann::json result = json_of("r.json");
+    for (const nlohmann::json& found : result["doubts"]) {
+      causes.push_back(found["cause"]);
+    }
+    EXPECT_THAT(causes, ::testing::Contains(cause));
+    EXPECT_THAT(outcome.err, ::testing::HasSubstr(" (--joint-convention says how to read the joint values)\n"))
+        << cause;
+  };
+  doubt("joint_sign", [](Measurements& m) { m.joint_values.row(1) *= -1.0; });
+  doubt("joint_unit", [](Measurements& m) { m.joint_values *= 180.0 / std::numbers::pi; });
+  doubt("joint_columns", [](Measurements& m) { m.joint_values.row(1).swap(m.joint_values.row(2)); });
 }
 
 TEST_F(CommandLineWarnings, CalibrateNamesNoConventionWhereTheMeasurementsAreToBlame) {
@@ -246,6 +276,67 @@ TEST_F(CommandLineWarnings, ValidateStatesTheMisfitOfBothReadings) {
   EXPECT_NEAR(std::stod(numbers[2]), right * 1e3, 0.05);
 }
 
+TEST_F(CommandLineWarnings, ValidateSaysWhereBaseAndTargetsTookAQuarterOfTheCoordinates) {
+  // Two targets and the base are 12 unknowns, six coordinates come with each configuration.
+  const auto warned = [&](int configurations, const Arguments& more = {}) {
+    write("m.csv", measurements_csv(subset(measured, [=](const Observation& o) {
+            return o.configuration < configurations && o.target < 2;
+          })));
+    Arguments words = {"validate", "--measurements", "m.csv"};
+    words.insert(words.end(), more.begin(), more.end());
+    const std::string err = run(words).err;
+    return err.substr(0, err.find(" coordinates"));
+  };
+  EXPECT_EQ(warned(7), kWarning + "base and targets took 12 of 42");
+  EXPECT_EQ(warned(8), "");
+  write("known.json", R"({"base": {"position": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]},
+    "targets": [{"name": "A", "position": [0.1, 0, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})");
+  EXPECT_EQ(warned(3, {"--known-base", "known.json"}), kWarning + "base and targets took 6 of 18");
+  EXPECT_EQ(warned(3, {"--known-targets", "known.json"}), kWarning + "base and targets took 6 of 18");
+  EXPECT_EQ(warned(3, {"--known-base", "known.json", "--known-targets", "known.json"}), "");
+}
+
+TEST_F(CommandLineWarnings, ValidateDoubtsAMisfitOfATenthOfTheArm) {
+  double reach = experiment.model.tip_origin.p.Norm();
+  for (const MovingJoint& joint : experiment.model.joints) {
+    reach += joint.origin.p.Norm();
+  }
+  const Eigen::VectorXd none = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(experiment.model.parameters.size()));
+  Random random(8);
+  Measurements exact = at(measured.joint_values, {});
+  std::vector<Eigen::Vector3d> scatter(exact.observations.size());
+  for (Eigen::Vector3d& point : scatter) {
+    point = {random.normal(), random.normal(), random.normal()};
+  }
+  // What base and targets leave of the scatter grows nearly with it.
+  double size = 0.2;
+  const auto scattered = [&] {
+    Measurements result = exact;
+    for (std::size_t row = 0; row < scatter.size(); ++row) {
+      result.observations[row].position += size * scatter[row];
+    }
+    return result;
+  };
+  for (const double share : {0.098, 0.102}) {
+    double rms = 0.0;
+    for (int i = 0; i < 8; ++i) {
+      const Measurements now = scattered();
+      const Estimate estimate = registered(experiment.model, none, now);
+      rms = error_statistics(position_errors(experiment.model, estimate, now)).rms;
+      size *= share * reach / rms;
+    }
+    ASSERT_NEAR(rms / reach, share, 0.001);
+    write("m.csv", measurements_csv(scattered()));
+    const Outcome outcome = run({"validate", "--measurements", "m.csv"});
+    const bool absurd = share > 0.1;
+    EXPECT_EQ(outcome.status, absurd ? 1 : 0) << share << outcome.err;
+    EXPECT_EQ(outcome.err.find("is more than geometric errors explain; are units, signs and order of the joints "
+                               "right?") != std::string::npos,
+              absurd)
+        << outcome.err;
+  }
+}
+
 // ---- fk, jacobian, plan --------------------------------------------------------------------------------------------
 
 TEST_F(CommandLineWarnings, KinematicsNameTheJointsOutsideTheirLimits) {
@@ -258,6 +349,17 @@ TEST_F(CommandLineWarnings, KinematicsNameTheJointsOutsideTheirLimits) {
     expect({subcommand, "--joints", "0," + joints(0.01) + ",0,0,0"}, 0,
            {"joint values outside the limits of the URDF \\(2 of 6\\): joint_2, joint_3"});
   }
+}
+
+TEST_F(CommandLineWarnings, FkDoubtsAResultThatIsNotToBeTrusted) {
+  const auto result = [&](const std::string& judgement) {
+    write("r.json", R"({"parameters": [{"name": "dq2", "error": 0.002}])" + judgement + "}");
+    return run({"fk", "--joints", "0,0,0,0,0,0", "--result", "r.json"}).err;
+  };
+  const std::string doubts = R"(, "doubts": [{"cause": "a", "message": "first"}, {"cause": "b", "message": "second"}])";
+  EXPECT_EQ(result(R"(, "trusted": false)" + doubts), kWarning + "r.json is not to be trusted: first\n");
+  EXPECT_EQ(result(R"(, "trusted": true, "doubts": [])"), "");
+  EXPECT_EQ(result(""), "");
 }
 
 TEST_F(CommandLineWarnings, PlanNamesTheLinksThatNothingIsKeptClearOf) {

@@ -93,6 +93,10 @@ class CleanTree:
         wanted = {"kdl_calibration", "kdlcal_commands", "kdlcal", *self.suites}
         return [unit for unit in self.units if unit.target in wanted and full in unit.depends]
 
+    def linked_with(self, archive):
+        """The suites that call what is in it."""
+        return [suite for suite, unit in self.suites.items() if archive in map(path_of(unit), link_words(unit))]
+
     def executable(self, suite):
         words = link_words(self.suites[suite])
         return Path(self.suites[suite].directory, words[words.index("-o") + 1])
@@ -126,6 +130,12 @@ def link_words(unit):
     directory = Path(unit.directory, unit.output.split("CMakeFiles/")[0])
     text = (directory / "CMakeFiles" / f"{unit.target}.dir" / "link.txt").read_text()
     return shlex.split(text.splitlines()[-1] if " qc " not in text else text.splitlines()[0])
+
+
+def path_of(unit):
+    """Where a word of the link command leads, if it is a path."""
+    directory = Path(unit.directory, unit.output.split("CMakeFiles/")[0])
+    return lambda word: Path(os.path.normpath(directory / word))
 
 
 def _mirror(origin, copy):
@@ -311,7 +321,7 @@ class Worker:
             if subprocess.run(["ar", "r", str(self.out / archive.name), *members], stderr=subprocess.DEVNULL).returncode:
                 return False
             replaced[str(archive)] = str(self.out / archive.name)
-            targets.add("kdlcal")
+            targets |= {"kdlcal", *self.clean.linked_with(archive)}
         for target in sorted(targets - {"kdlcal_commands"}, key=lambda name: name != "kdl_calibration"):
             if not self._linked_target(by_target[target], replaced):
                 return False
@@ -322,7 +332,7 @@ class Worker:
         words = link_words(unit)
         output = words.index("-o") + 1
         result = self.out / Path(words[output]).name
-        words = [replaced.get(str(directory / word), word) for word in words]
+        words = [replaced.get(str(path_of(unit)(word)), word) for word in words]
         words[output] = str(result)
         if unit.target == "kdl_calibration":
             soname = next(word for word in words if "-soname," in word).split("-soname,")[1]

@@ -1,0 +1,148 @@
+// What the pages of plans, runs and validations hold, against what they are made from.
+
+#include "cli/report_pages.hpp"
+
+#include <gmock/gmock.h>
+
+#include <set>
+
+#include "cli/truth_report.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "report_page_support.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration::testing {
+namespace {
+
+using Json = nlohmann::json;
+using Eigen::Index;
+using Eigen::Vector3d;
+
+const cli::PageFacts kSetup = {{"robot", "an arm"}, {"seed", "7"}};
+
+/// What every page has.
+Json expect_page(const std::string& page, const std::string& kind, const Json& result) {
+  Json data = data_of_page(page);
+  EXPECT_EQ(data["kind"], kind);
+  EXPECT_EQ(data["software"], (Json{{"name", "kdl_calibration"}, {"version", KDL_CALIBRATION_VERSION}}));
+  EXPECT_TRUE(data["result"] == result) << data["result"];
+  return data;
+}
+
+void expect_place(const Json& place, const Robot& robot, const Eigen::VectorXd& q, const std::string& what) {
+  const KDL::Vector flange = kdl_pose(robot.chain, q).p;
+  ASSERT_EQ(place.size(), 3U) << what;
+  for (int axis = 0; axis < 3; ++axis) {
+    ASSERT_NEAR(place[static_cast<std::size_t>(axis)].get<double>(), flange[axis], 1e-12) << what << ", axis " << axis;
+  }
+}
+
+TEST(PagesOfKdlcal, OfAPlanShowChosenAndOtherPlacesTheTrackerAndWhatFewerWouldGive) {
+  PlanRequest request;
+  request.robot = fanuc();
+  request.targets = published_targets(2);
+  request.cell.ranges = limits_of(request.robot.joints);
+  request.cell.tracker = Tracker{.position = {9.0, -8.0, 7.0}};
+  request.count = 9;
+  request.candidates = 1600;
+  request.workspace = 40;
+  request.starts = 1;
+  request.threads = 1;
+  const Plan plan = make_plan(request);
+  const Json data = expect_page(cli::plan_page({{"x", 1}}, request, plan, kSetup), "plan", {{"x", 1}});
+  EXPECT_EQ(data["setup"], Json::parse(R"([["robot", "an arm"], ["seed", "7"]])"));
+  EXPECT_EQ(data["tracker"], Json::parse("[9.0, -8.0, 7.0]"));
+  EXPECT_EQ(data["robot"]["targets"].size(), 2U);
+  ASSERT_EQ(data["configurations"].size(), 9U);
+  ASSERT_EQ(data["chosen"].size(), 9U);
+  for (std::size_t c = 0; c < 9; ++c) {
+    const Eigen::VectorXd q = plan.sheet.joint_values.col(static_cast<Index>(c));
+    EXPECT_EQ(data["configurations"][c]["name"], plan.sheet.configurations[c]);
+    EXPECT_EQ(data["configurations"][c]["joint_values"], Json(std::vector<double>(q.begin(), q.end())));
+    expect_place(data["chosen"][c], request.robot, q, "chosen");
+  }
+  // 1,500 of the 1,600, evenly spaced, but for those that were chosen.
+  const std::set<Index> chosen(plan.selection.chosen.begin(), plan.selection.chosen.end());
+  std::size_t place = 0;
+  for (Index i = 0; i < 1500; ++i) {
+    const Index candidate = i * 1600 / 1500;
+    if (chosen.count(candidate) == 0) {
+      ASSERT_LT(place, data["rejected"].size());
+      expect_place(data["rejected"][place++], request.robot, plan.drawn.joint_values.col(candidate), "rejected");
+    }
+  }
+  EXPECT_EQ(data["rejected"].size(), place);
+  const std::vector<CountedAccuracy> counted = accuracy_by_count(request, plan);
+  ASSERT_EQ(data["by_count"].size(), counted.size());
+  for (std::size_t k = 0; k < counted.size(); ++k) {
+    const auto finite = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
+    EXPECT_EQ(
+        data["by_count"][k],
+        (Json{{"count", counted[k].count}, {"plan", finite(counted[k].plan)}, {"random", finite(counted[k].random)}}));
+  }
+  request.cell.tracker.reset();
+  EXPECT_FALSE(expect_page(cli::plan_page({}, request, plan, {}), "plan", {}).contains("tracker"));
+}
+
+TEST(PagesOfKdlcal, OfRunsShowTheirErrorsAndWhatWasPredicted) {
+  const ErrorModel model = complete_model(fanuc());
+  const auto configurations = [&](int count) {
+    return [&model, count](Random& random) { return random_configurations(limits_of(model.joints), count, random); };
+  };
+  const MonteCarlo experiment{.model = model,
+                              .with_errors = {2},
+                              .targets = published_targets(),
+                              .noise = {.sigma = 1e-5},
+                              .train = configurations(15),
+                              .test = configurations(2),
+                              .calibration = {},
+                              .runs = 2};
+  MonteCarloResult runs{.runs = 2};
+  runs.all_errors = {1.0, 2.0};
+  runs.mean_errors = {3.0};
+  runs.largest_errors = {4.0, 5.0, 6.0};
+  runs.all.count = 11;
+  runs.means.count = 12;
+  runs.maxima.count = 13;
+  const Json result = {{"runs", 2}};
+  const Json data = expect_page(cli::monte_carlo_page(result, experiment, runs, kSetup), "monte_carlo", result);
+  EXPECT_EQ(data["setup"].size(), 2U);
+  EXPECT_EQ(data["distributions"], Json::parse(R"({"all": {"count": 11, "values": [1.0, 2.0]},
+    "maxima": {"count": 13, "values": [4.0, 5.0, 6.0]}, "means": {"count": 12, "values": [3.0]}})"));
+  const std::vector<double> predicted = predicted_errors(experiment);
+  EXPECT_EQ(predicted.size(), 4U);
+  EXPECT_EQ(data["predicted"], (Json{{"count", 4}, {"values", predicted}}));
+}
+
+TEST(PagesOfKdlcal, OfTheTwoStepProcedureShowTheOtherRoundsToo) {
+  const Json other = {{"rounds", 5}};
+  const Json data = expect_page(cli::two_step_page({{"a", 1}}, other, kSetup), "two_step", {{"a", 1}});
+  EXPECT_EQ(data["other"], other);
+  EXPECT_EQ(data["setup"][1], Json::parse(R"(["seed", "7"])"));
+}
+
+TEST(PagesOfKdlcal, OfAValidationShowRobotMeasurementsAndWhatIsDoubted) {
+  VirtualExperiment arm;
+  const Measurements measured = arm.measure(5, {.sigma = 1e-5});
+  const Robot robot = fanuc();
+  const Estimate estimate = nominal_start(arm.model, measured);
+  cli::ValidationPage page{.result = {{"y", 2}},
+                           .robot = robot,
+                           .reported = {.model = arm.model, .estimate = estimate, .measurements = measured},
+                           .warnings = {"w"},
+                           .requirements = {"r<1", "s<1"},
+                           .doubts = {"d", "e", "f"}};
+  Json data = expect_page(cli::validation_page(page), "validation", {{"y", 2}});
+  EXPECT_EQ(data["trusted"], false);
+  EXPECT_EQ(data["warnings"], Json(page.warnings));
+  EXPECT_EQ(data["requirements"], Json(page.requirements));
+  EXPECT_EQ(data["missed"], Json(page.doubts));
+  EXPECT_TRUE(data["robot"] == Json::parse(reported_robot(robot, arm.model, estimate)));
+  EXPECT_TRUE(data["measured"] == Json::parse(reported_measurements(page.reported)));
+  EXPECT_EQ(data["measured"]["points"].size(), 15U);
+  page.doubts.clear();
+  EXPECT_EQ(expect_page(cli::validation_page(page), "validation", {{"y", 2}})["trusted"], true);
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing
