@@ -1,0 +1,194 @@
+// Linear rows against sums over observations by central differences, and groups of columns against their list.
+
+#include "calibration/effect_candidates.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "kdl_calibration/effect_terms.hpp"
+#include "kdl_calibration/prediction.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// The odd arm, points of which each states a sigma of its own, and an estimate beside the truth.
+struct Setting : testing::VirtualExperiment {
+  Measurements measured;
+  std::vector<EffectTerm> terms;
+  Estimate optimum;
+
+  Setting()
+      : VirtualExperiment({.model = complete_model(parse_robot(testing::kOddArm)),
+                           .X_WB = Eigen::Isometry3d(Eigen::Translation3d(2.0, -1.0, 0.3)),
+                           .random = Random(3)}) {
+    const MatrixXd q = configurations(12);
+    measured = measure(q, {.sigma = 1e-4});
+    for (Observation& o : measured.observations) {
+      o.sigma = random.uniform(5e-5, 2e-4);
+    }
+    for (const EffectGroup group : {EffectGroup::gravity, EffectGroup::gain, EffectGroup::tables}) {
+      const std::vector<EffectTerm> more = effect_terms(model, group, q);
+      terms.insert(terms.end(), more.begin(), more.end());
+    }
+    optimum = robot.truth;
+    for (double& error : optimum.errors) {
+      error += 3e-4 * random.normal();  // also of parameters that are not free
+    }
+    optimum.effects = VectorXd::Constant(3, 5.0);  // of another model
+  }
+};
+
+const Setting& setting() {
+  static const Setting one;
+  return one;
+}
+
+/// Measured minus predicted of one observation, over its sigma.
+VectorXd residual(const ErrorModel& model, const Estimate& estimate, const Measurements& measured,
+                  const Observation& o) {
+  const MatrixXd q = measured.joint_values.col(o.configuration);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, q);
+  Observation only = o;
+  only.configuration = 0;
+  return (o.position - predicted_point(estimate, X_BF, only)) / o.sigma;
+}
+
+TEST(EffectCandidates, RowsAreThoseOfThePredictionAtNoErrorsAndNoEffects) {
+  const Setting& s = setting();
+  const Candidate candidate = with_terms(s.model, s.free, s.terms, true);
+  EXPECT_TRUE(candidate.sized);
+  ASSERT_EQ(candidate.free.effects().size(), s.terms.size());
+  const LinearRows rows = linear_rows(candidate, s.measured, s.optimum, 0.3);
+  ASSERT_EQ(rows.first.size(), 13U);
+  Estimate start = s.optimum;
+  start.effects = VectorXd::Zero(static_cast<Index>(s.terms.size()));
+  VectorXd errors = VectorXd::Zero(candidate.free.size());
+  for (const std::size_t p : candidate.free.geometric()) {
+    errors[*candidate.free.column(UnknownGroup::geometric, p)] = s.optimum.errors[static_cast<Index>(p)];
+  }
+  double weights = 0.0;
+  for (Index c = 0; c < 12; ++c) {
+    LinearSums expected{.information = MatrixXd::Zero(errors.size(), errors.size()),
+                        .moment = VectorXd::Zero(errors.size())};
+    for (const Observation& o : s.measured.observations) {
+      if (o.configuration != c) {
+        continue;
+      }
+      const MatrixXd J = -testing::central_differences(errors.size(), 1e-5, [&](const VectorXd& step) {
+        return residual(candidate.model, candidate.free.moved(start, step), s.measured, o);
+      });
+      const VectorXd y = residual(candidate.model, start, s.measured, o) + J * errors;
+      expected.information += J.transpose() * J;
+      expected.moment += J.transpose() * y;
+      expected.squares += y.squaredNorm();
+      expected.equations += 3.0;
+      weights += 1.0 / (o.sigma * o.sigma);
+    }
+    const LinearSums sums = sums_of(rows, {c});
+    EXPECT_LT((sums.information - expected.information).norm(), 1e-6 * expected.information.norm()) << c;
+    EXPECT_LT((sums.moment - expected.moment).norm(), 1e-6 * expected.moment.norm()) << c;
+    EXPECT_NEAR(sums.squares, expected.squares, 1e-6 * expected.squares) << c;
+    EXPECT_EQ(sums.equations, expected.equations) << c;
+  }
+  EXPECT_NEAR(rows.unit, 1.0 / std::sqrt(weights / 36.0), 1e-12);
+}
+
+TEST(EffectCandidates, SumsOfSeveralConfigurationsAreTheirSums) {
+  const Setting& s = setting();
+  const LinearRows rows = linear_rows(with_terms(s.model, s.free, {}, false), s.measured, s.optimum, 0.3);
+  LinearSums left = sums_of(rows, {1, 4, 7});
+  EXPECT_TRUE(left.information.isApprox(left.information.transpose(), 1e-14));
+  for (const Index c : {7, 1, 4}) {
+    left -= sums_of(rows, {c});
+  }
+  EXPECT_LT(left.information.norm() + left.moment.norm() + std::abs(left.squares), 1e-6);
+  EXPECT_EQ(left.equations, 0.0);
+  EXPECT_TRUE(sums_of(rows, {}).information.isZero(0.0));
+}
+
+TEST(EffectCandidates, OrientationsCountByTheirLength) {
+  testing::VirtualExperiment s({.targets = testing::as_frames(published_targets(2)), .random = Random(5)});
+  Measurements measured = testing::without_sigmas(s.measure(4, {.sigma = 1e-4, .orientation_sigma = 1e-3}));
+  const Estimate start = nominal_start(s.model, measured);
+  const auto squares = [&](double length) {
+    const LinearRows rows = linear_rows(with_terms(s.model, s.free, {}, false), measured, start, length);
+    EXPECT_NEAR(rows.unit, 1.0, 1e-12);
+    return sums_of(rows, {0, 1, 2, 3}).squares;
+  };
+  const double of_points = squares(1e-9);
+  const double of_orientations = squares(1.0) - of_points;
+  EXPECT_GT(of_orientations, 0.0);
+  EXPECT_NEAR(squares(0.5) - of_points, 0.25 * of_orientations, 1e-9 * of_orientations);
+}
+
+TEST(EffectCandidates, JointRowsAreMotionsOfTheJointsThemselves) {
+  const Setting& s = setting();
+  const Unknowns offsets = joint_offsets(s.model, s.targets);
+  EXPECT_THAT(offsets.names(), ::testing::ElementsAre("dq1", "dq2", "dq3", "dq4", "dq5"));
+  const LinearRows rows = joint_rows(s.model, s.measured, s.optimum, 0.3);
+  ASSERT_EQ(rows.J.cols(), 5);
+  Estimate start = s.optimum;
+  start.effects.resize(0);
+  for (Index c = 0; c < 12; ++c) {
+    MatrixXd information = MatrixXd::Zero(5, 5);
+    for (const Observation& o : s.measured.observations) {
+      if (o.configuration == c) {
+        const MatrixXd J = testing::central_differences(5, 1e-5, [&](const VectorXd& step) {
+          Measurements moved = s.measured;
+          moved.joint_values.col(c) += step;
+          return residual(s.model, start, moved, o);
+        });
+        information += J.transpose() * J;
+      }
+    }
+    EXPECT_LT((sums_of(rows, {c}).information - information).norm(), 1e-6 * information.norm()) << c;
+  }
+}
+
+TEST(EffectCandidates, GroupsAreLengthsAnglesAndEffectsBySize) {
+  const Setting& s = setting();
+  for (const bool sized : {false, true}) {
+    for (const Priors& stated : {Priors{}, Priors{.length = 0.002, .angle = 0.0}, Priors{.length = 0.0, .angle = 3e-3},
+                                 Priors{.length = 0.002, .angle = 3e-3}}) {
+      const Candidate candidate = with_terms(s.model, s.free, s.terms, sized);
+      std::map<std::string, std::vector<Index>> columns;
+      std::map<std::string, double> held;
+      for (const std::size_t p : candidate.free.geometric()) {
+        const bool length = is_length(s.model, s.model.parameters[p]);
+        const double size = length ? stated.length : stated.angle;
+        if (sized || size > 0.0) {
+          columns[length ? "length" : "angle"].push_back(*candidate.free.column(s.model.parameters[p].name));
+          held[length ? "length" : "angle"] = sized ? 0.0 : size;
+        }
+      }
+      for (const EffectTerm& term : s.terms) {
+        columns[size_name(term)].push_back(*candidate.free.column(term.name));
+      }
+      const Groups groups = groups_of(candidate, stated);
+      ASSERT_EQ(groups.names.size(), columns.size());
+      ASSERT_EQ(groups.columns.size(), columns.size());
+      ASSERT_EQ(groups.limits.held.size(), columns.size());
+      ASSERT_EQ(groups.limits.most.size(), columns.size());
+      for (std::size_t g = 0; g < columns.size(); ++g) {
+        const std::string& name = groups.names[g];
+        EXPECT_EQ(groups.columns[g], columns[name]) << name;
+        EXPECT_EQ(groups.limits.held[g], held[name]) << name;
+        EXPECT_EQ(groups.limits.most[g], name.starts_with("tables") ? 2e-3 : kInfinity) << name;
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration
