@@ -272,9 +272,128 @@ TEST(ReportPage, RefusesWhatIsNoResult) {
   for (const char* wrong : {"[]", "{}", "{\"trusted\": true}", "no JSON"}) {
     EXPECT_THROW(page(wrong), InputError) << wrong;
   }
+  const auto said = [&](const char* json) { return testing::refusal([&] { page(json); }); };
+  EXPECT_THAT(said("{}"), HasSubstr("r.json: has no 'trusted', expected a result that calibrate wrote"));
+  EXPECT_THAT(said(R"({"trusted": 1})"), HasSubstr("has no 'parameters'"));
+  EXPECT_THAT(said(R"({"trusted": 1, "parameters": []})"), HasSubstr("has no 'position_error'"));
   const std::string spoilt =
       R"({"trusted": true, "parameters": [], "position_error": {}, "covariance": {"names": ["a", "b"]}})";
   EXPECT_THAT(testing::refusal([&] { page(spoilt); }), HasSubstr("r.json"));
+}
+
+/// The data of the page of a result that is written by hand.
+Json page_data(Json result) {
+  for (const char* key : {"parameters", "position_error"}) {
+    result[key] = Json::object();
+  }
+  result["trusted"] = true;
+  return data_of_page(calibration_page({.result = result.dump(),
+                                        .source = "r.json",
+                                        .robot = nullptr,
+                                        .measurements = nullptr,
+                                        .known = {},
+                                        .plan_command = ""}));
+}
+
+TEST(ReportPage, HoldsTheInfluenceOfPointsOfUpToAThousandConfigurations) {
+  for (const std::size_t count : {1000, 1001}) {
+    Json result;
+    for (std::size_t c = 0; c < count; ++c) {
+      result["influence"]["configurations"].push_back({{"cook", c}, {"points", {1, 2}}});
+    }
+    const Json influence = page_data(result)["result"]["influence"];
+    EXPECT_EQ(influence["complete"], count <= 1000);
+    ASSERT_EQ(influence["configurations"].size(), count);
+    EXPECT_EQ(influence["configurations"][7]["cook"], 7);
+    EXPECT_EQ(influence["configurations"][7].contains("points"), count <= 1000);
+  }
+}
+
+TEST(ReportPage, HoldsTheRowsThatItShows) {
+  for (const std::size_t count : {3000, 3001}) {
+    Json result;
+    std::vector<double> distances;
+    for (std::size_t row = 0; row < count; ++row) {
+      distances.push_back(static_cast<double>((row * 7919) % count));
+      result["residuals"]["rows"].push_back({{"repeat", row}, {"distance", distances.back()}});
+    }
+    result["residuals"]["rows"][5].erase("distance");
+    result["residuals"]["rows"][6]["distance"] = nullptr;
+    distances[5] = distances[6] = 0.0;
+    const Json residuals = page_data(result)["result"]["residuals"];
+    const std::vector<std::size_t> shown = shown_rows(distances);
+    EXPECT_EQ(residuals["complete"], count <= 3000);
+    ASSERT_EQ(residuals["rows"].size(), shown.size());
+    for (std::size_t i = 0; i < shown.size(); ++i) {
+      ASSERT_EQ(residuals["rows"][i]["repeat"], shown[i]);
+    }
+  }
+  Json largest;
+  largest["residuals"]["largest"] = Json::array();
+  EXPECT_EQ(page_data(largest)["result"]["residuals"]["complete"], false);
+  EXPECT_FALSE(page_data(largest)["result"]["residuals"].contains("rows"));
+  EXPECT_FALSE(page_data(Json::object())["result"].contains("residuals"));
+}
+
+TEST(ReportPage, HoldsCorrelationsInsteadOfTheCovariance) {
+  Json result;
+  result["covariance"] = Json::parse(R"({"names": ["a", "b"], "lower_triangle": [[4.0], [1.0, 1.0]]})");
+  const Json data = page_data(result);
+  EXPECT_EQ(data["correlations"]["strongest"], Json::parse(R"([["a", "b", 0.5]])"));
+  EXPECT_FALSE(data["result"].contains("covariance"));
+  result["covariance"] = nullptr;
+  EXPECT_FALSE(page_data(result).contains("correlations"));
+}
+
+TEST(ReportPage, WithoutMeasurementsThereIsAPictureAlone) {
+  const Measured setting = measured(12);
+  const std::string result = result_of(setting);
+  const Json data = data_of_page(calibration_page({.result = result,
+                                                   .source = "result",
+                                                   .robot = &setting.robot,
+                                                   .measurements = nullptr,
+                                                   .known = {},
+                                                   .plan_command = ""}));
+  EXPECT_TRUE(data.contains("robot"));
+  EXPECT_FALSE(data.contains("measured"));
+  EXPECT_FALSE(data.contains("effects"));
+  EXPECT_FALSE(data["missing"].contains("robot"));
+  EXPECT_THAT(data["missing"]["measurements"], HasSubstr("measurements"));
+  EXPECT_EQ(data_of_page(page_of(setting, result))["missing"], Json::object());
+}
+
+TEST(ReportPage, ResidualsBeforeAreOfTheFramesThatWereKnown) {
+  const Measured setting = measured(12);
+  const std::string result = result_of(setting);
+  const RegistrationOptions known{.known_base = Eigen::Isometry3d(Eigen::Translation3d(0.001, 0.002, 0.003))};
+  const Json data = data_of_page(calibration_page({.result = result,
+                                                   .source = "result",
+                                                   .robot = &setting.robot,
+                                                   .measurements = &setting.measurements,
+                                                   .known = known,
+                                                   .plan_command = ""}));
+  const Estimate before = nominal_start(setting.model, setting.measurements, known);
+  const std::vector<double> errors = position_errors(setting.model, before, setting.measurements);
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    const Json& residual = data["measured"]["points"][i]["before"];
+    EXPECT_NEAR(Eigen::Vector3d(residual[0], residual[1], residual[2]).norm(), errors[i], 1e-12);
+  }
+}
+
+TEST(ReportPage, RefusesWhatDoesNotFitTogether) {
+  const Measured setting = measured(6);
+  const Estimate start = nominal_start(setting.model, setting.measurements);
+  Estimate other = start;
+  other.targets.pop_back();
+  EXPECT_THROW(reported_measurements(
+                   {.model = setting.model, .estimate = start, .measurements = setting.measurements, .before = &other}),
+               InputError);
+  EXPECT_THROW(reported_measurements(
+                   {.model = setting.model, .estimate = other, .measurements = setting.measurements, .before = &start}),
+               InputError);
+  other = start;
+  other.errors.conservativeResize(3);
+  EXPECT_THROW(reported_robot(setting.robot, setting.model, other), InputError);
 }
 
 TEST(Thinned, KeepsEndsOrderAndEvenSpacing) {
