@@ -1,0 +1,415 @@
+// The noise that a result states, by its definitions over the rows of small problems.
+
+#include "calibration/noise_report.hpp"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+
+#include "base/f_distribution.hpp"
+#include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/lack_of_fit.hpp"
+#include "kdl_calibration/pseudo_values.hpp"
+#include "refusal.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using ::testing::HasSubstr;
+using testing::refusal;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr const char* kNothing = "nothing was refused";
+
+/// The odd arm, fitted at equal weights or at those of the options.
+struct Fitted : testing::VirtualExperiment {
+  Measurements measured;
+  CalibrationOptions options;
+  FitOptions fit_options;
+  Estimate start;
+  Estimate optimum;
+  std::vector<double> row_weights;
+  EstimatedNoise estimated;
+
+  explicit Fitted(const MeasuringNoise& noise = {.sigma = 1e-4}, int count = 14, bool poses = false)
+      : VirtualExperiment({.model = complete_model(parse_robot(testing::kOddArm)),
+                           .targets = poses ? testing::as_frames(published_targets(2)) : published_targets(2),
+                           .random = Random(3)}),
+        measured(testing::without_sigmas(measure(count, noise))) {
+    start = nominal_start(model, measured);
+    fit();
+  }
+
+  void fit() {
+    fit_options.joint.residuals.noise = options.noise;
+    estimated.as_stated = fit_options.joint.residuals;
+    optimum = identify_jointly(model, measured, start, free, fit_options.joint).estimate;
+  }
+
+  FitTask task() const {
+    return {.model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options};
+  }
+
+  ResidualOptions residuals() const {
+    ResidualOptions result = fit_options.joint.residuals;
+    result.row_weights = row_weights;
+    return result;
+  }
+  LeastSquaresProblem problem() const { return {model, measured, free, residuals()}; }
+  int rank() const { return static_cast<int>(free.size()); }
+
+  NoiseAssessment assessed(const RobustRows& robust = {}) const {
+    const LeastSquaresProblem fitted = problem();
+    const WhitenedSummary system = fitted.whitened_summary(optimum);
+    return assess_noise(task(),
+                        {.problem = fitted,
+                         .estimate = optimum,
+                         .free = free,
+                         .system = system,
+                         .row_weights = row_weights,
+                         .rank = rank()},
+                        robust, estimated);
+  }
+
+  double freedom() const { return 3.0 * static_cast<double>(measured.observations.size()) - rank(); }
+};
+
+void expect_close(const MatrixXd& got, const MatrixXd& wanted, const std::string& what) {
+  ASSERT_EQ(got.rows(), wanted.rows()) << what;
+  EXPECT_GT(wanted.norm(), 0.0) << what;
+  EXPECT_LT((got - wanted).norm(), 1e-9 * wanted.norm()) << what;
+}
+
+// ---- what is demanded ----------------------------------------------------------------------------------------------
+
+/// Repeats that vary along z by this share of what they do along x and y.
+Measurements repeated(double share) {
+  Random random(5);
+  Measurements measured;
+  measured.source = "points.csv";
+  measured.targets = {"A", "B"};
+  for (std::int32_t c = 0; c < 10; ++c) {
+    measured.configurations.push_back(std::to_string(c));
+    for (std::int32_t target = 0; target < 2; ++target) {
+      for (std::int32_t repeat = 1; repeat <= 3; ++repeat) {
+        const Vector3d off(random.normal(), random.normal(), share * random.normal());
+        measured.observations.push_back(
+            {.position = 1e-4 * off, .configuration = c, .target = target, .repeat = repeat});
+      }
+    }
+  }
+  measured.joint_values = MatrixXd::Zero(6, 10);
+  return measured;
+}
+
+TEST(NoiseReport, RepeatsMustVaryByAThousandthAlongEveryAxis) {
+  int refused = 0;
+  for (double share = 0.6e-3; share < 1.8e-3; share *= 1.1) {
+    const Measurements measured = repeated(share);
+    const RepeatNoise repeats = noise_from_repeats(measured);
+    const bool too_little = repeats.independent.minCoeff() <= 1e-3 * repeats.total.maxCoeff();
+    refused += too_little ? 1 : 0;
+    EXPECT_EQ(refusal([&] { require_repeats(measured); }) == kNothing, !too_little) << share;
+  }
+  EXPECT_GT(refused, 1);
+  EXPECT_LT(refused, 10);
+  EXPECT_THAT(refusal([] { require_repeats(repeated(1e-4)); }),
+              HasSubstr("repeats of single points in points.csv do not vary along every axis"));
+}
+
+TEST(NoiseReport, OneRepeatIsARepeatAndNoneIsNone) {
+  Measurements measured = repeated(1.0);
+  measured.observations.resize(2);  // one degree of freedom
+  EXPECT_EQ(refusal([&] { require_repeats(measured); }), kNothing);
+  measured.observations.resize(1);
+  EXPECT_THAT(refusal([&] { require_repeats(measured); }),
+              HasSubstr("needs configurations that were measured more than once, and points.csv has none"));
+}
+
+TEST(NoiseReport, OrientationsWithASigmaNeedOneOfPositions) {
+  Measurements measured = repeated(1.0);
+  CalibrationOptions options;
+  const auto said = [&] { return refusal([&] { require_comparable_orientations(measured, options); }); };
+  EXPECT_EQ(said(), kNothing) << "nothing is stated";
+  options.noise.orientation = 1e-4;
+  EXPECT_THAT(said(), HasSubstr("no row of points.csv has a quaternion"));
+  measured.orientations.assign(measured.observations.size(), Eigen::Quaterniond::Identity());
+  EXPECT_THAT(said(), HasSubstr("needs the noise of positions as well"));
+  options.weights = Weights::repeats;
+  EXPECT_EQ(said(), kNothing);
+  options.weights = Weights::automatic;
+  options.noise.independent.setConstant(1e-5);
+  EXPECT_EQ(said(), kNothing);
+  options.noise.independent.setZero();
+  for (Observation& o : measured.observations) {
+    EXPECT_THAT(said(), HasSubstr("or a sigma in every row")) << "a row has none";
+    o.sigma = 1e-5;
+  }
+  EXPECT_EQ(said(), kNothing);
+}
+
+TEST(NoiseReport, NoiseIsStatedByOptionsOrARow) {
+  Measurements measured = repeated(1.0);
+  CalibrationOptions options;
+  EXPECT_FALSE(noise_is_stated(measured, options));
+  measured.observations[7].sigma = 1e-6;
+  EXPECT_TRUE(noise_is_stated(measured, options));
+  measured.observations[7].sigma = 0.0;
+  options.noise.common.x() = 1e-6;
+  EXPECT_TRUE(noise_is_stated(measured, options));
+}
+
+TEST(NoiseReport, WhatTheFitLeavesIsTheScaleOfPriors) {
+  Fitted f;
+  FitOptions scaled;
+  make_absolute(f.task(), f.free, scaled);
+  const double sigma = std::sqrt(f.problem().cost(f.optimum) / f.freedom());
+  EXPECT_NEAR(sigma, 1e-4, 2e-5);
+  EXPECT_LT((scaled.joint.residuals.noise.independent - Vector3d::Constant(sigma)).norm(), 1e-6 * sigma);
+  FitOptions prior;  // the rest of the options counts as well
+  prior.joint.residuals.priors = {.length = 1e-6, .angle = 1e-6};
+  make_absolute(f.task(), f.free, prior);
+  EXPECT_NE(prior.joint.residuals.noise.independent.x(), scaled.joint.residuals.noise.independent.x());
+  Fitted exact({.sigma = 0.0});
+  FitOptions least;
+  make_absolute(exact.task(), exact.free, least);
+  EXPECT_TRUE(least.joint.residuals.noise.independent == Vector3d::Constant(1e-9));
+}
+
+// ---- of plain fits -------------------------------------------------------------------------------------------------
+
+TEST(NoiseReport, OfNothingStatedIsWhatResidualsAndRepeatsShow) {
+  for (const int repeats : {1, 3}) {
+    const Fitted f({.sigma = 1e-4, .repeats = repeats, .common = Vector3d::Constant(2e-4)});
+    const NoiseAssessment got = f.assessed();
+    const double variance = f.problem().cost(f.optimum) / f.freedom();
+    EXPECT_EQ(got.report.model, "residuals");
+    EXPECT_NEAR(got.report.sigma, std::sqrt(variance), 1e-12);
+    EXPECT_EQ(got.report.degrees_of_freedom, f.freedom());
+    EXPECT_EQ(got.report.variance_factor, 1.0);
+    EXPECT_TRUE(got.report.common.isZero(0.0));
+    EXPECT_EQ(got.report.repeats.has_value(), repeats > 1);
+    EXPECT_FALSE(got.report.tracker.has_value());
+    // Each mean of so many repeats has as many times the weight of a row.
+    const WhitenedSummary system = f.problem().whitened_summary(f.optimum);
+    const ResidualNoise parts = noise_from_residuals(system, f.rank(), repeats);
+    EXPECT_NEAR(got.report.independent.x(), parts.independent, 1e-9 * parts.independent);
+    EXPECT_TRUE(got.report.independent == Vector3d::Constant(got.report.independent.x()));
+    EXPECT_NEAR(got.report.misfit, parts.common, 1e-9 * parts.common);
+    EXPECT_GT(parts.common, 0.0);
+    expect_close(got.covariance, covariance(system, parts, repeats), "covariance");
+    if (repeats > 1) {
+      EXPECT_TRUE(got.report.repeats->common == noise_from_repeats(f.measured).common);
+    }
+  }
+}
+
+TEST(NoiseReport, OfPosesTheCovarianceIsScaledByTheResiduals) {
+  const Fitted f({.sigma = 1e-4, .orientation_sigma = 3e-4}, 12, true);
+  const NoiseAssessment got = f.assessed();
+  const double freedom = 6.0 * static_cast<double>(f.measured.observations.size()) - f.rank();
+  const LeastSquaresProblem problem = f.problem();
+  EXPECT_EQ(got.report.degrees_of_freedom, freedom);
+  expect_close(got.covariance,
+               covariance(problem.whitened_summary(f.optimum).triangle, problem.cost(f.optimum) / freedom), "poses");
+}
+
+TEST(NoiseReport, OfStatedNoiseIsWhatIsStatedUnlessTheResidualsAreLarger) {
+  int larger = 0;
+  for (const double stated : {0.7e-4, 0.8e-4, 0.85e-4, 0.9e-4, 1e-4, 2e-4}) {
+    Fitted f({.sigma = 1e-4, .repeats = 2});
+    f.options.noise.independent = Vector3d(1.0, 1.2, 0.9) * stated;
+    f.options.noise.common = Vector3d(0.1, 0.2, 0.3) * stated;
+    f.measured.observations[3].sigma = 1.3 * stated;
+    f.measured.observations[8].sigma = 0.7 * stated;
+    f.fit();
+    const NoiseAssessment got = f.assessed();
+    const LeastSquaresProblem problem = f.problem();
+    const double ratio = problem.cost(f.optimum) / f.freedom();
+    const bool worse = ratio > 1.0 && f_upper_tail(ratio, f.freedom(), 1e9) < 1e-3;
+    larger += worse ? 1 : 0;
+    EXPECT_EQ(got.report.model, "stated");
+    EXPECT_NEAR(got.report.variance_factor, worse ? ratio : 1.0, 1e-9) << stated;
+    EXPECT_TRUE(got.report.common == f.options.noise.common);
+    Vector3d squares = Vector3d::Zero();
+    for (const Observation& o : f.measured.observations) {
+      squares += o.sigma > 0.0 ? Vector3d::Constant(o.sigma * o.sigma) : f.options.noise.independent.cwiseAbs2().eval();
+    }
+    const auto rows = static_cast<double>(f.measured.observations.size());
+    EXPECT_LT((got.report.independent - (squares / rows).cwiseSqrt()).norm(), 1e-12);
+    EXPECT_NEAR(got.report.sigma, std::sqrt(rows / problem.total_weight()), 1e-12);
+    expect_close(got.covariance, covariance(problem.whitened_summary(f.optimum).triangle, got.report.variance_factor),
+                 "stated");
+  }
+  EXPECT_GT(larger, 0);
+  EXPECT_LT(larger, 5);
+}
+
+TEST(NoiseReport, NamesTheTrackerWhereNoRowHasASigmaOfItsOwn) {
+  Fitted f;
+  f.options.noise.tracker = TrackerNoise{.range = 1e-4, .transverse = 1e-4};
+  f.fit();
+  EXPECT_TRUE(f.assessed().report.tracker.has_value());
+  f.measured.observations[4].sigma = 1e-4;
+  EXPECT_FALSE(f.assessed().report.tracker.has_value());
+}
+
+TEST(NoiseReport, RowsWithoutWeightAreNoneOfTheStatedNoise) {
+  Fitted f;
+  f.options.noise.independent.setConstant(1e-5);
+  f.fit();
+  f.row_weights.assign(f.measured.observations.size(), 0.25);
+  EXPECT_NEAR(f.assessed().report.variance_factor, f.problem().cost(f.optimum) / f.freedom(), 1e-6);
+}
+
+TEST(NoiseReport, AsManyEquationsAsUnknownsLeaveNoNoise) {
+  Fitted f({.sigma = 1e-4}, 14);
+  const LeastSquaresProblem problem = f.problem();
+  const WhitenedSummary system = problem.whitened_summary(f.optimum);
+  const NoiseAssessment got = assess_noise(f.task(),
+                                           {.problem = problem,
+                                            .estimate = f.optimum,
+                                            .free = f.free,
+                                            .system = system,
+                                            .row_weights = f.row_weights,
+                                            .rank = static_cast<int>(problem.equations())},
+                                           {}, f.estimated);
+  EXPECT_EQ(got.report.degrees_of_freedom, 0.0);
+  EXPECT_EQ(got.report.sigma, 0.0);
+}
+
+// ---- with parts ----------------------------------------------------------------------------------------------------
+
+TEST(NoiseReport, PartsAreReportedAsTheyWereEstimated) {
+  Fitted f;
+  const Index columns = f.free.size();
+  Random random(8);
+  const auto drawn = [&] {
+    const MatrixXd root = MatrixXd::NullaryExpr(columns, columns, [&] { return random.normal(); });
+    return MatrixXd(root * root.transpose());
+  };
+  NoiseParts& parts = f.estimated.parts.emplace();
+  parts.variances = NoiseParts::Variances::LinSpaced(1e-10, 9e-10);
+  parts.degrees_of_freedom = 37.5;
+  parts.sensitivity.resize(NoiseParts::kCount);
+  parts.sensitivity[1] = drawn();
+  parts.sensitivity[5] = drawn();
+  const MatrixXd promised = covariance(f.problem().whitened_summary(f.optimum).triangle, 1.0);
+  NoiseAssessment got = f.assessed();
+  EXPECT_EQ(got.report.model, "parts");
+  EXPECT_NEAR(got.report.misfit, std::sqrt(1e-10), 1e-15);
+  EXPECT_NEAR(got.report.target_misfit, std::sqrt(2e-10), 1e-15);
+  EXPECT_LT((got.report.common - Vector3d(3e-10, 4e-10, 5e-10).cwiseSqrt()).norm(), 1e-15);
+  EXPECT_LT((got.report.independent - Vector3d(6e-10, 7e-10, 8e-10).cwiseSqrt()).norm(), 1e-15);
+  EXPECT_NEAR(got.report.sigma, std::sqrt(1e-10 + 2e-10 + 4e-10 + 7e-10), 1e-15);
+  EXPECT_EQ(got.report.degrees_of_freedom, 37.5);
+  ASSERT_TRUE(got.report.parts.has_value());
+  ASSERT_EQ(got.report.slopes.size(), 9U);
+  for (std::size_t k = 0; k < 9; ++k) {
+    if (k == 1 || k == 5) {
+      expect_close(got.report.slopes[k], promised * parts.sensitivity[k] * promised, "slope " + std::to_string(k));
+    } else {
+      EXPECT_EQ(got.report.slopes[k].size(), 0) << k;
+    }
+  }
+  expect_close(got.covariance, promised, "by the weights");
+  parts.scatter = drawn();
+  expect_close(f.assessed().covariance, promised * parts.scatter * promised, "by the scatter");
+}
+
+// ---- of robust fits ------------------------------------------------------------------------------------------------
+
+TEST(NoiseReport, OfARobustFitIsThatOfItsPseudoValues) {
+  int larger = 0;
+  for (const double stated : {0.0, 0.5e-4, 0.7e-4, 0.8e-4, 0.9e-4, 1e-4, 2e-4}) {
+    Fitted f({.sigma = 1e-4}, 30);
+    for (const std::size_t row : {4, 17, 33}) {
+      f.measured.observations[row].position.x() += 0.01;
+    }
+    f.options.noise.independent.setConstant(stated);
+    f.fit_options.joint.residuals.noise = f.options.noise;
+    f.fit_options.loss = f.options.loss = Loss::tukey;
+    const RobustIdentification found = identify_robustly(
+        {.model = f.model, .measurements = f.measured, .start = f.start, .free = f.free, .options = f.fit_options});
+    f.optimum = found.fit.estimate;
+    const NoiseAssessment got = f.assessed({.weights = found.weights, .scale = found.scale});
+
+    const PseudoValues pseudo = pseudo_values(f.model, f.measured, f.optimum, Loss::tukey, found.weights);
+    ASSERT_EQ(pseudo.rows, 57.0);
+    ResidualOptions residuals = f.fit_options.joint.residuals;
+    residuals.row_weights = pseudo.row_weights;
+    const LeastSquaresProblem problem(f.model, pseudo.measurements, f.free, residuals);
+    const WhitenedSummary system = problem.whitened_summary(f.optimum);
+    const double freedom = 3.0 * 57.0 - f.rank();
+    const double variance = found.scale * found.scale * (freedom + f.rank()) / freedom;
+    const double factor = problem.cost(f.optimum) / freedom / variance;
+    EXPECT_EQ(got.report.degrees_of_freedom, f.freedom());
+    if (stated == 0.0) {
+      EXPECT_EQ(got.report.model, "residuals");
+      EXPECT_NEAR(got.report.sigma, std::sqrt(variance * 57.0 / problem.total_weight()), 1e-12);
+      const double unit_weight = problem.total_weight() / (static_cast<double>(system.measured_rows) / 3.0);
+      const ResidualNoise parts = noise_from_residuals(system, f.rank(), unit_weight);
+      EXPECT_NEAR(got.report.independent.y(), parts.independent / std::sqrt(factor), 1e-12);
+      EXPECT_NEAR(got.report.misfit, parts.common / std::sqrt(factor), 1e-12);
+      expect_close(got.covariance, covariance(system, parts, unit_weight), "robust");
+      continue;
+    }
+    const bool worse = variance > 1.0 && f_upper_tail(variance, 0.53 * freedom, 1e9) < 1e-3;
+    larger += worse ? 1 : 0;
+    EXPECT_EQ(got.report.model, "stated");
+    EXPECT_NEAR(got.report.variance_factor, worse ? variance : 1.0, 1e-9) << stated;
+    EXPECT_NEAR(got.report.sigma, std::sqrt(57.0 / problem.total_weight()), 1e-12);
+    expect_close(got.covariance, covariance(system.triangle, factor * got.report.variance_factor), "robust, stated");
+  }
+  EXPECT_GT(larger, 1);
+  EXPECT_LT(larger, 5);
+}
+
+// ---- what follows of it --------------------------------------------------------------------------------------------
+
+TEST(NoiseReport, VarianceOfUnitWeightIsTheMeanOverWhatWasMeasured) {
+  Random random(9);
+  const MatrixXd triangle = MatrixXd::NullaryExpr(4, 4, [&] { return random.normal(); }).triangularView<Eigen::Upper>();
+  const MatrixXd root = MatrixXd::NullaryExpr(4, 4, [&] { return random.normal(); });
+  MatrixXd covariance = root * root.transpose();
+  EXPECT_NEAR(variance_of_unit_weight(triangle, covariance), (triangle * covariance * triangle.transpose()).trace() / 4,
+              1e-12);
+  const MatrixXd promised = (triangle.transpose() * triangle).inverse();
+  EXPECT_NEAR(variance_of_unit_weight(triangle, 3.0 * promised), 3.0, 1e-9);
+  covariance(2, 2) = kInfinity;
+  EXPECT_EQ(variance_of_unit_weight(triangle, covariance), 1.0);
+  EXPECT_EQ(variance_of_unit_weight(MatrixXd(0, 0), MatrixXd(0, 0)), 1.0);
+  EXPECT_NEAR(variance_of_unit_weight(MatrixXd::Constant(1, 1, 2.0), MatrixXd::Constant(1, 1, 3.0)), 12.0, 1e-12);
+}
+
+TEST(NoiseReport, OnlyStatedNoiseThatHoldsIsKnownForSure) {
+  NoiseReport noise;
+  noise.degrees_of_freedom = 12.0;
+  for (const auto& [model, factor, freedom] : {std::tuple{"stated", 1.0, kInfinity}, std::tuple{"stated", 1.5, 12.0},
+                                               std::tuple{"residuals", 1.0, 12.0}, std::tuple{"parts", 1.5, 12.0}}) {
+    noise.model = model;
+    noise.variance_factor = factor;
+    EXPECT_EQ(noise.freedom_of_covariance(), freedom) << model << factor;
+  }
+}
+
+TEST(NoiseReport, LackOfFitSaysWhichJointExplainsIt) {
+  const Fitted once;
+  EXPECT_FALSE(lack_of_fit(once.task(), once.optimum, once.free).has_value());
+  const Fitted f({.sigma = 1e-4, .repeats = 3});
+  const std::optional<LackOfFit> lack = lack_of_fit(f.task(), f.optimum, f.free);
+  ASSERT_TRUE(lack.has_value());
+  EXPECT_EQ(lack->f, test_lack_of_fit(f.model, f.measured, f.optimum, f.free)->f);
+  EXPECT_EQ(lack->explained_by_joint, explained_by_joints(f.model, f.optimum, f.measured));
+  EXPECT_EQ(lack->explained_by_joint.size(), 5U);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
