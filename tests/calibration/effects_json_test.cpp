@@ -115,5 +115,92 @@ TEST(EffectsJson, WhatNoTermCanBeIsRefusedWithItsPlace) {
   EXPECT_THAT(refused("harmonics.3.sin1", "/function/times", 1.5), HasSubstr("times: expected a whole number"));
 }
 
+TEST(EffectsJson, NumbersOfTermsAreTakenUpToTheirLimits) {
+  constexpr const char* kRead = "nothing was refused";
+  const auto whole = [](int least, int most) {
+    return HasSubstr("expected a whole number from " + std::to_string(least) + " to " + std::to_string(most));
+  };
+  EXPECT_THAT(refused("gravity.2.", "/function/link", 0), whole(1, 6));
+  EXPECT_EQ(refused("gravity.2.", "/function/link", 1), kRead);
+  EXPECT_EQ(refused("gravity.2.", "/function/link", 6), kRead);
+  for (const auto& [name, pointer] :
+       {std::pair{"harmonics.3.sin1", "/function/times"}, std::pair{"tables.4.1", "/function/number"}}) {
+    EXPECT_THAT(refused(name, pointer, 0), whole(1, 1000));
+    EXPECT_THAT(refused(name, pointer, -3), whole(1, 1000));
+    EXPECT_EQ(refused(name, pointer, 1), kRead);
+    EXPECT_EQ(refused(name, pointer, 1000), kRead);
+    EXPECT_THAT(refused(name, pointer, 1001), whole(1, 1000));
+  }
+  EXPECT_EQ(refused("gain.2", "/sigma", 1e-9), kRead);
+  EXPECT_THAT(refused("gain.2", "/sigma", -1e-9), HasSubstr("sigma: expected a number above 0"));
+  EXPECT_THAT(refused("tables.4.1", "/function/length", 0.0), HasSubstr("length: expected a number above 0"));
+  EXPECT_EQ(refused("tables.4.1", "/function/withheld/0", Json::array({0.3, 0.3})), kRead);
+  const Json terms = every_sort().json()["terms"];
+  const auto table = std::find_if(terms.begin(), terms.end(), [](const Json& t) { return t["name"] == "tables.4.1"; });
+  EXPECT_THAT(refused("tables.4.1", "/function/lower", (*table)["function"]["upper"]),
+              HasSubstr("upper: expected a number above 'lower'"));
+}
+
+TEST(EffectsJson, OlderResultsSayNeitherAxisNorWhatIsWithheld) {
+  const ErrorModel rigid = complete_model(testing::fanuc());
+  Json json = every_sort().json();
+  Json kept = Json::array();
+  for (Json& term : json["terms"]) {
+    if (term["group"] == "gain" || term["group"] == "tables") {
+      term.erase("about");
+      term["function"].erase("withheld");
+      kept.push_back(term);
+    }
+  }
+  json["terms"] = kept;
+  json["gravity_direction"] = {0.0, 0.6, -0.8};
+  const SavedEffects read = read_effects({json, "effects"}, rigid);
+  ASSERT_EQ(read.terms.size(), kept.size());
+  for (const EffectTerm& term : read.terms) {
+    EXPECT_EQ(term.axis, EffectAxis::own);
+    EXPECT_TRUE(term.table.withheld.empty());
+    EXPECT_EQ(term.joint, rigid.joints.at(static_cast<std::size_t>(term.index)).name);
+  }
+  EXPECT_EQ(read.gravity, KDL::Vector(0.0, 0.6, -0.8));
+  json["terms"] = "none";
+  EXPECT_THAT(refusal([&] { read_effects({json, "effects"}, rigid); }), HasSubstr("terms: expected an array"));
+  json["terms"] = Json::array();
+  EXPECT_EQ(read_effects({json, "effects"}, rigid).values.size(), 0);
+}
+
+TEST(EffectsJson, EveryTermNeedsACoefficient) {
+  const EverySort& s = every_sort();
+  EXPECT_THAT(refusal([&] { effects_json(s.model, s.values.head(3)); }), HasSubstr("coefficients of effects"));
+}
+
+TEST(EffectsJson, OfACalibrationOnlyItsOwnTermsWithTheRangesOfTheFittedRows) {
+  const EverySort& s = every_sort();
+  Calibration calibration;
+  calibration.model = s.model;
+  calibration.model.gravity = KDL::Vector(0.0, 0.6, -0.8);
+  calibration.identification.estimate.effects = s.values;
+  calibration.parameters = {{.name = "Tx1", .kind = "translation"},
+                            {.name = "gain.2", .kind = "effect", .value = 0.25, .std = 0.5},
+                            {.name = "gain.3", .kind = "effect", .value = 0.75, .std = INFINITY}};
+  Measurements measured;
+  measured.joint_values = s.driven.joint_values;
+  measured.signals = s.driven.signals;
+  measured.configurations.assign(60, "c");
+  measured.targets = {"A"};
+  measured.observations.push_back({.position = Eigen::Vector3d::Zero(), .configuration = 4});
+  const auto written = [&] { return effects_json(calibration, measured); };
+  const Json json = written();
+  EXPECT_EQ(json["gravity_direction"], Json::array({0.0, 0.6, -0.8}));
+  ASSERT_EQ(json["terms"].size(), 2U);
+  EXPECT_EQ(json["terms"][0]["name"], "gain.2");
+  EXPECT_EQ(json["terms"][0]["coefficient"], 0.25);
+  EXPECT_EQ(json["terms"][0]["std"], 0.5);
+  EXPECT_EQ(json["terms"][1]["std"], nullptr);
+  const double value = measured.joint_values(1, 4);  // where it stood still
+  EXPECT_EQ(json["terms"][0]["valid_range"], Json::array({value, value}));
+  measured.observations[0].split = Split::test;
+  EXPECT_EQ(written()["terms"][0]["valid_range"], nullptr);
+}
+
 }  // namespace
 }  // namespace kdl_calibration

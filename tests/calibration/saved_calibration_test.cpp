@@ -175,5 +175,46 @@ TEST(SavedCalibration, OfNineHundredThousandRowsIsRead) {
   EXPECT_TRUE(read.estimate.errors == many.calibration.identification.estimate.errors);
 }
 
+// Written by hand, so that nothing is the identity.
+TEST(SavedCalibration, ReadsBaseTargetsAndGravityAsTheyStand) {
+  Json json = Json::parse(R"({"parameters": [{"name": "dq2", "error": 0.002}, {"name": "base.Tx"}],
+      "base": {"position": [1.0, 2.0, 3.0], "quaternion_wxyz": [0.5, 0.5, 0.5, 0.5]},
+      "targets": [{"name": "A", "position": [0.1, 0.2, 0.3]},
+                  {"name": "B", "position": [0.4, 0.5, 0.6], "quaternion_wxyz": [0.5, -0.5, 0.5, 0.5]}],
+      "effects": {"gravity_direction": [0.6, 0.0, -0.8], "terms": []},
+      "covariance": null, "trusted": true, "doubts": []})");
+  const auto read = [&] { return parse_calibration(json.dump(), written().robot); };
+  const SavedCalibration saved = read();
+  const Eigen::Vector3d turned = saved.estimate.X_WB.linear() * Eigen::Vector3d(1.0, 2.0, 3.0);
+  EXPECT_LT((turned - Eigen::Vector3d(3.0, 1.0, 2.0)).norm(), 1e-12);  // x to y to z
+  EXPECT_EQ(saved.estimate.X_WB.translation(), Eigen::Vector3d(1.0, 2.0, 3.0));
+  ASSERT_EQ(saved.estimate.targets.size(), 2U);
+  EXPECT_FALSE(saved.estimate.targets[0].with_orientation);
+  EXPECT_EQ(saved.estimate.targets[1].name, "B");
+  EXPECT_EQ(saved.estimate.targets[1].X_FT.translation(), Eigen::Vector3d(0.4, 0.5, 0.6));
+  EXPECT_TRUE(saved.estimate.targets[1].X_FT.linear().isApprox(
+      Eigen::Quaterniond(0.5, -0.5, 0.5, 0.5).toRotationMatrix(), 1e-12));
+  EXPECT_EQ(saved.model.gravity, KDL::Vector(0.6, 0.0, -0.8));
+  EXPECT_EQ(saved.model.effects.size(), 0U);
+  EXPECT_EQ(saved.estimate.errors.sum(), 0.002);
+  EXPECT_EQ(saved.covariance.size(), 0);
+  EXPECT_TRUE(saved.trusted);
+  EXPECT_TRUE(saved.doubts.empty());
+  json["trusted"] = false;
+  EXPECT_FALSE(read().trusted);
+}
+
+TEST(SavedCalibration, NamesTheBaseOfAnotherRobot) {
+  const auto said = [](const char* input) {
+    return refusal(std::string(R"({"parameters": [{"name": "dq2", "error": 0.0}], "input": )") + input + "}",
+                   written().robot);
+  };
+  EXPECT_THAT(said(R"({"base": "floor"})"),
+              HasSubstr("r.json: input: base is 'floor', expected that of this robot, 'world'"));
+  EXPECT_THAT(said(R"({"tip": "hand"})"), HasSubstr("input: tip is 'hand', expected that of this robot, 'tool'"));
+  EXPECT_THAT(said(R"({"sha256": "0"})"), HasSubstr("expected the URDF that was calibrated, not a corrected one"));
+  EXPECT_EQ(said("{}"), "nothing was refused");
+}
+
 }  // namespace
 }  // namespace kdl_calibration
