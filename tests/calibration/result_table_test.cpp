@@ -1,0 +1,300 @@
+// The table letter by letter, of a calibration that is made up.
+
+#include "kdl_calibration/result_table.hpp"
+
+#include <gmock/gmock.h>
+
+#include <limits>
+#include <regex>
+
+#include "kdl_calibration/joint_convention.hpp"
+#include "printed_text.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using testing::kDegree;
+using ::testing::Not;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// The odd arm, of which the slide has a gain.
+struct Made {
+  Measurements measured;
+  Calibration calibration;
+  JointConvention convention;
+  TableOptions options{.written = {"a.urdf", "result.json"}, .fixed = "held by --fix", .convention = nullptr};
+
+  Made() {
+    Calibration& c = calibration;
+    c.model = complete_model(parse_robot(testing::kOddArm));
+    c.model.effects = {{.name = "gain.2", .joint = "slide", .index = 1, .group = EffectGroup::gain},
+                       {.name = "transverse.4.y.4x",
+                        .joint = "elbow",
+                        .index = 3,
+                        .group = EffectGroup::transverse,
+                        .axis = EffectAxis::across_y,
+                        .gravity = {.link = 3, .axis = 0}}};
+    Estimate& estimate = c.identification.estimate;
+    estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(c.model.parameters.size()));
+    estimate.effects = Eigen::Vector2d(0.002, 0.0);
+    estimate.X_WB = Eigen::Translation3d(1.5, -2.25, 0.125) *
+                    Eigen::AngleAxisd(30.0 * kDegree, Eigen::Vector3d::UnitZ()) *
+                    Eigen::AngleAxisd(-20.0 * kDegree, Eigen::Vector3d::UnitY()) *
+                    Eigen::AngleAxisd(10.0 * kDegree, Eigen::Vector3d::UnitX());
+    estimate.targets = testing::targets_at({{0.1, 0.0, -0.05}, {0.0, 0.1205, 0.0}});
+    measured.joint_values = Eigen::MatrixXd::Zero(5, 7);
+    measured.joint_values.row(1).setLinSpaced(-0.4, 0.5);
+    for (std::int32_t i = 0; i < 7; ++i) {
+      measured.configurations.push_back("c" + std::to_string(i + 1));
+      measured.observations.push_back({.position = Eigen::Vector3d::Zero(), .configuration = i});
+    }
+    measured.observations.back().split = Split::test;
+    measured.targets = {"A", "B"};
+    c.identification.iterations = 5;
+    c.identifiability.rank = 20;
+    c.identifiability.columns = 21;
+    c.identifiability.condition = 123.4;
+    c.train.after.count = 12;
+    c.free = Unknowns(c.model, estimate.targets, {"dq2", "dq3", "Tx1"});
+    c.iso_before.accuracy = {.count = 12, .mean = 1.1e-3, .rms = 1.2e-3, .p95 = 1.9e-3, .max = 2.0e-3};
+    c.iso_after.accuracy = {.count = 12, .mean = 0.11e-3, .rms = 0.12e-3, .p95 = 0.19e-3, .max = 0.2e-3};
+    c.noise = {.model = "residuals", .sigma = 1e-4, .independent = Eigen::Vector3d::Constant(3e-5)};
+    add_parameters();
+    add_influence();
+    add_predictions();
+    convention = {.name = "fanuc",
+                  .controller_joints = {"J1", "J2", "J3", "J4", "J5"},
+                  .urdf_joints = {"turn", "slide", "skew", "elbow", "wrist"},
+                  .matrix = Eigen::MatrixXd::Identity(5, 5),
+                  .offset = Eigen::VectorXd::Zero(5)};
+    convention.matrix(1, 1) = -1.0;
+    convention.matrix(4, 3) = 1.0;
+  }
+
+  void add_parameters() {
+    const auto add = [&](const ParameterEstimate& parameter) { calibration.parameters.push_back(parameter); };
+    add({.name = "base.Tx", .kind = "translation"});
+    add({.name = "dq2",
+         .joint = "slide",
+         .kind = "joint_offset",
+         .error = 0.00125,
+         .std = 1e-4,
+         .degrees_of_freedom = kInfinity,
+         .identifiable = true});
+    add({.name = "dq4",
+         .joint = "elbow",
+         .kind = "joint_offset",
+         .error = 0.5 * kDegree,
+         .std = 0.01 * kDegree,
+         .degrees_of_freedom = kInfinity,
+         .identifiable = true});
+    add({.name = "Tx1", .joint = "slide", .kind = "translation", .axis = "x", .error = -0.002, .gauge = true});
+    add({.name = "Ry1", .joint = "slide", .kind = "rotation", .axis = "y", .error = 0.0, .gauge = true});
+    add({.name = "Rz3", .joint = "elbow", .kind = "rotation", .axis = "z", .error = 0.1 * kDegree, .std = kInfinity});
+    add({.name = "Tx5", .joint = "", .kind = "translation", .axis = "x", .error = 0.003});
+  }
+
+  void add_influence() {
+    Influence& influence = calibration.influence;
+    influence.cook_limit = 0.667;
+    const std::vector<std::pair<double, bool>> cooks = {{0.25, false}, {kInfinity, true}, {0.5, false},
+                                                        {0.75, true},  {0.5, true},       {0.125, false}};
+    for (std::size_t i = 0; i < cooks.size(); ++i) {
+      influence.configurations.push_back({.configuration = static_cast<std::int32_t>(i),
+                                          .leverage = 0.1 * static_cast<double>(i + 1),
+                                          .cook = cooks[i].first,
+                                          .high_leverage = cooks[i].second,
+                                          .influential = cooks[i].first > 0.667});
+    }
+  }
+
+  void add_predictions() {
+    const Eigen::Vector3d position(1.2345678, -0.5, 0.25);
+    calibration.predicted.asked = {
+        {.configuration = "there", .target = "A", .position = position, .sigma = 1.25e-4, .radius_95 = 2.5e-4},
+        {.configuration = "far", .target = "B", .position = position, .sigma = kInfinity, .radius_95 = kInfinity}};
+  }
+
+  std::string printed() const { return result_table(measured, calibration, options); }
+};
+
+constexpr const char* kTable = R"(Calibration converged: 6 configurations, 12 points, 3 parameters.
+Position error, rms:  nominal 1.200 mm -> calibrated 0.120 mm  (fitted)
+                      at unseen configurations: not known
+Written: a.urdf, result.json
+
+position error [mm]              rms        mean         p95         max  points
+fitted, nominal                1.200       1.100       1.900       2.000      12
+fitted, calibrated             0.120       0.110       0.190       0.200      12
+
+noise per coordinate: 0.030 mm per point (from the residuals)
+rank 20 of 21 parameters, condition number 123, 5 iterations
+
+geometric errors, +- half of the 95 % interval
+  dq2   zero offset of slide                        1.2500 mm   +- 0.1960
+  dq4   zero offset of elbow                       0.50000 deg  +- 0.01960
+  Tx1   x shift of link 1 (origin of slide)        -2.0000 mm   by gauge
+  Ry1   y turn of link 1 (origin of slide)         0.00000 deg  held, gauge
+  Rz3   z turn of link 3 (origin of elbow)         0.10000 deg  not determined
+  Tx5   x shift of link 5                           3.0000 mm   held by --fix
+
+effects beyond geometry, largest motion at the measured configurations
+  transverse  elbow, y across its axis             0.00000 deg
+  gain        slide                                 1.0000 mm
+  slide moves 0.2 % further than it is told
+
+joint offsets as the controller counts, for mastering
+  J1                                               0.00000 deg
+  J2                                               -1.2500 mm
+  J3                                               0.00000 deg
+  J4                                               0.50000 deg
+  J5                                              -0.50000 deg
+
+most influential: 2 of 6 configurations have a Cook's distance above 0.667,
+3 a high leverage (*)
+  configuration               Cook's  leverage
+  c2                        not without     0.200 *
+  c4                           0.750     0.400 *
+  c3                           0.500     0.300
+  c5                           0.500     0.500 *
+  c1                           0.250     0.100
+
+predicted, in the base [mm]           x          y          z  sigma   95 %
+  there A                      1234.568   -500.000    250.000  0.125  0.250
+  far B                        1234.568   -500.000    250.000  not determined
+
+base, as measured [mm]               x           y           z
+  origin                      1500.000   -2250.000     125.000
+  roll, pitch, yaw [deg]      10.00000   -20.00000    30.00000
+
+targets on the flange [mm]           x           y           z
+  A                            100.000       0.000     -50.000
+  B                              0.000     120.500       0.000
+)";
+
+TEST(ResultTable, IsPrintedAsItStandsHere) {
+  Made made;
+  made.options.convention = &made.convention;
+  EXPECT_EQ(std::regex_replace(made.printed(), std::regex(" +\n"), "\n"), kTable);
+}
+
+/// The lines of the noise.
+std::string noise_of(const NoiseReport& noise) {
+  Made made;
+  made.calibration.noise = noise;
+  const std::string text = made.printed();
+  const std::size_t start = text.find("noise per coordinate");
+  const std::size_t end = text.find("rank 20");
+  return testing::squeezed(text.substr(start, end - start - 1));
+}
+
+TEST(ResultTable, NamesTheNoiseInItsParts) {
+  NoiseReport noise{.model = "residuals", .sigma = 1e-4};
+  EXPECT_EQ(noise_of(noise), "noise per coordinate: 0.100 mm in all (from the residuals)");
+  noise.independent = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
+  EXPECT_EQ(noise_of(noise), "noise per coordinate: 0.010, 0.020, 0.030 mm per point (from the residuals)");
+  noise.independent = Eigen::Vector3d(1e-5, 1e-5, 3e-5);
+  EXPECT_EQ(noise_of(noise), "noise per coordinate: 0.010, 0.010, 0.030 mm per point (from the residuals)");
+  noise.independent.setConstant(1e-5);
+  noise.common.z() = 2e-5;
+  noise.repeats.emplace();
+  EXPECT_THAT(noise_of(noise), ::testing::MatchesRegex("noise per coordinate: 0.010 mm per point, 0.000, 0.000, 0.020 "
+                                                       "mm common to a[ \n]+repeat \\(from residuals and repeats\\)"));
+  noise = {.model = "stated", .independent = Eigen::Vector3d::Constant(1e-5)};
+  EXPECT_THAT(noise_of(noise), EndsWith("per point (as stated)"));
+  noise.misfit = 2e-5;
+  EXPECT_THAT(noise_of(noise), HasSubstr("per point, 0.020 mm common to a"));
+  EXPECT_THAT(noise_of(noise), EndsWith("the misfits from the residuals)"));
+  noise.misfit = 0.0;
+  noise.target_misfit = 3e-5;
+  EXPECT_THAT(noise_of(noise), HasSubstr("per point, 0.030 mm of a target in a"));
+  EXPECT_THAT(noise_of(noise), EndsWith("the misfits from the residuals)"));
+  noise.model = "parts";
+  EXPECT_THAT(noise_of(noise), EndsWith("(from the residuals)"));
+  noise.parts.emplace();
+  EXPECT_THAT(noise_of(noise), EndsWith("the misfits from the residuals)")) << "the points' own part is stated";
+  noise.parts->estimated[NoiseParts::kIndependent] = true;
+  EXPECT_THAT(noise_of(noise), EndsWith("(from the residuals)"));
+}
+
+TEST(ResultTable, NamesPriorsOfLengthsOrAnglesAlone) {
+  Made made;
+  const auto chosen = [&](const Priors& priors) {
+    made.calibration.tried = {{.priors = priors}};
+    const std::string text = made.printed();
+    const std::size_t start = text.find("chosen by cross-validation: ");
+    return testing::squeezed(text.substr(start + 28, text.find(", beyond", start) - start - 28));
+  };
+  EXPECT_EQ(chosen({}), "no priors");
+  EXPECT_EQ(chosen({.length = 1e-3}), "priors of 1 mm and 0 mrad");
+  EXPECT_EQ(chosen({.angle = 2e-3}), "priors of 0 mm and 2 mrad");
+}
+
+TEST(ResultTable, SaysNothingOfWhatIsNot) {
+  Made made;
+  EXPECT_THAT(made.printed(), Not(HasSubstr("AP and RP")));
+  EXPECT_THAT(made.printed(), Not(HasSubstr("each round")));
+  EXPECT_THAT(made.printed(), Not(HasSubstr("1 sigma of a predicted")));
+  EXPECT_THAT(made.printed(), Not(HasSubstr("at the test rows")));
+  EXPECT_THAT(made.printed(), Not(HasSubstr("for mastering")));
+  made.options.written.clear();
+  EXPECT_THAT(made.printed(), Not(HasSubstr("Written")));
+  made.calibration.influence.configurations.clear();
+  EXPECT_THAT(made.printed(), Not(HasSubstr("influential")));
+  made.calibration.predicted.asked.clear();
+  EXPECT_THAT(made.printed(), Not(HasSubstr("predicted, in the base")));
+  made.calibration.model.effects.clear();
+  made.calibration.identification.estimate.effects.resize(0);
+  EXPECT_THAT(made.printed(), Not(HasSubstr("effects beyond")));
+  made.calibration.test.emplace();  // of which nobody knows the accuracy
+  EXPECT_THAT(made.printed(), Not(HasSubstr("at the test rows")));
+  made.calibration.iso_test_after.emplace().accuracy = {.count = 3, .rms = 5e-4};
+  EXPECT_THAT(made.printed(), HasSubstr("\n                      at the test rows 0.500 mm\n"));
+  EXPECT_THAT(made.printed(), Not(HasSubstr("test, nominal")));
+  made.calibration.iso_test_before.emplace().accuracy = {.count = 3, .rms = 7e-4};
+  EXPECT_THAT(made.printed(), HasSubstr("\ntest, nominal                  0.700"));
+}
+
+TEST(ResultTable, FiguresThatAreThereAreShown) {
+  Made made;
+  Calibration& c = made.calibration;
+  c.identification.convergence_factor = 0.625;
+  c.predicted.workspace = {.count = 1, .rms = 2e-3};
+  c.predicted.measured = {.count = 1, .rms = 1e-3};
+  c.iso_after.repeatability = {.count = 1, .max = 3e-4};
+  const std::string text = made.printed();
+  EXPECT_THAT(text, HasSubstr("\neach round left 0.625 of the error of the round before\n"));
+  EXPECT_THAT(text, HasSubstr("\n  1.000 mm at the measured configurations, 2.000 mm over the whole workspace\n"));
+  EXPECT_THAT(text, HasSubstr("\n  AP nominal 2.000 mm, calibrated 0.200 mm; RP 0.300 mm\n"));
+}
+
+TEST(ResultTable, DoubtsAndFindingsComeFirst) {
+  Made made;
+  made.calibration.doubts = {{.cause = "a", .message = "one"}, {.cause = "b", .message = "two"}};
+  made.calibration.findings = {{.message = "three"}};
+  const std::string text = made.printed();
+  EXPECT_EQ(
+      text.substr(0, text.find("Position")),
+      "NOT TO BE TRUSTED: one.\nAlso: two.\nMeasurements: three.\n\nCalibration of 6 configurations, 12 points, 3 "
+      "parameters.\n");
+  EXPECT_THAT(text, Not(HasSubstr("geometric errors")));
+}
+
+// A URDF joint that no controller joint moves along keeps its unit.
+TEST(ResultTable, AControllerThatCountsNoSlideHasDegreesAlone) {
+  Made made;
+  made.convention.controller_joints = {"J1"};
+  made.convention.urdf_joints = {"elbow"};
+  made.convention.matrix = Eigen::MatrixXd::Constant(1, 1, 2.0);
+  made.options.convention = &made.convention;
+  const std::string text = made.printed();
+  const std::size_t start = text.find("for mastering\n") + 14;
+  EXPECT_EQ(testing::squeezed(text.substr(start, text.find("\n\n", start) - start)), "J1 0.25000 deg");
+}
+
+}  // namespace
+}  // namespace kdl_calibration
