@@ -183,6 +183,15 @@ TEST(NoiseReport, WhatTheFitLeavesIsTheScaleOfPriors) {
   EXPECT_TRUE(least.joint.residuals.noise.independent == Vector3d::Constant(1e-9));
 }
 
+TEST(NoiseReport, AFitThatLeavesNoFreedomHasTheLeastScale) {
+  Fitted f;
+  f.measured.observations.resize(1);
+  const Unknowns place(f.model, f.targets, {"base.Tx", "base.Ty", "base.Tz"});
+  FitOptions exact;
+  make_absolute(f.task(), place, exact);
+  EXPECT_TRUE(exact.joint.residuals.noise.independent == Vector3d::Constant(1e-9));
+}
+
 // ---- of plain fits -------------------------------------------------------------------------------------------------
 
 TEST(NoiseReport, OfNothingStatedIsWhatResidualsAndRepeatsShow) {
