@@ -315,7 +315,7 @@ private:
     const VectorXd gain = without.squares - with.squares;
     const auto n = static_cast<double>(gain.size());
     const double mean = gain.mean();
-    return mean / std::sqrt((gain.array() - mean).square().sum() / (n * std::max(n - 1.0, 1.0)));
+    return mean / std::sqrt((gain.array() - mean).square().sum() / (n * (n - 1.0)));
   }
 
   static bool helps(const Worth& with, const Worth& without) {
