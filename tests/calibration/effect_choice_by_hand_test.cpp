@@ -1,4 +1,5 @@
-// The choice of effects and priors against the same written out: every model that was tried, what was chosen, and why.
+// The choice of effects and priors against the same written out: every model
+// that was tried, what was chosen, and why.
 
 #include <gmock/gmock.h>
 
@@ -87,7 +88,8 @@ struct Arm : testing::VirtualExperiment {
   }
 };
 
-// ---- written out ---------------------------------------------------------------------------------------------------
+// ---- written out
+// ---------------------------------------------------------------------------------------------------
 
 struct Worth {
   bool determined = false;
@@ -270,6 +272,9 @@ private:
   }
 
   Terms ripple(const Worth& current) {
+    if (!current.determined) {
+      return {};
+    }
     const Candidate candidate = with_terms(task_.model, task_.free, all_terms, sized_);
     const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
     const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
@@ -600,6 +605,7 @@ TEST(EffectChoiceByHand, WhatAnArmDoesNotDoIsSwitchedOff) {
 std::set<std::string> tried_of(int configurations) {
   Arm arm({.configurations = configurations});
   arm.options.effects.automatic = true;
+  arm.options.fix = {"transverse.*", "tables.*"};  // tried all the same
   std::set<std::string> result;
   for (const ModelOption& option : choose_effects(arm.task()).tried) {
     result.insert(option.effects.begin(), option.effects.end());
@@ -614,6 +620,32 @@ TEST(EffectChoiceByHand, GroupsAreTriedFromSoManyConfigurationsOn) {
   EXPECT_EQ(tried_of(19), wanted);
   wanted.insert({"gain", "backlash", "harmonics"});
   EXPECT_EQ(tried_of(20), wanted);
+  EXPECT_EQ(tried_of(49), wanted);
+  wanted.insert("tables");
+  EXPECT_EQ(tried_of(50), wanted);
+  EXPECT_EQ(tried_of(59), wanted);
+  wanted.insert("transverse");
+  EXPECT_EQ(tried_of(60), wanted);
+}
+
+// Of four configurations three do not determine the geometry without priors;
+// three are too few for anything.
+TEST(EffectChoiceByHand, WhatAFoldDoesNotDetermineIsNotComparedAndChoosesNothing) {
+  Decided decided;
+  Arm arm({.seed = 11, .configurations = 5});
+  for (const bool priors : {false, true}) {
+    arm.options.effects.automatic = true;
+    arm.options.automatic_priors = priors;
+    const Choice choice = expect_as_by_hand(arm, decided, priors ? "with priors" : "without");
+    ASSERT_FALSE(choice.tried.empty());
+    EXPECT_EQ(std::isfinite(choice.tried.front().held_out_rms), priors);
+  }
+  arm.options.automatic_priors = false;
+  arm.options.effects = {.groups = {EffectGroup::ripple}};
+  arm.measured = subset(arm.measured, [](const Observation& o) { return o.configuration < 3; });
+  const Choice choice = choose_effects(arm.task());
+  EXPECT_TRUE(choice.terms.empty());
+  EXPECT_TRUE(choice.tried.empty());
 }
 
 TEST(EffectChoiceByHand, RepeatsAreOneAndTestRowsNone) {

@@ -221,6 +221,33 @@ TEST(ResultTable, NamesTheNoiseInItsParts) {
   EXPECT_THAT(noise_of(noise), EndsWith("(from the residuals)"));
 }
 
+/// What a line that begins so goes on with in the next one, with its blanks.
+std::string goes_on(const std::string& text, const std::string& begin) {
+  const std::size_t end = text.find('\n', text.find(begin));
+  return text.substr(end + 1, text.find_first_not_of(' ', end + 1) - end);
+}
+
+TEST(ResultTable, LongLinesGoOnIndented) {
+  Made made;
+  Calibration& c = made.calibration;
+  made.options.written = {std::string(50, 'a'), std::string(50, 'b')};
+  c.noise.common = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
+  c.noise.misfit = 1e-5;
+  c.tried = {{.effects = {"gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables"}}};
+  const std::string text = made.printed();
+  EXPECT_EQ(goes_on(text, "Written: "), "         b");
+  EXPECT_THAT(goes_on(text, "noise per coordinate"), ::testing::MatchesRegex("  [a-z(]"));
+  EXPECT_THAT(goes_on(text, "chosen by"), ::testing::MatchesRegex("  [a-z]"));
+  c.model.effects[0].group = EffectGroup::tables;
+  c.model.effects[0].joint = c.model.joints[1].name = std::string(70, 's');
+  c.model.effects[0].table = {.number = 1, .length = 0.2, .lower = -0.4, .upper = 0.5};
+  EXPECT_THAT(goes_on(made.printed(), std::string(70, 's') + " is"), ::testing::MatchesRegex("    [a-z]"));
+  c.doubts = {{.cause = "a", .message = std::string(50, 'c') + " " + std::string(50, 'd')}};
+  c.findings = {{.message = std::string(50, 'e') + " " + std::string(50, 'f')}};
+  EXPECT_EQ(goes_on(made.printed(), "NOT TO BE TRUSTED"), "    d");
+  EXPECT_EQ(goes_on(made.printed(), "Measurements: "), "    f");
+}
+
 TEST(ResultTable, NamesPriorsOfLengthsOrAnglesAlone) {
   Made made;
   const auto chosen = [&](const Priors& priors) {
@@ -232,6 +259,7 @@ TEST(ResultTable, NamesPriorsOfLengthsOrAnglesAlone) {
   EXPECT_EQ(chosen({}), "no priors");
   EXPECT_EQ(chosen({.length = 1e-3}), "priors of 1 mm and 0 mrad");
   EXPECT_EQ(chosen({.angle = 2e-3}), "priors of 0 mm and 2 mrad");
+  EXPECT_EQ(chosen({.length = 1.2345e-3, .angle = 2.3456e-3}), "priors of 1.23 mm and 2.35 mrad");
 }
 
 TEST(ResultTable, SaysNothingOfWhatIsNot) {
