@@ -252,18 +252,23 @@ private:
     worth.rms = std::sqrt(worth.squares.sum() / static_cast<double>(means_.observations.size()));
   }
 
-  bool helps(const Worth& with, const Worth& before) {
-    if (!with.determined) {
-      return false;
-    }
+  // Mean gain in held-out squares, in standard errors of it.
+  double errors_gained(const Worth& with, const Worth& before) const {
     const VectorXd gain = before.squares - with.squares;
     double variance = 0.0;
     for (const double one : gain) {
       variance += std::pow(one - gain.mean(), 2) / static_cast<double>(count_ - 1);
     }
+    return gain.mean() / std::sqrt(variance / static_cast<double>(count_));
+  }
+
+  bool helps(const Worth& with, const Worth& before) {
+    if (!with.determined) {
+      return false;
+    }
     const bool moves_little = with.motion <= 0.02;
     const bool worthwhile = with.rms <= 0.98 * before.rms;
-    const bool certain = gain.mean() > std::sqrt(variance / static_cast<double>(count_));
+    const bool certain = errors_gained(with, before) > 1.0;
     if (!moves_little || !worthwhile || !certain) {
       ++decided_
             .by[std::string(moves_little ? "" : "motion ") + (worthwhile ? "" : "worth ") + (certain ? "" : "error")];
@@ -342,11 +347,14 @@ private:
         return;
       }
       const Worth with = worth(both(all_terms, shorter), both(names, {"tables"}), -kInfinity);
-      if (with.rms >= best.rms) {
+      const bool predicts_better = with.rms < best.rms;
+      const bool as_good_and_likelier =
+          with.determined && with.sizes.evidence >= best.sizes.evidence + 2.0 && errors_gained(with, best) > -1.0;
+      if (!predicts_better && !as_good_and_likelier) {
         ++decided_.by["longer"];
         return;
       }
-      ++decided_.by["shorter"];
+      ++decided_.by[predicts_better ? "shorter" : "likelier"];
       tables = shorter;
       best = with;
     }
@@ -518,15 +526,16 @@ TEST(EffectChoiceByHand, EffectsOfEverySizeAreChosenAsWritten) {
   }
 }
 
-TEST(EffectChoiceByHand, TablesAreAsShortAsPredictsBest) {
+TEST(EffectChoiceByHand, TablesAreAsShortAsPredictsBestOrAsWellAndIsLikelier) {
   Decided decided;
-  for (const auto& [size, automatic, configurations] : {std::tuple{3e-4, true, 60}, std::tuple{2e-3, false, 50},
-                                                        std::tuple{3e-4, false, 49}, std::tuple{2e-5, false, 60}}) {
+  for (const auto& [size, automatic, configurations, range] :
+       {std::tuple{3e-4, true, 60, 0.15}, std::tuple{2e-3, false, 50, 0.15}, std::tuple{3e-4, false, 49, 0.15},
+        std::tuple{2e-5, false, 60, 0.15}, std::tuple{3e-4, false, 60, 0.6}}) {
     Arm arm({.seed = 5,
              .configurations = configurations,
              .effects = {{EffectGroup::tables, size}},
              .noise = 2e-5,
-             .range = 0.15});
+             .range = range});
     arm.options.effects = {.groups = automatic ? std::vector<EffectGroup>() : std::vector{EffectGroup::tables},
                            .automatic = automatic};
     arm.options.fix = {"tables.1.*", "tables.2.*", "transverse.*"};
@@ -535,7 +544,7 @@ TEST(EffectChoiceByHand, TablesAreAsShortAsPredictsBest) {
       EXPECT_TRUE(term.group != EffectGroup::tables || term.index > 1) << term.name;
     }
   }
-  for (const char* what : {"flat", "longer", "shorter"}) {
+  for (const char* what : {"flat", "longer", "shorter", "likelier"}) {
     EXPECT_GT(decided.by[what], 0) << what;
   }
 }
