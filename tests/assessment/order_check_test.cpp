@@ -376,6 +376,17 @@ TEST(OrderCheck, NeedsFiveVisits) {
   }
 }
 
+// Three configurations are nine coordinates, of which a step of the base explains six.
+TEST(OrderCheck, NeedsFiveCoordinatesThatTellHowLargeTheRestIs) {
+  for (const int configurations : {3, 4}) {
+    Measured m = measured(large_arm(), 13, {.configurations = configurations, .targets = 3, .repeats = 2});
+    m.truth.effects.resize(0);
+    move_base(m, 2, {0.01, 0.0, 0.0}, 0.0);
+    const std::optional<OrderFinding> found = check_order(m.model, m.data, m.truth, Unknowns());
+    EXPECT_EQ(found && found->kind == Kind::step_of_base, configurations == 4);
+  }
+}
+
 // Compliance and gains are free where three equations stand for two columns, else they are not.
 TEST(OrderCheck, LooksBesideTheJointsEffectsWhereTheDataLeaveFreedomForThem) {
   bool narrow = false;
