@@ -32,7 +32,7 @@ TEST(TrialFit, AnArmIsAsLongAsItsOriginsAreApart) {
   EXPECT_GT(length, 2.0);
 }
 
-TEST(TrialFit, ErrorsOfARobotAreBelowFiveCentimetresAndATwentiethOfATurn) {
+TEST(TrialFit, ErrorsOfARobotAreBelowFiveCentimetresAndTwentyDegrees) {
   ErrorModel model = complete_model(parse_robot(kOddArm));
   const auto largest = [&](std::size_t p, double sign) {
     return onset(
