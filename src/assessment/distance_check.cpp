@@ -176,11 +176,8 @@ Deviations deviations(const Measurements& measurements, const Group& group, cons
   Deviations result;
   for_pairs(group.rows, [&](std::size_t a, std::size_t b) {
     const Pair pair = pair_of(name(a), name(b));
-    const auto levels = distances.levels.find(pair);
-    if (levels == distances.levels.end()) {
-      return;
-    }
-    const double amount = distance(measurements, a, b) - levels->second.at(group.configuration)[0];
+    const Levels& levels = distances.levels.at(pair);
+    const double amount = distance(measurements, a, b) - levels.at(group.configuration)[0];
     const double sigma = std::hypot(relative[a], relative[b]) / std::numbers::sqrt2;
     result.cost += amount * amount / (sigma * sigma);
     if (std::abs(amount) > distances.limit * sigma) {
