@@ -146,7 +146,7 @@ std::vector<Case> cases() {
   const std::vector<Vector3d> two = {kTriangle[0], kTriangle[1]};
   std::vector<Case> all = {{"two targets", Tool(two, 12, 1, 2e-5, Random(1))},
                            {"three targets", Tool(kTriangle, 30, 1, 2e-5, Random(2))},
-                           {"six targets", Tool(kSix, 9, 1, 2e-5, Random(3)), {.false_alarm = 1e-14}},
+                           {"six targets", Tool(kSix, 40, 1, 2e-5, Random(3)), {.false_alarm = 1e-14}},
                            {"repeats", Tool(kTriangle, 12, 3, 2e-5, Random(4)), {.false_alarm = 1e-3}},
                            {"few", Tool(kTriangle, 4, 1, 2e-5, Random(5))},
                            {"a floor", Tool(kTriangle, 12, 1, 2e-5, Random(6)), {.noise_floor = 1e-3}},
