@@ -1,0 +1,264 @@
+// The noise that repeats and residuals show, against sums over all pairs of rows.
+
+#include "kdl_calibration/noise_components.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/random.hpp"
+#include "refusal.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+/// Of a few configurations, without some targets and repeats. What points of a repeat share differs by axis.
+Measurements irregular(unsigned seed, const Vector3d& common, double orientation = 0.0) {
+  Random random(17, seed);
+  Measurements measured;
+  const int configurations = 6;
+  measured.joints = {"one"};
+  measured.targets = {"A", "B", "C"};
+  measured.joint_values = Eigen::RowVectorXd::LinSpaced(configurations, -1.0, 1.0);
+  const auto normal = [&] { return Vector3d(random.normal(), random.normal(), random.normal()); };
+  for (int c = 0; c < configurations; ++c) {
+    measured.configurations.push_back(std::to_string(c));
+    std::map<int, Vector3d> shared;
+    for (int t = 0; t < 3; ++t) {
+      const Vector3d place = normal();
+      const Matrix3d turn = rotation_exp(normal());
+      for (int r = 1; r <= (c == 5 ? 1 : 4); ++r) {
+        if (random.uniform(0.0, 1.0) < 0.2) {
+          continue;
+        }
+        const Vector3d together = shared.try_emplace(r, common.cwiseProduct(normal())).first->second;
+        measured.observations.push_back(
+            {.position = place + together + 1e-2 * normal(), .configuration = c, .target = t, .repeat = r});
+        if (orientation > 0.0) {
+          const bool alone = random.uniform(0.0, 1.0) < 0.2;
+          measured.orientations.push_back(
+              alone ? point_alone() : Eigen::Quaterniond(Matrix3d(turn * rotation_exp(orientation * normal()))));
+        }
+      }
+    }
+  }
+  return measured;
+}
+
+/// Mean squares of single targets and products of two, along each axis.
+struct Pairs {
+  Vector3d variance = Vector3d::Zero();
+  Vector3d shared = Vector3d::Zero();
+  double freedom = 0.0;
+  double common_freedom = 0.0;
+
+  explicit Pairs(const Measurements& measured) {
+    std::map<std::pair<int, int>, std::vector<const Observation*>> cells;
+    for (const Observation& o : measured.observations) {
+      cells[{o.configuration, o.target}].push_back(&o);
+    }
+    Vector3d products = Vector3d::Zero();
+    for (const auto& [a, first] : cells) {
+      for (const auto& [b, second] : cells) {
+        if (a.first != b.first || b < a) {
+          continue;
+        }
+        double together = 0.0;
+        for (const Observation* one : first) {
+          for (const Observation* other : second) {
+            if (one->repeat == other->repeat) {
+              const Vector3d product = (one->position - mean(first)).cwiseProduct(other->position - mean(second));
+              (a == b ? variance : products) += product;
+              together += 1.0;
+            }
+          }
+        }
+        (a == b ? freedom : common_freedom) += std::max(together - 1.0, 0.0);
+      }
+    }
+    variance /= freedom;
+    shared = common_freedom > 0.0 ? Vector3d(products / common_freedom) : Vector3d::Zero();
+  }
+
+  static Vector3d mean(const std::vector<const Observation*>& rows) {
+    Vector3d sum = Vector3d::Zero();
+    for (const Observation* row : rows) {
+      sum += row->position;
+    }
+    return sum / static_cast<double>(rows.size());
+  }
+};
+
+TEST(NoiseComponents, OfRepeatsAreMeansOverAllPairsOfRows) {
+  bool without_common = false;
+  bool common_alone = false;
+  for (unsigned seed = 0; seed < 6; ++seed) {
+    const Measurements measured = irregular(seed, Vector3d(0.02, 0.0, 0.5));
+    const RepeatNoise found = noise_from_repeats(measured);
+    const Pairs expected(measured);
+    EXPECT_EQ(found.degrees_of_freedom, expected.freedom) << seed;
+    EXPECT_TRUE(found.separable) << seed;
+    for (Index axis = 0; axis < 3; ++axis) {
+      const double variance = expected.variance[axis];
+      const double shared = std::min(std::max(expected.shared[axis], 0.0), variance);
+      without_common = without_common || expected.shared[axis] < 0.0;
+      common_alone = common_alone || expected.shared[axis] > variance;
+      EXPECT_NEAR(found.total[axis], std::sqrt(variance), 1e-12) << seed << ", " << axis;
+      EXPECT_NEAR(found.common[axis], std::sqrt(shared), 1e-10) << seed << ", " << axis;
+      EXPECT_NEAR(found.independent[axis], std::sqrt(variance - shared), 1e-9) << seed << ", " << axis;
+    }
+    EXPECT_EQ(found.orientation, 0.0) << seed;
+    EXPECT_EQ(found.orientation_degrees_of_freedom, 0.0) << seed;
+  }
+  EXPECT_TRUE(without_common) << "a mean product is negative";
+  EXPECT_TRUE(common_alone) << "a mean product is above the variance";
+}
+
+TEST(NoiseComponents, OfOneTargetAreAllItsOwn) {
+  const Measurements measured = subset(irregular(1, Vector3d(0.1, 0.1, 0.1)),
+                                       [](const Observation& o) { return o.target == o.configuration % 3; });
+  const RepeatNoise found = noise_from_repeats(measured);
+  EXPECT_FALSE(found.separable);
+  EXPECT_TRUE(found.common.isZero(0.0));
+  EXPECT_EQ(found.independent, found.total);
+  EXPECT_GT(found.total.minCoeff(), 0.05);
+}
+
+TEST(NoiseComponents, OfTargetsThatShareOneRepeatAreAllTheirOwn) {
+  const Measurements measured = subset(irregular(1, Vector3d(0.1, 0.1, 0.1)), [](const Observation& o) {
+    return o.target < 2 && (o.target == 0 ? o.repeat < 3 : o.repeat > 1);
+  });
+  Measurements one_shared = measured;
+  one_shared.observations.clear();
+  for (const auto& [target, repeat] : std::vector<std::pair<int, int>>{{0, 1}, {0, 2}, {1, 2}, {1, 3}}) {
+    one_shared.observations.push_back({.position = Vector3d(target + repeat * repeat, repeat, -repeat),
+                                       .configuration = 0,
+                                       .target = target,
+                                       .repeat = repeat});
+  }
+  const RepeatNoise found = noise_from_repeats(one_shared);
+  EXPECT_EQ(found.degrees_of_freedom, 2.0);
+  EXPECT_FALSE(found.separable);
+  EXPECT_EQ(found.independent, found.total);
+}
+
+TEST(NoiseComponents, WithoutRepeatsAreNone) {
+  const auto none = [](const RepeatNoise& found) {
+    return found.degrees_of_freedom == 0.0 && found.total.isZero(0.0) && found.independent.isZero(0.0) &&
+           found.common.isZero(0.0) && !found.separable;
+  };
+  Measurements measured = irregular(2, Vector3d::Constant(0.1));
+  EXPECT_TRUE(none(noise_from_repeats(subset(measured, [](const Observation& o) { return o.repeat == 2; }))));
+  EXPECT_TRUE(none(noise_from_repeats(subset(measured, [](const Observation& o) { return o.repeat == o.target + 1; }))))
+      << "repeats of other targets";
+  for (Observation& o : measured.observations) {
+    o.split = o.repeat == 1 ? Split::train : Split::test;
+  }
+  EXPECT_TRUE(none(noise_from_repeats(measured))) << "repeats of the other split";
+  measured.observations[0].configuration = 99;
+  EXPECT_NE(testing::refusal([&] { noise_from_repeats(measured); }), "nothing was refused");
+}
+
+TEST(NoiseComponents, OfOrientationsAreThoseAboutTheirMeans) {
+  const Measurements measured = irregular(3, Vector3d::Constant(0.1), 1e-4);
+  std::map<std::pair<int, int>, std::vector<Matrix3d>> cells;
+  for (std::size_t row = 0; row < measured.observations.size(); ++row) {
+    const Observation& o = measured.observations[row];
+    if (!is_point(measured.orientations[row])) {
+      cells[{o.configuration, o.target}].push_back(measured.orientations[row].toRotationMatrix());
+    }
+  }
+  double squares = 0.0;
+  double freedom = 0.0;
+  for (const auto& [place, turns] : cells) {
+    std::vector<Vector3d> steps;
+    Vector3d mean = Vector3d::Zero();
+    for (const Matrix3d& turn : turns) {
+      steps.push_back(rotation_log(turns.front().transpose() * turn));
+      mean += steps.back() / static_cast<double>(turns.size());
+    }
+    for (const Vector3d& step : steps) {
+      squares += (step - mean).squaredNorm();
+    }
+    freedom += static_cast<double>(turns.size()) - 1.0;
+  }
+  const RepeatNoise found = noise_from_repeats(measured);
+  EXPECT_EQ(found.orientation_degrees_of_freedom, freedom);
+  EXPECT_NEAR(found.orientation / std::sqrt(squares / (3.0 * freedom)), 1.0, 1e-6);
+}
+
+TEST(NoiseComponents, OfOrientationsNeedTwoOfOneTarget) {
+  Measurements measured = irregular(4, Vector3d::Constant(0.1), 1e-4);
+  std::set<std::pair<int, int>> seen;
+  for (std::size_t row = 0; row < measured.observations.size(); ++row) {
+    const Observation& o = measured.observations[row];
+    if (!seen.insert({o.configuration, o.target}).second) {
+      measured.orientations[row] = point_alone();
+    }
+  }
+  const RepeatNoise found = noise_from_repeats(measured);
+  EXPECT_GT(found.degrees_of_freedom, 0.0);
+  EXPECT_EQ(found.orientation_degrees_of_freedom, 0.0);
+  EXPECT_EQ(found.orientation, 0.0);
+}
+
+// 3 configurations of two points, whitened by 1 / sigma^2 = 4.
+ResidualNoise of_residuals(double shared, double own, int rank) {
+  Eigen::VectorXd e(18);
+  for (Index i = 0; i < 18; ++i) {
+    e[i] = (i % 2 == 0 ? 1.0 : -1.0) * shared * static_cast<double>(1 + i / 6) + (i % 6 < 3 ? own : -own);
+  }
+  for (Index i = 0; i < 18; ++i) {  // what is shared is the same of both points
+    e[i] = i % 6 < 3 ? e[i] : e[i - 3] - 2.0 * own;
+  }
+  return noise_from_residuals(
+      WhitenedSystem{.jacobian = Eigen::MatrixXd::Zero(18, 1), .residual = e, .blocks = {0, 6, 12, 18}}, rank, 4.0);
+}
+
+TEST(NoiseComponents, OfResidualsAreWhatPointsOfAConfigurationShare) {
+  // Squares of what is shared are 1, 4 and 9 times, three coordinates each: a mean of 14/3; mean products of the two
+  // points are that less the square of their own.
+  for (const int rank : {0, 6}) {
+    const double lost = 18.0 / (18.0 - rank) / 4.0;
+    const ResidualNoise both = of_residuals(0.3, 0.2, rank);
+    EXPECT_EQ(both.degrees_of_freedom, 18.0 - rank);
+    const double shared = 14.0 / 3.0 * 0.09;
+    EXPECT_NEAR(both.common, std::sqrt((shared - 0.04) * lost), 1e-12) << rank;
+    EXPECT_NEAR(both.independent, std::sqrt(2.0 * 0.04 * lost), 1e-12) << rank;
+    EXPECT_NEAR(both.total(), std::sqrt((shared + 0.04) * lost), 1e-12) << rank;
+    const ResidualNoise opposite = of_residuals(0.0, 0.2, rank);
+    EXPECT_EQ(opposite.common, 0.0) << rank;
+    EXPECT_NEAR(opposite.independent, std::sqrt(0.04 * lost), 1e-12) << rank;
+    const ResidualNoise together = of_residuals(0.3, 0.0, rank);
+    EXPECT_NEAR(together.common, std::sqrt(shared * lost), 1e-12) << rank;
+    EXPECT_NEAR(together.independent, 0.0, 1e-7) << rank;
+  }
+  const ResidualNoise none = of_residuals(0.3, 0.2, 18);
+  EXPECT_EQ(none.degrees_of_freedom, 0.0);
+  EXPECT_EQ(none.total(), 0.0);
+  EXPECT_EQ(of_residuals(0.3, 0.2, 20).degrees_of_freedom, -2.0);
+  EXPECT_GT(of_residuals(0.3, 0.2, 17).total(), 0.0);
+}
+
+TEST(NoiseComponents, OfResidualsOfSinglePointsAreTheirOwn) {
+  const WhitenedSystem system{
+      .jacobian = Eigen::MatrixXd::Zero(6, 1), .residual = Eigen::VectorXd::Constant(6, 0.5), .blocks = {0, 3, 6}};
+  const ResidualNoise found = noise_from_residuals(system, 2, 1.0);
+  EXPECT_EQ(found.common, 0.0);
+  EXPECT_NEAR(found.independent, 0.5 * std::sqrt(1.5), 1e-12);
+  EXPECT_NEAR(noise_from_residuals(summarised(system), 2, 1.0).independent, found.independent, 1e-15);
+}
+
+}  // namespace
+}  // namespace kdl_calibration
