@@ -7,10 +7,15 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
+#include <vector>
 
+#include "assessment/variance_estimation.hpp"
 #include "base/f_distribution.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/identification.hpp"
@@ -19,6 +24,7 @@
 #include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "record.hpp"
+#include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration {
@@ -476,6 +482,307 @@ TEST(NoiseParts, AreThoseOfTheResidualsWhereNothingIsFree) {
   EXPECT_NEAR(found.degrees_of_freedom, 3.0 * 600.0, 1e-6) << "of the means";
   EXPECT_NEAR(found.independent().mean(), 9e-10, 1e-10);
   EXPECT_LT(found.misfit() + found.target_misfit() + found.common().mean(), 1e-10);
+}
+
+NoiseParts made_parts() {
+  NoiseParts parts;
+  parts.variances << 4.0, 9.0, 16.0, 25.0, 36.0, 49.0, 1e-9, 81.0, 100.0;
+  return parts;
+}
+
+TEST(NoiseParts, MakeANoiseModelOfWhatIsEstimated) {
+  const NoiseModel stated{.independent = Vector3d(0.1, 0.2, 0.3),
+                          .common = Vector3d(0.4, 0.5, 0.6),
+                          .misfit = 0.7,
+                          .target_misfit = 0.8,
+                          .orientation = 0.9};
+  NoiseParts parts = made_parts();
+  parts.estimated = {true, true, false, true, true, false, true, true, false};
+  const NoiseModel kept = parts.model(stated);
+  EXPECT_EQ(kept.misfit, 2.0);
+  EXPECT_EQ(kept.target_misfit, 3.0);
+  EXPECT_EQ(kept.common, stated.common);
+  EXPECT_EQ(kept.independent, stated.independent);
+  EXPECT_EQ(kept.orientation, 0.9);
+  parts.estimated = {false, true, true, false, false, false, false, false, false};
+  EXPECT_EQ(parts.model(stated).common, Vector3d(4.0, 5.0, 6.0));
+  EXPECT_EQ(parts.model(stated).independent, stated.independent);
+  EXPECT_EQ(parts.model(stated).misfit, 2.0);
+  parts.estimated = {true, false, false, true, true, true, false, false, false};
+  EXPECT_EQ(parts.model(stated).common, stated.common);
+  // A millionth of the mean variance of a point: (16 + 25 + 36 + 49 + 81) / 3 + 13.
+  const double least = std::sqrt(1e-6 * (207.0 / 3.0 + 13.0));
+  EXPECT_LT((parts.model(stated).independent - Vector3d(7.0, least, 9.0)).norm(), 1e-12);
+  EXPECT_EQ(parts.model(stated).orientation, 0.9);
+  parts.estimated = {true, true, true, true, true, true, true, true, true};
+  EXPECT_EQ(parts.model(stated).orientation, 10.0);
+  parts.estimated = {false, false, false, false, false, false, false, false, true};
+  EXPECT_EQ(parts.model(stated).orientation, 10.0);
+  EXPECT_EQ(parts.model(stated).independent, stated.independent);
+}
+
+TEST(NoiseParts, AddUpToThePoint) {
+  const NoiseParts parts = made_parts();
+  const Eigen::Matrix3d expected = Vector3d(78.0, 38.0 + 1e-9, 130.0).asDiagonal();
+  EXPECT_LT((parts.point() - expected).norm(), 1e-12);
+}
+
+TEST(NoiseParts, HaveTheDegreesOfFreedomOfTheirCovariance) {
+  NoiseParts parts = made_parts();
+  EXPECT_EQ(parts.freedom(3.0, NoiseParts::Variances::Ones()), std::numeric_limits<double>::infinity());
+  EXPECT_EQ(parts.freedom_of_point(), std::numeric_limits<double>::infinity());
+  Random random(3);
+  const MatrixXd A = MatrixXd::NullaryExpr(9, 9, [&] { return 1e-2 * random.normal(); });
+  parts.covariance = A * A.transpose();
+  NoiseParts::Variances gradient;
+  gradient << 1.0, -2.0, 0.5, 3.0, 0.0, 1.0, 2.0, -1.0, 0.25;
+  double variance = 0.0;
+  double of_trace = 0.0;
+  const std::vector<double> trace = {3.0, 3.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0};
+  for (Index i = 0; i < 9; ++i) {
+    for (Index j = 0; j < 9; ++j) {
+      variance += gradient[i] * parts.covariance(i, j) * gradient[j];
+      of_trace += trace[static_cast<std::size_t>(i)] * parts.covariance(i, j) * trace[static_cast<std::size_t>(j)];
+    }
+  }
+  EXPECT_NEAR(parts.freedom(3.0, gradient), 18.0 / variance, 1e-9 / variance);
+  const double sum = 246.0 + 1e-9;  // of the point's variances
+  EXPECT_NEAR(parts.freedom_of_point() / (2.0 * sum * sum / of_trace), 1.0, 1e-12);
+}
+
+/// Two or more repeats of some configurations, with and without orientations, and an estimate with errors.
+struct Small {
+  testing::VirtualExperiment experiment;
+  Measurements measured;
+  Unknowns free;
+  Estimate estimate;
+
+  explicit Small(int configurations, bool poses = false, int targets = 3, int repeats = 2)
+      : experiment({.targets = poses ? testing::as_frames(published_targets(targets)) : published_targets(targets),
+                    .ranges = published_ranges}),
+        measured(testing::without_sigmas(experiment.measure(configurations, {.sigma = 3e-5,
+                                                                             .orientation_sigma = poses ? 2e-4 : 0.0,
+                                                                             .repeats = repeats,
+                                                                             .common = Vector3d(2e-5, 3e-5, 4e-5)}))),
+        free(experiment.model, experiment.targets, names()),
+        estimate(experiment.robot.truth) {
+    Random random(5);
+    std::map<int, Vector3d> of_configuration;
+    for (Observation& o : measured.observations) {
+      o.position += 5e-5 * of_configuration.try_emplace(o.configuration, normal_vector(random)).first->second +
+                    2e-5 * normal_vector(random);
+    }
+    estimate = identify_jointly(experiment.model, measured, estimate, free).estimate;
+  }
+
+  std::vector<std::string> names() const {
+    std::vector<std::string> result = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
+    const std::vector<std::string> kept = experiment.free.names();
+    result.insert(result.end(), kept.begin() + 8, kept.begin() + 12);
+    result.insert(result.end(), {"A.x", "A.y"});
+    return result;
+  }
+
+  // What the strata say with these priors, all of them looked at.
+  VarianceEstimation by_strata(const ResidualOptions& options, PartsAsked asked, double share) const {
+    NoiseStrata strata(measured, options);
+    strata.add_means(experiment.model, estimate, free);
+    VarianceTask task{.strata = strata.finished(),
+                      .unknown = strata.unknown_parts(asked),
+                      .stated = NoiseParts::Variances::Zero(),
+                      .priors = share * free.prior_information(options.priors),
+                      .prior_gradient = VectorXd(free.size())};
+    task.stated.segment<3>(NoiseParts::kCommon) = options.noise.common.cwiseAbs2();
+    task.stated[NoiseParts::kOrientation] = options.noise.orientation * options.noise.orientation;
+    for (Index c = 0; c < free.size(); ++c) {
+      task.prior_gradient[c] = -task.priors[c] * Unknowns::value(estimate, free.columns()[static_cast<std::size_t>(c)]);
+    }
+    return VarianceEstimation(task);
+  }
+};
+
+void expect_equal(const NoiseParts& found, const NoiseParts& expected, double share, const std::string& what) {
+  EXPECT_TRUE(found.converged) << what;
+  EXPECT_LT((found.variances - expected.variances).norm(), 1e-12 * expected.variances.norm()) << what;
+  EXPECT_LT((found.covariance - share * expected.covariance).norm(), 1e-12 * expected.covariance.norm()) << what;
+  EXPECT_EQ(found.estimated, expected.estimated) << what;
+  EXPECT_NEAR(found.degrees_of_freedom, expected.degrees_of_freedom / share, 1e-9 * found.degrees_of_freedom) << what;
+  ASSERT_EQ(found.scatter.size(), expected.scatter.size()) << what;
+  EXPECT_LE((found.scatter - expected.scatter / share).norm(), 1e-12 * found.scatter.norm()) << what;
+  ASSERT_EQ(found.sensitivity.size(), expected.sensitivity.size()) << what;
+  for (std::size_t k = 0; k < expected.sensitivity.size(); ++k) {
+    ASSERT_EQ(found.sensitivity[k].size(), expected.sensitivity[k].size()) << what << ", part " << k;
+    EXPECT_LE((found.sensitivity[k] - expected.sensitivity[k] / share).norm(), 1e-12 * found.sensitivity[k].norm())
+        << what << ", part " << k;
+  }
+}
+
+TEST(NoiseParts, AreThoseOfTheStrataWithPriorsAndWhatIsStated) {
+  const Small small(12, true);
+  ResidualOptions options{.priors = {.length = 3e-4, .angle = 2e-4}};
+  const auto found = [&] {
+    return estimate_noise(small.experiment.model, small.measured, small.estimate, small.free, options);
+  };
+  const auto expected = [&](PartsAsked asked) {
+    VarianceEstimation estimation = small.by_strata(options, asked, 1.0);
+    EXPECT_TRUE(estimation.maximise());
+    return estimation.parts();
+  };
+  expect_equal(found(), expected(PartsAsked::all), 1.0, "priors");
+  options.noise.common = Vector3d(2e-5, 3e-5, 4e-5);
+  options.noise.orientation = 3e-4;
+  expect_equal(found(), expected(PartsAsked::all), 1.0, "common and orientation stated");
+  options.noise.orientation = 0.0;
+  options.noise.independent = Vector3d(2e-5, 3e-5, 2e-5);
+  NoiseParts parts = expected(PartsAsked::all);
+  parts.variances.segment<3>(NoiseParts::kIndependent) = options.noise.independent.cwiseAbs2();
+  expect_equal(found(), parts, 1.0, "so little stated that there is a misfit");
+  options.noise.independent.setConstant(1e-3);
+  parts = expected(PartsAsked::without_misfits);
+  parts.variances.segment<3>(NoiseParts::kIndependent).setConstant(1e-6);
+  expect_equal(found(), parts, 1.0, "so much stated that there is none");
+  options.noise.orientation = 3e-4;
+  EXPECT_FALSE(found().converged) << "all is stated";
+}
+
+TEST(NoiseParts, BesideWeightsAreThoseOfTheStrata) {
+  const Small small(12, true);
+  FitProblem fit{.model = small.experiment.model,
+                 .measurements = small.measured,
+                 .start = small.estimate,
+                 .free = small.free,
+                 .options = {.joint = {.residuals = {.priors = {.length = 3e-4, .angle = 2e-4}}}}};
+  ResidualOptions& weights = fit.options.joint.residuals;
+  const auto expected = [&](const NoiseModel& stated, bool misfits, const NoiseParts::Variances& weighed_with) {
+    ResidualOptions options = weights;
+    options.noise = stated;
+    VarianceEstimation estimation =
+        small.by_strata(options, misfits ? PartsAsked::all : PartsAsked::without_misfits, 1.0);
+    EXPECT_TRUE(estimation.match(weighed_with));
+    return estimation.parts();
+  };
+  NoiseParts::Variances v = NoiseParts::Variances::Zero();
+  v.segment<3>(NoiseParts::kIndependent).setOnes();
+  v[NoiseParts::kOrientation] = 1.0 / 0.09;
+  expect_equal(noise_beside_weights(fit, {}, true), expected({}, true, v), 1.0, "equal weights");
+  expect_equal(noise_beside_weights(fit, {}, false), expected({}, false, v), 1.0, "without misfits");
+  weights.orientation_length = 0.5;
+  weights.noise = {.independent = Vector3d(2e-5, 3e-5, 4e-5),
+                   .common = Vector3d(5e-5, 6e-5, 7e-5),
+                   .misfit = 8e-5,
+                   .target_misfit = 9e-5};
+  v << 64e-10, 81e-10, 25e-10, 36e-10, 49e-10, 4e-10, 9e-10, 16e-10, 29e-10 / 3.0 / 0.25;
+  expect_equal(noise_beside_weights(fit, {}, true), expected({}, true, v), 1.0, "other weights");
+  weights.noise.orientation = 4e-4;
+  v[NoiseParts::kOrientation] = 16e-8;
+  expect_equal(noise_beside_weights(fit, {}, true), expected({}, true, v), 1.0, "an orientation's weight");
+  const NoiseModel stated{.independent = Vector3d(1e-5, 2e-5, 3e-5), .common = Vector3d(2e-5, 1e-5, 1e-5)};
+  v.segment<3>(NoiseParts::kIndependent).setZero();
+  NoiseParts parts = expected(stated, true, v);
+  parts.variances.segment<3>(NoiseParts::kIndependent) = stated.independent.cwiseAbs2();
+  expect_equal(noise_beside_weights(fit, stated, true), parts, 1.0, "what is stated");
+  weights.noise.orientation = 0.0;
+  v[NoiseParts::kOrientation] = 14e-10 / 3.0 / 0.25;
+  parts = expected(stated, true, v);
+  parts.variances.segment<3>(NoiseParts::kIndependent) = stated.independent.cwiseAbs2();
+  expect_equal(noise_beside_weights(fit, stated, true), parts, 1.0, "orientations by what is stated");
+  const NoiseModel all{.independent = stated.independent, .common = stated.common, .orientation = 1e-4};
+  EXPECT_FALSE(noise_beside_weights(fit, all, false).converged) << "nothing is left to find";
+  EXPECT_TRUE(noise_beside_weights(fit, all, true).converged);
+}
+
+TEST(NoiseParts, OfOneUnknownAreFoundToo) {
+  const Small small(12, false, 1, 1);
+  const NoiseParts found = estimate_noise(small.experiment.model, small.measured, small.estimate, small.free, {});
+  EXPECT_TRUE(found.converged);
+  EXPECT_FALSE(found.estimates_misfit());
+}
+
+// More than 2,000 configurations are represented by as many, and what these say counts for all.
+TEST(NoiseParts, OfManyConfigurationsAreThoseOfASample) {
+  const Small many(2500, false, 1, 1);
+  const ResidualOptions options{.priors = {.length = 1e-5, .angle = 1e-5}};
+  Small few = many;
+  few.measured = sampled(many.measured, options).measurements;
+  ASSERT_EQ(few.measured.joint_values.cols(), 2000);
+  VarianceEstimation likely = few.by_strata(options, PartsAsked::all, 0.8);
+  ASSERT_TRUE(likely.maximise());
+  expect_equal(estimate_noise(many.experiment.model, many.measured, many.estimate, many.free, options), likely.parts(),
+               0.8, "by likelihood");
+  const FitProblem fit{.model = many.experiment.model,
+                       .measurements = many.measured,
+                       .start = many.estimate,
+                       .free = many.free,
+                       .options = {.joint = {.residuals = options}}};
+  VarianceEstimation matched = few.by_strata(options, PartsAsked::all, 0.8);
+  NoiseParts::Variances v = NoiseParts::Variances::Zero();
+  v.segment<3>(NoiseParts::kIndependent).setOnes();
+  ASSERT_TRUE(matched.match(v));
+  expect_equal(noise_beside_weights(fit, {}, true), matched.parts(), 0.8, "beside weights");
+}
+
+// One kind of rows, of which the residuals have this chance by what is stated.
+bool finds_a_misfit(double chance) {
+  const Small small(20, false, 1, 1);
+  const DenseLikelihood dense(small.experiment.model, small.measured, small.estimate, small.free);
+  const double freedom = static_cast<double>(dense.jacobian().rows() - dense.jacobian().cols());
+  const double variance = dense.residual().squaredNorm() / freedom / f_critical(chance, freedom, 1e7);
+  ResidualOptions options;
+  options.noise.independent.setConstant(std::sqrt(variance));
+  const NoiseParts found = estimate_noise(small.experiment.model, small.measured, small.estimate, small.free, options);
+  EXPECT_EQ(found.converged, found.target_misfit() > 0.0) << chance;
+  return found.converged;
+}
+
+TEST(NoiseParts, HaveAMisfitBesideWhatIsStatedFromFivePercentOn) {
+  EXPECT_TRUE(finds_a_misfit(0.001));
+  EXPECT_TRUE(finds_a_misfit(0.048));
+  EXPECT_FALSE(finds_a_misfit(0.052));
+  EXPECT_FALSE(finds_a_misfit(0.9));
+}
+
+TEST(NoiseParts, AreThoseOfTheTrainingRows) {
+  const Small small(12);
+  const FitProblem fit = {
+      .model = small.experiment.model, .measurements = small.measured, .start = small.estimate, .free = small.free};
+  Measurements more = small.measured;
+  for (const std::size_t row : {0U, 5U, 9U}) {
+    Observation other = more.observations[row];
+    other.split = Split::test;
+    other.repeat += 10;
+    other.position.x() += 0.1;
+    more.observations.push_back(other);
+  }
+  const NoiseParts expected = estimate_noise(fit.model, small.measured, fit.start, fit.free, {});
+  EXPECT_EQ(estimate_noise(fit.model, more, fit.start, fit.free, {}).variances, expected.variances);
+  EXPECT_EQ(noise_beside_weights(with_measurements(fit, more), {}, true).variances,
+            noise_beside_weights(fit, {}, true).variances);
+}
+
+TEST(NoiseParts, RefuseWhatDoesNotHoldTogether) {
+  using testing::refusal;
+  const Small small(6);
+  const ErrorModel& model = small.experiment.model;
+  Measurements measured = small.measured;
+  measured.joints[0] = "another";
+  Estimate estimate = small.estimate;
+  estimate.errors.conservativeResize(3);
+  const std::vector<TargetFrame> four = published_targets(4);
+  const Unknowns free(model, four, {"D.x"});
+  ResidualOptions options;
+  options.priors.length = -1.0;
+  NoiseModel stated;
+  stated.misfit = -1.0;
+  const auto expect = [](const std::string& message, const std::string& part) {
+    EXPECT_NE(message.find(part), std::string::npos) << message;
+  };
+  expect(refusal([&] { estimate_noise(model, measured, small.estimate, small.free, {}); }), "another");
+  expect(refusal([&] { estimate_noise(model, small.measured, estimate, small.free, {}); }), "3 errors");
+  expect(refusal([&] { estimate_noise(model, small.measured, small.estimate, free, {}); }), "coordinate of targets 18");
+  expect(refusal([&] { estimate_noise(model, small.measured, small.estimate, small.free, options); }), "prior of");
+  const FitProblem fit{.model = model, .measurements = small.measured, .start = small.estimate, .free = small.free};
+  expect(refusal([&] { noise_beside_weights(with_measurements(fit, measured), {}, true); }), "another");
+  expect(refusal([&] { noise_beside_weights(fit, stated, true); }), "misfit");
 }
 
 void expect_coverage(const std::vector<Truth>& sorts, int runs, double tolerance) {
