@@ -32,6 +32,8 @@ WhitenedSystem unit_system(const ErrorModel& model, const Measurements& measurem
   unit.noise.independent.setOnes();
   unit.noise.orientation = 1.0;
   unit.row_weights = options.row_weights;
+  std::replace_if(
+      unit.row_weights.begin(), unit.row_weights.end(), [](double w) { return !(w > kLeastWeight); }, 0.0);
   return LeastSquaresProblem(model, plain, free, unit).whitened(estimate);
 }
 
