@@ -130,20 +130,17 @@ JointConvention read_joint_convention(const std::filesystem::path& file) {
 
 JointConvention matched_convention(const JointConvention& convention, const std::vector<std::string>& urdf_joints) {
   require_whole(convention);
+  const std::vector<std::string>& own = convention.urdf_joints;
+  if (!std::is_permutation(own.begin(), own.end(), urdf_joints.begin(), urdf_joints.end())) {
+    fail(convention.name, "key 'urdf_joints' names " + comma_separated(own) +
+                              ": expected the moving joints of the chain " + comma_separated(urdf_joints));
+  }
   JointConvention matched = convention;
   matched.urdf_joints = urdf_joints;
-  bool match = convention.urdf_joints.size() == urdf_joints.size();
-  for (std::size_t i = 0; match && i < urdf_joints.size(); ++i) {
-    const auto found = std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), urdf_joints[i]);
-    match = found != convention.urdf_joints.end();
-    if (!match) break;
-    const Eigen::Index row = found - convention.urdf_joints.begin();
+  for (std::size_t i = 0; i < urdf_joints.size(); ++i) {
+    const Eigen::Index row = std::find(own.begin(), own.end(), urdf_joints[i]) - own.begin();
     matched.matrix.row(static_cast<Eigen::Index>(i)) = convention.matrix.row(row);
     matched.offset[static_cast<Eigen::Index>(i)] = convention.offset[row];
-  }
-  if (!match) {
-    fail(convention.name, "key 'urdf_joints' names " + comma_separated(convention.urdf_joints) +
-                              ": expected the moving joints of the chain " + comma_separated(urdf_joints));
   }
   return matched;
 }
