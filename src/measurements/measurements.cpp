@@ -42,7 +42,7 @@ Observation mean_observation(const std::vector<Observation>& observations, const
     all_stated = all_stated && o.sigma > 0.0;
   }
   mean.position += difference / count;
-  if (rows.size() > 1) mean.sigma = all_stated ? std::sqrt(variance) / count : 0.0;
+  mean.sigma = all_stated ? std::sqrt(variance) / count : 0.0;
   mean.repeat = 1;
   return mean;
 }
