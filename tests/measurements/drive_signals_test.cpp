@@ -115,10 +115,52 @@ TEST(DriveSignals, JoinedOnesStandSideBySideWhereBothHaveThem) {
   EXPECT_EQ(both.torques.size(), 0);
 }
 
+TEST(DriveSignals, MotionsOfAMicronAndLessAreNone) {
+  for (const double sign : {1.0, -1.0}) {
+    const Eigen::RowVector4d stops = sign * Eigen::RowVector4d(0.0, 1.0, 1.0 - 0.9e-6, 1.0 - 2.1e-6);
+    const MatrixXd expected = sign * Eigen::RowVector4d(kUnknown, 1.0, 1.0, -1.0);
+    EXPECT_TRUE(same(directions_of_motion(stops), expected)) << sign;
+  }
+}
+
+TEST(DriveSignals, AreTakenByConfigurationAndStayEmptyWhereNothingIsKnown) {
+  const DriveSignals signals{.approach = (MatrixXd(2, 3) << 1, -1, 1, -1, 0, 1).finished(),
+                             .torques = (MatrixXd(2, 3) << 1, 2, 3, 4, 5, kUnknown).finished()};
+  const DriveSignals two = columns(signals, {2, 0});
+  EXPECT_TRUE(same(two.approach, (MatrixXd(2, 2) << 1, 1, 1, -1).finished()));
+  EXPECT_TRUE(same(two.torques, (MatrixXd(2, 2) << 3, 1, kUnknown, 4).finished()));
+  EXPECT_TRUE(same(column(signals, 1).approach, Eigen::Vector2d(-1, 0)));
+  EXPECT_TRUE(same(column(signals, 1).torques, Eigen::Vector2d(2, 5)));
+  const DriveSignals one{.approach = {}, .torques = MatrixXd::Constant(1, 1, 7.0)};
+  EXPECT_TRUE(same(columns(one, {0}).torques, one.torques));
+  EXPECT_TRUE(same(column(one, 0).torques, one.torques));
+  EXPECT_TRUE(same(side_by_side(one, one).torques, MatrixXd::Constant(1, 2, 7.0)));
+  EXPECT_TRUE(same(columns(one, {0, 0}).approach, MatrixXd()));
+  EXPECT_TRUE(same(column(one, 0).approach, MatrixXd()));
+  EXPECT_TRUE(has_torques(one, 0));
+  EXPECT_FALSE(has_torques({}, 0));
+}
+
+TEST(DriveSignals, OfTheSecondStandBehindThoseOfTheFirst) {
+  const DriveSignals first{.approach = MatrixXd(2, 0), .torques = Eigen::Vector2d(1, 2)};
+  const DriveSignals second{.approach = Eigen::Vector2d(1, -1), .torques = Eigen::Vector2d(3, 4)};
+  const DriveSignals both = side_by_side(first, second);
+  EXPECT_TRUE(same(both.torques, (MatrixXd(2, 2) << 1, 3, 2, 4).finished()));
+  EXPECT_TRUE(same(both.approach, MatrixXd()));
+}
+
+TEST(DriveSignals, TorquesOfConfigurationsThatComeBackAreKept) {
+  const Measurements read = parse_measurements(
+      "configuration,target,a,b,x,y,z,tau_a\n1,A,0,0,0,0,0,1\n2,A,1,0,0,0,0,5\n1,B,0,0,0,0,0,2\n", kJoints);
+  EXPECT_TRUE(same(read.signals.torques, (MatrixXd(2, 2) << 1.5, 5, kUnknown, kUnknown).finished()));
+}
+
 TEST(DriveSignals, OfAnotherSizeAreRefused) {
   Measurements read = parse_measurements("configuration,target,a,b,x,y,z\n1,A,0,0,0,0,0\n", kJoints);
   read.signals.torques = MatrixXd::Zero(2, 2);
   EXPECT_THAT(testing::refusal([&] { averaged(read); }), HasSubstr("2 x 2 torques, expected 2 x 1"));
+  read.signals.torques = MatrixXd::Zero(3, 1);
+  EXPECT_THAT(testing::refusal([&] { averaged(read); }), HasSubstr("3 x 1 torques, expected 2 x 1"));
   read.signals.torques.resize(0, 0);
   read.signals.approach = MatrixXd::Constant(2, 1, std::numeric_limits<double>::infinity());
   EXPECT_THAT(testing::refusal([&] { averaged(read); }), HasSubstr("directions of approach that are infinite"));

@@ -1,14 +1,17 @@
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements_check.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 
 #include <gmock/gmock.h>
 
+#include <array>
 #include <bit>
 #include <clocale>
 #include <cmath>
 #include <cstdint>
 #include <fstream>
+#include <functional>
 #include <limits>
 #include <locale>
 #include <map>
@@ -670,6 +673,43 @@ TEST(JointConventions, BadKeysAreNamed) {
               AllOf(HasSubstr("key 'matrix' is singular"), HasSubstr("rank is 1, expected 2")));
 }
 
+TEST(JointConventions, FaultsAreToldWholeWithTheirPlace) {
+  const auto with = [](const std::string& from, const std::string& to) {
+    return convention_message(replaced(kPendant, from, to));
+  };
+  const std::string numbers = ": expected a list of 2 numbers, one per joint";
+  EXPECT_EQ(with("[1, -2]", "{}"), "c.json: key 'matrix', row 2: '{}' is no list" + numbers);
+  EXPECT_EQ(with("[1, 0]", "[1]"), "c.json: key 'matrix', row 1 has 1 entries" + numbers);
+  EXPECT_EQ(with("[1, -2]", "[true, 2]"), "c.json: key 'matrix', row 2: 'true' is no number" + numbers);
+  EXPECT_EQ(with("[0, 0.5]", "[0, 2e12]"),
+            "c.json: key 'offset': '2000000000000.0' is out of range: expected at most "
+            "1e12");
+  EXPECT_THAT(with("[0, 0.5]", "[-2e12, 1]"), HasSubstr("'-2000000000000.0' is out of range"));
+  EXPECT_EQ(with("[[1, 0], [1, -2]]", R"({"a": 1, "b": 2})"),
+            "c.json: key 'matrix' has no rows: expected 2, one per joint");
+  EXPECT_THAT(with("\"J2 counts from above\"", R"({"matrix": 1})"), HasSubstr("is no text"));
+}
+
+TEST(JointConventions, ThatCameFromNoFileHoldTogether) {
+  const JointConvention sound = parse_joint_convention(kPendant);
+  const auto refused = [&](const std::function<void(JointConvention&)>& spoil) {
+    JointConvention spoilt = sound;
+    spoil(spoilt);
+    return message_of([&] { matched_convention(spoilt, kJoints); });
+  };
+  const double infinite = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(refused([](auto&) {}), "nothing was refused");
+  EXPECT_THAT(refused([](auto& c) { c.controller_joints.emplace_back("J3"); }),
+              HasSubstr("3 controller joints of a convention, expected 2"));
+  EXPECT_THAT(refused([](auto& c) { c.matrix.resize(3, 2); }),
+              HasSubstr("3 rows of a convention's matrix, expected 2"));
+  EXPECT_THAT(refused([](auto& c) { c.matrix.resize(2, 1); }),
+              HasSubstr("1 columns of a convention's matrix, expected 2"));
+  EXPECT_THAT(refused([](auto& c) { c.offset.resize(3); }), HasSubstr("3 offsets of a convention, expected 2"));
+  EXPECT_THAT(refused([&](auto& c) { c.matrix(1, 0) = infinite; }), HasSubstr("not finite"));
+  EXPECT_THAT(refused([&](auto& c) { c.offset[1] = -infinite; }), HasSubstr("not finite"));
+}
+
 TEST(JointConventions, RandomDamageGivesAResultOrAnInputError) {
   const std::string alphabet = "{}[]\",:0123456789.eE-+ \n\\ntrue\xff" + std::string(1, '\0');
   Random random(12);
@@ -899,6 +939,212 @@ TEST(MeasurementsOnRealData, ReadsTheUr10Poses) {
 TEST(MeasurementsOnRealData, WrittenFilesReadBackTheSame) {
   const Measurements fanuc = fanuc_tracker();
   expect_same(parse_measurements(measurements_csv(fanuc), kFanucJoints), fanuc);
+}
+
+// ---- Sets ----------------------------------------------------------------------------------------------------------
+
+/// Rows "configuration,target,repeat,split,order" of configurations 0, 1, ... that stand at 10 c and -c.
+Measurements rows_of(const std::vector<std::array<int, 5>>& rows) {
+  Measurements m{.source = "m.csv", .joints = kJoints, .targets = {"A", "B"}};
+  int last = 0;
+  for (const auto& [configuration, target, repeat, split, order] : rows) {
+    m.observations.push_back({.position = Eigen::Vector3d(order, configuration, target),
+                              .configuration = configuration,
+                              .target = target,
+                              .repeat = repeat,
+                              .split = split == 0 ? Split::train : Split::test});
+    m.order.push_back(order);
+    last = std::max(last, configuration);
+  }
+  m.joint_values.resize(2, last + 1);
+  for (int c = 0; c <= last; ++c) {
+    m.configurations.push_back("c" + std::to_string(c));
+    m.joint_values.col(c) << 10.0 * c, -c;
+  }
+  return m;
+}
+
+TEST(MeasurementsSubset, KeepsTheSourceAndTheOrderOfTheRowsKept) {
+  const Measurements m = rows_of({{0, 0, 1, 0, 5}, {1, 0, 1, 0, 3}, {0, 1, 1, 0, 9}, {2, 0, 1, 0, 1}});
+  const Measurements kept = subset(m, [](const Observation& o) { return o.configuration != 1; });
+  EXPECT_EQ(kept.source, "m.csv");
+  EXPECT_THAT(kept.order, ElementsAre(5, 9, 1));
+  EXPECT_THAT(kept.configurations, ElementsAre("c0", "c2"));
+}
+
+TEST(MeasurementsAveraged, HasTheOrderOfTheFirstRowOfEachMean) {
+  const Measurements m = rows_of({{1, 0, 1, 0, 5}, {0, 1, 1, 0, 3}, {1, 0, 2, 0, 9}, {0, 0, 1, 0, 1}, {0, 1, 2, 0, 7}});
+  const Measurements means = averaged(m);
+  EXPECT_THAT(means.order, ElementsAre(1, 3, 5));
+  EXPECT_EQ(means.observations[1].position.x(), 5.0);
+}
+
+TEST(MeasurementsAveraged, OrientationsLieOnTheSideOfTheFirst) {
+  for (const double sign : {1.0, -1.0}) {
+    Measurements m = rows_of({{0, 0, 1, 0, 1}, {0, 0, 2, 0, 2}});
+    const Eigen::Quaterniond mean(Eigen::AngleAxisd(0.4, Eigen::Vector3d(0.6, 0.0, 0.8)));
+    for (const double angle : {0.3, 0.5}) {
+      const Eigen::Quaterniond turned(Eigen::AngleAxisd(angle, Eigen::Vector3d(0.6, 0.0, 0.8)));
+      m.orientations.emplace_back(Eigen::Vector4d((angle < 0.4 ? sign : 1.0) * turned.coeffs()));
+    }
+    EXPECT_LT((averaged(m).orientations[0].coeffs() - sign * mean.coeffs()).norm(), 1e-14) << sign;
+  }
+}
+
+TEST(TrainingRows, TakeAsManyValuesAsThereAre) {
+  const Measurements mixed = rows_of({{0, 0, 1, 0, 1}, {1, 0, 1, 1, 2}});
+  const TrainingRows training(mixed);
+  EXPECT_THAT(message_of([&] {
+                static_cast<void>(training.among_all({1.0, 2.0}, 0.0));
+              }),
+              HasSubstr("2 values of training rows, expected 1"));
+}
+
+TEST(TrainedConfigurations, AreThoseWithTrainingRows) {
+  const Measurements m = rows_of({{0, 0, 1, 1, 1}, {1, 0, 1, 0, 2}, {1, 1, 1, 0, 3}, {2, 0, 1, 1, 4}, {3, 0, 1, 0, 5}});
+  EXPECT_THAT(trained_configurations(m), ElementsAre(false, true, false, true));
+}
+
+TEST(TrainingSample, IsEvenlySpacedOverTheConfigurationsWithTrainingRows) {
+  std::vector<std::array<int, 5>> rows;
+  for (int c = 0; c < 12; ++c) {
+    rows.push_back({c, 0, 1, c % 4 == 1 ? 1 : 0, c});  // 0 2 3 4 6 7 8 10 11 have some
+    rows.push_back({c, 1, 1, c % 4 == 1 ? 1 : 0, c});
+  }
+  const Measurements m = rows_of(rows);
+  const auto sampled = [&](std::size_t most) { return training_sample(m, most).configurations; };
+  EXPECT_THAT(sampled(4), ElementsAre("c0", "c3", "c6", "c8"));
+  EXPECT_THAT(sampled(3), ElementsAre("c0", "c4", "c8"));
+  EXPECT_THAT(sampled(1), ElementsAre("c0"));
+  EXPECT_THAT(sampled(0), IsEmpty());
+  const std::vector<std::string> all = {"c0", "c2", "c3", "c4", "c6", "c7", "c8", "c10", "c11"};
+  EXPECT_EQ(sampled(9), all);
+  EXPECT_EQ(sampled(100), all);
+  EXPECT_EQ(training_sample(m, 4).observations.size(), 8U);
+}
+
+TEST(ApproachDirections, CountEachVisitOnceAndKeepTheOrderOfTheFileAmongEquals) {
+  // Driven 2, 0, 2 (both targets), 1: two visits of 2, of which the second came from below.
+  const Measurements m =
+      rows_of({{2, 0, 1, 0, 1}, {0, 0, 1, 0, 2}, {2, 0, 2, 0, 4}, {2, 1, 2, 0, 4}, {1, 0, 1, 0, 4}, {2, 1, 3, 0, 0}});
+  const double unknown = std::nan("");
+  const Eigen::MatrixXd found = approach_directions(m);
+  const Eigen::MatrixXd expected = (Eigen::MatrixXd(2, 3) << -1, -1, 1, 1, 1, -1).finished();
+  EXPECT_EQ(found, expected) << found;
+  // From both sides, once with two rows and once with one.
+  const Eigen::MatrixXd both = approach_directions(
+      rows_of({{0, 0, 1, 0, 0}, {1, 0, 1, 0, 1}, {1, 1, 1, 0, 2}, {2, 0, 1, 0, 3}, {1, 0, 2, 0, 4}}));
+  EXPECT_EQ(both.col(1), Eigen::Vector2d::Zero()) << both;
+  // The only row of the start is the first of the file.
+  const Eigen::MatrixXd first = approach_directions(rows_of({{1, 0, 1, 0, 0}, {0, 0, 1, 0, 1}}));
+  EXPECT_EQ(first(0, 0), -1.0);
+  EXPECT_TRUE(std::isnan(first(0, 1)) && std::isnan(unknown));
+  Measurements fewer = m;
+  fewer.order.pop_back();
+  EXPECT_THAT(message_of([&] { approach_directions(fewer); }), HasSubstr("5 places in the order, expected 6"));
+}
+
+TEST(TrainedRanges, AreThoseOfTheTrainingRows) {
+  const Measurements m = rows_of({{0, 0, 1, 1, 1}, {1, 0, 1, 0, 2}, {3, 0, 1, 0, 3}, {2, 0, 1, 0, 4}, {4, 0, 1, 1, 5}});
+  const JointRanges expected = {{10.0, 30.0}, {-3.0, -1.0}};
+  EXPECT_EQ(trained_ranges(m), expected);
+  const JointRanges none = trained_ranges(rows_of({{0, 0, 1, 1, 1}}));
+  ASSERT_EQ(none.size(), 2U);
+  for (const auto& [least, largest] : none) {
+    EXPECT_EQ(least, std::numeric_limits<double>::infinity());
+    EXPECT_EQ(largest, -std::numeric_limits<double>::infinity());
+  }
+}
+
+TEST(JoinedMeasurements, StandBehindEachOther) {
+  Measurements first = rows_of({{0, 0, 1, 0, 1}, {1, 1, 1, 0, 2}, {1, 0, 1, 0, 3}});
+  Measurements second = rows_of({{1, 0, 1, 1, 8}, {0, 1, 4, 1, 9}});
+  second.joint_values *= 3.0;
+  first.signals.torques = (Eigen::MatrixXd(2, 2) << 1, 2, 3, 4).finished();
+  second.signals.torques = (Eigen::MatrixXd(2, 2) << 5, 6, 7, 8).finished();
+  const Measurements both = joined(first, second);
+  EXPECT_THAT(both.configurations, ElementsAre("c0", "c1", "3", "4"));
+  EXPECT_EQ(both.joint_values, (Eigen::MatrixXd(2, 4) << 0, 10, 0, 30, 0, -1, 0, -3).finished());
+  ASSERT_EQ(both.observations.size(), 5U);
+  EXPECT_EQ(both.observations[2].configuration, 1);
+  EXPECT_EQ(both.observations[3].configuration, 3);
+  EXPECT_EQ(both.observations[4].configuration, 2);
+  EXPECT_EQ(both.observations[4].repeat, 4);
+  EXPECT_EQ(both.observations[4].split, Split::test);
+  EXPECT_THAT(both.order, ElementsAre(1, 2, 3, 8, 9));
+  EXPECT_EQ(both.signals.torques, (Eigen::MatrixXd(2, 4) << 1, 2, 5, 6, 3, 4, 7, 8).finished());
+  EXPECT_THAT(both.orientations, IsEmpty());
+}
+
+TEST(JoinedMeasurements, KeepWhatBothHaveAndFillOrientations) {
+  const Measurements plain = rows_of({{0, 0, 1, 0, 1}, {1, 1, 1, 0, 2}});
+  Measurements poses = rows_of({{0, 0, 1, 0, 1}});
+  poses.orientations = {Eigen::Quaterniond(0, 1, 0, 0)};
+  poses.order.clear();
+  const auto kinds = [](const Measurements& m) {
+    std::string text;
+    for (const Eigen::Quaterniond& q : m.orientations) text += is_point(q) ? 'p' : 'o';
+    return text;
+  };
+  EXPECT_EQ(kinds(joined(plain, poses)), "ppo");
+  EXPECT_EQ(kinds(joined(poses, plain)), "opp");
+  EXPECT_EQ(kinds(joined(poses, poses)), "oo");
+  EXPECT_THAT(joined(plain, poses).order, IsEmpty());
+  EXPECT_THAT(joined(poses, plain).order, IsEmpty());
+}
+
+TEST(JoinedMeasurements, AreOfTheSameJointsAndTargets) {
+  const Measurements m = rows_of({{0, 0, 1, 0, 1}});
+  Measurements nameless = m;
+  nameless.joints.clear();
+  EXPECT_EQ(joined(m, nameless).joints, kJoints);
+  EXPECT_THAT(joined(nameless, m).joints, IsEmpty());
+  Measurements others = m;
+  others.joints[1] = "other";
+  EXPECT_THAT(message_of([&] { joined(m, others); }),
+              HasSubstr("the second measurements have other joints or targets"));
+  Measurements more = nameless;
+  more.joint_values.conservativeResize(3, Eigen::NoChange);
+  more.joint_values.row(2).setZero();
+  EXPECT_THAT(message_of([&] { joined(m, more); }), HasSubstr("3 joints of the second measurements, expected 2"));
+}
+
+TEST(MeasurementsCheck, SaysWhatIsWrongWithWhichRow) {
+  const Measurements sound = rows_of({{0, 0, 1, 0, 1}, {1, 1, 1, 0, 2}, {2, 0, 1, 0, 3}});
+  const auto refused = [&](const std::function<void(Measurements&)>& spoil) {
+    Measurements spoilt = sound;
+    spoil(spoilt);
+    return message_of([&] { check(spoilt); });
+  };
+  EXPECT_EQ(refused([](auto&) {}), "nothing was refused");
+  const std::string gone = " is not there, expected 0 to ";
+  for (const std::size_t row : {std::size_t{0}, std::size_t{2}}) {
+    const std::string where = "m.csv: observation " + std::to_string(row) + ": ";
+    for (const int number : {-1, 3}) {
+      EXPECT_EQ(refused([&](auto& m) { m.observations[row].configuration = number; }),
+                where + "configuration " + std::to_string(number) + gone + "2");
+    }
+    for (const int number : {-1, 2}) {
+      EXPECT_EQ(refused([&](auto& m) { m.observations[row].target = number; }),
+                where + "target " + std::to_string(number) + gone + "1");
+    }
+    EXPECT_EQ(refused([&](auto& m) { m.observations[row].sigma = -1e-9; }),
+              where + "sigma is negative or not finite, expected 0 where none is stated");
+  }
+  EXPECT_EQ(refused([](auto& m) { m.joints.pop_back(); }), "m.csv: 1 names of joints, expected 2, one for each");
+  EXPECT_EQ(refused([](auto& m) {
+              m.source.clear();
+              m.joint_units = {JointUnit::metre};
+            }),
+            "measurements: 1 units of joints, expected 2, one for each");
+  for (const double norm : {0.9991, 1.0009, 0.9989, 1.0011}) {
+    const std::string found = refused([&](auto& m) {
+      m.orientations = {point_alone(), Eigen::Quaterniond(norm, 0, 0, 0), Eigen::Quaterniond::Identity()};
+    });
+    EXPECT_EQ(found, std::abs(norm - 1.0) < 1e-3 ? "nothing was refused"
+                                                 : "m.csv: observation 1: the orientation is no unit quaternion")
+        << norm;
+  }
 }
 
 Measurements of_three_configurations() {
