@@ -100,8 +100,11 @@ void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
     if (++count > kMostJoints) {
       throw InputError(source + ": more joints than the limit of " + std::to_string(kMostJoints));
     }
+    if (child.empty()) {  // which urdfdom refuses by the joint's name
+      continue;
+    }
     const auto [other, fresh] = parents.try_emplace(child, link_of(*joint, "parent"), name);
-    if (!fresh && !child.empty() && other->second.second != name) {
+    if (!fresh && other->second.second != name) {
       throw InputError(source + ": link " + in_quotes(child) + " is the child of joints " +
                        in_quotes(other->second.second) + " and " + in_quotes(name) +
                        ", expected one joint per child link");
