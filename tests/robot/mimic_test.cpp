@@ -36,18 +36,21 @@ struct Follows {
   std::string hand = R"(<mimic joint="forearm" multiplier="2" offset="0.1"/>)";
 };
 
+std::string joint(const std::string& name, const std::string& type, const std::string& parent, const std::string& child,
+                  const std::string& content) {
+  return "<joint name='" + name + "' type='" + type + "'><parent link='" + parent + "'/><child link='" + child + "'/>" +
+         content + "</joint>\n";
+}
+
+/// "lower:upper"
+std::string limit(const std::string& range) {
+  const std::size_t colon = range.find(':');
+  return "<limit lower='" + range.substr(0, colon) + "' upper='" + range.substr(colon + 1) +
+         "' velocity='1' effort='1'/>";
+}
+
 /// turn, forearm (follows elbow, which stands behind it), slide, elbow, roll, hand (follows forearm), tool.
 std::string mimic_urdf(const Follows& follows = {}, const std::string& forearm_limit = "-2.9:2.9") {
-  const auto joint = [](const std::string& name, const std::string& type, const std::string& parent,
-                        const std::string& child, const std::string& content) {
-    return "<joint name='" + name + "' type='" + type + "'><parent link='" + parent + "'/><child link='" + child +
-           "'/>" + content + "</joint>\n";
-  };
-  const auto limit = [](const std::string& range) {
-    const std::size_t colon = range.find(':');
-    return "<limit lower='" + range.substr(0, colon) + "' upper='" + range.substr(colon + 1) +
-           "' velocity='1' effort='1'/>";
-  };
   std::string text = "<robot name='follower'>";
   for (const char* link : {"base", "l1", "l2", "l3", "l4", "l5", "l6", "tool"}) {
     text += "<link name='" + std::string(link) + "'/>";
@@ -110,6 +113,44 @@ TEST(Mimic, NarrowsTheLeadersLimitsToThoseOfTheFollower) {
   EXPECT_THAT(nothing, AllOf(HasSubstr("joint 'forearm'"), HasSubstr("'elbow'"), HasSubstr("limits")));
   const std::string fixed = refusal(mimic_urdf({.forearm = "<mimic joint='elbow' multiplier='0' offset='3'/>"}));
   EXPECT_THAT(fixed, AllOf(HasSubstr("joint 'forearm'"), HasSubstr("value 3"), HasSubstr("limits")));
+}
+
+/// Limits of the leader "first" that turns without any, or within these, with a follower of these limits.
+std::pair<double, double> narrowed(const std::string& mimic, const std::string& follower,
+                                   const std::string& leader = "-1e12:1e12") {
+  const Robot robot = parse_robot(
+      "<robot name='r'><link name='l0'/><link name='l1'/><link name='l2'/>" +
+      joint("first", "revolute", "l0", "l1", limit(leader)) +
+      joint("second", "revolute", "l1", "l2", limit(follower) + "<mimic joint='first' " + mimic + "/>") + "</robot>");
+  return {robot.joints[0].lower.value(), robot.joints[0].upper.value()};
+}
+
+TEST(Mimic, LimitsOfALeaderAreTheNarrowerOfBoth) {
+  using Limits = std::pair<double, double>;
+  EXPECT_EQ(narrowed("multiplier='2' offset='1'", "-3:5"), Limits(-2.0, 2.0));
+  EXPECT_EQ(narrowed("multiplier='-2' offset='1'", "-3:9"), Limits(-4.0, 2.0));
+  EXPECT_EQ(narrowed("multiplier='2' offset='1'", "-3:5", "-1:9"), Limits(-1.0, 2.0));
+  EXPECT_EQ(narrowed("multiplier='2' offset='1'", "-3:5", "-9:1"), Limits(-2.0, 1.0));
+  EXPECT_EQ(narrowed("multiplier='0.5'", "1:2", "-9:2"), Limits(2.0, 2.0));
+  EXPECT_EQ(narrowed("multiplier='1e-12'", "-3:5", "-7:7"), Limits(-7.0, 7.0));
+  EXPECT_EQ(narrowed("multiplier='0' offset='1'", "1:2", "-7:7"), Limits(-7.0, 7.0));
+  EXPECT_EQ(narrowed("multiplier='0' offset='2'", "1:2", "-7:7"), Limits(-7.0, 7.0));
+  const auto refused = [](const std::string& mimic, const std::string& follower, const std::string& leader) {
+    return testing::refusal([&] { narrowed(mimic, follower, leader); });
+  };
+  EXPECT_THAT(refused("multiplier='0' offset='0.9'", "1:2", "-7:7"), HasSubstr("the value 0.9 that its mimic gives"));
+  EXPECT_THAT(refused("multiplier='0' offset='2.1'", "1:2", "-7:7"), HasSubstr("the value 2.1 that its mimic gives"));
+  EXPECT_THAT(refused("multiplier='0.5'", "1:2", "-9:1.9"),
+              HasSubstr("no value of joint 'first', which it mimics, keeps both within their limits"));
+  // Ranges without an end stay so.
+  const Robot continuous =
+      parse_robot("<robot name='r'><link name='l0'/><link name='l1'/><link name='l2'/>" +
+                  joint("first", "continuous", "l0", "l1", "") +
+                  joint("second", "revolute", "l1", "l2", limit("-3:5") + "<mimic joint='first' multiplier='1e-12'/>") +
+                  "</robot>");
+  EXPECT_FALSE(continuous.joints[0].lower || continuous.joints[0].upper);
+  EXPECT_THAT(refused("multiplier='1.01e12'", "-3:5", "-7:7"), HasSubstr("out of range"));
+  EXPECT_THAT(refused("offset='-1.01e12'", "-3:5", "-7:7"), HasSubstr("out of range"));
 }
 
 TEST(MimicBadInput, LeadersThatCannotLeadAreNamed) {

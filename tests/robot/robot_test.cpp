@@ -1,5 +1,6 @@
 #include "kdl_calibration/robot.hpp"
 
+#include <console_bridge/console.h>
 #include <gmock/gmock.h>
 
 #include <Eigen/Geometry>
@@ -9,11 +10,14 @@
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <locale>
 #include <numbers>
+#include <optional>
 #include <sstream>
+#include <utility>
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
 #include "refusal.hpp"
+#include "robot/urdf_reading.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -151,6 +155,58 @@ TEST(Robot, KeepsTheInertiaInTheLinkFrame) {
   EXPECT_NEAR(about_origin.data[0], 2.0, 1e-12);
   EXPECT_NEAR(about_origin.data[4], 1.0 + 4 * 0.01, 1e-12);
   EXPECT_NEAR(about_origin.data[8], 3.0 + 4 * 0.01, 1e-12);
+}
+
+TEST(Robot, TurnsTheWholeTensorOfInertiaIntoTheLinkFrame) {
+  const Robot robot = parse_robot(robot_of(
+      "<link name='a'/><link name='b'><inertial><origin xyz='0.1 -0.2 0.3' rpy='0.4 -0.5 0.6'/><mass value='2'/>"
+      "<inertia ixx='5' iyy='6' izz='7' ixy='0.3' ixz='-0.2' iyz='0.1'/></inertial></link>" +
+      joint("j", "continuous", "a", "b")));
+  const Eigen::Matrix3d R = origin_of({0, 0, 0}, {0.4, -0.5, 0.6}).linear();
+  const Eigen::Vector3d p(0.1, -0.2, 0.3);
+  const Eigen::Matrix3d about_cog = (Eigen::Matrix3d() << 5, 0.3, -0.2, 0.3, 6, 0.1, -0.2, 0.1, 7).finished();
+  const Eigen::Matrix3d expected =
+      R * about_cog * R.transpose() + 2.0 * (p.squaredNorm() * Eigen::Matrix3d::Identity() - p * p.transpose());
+  const KDL::RigidBodyInertia inertia = robot.chain.getSegment(0).getInertia();
+  const KDL::RotationalInertia found = inertia.getRotationalInertia();
+  EXPECT_LT((Eigen::Map<const Eigen::Matrix3d>(found.data) - expected).norm(), 1e-13);
+  EXPECT_LT((Eigen::Map<const Eigen::Vector3d>(inertia.getCOG().data) - p).norm(), 1e-15);
+  EXPECT_EQ(inertia.getMass(), 2.0);
+}
+
+TEST(Robot, LimitsMayBeZeroOnOneSideOrTheSameOnBoth) {
+  const auto limits = [](const std::string& range) {
+    const Robot robot = parse_robot(one_joint("revolute", "<limit effort='0' velocity='0' " + range + "/>"));
+    return std::pair(robot.joints[0].lower, robot.joints[0].upper);
+  };
+  using Limits = std::pair<std::optional<double>, std::optional<double>>;
+  EXPECT_EQ(limits("lower='-1' upper='0'"), Limits(-1.0, 0.0));
+  EXPECT_EQ(limits("lower='0' upper='1'"), Limits(0.0, 1.0));
+  EXPECT_EQ(limits("lower='0.5' upper='0.5'"), Limits(0.5, 0.5));
+  EXPECT_EQ(limits("upper='2'"), Limits(0.0, 2.0));
+  EXPECT_EQ(limits("lower='0' upper='0'"), Limits());
+  const Robot turning = parse_robot(one_joint("continuous", "<limit effort='0' velocity='3' lower='-1' upper='1'/>"));
+  EXPECT_EQ(turning.joints[0].lower, std::nullopt);
+  EXPECT_EQ(turning.joints[0].velocity, 3.0);
+}
+
+TEST(Robot, LeavesTheConsoleOfOthersAsItWas) {
+  class Handler : public console_bridge::OutputHandler {
+    void log(const std::string& /*text*/, console_bridge::LogLevel /*level*/, const char* /*file*/,
+             int /*line*/) override {}
+  } handler;
+  console_bridge::OutputHandler* const before = console_bridge::getOutputHandler();
+  const console_bridge::LogLevel level = console_bridge::getLogLevel();
+  console_bridge::useOutputHandler(&handler);
+  console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_DEBUG);
+  parse_robot(kMixed);
+  EXPECT_EQ(console_bridge::getOutputHandler(), &handler);
+  EXPECT_EQ(console_bridge::getLogLevel(), console_bridge::CONSOLE_BRIDGE_LOG_DEBUG);
+  (void)message_of(one_joint("hinge", ""));
+  EXPECT_EQ(console_bridge::getOutputHandler(), &handler);
+  EXPECT_EQ(console_bridge::getLogLevel(), console_bridge::CONSOLE_BRIDGE_LOG_DEBUG);
+  console_bridge::useOutputHandler(before);
+  console_bridge::setLogLevel(level);
 }
 
 TEST(Robot, ChainAndJointsBothGiveTheHandWrittenForwardKinematics) {
@@ -365,6 +421,126 @@ TEST(RobotBadInput, OriginsThatOverflowAreNamed) {
   const std::string urdf = robot_of(links({"a", "b", "c", "d"}) + joint("i", "fixed", "a", "b", far) +
                                     joint("j", "fixed", "b", "c", far) + joint("k", "continuous", "c", "d"));
   EXPECT_THAT(message_of(urdf), AllOf(HasSubstr("joint 'j'"), HasSubstr("out of range")));
+}
+
+TEST(RobotBadInput, LinksAreListedUpToFiftyOfThem) {
+  const auto star = [](int count) {
+    std::string content = "<link name='l000'/>";
+    for (int i = 1; i < count; ++i) {
+      const std::string name = "l" + std::string(i < 10 ? "00" : "0") + std::to_string(i);
+      content += "<link name='" + name + "'/>" + joint("j" + name, "fixed", "l000", name);
+    }
+    return message_of(robot_of(content), {.base = "none", .tip = ""});
+  };
+  std::string fifty = "test.urdf: no base link 'none', the links are: l000";
+  for (int i = 1; i < 50; ++i) {
+    fifty += std::string(", l") + (i < 10 ? "00" : "0") + std::to_string(i);
+  }
+  EXPECT_EQ(star(50), fifty);
+  EXPECT_EQ(star(51), fifty + ", ... (51 in all)");
+}
+
+TEST(RobotBadInput, JointsAreAtMostTwoThousand) {
+  const auto star = [](int joints) {
+    std::string content = "<link name='base'/>";
+    for (int i = 0; i < joints; ++i) {
+      const std::string name = "l" + std::to_string(i);
+      content += "<link name='" + name + "'/>" + joint("j" + name, "continuous", "base", name);
+    }
+    return message_of(robot_of(content), {.base = "", .tip = "l7"});
+  };
+  EXPECT_EQ(star(2000), "nothing was refused");
+  EXPECT_EQ(star(2001), "test.urdf: more joints than the limit of 2000");
+}
+
+TEST(RobotBadInput, TextIsAtMost64MiB) {
+  std::string text(std::size_t{64} << 20U, ' ');
+  EXPECT_EQ(message_of(text), "test.urdf: empty, expected a URDF");
+  text += ' ';
+  EXPECT_EQ(message_of(text), "test.urdf: larger than the limit of 64 MiB");
+}
+
+TEST(RobotBadInput, JointsWithoutEndsOrNamesAreToldByTheirKind) {
+  const std::string nameless = robot_of(kTwoLinks + "<joint type='continuous'>" + kEnds + "</joint>");
+  EXPECT_THAT(message_of(nameless), AllOf(HasSubstr("not a valid URDF: "), HasSubstr("unnamed joint")));
+  for (const char* ends : {"", "<parent link='a'/>", "<parent link='a'/><child/>", "<parent/><child link='b'/>"}) {
+    const std::string one = std::string("<joint name='j' type='continuous'>") + ends + "</joint>";
+    const std::string two = std::string("<joint name='k' type='continuous'>") + ends + "</joint>";
+    EXPECT_THAT(message_of(robot_of(kTwoLinks + one)), HasSubstr("not a valid URDF: ")) << ends;
+    const bool one_child = std::string(ends).find("child link") != std::string::npos;
+    EXPECT_THAT(message_of(robot_of(kTwoLinks + one + two)),
+                HasSubstr(one_child ? "link 'b' is the child of joints 'j' and 'k'" : "not a valid URDF: "))
+        << ends;
+  }
+  const std::string twice = one_joint("continuous", "");
+  const std::string same = joint("j", "continuous", "a", "b");
+  EXPECT_THAT(message_of(robot_of(kTwoLinks + same + same)), HasSubstr("not a valid URDF: joint 'j' is not unique"));
+  EXPECT_EQ(message_of(twice), "nothing was refused");
+}
+
+TEST(RobotBadInput, FaultsOfOneJointAreSetApart) {
+  const std::string message = message_of(one_joint("hinge", ""));
+  EXPECT_THAT(message, ::testing::StartsWith("test.urdf: not a valid URDF: Joint [j] has no known type [hinge]; "));
+  EXPECT_THAT(message, Not(HasSubstr("; ;")));
+}
+
+TEST(RobotBadInput, MacrosAreToBeExpandedFirst) {
+  const std::string plain = one_joint("continuous", "");
+  const auto refused = [&](const std::string& content, const std::string& source) {
+    return testing::refusal([&] { parse_robot(robot_of(kTwoLinks + content), {}, source); });
+  };
+  for (const std::string mark : {"<xacro:include/>", "<gazebo a='${pi}'/>", "<gazebo a='$(find b)'/>"}) {
+    const auto expected = [](const std::string& source, const std::string& target) {
+      return source + ": this is a xacro file; expand it first: xacro " + source + " > " + target;
+    };
+    EXPECT_EQ(refused(mark, "arm.urdf.xacro"), expected("arm.urdf.xacro", "arm.urdf"));
+    EXPECT_EQ(refused(mark, "arm.xacro"), expected("arm.xacro", "robot.urdf"));
+    EXPECT_EQ(refused(mark, "arm.urdf"), expected("arm.urdf", "robot.urdf"));
+  }
+  EXPECT_EQ(message_of("<!-- ${pi} -->" + plain), "nothing was refused");
+}
+
+TEST(RobotBadInput, MassesAreInRangeOnEveryAxis) {
+  const auto with = [](const std::string& origin, const std::string& mass) {
+    return message_of(robot_of("<link name='a'/><link name='b'><inertial><origin xyz='" + origin + "'/><mass value='" +
+                               mass +
+                               "'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>" +
+                               joint("j", "continuous", "a", "b")));
+  };
+  EXPECT_EQ(with("0 0 0", "1e12"), "nothing was refused");
+  EXPECT_EQ(with("1 -2 3", "1"), "nothing was refused");
+  EXPECT_THAT(with("0 0 0", "1.01e12"), HasSubstr("link 'b': mass or its centre is not finite or out of range"));
+  for (const char* far : {"2e12 0 0", "0 -2e12 0", "0 0 2e12"}) {
+    EXPECT_THAT(with(far, "1"), HasSubstr("link 'b': mass or its centre")) << far;
+    EXPECT_THAT(message_of(one_joint("continuous", "<origin xyz='" + std::string(far) + "'/>")),
+                HasSubstr("joint 'j': origin is not finite or out of range"))
+        << far;
+  }
+}
+
+TEST(UrdfEncoding, IsUtf8ByItsBytesAndByWhatItSays) {
+  const auto refused = [](const std::string& text) { return testing::refusal([&] { require_utf8(text, "r"); }); };
+  const std::string taken = "nothing was refused";
+  const std::string utf8 = "\xc3\xbc";
+  const auto stated = [](const std::string& encoding) { return "\n<?xml version='1.0' encoding=" + encoding + "?>\n"; };
+  EXPECT_EQ(refused("plain"), taken);
+  EXPECT_EQ(refused(utf8), taken);
+  EXPECT_EQ(refused("a\n" + utf8 + "\n\n" + utf8), taken);
+  EXPECT_EQ(refused("<?xml version='1.0'?>" + utf8 + " encoding='latin1'"), taken);
+  for (const char* encoding : {"'UTF-8'", "\"utf-8\"", "'utf8'", "\"UTF8\""}) {
+    EXPECT_EQ(refused(stated(encoding) + utf8), taken) << encoding;
+  }
+  EXPECT_EQ(refused(stated("'latin1'") + "plain"), taken);
+  EXPECT_EQ(refused(stated("'latin1'") + utf8), "r:2: letters in the encoding 'LATIN1', expected XML in UTF-8");
+  EXPECT_EQ(refused(stated("\"a'b\"") + utf8), "r:2: letters in the encoding 'A'B', expected XML in UTF-8");
+  EXPECT_EQ(refused("\xff\xfe<"), "r:1: UTF-16, expected XML in UTF-8");
+  EXPECT_EQ(refused("\xfe\xff<"), "r:1: UTF-16, expected XML in UTF-8");
+  EXPECT_EQ(refused(std::string("\na\n\0\n", 5)), "r:3: zero byte, expected XML in UTF-8");
+  const std::string latin = ": letters in another encoding, such as Latin-1, expected XML in UTF-8";
+  EXPECT_EQ(refused("\xfc"), "r:1" + latin);
+  EXPECT_EQ(refused("\n\xfc"), "r:2" + latin);
+  EXPECT_EQ(refused(utf8 + "\n\nab\nlast \xfc"), "r:4" + latin);
+  EXPECT_EQ(refused(utf8 + "\nab\nx\xfcy\n" + utf8 + "\n"), "r:3" + latin);
 }
 
 TEST(RobotBadInput, MessagesStayOnOneLine) {

@@ -310,6 +310,29 @@ TEST(UrdfExport, UnderstandsEntitiesAndQuotedBrackets) {
       "<robot><joint note='a/>b' name='x&amp;&#121;'><origin t='>' xyz='2 0 0'/></joint></robot>");
 }
 
+TEST(UrdfExport, WritesAValueAnewWhereAnEntityHidesWhereItsNumbersBegin) {
+  const auto value = [](const std::string& xyz) {
+    return corrected_urdf("<robot><joint name='j'><origin xyz='" + xyz + "'/></joint></robot>",
+                          {shift("j", 0.0, 0.5, 0.0)});
+  };
+  EXPECT_THAT(value("&#49; 2.0 3.0"), HasSubstr("xyz='1 2.5 3'"));
+  EXPECT_THAT(value("1.0&#32;2.0 3.0"), HasSubstr("xyz='1 2.5 3'"));
+  EXPECT_THAT(value(" 1.0 2.0  3.0 "), HasSubstr("xyz=' 1.0 2.5  3.0 '"));
+}
+
+TEST(UrdfExport, KeepsTheTurnsOfAnglesUpToAHundredRadians) {
+  const auto yaw_of = [](double yaw) {
+    const std::string text =
+        corrected_urdf("<robot><joint name='j'><origin rpy='0 0 " + std::to_string(yaw) + "'/></joint></robot>",
+                       {turn("j", KDL::Rotation::RotZ(0.25))});
+    const std::size_t at = text.find("rpy='0 0 ") + 9;
+    return std::stod(text.substr(at));
+  };
+  EXPECT_NEAR(yaw_of(50.0), 50.25, 1e-12);
+  EXPECT_NEAR(yaw_of(-99.0), -98.75, 1e-12);
+  EXPECT_NEAR(yaw_of(101.0), std::remainder(101.25, 2.0 * std::numbers::pi), 1e-12);
+}
+
 TEST(UrdfExport, WritesADecimalPointInEveryLocale) {
   class Comma : public std::numpunct<char> {
     char do_decimal_point() const override { return ','; }
