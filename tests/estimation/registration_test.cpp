@@ -109,6 +109,135 @@ TEST(Registration, MinimisesTheSumOfSquaredDistances) {
   }
 }
 
+/// Flange poses anywhere whose orientations differ by about `spread` [rad], and what is measured with 1 mm of noise of
+/// targets A, of which the orientation is measured as well, B, and C.
+struct LooseTool {
+  LooseTool(double spread, std::uint64_t seed) {
+    Random random(seed);
+    const auto vector = [&](double size) {
+      return Eigen::Vector3d(size * random.normal(), size * random.normal(), size * random.normal());
+    };
+    const std::vector<TargetFrame> targets = testing::targets_at({{0.1, 0.2, -0.1}, {-0.2, 0.1, 0.3}, {0.2, 0.0, 0.1}});
+    for (const TargetFrame& target : targets) {
+      measured.targets.push_back(target.name);
+    }
+    measured.joint_values = Eigen::MatrixXd::Zero(1, 30);
+    for (int c = 0; c < 30; ++c) {
+      measured.configurations.push_back(std::to_string(c));
+      Eigen::Isometry3d& pose = X_BF.emplace_back(Eigen::Translation3d(vector(1.0)));
+      pose.linear() = rotation_exp(vector(spread));
+      for (int k = 0; k < 3; ++k) {
+        const Eigen::Isometry3d X_WT = X_WB * pose * targets[static_cast<std::size_t>(k)].X_FT;
+        measured.observations.push_back(
+            {.position = X_WT.translation() + vector(1e-3), .configuration = c, .target = k});
+        measured.orientations.push_back(k == 0 ? Eigen::Quaterniond(X_WT.linear() * rotation_exp(vector(1e-2)))
+                                               : point_alone());
+      }
+    }
+  }
+
+  /// What is minimised, with the best orientation of A, no rotation, put in.
+  double cost(const Eigen::Isometry3d& base, const std::vector<TargetFrame>& targets, double length,
+              double ridge) const {
+    double sum = 0.0;
+    Eigen::Matrix3d mean = Eigen::Matrix3d::Zero();
+    const auto turned = [&](std::size_t row) {
+      const auto c = static_cast<std::size_t>(measured.observations[row].configuration);
+      return Eigen::Matrix3d(X_BF[c].linear().transpose() * base.linear().transpose() *
+                             measured.orientations[row].toRotationMatrix());
+    };
+    double weights = 0.0;
+    for (std::size_t row = 0; row < measured.observations.size(); ++row) {
+      const Observation& o = measured.observations[row];
+      const double weight = o.sigma > 0.0 ? 1.0 / (o.sigma * o.sigma) : 1.0;
+      const Eigen::Vector3d point = X_BF[static_cast<std::size_t>(o.configuration)] *
+                                    targets[static_cast<std::size_t>(o.target)].X_FT.translation();
+      sum += weight * (o.position - base * point).squaredNorm();
+      mean += length > 0.0 && o.target == 0 ? Eigen::Matrix3d(weight * turned(row))
+                                            : Eigen::Matrix3d(Eigen::Matrix3d::Zero());
+      weights += o.target == 0 ? weight : 0.0;
+    }
+    for (std::size_t row = 0; length > 0.0 && row < measured.observations.size(); row += 3) {
+      const double sigma = measured.observations[row].sigma;
+      sum +=
+          length * length * (sigma > 0.0 ? 1.0 / (sigma * sigma) : 1.0) * (turned(row) - mean / weights).squaredNorm();
+    }
+    for (const TargetFrame& target : targets) {
+      sum += ridge * target.X_FT.translation().squaredNorm();
+    }
+    return sum;
+  }
+
+  /// How far base and targets are from the minimum, each coordinate by itself [m] or [rad].
+  double off(const Registration& found, double length, double ridge, int free_targets = 3) const {
+    double largest = 0.0;
+    for (int i = 0; i < 6 + 3 * free_targets; ++i) {
+      const auto moved = [&](double step) {
+        Eigen::Isometry3d base = found.X_WB;
+        std::vector<TargetFrame> targets = found.targets;
+        const Eigen::Vector3d along = step * Eigen::Vector3d::Unit(i % 3);
+        if (i < 3) {
+          base.translation() += along;
+        } else if (i < 6) {
+          base.linear() = base.linear() * rotation_exp(along);
+        } else {
+          targets[static_cast<std::size_t>(i / 3 - 2)].X_FT.translation() += along;
+        }
+        return cost(base, targets, length, ridge);
+      };
+      const double size = 1e-3;
+      const double curvature = moved(size) - 2.0 * moved(0.0) + moved(-size);
+      largest = std::max(largest, std::abs(0.5 * size * (moved(size) - moved(-size)) / curvature));
+    }
+    return largest;
+  }
+
+  Eigen::Isometry3d X_WB =
+      Eigen::Translation3d(3.0, -2.0, 0.5) * Eigen::AngleAxisd(1.1, Eigen::Vector3d(0.6, 0.0, 0.8));
+  std::vector<Eigen::Isometry3d> X_BF;
+  Measurements measured;
+};
+
+TEST(Registration, WeighsOrientationsByTheirLengthBesidePositions) {
+  LooseTool arm(0.8, 21);
+  for (const double length : {0.05, 0.3, 2.0}) {
+    const Registration found = register_base_and_targets(arm.X_BF, arm.measured, {.orientation_length = length});
+    EXPECT_LT(arm.off(found, length, 0.0), 1e-9) << length;
+    EXPECT_GT(arm.off(found, 2.0 * length, 0.0), 1e-7) << length;
+  }
+  for (Observation& o : arm.measured.observations) {
+    o.sigma = o.configuration % 3 == 0 ? 0.002 : 0.001;
+  }
+  EXPECT_LT(arm.off(register_base_and_targets(arm.X_BF, arm.measured), 0.3, 0.0), 1e-9);
+  const std::vector<TargetFrame> known = testing::targets_at({{9, 9, 9}, {9, 9, 9}, {0.21, 0.01, 0.1}});
+  const Registration found = register_base_and_targets(arm.X_BF, arm.measured, {.known_targets = {known[2]}});
+  EXPECT_EQ(found.targets[2].X_FT.translation(), known[2].X_FT.translation());
+  EXPECT_LT(arm.off(found, 0.3, 0.0, 2), 1e-9);
+}
+
+TEST(Registration, KeepsTargetsNearTheFlangeWhereTheToolHardlyTurns) {
+  // Loose where nine times the misfit, 1e-6 m^2, exceeds the information about the place of the base, times (0.1 m)^2.
+  for (const double spread : {0.2, 0.05, 0.02, 0.002}) {
+    LooseTool arm(spread, 22);
+    arm.measured.orientations.clear();
+    const Registration found = register_base_and_targets(arm.X_BF, arm.measured);
+    const double misfit = found.rms * found.rms / 3.0;
+    EXPECT_NEAR(misfit, 1e-6, 0.5e-6) << spread;
+    const bool firm = spread > 0.1;
+    EXPECT_EQ(found.ambiguous, spread < 0.01) << spread << ": " << found.message;
+    EXPECT_EQ(found.message.find("the tool hardly turns") == 0, spread < 0.01) << found.message;
+    for (const TargetFrame& target : found.targets) {
+      EXPECT_LT(target.X_FT.translation().norm(), 0.7) << spread;
+    }
+    if (firm) {
+      EXPECT_LT(arm.off(found, 0.0, 0.0), 1e-9);
+    } else {
+      EXPECT_LT(arm.off(found, 0.0, misfit / 0.01), 1e-7) << spread;
+      EXPECT_GT(arm.off(found, 0.0, 0.0), 3e-7) << spread;
+    }
+  }
+}
+
 TEST(Registration, FindsMeasuredFrames) {
   const ErrorModel model = complete_model(fanuc());
   Random random(4);
