@@ -151,8 +151,9 @@ TEST(DriveSignals, OfTheSecondStandBehindThoseOfTheFirst) {
 
 TEST(DriveSignals, TorquesOfConfigurationsThatComeBackAreKept) {
   const Measurements read = parse_measurements(
-      "configuration,target,a,b,x,y,z,tau_a\n1,A,0,0,0,0,0,1\n2,A,1,0,0,0,0,5\n1,B,0,0,0,0,0,2\n", kJoints);
-  EXPECT_TRUE(same(read.signals.torques, (MatrixXd(2, 2) << 1.5, 5, kUnknown, kUnknown).finished()));
+      "configuration,target,a,b,x,y,z,tau_a\n1,A,0,0,0,0,0,1\n2,A,1,0,0,0,0,5\n1,B,0,0,0,0,0,2\n3,A,2,0,0,0,0,8\n",
+      kJoints);
+  EXPECT_TRUE(same(read.signals.torques, (MatrixXd(2, 3) << 1.5, 5, 8, kUnknown, kUnknown, kUnknown).finished()));
 }
 
 TEST(DriveSignals, OfAnotherSizeAreRefused) {
