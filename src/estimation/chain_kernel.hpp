@@ -26,7 +26,8 @@
 // from which G(q), K_lc and, as `turned`, the sums of g_jl,c g_jm,d follow in the same way.
 //
 // A measured orientation Z of the target frame T, of weight o and with the error e = log(R_PT^T R^T Z), turns with a
-// alone: it adds (o / w) I to S or o to what G says of a, R_PT o e to M, o |e|^2 to the cost and o e, in T, to the force.
+// alone: it adds (o / w) I to S or o to what G says of a, R_PT o e to M, o |e|^2 to the cost and o e, in T, to the
+// force.
 //
 // Terms move a joint besides its value: motion m by sum_k value_k phi_k with phi_k one number a configuration. The
 // column of a term is phi_k times its motion's, so that products are formed once for two motions and spread:

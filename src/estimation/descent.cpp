@@ -61,9 +61,20 @@ private:
     step_.array() *= scale_.array();
   }
 
-  // scaled_ = L L^T in place, four columns at a time, for matrices too small for Eigen's blocks; stops at a small
-  // pivot.
+  // scaled_ = L L^T in place; no smallest pivot where one is in doubt.
   void factorise() {
+    constexpr Index kLarge = 128;  // for Eigen's blocks
+    if (scaled_.cols() < kLarge) {
+      factorise_small();
+      return;
+    }
+    const Eigen::LLT<Eigen::Ref<MatrixXd>> root(scaled_);
+    const double pivot = root.matrixLLT().diagonal().cwiseAbs2().minCoeff();
+    smallest_pivot_ = root.info() == Eigen::Success && pivot > kPivotInDoubt ? std::min(pivot, 1.0) : 0.0;
+  }
+
+  // Four columns at a time; stops at a pivot in doubt.
+  void factorise_small() {
     const Index n = scaled_.cols();
     smallest_pivot_ = 1.0;
     for (Index first = 0; first < n; first += 4) {

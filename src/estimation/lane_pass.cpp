@@ -340,8 +340,7 @@ void LanePass::add_orientations(const LaneGroup& group, const LaneWorkspace& wor
       equations.hessian(column, column) += work.sums.weights[next];
       for (std::size_t i = 0; i < work.order.size(); ++i) {
         const Vector3d turn(&work.sums.coupling[input.width() * i + input.width_of_positions() + 3 * next]);
-        equations.hessian(static_cast<Index>(work.order[i]), column) +=
-            R_PT.col(static_cast<Index>(c)).dot(turn);
+        equations.hessian(static_cast<Index>(work.order[i]), column) += R_PT.col(static_cast<Index>(c)).dot(turn);
       }
     }
     ++next;

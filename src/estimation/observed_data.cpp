@@ -62,8 +62,7 @@ MatrixXd root_of_information(const ObservedConfiguration& configuration) {
   const auto points = static_cast<Index>(configuration.points.size());
   MatrixXd root = MatrixXd::Zero(3 * points, 3 * points);
   for (Index k = 0; k < points; ++k) {
-    root.diagonal().segment<3>(3 * k).setConstant(
-        std::sqrt(configuration.points[static_cast<std::size_t>(k)].weight));
+    root.diagonal().segment<3>(3 * k).setConstant(std::sqrt(configuration.points[static_cast<std::size_t>(k)].weight));
   }
   return root;
 }
@@ -184,18 +183,17 @@ bool gather_groups(const ErrorModel& model, const std::vector<std::size_t>& term
 }  // namespace
 
 std::size_t LaneGroup::orientations() const {
-  return static_cast<std::size_t>(
-      std::count_if(orientation_weights.begin(), orientation_weights.end(), [](double weight) { return weight > 0.0; }));
+  return static_cast<std::size_t>(std::count_if(orientation_weights.begin(), orientation_weights.end(),
+                                                [](double weight) { return weight > 0.0; }));
 }
 
 bool LaneGroup::takes(const ObservedConfiguration& configuration) const {
   bool alike = configuration.points.size() == targets.size();
   for (std::size_t k = 0; alike && k < targets.size(); ++k) {
     const ObservedPoint& point = configuration.points[k];
-    alike = point.target == targets[k] &&
-            (own_roots ? (point.orientation_weight > 0.0) == (orientation_weight(k) > 0.0)
-                       : (information != nullptr || point.weight == weights[k]) &&
-                             point.orientation_weight == orientation_weight(k));
+    alike = point.target == targets[k] && (own_roots ? (point.orientation_weight > 0.0) == (orientation_weight(k) > 0.0)
+                                                     : (information != nullptr || point.weight == weights[k]) &&
+                                                           point.orientation_weight == orientation_weight(k));
   }
   if (!alike || own_roots) {
     return alike && is_coupled(configuration) == coupled;

@@ -336,8 +336,8 @@ void Case::orient(std::size_t n) {
   const Isometry3d X_WP = X_WB * frames(*this, n)[kJoints + 1] * X_FP;
   for (std::size_t k = 0; k < input.oriented.size(); ++k) {
     const double angle = n % 4 == 0 ? 0.0 : std::pow(10.0, -static_cast<double>(n % 9)) * std::abs(std::sin(1.0 + n));
-    const Matrix3d Z = X_WP.linear() * R_PT(k) *
-                       Eigen::AngleAxisd(3.0 * angle, random_vector(random).normalized()).toRotationMatrix();
+    const Matrix3d Z =
+        X_WP.linear() * R_PT(k) * Eigen::AngleAxisd(3.0 * angle, random_vector(random).normalized()).toRotationMatrix();
     const std::size_t first = input.first_orientation() + kOrientationRows * k;
     for (std::size_t i = 0; i < 9; ++i) {
       set_value(n, first + i, Z(static_cast<Index>(i / 3), static_cast<Index>(i % 3)));
