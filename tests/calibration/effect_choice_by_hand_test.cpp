@@ -213,7 +213,7 @@ private:
     return result;
   }
 
-  double motion_of(const Candidate& candidate, const VectorXd& values) const {
+  double motion_of(const Candidate& candidate, const VectorXd& of_terms) const {
     double most = 0.0;
     const MatrixXd basis = effect_basis(candidate.model, means_.joint_values);
     for (const auto& [by, places] : terms_by_motion(candidate.model)) {
@@ -221,7 +221,7 @@ private:
         double motion = 0.0;
         for (const Index place : places) {
           const auto e = static_cast<std::size_t>(place);
-          motion += values[*candidate.free.column(UnknownGroup::effects, e)] * basis(place, c);
+          motion += of_terms[*candidate.free.column(UnknownGroup::effects, e)] * basis(place, c);
         }
         most = std::max(most, std::abs(motion));
       }
@@ -294,6 +294,10 @@ private:
                                1));
   }
 
+  Worth worth_with(const std::string& name, const Terms& group, const Worth& current) {
+    return worth(both(all_terms, group), both(names, {name}), current.sizes.evidence + 2.0);
+  }
+
   void add_what_helps(Worth& current) {
     std::map<std::string, Terms> left;
     for (const auto& [group, least] : {std::pair{EffectGroup::gravity, 12}, std::pair{EffectGroup::transverse, 60},
@@ -312,15 +316,20 @@ private:
           left["ripple"] = swings;
         }
       }
-      for (auto& [name, group] : left) {
-        Worth with = worth(both(all_terms, group), both(names, {name}), current.sizes.evidence + 2.0);
-        if (name == "tables" && with.determined) {
-          shorten(group, with);
-        }
+      for (const auto& [name, group] : left) {
+        const Worth with = name == "tables" ? Worth() : worth_with(name, group, current);
         if (helps(with, current) && (best.empty() || with.sizes.evidence > of_best.sizes.evidence)) {
           best = name;
           of_best = with;
         }
+      }
+      if (const auto tables = left.find("tables"); best.empty() && tables != left.end()) {
+        of_best = worth_with("tables", tables->second, current);
+        if (of_best.determined) {
+          shorten(tables->second, of_best);
+        }
+        best = helps(of_best, current) ? "tables" : "";
+        decided_.by["tables last"] += best.empty() ? 0 : 1;
       }
       if (best.empty()) {
         return;
@@ -479,7 +488,7 @@ void expect_terms(const Terms& got, const Terms& wanted, const std::string& what
 /// What was chosen, which is as by hand.
 Choice expect_as_by_hand(const Arm& arm, Decided& decided, const std::string& what) {
   const ChoiceTask task = arm.task();
-  const Choice choice = choose_effects(task);
+  Choice choice = choose_effects(task);
   const Measurements means = averaged(training_sample(arm.measured, 2000));
   ByHand by_hand(task, means, decided);
   by_hand.choose();
