@@ -52,11 +52,11 @@ void Stratum::add_row(const Eigen::RowVectorXd& row, double residual, double fac
 
 NoiseStrata::NoiseStrata(const Measurements& measurements, const ResidualOptions& options)
     : measurements_(measurements), options_(options), stated_(is_stated(measurements, options.noise)) {
-  std::map<std::pair<std::int32_t, std::int32_t>, Cell> cells;
+  std::map<std::pair<std::int32_t, std::int32_t>, MeasuredCell> cells;
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& o = measurements.observations[row];
     if (weight(row) > kLeastWeight) {
-      Cell& cell = cells[{o.configuration, o.target}];
+      MeasuredCell& cell = cells[{o.configuration, o.target}];
       cell.target = o.target;
       cell.weight += weight(row);
       cell.mean += weight(row) * o.position;
@@ -86,7 +86,7 @@ void NoiseStrata::add_means(const ErrorModel& model, const Estimate& estimate, c
     const std::vector<Matrix3Xd> jacobians = predictor.jacobians(measurements_, c);
     const Eigen::Isometry3d X_WF = estimate.X_WB * X_BF[static_cast<std::size_t>(c)];
     Means means;
-    for (const Cell& cell : cells) {
+    for (const MeasuredCell& cell : cells) {
       const auto k = static_cast<std::size_t>(cell.target);
       means.jacobians.push_back(jacobians[k]);
       means.residuals.emplace_back(cell.mean - X_WF * estimate.targets[k].X_FT.translation());
@@ -105,7 +105,7 @@ void NoiseStrata::add_orientations(const WhitenedSystem& system) {
   std::size_t block = 0;
   for (const auto& [c, cells] : configurations_) {
     Index row = system.blocks[block++] + 3 * static_cast<Index>(cells.size());
-    for (const Cell& cell : cells) {
+    for (const MeasuredCell& cell : cells) {
       if (cell.orientations > 0.0) {
         Stratum& stratum = means_[{-1, 0, 0}];
         const double factor = 1.0 / cell.orientations;
@@ -140,13 +140,13 @@ Vector3d NoiseStrata::mean_known() const {
 }
 
 // Deviations from the means over the repeats: their sums over the targets of a repeat, and the rest.
-void NoiseStrata::add_repeats(const std::vector<Cell>& cells) {
+void NoiseStrata::add_repeats(const std::vector<MeasuredCell>& cells) {
   std::map<std::int32_t, std::pair<Vector3d, double>> of_repeat;
   Vector3d squares = Vector3d::Zero();
   Vector3d known = Vector3d::Zero();
   double freedom = 0.0;
   double rows = 0.0;
-  for (const Cell& cell : cells) {
+  for (const MeasuredCell& cell : cells) {
     freedom += static_cast<double>(cell.rows.size()) - 1.0;
     for (const std::size_t row : cell.rows) {
       const Observation& o = measurements_.observations[row];

@@ -33,7 +33,7 @@ struct Stratum {
 };
 
 /// The rows of one target in one configuration.
-struct Cell {
+struct MeasuredCell {
   std::int32_t target = 0;
   double weight = 0.0;  // of its rows, as many as there are repeats where nothing is down-weighted
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
@@ -79,14 +79,14 @@ private:
   using Key = std::array<long, 3>;
 
   double weight(std::size_t row) const { return options_.row_weight(row); }
-  void add_repeats(const std::vector<Cell>& cells);
+  void add_repeats(const std::vector<MeasuredCell>& cells);
   void add_means(const Means& means);
   void add_orientations(const WhitenedSystem& system);
 
   const Measurements& measurements_;
   const ResidualOptions& options_;
   const bool stated_;
-  std::map<std::int32_t, std::vector<Cell>> configurations_;
+  std::map<std::int32_t, std::vector<MeasuredCell>> configurations_;
   std::map<Key, Stratum> means_;
   std::map<Key, Stratum> deviations_;
   std::map<Key, Stratum> repeats_;

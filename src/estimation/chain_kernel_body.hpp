@@ -246,7 +246,7 @@ static inline __attribute__((always_inline)) void linearise(const ChainKernelInp
       residuals_of_own_rows(input, block, cost_only, sums, points);
     }
     points.add_information_of_turns(
-        residuals_of_orientations(input, block, cost_only, sums, places.turning, points.wrench + 3));
+        residuals_of_orientations(input, block, cost_only, sums, {places.turning, points.wrench + 3}));
     if (!cost_only) {
       points.take_root();
     }
@@ -254,7 +254,7 @@ static inline __attribute__((always_inline)) void linearise(const ChainKernelInp
   } else {
     Vector wrench[6];
     residuals_of_points(input, block, cost_only, sums, wrench);
-    residuals_of_orientations(input, block, cost_only, sums, places.turning, wrench + 3);
+    residuals_of_orientations(input, block, cost_only, sums, {places.turning, wrench + 3});
     add(wrench, PointsAlike{input.root.data(), turns});
   }
 }

@@ -235,19 +235,26 @@ static inline void residuals_by_axis(const ChainKernelInput& input, const Measur
   }
 }
 
-// What one row of U adds whose g_jl are those of the targets first, … last - 1.
-static inline void add_own_row(const Vector* g, const Vector* row, const Vector& e, std::size_t first, std::size_t last,
-                               const Sums& sums, PointsInRows& points) {
-  points.add_row(row, e);
+// A row j of U: g_jl of the targets first, … last - 1, and its derivative by a twist of P.
+struct OwnRow {
+  std::size_t first;
+  std::size_t last;
+  Vector* g;  // of all targets
+  Vector derivative[6];
+};
+
+// What it adds with its residual.
+static inline void add_own_row(const OwnRow& row, const Vector& e, const Sums& sums, PointsInRows& points) {
+  points.add_row(row.derivative, e);
   const std::size_t coordinates = 3 * points.targets;
-  for (std::size_t a = 3 * first; a < 3 * last; ++a) {
-    sums.force[a] += g[a] * e;
+  for (std::size_t a = 3 * row.first; a < 3 * row.last; ++a) {
+    sums.force[a] += row.g[a] * e;
     for (std::size_t i = 0; i < 6; ++i) {
-      points.pulls[6 * a + i] += g[a] * row[i];
+      points.pulls[6 * a + i] += row.g[a] * row.derivative[i];
     }
     Vector* const turned = sums.turned + a * (2 * coordinates - a - 1) / 2;
-    for (std::size_t b = a; b < 3 * last; ++b) {
-      turned[b] += g[a] * g[b];
+    for (std::size_t b = a; b < 3 * row.last; ++b) {
+      turned[b] += row.g[a] * row.g[b];
     }
   }
 }
@@ -258,7 +265,6 @@ static inline void residuals_of_own_rows(const ChainKernelInput& input, const Me
   const std::size_t targets = points.targets;
   const Vector* const pose = block.pose;
   Vector* const errors = points.pulls + 18 * targets;
-  Vector* const g = errors + 3 * targets;
   for (std::size_t l = 0; l < targets; ++l) {
     const Vector d[3] = {block.data[3 * l] - pose[9], block.data[3 * l + 1] - pose[10],
                          block.data[3 * l + 2] - pose[11]};
@@ -269,28 +275,28 @@ static inline void residuals_of_own_rows(const ChainKernelInput& input, const Me
   }
   std::size_t at = 3 * targets;  // of the next number of U
   for (std::size_t j = 0; j < 3 * targets; ++j) {
-    const std::size_t last = input.coupled ? targets : j / 3 + 1;
+    OwnRow row{
+        .first = j / 3, .last = input.coupled ? targets : j / 3 + 1, .g = errors + 3 * targets, .derivative = {}};
     Vector e{};
-    Vector row[6] = {};
-    for (std::size_t l = j / 3; l < last; ++l) {
+    for (std::size_t l = row.first; l < row.last; ++l) {
       Vector u[3];
       for (std::size_t c = 0; c < 3; ++c) {
         u[c] = 3 * l + c < j ? Vector{} : block.data[at++];
       }
-      Vector* const own = g + 3 * l;
+      Vector* const own = row.g + 3 * l;
       turned_back(pose, u, own);
       e += (own[0] * errors[3 * l] + own[1] * errors[3 * l + 1]) + own[2] * errors[3 * l + 2];
       Vector moment[3];
       cross(input.points[l], own, moment);
       for (std::size_t c = 0; c < 3; ++c) {
-        row[c] += own[c];
-        row[3 + c] += moment[c];
+        row.derivative[c] += own[c];
+        row.derivative[3 + c] += moment[c];
       }
     }
     e *= block.mask;
     sums.cost[0] += e * e;
     if (!cost_only) {
-      add_own_row(g, row, e, j / 3, last, sums, points);
+      add_own_row(row, e, sums, points);
     }
   }
 }
@@ -324,10 +330,15 @@ static inline void rotation_vectors(const Vector* E, const Vector& mask, Vector*
   }
 }
 
-// Residuals of measured orientations: writes the weight of each, adds to the moment on P and gives the information of
-// its turns.
+// What orientations tell of a block: the weight of each is written, what they are as a moment on P is added.
+struct TurnPlaces {
+  Vector* weights;
+  Vector* moment;
+};
+
+// Residuals of measured orientations; gives the information of a turn of P.
 static inline Vector residuals_of_orientations(const ChainKernelInput& input, const MeasuredBlock& block,
-                                               bool cost_only, const Sums& sums, Vector* weights, Vector* moment) {
+                                               bool cost_only, const Sums& sums, const TurnPlaces& places) {
   Rows measured = block.data.from(input.first_orientation() - input.prismatic.size());
   Vector* force = sums.force + 3 * input.targets();
   Vector information{};
@@ -336,25 +347,25 @@ static inline Vector residuals_of_orientations(const ChainKernelInput& input, co
     Vector E[9] = {};  // R_PT^T R_PW Z
     for (std::size_t column = 0; column < 3; ++column) {
       const Vector Z[3] = {measured[column], measured[3 + column], measured[6 + column]};
-      Vector in_P[3];
-      turned_back(block.pose, Z, in_P);
+      Vector turned[3];
+      turned_back(block.pose, Z, turned);
       for (std::size_t row = 0; row < 3; ++row) {
-        E[3 * row + column] = (R_PT[row] * in_P[0] + R_PT[3 + row] * in_P[1]) + R_PT[6 + row] * in_P[2];
+        E[3 * row + column] = (R_PT[row] * turned[0] + R_PT[3 + row] * turned[1]) + R_PT[6 + row] * turned[2];
       }
     }
     Vector e[3];
     rotation_vectors(E, block.mask, e);
     const Vector weight = measured[9] * block.mask;
-    for (std::size_t c = 0; c < 3; ++c) {
-      sums.cost[0] += weight * e[c] * e[c];
-      e[c] *= weight;
+    for (Vector& component : e) {
+      sums.cost[0] += weight * component * component;
+      component *= weight;
     }
     if (!cost_only) {
-      weights[k] = weight;
+      places.weights[k] = weight;
       sums.weights[k] += weight;
       for (std::size_t c = 0; c < 3; ++c) {
         *force++ += e[c];
-        moment[c] += (R_PT[3 * c] * e[0] + R_PT[3 * c + 1] * e[1]) + R_PT[3 * c + 2] * e[2];
+        places.moment[c] += (R_PT[3 * c] * e[0] + R_PT[3 * c + 1] * e[1]) + R_PT[3 * c + 2] * e[2];
       }
     }
     information += weight;

@@ -64,7 +64,7 @@ KeptFrame middle_of(const LaneGroup& group, const Estimate& estimate) {
 }
 
 KeptFrame set_own_rows(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
-  const KeptFrame kept = middle_of(group, estimate);
+  KeptFrame kept = middle_of(group, estimate);
   input.points.resize(group.targets.size());
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
     const Vector3d t = estimate.targets[group.targets[k]].X_FT.translation() - kept.centre;
@@ -75,7 +75,7 @@ KeptFrame set_own_rows(const LaneGroup& group, const Estimate& estimate, ChainKe
 
 KeptFrame set_rows(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
   const std::size_t targets = group.targets.size();
-  const KeptFrame kept = middle_of(group, estimate);
+  KeptFrame kept = middle_of(group, estimate);
   input.points.clear();
   input.kept.assign(3 * group.kept(), {});
   input.pulls.assign(3 * targets, {});

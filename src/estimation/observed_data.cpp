@@ -139,11 +139,18 @@ private:
   double* next_;
 };
 
+struct GatheringTask {
+  const ErrorModel& model;
+  const std::vector<std::size_t> terms;
+  const Measurements& measurements;
+  const ResidualOptions& options;
+};
+
 // False where too few configurations are alike.
-bool gather_groups(const ErrorModel& model, const std::vector<std::size_t>& terms, const Measurements& measurements,
-                   const ResidualOptions& options, Alike alike, ObservedData& data) {
+bool gather_groups(const GatheringTask& task, Alike alike, ObservedData& data) {
+  const Measurements& measurements = task.measurements;
   data.groups.clear();
-  Gathering gathering(measurements, options);
+  Gathering gathering(measurements, task.options);
   std::map<std::vector<double>, std::size_t> numbers;
   std::size_t number = 0;  // of the last configuration's group
   std::size_t configurations = 0;
@@ -155,9 +162,9 @@ bool gather_groups(const ErrorModel& model, const std::vector<std::size_t>& term
           numbers.emplace(sort_of(*configuration, measurements.targets.size(), alike), data.groups.size());
       number = found->second;
       if (is_new) {
-        data.groups.push_back(group_for(*configuration, alike, options.noise));
+        data.groups.push_back(group_for(*configuration, alike, task.options.noise));
         data.groups.back().joints = static_cast<std::size_t>(joints);
-        data.groups.back().terms = terms;
+        data.groups.back().terms = task.terms;
       }
     }
     LaneGroup& group = data.groups[number];
@@ -167,8 +174,8 @@ bool gather_groups(const ErrorModel& model, const std::vector<std::size_t>& term
     }
     const Index c = configuration->column;
     const auto q = measurements.joint_values.col(c);
-    if (!terms.empty()) {
-      basis = effect_basis(model, q, column(measurements.signals, c));
+    if (!task.terms.empty()) {
+      basis = effect_basis(task.model, q, column(measurements.signals, c));
     }
     group.append(q, basis, *configuration);
     ++configurations;
@@ -320,10 +327,10 @@ std::vector<std::size_t> terms_in_lanes(const ErrorModel& model, const Unknowns&
 ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
                       const ResidualOptions& options) {
   ObservedData data;
-  const std::vector<std::size_t> terms = terms_in_lanes(model, unknowns);
-  const auto gather = [&](Alike alike) { return gather_groups(model, terms, measurements, options, alike, data); };
+  const GatheringTask task{model, terms_in_lanes(model, unknowns), measurements, options};
   if ((measurements.joint_values.array().abs() <= kLargestAngle).all() &&
-      ((!options.noise.tracker && gather(Alike::weights)) || gather(Alike::points))) {
+      ((!options.noise.tracker && gather_groups(task, Alike::weights, data)) ||
+       gather_groups(task, Alike::points, data))) {
     return data;
   }
   data.groups.clear();

@@ -312,6 +312,7 @@ struct Sides {
   int above = 0;
 };
 
+// NOLINTNEXTLINE(readability-function-cognitive-complexity): the rule written out
 TEST(ConventionTrial, ReadingsThatAreRegisteredAboutAsWellAreFitted) {
   Sides of_present;
   Sides of_nearest;

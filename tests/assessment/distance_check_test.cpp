@@ -171,7 +171,7 @@ TEST(DistanceCheck, AFindingBeginsWhereADistanceIsBeyondTheLimitOfTheRule) {
       return tool.measured;
     };
     const double size = onset(
-        0.0, 0.02, [&](double size) { return !check_distances(displaced(size), one.options).empty(); }, 22);
+        0.0, 0.02, [&](double s) { return !check_distances(displaced(s), one.options).empty(); }, 22);
     // The limit itself may fall there: what was a heavy tail is a defect.
     EXPECT_LE(worst_of(displaced(size * (1.0 - 1e-5)), one.options), 1.001) << one.name << ", " << size << " m";
     EXPECT_GE(worst_of(displaced(size * (1.0 + 1e-5)), one.options), 0.999) << one.name << ", " << size << " m";
@@ -250,10 +250,10 @@ TEST(DistanceCheck, ChangesOneConfigurationApartAreOneSlipAndTwoApartAreNot) {
         EXPECT_THAT(found[0].targets, ElementsAre("B"));
         continue;
       }
-      const std::vector<std::string> to_A = {"A", "B"};
-      const std::vector<std::string> to_C = {"B", "C"};
-      EXPECT_EQ(found[0].targets, larger_first ? to_A : to_C);
-      EXPECT_EQ(found[1].targets, larger_first ? to_C : to_A);
+      const std::vector<std::string> first_two = {"A", "B"};
+      const std::vector<std::string> last_two = {"B", "C"};
+      EXPECT_EQ(found[0].targets, larger_first ? first_two : last_two);
+      EXPECT_EQ(found[1].targets, larger_first ? last_two : first_two);
       EXPECT_EQ(found[1].configuration, std::to_string(12 + (larger_first ? apart : 0)));
       EXPECT_NEAR(found[1].amount, 0.0006, 2e-5);
     }

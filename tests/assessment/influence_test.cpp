@@ -110,6 +110,7 @@ struct Linear {
   }
 };
 
+// NOLINTNEXTLINE(readability-function-cognitive-complexity): the rule written out
 TEST(Influence, OfPosesAndPointsIsThatOfTheirRowsLeftOut) {
   const Trial trial;
   const WhitenedSystem system = trial.problem().whitened(trial.estimate);

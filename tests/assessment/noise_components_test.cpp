@@ -63,6 +63,7 @@ struct Pairs {
   double freedom = 0.0;
   double common_freedom = 0.0;
 
+  // NOLINTNEXTLINE(readability-function-cognitive-complexity): the rule written out
   explicit Pairs(const Measurements& measured) {
     std::map<std::pair<int, int>, std::vector<const Observation*>> cells;
     for (const Observation& o : measured.observations) {
@@ -217,7 +218,8 @@ TEST(NoiseComponents, OfOrientationsNeedTwoOfOneTarget) {
 ResidualNoise of_residuals(double shared, double own, int rank) {
   Eigen::VectorXd e(18);
   for (Index i = 0; i < 18; ++i) {
-    e[i] = (i % 2 == 0 ? 1.0 : -1.0) * shared * static_cast<double>(1 + i / 6) + (i % 6 < 3 ? own : -own);
+    e[i] =
+        (i % 2 == 0 ? 1.0 : -1.0) * shared * std::floor(1.0 + static_cast<double>(i) / 6.0) + (i % 6 < 3 ? own : -own);
   }
   for (Index i = 0; i < 18; ++i) {  // what is shared is the same of both points
     e[i] = i % 6 < 3 ? e[i] : e[i - 3] - 2.0 * own;

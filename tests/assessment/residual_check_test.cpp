@@ -109,7 +109,7 @@ std::vector<Vector3d> residuals_of(const Known& known) {
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(known.model, known.truth, known.measured);
   std::vector<Vector3d> residuals;
   for (const Observation& o : known.measured.observations) {
-    residuals.push_back(o.position - predicted_point(known.truth, X_BF, o));
+    residuals.emplace_back(o.position - predicted_point(known.truth, X_BF, o));
   }
   return residuals;
 }
@@ -211,7 +211,7 @@ TEST(ResidualCheck, AFindingBeginsWhereACoordinateIsBeyondTheLimitOfTheRule) {
       return known;
     };
     const double size = onset(
-        0.0, 0.02, [&](double size) { return !displaced(size).findings(one.options).empty(); }, 22);
+        0.0, 0.02, [&](double s) { return !displaced(s).findings(one.options).empty(); }, 22);
     // The limit itself may fall there: what was a heavy tail is a defect.
     EXPECT_LE(worst_of(displaced(size * (1.0 - 1e-5)), one.options), 1.001) << one.name << ", " << size << " m";
     EXPECT_GE(worst_of(displaced(size * (1.0 + 1e-5)), one.options), 0.999) << one.name << ", " << size << " m";
@@ -251,17 +251,17 @@ TEST(ResidualCheck, ASlipBeginsWhereTheSeriesOfATargetHasAStep) {
     std::vector<Repeats> repeats(3);
     for (const Observation& o : known.measured.observations) {
       const auto k = static_cast<std::size_t>(o.target);
-      const Vector3d in_F =
+      const Vector3d seen =
           (quiet.truth.X_WB * X_BF[static_cast<std::size_t>(o.configuration)]).inverse() * o.position -
           Vector3d(quiet.truth.targets[k].X_FT.translation());
       repeats[k].configurations.push_back(o.configuration);
-      repeats[k].values.insert(repeats[k].values.end(), in_F.begin(), in_F.end());
+      repeats[k].values.insert(repeats[k].values.end(), seen.begin(), seen.end());
     }
     return find_levels({series_of(repeats[0], 3), series_of(repeats[1], 3), series_of(repeats[2], 3)}, fitted_of(known),
                        1.0, {});
   };
-  const double size = onset(0.0, 0.001, [&](double size) { return !slipped(size).findings().empty(); });
-  const double expected = onset(0.0, 0.001, [&](double size) { return !levels(size)[2].starts.empty(); });
+  const double size = onset(0.0, 0.001, [&](double s) { return !slipped(s).findings().empty(); });
+  const double expected = onset(0.0, 0.001, [&](double s) { return !levels(s)[2].starts.empty(); });
   EXPECT_NEAR(size, expected, 1e-8);
   const std::vector<QualityFinding> found = slipped(0.0005).findings();
   const Levels of_target = levels(0.0005)[2];
@@ -323,12 +323,12 @@ TEST(ResidualCheck, AllRowsTogetherAreTheArmWhereTheyAreFiveTimesAsFarOffAsOneMa
     return known;
   };
   const double size = onset(
-      0.0, 0.01, [&](double size) { return !elsewhere(size).findings().empty(); }, 22);
+      0.0, 0.01, [&](double s) { return !elsewhere(s).findings().empty(); }, 22);
   // Smaller ones, of one or two rows, are findings of these: the last size without any counts.
   const double last_without = onset(
       1e-4, 0.01,
-      [&](double size) {
-        const std::vector<QualityFinding> found = elsewhere(size).findings();
+      [&](double s) {
+        const std::vector<QualityFinding> found = elsewhere(s).findings();
         return !found.empty() && found[0].kind == QualityKind::displaced_configuration;
       },
       22);
@@ -383,7 +383,7 @@ TEST(ResidualCheck, ARowIsAnothersWhereItIsHalfAsFarFromThereAsFromItsOwnPlace) 
     known.row(4, 1).position = known.expected(4, 1) + share * (known.expected(4, 2) - known.expected(4, 1));
     return known;
   };
-  const double share = onset(0.55, 1.0, [&](double share) { return is_mistaken(between(share)); });
+  const double share = onset(0.55, 1.0, [&](double s) { return is_mistaken(between(s)); });
   EXPECT_NEAR(share, 2.0 / 3.0, 1e-5);
 }
 

@@ -359,7 +359,9 @@ Explained explained_by_scale(const Measured& m) {
 }
 
 TEST(Suspicions, TakeAReadingThatLeavesAThirdByMoreThanChance) {
-  for (const auto& [factor, configurations] : {std::pair(0.7, 20), std::pair(1.6, 20), std::pair(1.6, 5)}) {
+  for (const auto& one : {std::pair(0.7, 20), std::pair(1.6, 20), std::pair(1.6, 5)}) {
+    const double factor = one.first;
+    const int configurations = one.second;
     const auto noisy = [&](double size) {
       Measured m = exact(light_arm(), 4,
                          {.configurations = configurations, .targets = configurations == 5 ? 3 : 1, .noise = 0.0});
@@ -528,7 +530,7 @@ TEST(Suspicions, RemarkHowManyConfigurationsAreTwinsAndLookForCopiesAmongTwenty)
     }
     for_rows(m, [&](Observation& o) { o.split = o.configuration < 22 ? Split::test : Split::train; });
     m.data.observations[static_cast<std::size_t>(copied)].position =
-        m.data.observations[static_cast<std::size_t>(22 + copied)].position;
+        m.data.observations[static_cast<std::size_t>(copied) + 22].position;
     const std::vector<Suspicion> found = suspicions_of_truth(m);
     EXPECT_THAT(text(found), HasSubstr("configurations 23 and 1 (and 21 more) have the same joint values"));
     EXPECT_EQ(has(found, "copied_rows"), copied == 19) << text(found);
@@ -561,7 +563,7 @@ TEST(Suspicions, TakeEachTwinBesideTheOneInFrontOfIt) {
   for_rows(m, [&](Observation& o) {
     o.split = o.configuration == 9 ? Split::test : Split::train;
     if (o.configuration == 9) {
-      o.position = m.data.observations[static_cast<std::size_t>(14 + o.target)].position;
+      o.position = m.data.observations[static_cast<std::size_t>(o.target) + 14].position;
     }
   });
   const std::vector<Suspicion> found = suspicions_of_truth(m);

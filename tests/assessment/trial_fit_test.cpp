@@ -68,8 +68,8 @@ TEST(TrialFit, AMisfitIsTheRootMeanSquareOfDistancesOfPoints) {
     KDL::Frame flange =
         testing::kdl_pose(error_chain(experiment.model, nominal.errors), measured.joint_values.col(o.configuration));
     const Vector3d t = nominal.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
-    const KDL::Vector in_B = flange * KDL::Vector(t.x(), t.y(), t.z());
-    sum += (nominal.X_WB * Vector3d(in_B.x(), in_B.y(), in_B.z()) - o.position).squaredNorm();
+    const KDL::Vector seen = flange * KDL::Vector(t.x(), t.y(), t.z());
+    sum += (nominal.X_WB * Vector3d(seen.x(), seen.y(), seen.z()) - o.position).squaredNorm();
   }
   EXPECT_NEAR(rms_of(experiment.model, measured, nominal),
               std::sqrt(sum / static_cast<double>(measured.observations.size())), 1e-12);

@@ -392,7 +392,8 @@ TEST(Validation, ARefittedFoldIsPredictedPointByPoint) {
   const Estimate refit = identify_jointly(f.model, others, problem.start, f.free).estimate;
   const Measurements means = averaged(f.measured);
   for (std::size_t i = 0; i < 6; ++i) {
-    const Observation& o = means.observations[static_cast<std::size_t>(3 * found.configurations[i] + found.targets[i])];
+    const Observation& o = means.observations[3 * static_cast<std::size_t>(found.configurations[i]) +
+                                              static_cast<std::size_t>(found.targets[i])];
     EXPECT_LT((found.residuals[i] - (o.position - expected_at(f.model, refit, f.measured, o))).norm(), 1e-9);
   }
   problem.options.joint.max_iterations = 1;

@@ -113,7 +113,7 @@ struct Rows {
 /// Restricted likelihood of rows with these variances: what priors are about is a part of the rows' covariance.
 struct Restricted {
   MatrixXd P;
-  VectorXd Pd;
+  VectorXd pulled;  // P d
 
   Restricted(const Rows& rows, const VectorXd& lambda) {
     MatrixXd V = rows.by_row(lambda).asDiagonal();
@@ -131,7 +131,7 @@ struct Restricted {
     const MatrixXd inverse = V.inverse();
     const MatrixXd J = rows.J(Eigen::all, free);
     P = inverse - inverse * J * (J.transpose() * inverse * J).inverse() * J.transpose() * inverse;
-    Pd = P * d;
+    pulled = P * d;
   }
 };
 
@@ -174,6 +174,7 @@ void draw_unknown_parts(Rows& rows, Random& random) {
 }
 
 /// Up to eight strata of positions and one of orientations. Of the variances behind them some are none.
+// NOLINTNEXTLINE(readability-function-cognitive-complexity): the rule written out
 Rows random_rows(unsigned seed) {
   Random random(211, seed);
   constexpr Index kColumns = 4;
@@ -296,7 +297,7 @@ TEST(VarianceEstimation, MaximisesTheRestrictedLikelihoodWithinWhatVariancesMayB
     const Restricted likelihood(rows, lambda);
     const MatrixXd D = rows.design();
     const VectorXd traces = rows.by_stratum(likelihood.P.diagonal());
-    const VectorXd squares = rows.by_stratum(likelihood.Pd.cwiseAbs2());
+    const VectorXd squares = rows.by_stratum(likelihood.pulled.cwiseAbs2());
     const Least minimum = least(x, D.transpose() * (traces - squares), D.transpose() * (traces + squares));
     EXPECT_TRUE(minimum.is_one) << what;
     zeros += minimum.zeros;

@@ -156,6 +156,7 @@ TEST(EffectCandidates, JointRowsAreMotionsOfTheJointsThemselves) {
   }
 }
 
+// NOLINTNEXTLINE(readability-function-cognitive-complexity): the rule written out
 TEST(EffectCandidates, GroupsAreLengthsAnglesAndEffectsBySize) {
   const Setting& s = setting();
   for (const bool sized : {false, true}) {

@@ -107,7 +107,8 @@ TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
       ASSERT_EQ(json["lower_triangle"].size(), count);
       EXPECT_EQ(json["lower_triangle"][0][0], nullptr);
       EXPECT_EQ(json["lower_triangle"].back().size(), count);
-      EXPECT_EQ(json["lower_triangle"].back().back(), count == 1 ? Json(nullptr) : Json(1001.0 * (count - 1.0)));
+      EXPECT_EQ(json["lower_triangle"].back().back(),
+                count == 1 ? Json(nullptr) : Json(1001.0 * static_cast<double>(count - 1)));
       EXPECT_EQ(json["names"].size(), count);
     }
     calibration.covariance.resize(0, 0);  // of a fit that did not arrive

@@ -156,7 +156,8 @@ private:
       if (data_.model.joints[joint].type == JointType::prismatic) {
         continue;
       }
-      for (double times = 2.0 + step(joint); times <= 400.0; times += step(joint)) {
+      for (int n = 1; 2.0 + n * step(joint) <= 400.0; ++n) {
+        const double times = 2.0 + n * step(joint);
         result.tried += 1.0;
         MatrixXd sample(data_.q.cols(), 2);
         for (Index c = 0; c < sample.rows(); ++c) {

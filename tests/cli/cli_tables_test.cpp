@@ -455,8 +455,7 @@ std::vector<std::string> plan_lines(const Json& plan, const std::string& noise, 
           text(plan["parameters"]) + " parameters" + effects + ", noise " + noise,
       "search                  3 starts, " + text(plan["exchanges"]) + " exchanges; seed 4",
       "samples                 " + text(plan["candidates"]["samples"]) + " drawn" + removed,
-      "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a "
-      "configuration",
+      std::string("predicted 1 sigma [mm]        mean       p95       max  worst RMS of a ") + "configuration",
       of_sigma("this plan", sigma["plan"]),
       of_sigma("random choice", sigma["random"])};
   if (!sigma["floor"].is_null()) {
@@ -486,7 +485,7 @@ TEST_F(Tables, PlanShowsWhatItsJsonHolds) {
     words.insert(words.begin(), plan.begin(), plan.end());
     std::vector<std::string> as_json = words;
     as_json.emplace_back("--json");
-    const Json answer = run_json(as_json);
+    Json answer = run_json(as_json);
     std::string removed;
     for (const Json& refused : answer["candidates"]["refused"]) {
       removed += "; " + refused["constraint"].get<std::string>() + " removes " + refused["samples"].dump();

@@ -118,7 +118,7 @@ struct Case {
     }
   }
 
-  Matrix3d R_PT(std::size_t k) const {
+  Matrix3d orientation_of(std::size_t k) const {
     return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(input.oriented[k].data());
   }
 
@@ -272,7 +272,7 @@ void add_orientations(const Case& c, std::size_t n, const Isometry3d& X_WP, cons
   for (Index k = 0; k < sums.weights.size(); ++k) {
     const auto place = static_cast<std::size_t>(k);
     const double weight = weight_of_orientation(c, n, place);
-    const Matrix3d R_PT = c.R_PT(place);
+    const Matrix3d R_PT = c.orientation_of(place);
     const Eigen::AngleAxisd error(
         Matrix3d(R_PT.transpose() * X_WP.linear().transpose() * measured_orientation(c, n, place)));
     const Vector3d e = error.angle() * error.axis();
@@ -335,9 +335,11 @@ MatrixXd twists(const Case& c, std::size_t n, const std::vector<Isometry3d>& X_B
 void Case::orient(std::size_t n) {
   const Isometry3d X_WP = X_WB * frames(*this, n)[kJoints + 1] * X_FP;
   for (std::size_t k = 0; k < input.oriented.size(); ++k) {
-    const double angle = n % 4 == 0 ? 0.0 : std::pow(10.0, -static_cast<double>(n % 9)) * std::abs(std::sin(1.0 + n));
-    const Matrix3d Z =
-        X_WP.linear() * R_PT(k) * Eigen::AngleAxisd(3.0 * angle, random_vector(random).normalized()).toRotationMatrix();
+    const double angle =
+        n % 4 == 0 ? 0.0
+                   : std::pow(10.0, -static_cast<double>(n % 9)) * std::abs(std::sin(1.0 + static_cast<double>(n)));
+    const Matrix3d Z = X_WP.linear() * orientation_of(k) *
+                       Eigen::AngleAxisd(3.0 * angle, random_vector(random).normalized()).toRotationMatrix();
     const std::size_t first = input.first_orientation() + kOrientationRows * k;
     for (std::size_t i = 0; i < 9; ++i) {
       set_value(n, first + i, Z(static_cast<Index>(i / 3), static_cast<Index>(i % 3)));

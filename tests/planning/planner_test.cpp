@@ -287,7 +287,7 @@ TEST(Planner, TriesThePlanOnVirtualRobotsBeforeTheTracker) {
                        .noise = {.sigma = request.noise.sigma, .common = noise.common, .tracker = noise.tracker},
                        .X_WB = Eigen::Isometry3d(Eigen::Translation3d(-4.0, -1.0, -0.5)),
                        .train = [&](Random&) { return plan.sheet.joint_values; },
-                       .test = [&](Random&) { return tasks; },
+                       .test = [&](Random&) { return MatrixXd(tasks); },
                        .calibration = {.priors = request.priors, .noise = noise},
                        .runs = 2,
                        .seed = 3,
