@@ -565,7 +565,8 @@ TEST(NoiseStrata, SampleTwoThousandConfigurationsEvenly) {
     EXPECT_EQ(sample.options.orientation_length, 0.7) << count;
     ASSERT_EQ(sample.options.row_weights.size(), sample.measurements.observations.size()) << count;
     for (Index i = 0; i < kept; ++i) {
-      EXPECT_EQ(sample.measurements.joint_values(0, i), static_cast<double>(i * count / kept)) << count;
+      const Index place = i * count / kept;
+      EXPECT_EQ(sample.measurements.joint_values(0, i), static_cast<double>(place)) << count;
     }
     for (std::size_t row = 0; row < sample.measurements.observations.size(); ++row) {
       const Observation& o = sample.measurements.observations[row];

@@ -298,6 +298,7 @@ private:
     return worth(both(all_terms, group), both(names, {name}), current.sizes.evidence + 2.0);
   }
 
+  // NOLINTNEXTLINE(readability-function-cognitive-complexity): the rule written out
   void add_what_helps(Worth& current) {
     std::map<std::string, Terms> left;
     for (const auto& [group, least] : {std::pair{EffectGroup::gravity, 12}, std::pair{EffectGroup::transverse, 60},
