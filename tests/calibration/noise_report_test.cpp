@@ -111,7 +111,8 @@ Measurements repeated(double share) {
 
 TEST(NoiseReport, RepeatsMustVaryByAThousandthAlongEveryAxis) {
   int refused = 0;
-  for (double share = 0.6e-3; share < 1.8e-3; share *= 1.1) {
+  for (int step = 0; step < 12; ++step) {
+    const double share = 0.6e-3 * std::pow(1.1, step);
     const Measurements measured = repeated(share);
     const RepeatNoise repeats = noise_from_repeats(measured);
     const bool too_little = repeats.independent.minCoeff() <= 1e-3 * repeats.total.maxCoeff();
