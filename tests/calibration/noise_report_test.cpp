@@ -341,7 +341,7 @@ TEST(NoiseReport, OfARobustFitIsThatOfItsPseudoValues) {
   int by_efficiency = 0;  // but not for a fit of all that information
   for (const double stated : {0.0, 0.5e-4, 0.7e-4, 0.74e-4, 0.77e-4, 0.8e-4, 0.83e-4, 0.87e-4, 0.92e-4, 2e-4}) {
     Fitted f({.sigma = 1e-4}, 30);
-    for (const std::size_t row : {4, 17, 33}) {
+    for (const std::size_t row : {4U, 17U, 33U}) {
       f.measured.observations[row].position.x() += 0.01;
     }
     f.options.noise.independent.setConstant(stated);

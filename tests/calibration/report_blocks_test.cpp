@@ -285,7 +285,7 @@ TEST(ReportBlocks, ConfigurationsOfManyRowsAreNumberedAsTheyAreShown) {
 
 TEST(ReportBlocks, ShownRowsAreAllOrEvenlySpacedOnesAndThe200Largest) {
   Random random(7);
-  for (const std::size_t count : {0, 1, 2999, 3000, 3001, 7003}) {
+  for (const std::size_t count : {0U, 1U, 2999U, 3000U, 3001U, 7003U}) {
     std::vector<double> distances(count);
     for (double& distance : distances) {
       distance = std::floor(random.uniform(0.0, 500.0));  // with many alike
@@ -430,7 +430,7 @@ TEST(ReportBlocks, ShortRangesOfRippleAreShownWhole) {
   for (Observation& o : s.measured.observations) {
     o.split = o.configuration < 2 ? Split::train : Split::test;
   }
-  const auto& [lower, upper] = trained_ranges(s.measured)[3];
+  const auto [lower, upper] = trained_ranges(s.measured)[3];
   ASSERT_LT(upper - lower, 6.0 * std::numbers::pi / 4.5);
   const Json curve = effects_block(s.saved, s.measured)[0]["curve"];
   EXPECT_NEAR(curve[0][0], lower, 1e-12);

@@ -296,7 +296,7 @@ Json page_data(Json result) {
 }
 
 TEST(ReportPage, HoldsTheInfluenceOfPointsOfUpToAThousandConfigurations) {
-  for (const std::size_t count : {1000, 1001}) {
+  for (const std::size_t count : {1000U, 1001U}) {
     Json result;
     for (std::size_t c = 0; c < count; ++c) {
       result["influence"]["configurations"].push_back({{"cook", c}, {"points", {1, 2}}});
@@ -310,7 +310,7 @@ TEST(ReportPage, HoldsTheInfluenceOfPointsOfUpToAThousandConfigurations) {
 }
 
 TEST(ReportPage, HoldsTheRowsThatItShows) {
-  for (const std::size_t count : {3000, 3001}) {
+  for (const std::size_t count : {3000U, 3001U}) {
     Json result;
     std::vector<double> distances;
     for (std::size_t row = 0; row < count; ++row) {

@@ -43,7 +43,7 @@ struct Rows {
 };
 
 TEST(ResultBlocks, ResidualsAreAllRowsUpTo5000AndThe200LargestOfMore) {
-  for (const std::size_t count : {5000, 5001}) {
+  for (const std::size_t count : {5000U, 5001U}) {
     std::vector<double> off(count);
     for (std::size_t i = 0; i < count; ++i) {
       off[i] = static_cast<double>((i * 7919) % 5003);  // each another
@@ -92,7 +92,7 @@ TEST(ResultBlocks, OfRowsThatAreAllAlikeTheFirstAreShown) {
 }
 
 TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
-  for (const std::size_t count : {1, 2, 300, 301}) {
+  for (const std::size_t count : {1U, 2U, 300U, 301U}) {
     Calibration calibration;
     calibration.model = complete_model(testing::fanuc());
     calibration.model.effects.resize(count);
