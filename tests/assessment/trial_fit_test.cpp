@@ -111,10 +111,10 @@ TEST(TrialFit, AFitCountsWhereItsErrorsAreARobots) {
 // The fit looks at sigmas, which the misfit does not.
 TEST(TrialFit, AFitThatIsWorseThanItsStartCountsAsThat) {
   Offset offset(0.0);
-  Random random(2);
+  Random random(6);
   for (Observation& o : offset.measured.observations) {
-    o.sigma = o.configuration < 14 ? 1e-6 : 1.0;
-    o.position += 1e-4 * Vector3d(random.normal(), random.normal(), random.normal());
+    o.sigma = o.configuration < 10 ? 1e-6 : 1.0;
+    o.position += 1e-4 * Vector3d{random.normal(), random.normal(), random.normal()};
   }
   offset.start = offset.experiment.robot.truth;
   const Estimate worse =

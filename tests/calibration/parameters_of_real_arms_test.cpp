@@ -216,19 +216,6 @@ TEST(ParametersOfRealArms, SkewChainsArriveAtRounding) {
 
 // The kept parameters alone do not explain this one. What was fixed must not come back under other names, and a limit
 // that was set is one.
-TEST(ParametersOfRealArms, SkewChainsAreFittedInTheCompleteSetUnlessSomethingIsAskedOfTheFit) {
-  const SkewChain chain(73);
-  std::array<CalibrationOptions, 3> asked;
-  asked[0].fix = {"dq1"};
-  asked[1].iterations = 50;
-  asked[2].loss = Loss::huber;
-  for (CalibrationOptions& options : asked) {
-    options.held_out = false;
-    options.try_readings = false;
-    EXPECT_GT(calibrate(chain.model, chain.measured, options).train.after.rms, 1e-7) << options.iterations;
-  }
-}
-
 TEST(ParametersOfRealArmsLongRun, ThreeHundredSkewChainsArriveAtRounding) {
   for (std::uint64_t seed = 1; seed <= 300; ++seed) {
     EXPECT_LE(iterations_to_rounding(seed), 20) << seed;

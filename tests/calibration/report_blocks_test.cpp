@@ -193,10 +193,9 @@ TEST(ReportBlocks, EveryRowHasItsPointAndResiduals) {
       EXPECT_NEAR(configuration["effective"][j], effective(static_cast<Index>(j), column), 1e-15);
     }
   }
-  for (const auto& configuration : measurements_block({.model = m.robot.model,
-                                   .estimate = m.before,
-                                   .measurements = m.measured,
-                                   .before = nullptr})["configurations"]) {
+  const Json rigid =
+      measurements_block({.model = m.robot.model, .estimate = m.before, .measurements = m.measured, .before = nullptr});
+  for (const auto& configuration : rigid["configurations"]) {
     EXPECT_FALSE(configuration.contains("effective")) << "all effects are zero";
   }
 }
