@@ -159,7 +159,7 @@ private:
       current = worth_of(all, with_tables, sized, tried);
       require_enough(current, all);
       if (!tables.terms.empty() && current.determined && means_.joint_values.cols() >= kLeastForTables) {
-        shorten({terms, names, sized}, tables, current, tried);
+        shorten(sized, {terms, names}, tables, current, tried);
       }
       append(terms, tables.terms);
       names = with_tables;
@@ -332,53 +332,30 @@ private:
     return shorter.held_out_rms < longer.held_out_rms || (likelier && certainty_of_gain(shorter, longer) > -1.0);
   }
 
-  // What the model has beside an option.
-  struct Beside {
-    const std::vector<EffectTerm>& terms;
-    const std::vector<std::string>& names;
-    bool sized;  // its priors
-  };
-
-  // Tables only where nothing else helps: they may be anything, and would stand for what others say with less. Those
-  // that are tried get the length that is best.
-  std::optional<std::size_t> likeliest_that_helps(const Beside& beside, const Worth& current,
-                                                  std::vector<Option>& options, Worth& of_best,
-                                                  TriedModels& tried) const {
-    std::optional<std::size_t> best;
-    for (const bool tables : {false, true}) {
-      for (std::size_t i = 0; i < options.size() && !(tables && best); ++i) {
-        if ((options[i].name == to_string(EffectGroup::tables)) != tables) {
-          continue;
-        }
-        const double wanted = current.sizes.evidence + kEvidence;
-        Worth with = worth_of(joined(beside.terms, options[i].terms), extended(beside.names, options[i].name),
-                              beside.sized, tried, wanted);
-        if (tables && with.determined) {
-          shorten(beside, options[i], with, tried);
-        }
-        if (helps(with, current) && (!best || with.sizes.evidence > of_best.sizes.evidence)) {
-          best = i;
-          of_best = std::move(with);
-        }
-      }
-    }
-    return best;
-  }
-
   // The likeliest of what helps, again and again.
   void add_what_helps(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
                       TriedModels& tried) const {
     std::vector<Option> left = options();
     bool swings = false;
     while (current.determined) {
+      std::optional<std::size_t> best;
+      Worth of_best;
       std::erase_if(left, [](const Option& option) { return option.name == to_string(EffectGroup::ripple); });
       const bool searched = !swings && means_.joint_values.cols() >= kLeastForRipple;
       if (Option ripple = searched ? ripple_of(sized, terms, current) : Option(); !ripple.terms.empty()) {
         left.push_back(std::move(ripple));
       }
-      Worth of_best;
-      const std::optional<std::size_t> best =
-          likeliest_that_helps({terms, names, sized}, current, left, of_best, tried);
+      for (std::size_t i = 0; i < left.size(); ++i) {
+        const double wanted = current.sizes.evidence + kEvidence;
+        Worth with = worth_of(joined(terms, left[i].terms), extended(names, left[i].name), sized, tried, wanted);
+        if (left[i].name == to_string(EffectGroup::tables) && with.determined) {
+          shorten(sized, {terms, names}, left[i], with, tried);
+        }
+        if (helps(with, current) && (!best || with.sizes.evidence > of_best.sizes.evidence)) {
+          best = i;
+          of_best = std::move(with);
+        }
+      }
       if (!best) {
         return;
       }
@@ -390,8 +367,14 @@ private:
     }
   }
 
+  // What the model has beside an option.
+  struct Beside {
+    const std::vector<EffectTerm>& terms;
+    const std::vector<std::string>& names;
+  };
+
   // Tables that forget themselves sooner, as long as they predict better, or as well and are likelier.
-  void shorten(const Beside& beside, Option& tables, Worth& best, TriedModels& tried) const {
+  void shorten(bool sized, const Beside& beside, Option& tables, Worth& best, TriedModels& tried) const {
     for (const double degrees : {10.0, 4.0}) {
       const double length = degrees * std::numbers::pi / 180.0;
       Option shorter{.name = tables.name, .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
@@ -401,8 +384,7 @@ private:
       if (shorter.terms.empty()) {
         return;
       }
-      Worth with =
-          worth_of(joined(beside.terms, shorter.terms), extended(beside.names, shorter.name), beside.sized, tried);
+      Worth with = worth_of(joined(beside.terms, shorter.terms), extended(beside.names, shorter.name), sized, tried);
       if (!is_better_length(with, best)) {
         return;
       }

@@ -294,10 +294,6 @@ private:
                                1));
   }
 
-  Worth worth_with(const std::string& name, const Terms& group, const Worth& current) {
-    return worth(both(all_terms, group), both(names, {name}), current.sizes.evidence + 2.0);
-  }
-
   // NOLINTNEXTLINE(readability-function-cognitive-complexity): the rule written out
   void add_what_helps(Worth& current) {
     std::map<std::string, Terms> left;
@@ -317,20 +313,15 @@ private:
           left["ripple"] = swings;
         }
       }
-      for (const auto& [name, group] : left) {
-        const Worth with = name == "tables" ? Worth() : worth_with(name, group, current);
+      for (auto& [name, group] : left) {
+        Worth with = worth(both(all_terms, group), both(names, {name}), current.sizes.evidence + 2.0);
+        if (name == "tables" && with.determined) {
+          shorten(group, with);
+        }
         if (helps(with, current) && (best.empty() || with.sizes.evidence > of_best.sizes.evidence)) {
           best = name;
           of_best = with;
         }
-      }
-      if (const auto tables = left.find("tables"); best.empty() && tables != left.end()) {
-        of_best = worth_with("tables", tables->second, current);
-        if (of_best.determined) {
-          shorten(tables->second, of_best);
-        }
-        best = helps(of_best, current) ? "tables" : "";
-        decided_.by["tables last"] += best.empty() ? 0 : 1;
       }
       if (best.empty()) {
         return;
