@@ -239,7 +239,9 @@ static inline __attribute__((always_inline)) void linearise(const ChainKernelInp
   if (input.in_rows()) {
     PointsInRows points{
         .targets = input.targets(), .turns = turns, .pulls = places.pulls, .wrench = {}, .information = {}, .root = {}};
-    points.clear();
+    if (!cost_only) {
+      points.clear_pulls();
+    }
     if (input.by_axis()) {
       residuals_by_axis(input, block, cost_only, sums, points);
     } else {

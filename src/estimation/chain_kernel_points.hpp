@@ -128,13 +128,7 @@ struct PointsInRows {
     turns.add_coupling<kTurns>(twist, sums + 3 * targets);
   }
 
-  void clear() {
-    for (Vector& sum : wrench) {
-      sum = Vector{};
-    }
-    for (Vector& sum : information) {
-      sum = Vector{};
-    }
+  void clear_pulls() {
     for (std::size_t k = 0; k < 18 * targets; ++k) {
       pulls[k] = Vector{};
     }
