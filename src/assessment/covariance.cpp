@@ -24,18 +24,18 @@ MatrixXd covariance(const MatrixXd& whitened_jacobian, double factor) {
     return {};
   }
   const VectorXd scale = unit_scale(whitened_jacobian);
-  const Eigen::JacobiSVD<MatrixXd> svd(triangular_factor(whitened_jacobian * scale.asDiagonal()), Eigen::ComputeFullV);
+  const SingularSystem system = singular_system(triangular_factor(whitened_jacobian * scale.asDiagonal()));
   VectorXd inverse_squares = VectorXd::Zero(columns);
   VectorXd undetermined = VectorXd::Zero(columns);
   for (Index i = 0; i < columns; ++i) {
-    const double value = i < svd.singularValues().size() ? svd.singularValues()[i] : 0.0;
-    if (value > kSingular * svd.singularValues()[0]) {
+    const double value = i < system.values.size() ? system.values[i] : 0.0;
+    if (value > kSingular * system.values[0]) {
       inverse_squares[i] = 1.0 / (value * value);
     } else {
-      undetermined += svd.matrixV().col(i).cwiseAbs2();
+      undetermined += system.V.col(i).cwiseAbs2();
     }
   }
-  const MatrixXd V = scale.asDiagonal() * svd.matrixV();
+  const MatrixXd V = scale.asDiagonal() * system.V;
   MatrixXd result = factor * (V * inverse_squares.asDiagonal() * V.transpose());
   for (Index i = 0; i < columns; ++i) {
     if (undetermined[i] > 1e-6) {
@@ -68,10 +68,10 @@ MatrixXd undetermined_directions(const MatrixXd& whitened_jacobian) {
     return {};
   }
   VectorXd scale = unit_scale(whitened_jacobian);
-  const Eigen::JacobiSVD<MatrixXd> svd(triangular_factor(whitened_jacobian * scale.asDiagonal()), Eigen::ComputeFullV);
-  const Index rank = (svd.singularValues().array() > kSingular * svd.singularValues()[0]).count();
+  const SingularSystem system = singular_system(triangular_factor(whitened_jacobian * scale.asDiagonal()));
+  const Index rank = (system.values.array() > kSingular * system.values[0]).count();
   scale = scale.unaryExpr([](double s) { return s > 0.0 ? s : 1.0; });
-  return scale.asDiagonal() * svd.matrixV().rightCols(columns - rank);
+  return scale.asDiagonal() * system.V.rightCols(columns - rank);
 }
 
 // |x| of x = C^(1/2) z, with z = rho v, is below r with the mean over the directions v of P(rho < r / |C^(1/2) v|).

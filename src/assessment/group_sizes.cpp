@@ -158,10 +158,10 @@ GroupSizes SizeEstimator::estimate(const std::vector<double>& start, const SizeL
   };
   const int rounds = start.empty() ? kRounds : kRoundsFromNear;
   double before = -std::numeric_limits<double>::infinity();
-  for (int round = 0; round < rounds; ++round) {
+  for (int round = 0; round <= rounds; ++round) {
     fit = solve(variances, variance);
     const double evidence = evidence_of(fit);
-    if (round > 1 && evidence < before + kSettled) {
+    if (round == rounds || (round > 1 && evidence < before + kSettled)) {
       break;
     }
     before = evidence;
@@ -174,7 +174,6 @@ GroupSizes SizeEstimator::estimate(const std::vector<double>& start, const SizeL
     }
     variance = std::max(fit.squares / std::max(left - fit.gamma.sum(), kLeastFreedom), least);
   }
-  fit = solve(variances, variance);
   GroupSizes result{
       .sizes = {}, .sigma = std::sqrt(variance), .evidence = evidence_of(fit), .values = all_values(fit.x)};
   std::transform(variances.begin(), variances.end(), std::back_inserter(result.sizes),

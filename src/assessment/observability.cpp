@@ -16,7 +16,7 @@ ObservabilityIndices observability_indices(const MatrixXd& jacobian, Index confi
   if (jacobian.size() == 0) {
     return indices;
   }
-  const VectorXd s = triangular_factor(jacobian).jacobiSvd().singularValues();
+  const VectorXd s = singular_values(triangular_factor(jacobian));
   const double smallest = s.size() < jacobian.cols() ? 0.0 : s[s.size() - 1];
   if (!(smallest > 0.0)) {
     return indices;

@@ -48,7 +48,8 @@ double rms_of(const ErrorModel& model, const Measurements& measurements, const E
 
 double fitted_rms(const TrialFit& fit, const Measurements& measurements, const Estimate& start) {
   const double registered = rms_of(fit.model, measurements, start);
-  const Identification found = identify_jointly(fit.model, measurements, start, fit.free, fit.joint);
+  const Unknowns rigid = fit.free.without(UnknownGroup::effects);
+  const Identification found = identify_jointly(fit.model, measurements, start, rigid, fit.joint);
   return plausible(fit.model, found.estimate.errors)
              ? std::min(registered, rms_of(fit.model, measurements, found.estimate))
              : registered;

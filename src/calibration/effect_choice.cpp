@@ -426,9 +426,14 @@ private:
     const TableCertainty certainty(candidate, worth.information, worth.groups, worth.sizes);
     std::map<int, std::vector<std::pair<double, double>>> gaps;
     for (EffectTerm& term : terms) {
-      if (is_of_table(term)) {
-        term.table.withheld = gaps.try_emplace(term.index, certainty.gaps(term.index)).first->second;
+      if (!is_of_table(term)) {
+        continue;
       }
+      const auto [own, is_new] = gaps.try_emplace(term.index);
+      if (is_new) {
+        own->second = certainty.gaps(term.index);
+      }
+      term.table.withheld = own->second;
     }
   }
 

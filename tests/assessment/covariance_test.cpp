@@ -100,6 +100,25 @@ TEST(Covariance, OfFewRowsIsThatOfWhatTheyDetermine) {
   EXPECT_NEAR((directions.transpose() * directions - MatrixXd::Identity(2, 2)).norm(), 0.0, 1e-14);
 }
 
+// Above a hundred columns singular values are found in another way. Column 7 is ten times column 130.
+TEST(Covariance, OfManyColumnsIsTheInverseOfTheInformation) {
+  for (const Index columns : {100, 101, 140}) {
+    const MatrixXd J = random_matrix(300, columns, 4);
+    const MatrixXd expected = (J.transpose() * J).inverse();
+    EXPECT_LT((covariance(J, 2.0) - 2.0 * expected).norm(), 1e-11 * expected.norm()) << columns;
+    EXPECT_EQ(undetermined_directions(J).cols(), 0) << columns;
+  }
+  MatrixXd J = random_matrix(300, 140, 4);
+  J.col(7) = 10.0 * J.col(130);
+  const MatrixXd found = covariance(J, 1.0);
+  for (Index i = 0; i < 140; ++i) {
+    EXPECT_EQ(std::isinf(found(i, i)), i == 7 || i == 130) << i;
+  }
+  const MatrixXd directions = undetermined_directions(J);
+  ASSERT_EQ(directions.cols(), 1);
+  EXPECT_NEAR(directions(7, 0) / directions(130, 0), -0.1, 1e-9);
+}
+
 TEST(Covariance, OfNoColumnsIsEmpty) {
   EXPECT_EQ(covariance(MatrixXd(5, 0), 1.0).size(), 0);
   EXPECT_EQ(undetermined_directions(MatrixXd(5, 0)).size(), 0);

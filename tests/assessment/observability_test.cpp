@@ -10,6 +10,7 @@
 namespace kdl_calibration {
 namespace {
 
+using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -42,6 +43,18 @@ TEST(Observability, IndicesAreThoseOfTheSingularValues) {
     expect_indices(U.leftCols(4) * s.asDiagonal() * V.transpose(), s, 6.0);
   }
   expect_indices(MatrixXd::Constant(4, 1, 3.0), VectorXd::Constant(1, 6.0), 2.0);
+}
+
+// Above a hundred columns singular values are found in another way.
+TEST(Observability, IndicesOfManyColumnsAreThoseOfTheSingularValues) {
+  Random random(4);
+  for (const Index columns : {100, 101, 150}) {
+    const MatrixXd U = Eigen::HouseholderQR<MatrixXd>(MatrixXd::NullaryExpr(columns, columns, [&] {
+                         return random.normal();
+                       })).householderQ();
+    const VectorXd s = VectorXd::LinSpaced(columns, 9.0, 1e-3);
+    expect_indices(U * s.asDiagonal(), s, 40.0);
+  }
 }
 
 void expect_none(const MatrixXd& jacobian, const char* what) {

@@ -108,6 +108,32 @@ TEST(TrialFit, AFitCountsWhereItsErrorsAreARobots) {
   EXPECT_GT(much.registered(much.measured), 0.01);
 }
 
+// A gain of 2 % that is free, with a prior or without, would take the misfit away.
+TEST(TrialFit, EffectsAreLeftAsTheStartHasThem) {
+  for (const double sigma : {0.0, 10.0}) {
+    ErrorModel model = complete_model(testing::fanuc());
+    EffectTerm gain;
+    gain.name = "gain3";
+    gain.group = EffectGroup::gain;
+    gain.index = 2;
+    gain.sigma = sigma;
+    model.effects = {gain};
+    VirtualExperiment experiment({.model = model});
+    experiment.robot.truth.effects = VectorXd::Constant(1, 0.02);
+    const Measurements measured = experiment.measure(30, {.sigma = 0.0});
+    const Estimate start = nominal_start(model, measured);
+    const Unknowns with_gain = experiment.free.with(experiment.model, UnknownGroup::effects, {0});
+    const auto fitted = [&](const Unknowns& free) {
+      return fitted_rms({.model = experiment.model, .free = free, .registration = {}, .joint = {}}, measured, start);
+    };
+    EXPECT_GT(fitted(experiment.free), 1e-4);
+    EXPECT_EQ(fitted(with_gain), fitted(experiment.free));
+    EXPECT_LT(rms_of(experiment.model, measured,
+                     identify_jointly(experiment.model, measured, start, with_gain).estimate),
+              0.1 * fitted(experiment.free));
+  }
+}
+
 // The fit looks at sigmas, which the misfit does not.
 TEST(TrialFit, AFitThatIsWorseThanItsStartCountsAsThat) {
   Offset offset(0.0);
