@@ -332,39 +332,122 @@ private:
     return shorter.held_out_rms < longer.held_out_rms || (likelier && certainty_of_gain(shorter, longer) > -1.0);
   }
 
-  // The likeliest of what helps, again and again.
+  // A model and the groups that may still be added to it.
+  struct Route {
+    std::vector<EffectTerm> terms;
+    std::vector<std::string> names;
+    Worth worth;
+    std::vector<Option> left;
+  };
+
+  // One of the groups that may be added, and what the model is worth with it.
+  struct Step {
+    std::size_t option = 0;
+    Worth worth;
+  };
+
+  static bool is_tables(const Option& option) { return option.name == to_string(EffectGroup::tables); }
+  static bool is_ripple(const Option& option) { return option.name == to_string(EffectGroup::ripple); }
+
+  static void take(Step step, Route& route) {
+    Option& option = route.left[step.option];
+    append(route.terms, option.terms);
+    route.names.push_back(option.name);
+    route.left.erase(route.left.begin() + static_cast<std::ptrdiff_t>(step.option));
+    route.worth = std::move(step.worth);
+  }
+
+  void look_for_ripple(bool sized, Route& route) const {
+    std::erase_if(route.left, is_ripple);
+    const bool known =
+        std::find(route.names.begin(), route.names.end(), to_string(EffectGroup::ripple)) != route.names.end();
+    if (known || means_.joint_values.cols() < kLeastForRipple) {
+      return;
+    }
+    if (Option ripple = ripple_of(sized, route.terms, route.worth); !ripple.terms.empty()) {
+      route.left.push_back(std::move(ripple));
+    }
+  }
+
+  // The likeliest of those options that help.
+  template <class Filter>
+  std::optional<Step> likeliest(bool sized, Route& route, TriedModels& tried, Filter is_asked) const {
+    std::optional<Step> best;
+    for (std::size_t i = 0; i < route.left.size(); ++i) {
+      Option& option = route.left[i];
+      if (!is_asked(option)) {
+        continue;
+      }
+      const double wanted = route.worth.sizes.evidence + kEvidence;
+      Worth with =
+          worth_of(joined(route.terms, option.terms), extended(route.names, option.name), sized, tried, wanted);
+      if (is_tables(option) && with.determined) {
+        shorten(sized, {route.terms, route.names}, option, with, tried);
+      }
+      if (helps(with, route.worth) && (!best || with.sizes.evidence > best->worth.sizes.evidence)) {
+        best = Step{.option = i, .worth = std::move(with)};
+      }
+    }
+    return best;
+  }
+
+  // The likeliest of what helps, again and again. Where it is tables while others help as well, the model goes on from
+  // the likeliest of these, without tables, is returned too.
+  std::optional<Route> follow(bool sized, Route& route, TriedModels& tried) const {
+    std::optional<Route> without_tables;
+    while (route.worth.determined) {
+      look_for_ripple(sized, route);
+      std::optional<Step> other = likeliest(sized, route, tried, std::not_fn(is_tables));
+      std::optional<Step> tables = likeliest(sized, route, tried, is_tables);
+      const bool tables_first = tables && (!other || tables->worth.sizes.evidence > other->worth.sizes.evidence);
+      if (tables_first && other) {
+        without_tables = route;
+        take(std::move(*other), *without_tables);
+        std::erase_if(without_tables->left, is_tables);
+      }
+      std::optional<Step>& best = tables_first ? tables : other;
+      if (!best) {
+        break;
+      }
+      take(std::move(*best), route);
+    }
+    return without_tables;
+  }
+
+  // Likelier, and predicts better, or as well within a standard error with fewer terms.
+  static bool is_preferable(const Route& one, const Route& other) {
+    const bool likelier = one.worth.sizes.evidence >= other.worth.sizes.evidence + kEvidence;
+    const bool as_well = one.terms.size() < other.terms.size() && certainty_of_gain(one.worth, other.worth) > -1.0;
+    return likelier && (as_well || one.worth.held_out_rms < other.worth.held_out_rms);
+  }
+
+  // Tables can be nearly what every other effect is. Where they came before others that help as well, those are taken
+  // first, too, and tables behind them.
   void add_what_helps(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
                       TriedModels& tried) const {
-    std::vector<Option> left = options();
-    bool swings = false;
-    while (current.determined) {
-      std::optional<std::size_t> best;
-      Worth of_best;
-      std::erase_if(left, [](const Option& option) { return option.name == to_string(EffectGroup::ripple); });
-      const bool searched = !swings && means_.joint_values.cols() >= kLeastForRipple;
-      if (Option ripple = searched ? ripple_of(sized, terms, current) : Option(); !ripple.terms.empty()) {
-        left.push_back(std::move(ripple));
+    Route route{.terms = std::move(terms), .names = std::move(names), .worth = std::move(current), .left = options()};
+    if (std::optional<Route> other = follow(sized, route, tried)) {
+      follow(sized, *other, tried);
+      if (takes_the_place(sized, *other, route, tried)) {
+        route = std::move(*other);
       }
-      for (std::size_t i = 0; i < left.size(); ++i) {
-        const double wanted = current.sizes.evidence + kEvidence;
-        Worth with = worth_of(joined(terms, left[i].terms), extended(names, left[i].name), sized, tried, wanted);
-        if (left[i].name == to_string(EffectGroup::tables) && with.determined) {
-          shorten(sized, {terms, names}, left[i], with, tried);
-        }
-        if (helps(with, current) && (!best || with.sizes.evidence > of_best.sizes.evidence)) {
-          best = i;
-          of_best = std::move(with);
-        }
-      }
-      if (!best) {
-        return;
-      }
-      append(terms, left[*best].terms);
-      names.push_back(left[*best].name);
-      swings = swings || names.back() == to_string(EffectGroup::ripple);
-      left.erase(left.begin() + static_cast<std::ptrdiff_t>(*best));
-      current = std::move(of_best);
     }
+    terms = std::move(route.terms);
+    names = std::move(route.names);
+    current = std::move(route.worth);
+  }
+
+  // Whether the other model, with tables where they help, is the better one.
+  bool takes_the_place(bool sized, Route& other, const Route& route, TriedModels& tried) const {
+    const std::vector<std::string> with_tables = extended(other.names, to_string(EffectGroup::tables));
+    if (std::is_permutation(with_tables.begin(), with_tables.end(), route.names.begin(), route.names.end())) {
+      return !(helps(route.worth, other.worth) && route.worth.sizes.evidence >= other.worth.sizes.evidence + kEvidence);
+    }
+    other.left = {{.name = with_tables.back(), .terms = terms_of(EffectGroup::tables)}};
+    if (std::optional<Step> tables = likeliest(sized, other, tried, is_tables)) {
+      take(std::move(*tables), other);
+    }
+    return is_preferable(other, route);
   }
 
   // What the model has beside an option.
