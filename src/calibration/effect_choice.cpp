@@ -406,12 +406,37 @@ private:
         std::erase_if(without_tables->left, is_tables);
       }
       std::optional<Step>& best = tables_first ? tables : other;
-      if (!best) {
+      if (best) {
+        take(std::move(*best), route);
+      } else if (!renew_ripple(sized, route, tried)) {
         break;
       }
-      take(std::move(*best), route);
     }
     return without_tables;
+  }
+
+  // Ripple that was found beside less than what is known now is looked for again. Whether that is likelier and predicts
+  // better; it is the last group then.
+  bool renew_ripple(bool sized, Route& route, TriedModels& tried) const {
+    const auto is_one = [](const EffectTerm& term) { return term.group == EffectGroup::ripple; };
+    Route renewed{.terms = route.terms, .names = route.names, .worth = {}, .left = {}};
+    if (std::erase(renewed.names, to_string(EffectGroup::ripple)) == 0 || is_one(route.terms.back())) {
+      return false;
+    }
+    std::erase_if(renewed.terms, is_one);
+    Option ripple = ripple_of(sized, renewed.terms, worth_of(renewed.terms, renewed.names, sized, tried));
+    if (ripple.terms.empty()) {
+      return false;
+    }
+    append(renewed.terms, ripple.terms);
+    renewed.names.push_back(ripple.name);
+    renewed.worth = worth_of(renewed.terms, renewed.names, sized, tried, route.worth.sizes.evidence + kEvidence);
+    if (!(renewed.worth.held_out_rms < route.worth.held_out_rms) || renewed.worth.motion > kLargestMotion) {
+      return false;
+    }
+    renewed.left = std::move(route.left);
+    route = std::move(renewed);
+    return true;
   }
 
   // Likelier, and predicts better, or as well within a standard error with fewer terms.

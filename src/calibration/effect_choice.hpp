@@ -40,8 +40,9 @@ bool choice_is_open(const CalibrationOptions& options);
 /// micrometres. One group is added at a time, the likeliest first, while the evidence rises by at least 2 and the
 /// held-out mean square falls by 4 % (the RMS by 2 %) and by more than one standard error of its difference over
 /// configurations. Where tables come before others that help as well, the model that takes those first, and tables
-/// behind them, stays if it is likelier and predicts better, or as well with fewer terms. Throws InputError where
-/// effects are asked for by name and the measurements are too few for them.
+/// behind them, stays if it is likelier and predicts better, or as well with fewer terms. Ripple is looked for again
+/// beside all that came after it. Throws InputError where effects are asked for by name and the measurements are too
+/// few for them.
 Choice choose_effects(const ChoiceTask& task);
 
 /// [m] of each left-out point from its prediction, where the choice is made anew without its configuration.

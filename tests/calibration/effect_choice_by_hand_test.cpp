@@ -336,6 +336,37 @@ private:
     return best;
   }
 
+  // Beside all others, where it was not the last.
+  bool finds_ripple_anew(Model& model) {
+    if (!model.has("ripple") || model.names.back() == "ripple") {
+      return false;
+    }
+    Model anew{.terms = {}, .names = {}, .worth = {}, .left = model.left};
+    for (const EffectTerm& term : model.terms) {
+      if (term.group != EffectGroup::ripple) {
+        anew.terms.push_back(term);
+      }
+    }
+    for (const std::string& name : model.names) {
+      if (name != "ripple") {
+        anew.names.push_back(name);
+      }
+    }
+    all_terms = anew.terms;
+    const Terms swings = ripple(worth(anew.terms, anew.names, -kInfinity));
+    if (swings.empty()) {
+      ++decided_.by["no ripple anew"];
+      return false;
+    }
+    anew.terms = both(anew.terms, swings);
+    anew.names.emplace_back("ripple");
+    anew.worth = worth(anew.terms, anew.names, model.worth.sizes.evidence + 2.0);
+    const bool better = anew.worth.rms < model.worth.rms && anew.worth.motion <= 0.02;
+    ++decided_.by[better ? "ripple anew" : "ripple stays"];
+    model = better ? anew : model;
+    return better;
+  }
+
   // Whether tables were taken where others would have helped as well; `others` goes on without them from there.
   bool add_one_after_the_other(Model& model, Model& others) {
     bool passed = false;
@@ -350,7 +381,10 @@ private:
       std::map<std::string, Worth> helpful = all_that_helps(model);
       const std::string best = likeliest(helpful);
       if (best.empty()) {
-        return passed;
+        if (!finds_ripple_anew(model)) {
+          return passed;
+        }
+        continue;
       }
       if (best == "tables" && helpful.size() > 1) {
         passed = true;
@@ -660,6 +694,22 @@ TEST(EffectChoiceByHand, TablesGiveWayToWhatIsLikelierWithoutThem) {
   arm.options.fix = {"tables.1.*", "tables.2.*", "transverse.*"};
   expect_as_by_hand(arm, decided, "effects and tables");
   expect_decided(decided, {"tables stay"});
+}
+
+// Swings are the largest part and are found first: beside gravity and harmonics others are.
+TEST(EffectChoiceByHand, RippleIsLookedForAgainBesideWhatCameAfterIt) {
+  Decided decided;
+  for (const unsigned seed : {2U, 4U}) {
+    Arm arm({.seed = seed,
+             .configurations = 100,
+             .effects = {{EffectGroup::ripple, 2e-3}, {EffectGroup::gravity, 4e-4}, {EffectGroup::harmonics, 4e-4}},
+             .range = 0.5});
+    arm.options.effects.automatic = true;
+    arm.options.fix = {"tables.*", "transverse.*"};
+    const Choice choice = expect_as_by_hand(arm, decided, "seed " + std::to_string(seed));
+    EXPECT_THAT(choice.tried.front().effects, ::testing::UnorderedElementsAre("ripple", "gravity", "harmonics"));
+  }
+  expect_decided(decided, {"ripple anew", "ripple stays"});
 }
 
 TEST(EffectChoiceByHandLongRun, FourEffectsAreFoundBesideTables) {
