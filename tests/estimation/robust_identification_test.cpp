@@ -103,6 +103,25 @@ TEST(RobustIdentification, LeavesAsideWhatIsFarOff) {
   EXPECT_GT(off(Loss::none), 3e-4);
 }
 
+TEST(RobustIdentification, IsTheFitWhereThereIsALossAndElseTheJointOneIs) {
+  const Spoilt spoilt;
+  FitProblem problem{
+      .model = spoilt.arm.model, .measurements = spoilt.measured, .start = spoilt.arm.robot.truth, .free = spoilt.free};
+  problem.options.joint.residuals.noise = spoilt.noise;
+  int fits = 0;
+  problem.options.after_fit = [&] { ++fits; };
+  const Identification joint = identify_jointly(spoilt.arm.model, spoilt.measured, spoilt.arm.robot.truth, spoilt.free,
+                                                problem.options.joint);
+  EXPECT_EQ(fit(problem).estimate.X_WB.matrix(), joint.estimate.X_WB.matrix());
+  for (const Loss loss : {Loss::huber, Loss::tukey}) {
+    problem.options.loss = loss;
+    const Eigen::Matrix4d reweighted = spoilt.fitted(loss).fit.estimate.X_WB.matrix();
+    EXPECT_EQ(fit(problem).estimate.X_WB.matrix(), reweighted);
+    EXPECT_GT((reweighted - joint.estimate.X_WB.matrix()).norm(), 1e-5);
+  }
+  EXPECT_EQ(fits, 3);
+}
+
 TEST(ConvergenceFactor, IsTheGeometricMeanOfTheRatiosBehindTheFirst) {
   EXPECT_NEAR(convergence_factor({50.0, 1.0, 0.2, 0.01}), 0.1, 1e-15);
   EXPECT_NEAR(convergence_factor({50.0, 1.0, 0.2, 0.01, 0.9e-12, 1e-14}), 0.1, 1e-15);
