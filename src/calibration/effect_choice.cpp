@@ -2,25 +2,19 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <cmath>
 #include <functional>
-#include <limits>
 #include <map>
 #include <numbers>
-#include <numeric>
 #include <optional>
 #include <utility>
 
 #include "base/parallel.hpp"
-#include "base/text.hpp"
-#include "calibration/counted_fits.hpp"
 #include "calibration/effect_candidates.hpp"
 #include "calibration/parameter_choice.hpp"
 #include "calibration/ripple_search.hpp"
 #include "calibration/table_certainty.hpp"
 #include "calibration/tried_models.hpp"
 #include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/group_sizes.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/validation.hpp"
@@ -29,39 +23,80 @@ namespace kdl_calibration {
 namespace {
 
 using Eigen::Index;
-using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr std::size_t kMostConfigurations = 2000;
-constexpr std::size_t kMostSingleFolds = 40;
-constexpr int kFolds = 10;
-constexpr double kEvidence = 2.0;        // that an effect must add
-constexpr double kWorthwhile = 0.98;     // of the held-out RMS
-constexpr double kRounding = 1e-9;       // [m] of the numbers in a file
-constexpr double kLeastPrior = 1e-7;     // [m or rad]
-constexpr double kLargestMotion = 0.02;  // [m or rad] what moves a joint by more is no effect but a mistake
-constexpr double kFlatTable = 5e-6;      // [m or rad]
-constexpr double kUnlimited = std::numeric_limits<double>::infinity();
+constexpr double kFlatTable = 5e-6;     // [m or rad]
 constexpr Index kLeastForRipple = 100;  // configurations
 constexpr Index kLeastForTables = 50;   // configurations
-constexpr double kEquations = 1.1;      // for every column
 
-// What a candidate is worth.
-struct Worth {
-  bool determined = false;
-  GroupSizes sizes;
-  Groups groups;
-  MatrixXd information;  // J^T J
-  double noise = 0.0;    // [m] of a coordinate of a mean
-  double motion = 0.0;   // [m or rad] largest of a joint by all effects
-  VectorXd squares;      // [m^2] of each held-out configuration, summed over its points
-  double held_out_rms = std::numeric_limits<double>::infinity();
+// A group that may be added to a model.
+struct Option {
+  std::string name;
+  std::vector<EffectTerm> terms;
 };
 
-std::vector<Index> all_of(Index count) {
-  std::vector<Index> columns(static_cast<std::size_t>(count));
-  std::iota(columns.begin(), columns.end(), Index{0});
-  return columns;
+bool is_tables(const Option& option) { return option.name == to_string(EffectGroup::tables); }
+bool is_ripple(const Option& option) { return option.name == to_string(EffectGroup::ripple); }
+
+void append(std::vector<EffectTerm>& terms, const std::vector<EffectTerm>& more) {
+  terms.insert(terms.end(), more.begin(), more.end());
+}
+
+ModelInQuestion extended(ModelInQuestion model, const Option& option) {
+  append(model.terms, option.terms);
+  model.names.push_back(option.name);
+  return model;
+}
+
+bool has_groups(const ModelInQuestion& model, const std::vector<std::string>& names) {
+  return std::is_permutation(names.begin(), names.end(), model.names.begin(), model.names.end());
+}
+
+// A model, what it is worth, and the groups that may still be added to it.
+struct Route {
+  ModelInQuestion model;
+  Worth worth;
+  std::vector<Option> left;
+};
+
+// One of the groups that may be added, and what the model is worth with it.
+struct Step {
+  std::size_t option = 0;
+  Worth worth;
+};
+
+void take(Step step, Route& route) {
+  route.model = extended(std::move(route.model), route.left[step.option]);
+  route.left.erase(route.left.begin() + static_cast<std::ptrdiff_t>(step.option));
+  route.worth = std::move(step.worth);
+}
+
+// What is left out lies next to what is not: of how far tables reach into gaps the evidence knows more.
+bool is_better_length(const Worth& shorter, const Worth& longer) {
+  const bool as_well = is_likelier(shorter, longer) && certainty_of_gain(shorter, longer) > -1.0;
+  return shorter.determined && (shorter.held_out_rms < longer.held_out_rms || as_well);
+}
+
+// Likelier, and predicts better, or as well within a standard error with fewer terms.
+bool is_preferable(const Route& one, const Route& other) {
+  const bool fewer = one.model.terms.size() < other.model.terms.size();
+  return is_likelier(one.worth, other.worth) && (one.worth.held_out_rms < other.worth.held_out_rms ||
+                                                 (fewer && certainty_of_gain(one.worth, other.worth) > -1.0));
+}
+
+// Nothing is known of it anywhere.
+bool is_withheld_throughout(const EffectTerm& term) {
+  return is_of_table(term) && !term.table.withheld.empty() &&
+         term.table.withheld.front() == std::pair(term.table.lower, term.table.upper);
+}
+
+std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const Worth& worth) {
+  for (EffectTerm& term : terms) {
+    term.sigma = size_of(worth, size_name(term));
+  }
+  std::erase_if(terms, [](const EffectTerm& term) { return !(term.sigma > 0.0) || is_withheld_throughout(term); });
+  return terms;
 }
 
 // The choice at one set of data.
@@ -69,12 +104,12 @@ class Chooser {
 public:
   // Inside another choice nobody is told what is being tried.
   enum class Place { outermost, inside };
-  Chooser(const ChoiceTask& task, Measurements means, int threads, Place place)
-      : task_(task), means_(std::move(means)), threads_(threads), place_(place) {
-    const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
-    folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);
-    points_ = static_cast<double>(means_.observations.size());
-  }
+  Chooser(const ChoiceTask& task, const Measurements& means, int threads, Place place)
+      : task_(task),
+        means_(means),
+        threads_(threads),
+        place_(place),
+        appraisal_(task, means, threads, place == Place::outermost) {}
 
   // `terms`: those of the choice and those whose size is zero, as the columns of `values` behind the rigid ones.
   struct Outcome {
@@ -85,111 +120,104 @@ public:
 
   Outcome choose() const {
     const CalibrationOptions& options = task_.options;
-    const bool asked = !options.effects.automatic;
     Outcome outcome;
     Choice& result = outcome.choice;
     TriedModels tried;
-    bool sized = false;
-    std::vector<EffectTerm>& terms = outcome.terms;
-    std::vector<std::string> names;
-    Worth current = worth_of({}, {}, false, tried);
+    Route route;
+    route.worth = appraisal_.worth_of(route.model, tried);
     if (options.automatic_priors) {
-      Worth with_sizes = worth_of({}, {}, true, tried);
-      sized = with_sizes.held_out_rms < current.held_out_rms;
-      current = sized ? std::move(with_sizes) : std::move(current);
+      const ModelInQuestion sized{.terms = {}, .names = {}, .sized = true};
+      Worth with_sizes = appraisal_.worth_of(sized, tried);
+      if (with_sizes.held_out_rms < route.worth.held_out_rms) {
+        route.model = sized;
+        route.worth = std::move(with_sizes);
+      }
     }
-    result.rigid_priors = priors_of(current, sized);
-    if (asked) {
-      add_asked(sized, terms, names, current, tried);
+    result.rigid_priors = appraisal_.priors_of(route.worth, route.model.sized);
+    if (options.effects.automatic) {
+      add_what_helps(route, tried);
     } else {
-      add_what_helps(sized, terms, names, current, tried);
+      add_asked(route, tried);
     }
-    result.priors = priors_of(current, sized);
-    withhold_tables(sized, terms, current);
-    result.terms = with_sigmas(terms, current);
-    result.noise = current.noise;
-    tried.put_first(names, sized);
+    result.priors = appraisal_.priors_of(route.worth, route.model.sized);
+    withhold_tables(route);
+    result.terms = with_sigmas(route.model.terms, route.worth);
+    result.noise = route.worth.noise;
+    tried.put_first(route.model.names, route.model.sized);
     result.tried = tried.options();
     if (place_ == Place::outermost && options.effects.groups.empty()) {
       result.price = tried.price_of_choosing();
     }
-    outcome.values = current.sizes.values;
+    outcome.terms = std::move(route.model.terms);
+    outcome.values = route.worth.sizes.values;
     return outcome;
   }
 
 private:
-  static void append(std::vector<EffectTerm>& terms, const std::vector<EffectTerm>& more) {
-    terms.insert(terms.end(), more.begin(), more.end());
-  }
+  Index configurations() const { return means_.joint_values.cols(); }
 
   std::vector<EffectTerm> allowed(std::vector<EffectTerm> terms) const {
     std::erase_if(terms, [&](const EffectTerm& term) { return fixes_effect(task_.options, term); });
     return terms;
   }
 
-  std::vector<EffectTerm> terms_of(EffectGroup group) const {
-    return allowed(effect_terms(task_.model, group, means_.joint_values, means_.signals));
+  Option option_of(EffectGroup group) const {
+    return {.name = to_string(group),
+            .terms = allowed(effect_terms(task_.model, group, means_.joint_values, means_.signals))};
   }
 
-  struct Option {
-    std::string name;
-    std::vector<EffectTerm> terms;
-  };
-
   // Tables get the length that predicts best; ripple is looked for in what all others leave.
-  void add_asked(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
-                 TriedModels& tried) const {
+  void add_asked(Route& route, TriedModels& tried) const {
     const std::vector<EffectGroup>& groups = task_.options.effects.groups;
     const auto is_asked = [&](EffectGroup group) {
       return std::find(groups.begin(), groups.end(), group) != groups.end();
     };
     for (const EffectGroup group : groups) {
       if (group != EffectGroup::ripple && group != EffectGroup::tables) {
-        append(terms, terms_of(group));
-        names.emplace_back(to_string(group));
+        route.model = extended(std::move(route.model), option_of(group));
       }
     }
-    Option tables{.name = to_string(EffectGroup::tables), .terms = {}};
+    Option tables;
     if (is_asked(EffectGroup::tables)) {
-      tables.terms = terms_of(EffectGroup::tables);
+      tables = option_of(EffectGroup::tables);
     }
-    const std::vector<EffectTerm> all = joined(terms, tables.terms);
-    if (!all.empty()) {
-      const std::vector<std::string> with_tables = tables.terms.empty() ? names : extended(names, tables.name);
-      current = worth_of(all, with_tables, sized, tried);
-      require_enough(current, all);
-      if (!tables.terms.empty() && current.determined && means_.joint_values.cols() >= kLeastForTables) {
-        shorten(sized, {terms, names}, tables, current, tried);
-      }
-      append(terms, tables.terms);
-      names = with_tables;
+    const ModelInQuestion beside = route.model;
+    if (!tables.terms.empty()) {
+      route.model = extended(std::move(route.model), tables);
+    }
+    if (!route.model.terms.empty()) {
+      route.worth = appraisal_.worth_of(route.model, tried);
+      require_enough(route);
+    }
+    if (!tables.terms.empty() && route.worth.determined && configurations() >= kLeastForTables) {
+      shorten(beside, tables, route.worth, tried);
+      route.model = extended(beside, tables);
     }
     if (!is_asked(EffectGroup::ripple)) {
       return;
     }
-    if (const Option ripple = ripple_of(sized, terms, current); !ripple.terms.empty()) {
-      append(terms, ripple.terms);
-      names.push_back(ripple.name);
-      current = worth_of(terms, names, sized, tried);
-      require_enough(current, terms);
+    if (const Option ripple = ripple_beside(route.model, route.worth); !ripple.terms.empty()) {
+      route.model = extended(std::move(route.model), ripple);
+      route.worth = appraisal_.worth_of(route.model, tried);
+      require_enough(route);
     }
   }
 
-  void require_enough(const Worth& worth, const std::vector<EffectTerm>& terms) const {
-    if (worth.sizes.sizes.empty()) {
+  void require_enough(const Route& route) const {
+    if (route.worth.sizes.sizes.empty()) {
       throw InputError(means_.source + ": too few measurements for the effects asked for, " +
-                       std::to_string(terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
+                       std::to_string(route.model.terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
                        " parameters");
     }
   }
 
   // What joints still swing by beside a model.
-  Option ripple_of(bool sized, const std::vector<EffectTerm>& terms, const Worth& worth) const {
+  Option ripple_beside(const ModelInQuestion& model, const Worth& worth) const {
     Option ripple{.name = to_string(EffectGroup::ripple), .terms = {}};
     if (!worth.determined) {
       return ripple;
     }
-    const Candidate candidate = with_terms(task_.model, task_.free, terms, sized);
+    const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
     const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
     const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
     SizedInformation known = sized_information(worth.information, worth.groups, worth.sizes);
@@ -210,195 +238,36 @@ private:
                                                 {EffectGroup::gain, 20},      {EffectGroup::backlash, 20},
                                                 {EffectGroup::harmonics, 20}, {EffectGroup::tables, kLeastForTables}};
     std::vector<Option> result;
-    for (const auto& [group, configurations] : least) {
-      if (means_.joint_values.cols() >= configurations) {
-        result.push_back({.name = to_string(group), .terms = terms_of(group)});
+    for (const auto& [group, needed] : least) {
+      if (configurations() >= needed) {
+        result.push_back(option_of(group));
       }
     }
     return result;
   }
 
-  // Folds are predicted only where the evidence is at least `wanted`.
-  Worth worth_of(const std::vector<EffectTerm>& terms, const std::vector<std::string>& names, bool sized,
-                 TriedModels& tried, double wanted = -kUnlimited) const {
-    const Candidate candidate = with_terms(task_.model, task_.free, terms, sized);
-    Worth worth;
-    worth.groups = groups_of(candidate, task_.options.priors);
-    const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
-    if (static_cast<double>(rows.J.rows()) < kEquations * static_cast<double>(rows.J.cols())) {
-      return worth;
-    }
-    const Index configurations = static_cast<Index>(rows.first.size()) - 1;
-    const std::vector<Index> columns = all_of(rows.J.cols());
-    LinearSums all = sums_of(rows, all_of(configurations));
-    const double rounding = kRounding / rows.unit;
-    const SizeEstimator whole(all, columns, worth.groups.columns);
-    if (!whole.is_determined()) {
-      return worth;
-    }
-    worth.sizes = whole.estimate({}, worth.groups.limits, rounding);
-    worth.noise = worth.sizes.sigma * rows.unit;
-    worth.motion = motion_of(candidate, worth.sizes.values);
-    if (worth.sizes.evidence >= wanted) {
-      const std::string what = in_words(names, terms, sized);
-      predict_folds(candidate, rows, all, worth,
-                    place_ == Place::outermost ? counted_fits(task_.options, what, folds_.size()) : nullptr);
-    }
-    tried.add({.priors = priors_of(worth, sized),
-               .effects = names,
-               .sized = sized,
-               .held_out_rms = worth.held_out_rms,
-               .evidence = worth.sizes.evidence},
-              worth.squares);
-    worth.information = std::move(all.information);
-    return worth;
-  }
-
-  // Tables are tried in several lengths.
-  static std::string in_words(const std::vector<std::string>& names, const std::vector<EffectTerm>& terms, bool sized) {
-    double length = 0.0;
-    for (const EffectTerm& term : terms) {
-      length = std::max(length, term.table.length);
-    }
-    const long degrees = std::lround(length * 180.0 / std::numbers::pi);
-    return "trying " + (names.empty() ? "geometry alone" : comma_separated(names)) +
-           (degrees > 0 ? " of " + std::to_string(degrees) + " degrees" : "") + (sized ? " with priors" : "");
-  }
-
-  double motion_of(const Candidate& candidate, const VectorXd& values) const {
-    if (candidate.model.effects.empty()) {
-      return 0.0;
-    }
-    const ColumnRange effects = candidate.free.range(UnknownGroup::effects);
-    MatrixXd moved = effective_joint_values(candidate.model, values.segment(effects.first, effects.count),
-                                            means_.joint_values, means_.signals);
-    moved.topRows(means_.joint_values.rows()) -= means_.joint_values;
-    return moved.cwiseAbs().maxCoeff();
-  }
-
-  void predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, Worth& worth,
-                     const std::function<void()>& after_fold) const {
-    const std::vector<Index> columns = all_of(rows.J.cols());
-    const double rounding = kRounding / rows.unit;
-    worth.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
-    std::vector<int> predicted(folds_.size(), 0);
-    parallel_for(folds_.size(), threads_, [&](std::size_t f) {
-      LinearSums without = all;
-      without -= sums_of(rows, folds_[f]);
-      const SizeEstimator rest(without, columns, worth.groups.columns);
-      if (!rest.is_determined()) {
-        return;
-      }
-      const GroupSizes sizes = rest.estimate(worth.sizes.sizes, worth.groups.limits, rounding);
-      const TableCertainty certainty(candidate, without.information, worth.groups, sizes);
-      for (const Index c : folds_[f]) {
-        VectorXd x = sizes.values;
-        certainty.withhold(means_.joint_values.col(c), x);
-        const Index first = rows.first[static_cast<std::size_t>(c)];
-        const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
-        worth.squares[c] = (rows.y.segment(first, count) - rows.J.middleRows(first, count) * x).squaredNorm();
-      }
-      predicted[f] = 1;
-      if (after_fold) {
-        after_fold();
-      }
-    });
-    worth.squares *= rows.unit * rows.unit;
-    worth.determined = std::all_of(predicted.begin(), predicted.end(), [](int p) { return p == 1; });
-    if (worth.determined) {
-      worth.held_out_rms = std::sqrt(worth.squares.sum() / points_);
-    }
-  }
-
-  // Mean gain of a configuration's squares, over its standard error.
-  static double certainty_of_gain(const Worth& with, const Worth& without) {
-    const VectorXd gain = without.squares - with.squares;
-    const auto n = static_cast<double>(gain.size());
-    const double mean = gain.mean();
-    return mean / std::sqrt((gain.array() - mean).square().sum() / (n * (n - 1.0)));
-  }
-
-  static bool helps(const Worth& with, const Worth& without) {
-    return with.determined && with.motion <= kLargestMotion &&
-           with.held_out_rms <= kWorthwhile * without.held_out_rms && certainty_of_gain(with, without) > 1.0;
-  }
-
-  // What is left out lies next to what is not: of how far tables reach into gaps the evidence knows more.
-  static bool is_better_length(const Worth& shorter, const Worth& longer) {
-    if (!shorter.determined) {
-      return false;
-    }
-    const bool likelier = shorter.sizes.evidence >= longer.sizes.evidence + kEvidence;
-    return shorter.held_out_rms < longer.held_out_rms || (likelier && certainty_of_gain(shorter, longer) > -1.0);
-  }
-
-  // A model and the groups that may still be added to it.
-  struct Route {
-    std::vector<EffectTerm> terms;
-    std::vector<std::string> names;
-    Worth worth;
-    std::vector<Option> left;
-  };
-
-  // One of the groups that may be added, and what the model is worth with it.
-  struct Step {
-    std::size_t option = 0;
-    Worth worth;
-  };
-
-  static bool is_tables(const Option& option) { return option.name == to_string(EffectGroup::tables); }
-  static bool is_ripple(const Option& option) { return option.name == to_string(EffectGroup::ripple); }
-
-  static void take(Step step, Route& route) {
-    Option& option = route.left[step.option];
-    append(route.terms, option.terms);
-    route.names.push_back(option.name);
-    route.left.erase(route.left.begin() + static_cast<std::ptrdiff_t>(step.option));
-    route.worth = std::move(step.worth);
-  }
-
-  void look_for_ripple(bool sized, Route& route) const {
-    std::erase_if(route.left, is_ripple);
-    const bool known =
-        std::find(route.names.begin(), route.names.end(), to_string(EffectGroup::ripple)) != route.names.end();
-    if (known || means_.joint_values.cols() < kLeastForRipple) {
+  // Tables can be nearly what every other effect is. Where they came before others that help as well, those are taken
+  // first, too, and tables behind them.
+  void add_what_helps(Route& route, TriedModels& tried) const {
+    route.left = options();
+    std::optional<Route> other = follow(route, tried);
+    if (!other) {
       return;
     }
-    if (Option ripple = ripple_of(sized, route.terms, route.worth); !ripple.terms.empty()) {
-      route.left.push_back(std::move(ripple));
+    follow(*other, tried);
+    if (takes_the_place(*other, route, tried)) {
+      route = std::move(*other);
     }
-  }
-
-  // The likeliest of those options that help.
-  template <class Filter>
-  std::optional<Step> likeliest(bool sized, Route& route, TriedModels& tried, Filter is_asked) const {
-    std::optional<Step> best;
-    for (std::size_t i = 0; i < route.left.size(); ++i) {
-      Option& option = route.left[i];
-      if (!is_asked(option)) {
-        continue;
-      }
-      const double wanted = route.worth.sizes.evidence + kEvidence;
-      Worth with =
-          worth_of(joined(route.terms, option.terms), extended(route.names, option.name), sized, tried, wanted);
-      if (is_tables(option) && with.determined) {
-        shorten(sized, {route.terms, route.names}, option, with, tried);
-      }
-      if (helps(with, route.worth) && (!best || with.sizes.evidence > best->worth.sizes.evidence)) {
-        best = Step{.option = i, .worth = std::move(with)};
-      }
-    }
-    return best;
   }
 
   // The likeliest of what helps, again and again. Where it is tables while others help as well, the model goes on from
   // the likeliest of these, without tables, is returned too.
-  std::optional<Route> follow(bool sized, Route& route, TriedModels& tried) const {
+  std::optional<Route> follow(Route& route, TriedModels& tried) const {
     std::optional<Route> without_tables;
     while (route.worth.determined) {
-      look_for_ripple(sized, route);
-      std::optional<Step> other = likeliest(sized, route, tried, std::not_fn(is_tables));
-      std::optional<Step> tables = likeliest(sized, route, tried, is_tables);
+      look_for_ripple(route);
+      std::optional<Step> other = likeliest(route, tried, std::not_fn(is_tables));
+      std::optional<Step> tables = likeliest(route, tried, is_tables);
       const bool tables_first = tables && (!other || tables->worth.sizes.evidence > other->worth.sizes.evidence);
       if (tables_first && other) {
         without_tables = route;
@@ -408,81 +277,48 @@ private:
       std::optional<Step>& best = tables_first ? tables : other;
       if (best) {
         take(std::move(*best), route);
-      } else if (!renew_ripple(sized, route, tried)) {
+      } else if (!renew_ripple(route, tried)) {
         break;
       }
     }
     return without_tables;
   }
 
-  // Ripple that was found beside less than what is known now is looked for again. Whether that is likelier and predicts
-  // better; it is the last group then.
-  bool renew_ripple(bool sized, Route& route, TriedModels& tried) const {
-    const auto is_one = [](const EffectTerm& term) { return term.group == EffectGroup::ripple; };
-    Route renewed{.terms = route.terms, .names = route.names, .worth = {}, .left = {}};
-    if (std::erase(renewed.names, to_string(EffectGroup::ripple)) == 0 || is_one(route.terms.back())) {
-      return false;
+  void look_for_ripple(Route& route) const {
+    std::erase_if(route.left, is_ripple);
+    const std::vector<std::string>& names = route.model.names;
+    const bool known = std::find(names.begin(), names.end(), to_string(EffectGroup::ripple)) != names.end();
+    if (known || configurations() < kLeastForRipple) {
+      return;
     }
-    std::erase_if(renewed.terms, is_one);
-    Option ripple = ripple_of(sized, renewed.terms, worth_of(renewed.terms, renewed.names, sized, tried));
-    if (ripple.terms.empty()) {
-      return false;
+    if (Option ripple = ripple_beside(route.model, route.worth); !ripple.terms.empty()) {
+      route.left.push_back(std::move(ripple));
     }
-    append(renewed.terms, ripple.terms);
-    renewed.names.push_back(ripple.name);
-    renewed.worth = worth_of(renewed.terms, renewed.names, sized, tried, route.worth.sizes.evidence + kEvidence);
-    if (!(renewed.worth.held_out_rms < route.worth.held_out_rms) || renewed.worth.motion > kLargestMotion) {
-      return false;
-    }
-    renewed.left = std::move(route.left);
-    route = std::move(renewed);
-    return true;
   }
 
-  // Likelier, and predicts better, or as well within a standard error with fewer terms.
-  static bool is_preferable(const Route& one, const Route& other) {
-    const bool likelier = one.worth.sizes.evidence >= other.worth.sizes.evidence + kEvidence;
-    const bool as_well = one.terms.size() < other.terms.size() && certainty_of_gain(one.worth, other.worth) > -1.0;
-    return likelier && (as_well || one.worth.held_out_rms < other.worth.held_out_rms);
-  }
-
-  // Tables can be nearly what every other effect is. Where they came before others that help as well, those are taken
-  // first, too, and tables behind them.
-  void add_what_helps(bool sized, std::vector<EffectTerm>& terms, std::vector<std::string>& names, Worth& current,
-                      TriedModels& tried) const {
-    Route route{.terms = std::move(terms), .names = std::move(names), .worth = std::move(current), .left = options()};
-    if (std::optional<Route> other = follow(sized, route, tried)) {
-      follow(sized, *other, tried);
-      if (takes_the_place(sized, *other, route, tried)) {
-        route = std::move(*other);
+  // The likeliest of those options that help.
+  template <class Filter>
+  std::optional<Step> likeliest(Route& route, TriedModels& tried, Filter is_asked) const {
+    std::optional<Step> best;
+    for (std::size_t i = 0; i < route.left.size(); ++i) {
+      Option& option = route.left[i];
+      if (!is_asked(option)) {
+        continue;
+      }
+      const double wanted = route.worth.sizes.evidence + kEvidence;
+      Worth with = appraisal_.worth_of(extended(route.model, option), tried, wanted);
+      if (is_tables(option) && with.determined) {
+        shorten(route.model, option, with, tried);
+      }
+      if (helps(with, route.worth) && (!best || with.sizes.evidence > best->worth.sizes.evidence)) {
+        best = Step{.option = i, .worth = std::move(with)};
       }
     }
-    terms = std::move(route.terms);
-    names = std::move(route.names);
-    current = std::move(route.worth);
+    return best;
   }
-
-  // Whether the other model, with tables where they help, is the better one.
-  bool takes_the_place(bool sized, Route& other, const Route& route, TriedModels& tried) const {
-    const std::vector<std::string> with_tables = extended(other.names, to_string(EffectGroup::tables));
-    if (std::is_permutation(with_tables.begin(), with_tables.end(), route.names.begin(), route.names.end())) {
-      return !(helps(route.worth, other.worth) && route.worth.sizes.evidence >= other.worth.sizes.evidence + kEvidence);
-    }
-    other.left = {{.name = with_tables.back(), .terms = terms_of(EffectGroup::tables)}};
-    if (std::optional<Step> tables = likeliest(sized, other, tried, is_tables)) {
-      take(std::move(*tables), other);
-    }
-    return is_preferable(other, route);
-  }
-
-  // What the model has beside an option.
-  struct Beside {
-    const std::vector<EffectTerm>& terms;
-    const std::vector<std::string>& names;
-  };
 
   // Tables that forget themselves sooner, as long as they predict better, or as well and are likelier.
-  void shorten(bool sized, const Beside& beside, Option& tables, Worth& best, TriedModels& tried) const {
+  void shorten(const ModelInQuestion& beside, Option& tables, Worth& best, TriedModels& tried) const {
     for (const double degrees : {10.0, 4.0}) {
       const double length = degrees * std::numbers::pi / 180.0;
       Option shorter{.name = tables.name, .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
@@ -492,7 +328,7 @@ private:
       if (shorter.terms.empty()) {
         return;
       }
-      Worth with = worth_of(joined(beside.terms, shorter.terms), extended(beside.names, shorter.name), sized, tried);
+      Worth with = appraisal_.worth_of(extended(beside, shorter), tried);
       if (!is_better_length(with, best)) {
         return;
       }
@@ -501,37 +337,50 @@ private:
     }
   }
 
-  static std::vector<EffectTerm> joined(std::vector<EffectTerm> terms, const std::vector<EffectTerm>& more) {
-    append(terms, more);
-    return terms;
-  }
-
-  static std::vector<std::string> extended(std::vector<std::string> names, const std::string& name) {
-    names.push_back(name);
-    return names;
-  }
-
-  static double size_of(const Worth& worth, const std::string& name) {
-    const auto found = std::find(worth.groups.names.begin(), worth.groups.names.end(), name);
-    const auto number = static_cast<std::size_t>(found - worth.groups.names.begin());
-    return number < worth.sizes.sizes.size() ? worth.sizes.sizes[number] : 0.0;
-  }
-
-  Priors priors_of(const Worth& worth, bool sized) const {
-    if (!sized || worth.sizes.sizes.empty()) {
-      return task_.options.priors;
+  // Ripple that was found beside less than what is known now is looked for again. Whether that is likelier and predicts
+  // better; it is the last group then.
+  bool renew_ripple(Route& route, TriedModels& tried) const {
+    const auto is_one = [](const EffectTerm& term) { return term.group == EffectGroup::ripple; };
+    ModelInQuestion model = route.model;
+    if (std::erase(model.names, to_string(EffectGroup::ripple)) == 0 || is_one(model.terms.back())) {
+      return false;
     }
-    return {.length = std::max(size_of(worth, "length"), kLeastPrior),
-            .angle = std::max(size_of(worth, "angle"), kLeastPrior)};
+    std::erase_if(model.terms, is_one);
+    const Option ripple = ripple_beside(model, appraisal_.worth_of(model, tried));
+    if (ripple.terms.empty()) {
+      return false;
+    }
+    model = extended(std::move(model), ripple);
+    Worth renewed = appraisal_.worth_of(model, tried, route.worth.sizes.evidence + kEvidence);
+    if (!(renewed.held_out_rms < route.worth.held_out_rms) || renewed.motion > kLargestMotion) {
+      return false;
+    }
+    route.model = std::move(model);
+    route.worth = std::move(renewed);
+    return true;
+  }
+
+  // Whether the other model, with tables where they help, is the better one.
+  bool takes_the_place(Route& other, const Route& route, TriedModels& tried) const {
+    const Option tables = option_of(EffectGroup::tables);
+    if (has_groups(route.model, extended(other.model, tables).names)) {
+      return !helps(route.worth, other.worth) || !is_likelier(route.worth, other.worth);
+    }
+    other.left = {tables};
+    if (std::optional<Step> step = likeliest(other, tried, is_tables)) {
+      take(std::move(*step), other);
+    }
+    return is_preferable(other, route);
   }
 
   // Where the measurements tell too little of them.
-  void withhold_tables(bool sized, std::vector<EffectTerm>& terms, const Worth& worth) const {
-    const Candidate candidate = with_terms(task_.model, task_.free, terms, sized);
-    if (worth.sizes.sizes.empty() || std::none_of(terms.begin(), terms.end(), is_of_table)) {
+  void withhold_tables(Route& route) const {
+    std::vector<EffectTerm>& terms = route.model.terms;
+    if (route.worth.sizes.sizes.empty() || std::none_of(terms.begin(), terms.end(), is_of_table)) {
       return;
     }
-    const TableCertainty certainty(candidate, worth.information, worth.groups, worth.sizes);
+    const Candidate candidate = with_terms(task_.model, task_.free, terms, route.model.sized);
+    const TableCertainty certainty(candidate, route.worth.information, route.worth.groups, route.worth.sizes);
     std::map<int, std::vector<std::pair<double, double>>> gaps;
     for (EffectTerm& term : terms) {
       if (!is_of_table(term)) {
@@ -545,26 +394,11 @@ private:
     }
   }
 
-  // Nothing is known of it anywhere.
-  static bool is_withheld_throughout(const EffectTerm& term) {
-    return is_of_table(term) && !term.table.withheld.empty() &&
-           term.table.withheld.front() == std::pair(term.table.lower, term.table.upper);
-  }
-
-  static std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const Worth& worth) {
-    for (EffectTerm& term : terms) {
-      term.sigma = size_of(worth, size_name(term));
-    }
-    std::erase_if(terms, [](const EffectTerm& term) { return !(term.sigma > 0.0) || is_withheld_throughout(term); });
-    return terms;
-  }
-
   const ChoiceTask& task_;
-  Measurements means_;
+  const Measurements& means_;
   int threads_;
   Place place_;
-  std::vector<std::vector<Index>> folds_;
-  double points_ = 0.0;
+  Appraisal appraisal_;
 };
 
 Measurements means_of(const ChoiceTask& task) {
@@ -578,7 +412,8 @@ bool choice_is_open(const CalibrationOptions& options) {
 }
 
 Choice choose_effects(const ChoiceTask& task) {
-  return Chooser(task, means_of(task), task.options.threads, Chooser::Place::outermost).choose().choice;
+  const Measurements means = means_of(task);
+  return Chooser(task, means, task.options.threads, Chooser::Place::outermost).choose().choice;
 }
 
 std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold) {

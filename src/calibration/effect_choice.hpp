@@ -6,21 +6,11 @@
 #include <string>
 #include <vector>
 
+#include "calibration/model_worth.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
-
-/// What a choice of priors and effects is made from. Keeps references.
-struct ChoiceTask {
-  const ErrorModel& model;  ///< rigid
-  const Measurements& measurements;
-  const Estimate& optimum;  ///< of the rigid model: everything is linearised there
-  const Unknowns& free;     ///< of the rigid model
-  const CalibrationOptions& options;
-  double orientation_length = 0.3;  ///< ResidualOptions::orientation_length
-};
 
 struct Choice {
   std::vector<EffectTerm> terms;  ///< with their sigmas

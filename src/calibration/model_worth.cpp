@@ -1,0 +1,165 @@
+#include "calibration/model_worth.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+#include <utility>
+
+#include "base/parallel.hpp"
+#include "base/text.hpp"
+#include "calibration/counted_fits.hpp"
+#include "calibration/table_certainty.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/validation.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr std::size_t kMostSingleFolds = 40;
+constexpr int kFolds = 10;
+constexpr double kWorthwhile = 0.98;  // of the held-out RMS
+constexpr double kRounding = 1e-9;    // [m] of the numbers in a file
+constexpr double kLeastPrior = 1e-7;  // [m or rad]
+constexpr double kEquations = 1.1;    // for every column
+
+std::vector<Index> all_of(Index count) {
+  std::vector<Index> columns(static_cast<std::size_t>(count));
+  std::iota(columns.begin(), columns.end(), Index{0});
+  return columns;
+}
+
+// Tables are tried in several lengths.
+std::string in_words(const ModelInQuestion& model) {
+  double length = 0.0;
+  for (const EffectTerm& term : model.terms) {
+    length = std::max(length, term.table.length);
+  }
+  const long degrees = std::lround(length * 180.0 / std::numbers::pi);
+  return "trying " + (model.names.empty() ? "geometry alone" : comma_separated(model.names)) +
+         (degrees > 0 ? " of " + std::to_string(degrees) + " degrees" : "") + (model.sized ? " with priors" : "");
+}
+
+}  // namespace
+
+double size_of(const Worth& worth, const std::string& name) {
+  const auto found = std::find(worth.groups.names.begin(), worth.groups.names.end(), name);
+  const auto number = static_cast<std::size_t>(found - worth.groups.names.begin());
+  return number < worth.sizes.sizes.size() ? worth.sizes.sizes[number] : 0.0;
+}
+
+bool is_likelier(const Worth& one, const Worth& other) {
+  return one.sizes.evidence >= other.sizes.evidence + kEvidence;
+}
+
+double certainty_of_gain(const Worth& with, const Worth& without) {
+  const VectorXd gain = without.squares - with.squares;
+  const auto n = static_cast<double>(gain.size());
+  const double mean = gain.mean();
+  return mean / std::sqrt((gain.array() - mean).square().sum() / (n * (n - 1.0)));
+}
+
+bool helps(const Worth& with, const Worth& without) {
+  return with.determined && with.motion <= kLargestMotion && with.held_out_rms <= kWorthwhile * without.held_out_rms &&
+         certainty_of_gain(with, without) > 1.0;
+}
+
+Appraisal::Appraisal(const ChoiceTask& task, const Measurements& means, int threads, bool is_told)
+    : task_(task), means_(means), threads_(threads), is_told_(is_told) {
+  const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
+  folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);
+  points_ = static_cast<double>(means_.observations.size());
+}
+
+Worth Appraisal::worth_of(const ModelInQuestion& model, TriedModels& tried, double wanted) const {
+  const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
+  Worth worth;
+  worth.groups = groups_of(candidate, task_.options.priors);
+  const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
+  if (static_cast<double>(rows.J.rows()) < kEquations * static_cast<double>(rows.J.cols())) {
+    return worth;
+  }
+  const Index configurations = static_cast<Index>(rows.first.size()) - 1;
+  const std::vector<Index> columns = all_of(rows.J.cols());
+  LinearSums all = sums_of(rows, all_of(configurations));
+  const double rounding = kRounding / rows.unit;
+  const SizeEstimator whole(all, columns, worth.groups.columns);
+  if (!whole.is_determined()) {
+    return worth;
+  }
+  worth.sizes = whole.estimate({}, worth.groups.limits, rounding);
+  worth.noise = worth.sizes.sigma * rows.unit;
+  worth.motion = motion_of(candidate, worth.sizes.values);
+  if (worth.sizes.evidence >= wanted) {
+    predict_folds(candidate, rows, all, worth,
+                  is_told_ ? counted_fits(task_.options, in_words(model), folds_.size()) : nullptr);
+  }
+  tried.add({.priors = priors_of(worth, model.sized),
+             .effects = model.names,
+             .sized = model.sized,
+             .held_out_rms = worth.held_out_rms,
+             .evidence = worth.sizes.evidence},
+            worth.squares);
+  worth.information = std::move(all.information);
+  return worth;
+}
+
+Priors Appraisal::priors_of(const Worth& worth, bool sized) const {
+  if (!sized || worth.sizes.sizes.empty()) {
+    return task_.options.priors;
+  }
+  return {.length = std::max(size_of(worth, "length"), kLeastPrior),
+          .angle = std::max(size_of(worth, "angle"), kLeastPrior)};
+}
+
+double Appraisal::motion_of(const Candidate& candidate, const VectorXd& values) const {
+  if (candidate.model.effects.empty()) {
+    return 0.0;
+  }
+  const ColumnRange effects = candidate.free.range(UnknownGroup::effects);
+  MatrixXd moved = effective_joint_values(candidate.model, values.segment(effects.first, effects.count),
+                                          means_.joint_values, means_.signals);
+  moved.topRows(means_.joint_values.rows()) -= means_.joint_values;
+  return moved.cwiseAbs().maxCoeff();
+}
+
+void Appraisal::predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, Worth& worth,
+                              const std::function<void()>& after_fold) const {
+  const std::vector<Index> columns = all_of(rows.J.cols());
+  const double rounding = kRounding / rows.unit;
+  worth.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
+  std::vector<int> predicted(folds_.size(), 0);
+  parallel_for(folds_.size(), threads_, [&](std::size_t f) {
+    LinearSums without = all;
+    without -= sums_of(rows, folds_[f]);
+    const SizeEstimator rest(without, columns, worth.groups.columns);
+    if (!rest.is_determined()) {
+      return;
+    }
+    const GroupSizes sizes = rest.estimate(worth.sizes.sizes, worth.groups.limits, rounding);
+    const TableCertainty certainty(candidate, without.information, worth.groups, sizes);
+    for (const Index c : folds_[f]) {
+      VectorXd x = sizes.values;
+      certainty.withhold(means_.joint_values.col(c), x);
+      const Index first = rows.first[static_cast<std::size_t>(c)];
+      const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
+      worth.squares[c] = (rows.y.segment(first, count) - rows.J.middleRows(first, count) * x).squaredNorm();
+    }
+    predicted[f] = 1;
+    if (after_fold) {
+      after_fold();
+    }
+  });
+  worth.squares *= rows.unit * rows.unit;
+  worth.determined = std::all_of(predicted.begin(), predicted.end(), [](int p) { return p == 1; });
+  if (worth.determined) {
+    worth.held_out_rms = std::sqrt(worth.squares.sum() / points_);
+  }
+}
+
+}  // namespace kdl_calibration
