@@ -287,5 +287,23 @@ TEST(Experiment, RefusesNoTargetsAndNoNoise) {
   EXPECT_EQ(nominal_experiment(model, two_targets(), {.configuration_sigma = 0.0}).targets.size(), 2U);
 }
 
+TEST(Experiment, RefusesWhatDoesNotHoldTogetherWhereverItIsUsed) {
+  const Experiment good = nominal_experiment(complete_model(testing::fanuc()), two_targets());
+  const Eigen::MatrixXd q = Eigen::MatrixXd::Constant(6, 4, 0.3);
+  EXPECT_NO_THROW(information(good, q));
+  Experiment priors = good;
+  priors.priors.angle = -1e-3;
+  EXPECT_THROW(information(priors, q), InputError);
+  Experiment noise = good;
+  noise.noise.sigma = std::nan("");
+  EXPECT_THROW(information(noise, q), InputError);
+  Experiment errors = good;
+  errors.errors.conservativeResize(3);
+  EXPECT_THROW(information(errors, q), InputError);
+  Experiment model = good;
+  model.model.parameters.front().frame = 8;
+  EXPECT_THROW(information(model, q), InputError);
+}
+
 }  // namespace
 }  // namespace kdl_calibration
