@@ -9,10 +9,10 @@ short versions) and prints the coverage of src/.
 Branches that only an exception takes, and those that the compiler makes in unreachable places, are not counted.
   --data DIR  real measurements" "${others[@]}"
 install_missing "${build_packages[@]}" "${test_packages[@]}" gcovr
-configure_and_build coverage -D KDL_CALIBRATION_SHARED_DATA_DIR="$data"
-find "$root/build/coverage" -name '*.gcda' -delete
 # With a full disk the counters cannot be written either, and say so.
-(cd "$root/build/coverage" && ctest --output-on-failure -j 2 -LE 'long|campaign' --exclude-regex OnAFullDisk)
+configure_and_build coverage -D KDL_CALIBRATION_SHARED_DATA_DIR="$data" -D KDL_CALIBRATION_TESTS_LEFT_OUT='*OnAFullDisk*'
+find "$root/build/coverage" -name '*.gcda' -delete
+run_tests coverage
 
 build=$root/build/coverage
 gcovr --root "$root" --filter "$root/src/" --exclude-throw-branches --exclude-unreachable-branches \
