@@ -69,8 +69,9 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
                             HeldOutErrors& errors) {
   const FitTask& task = compared.task;
   const Estimate& estimate = compared.fit.identification.estimate;
-  const auto left_out = [&](const Unknowns& free, const Estimate& start, const FitOptions& options) {
-    return cross_validate({.model = task.model,
+  const auto left_out = [&](const ErrorModel& model, const Unknowns& free, const Estimate& start,
+                            const FitOptions& options) {
+    return cross_validate({.model = model,
                            .measurements = task.measurements,
                            .start = start,
                            .free = free,
@@ -95,7 +96,7 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
              .refits = static_cast<int>(folds.size()),
              .not_converged = errors.prediction.not_converged};
   } else {
-    after = left_out(compared.fit.free, estimate, task.fit_options);
+    after = left_out(task.model, compared.fit.free, estimate, task.fit_options);
   }
   if (after.not_converged > 0) {
     errors.warnings.push_back(std::to_string(after.not_converged) + " of " + std::to_string(after.refits) + " " + name +
@@ -105,10 +106,12 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
   result.before = error_statistics(nominal_folds(compared, folds, nominal));
   result.after = error_statistics(after.distances);
   if (has_effects(compared)) {
+    ErrorModel model = task.model;
+    model.effects.clear();
     Estimate rigid = estimate;  // what is not free stays where it is
-    rigid.effects.setZero();
+    rigid.effects.resize(0);
     const Unknowns free = compared.fit.free.without(UnknownGroup::effects);
-    result.rigid = error_statistics(left_out(free, rigid, compared.rigid_options).distances);
+    result.rigid = error_statistics(left_out(model, free, rigid, compared.rigid_options).distances);
   }
   return result;
 }
