@@ -647,6 +647,34 @@ TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {
 
 const CalibrationOptions kFitAlone{.weights = Weights::equal, .held_out = false, .try_readings = false};
 
+// The points of the other configurations alone, all as exact as the residuals say.
+TEST(Calibration, HeldOutPointsAreAsUncertainAsTheOthersLeaveThem) {
+  const Simulated s(8, 4e-5);
+  CalibrationOptions options = kFitAlone;
+  options.held_out = true;
+  const Calibration found = calibrate(s.model, testing::without_sigmas(s.measured), options);
+  ASSERT_EQ(found.held_out_points.size(), s.measured.observations.size());
+  const PositionPredictor predictor(s.model, found.identification.estimate, found.free);
+  std::vector<std::vector<Matrix3Xd>> jacobians;
+  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(found.free.size(), found.free.size());
+  for (Eigen::Index c = 0; c < s.measured.joint_values.cols(); ++c) {
+    jacobians.push_back(predictor.jacobians(s.measured, c));
+    for (const Matrix3Xd& J : jacobians.back()) {
+      information += J.transpose() * J;
+    }
+  }
+  for (const HeldOutPoint& point : found.held_out_points) {
+    const std::vector<Matrix3Xd>& own = jacobians[static_cast<std::size_t>(point.configuration)];
+    Eigen::MatrixXd rest = information;
+    for (const Matrix3Xd& J : own) {
+      rest -= J.transpose() * J;
+    }
+    const Matrix3Xd& J = own[static_cast<std::size_t>(point.target)];
+    const Eigen::Matrix3d expected = std::pow(found.noise.sigma, 2) * J * rest.ldlt().solve(J.transpose());
+    EXPECT_LT((point.covariance - expected).norm(), 0.05 * expected.norm()) << point.configuration;
+  }
+}
+
 TEST(Calibration, JudgesByTheLinearisedProblemAtItsEnd) {
   VirtualExperiment experiment({.random = Random(16)});
   Measurements measured = testing::without_sigmas(experiment.measure(24, {.sigma = 3e-5, .repeats = 2}));
