@@ -74,8 +74,8 @@ void take(Step step, Route& route) {
 
 // What is left out lies next to what is not: of how far tables reach into gaps the evidence knows more.
 bool is_better_length(const Worth& shorter, const Worth& longer) {
-  const bool as_well = is_likelier(shorter, longer) && certainty_of_gain(shorter, longer) > -1.0;
-  return shorter.determined && (shorter.held_out_rms < longer.held_out_rms || as_well);
+  return shorter.determined && (shorter.held_out_rms < longer.held_out_rms ||
+                                (is_likelier(shorter, longer) && certainty_of_gain(shorter, longer) > -1.0));
 }
 
 // Likelier, and predicts better, or as well within a standard error with fewer terms.
@@ -266,15 +266,16 @@ private:
     std::optional<Route> without_tables;
     while (route.worth.determined) {
       look_for_ripple(route);
-      std::optional<Step> other = likeliest(route, tried, std::not_fn(is_tables));
-      std::optional<Step> tables = likeliest(route, tried, is_tables);
-      const bool tables_first = tables && (!other || tables->worth.sizes.evidence > other->worth.sizes.evidence);
-      if (tables_first && other) {
+      const double wanted = route.worth.sizes.evidence + kEvidence;
+      std::optional<Step> other = likeliest(route, tried, std::not_fn(is_tables), wanted);
+      const double of_tables = other ? std::max(wanted, other->worth.sizes.evidence) : wanted;
+      std::optional<Step> tables = likeliest(route, tried, is_tables, of_tables);
+      if (tables && other) {
         without_tables = route;
         take(std::move(*other), *without_tables);
         std::erase_if(without_tables->left, is_tables);
       }
-      std::optional<Step>& best = tables_first ? tables : other;
+      std::optional<Step>& best = tables ? tables : other;
       if (best) {
         take(std::move(*best), route);
       } else if (!renew_ripple(route, tried)) {
@@ -296,16 +297,15 @@ private:
     }
   }
 
-  // The likeliest of those options that help.
+  // The likeliest of those options that help and have at least this evidence, tables of the longest length.
   template <class Filter>
-  std::optional<Step> likeliest(Route& route, TriedModels& tried, Filter is_asked) const {
+  std::optional<Step> likeliest(Route& route, TriedModels& tried, Filter is_asked, double wanted) const {
     std::optional<Step> best;
     for (std::size_t i = 0; i < route.left.size(); ++i) {
       Option& option = route.left[i];
       if (!is_asked(option)) {
         continue;
       }
-      const double wanted = route.worth.sizes.evidence + kEvidence;
       Worth with = appraisal_.worth_of(extended(route.model, option), tried, wanted);
       if (is_tables(option) && with.determined) {
         shorten(route.model, option, with, tried);
@@ -367,7 +367,8 @@ private:
       return !helps(route.worth, other.worth) || !is_likelier(route.worth, other.worth);
     }
     other.left = {tables};
-    if (std::optional<Step> step = likeliest(other, tried, is_tables)) {
+    const double wanted = other.worth.sizes.evidence + kEvidence;
+    if (std::optional<Step> step = likeliest(other, tried, is_tables, wanted)) {
       take(std::move(*step), other);
     }
     return is_preferable(other, route);

@@ -44,7 +44,7 @@ double size_of(const Worth& worth, const std::string& name);
 constexpr double kEvidence = 2.0;
 bool is_likelier(const Worth& one, const Worth& other);
 
-/// Mean gain of a configuration's squares by the first over the other, in standard errors of it.
+/// Mean gain of a configuration's squares by the first over the other, in standard errors of it. Both are determined.
 double certainty_of_gain(const Worth& with, const Worth& without);
 
 /// [m or rad] What moves a joint by more is no effect but a mistake.
