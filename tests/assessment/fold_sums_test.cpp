@@ -108,6 +108,19 @@ TEST(FoldSums, StepUntilPointsMoveByLessThanAThousandthOfTheNoise) {
   expect_steps(p.problem, 0.95 * least / 1e-3, 2, true);
 }
 
+// Beside noise of a millimetre they are what decides.
+TEST(FoldSums, HavePriorsOnce) {
+  Problem p(1e-3);
+  p.problem.options.joint.residuals.noise.independent.setConstant(1e-3);
+  const std::vector<double> without = Stepped(p.problem, kFolds[0], 1).distances;
+  p.problem.options.joint.residuals.priors = {.length = 1e-4, .angle = 2e-4};
+  const std::vector<double> with = Stepped(p.problem, kFolds[0], 1).distances;
+  EXPECT_GT(std::abs(with[0] - without[0]), 1e-5);
+  expect_steps(p.problem, 1e3, 1, true);
+  p.problem.start.errors.setConstant(1e-4);
+  expect_steps(p.problem, 1e3, 1, true);
+}
+
 TEST(FoldSums, StepAtMostTenTimes) {
   const Problem p(0.3);  // so wrong that every step is a tenth of the one before, or more
   const Stepped steps(p.problem, kFolds[0], 11);
