@@ -53,6 +53,23 @@ TEST(Registration, FindsBaseAndTargetsExactlyWhereverTheyAre) {
   }
 }
 
+// A tracker's frame may be that of a plant: coordinates of ten kilometres have a rounding of two picometres.
+TEST(Registration, LosesNothingFarFromTheOrigin) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(2);
+  for (int trial = 0; trial < 20; ++trial) {
+    VirtualRobot robot = exact_robot(model, 3, random);
+    robot.truth.X_WB.translation() += Eigen::Vector3d(8e3, -6e3, 40.0);
+    const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 12, random);
+    const Measurements measured = measure(robot, q, {}, random);
+    const Registration found = register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measured);
+    EXPECT_LT((found.X_WB.linear() - robot.truth.X_WB.linear()).cwiseAbs().maxCoeff(), 1e-10) << trial;
+    for (std::size_t k = 0; k < found.targets.size(); ++k) {
+      EXPECT_LT((found.targets[k].X_FT.translation() - robot.truth.targets[k].X_FT.translation()).norm(), 1e-10);
+    }
+  }
+}
+
 TEST(Registration, StaysInTheRightBasinWithErrorsOfThePublishedSize) {
   const ErrorModel model = complete_model(fanuc());
   std::vector<std::size_t> all(model.parameters.size());
