@@ -305,5 +305,16 @@ TEST(Experiment, RefusesWhatDoesNotHoldTogetherWhereverItIsUsed) {
   EXPECT_THROW(information(model, q), InputError);
 }
 
+TEST(Experiment, RefusesMeasurementsOfOtherTargets) {
+  const Experiment experiment = nominal_experiment(complete_model(testing::fanuc()), two_targets());
+  std::vector<TargetFrame> other = two_targets();
+  other[1].name = "Z";
+  Random random(1);
+  const VirtualRobot robot = virtual_robot(experiment.model, {}, other, {}, random);
+  const Measurements measured = measure(robot, Eigen::MatrixXd::Constant(6, 3, 0.2), {}, random);
+  EXPECT_THAT([&] { information(experiment, measured); },
+              ::testing::ThrowsMessage<InputError>(::testing::HasSubstr("target 'Z' is none of those")));
+}
+
 }  // namespace
 }  // namespace kdl_calibration

@@ -372,6 +372,13 @@ TEST(Planner, RefusesWhatItCannotDo) {
   EXPECT_THAT(refusal([&] { make_plan(request); }), HasSubstr("a calibration does not have them"));
 }
 
+TEST(Planner, NeedsNoWorkspaceBesideTasks) {
+  PlanRequest request = small_request();
+  request.tasks = Eigen::MatrixXd::Constant(6, 2, 0.3);
+  request.workspace = 0;
+  EXPECT_FALSE(make_plan(request).selection.chosen.empty());
+}
+
 TEST(Planner, RefusesEffectsThatNoPlanCanTell) {
   EXPECT_THAT(refusal([] { make_plan(request_with({EffectGroup::torque})); }), HasSubstr("effects: no torque"));
   EXPECT_THAT(refusal([] { make_plan(request_with({EffectGroup::ripple})); }), HasSubstr("effects: how often a turn"));
