@@ -34,8 +34,8 @@ bool plausible(const ErrorModel& model, const Eigen::VectorXd& errors);
 double rms_of(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate);
 
 /// The same after a fit of all that is free but effects, from `start`; that of the start where the errors found are
-/// beyond any robot's or the fit is worse. Effects stay as in the start: their priors, in metres and radians, would hold
-/// them there beside residuals that no noise weighs.
+/// beyond any robot's or the fit is worse. Effects stay as in the start: their priors, in metres and radians, would
+/// hold them there beside residuals that no noise weighs.
 double fitted_rms(const TrialFit& fit, const Measurements& measurements, const Estimate& start);
 
 }  // namespace kdl_calibration

@@ -128,9 +128,9 @@ TEST(TrialFit, EffectsAreLeftAsTheStartHasThem) {
     };
     EXPECT_GT(fitted(experiment.free), 1e-4);
     EXPECT_EQ(fitted(with_gain), fitted(experiment.free));
-    EXPECT_LT(rms_of(experiment.model, measured,
-                     identify_jointly(experiment.model, measured, start, with_gain).estimate),
-              0.1 * fitted(experiment.free));
+    EXPECT_LT(
+        rms_of(experiment.model, measured, identify_jointly(experiment.model, measured, start, with_gain).estimate),
+        0.1 * fitted(experiment.free));
   }
 }
 

@@ -412,6 +412,28 @@ private:
     return passed;
   }
 
+  // Adds tables where they help and that is not the other model.
+  bool takes_the_place_of(Model& others, const Model& model) {
+    const Names all = both(others.names, {"tables"});
+    if (std::set(all.begin(), all.end()) == std::set(model.names.begin(), model.names.end())) {
+      const bool tables_help = helps(model.worth, others.worth);
+      const bool go = !tables_help || model.worth.sizes.evidence < others.worth.sizes.evidence + 2.0;
+      ++decided_.by[go ? "tables go" : "tables stay"];
+      return go;
+    }
+    others.left = {{"tables", of(EffectGroup::tables)}};
+    if (const auto helpful = all_that_helps(others); !helpful.empty()) {
+      others.add("tables", helpful.at("tables"));
+    }
+    const bool likelier = others.worth.sizes.evidence >= model.worth.sizes.evidence + 2.0;
+    const bool better = others.worth.rms < model.worth.rms;
+    const bool as_well = others.terms.size() < model.terms.size() && errors_gained(others.worth, model.worth) > -1.0;
+    ++decided_.by[std::string(likelier ? "likelier" : "less likely") + (better    ? ", better"
+                                                                        : as_well ? ", as well"
+                                                                                  : ", worse")];
+    return likelier && (better || as_well);
+  }
+
   void add_what_helps(Worth& current) {
     Model model{.terms = {}, .names = {}, .worth = current, .left = {}};
     for (const auto& [group, least] : {std::pair{EffectGroup::gravity, 12}, std::pair{EffectGroup::transverse, 60},
@@ -425,27 +447,7 @@ private:
     Model none;
     if (add_one_after_the_other(model, others)) {
       add_one_after_the_other(others, none);
-      const Names all = both(others.names, {"tables"});
-      bool better = false;
-      if (std::set(all.begin(), all.end()) == std::set(model.names.begin(), model.names.end())) {
-        const bool tables_help = helps(model.worth, others.worth);
-        better = !tables_help || model.worth.sizes.evidence < others.worth.sizes.evidence + 2.0;
-        ++decided_.by[std::string("tables ") + (better ? "go" : "stay")];
-      } else {
-        others.left = {{"tables", of(EffectGroup::tables)}};
-        if (const auto helpful = all_that_helps(others); !helpful.empty()) {
-          others.add("tables", helpful.at("tables"));
-        }
-        const bool likelier = others.worth.sizes.evidence >= model.worth.sizes.evidence + 2.0;
-        const bool predicts_better = others.worth.rms < model.worth.rms;
-        const bool as_well_by_less =
-            others.terms.size() < model.terms.size() && errors_gained(others.worth, model.worth) > -1.0;
-        better = likelier && (predicts_better || as_well_by_less);
-        ++decided_.by[std::string(likelier ? "likelier" : "less likely") + (predicts_better   ? ", better"
-                                                                            : as_well_by_less ? ", as well"
-                                                                                              : ", worse")];
-      }
-      model = better ? others : model;
+      model = takes_the_place_of(others, model) ? others : model;
     }
     all_terms = model.terms;
     names = model.names;

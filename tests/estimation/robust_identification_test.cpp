@@ -110,8 +110,8 @@ TEST(RobustIdentification, IsTheFitWhereThereIsALossAndElseTheJointOneIs) {
   problem.options.joint.residuals.noise = spoilt.noise;
   int fits = 0;
   problem.options.after_fit = [&] { ++fits; };
-  const Identification joint = identify_jointly(spoilt.arm.model, spoilt.measured, spoilt.arm.robot.truth, spoilt.free,
-                                                problem.options.joint);
+  const Identification joint =
+      identify_jointly(spoilt.arm.model, spoilt.measured, spoilt.arm.robot.truth, spoilt.free, problem.options.joint);
   EXPECT_EQ(fit(problem).estimate.X_WB.matrix(), joint.estimate.X_WB.matrix());
   for (const Loss loss : {Loss::huber, Loss::tukey}) {
     problem.options.loss = loss;
