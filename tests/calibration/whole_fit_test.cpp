@@ -133,5 +133,27 @@ TEST(WholeFit, KeepsOfTheCandidatesAsManyAsTheMeasurementsTellAndTheFirstOfThem)
   }
 }
 
+// A target a millimetre beside the last axis: what the tool turns about there moves it little.
+WholeFit beside_the_last_axis(double noise, double turned) {
+  Arm arm({.targets = testing::targets_at({{0.0, 0.2, 1e-3}})});
+  arm.robot.truth.errors[static_cast<Eigen::Index>(parameter_index(arm.model, "Rz5"))] = turned;
+  arm.measured = testing::without_sigmas(arm.measure(30, {.sigma = noise}));
+  arm.start = nominal_start(arm.model, arm.measured);
+  return arm.fitted();
+}
+
+TEST(WholeFit, HoldsWhatTheNoiseHidesUnlessThatCostsAMisfit) {
+  const WholeFit clear = beside_the_last_axis(1e-6, 0.0);
+  EXPECT_THAT(clear.reduction.faint, ::testing::UnorderedElementsAre("Tz5", "Rz5"));
+  EXPECT_EQ(clear.candidates.size(), 27);
+  const WholeFit hidden = beside_the_last_axis(1e-4, 0.0);
+  EXPECT_EQ(hidden.candidates.size(), 25);
+  EXPECT_FALSE(hidden.candidates.column("Tz5") || hidden.candidates.column("Rz5"));
+  EXPECT_EQ(hidden.identification.rms_history.size(), static_cast<std::size_t>(hidden.identification.iterations));
+  const auto held = [](double turned) { return !beside_the_last_axis(1e-4, turned).candidates.column("Rz5"); };
+  EXPECT_TRUE(held(0.002));
+  EXPECT_FALSE(held(0.2));
+}
+
 }  // namespace
 }  // namespace kdl_calibration
