@@ -177,6 +177,19 @@ TEST_F(PageOfKdlcal, OfAValidationHasItsNumbers) {
   EXPECT_THAT(page("w.html")["requirements"], ::testing::ElementsAre("all.rms<=0.001mm"));
 }
 
+TEST_F(PageOfKdlcal, OfAValidationNamesTheFilesInTheOrderOfTheOptions) {
+  calibrate_with_page();
+  const Outcome outcome = run({"validate", "--urdf", "c.urdf", "--measurements", "m.csv", "--known-targets",
+                               "truth.json", "--known-base", "truth.json", "--report", "v.html"});
+  ASSERT_EQ(outcome.status, 0) << outcome.err;
+  std::vector<std::string> roles;
+  const Json data = page("v.html");
+  for (const Json& file : data["result"]["provenance"]["files_read"]) {
+    roles.push_back(file["role"]);
+  }
+  EXPECT_THAT(roles, ::testing::ElementsAre("urdf", "measurements", "known-base", "known-targets"));
+}
+
 TEST_F(PageOfKdlcal, OfAPlanHasItsNumbers) {
   const Words plan = {"plan", "--configurations", "14", "--candidates", "300", "--workspace", "100", "--starts", "2"};
   Words with_page = plan;
