@@ -75,14 +75,14 @@ void take(Step step, Route& route) {
 // What is left out lies next to what is not: of how far tables reach into gaps the evidence knows more.
 bool is_better_length(const Worth& shorter, const Worth& longer) {
   return shorter.determined && (shorter.held_out_rms < longer.held_out_rms ||
-                                (is_likelier(shorter, longer) && certainty_of_gain(shorter, longer) > -1.0));
+                                (is_likelier(shorter, longer) && predicts_as_well(shorter, longer)));
 }
 
 // Likelier, and predicts better, or as well within a standard error with fewer terms.
 bool is_preferable(const Route& one, const Route& other) {
   const bool fewer = one.model.terms.size() < other.model.terms.size();
-  return is_likelier(one.worth, other.worth) && (one.worth.held_out_rms < other.worth.held_out_rms ||
-                                                 (fewer && certainty_of_gain(one.worth, other.worth) > -1.0));
+  return is_likelier(one.worth, other.worth) &&
+         (one.worth.held_out_rms < other.worth.held_out_rms || (fewer && predicts_as_well(one.worth, other.worth)));
 }
 
 // Nothing is known of it anywhere.
@@ -266,7 +266,7 @@ private:
     std::optional<Route> without_tables;
     while (route.worth.determined) {
       look_for_ripple(route);
-      const double wanted = route.worth.sizes.evidence + kEvidence;
+      const double wanted = likelier_evidence(route.worth);
       std::optional<Step> other = likeliest(route, tried, std::not_fn(is_tables), wanted);
       const double of_tables = other ? std::max(wanted, other->worth.sizes.evidence) : wanted;
       std::optional<Step> tables = likeliest(route, tried, is_tables, of_tables);
@@ -351,7 +351,7 @@ private:
       return false;
     }
     model = extended(std::move(model), ripple);
-    Worth renewed = appraisal_.worth_of(model, tried, route.worth.sizes.evidence + kEvidence);
+    Worth renewed = appraisal_.worth_of(model, tried, likelier_evidence(route.worth));
     if (!(renewed.held_out_rms < route.worth.held_out_rms) || renewed.motion > kLargestMotion) {
       return false;
     }
@@ -362,12 +362,13 @@ private:
 
   // Whether the other model, with tables where they help, is the better one.
   bool takes_the_place(Route& other, const Route& route, TriedModels& tried) const {
-    const Option tables = option_of(EffectGroup::tables);
-    if (has_groups(route.model, extended(other.model, tables).names)) {
+    std::vector<std::string> names = other.model.names;
+    names.emplace_back(to_string(EffectGroup::tables));
+    if (has_groups(route.model, names)) {
       return !helps(route.worth, other.worth) || !is_likelier(route.worth, other.worth);
     }
-    other.left = {tables};
-    const double wanted = other.worth.sizes.evidence + kEvidence;
+    other.left = {option_of(EffectGroup::tables)};
+    const double wanted = likelier_evidence(other.worth);
     if (std::optional<Step> step = likeliest(other, tried, is_tables, wanted)) {
       take(std::move(*step), other);
     }

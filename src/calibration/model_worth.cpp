@@ -23,6 +23,7 @@ using Eigen::VectorXd;
 
 constexpr std::size_t kMostSingleFolds = 40;
 constexpr int kFolds = 10;
+constexpr double kEvidence = 2.0;     // that makes a model likelier
 constexpr double kWorthwhile = 0.98;  // of the held-out RMS
 constexpr double kRounding = 1e-9;    // [m] of the numbers in a file
 constexpr double kLeastPrior = 1e-7;  // [m or rad]
@@ -45,6 +46,14 @@ std::string in_words(const ModelInQuestion& model) {
          (degrees > 0 ? " of " + std::to_string(degrees) + " degrees" : "") + (model.sized ? " with priors" : "");
 }
 
+// Mean gain of a configuration's squares, over its standard error.
+double certainty_of_gain(const Worth& with, const Worth& without) {
+  const VectorXd gain = without.squares - with.squares;
+  const auto n = static_cast<double>(gain.size());
+  const double mean = gain.mean();
+  return mean / std::sqrt((gain.array() - mean).square().sum() / (n * (n - 1.0)));
+}
+
 }  // namespace
 
 double size_of(const Worth& worth, const std::string& name) {
@@ -53,16 +62,11 @@ double size_of(const Worth& worth, const std::string& name) {
   return number < worth.sizes.sizes.size() ? worth.sizes.sizes[number] : 0.0;
 }
 
-bool is_likelier(const Worth& one, const Worth& other) {
-  return one.sizes.evidence >= other.sizes.evidence + kEvidence;
-}
+double likelier_evidence(const Worth& than) { return than.sizes.evidence + kEvidence; }
 
-double certainty_of_gain(const Worth& with, const Worth& without) {
-  const VectorXd gain = without.squares - with.squares;
-  const auto n = static_cast<double>(gain.size());
-  const double mean = gain.mean();
-  return mean / std::sqrt((gain.array() - mean).square().sum() / (n * (n - 1.0)));
-}
+bool is_likelier(const Worth& one, const Worth& other) { return one.sizes.evidence >= likelier_evidence(other); }
+
+bool predicts_as_well(const Worth& one, const Worth& other) { return certainty_of_gain(one, other) > -1.0; }
 
 bool helps(const Worth& with, const Worth& without) {
   return with.determined && with.motion <= kLargestMotion && with.held_out_rms <= kWorthwhile * without.held_out_rms &&

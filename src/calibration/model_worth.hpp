@@ -40,12 +40,12 @@ struct Worth {
 /// Of a group, by its name; 0 where there is none.
 double size_of(const Worth& worth, const std::string& name);
 
-/// By how much the evidence must be larger for a model to be likelier.
-constexpr double kEvidence = 2.0;
+/// The evidence that makes a model likelier than this one.
+double likelier_evidence(const Worth& than);
 bool is_likelier(const Worth& one, const Worth& other);
 
-/// Mean gain of a configuration's squares by the first over the other, in standard errors of it. Both are determined.
-double certainty_of_gain(const Worth& with, const Worth& without);
+/// Whether one, where both are determined, leaves no more of a configuration than the other, within a standard error.
+bool predicts_as_well(const Worth& one, const Worth& other);
 
 /// [m or rad] What moves a joint by more is no effect but a mistake.
 constexpr double kLargestMotion = 0.02;

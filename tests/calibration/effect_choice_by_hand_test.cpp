@@ -754,7 +754,7 @@ TEST(EffectChoiceByHand, TablesAreNoShorterThanTheEquationsSufficeFor) {
     }
     arm.options.effects.groups = {EffectGroup::tables};
     const Choice choice = expect_as_by_hand(arm, decided, "sigma " + std::to_string(sigma));
-    EXPECT_EQ(choice.tried.front().evidence<0.0, sigma> 0.0);
+    EXPECT_EQ(choice.tried.front().evidence < 0.0, (sigma > 0.0));
   }
   EXPECT_EQ(decided.by["too few equations"], 2);
 }
