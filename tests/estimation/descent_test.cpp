@@ -199,21 +199,20 @@ private:
 };
 
 void expect_as_by_hand(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options,
-                       Steps steps, Decided& decided, const std::string& what) {
+                       Steps steps, Decided& decided) {
   const Identification found = descend(problem, start, options, steps);
   const ByHand by_hand(problem, start, options, steps, decided);
-  ASSERT_EQ(found.rms_history.size(), by_hand.history.size()) << what << ": " << found.message;
-  EXPECT_EQ(found.iterations, static_cast<int>(by_hand.history.size())) << what;
+  ASSERT_EQ(found.rms_history.size(), by_hand.history.size()) << found.message;
+  EXPECT_EQ(found.iterations, static_cast<int>(by_hand.history.size()));
   for (std::size_t i = 0; i < by_hand.history.size(); ++i) {
-    EXPECT_NEAR(found.rms_history[i], by_hand.history[i], 1e-6 * by_hand.history[i] + 1e-12) << what << ", " << i;
+    EXPECT_NEAR(found.rms_history[i], by_hand.history[i], 1e-6 * by_hand.history[i] + 1e-12) << i;
   }
-  EXPECT_NEAR(found.rms, by_hand.rms, 1e-6 * by_hand.rms + 1e-12) << what;
+  EXPECT_NEAR(found.rms, by_hand.rms, 1e-6 * by_hand.rms + 1e-12);
   const VectorXd apart = problem.unknowns().difference(by_hand.estimate, found.estimate);
-  EXPECT_LT(apart.cwiseAbs().maxCoeff(), 1e-6) << what;
+  EXPECT_LT(apart.cwiseAbs().maxCoeff(), 1e-6);
   EXPECT_EQ(found.message, by_hand.end.empty()
                                ? "still moving after " + std::to_string(options.max_iterations) + " iterations"
-                               : by_hand.end)
-      << what;
+                               : by_hand.end);
 }
 
 /// The arm with angles and lengths of this many millimetres and milliradians, as large as `scale` makes it.
@@ -261,8 +260,9 @@ void expect_all_as_by_hand(unsigned seed, const Case& how, Decided& decided) {
   const LeastSquaresProblem problem(experiment.model, measured,
                                     experiment.free.with(experiment.model, UnknownGroup::effects, gains));
   for (const auto& [steps, name] : {std::pair{Steps::any, "any"}, {Steps::plain, "plain"}, {Steps::prior, "prior"}}) {
+    SCOPED_TRACE(std::string(name) + ", seed " + std::to_string(seed));
     expect_as_by_hand(problem, start, {.max_iterations = how.limit, .step_tolerance = how.tolerance, .residuals = {}},
-                      steps, decided, std::string(name) + ", seed " + std::to_string(seed));
+                      steps, decided);
   }
 }
 
