@@ -124,29 +124,45 @@ using Combination = std::map<std::string, double>;
 
 constexpr double kSpanned = 1e-7;  // of a column's norm: what may be left of it
 
-// Coefficients of `column` over the columns in `among`; empty where more than `left` of its norm is left.
-Combination combination(const Eigen::MatrixXd& columns, Eigen::Index column, const std::vector<Eigen::Index>& among,
-                        const std::vector<std::string>& names, double left = kSpanned) {
-  Combination result;
-  if (among.empty()) {
-    return result;
-  }
-  const Eigen::MatrixXd basis = columns(Eigen::all, among);
-  const Eigen::VectorXd coefficients = basis.colPivHouseholderQr().solve(columns.col(column));
-  const double norm = columns.col(column).norm();
-  if ((basis * coefficients - columns.col(column)).norm() > left * norm) {
-    return result;
-  }
-  for (std::size_t i = 0; i < among.size(); ++i) {
-    const double contribution = coefficients[static_cast<Eigen::Index>(i)];
-    if (std::abs(contribution) * basis.col(static_cast<Eigen::Index>(i)).norm() > 1e-7 * norm) {
-      const double rounded = std::round(contribution * 1e9) * 1e-9;
-      result[names[static_cast<std::size_t>(among[i])]] =
-          std::abs(rounded - std::round(rounded)) < 1e-8 ? std::round(rounded) : contribution;
+// Some of the columns, of which others may be combinations. Keeps references.
+class Span {
+public:
+  Span(const Eigen::MatrixXd& columns, const std::vector<std::string>& names, const std::vector<Eigen::Index>& among)
+      : columns_(columns), names_(names), among_(among), basis_(columns(Eigen::all, among)) {
+    if (!among.empty()) {
+      factors_.compute(basis_);
     }
   }
-  return result;
-}
+
+  // Coefficients of `column` over these; empty where more than `left` of its norm is left.
+  Combination combination(Eigen::Index column, double left = kSpanned) const {
+    Combination result;
+    if (among_.empty()) {
+      return result;
+    }
+    const Eigen::VectorXd coefficients = factors_.solve(columns_.col(column));
+    const double norm = columns_.col(column).norm();
+    if ((basis_ * coefficients - columns_.col(column)).norm() > left * norm) {
+      return result;
+    }
+    for (std::size_t i = 0; i < among_.size(); ++i) {
+      const double contribution = coefficients[static_cast<Eigen::Index>(i)];
+      if (std::abs(contribution) * basis_.col(static_cast<Eigen::Index>(i)).norm() > 1e-7 * norm) {
+        const double rounded = std::round(contribution * 1e9) * 1e-9;
+        result[names_[static_cast<std::size_t>(among_[i])]] =
+            std::abs(rounded - std::round(rounded)) < 1e-8 ? std::round(rounded) : contribution;
+      }
+    }
+    return result;
+  }
+
+private:
+  const Eigen::MatrixXd& columns_;
+  const std::vector<std::string>& names_;
+  std::vector<Eigen::Index> among_;
+  Eigen::MatrixXd basis_;
+  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> factors_;
+};
 
 }  // namespace
 
@@ -265,14 +281,14 @@ std::vector<bool> not_fixed(const std::vector<std::string>& names, const std::ve
 // What takes the part of the columns that are not kept.
 class Replacements {
 public:
-  // `frames`: the kept ones of base and targets. Keeps references.
+  // `frames`: the kept ones of base and targets. Keeps references to columns and names.
   Replacements(const Eigen::MatrixXd& columns, const std::vector<std::string>& names,
                const std::vector<Eigen::Index>& kept, const std::vector<Eigen::Index>& frames)
-      : columns_(columns), names_(names), kept_(kept), frames_(frames) {}
+      : columns_(columns), names_(names), kept_(columns, names, kept), frames_(columns, names, frames) {}
 
   void add(Eigen::Index column, bool joint_offset, Reduction& reduction) {
     const std::string& name = names_[static_cast<std::size_t>(column)];
-    const Combination tied = combination(columns_, column, frames_, names_);
+    const Combination tied = frames_.combination(column);
     if (joint_offset && (without_effect(columns_, column) || !tied.empty())) {
       GaugeParameter parameter{.name = name, .tied_to = {}};
       for (const auto& entry : tied) {
@@ -289,18 +305,18 @@ private:
   // A single gauge parameter says it in one word where base or targets would need many.
   Combination replacement(Eigen::Index column) const {
     for (const Eigen::Index g : gauge_) {
-      Combination by_gauge = combination(columns_, column, {g}, names_);
+      Combination by_gauge = Span(columns_, names_, {g}).combination(column);
       if (!by_gauge.empty()) {
         return by_gauge;
       }
     }
-    return combination(columns_, column, kept_, names_, 1.0);  // what the noise hides included
+    return kept_.combination(column, 1.0);  // what the noise hides included
   }
 
   const Eigen::MatrixXd& columns_;
   const std::vector<std::string>& names_;
-  const std::vector<Eigen::Index>& kept_;
-  const std::vector<Eigen::Index>& frames_;
+  Span kept_;
+  Span frames_;
   std::vector<Eigen::Index> gauge_;  // so far
 };
 
