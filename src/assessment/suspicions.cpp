@@ -30,6 +30,7 @@ using Eigen::VectorXd;
 
 constexpr std::size_t kMostConfigurations = 300;
 constexpr std::size_t kMostPoses = 75;  // which are four points each
+constexpr int kSteps = 20;              // of a trial's fit: a reading that is right takes a dozen
 constexpr double kThird = 1.0 / 3.0;
 constexpr double kByChance = 1e-4;            // of all readings together
 constexpr double kNoMisfit = 1e-7;            // [m]
@@ -151,6 +152,8 @@ bool explains(double other, double present, double freedom, double readings) {
   return readings * f_upper_tail(ratio * ratio, freedom, freedom) < kByChance;
 }
 
+JointOptions trial_fits() { return {.max_iterations = kSteps, .residuals = {}}; }
+
 // Puts one question after the other.
 class Inquiry {
 public:
@@ -196,7 +199,8 @@ private:
   bool enough_equations() const { return sample_.freedom >= 0.0; }
 
   double trial(const Measurements& reading) const {
-    const TrialFit fit{.model = model_, .free = sample_.free, .registration = options_.registration, .joint = {}};
+    const TrialFit fit{
+        .model = model_, .free = sample_.free, .registration = options_.registration, .joint = trial_fits()};
     const Estimate start = nominal_start(model_, reading, options_.registration);
     return rms_of(model_, reading, start) < kWorthAFit * registered_ && enough_equations()
                ? fitted_rms(fit, reading, start)
@@ -261,7 +265,7 @@ private:
                                                                 {.used = options_.used,
                                                                  .others = options_.others,
                                                                  .registration = options_.registration,
-                                                                 .joint = {},
+                                                                 .joint = trial_fits(),
                                                                  .threads = options_.threads});
     const double readings = 2.0 + static_cast<double>(trials.size());
     double best = fitted_;
