@@ -18,8 +18,10 @@ struct ConventionTrial {
   std::string cause;        ///< joint_convention, joint_sign, joint_unit or joint_columns; empty for the present one
   std::string description;  ///< "the convention fanuc_r2000ic_165f_pendant.json", "joint_3 with the opposite sign"
   bool present = false;     ///< the way the measurements were read
-  double registered = 0.0;  ///< [m] 3D, of the train rows with the nominal geometry, base and targets registered
-  double rms = 0.0;         ///< [m] the same after the fit; as registered where that says that a fit is in vain
+  /// [m] 3D, of the train rows with the nominal geometry, base and targets registered; where that leaves more than
+  /// twice what the present reading does, it may be a bound that lies between (least_misfit).
+  double registered = 0.0;
+  double rms = 0.0;              ///< [m] the same after the fit; as registered where that says that a fit is in vain
   Eigen::MatrixXd joint_values;  ///< the measurements' joint values read that way
 };
 

@@ -38,4 +38,9 @@ struct Registration {
 Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
                                        const RegistrationOptions& options = {});
 
+/// [m] 3D RMS of these observations that no base and no targets can leave less than: that of the quadratic form above
+/// over all matrices A instead of the rotations, by linear least squares, a tenth of a registration's work. No sigmas,
+/// no orientations.
+double least_misfit(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements);
+
 }  // namespace kdl_calibration

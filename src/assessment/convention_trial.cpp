@@ -15,6 +15,7 @@
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/registration.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -254,27 +255,36 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
       Readings(model.joints, independent_joint_values(model.joints, measurements.joint_values), options.used)
           .all(options.others);
   const TrialFit fit{.model = model, .free = free, .registration = options.registration, .joint = options.joint};
-  std::vector<Estimate> starts(trials.size());
   const TrainingRows training(measurements);
   const auto reread = [&](std::size_t i) {
     Measurements result = *training;
     result.joint_values = trials[i].joint_values;
     return result;
   };
-  parallel_for(trials.size(), options.threads, [&](std::size_t i) {
+  std::vector<std::optional<Estimate>> starts(trials.size());
+  const FoldedChain nominal = folded(model, VectorXd::Zero(static_cast<Index>(model.parameters.size())));
+  const auto registered = [&](std::size_t i, double hopeless) {
     trials[i].joint_values = all_joint_values(model.joints, trials[i].joint_values);
     const Measurements as_read = reread(i);
+    const double least = least_misfit(flange_poses(nominal, as_read.joint_values), as_read);
+    if (least > hopeless) {
+      return least;
+    }
     starts[i] = nominal_start(model, as_read, options.registration);
-    trials[i].registered = rms_of(model, as_read, starts[i]);
-  });
+    return rms_of(model, as_read, *starts[i]);
+  };
+  // The present reading stands in front.
+  trials.front().registered = registered(0, kInfinity);
+  const double hopeless = kWorthAFit * trials.front().registered;
+  parallel_for(trials.size() - 1, options.threads,
+               [&](std::size_t i) { trials[i + 1].registered = registered(i + 1, hopeless); });
   const auto nearest = std::min_element(trials.begin(), trials.end(),
                                         [](const auto& a, const auto& b) { return a.registered < b.registered; });
-  const double limit =
-      std::min(kWorthAFit * trials.front().registered, kWorthAFitBesideTheNearest * nearest->registered);
+  const double limit = std::min(hopeless, kWorthAFitBesideTheNearest * nearest->registered);
   parallel_for(trials.size(), options.threads, [&](std::size_t i) {
     trials[i].rms = trials[i].registered;
-    if (trials[i].present || trials[i].registered < limit) {
-      trials[i].rms = fitted_rms(fit, reread(i), starts[i]);
+    if (starts[i] && (trials[i].present || trials[i].registered < limit)) {
+      trials[i].rms = fitted_rms(fit, reread(i), *starts[i]);
     }
   });
   std::stable_sort(trials.begin(), trials.end(),

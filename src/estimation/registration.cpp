@@ -144,16 +144,24 @@ struct RotationForm {
   }
 };
 
-// Half of d^2 f(A exp([delta])) / d delta^2 at delta = 0, the curvature of the rotations included: along a rotation
-// that changes no residual it is zero, whatever the residuals are.
-Matrix3d second_derivative(const RotationForm& form, const Matrix3d& A) {
+// f(A exp([delta])) at delta = 0: half of its first and second derivative, the latter without and with the curvature of
+// the rotations. With it, it is zero along a rotation that changes no residual, whatever the residuals are.
+struct Slope {
+  Vector3d gradient;
+  Matrix3d gauss_newton;
+  Matrix3d hessian;
+};
+
+Slope slope_at(const RotationForm& form, const Matrix3d& A) {
   const Eigen::Matrix<double, 9, 3> T = tangent(A);
   const Eigen::Map<const Vector9d> theta(A.data());
   const Vector9d slope = form.Q * theta - form.b;
   const Matrix3d M = A.transpose() * Eigen::Map<const Matrix3d>(slope.data());
   // A exp([delta]) = A (I + [delta] + (delta delta^T - |delta|^2 I) / 2 + ...)
   const Matrix3d bend = 0.5 * (M + M.transpose()) - M.trace() * Matrix3d::Identity();
-  return T.transpose() * form.Q * T + bend;
+  Slope result{.gradient = T.transpose() * slope, .gauss_newton = T.transpose() * form.Q * T, .hessian = bend};
+  result.hessian += result.gauss_newton;
+  return result;
 }
 
 // With `ridge` times the squared length of each target added to the sum of squares.
@@ -196,22 +204,21 @@ RotationForm eliminate(const Sums& sums, double ridge) {
   return form;
 }
 
-// Levenberg-Marquardt on the rotations; the form is at hand, so a step costs no look at the data. Ends at a step
-// shorter than `tolerance` [rad].
+// Levenberg-Marquardt on the rotations, by Newton's steps where the form is convex; it is at hand, so a step costs no
+// look at the data. Ends at a step shorter than `tolerance` [rad].
 Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
   constexpr int kIterations = 60;
   // Close to the minimum the values differ by less than their rounding and the gradient decides alone.
   const double rounding = 1e-13 * std::abs(form.constant);
   double damping = 1e-3;
   double value = form.value(A);
+  Eigen::SelfAdjointEigenSolver<Matrix3d> eigen;
   for (int i = 0; i < kIterations; ++i) {
-    const Eigen::Matrix<double, 9, 3> T = tangent(A);
-    const Eigen::Map<const Vector9d> theta(A.data());
-    const Vector3d gradient = T.transpose() * (form.Q * theta - form.b);
-    const Matrix3d hessian = T.transpose() * form.Q * T;
-    const double scale = hessian.trace() / 3.0;
-    const Matrix3d damped = hessian + damping * scale * Matrix3d::Identity();
-    const Vector3d step = -damped.ldlt().solve(gradient);
+    const Slope slope = slope_at(form, A);
+    eigen.computeDirect(slope.hessian);
+    const Vector3d curvature = eigen.eigenvalues().cwiseAbs().array() + damping * slope.gauss_newton.trace() / 3.0;
+    const Vector3d step =
+        -eigen.eigenvectors() * (eigen.eigenvectors().transpose() * slope.gradient).cwiseQuotient(curvature);
     if (!step.allFinite()) {
       break;
     }
@@ -317,7 +324,7 @@ Solution solve(const Sums& sums) {
   Solution solution{.form = eliminate(sums, 0.0), .minimum = {}};
   if (solution.form.firmness > kFirm) {
     solution.minimum = minimise(solution.form);
-    solution.information = second_derivative(solution.form, solution.minimum.A);
+    solution.information = slope_at(solution.form, solution.minimum.A).hessian;
     return solution;
   }
   const double firmness = std::max(solution.form.firmness, 0.0);
@@ -327,7 +334,7 @@ Solution solve(const Sums& sums) {
   solution.ridge = std::max(u / (kUsualTarget * kUsualTarget), numerical);
   solution.form = eliminate(sums, solution.ridge);
   solution.minimum = minimise(solution.form);
-  solution.information = second_derivative(free, solution.minimum.A);
+  solution.information = slope_at(free, solution.minimum.A).hessian;
   // What no robot of this kind could tell (a planar one the height of its targets) is no matter of these measurements.
   solution.loose = firmness > kNumerical && 9.0 * u > kUsualTarget * kUsualTarget * firmness * sums.weight;
   return solution;
@@ -369,16 +376,20 @@ double rms_of(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& tr
   return count > 0.0 ? std::sqrt(sum / count) : 0.0;
 }
 
-}  // namespace
-
-Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
-                                       const RegistrationOptions& options) {
+void check_poses(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements) {
   check(measurements);
-  check(options);
   if (X_BF.size() != measurements.configurations.size()) {
     throw InputError(measurements.source + ": " + std::to_string(X_BF.size()) + " poses of the flange, expected " +
                      std::to_string(measurements.configurations.size()) + ", one for each configuration");
   }
+}
+
+}  // namespace
+
+Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
+                                       const RegistrationOptions& options) {
+  check_poses(X_BF, measurements);
+  check(options);
   std::vector<const TargetFrame*> known;
   for (const std::string& name : measurements.targets) {
     known.push_back(find_target(options.known_targets, name));
@@ -424,6 +435,24 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
   }
   result.rms = rms_of(X_BF, *training, result);
   return result;
+}
+
+double least_misfit(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements) {
+  constexpr double kRidge = 1e-10;  // of the form's size: a matrix that nothing determines stays small
+  constexpr double kRounding = 1e-13;
+  check_poses(X_BF, measurements);
+  Measurements points = *TrainingRows(measurements);
+  points.orientations.clear();
+  for (Observation& observation : points.observations) {
+    observation.sigma = 0.0;
+  }
+  const Sums sums = accumulate(X_BF, points, {}, std::vector<const TargetFrame*>(points.targets.size(), nullptr));
+  const RotationForm form = eliminate(sums, 0.0);
+  // |A|^2 = 3 of a rotation: what the ridge adds to its value is known.
+  const double ridge = kRidge * form.Q.trace();
+  const Vector9d theta = (form.Q + ridge * Matrix9d::Identity()).ldlt().solve(form.b);
+  const double least = form.constant - form.b.dot(theta) - 3.0 * ridge - kRounding * sums.pp;
+  return least > 0.0 ? std::sqrt(least / sums.count) : 0.0;
 }
 
 }  // namespace kdl_calibration

@@ -316,6 +316,7 @@ struct Sides {
 TEST(ConventionTrial, ReadingsThatAreRegisteredAboutAsWellAreFitted) {
   Sides of_present;
   Sides of_nearest;
+  int bounds = 0;
   for (const std::uint64_t seed : {1U, 2U, 3U, 4U}) {
     Measured m = measured(light_arm(), seed, {.configurations = 16, .lever = 0.02, .angle = seed == 4 ? 0.0005 : 0.03});
     m.data.joint_values.row(seed == 2 ? 1 : 5) *= seed == 3 ? 1.0 : -1.0;
@@ -337,9 +338,15 @@ TEST(ConventionTrial, ReadingsThatAreRegisteredAboutAsWellAreFitted) {
       Measurements reading = *training;
       reading.joint_values = trial.joint_values;
       const Estimate start = nominal_start(m.model, reading);
-      EXPECT_NEAR(trial.registered, rms_of(m.model, reading, start), 1e-9) << trial.description;
-      const double beside_present = trial.registered / present;
-      const double beside_nearest = trial.registered / nearest;
+      const double registered = rms_of(m.model, reading, start);
+      if (trial.registered < 2.0 * present) {
+        EXPECT_NEAR(trial.registered, registered, 1e-9) << trial.description;
+      } else {
+        EXPECT_LT(trial.registered, registered + 1e-9) << trial.description;
+        bounds += trial.registered < 0.999 * registered ? 1 : 0;
+      }
+      const double beside_present = registered / present;
+      const double beside_nearest = registered / nearest;
       const bool worth = trial.present || (beside_present < 2.0 && beside_nearest < 5.0);
       if (!worth && (beside_present > 5.0 || beside_nearest > 12.0)) {
         EXPECT_EQ(trial.rms, trial.registered) << trial.description;
@@ -359,6 +366,7 @@ TEST(ConventionTrial, ReadingsThatAreRegisteredAboutAsWellAreFitted) {
       }
     }
   }
+  EXPECT_GT(bounds, 100) << "readings that nothing registers were registered";
   EXPECT_TRUE(of_present.below > 0 && of_present.above > 0) << of_present.below << " " << of_present.above;
   EXPECT_TRUE(of_nearest.below > 0 && of_nearest.above > 0) << of_nearest.below << " " << of_nearest.above;
 }
