@@ -83,10 +83,11 @@ std::vector<OptionCase> geometry_options() {
   return {
       {"MethodTwoStepIsTheOther",
        {"--method", "two-step"},
-       is_library([](auto& o) {
-         o.method = Method::two_step;
-         o.iterations = 5;
-       }),
+       both_checks(is_library([](auto& o) {
+                     o.method = Method::two_step;
+                     o.iterations = 5;
+                   }),
+                   [](const Effect& effect) { EXPECT_EQ(effect.with.json["iterations"], 5); }),
        kMeasured + Words{"--iterations", "5"}},
       {"MethodTwoStepIsPlainByItself",
        {"--method", "two-step"},

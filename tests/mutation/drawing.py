@@ -15,7 +15,7 @@ class Defect:
     old: str  # whole lines of a drawn defect; any text that occurs once of a listed one
     new: str
     kind: str
-    suites: list = field(default_factory=list)  # those that should notice; empty: every suite
+    suites: list = field(default_factory=list)  # those that should notice, tried first
     id: str = ""
 
     def __post_init__(self):

@@ -346,8 +346,7 @@ class Worker:
             kdlcal if kdlcal.exists() else self.clean.build / "kdlcal.real",
         )
         suites = [suite for suite in self.clean.in_order(defect.path, self.times) if suite in self.times]
-        if defect.suites:
-            suites = [suite for suite in suites if any(fnmatch.fnmatch(suite, name) for name in defect.suites)]
+        suites.sort(key=lambda suite: not any(fnmatch.fnmatch(suite, name) for name in defect.suites))
         for suite in suites:
             own = self.out / self.clean.executable(suite).name
             executable = own if own.exists() else self.clean.executable(suite)

@@ -275,6 +275,11 @@ TEST(ArmBody, JointsWhoseAxesMeetWithinAMicrometreAreOneWrist) {
                                        {.link = "l3", .frame = 3, .b = {0.0, 0.0, 1.0}}};
   EXPECT_THAT(pairs_to_keep_apart(wrist_with_an_offset(0.0), behind, 0.0), ::testing::IsEmpty());
   EXPECT_EQ(pairs_to_keep_apart(wrist_with_an_offset(0.0, "prismatic"), behind, 0.0).size(), 1U);
+  // Nor does a tool beside the link that carries the last joint, however far they are apart.
+  const std::vector<Capsule> tool = {
+      {.link = "l2", .frame = 2, .b = {0.0, 0.0, -1.0}},
+      {.link = "tool", .frame = 3, .a = {0.0, 0.0, 4.0}, .b = {0.0, 0.0, 5.0}, .tool = true}};
+  EXPECT_THAT(pairs_to_keep_apart(wrist_with_an_offset(0.0), tool, 0.0), ::testing::IsEmpty());
 }
 
 // The largest distance in the 500 configurations, by KDL.

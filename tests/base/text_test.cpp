@@ -1,0 +1,42 @@
+#include "base/text.hpp"
+
+#include <gtest/gtest.h>
+
+#include "base/number_text.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+TEST(Text, ShowsWhatNoTerminalObeys) {
+  EXPECT_EQ(printable("joint_2"), "joint_2");
+  EXPECT_EQ(printable("a\x1b[2J"), "a\\x1b[2J");
+  EXPECT_EQ(printable("a\tb\n"), "a\\x09b\\x0a");
+  EXPECT_EQ(printable("\x7f"), "\\x7f");
+  EXPECT_EQ(printable("Gelenk \xc3\xa4"), "Gelenk \xc3\xa4") << "UTF-8 stays";
+  EXPECT_EQ(printable("Gelenk \xe4"), "Gelenk \\xe4") << "Latin-1 is none";
+  EXPECT_EQ(shown("x"), "'x'");
+}
+
+TEST(Text, ShowsTheBeginningOfWhatIsLong) {
+  EXPECT_EQ(printable(std::string(40, 'x')), std::string(40, 'x'));
+  EXPECT_EQ(printable(std::string(41, 'x')), std::string(40, 'x') + "...");
+  EXPECT_EQ(printable(std::string(39, 'x') + "\xc3\xa4y"), std::string(39, 'x') + "...") << "half a character";
+}
+
+TEST(Text, OfALineHasNoBreaks) {
+  EXPECT_EQ(one_line("a\nb\rc\td\x1b"), "a b c d\\x1b");
+  EXPECT_EQ(escaped("a\nb\tc\rd"), "a\nb\tc\\x0dd");
+}
+
+TEST(NumberText, HasNoNegativeZero) {
+  EXPECT_EQ(shortest(-0.0), "0");
+  EXPECT_EQ(shortest(-0.1), "-0.1");
+  EXPECT_EQ(shortest(1.0 / 3.0), "0.3333333333333333");
+  EXPECT_EQ(fixed(-0.0004, 3), "0.000");
+  EXPECT_EQ(fixed(-0.0006, 3), "-0.001");
+  EXPECT_EQ(fixed(12.34567, 3), "12.346");
+  EXPECT_EQ(significant(1234.5, 2), "1.2e+03");
+}
+
+}  // namespace
+}  // namespace kdl_calibration
