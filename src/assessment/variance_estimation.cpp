@@ -17,7 +17,7 @@ using Variances = NoiseParts::Variances;
 
 namespace {
 
-constexpr double kUsedUp = 1e-6;      // degrees of freedom: what has as few left stays zero, its likelihood is flat
+constexpr double kUsedUp = 0.5;       // degrees of freedom: what has less left stays zero, its likelihood is flat
 constexpr double kLeastShare = 1e-8;  // of a stratum's variance in those of its kind: less is rounding
 
 // Solves for the active unknowns and, where one of them would be negative, goes as far as the first becomes zero.

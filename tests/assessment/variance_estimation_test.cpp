@@ -438,10 +438,12 @@ NoiseParts nearly_used_up(double share) {
 }
 
 TEST(VarianceEstimation, LeavesAtZeroWhatTheColumnsUseUp) {
-  const double estimated = nearly_used_up(std::sqrt(2e-6)).variances[0];
+  const double more_than_half = 0.51 / 0.49;
+  const double estimated = nearly_used_up(std::sqrt(more_than_half)).variances[0];
   // The one contrast has the variance 1 + share^2 (1 + x) and the square 4.
-  EXPECT_NEAR(estimated / (3.0 / 2e-6 - 1.0), 1.0, 1e-3);
-  EXPECT_EQ(nearly_used_up(std::sqrt(5e-7)).variances[0], 0.0);
+  EXPECT_NEAR(estimated, 3.0 / more_than_half - 1.0, 1e-6);
+  EXPECT_EQ(nearly_used_up(std::sqrt(0.49 / 0.51)).variances[0], 0.0);
+  EXPECT_EQ(nearly_used_up(std::sqrt(2e-6)).variances[0], 0.0);
   EXPECT_EQ(nearly_used_up(0.0).variances[0], 0.0);
 }
 

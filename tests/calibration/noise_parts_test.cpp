@@ -272,6 +272,18 @@ TEST(NoiseParts, ThatTheParametersUseUpAreZero) {
   }
 }
 
+// Of six they leave less than half a degree of freedom, which tells nothing of a misfit.
+TEST(NoiseParts, ThatTheParametersNearlyUseUpAreZero) {
+  testing::VirtualExperiment experiment;
+  for (int draw = 0; draw < 20; ++draw) {
+    const Measurements measured = testing::without_sigmas(experiment.measure(6, {.sigma = 3e-5}));
+    const Calibration found = calibrate(experiment.model, measured, {.held_out = false, .try_readings = false});
+    EXPECT_EQ(found.noise.misfit, 0.0) << draw;
+    EXPECT_NEAR(found.noise.sigma, 3e-5, 2.5e-5) << draw;
+    EXPECT_NEAR(found.noise.degrees_of_freedom, 21.0, 0.1) << draw;
+  }
+}
+
 TEST(NoiseParts, OfOneKindBesideEqualWeightsAreTheMeanSquareOfTheResiduals) {
   const ErrorModel model = complete_model(testing::fanuc());
   const Trial t = trial(model, {.configurations = 20, .targets = 1}, 3);
