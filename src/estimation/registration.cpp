@@ -204,8 +204,8 @@ RotationForm eliminate(const Sums& sums, double ridge) {
   return form;
 }
 
-// Levenberg-Marquardt on the rotations, by Newton's steps where the form is convex; it is at hand, so a step costs no
-// look at the data. Ends at a step shorter than `tolerance` [rad].
+// Newton's steps on the rotations, braked as Levenberg and Marquardt do, along the size of the curvature where it is
+// negative. The form is at hand, so a step costs no look at the data. Ends at a step shorter than `tolerance` [rad].
 Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
   constexpr int kIterations = 60;
   // Close to the minimum the values differ by less than their rounding and the gradient decides alone.
