@@ -261,30 +261,30 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
     result.joint_values = trials[i].joint_values;
     return result;
   };
-  std::vector<std::optional<Estimate>> starts(trials.size());
+  std::vector<Estimate> starts(trials.size());
+  const auto registered = [&](std::size_t i, const Measurements& as_read) {
+    starts[i] = nominal_start(model, as_read, options.registration);
+    return rms_of(model, as_read, starts[i]);
+  };
+  for (ConventionTrial& one : trials) {
+    one.joint_values = all_joint_values(model.joints, one.joint_values);
+  }
+  trials.front().registered = registered(0, reread(0));  // the present reading stands in front
+  const double hopeless = kWorthAFit * trials.front().registered;
   const FoldedChain nominal = folded(model, VectorXd::Zero(static_cast<Index>(model.parameters.size())));
-  const auto registered = [&](std::size_t i, double hopeless) {
-    trials[i].joint_values = all_joint_values(model.joints, trials[i].joint_values);
+  parallel_for(trials.size() - 1, options.threads, [&](std::size_t others) {
+    const std::size_t i = others + 1;
     const Measurements as_read = reread(i);
     const double least = least_misfit(flange_poses(nominal, as_read.joint_values), as_read);
-    if (least > hopeless) {
-      return least;
-    }
-    starts[i] = nominal_start(model, as_read, options.registration);
-    return rms_of(model, as_read, *starts[i]);
-  };
-  // The present reading stands in front.
-  trials.front().registered = registered(0, kInfinity);
-  const double hopeless = kWorthAFit * trials.front().registered;
-  parallel_for(trials.size() - 1, options.threads,
-               [&](std::size_t i) { trials[i + 1].registered = registered(i + 1, hopeless); });
+    trials[i].registered = least > hopeless ? least : registered(i, as_read);
+  });
   const auto nearest = std::min_element(trials.begin(), trials.end(),
                                         [](const auto& a, const auto& b) { return a.registered < b.registered; });
   const double limit = std::min(hopeless, kWorthAFitBesideTheNearest * nearest->registered);
   parallel_for(trials.size(), options.threads, [&](std::size_t i) {
     trials[i].rms = trials[i].registered;
-    if (starts[i] && (trials[i].present || trials[i].registered < limit)) {
-      trials[i].rms = fitted_rms(fit, reread(i), *starts[i]);
+    if (trials[i].present || trials[i].registered < limit) {
+      trials[i].rms = fitted_rms(fit, reread(i), starts[i]);
     }
   });
   std::stable_sort(trials.begin(), trials.end(),

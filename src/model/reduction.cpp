@@ -164,10 +164,6 @@ private:
   Eigen::ColPivHouseholderQR<Eigen::MatrixXd> factors_;
 };
 
-}  // namespace
-
-namespace {
-
 // What is left of unit columns outside the span of those taken: modified Gram-Schmidt, column by column.
 class Remainders {
 public:
