@@ -259,30 +259,24 @@ FitProblem plain_problem(const ErrorModel& model, const Measurements& measured, 
   return {.model = model, .measurements = measured, .start = fitted(model, measured, free), .free = free};
 }
 
-// Of five configurations the parameters use up all 15 coordinates that the targets share: whatever these had in common
-// would leave the same residuals.
-TEST(NoiseParts, ThatTheParametersUseUpAreZero) {
+/// Of so many configurations nothing is told of a misfit, and each draw says so.
+void expect_no_misfit(int configurations, int draws, double freedom) {
   testing::VirtualExperiment experiment;
-  for (int draw = 0; draw < 5; ++draw) {
-    const Measurements measured = testing::without_sigmas(experiment.measure(5, {.sigma = 3e-5}));
+  for (int draw = 0; draw < draws; ++draw) {
+    const Measurements measured = testing::without_sigmas(experiment.measure(configurations, {.sigma = 3e-5}));
     const Calibration found = calibrate(experiment.model, measured, {.held_out = false, .try_readings = false});
     EXPECT_EQ(found.noise.misfit, 0.0) << draw;
     EXPECT_NEAR(found.noise.sigma, 3e-5, 2.5e-5) << draw;
-    EXPECT_NEAR(found.noise.degrees_of_freedom, 12.0, 0.1) << draw;
+    EXPECT_NEAR(found.noise.degrees_of_freedom, freedom, 0.1) << draw;
   }
 }
 
+// Of five configurations the parameters use up all 15 coordinates that the targets share: whatever these had in common
+// would leave the same residuals.
+TEST(NoiseParts, ThatTheParametersUseUpAreZero) { expect_no_misfit(5, 5, 12.0); }
+
 // Of six they leave less than half a degree of freedom, which tells nothing of a misfit.
-TEST(NoiseParts, ThatTheParametersNearlyUseUpAreZero) {
-  testing::VirtualExperiment experiment;
-  for (int draw = 0; draw < 20; ++draw) {
-    const Measurements measured = testing::without_sigmas(experiment.measure(6, {.sigma = 3e-5}));
-    const Calibration found = calibrate(experiment.model, measured, {.held_out = false, .try_readings = false});
-    EXPECT_EQ(found.noise.misfit, 0.0) << draw;
-    EXPECT_NEAR(found.noise.sigma, 3e-5, 2.5e-5) << draw;
-    EXPECT_NEAR(found.noise.degrees_of_freedom, 21.0, 0.1) << draw;
-  }
-}
+TEST(NoiseParts, ThatTheParametersNearlyUseUpAreZero) { expect_no_misfit(6, 20, 21.0); }
 
 TEST(NoiseParts, OfOneKindBesideEqualWeightsAreTheMeanSquareOfTheResiduals) {
   const ErrorModel model = complete_model(testing::fanuc());

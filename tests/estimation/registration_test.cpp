@@ -420,17 +420,18 @@ TEST(Registration, BoundIsNothingWhereAllIsExact) {
 }
 
 TEST(Registration, SaysWhereSeveralPosesOfTheBaseAreAsGood) {
-  // In some of the trials no minimum stands out.
+  // In three of the trials no minimum stands out: so found by small steps downhill from 400 rotations in each.
   const ErrorModel model = complete_model(fanuc());
   Random random(11);
-  int told = 0;
+  std::vector<int> told;
   for (int trial = 0; trial < 40; ++trial) {
     const Unrelated data = unrelated(model, random);
     const Registration found = register_base_and_targets(data.X_BF, data.measured);
-    told += found.ambiguous && found.message.find("two poses of the base") != std::string::npos ? 1 : 0;
+    if (found.ambiguous && found.message.find("two poses of the base") != std::string::npos) {
+      told.push_back(trial);
+    }
   }
-  EXPECT_GE(told, 3);
-  EXPECT_LE(told, 20);
+  EXPECT_THAT(told, ::testing::ElementsAre(4, 13, 28));
 }
 
 TEST(Registration, GivesARotationWhereAReflectionWouldFitAsWell) {
