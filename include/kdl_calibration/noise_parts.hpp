@@ -64,7 +64,7 @@ struct NoiseParts {
 /// Restricted maximum likelihood of the parts that nobody stated (Patterson and Thompson 1971; Harville 1977), at the
 /// linearised solution about `estimate`. It needs of the measurements the information of the targets' means and of
 /// their deviations from them, summed once; more than 2,000 configurations are represented by as many evenly spaced
-/// ones.
+/// ones. A part of which the fit leaves less than half a degree of freedom is zero: its likelihood is flat.
 /// Where the noise of the points is stated a misfit is estimated only if the residuals are above what is stated, with
 /// p < 0.05: a variance cannot be negative, and what is estimated on top of the true noise would be too much. Nothing
 /// may be left to estimate then; `converged` is false.
