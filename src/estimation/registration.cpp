@@ -204,21 +204,32 @@ RotationForm eliminate(const Sums& sums, double ridge) {
   return form;
 }
 
-// Newton's steps on the rotations, braked as Levenberg and Marquardt do, along the size of the curvature where it is
-// negative. The form is at hand, so a step costs no look at the data. Ends at a step shorter than `tolerance` [rad].
+// Newton's step, braked, along the size of the curvature where it is negative.
+Vector3d newton_step(const Slope& slope, double brake) {
+  Eigen::SelfAdjointEigenSolver<Matrix3d> eigen;
+  eigen.computeDirect(slope.hessian);
+  const Vector3d curvature = eigen.eigenvalues().cwiseAbs().array() + brake;
+  return -eigen.eigenvectors() * (eigen.eigenvectors().transpose() * slope.gradient).cwiseQuotient(curvature);
+}
+
+// Levenberg-Marquardt on the rotations; the form is at hand, so a step costs no look at the data. Near a minimum that
+// leaves much its steps crawl: Newton's take over where they do not become half as long. Ends at a step shorter than
+// `tolerance` [rad].
 Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
   constexpr int kIterations = 60;
+  constexpr double kNear = 0.1;  // [rad]
   // Close to the minimum the values differ by less than their rounding and the gradient decides alone.
   const double rounding = 1e-13 * std::abs(form.constant);
   double damping = 1e-3;
   double value = form.value(A);
-  Eigen::SelfAdjointEigenSolver<Matrix3d> eigen;
+  double before = std::numeric_limits<double>::infinity();
+  bool crawls = false;
   for (int i = 0; i < kIterations; ++i) {
     const Slope slope = slope_at(form, A);
-    eigen.computeDirect(slope.hessian);
-    const Vector3d curvature = eigen.eigenvalues().cwiseAbs().array() + damping * slope.gauss_newton.trace() / 3.0;
+    const double brake = damping * slope.gauss_newton.trace() / 3.0;
     const Vector3d step =
-        -eigen.eigenvectors() * (eigen.eigenvectors().transpose() * slope.gradient).cwiseQuotient(curvature);
+        crawls ? newton_step(slope, brake)
+               : Vector3d(-(slope.gauss_newton + brake * Matrix3d::Identity()).ldlt().solve(slope.gradient));
     if (!step.allFinite()) {
       break;
     }
@@ -231,7 +242,10 @@ Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
     } else {
       damping *= 10.0;
     }
-    if (step.norm() < tolerance || damping > 1e12) {
+    const double length = step.norm();
+    crawls = crawls || (length < kNear && length > 0.5 * before);
+    before = length;
+    if (length < tolerance || damping > 1e12) {
       break;
     }
   }
