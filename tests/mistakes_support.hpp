@@ -47,7 +47,7 @@ inline ErrorModel random_arm(Random& random) {
     MovingJoint joint;
     joint.name = "joint_" + std::to_string(j + 1);
     joint.axis = KDL::Vector(0.0, 0.0, 1.0);
-    const Eigen::Vector3d direction(random.normal(), random.normal(), random.normal());
+    const Eigen::Vector3d direction{random.normal(), random.normal(), random.normal()};
     const Eigen::Vector3d along = random.uniform(0.1, 0.7) * direction.normalized();
     // Turned by quarters of a turn as a rule, in between now and then.
     const double quarter = std::numbers::pi / 2.0;
@@ -100,7 +100,7 @@ inline Measured measured(const ErrorModel& model, std::uint64_t seed, const Draw
   const std::vector<TargetFrame> targets = drawn_targets(draw, random);
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.linear() = rotation_exp({random.normal(), random.normal(), random.normal()});
-  X_WB.translation() = Eigen::Vector3d(random.uniform(1.0, 4.0), random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0));
+  X_WB.translation() = Eigen::Vector3d{random.uniform(1.0, 4.0), random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0)};
   VirtualExperiment experiment({.model = model,
                                 .targets = targets,
                                 .sizes = {.length = draw.length, .angle = draw.angle},

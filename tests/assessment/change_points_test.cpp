@@ -266,7 +266,7 @@ TEST(ChangePoints, ASeriesHasTheMedianOfEachConfigurationsRepeatsInAnyOrder) {
     std::map<int, std::vector<Eigen::Vector3d>> by_configuration;
     for (int i = 0; i < 2 * trial; ++i) {
       const auto configuration = static_cast<int>(random.uniform(0.0, 10.0));
-      const Eigen::Vector3d value(random.normal(), random.normal(), random.normal());
+      const Eigen::Vector3d value{random.normal(), random.normal(), random.normal()};
       repeats.configurations.push_back(configuration);
       repeats.values.insert(repeats.values.end(), value.begin(), value.end());
       by_configuration[configuration].push_back(value);

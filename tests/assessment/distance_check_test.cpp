@@ -158,7 +158,8 @@ std::vector<Case> cases() {
     o.position += o.sigma * Vector3d{random.normal(), random.normal(), random.normal()};
   }
   for (Observation& o : all[7].tool.measured.observations) {
-    o.position += 1e-5 * std::exp(1.2 * random.normal()) * Vector3d{random.normal(), random.normal(), random.normal()};
+    const double size = 1e-5 * std::exp(1.2 * random.normal());
+    o.position += size * Vector3d{random.normal(), random.normal(), random.normal()};
   }
   return all;
 }

@@ -137,7 +137,7 @@ struct Trial {
     Random random(7);
     std::map<int, Vector3d> of_configuration;
     for (Observation& o : measured.observations) {
-      const Vector3d drawn(random.normal(), random.normal(), random.normal());
+      const Vector3d drawn{random.normal(), random.normal(), random.normal()};
       o.position += misfit * of_configuration.try_emplace(o.configuration, drawn).first->second;
     }
     estimate.X_WB.translation() += Vector3d(1e-4, -5e-5, 2e-5);

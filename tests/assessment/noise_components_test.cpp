@@ -31,7 +31,7 @@ Measurements irregular(unsigned seed, const Vector3d& common, double orientation
   measured.joints = {"one"};
   measured.targets = {"A", "B", "C"};
   measured.joint_values = Eigen::RowVectorXd::LinSpaced(configurations, -1.0, 1.0);
-  const auto normal = [&] { return Vector3d(random.normal(), random.normal(), random.normal()); };
+  const auto normal = [&] { return Vector3d{random.normal(), random.normal(), random.normal()}; };
   for (int c = 0; c < configurations; ++c) {
     measured.configurations.push_back(std::to_string(c));
     std::map<int, Vector3d> shared;

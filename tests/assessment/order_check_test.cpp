@@ -345,7 +345,7 @@ TEST(OrderCheck, AShareOfFourTenthsIsAskedFor) {
     Measured m = quiet;
     Random random(3);
     for (Observation& o : m.data.observations) {
-      o.position += noise * Vector3d(random.normal(), random.normal(), random.normal());
+      o.position += noise * Vector3d{random.normal(), random.normal(), random.normal()};
     }
     move_base(m, 21, {5e-4, -3e-4, 2e-4}, 0.0);
     return m;

@@ -185,7 +185,7 @@ std::vector<Case> cases() {
   Random random(10);
   const auto disturb = [&](Known& known, const auto& size) {
     for (Observation& o : known.measured.observations) {
-      o.position += size(o) * Vector3d(random.normal(), random.normal(), random.normal());
+      o.position += size(o) * Vector3d{random.normal(), random.normal(), random.normal()};
     }
   };
   all[4].known.model.effects = gain_terms(arm());

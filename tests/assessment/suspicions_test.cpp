@@ -272,8 +272,9 @@ void scale(Measured& m, const Vector3d& factors) {
 
 void disturb(Measured& m, double size) {
   Random random(7);
-  for_rows(m,
-           [&](Observation& o) { o.position += size * Vector3d(random.normal(), random.normal(), random.normal()); });
+  for_rows(m, [&](Observation& o) {
+    o.position += size * Vector3d{random.normal(), random.normal(), random.normal()};
+  });
 }
 
 bool has(const std::vector<Suspicion>& found, const std::string& cause) {

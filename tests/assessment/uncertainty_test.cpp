@@ -430,7 +430,7 @@ TEST(Uncertainty, RadiusHoldsItsShareOfNormalErrors) {
   double inside = 0.0;
   const int draws = 100000;
   for (int i = 0; i < draws; ++i) {
-    inside += (A * Eigen::Vector3d(random.normal(), random.normal(), random.normal())).norm() < radius ? 1.0 : 0.0;
+    inside += (A * Eigen::Vector3d{random.normal(), random.normal(), random.normal()}).norm() < radius ? 1.0 : 0.0;
   }
   EXPECT_NEAR(inside / draws, 0.95, 0.003);
 }

@@ -249,7 +249,7 @@ void monte_carlo(benchmark::State& state) {
       Random random(i);
       Measurements noisy = measured;
       for (Observation& observation : noisy.observations) {
-        observation.position += 0.00003 * Eigen::Vector3d(random.normal(), random.normal(), random.normal());
+        observation.position += 0.00003 * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
       }
       rms[i] = identify_jointly(experiment().model, noisy, start, experiment().free).rms;
     });

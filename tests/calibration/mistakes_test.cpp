@@ -123,7 +123,7 @@ constexpr double kSigma = 0.00003;  // [m], of Draw
 /// 10 sigma, in a direction of its own.
 Vector3d ten_sigma(std::uint64_t seed) {
   Random random(seed, 3);
-  return 10.0 * kSigma * Vector3d(random.normal(), random.normal(), random.normal()).normalized();
+  return 10.0 * kSigma * Vector3d{random.normal(), random.normal(), random.normal()}.normalized();
 }
 
 int place(std::uint64_t seed) { return 5 + static_cast<int>(seed % 21); }

@@ -99,7 +99,7 @@ Measurements repeated(double share) {
     measured.configurations.push_back(std::to_string(c));
     for (std::int32_t target = 0; target < 2; ++target) {
       for (std::int32_t repeat = 1; repeat <= 3; ++repeat) {
-        const Vector3d off(random.normal(), random.normal(), share * random.normal());
+        const Vector3d off{random.normal(), random.normal(), share * random.normal()};
         measured.observations.push_back(
             {.position = 1e-4 * off, .configuration = c, .target = target, .repeat = repeat});
       }

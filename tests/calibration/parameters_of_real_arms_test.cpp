@@ -169,8 +169,8 @@ std::string skew_chain(std::uint64_t seed) {
   std::vector<JointText> texts;
   for (int i = 0; i < joints; ++i) {
     const bool slides = random.uniform(0.0, 1.0) < 0.2;
-    const Eigen::Vector3d axis(random.normal(), random.normal(), random.normal());
-    const Eigen::Vector3d link(random.uniform(-0.35, 0.35), random.uniform(-0.35, 0.35), random.uniform(-0.35, 0.35));
+    const Eigen::Vector3d axis{random.normal(), random.normal(), random.normal()};
+    const Eigen::Vector3d link{random.uniform(-0.35, 0.35), random.uniform(-0.35, 0.35), random.uniform(-0.35, 0.35)};
     texts.push_back(
         {slides ? "prismatic" : "revolute", three(link), "0 0 0", three(axis.normalized()), slides ? 0.4 : 2.6});
   }

@@ -148,7 +148,7 @@ TEST(ResultBlocks, QuaternionsHaveNoNegativeW) {
   int negative = 0;
   for (int i = 0; i < 40; ++i) {
     const Eigen::Quaterniond q =
-        Eigen::Quaterniond(random.normal(), random.normal(), random.normal(), random.normal()).normalized();
+        Eigen::Quaterniond{random.normal(), random.normal(), random.normal(), random.normal()}.normalized();
     negative += Eigen::Quaterniond(q.toRotationMatrix()).w() < 0.0 ? 1 : 0;
     const double sign = q.w() < 0.0 ? -1.0 : 1.0;
     const Json json = quaternion(q.toRotationMatrix());

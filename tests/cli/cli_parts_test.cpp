@@ -230,9 +230,9 @@ TEST(PartsOfKdlcal, FramesGoIntoJsonAndBack) {
   for (int trial = 0; trial < 20; ++trial) {
     Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
     X.linear() =
-        Eigen::AngleAxisd(random.uniform(-3.1, 3.1), Vector3d(random.normal(), random.normal(), 1.0).normalized())
+        Eigen::AngleAxisd{random.uniform(-3.1, 3.1), Vector3d{random.normal(), random.normal(), 1.0}.normalized()}
             .toRotationMatrix();
-    X.translation() = Vector3d(random.normal(), random.normal(), random.normal());
+    X.translation() = Vector3d{random.normal(), random.normal(), random.normal()};
     const Json json = cli::frame_json(X);
     EXPECT_GE(json["quaternion_wxyz"][0], 0.0);
     EXPECT_EQ(json["position"], (Json{X.translation().x(), X.translation().y(), X.translation().z()}));

@@ -3,6 +3,10 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -14,10 +18,10 @@ namespace {
 using testing::fanuc;
 
 Eigen::Isometry3d random_placement(Random& random) {
-  Eigen::Quaterniond rotation(random.normal(), random.normal(), random.normal(), random.normal());
+  Eigen::Quaterniond rotation{random.normal(), random.normal(), random.normal(), random.normal()};
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.linear() = rotation.normalized().toRotationMatrix();
-  X_WB.translation() = Eigen::Vector3d(random.uniform(-8, 8), random.uniform(-8, 8), random.uniform(-3, 3));
+  X_WB.translation() = Eigen::Vector3d{random.uniform(-8, 8), random.uniform(-8, 8), random.uniform(-3, 3)};
   return X_WB;
 }
 
@@ -118,8 +122,8 @@ TEST(Registration, MinimisesTheSumOfSquaredDistances) {
   for (int i = 0; i < 200; ++i) {
     Eigen::Isometry3d X_WB = found.X_WB;
     X_WB.linear() =
-        X_WB.linear() * rotation_exp(1e-5 * Eigen::Vector3d(random.normal(), random.normal(), random.normal()));
-    X_WB.translation() += 1e-5 * Eigen::Vector3d(random.normal(), random.normal(), random.normal());
+        X_WB.linear() * rotation_exp(1e-5 * Eigen::Vector3d{random.normal(), random.normal(), random.normal()});
+    X_WB.translation() += 1e-5 * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
     std::vector<TargetFrame> targets = found.targets;
     targets[0].X_FT.translation()[i % 3] += 1e-5 * random.normal();
     ASSERT_GT(misfit(X_WB, targets, true), best);
@@ -132,7 +136,7 @@ struct LooseTool {
   LooseTool(double spread, std::uint64_t seed) {
     Random random(seed);
     const auto vector = [&](double size) {
-      return Eigen::Vector3d(size * random.normal(), size * random.normal(), size * random.normal());
+      return Eigen::Vector3d{size * random.normal(), size * random.normal(), size * random.normal()};
     };
     const std::vector<TargetFrame> targets = testing::targets_at({{0.1, 0.2, -0.1}, {-0.2, 0.1, 0.3}, {0.2, 0.0, 0.1}});
     for (const TargetFrame& target : targets) {
@@ -328,7 +332,7 @@ Unrelated unrelated(const ErrorModel& model, Random& random) {
   Unrelated result{.X_BF = flange_poses(folded(model, robot.truth.errors), q),
                    .measured = measure(robot, q, {}, random)};
   for (Observation& observation : result.measured.observations) {
-    observation.position = Eigen::Vector3d(random.normal(), random.normal(), random.normal());
+    observation.position = Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
   }
   return result;
 }
@@ -419,19 +423,88 @@ TEST(Registration, BoundIsNothingWhereAllIsExact) {
   }
 }
 
+/// What is left with a rotation of the base, as |L (1, vec(R_WB^T))|: all else by one dense factorisation.
+class Left {
+public:
+  explicit Left(const Unrelated& data) {
+    // In the base frame: R_WB^T z - c - R_BF t - p_BF, with c and t free.
+    const auto count = static_cast<Eigen::Index>(data.measured.observations.size());
+    Eigen::MatrixXd J(3 * count, 16);
+    for (Eigen::Index i = 0; i < count; ++i) {
+      const Observation& observation = data.measured.observations[static_cast<std::size_t>(i)];
+      const Eigen::Isometry3d& X = data.X_BF[static_cast<std::size_t>(observation.configuration)];
+      const Eigen::Vector3d& z = observation.position;
+      const Eigen::Matrix3d I = Eigen::Matrix3d::Identity();
+      J.middleRows<3>(3 * i) << I, X.linear(), -X.translation(), z.x() * I, z.y() * I, z.z() * I;
+    }
+    const Eigen::MatrixXd R = J.householderQr().matrixQR().triangularView<Eigen::Upper>();
+    L_ = R.block<10, 10>(6, 6);
+  }
+
+  double at(const Eigen::Matrix3d& R_WB) const {
+    const Eigen::Matrix3d A = R_WB.transpose();
+    Eigen::Matrix<double, 10, 1> values;
+    values << 1.0, A.reshaped();
+    return (L_ * values).norm();
+  }
+
+  /// Turned about single axes by less and less, as long as it becomes less.
+  Eigen::Matrix3d downhill(Eigen::Matrix3d R_WB) const {
+    double least = at(R_WB);
+    for (double angle = 0.2; angle > 1e-3;) {
+      bool moved = false;
+      for (int side = 0; side < 6; ++side) {
+        const Eigen::AngleAxisd turn(side < 3 ? angle : -angle, Eigen::Vector3d::Unit(side % 3));
+        const Eigen::Matrix3d turned = R_WB * turn;
+        const double value = at(turned);
+        if (value < least) {
+          R_WB = turned;
+          least = value;
+          moved = true;
+        }
+      }
+      angle = moved ? angle : 0.5 * angle;
+    }
+    return R_WB;
+  }
+
+private:
+  Eigen::Matrix<double, 10, 10> L_;
+};
+
+/// The least that is left in a valley that is not the deepest one's, over what is left there.
+double second_over_least(const Unrelated& data, Random& random) {
+  const Left left(data);
+  std::vector<Eigen::Matrix3d> found;
+  for (int start = 0; start < 40; ++start) {
+    found.push_back(left.downhill(random_placement(random).linear()));
+  }
+  const auto by_left = [&](const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) { return left.at(a) < left.at(b); };
+  const Eigen::Matrix3d best = *std::min_element(found.begin(), found.end(), by_left);
+  double second = std::numeric_limits<double>::infinity();
+  for (const Eigen::Matrix3d& R_WB : found) {
+    if ((R_WB - best).norm() > 0.2) {
+      second = std::min(second, left.at(R_WB) / left.at(best));
+    }
+  }
+  return second;
+}
+
 TEST(Registration, SaysWhereSeveralPosesOfTheBaseAreAsGood) {
-  // In three of the trials no minimum stands out: so found by small steps downhill from 400 rotations in each.
+  constexpr double kAsGood = 1.5;  // in RMS
   const ErrorModel model = complete_model(fanuc());
   Random random(11);
-  std::vector<int> told;
+  int several = 0;
   for (int trial = 0; trial < 40; ++trial) {
     const Unrelated data = unrelated(model, random);
     const Registration found = register_base_and_targets(data.X_BF, data.measured);
-    if (found.ambiguous && found.message.find("two poses of the base") != std::string::npos) {
-      told.push_back(trial);
-    }
+    const bool told = found.ambiguous && found.message.find("two poses of the base") != std::string::npos;
+    const double second = second_over_least(data, random);
+    EXPECT_EQ(told, second < kAsGood) << trial << ": the second pose leaves " << second << " times the least";
+    several += told ? 1 : 0;
   }
-  EXPECT_THAT(told, ::testing::ElementsAre(4, 13, 28));
+  EXPECT_GT(several, 0);
+  EXPECT_LT(several, 20);
 }
 
 TEST(Registration, GivesARotationWhereAReflectionWouldFitAsWell) {

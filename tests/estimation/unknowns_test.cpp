@@ -21,9 +21,9 @@ using Eigen::VectorXd;
 using ::testing::ElementsAre;
 
 Isometry3d random_frame(Random& random) {
-  const Vector3d axis(random.normal(), random.normal(), random.normal());
-  return Eigen::Translation3d(random.normal(), random.normal(), random.normal()) *
-         Eigen::AngleAxisd(random.uniform(-1.0, 1.0), axis.normalized());
+  const Vector3d axis{random.normal(), random.normal(), random.normal()};
+  const Eigen::Translation3d place{random.normal(), random.normal(), random.normal()};
+  return place * Eigen::AngleAxisd(random.uniform(-1.0, 1.0), axis.normalized());
 }
 
 // The odd arm with gains, two targets of which the second has an orientation, and something free of every group.

@@ -758,14 +758,14 @@ TEST(MeasurementsCsv, ReadsBackToTheSameDoubles) {
     for (int j = 0; j < 2; ++j) m.joint_values(j, c) = random.normal() * std::pow(10.0, random.uniform(-300, 11));
     for (std::int32_t t = 0; t < 3; ++t) {
       Observation o;
-      o.position = Eigen::Vector3d(random.normal(), random.normal() * 1e-9, random.normal() * 1e6);
+      o.position = Eigen::Vector3d{random.normal(), random.normal() * 1e-9, random.normal() * 1e6};
       o.sigma = random.uniform() < 0.5 ? 0.0 : random.uniform(1e-6, 1e-3);
       o.configuration = c;
       o.target = t;
       o.repeat = 1 + static_cast<std::int32_t>(random.bits() % 5U);
       o.split = c % 3 == 0 ? Split::test : Split::train;
       m.observations.push_back(o);
-      const Eigen::Vector4d q(random.normal(), random.normal(), random.normal(), random.normal());
+      const Eigen::Vector4d q{random.normal(), random.normal(), random.normal(), random.normal()};
       m.orientations.emplace_back(t == 1 ? Eigen::Vector4d::Constant(std::nan("")) : Eigen::Vector4d(q / q.norm()));
     }
   }

@@ -175,7 +175,7 @@ TEST(Chains, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
     for (Observation& o : measured.observations) {
       const double distance = o.position.norm();
       const Eigen::Vector3d line = o.position / distance;
-      const Eigen::Vector3d n(random.normal(), random.normal(), random.normal());
+      const Eigen::Vector3d n{random.normal(), random.normal(), random.normal()};
       const double across = tracker.transverse + tracker.transverse_per_metre * distance;
       o.position += tracker.range * line.dot(n) * line + across * (n - line.dot(n) * line);
     }

@@ -172,7 +172,7 @@ TEST(ArmBody, CapsulesTouchTheShapesThatTheyEnclose) {
                   Eigen::AngleAxisd(rpy.x(), Vector3d::UnitX()))
                      .toRotationMatrix();
     X.translation() = xyz;
-    const Vector3d half(random.uniform(0.05, 1.0), random.uniform(0.05, 1.0), random.uniform(0.05, 1.0));
+    const Vector3d half{random.uniform(0.05, 1.0), random.uniform(0.05, 1.0), random.uniform(0.05, 1.0)};
     const double radius = random.uniform(0.05, 0.5);
     const double length = random.uniform(0.05, 2.0);
     const std::string origin = "<origin xyz='" + numbers(xyz) + "' rpy='" + numbers(rpy) + "'/>";

@@ -171,8 +171,8 @@ TEST(Mimic, PosesOfTheModelAreThoseOfKdlAtExpandedValues) {
   Random random(1);
   for (int i = 0; i < 20; ++i) {
     const VectorXd errors = testing::random_errors(model, random, 0.002, 0.01);
-    const Eigen::Vector4d given(random.uniform(-3, 3), random.uniform(-0.2, 0.3), random.uniform(-2.5, 2.5),
-                                random.uniform(-3, 3));
+    const Eigen::Vector4d given{random.uniform(-3, 3), random.uniform(-0.2, 0.3), random.uniform(-2.5, 2.5),
+                                random.uniform(-3, 3)};
     const KDL::Frame expected =
         testing::kdl_pose(error_chain(model, errors), expanded(given[0], given[1], given[2], given[3]));
     const KDL::Frame found = to_kdl(flange_pose(folded(model, errors), all_joint_values(robot.joints, given).col(0)));
@@ -208,8 +208,9 @@ TEST(Mimic, TheReductionKeepsAsManyParametersAsTheReachableConfigurationsTell) {
   const auto generic = static_cast<Eigen::Index>(targets.size() * 3);
   MatrixXd stacked(40 * generic, 6 + generic + none.size());
   for (Eigen::Index c = 0; c < 40; ++c) {
-    const VectorXd q =
-        expanded(random.uniform(-3, 3), random.uniform(-1, 1), random.uniform(-3, 3), random.uniform(-3, 3));
+    const Eigen::Vector4d given{random.uniform(-3, 3), random.uniform(-1, 1), random.uniform(-3, 3),
+                                random.uniform(-3, 3)};
+    const VectorXd q = expanded(given[0], given[1], given[2], given[3]);
     const auto points = [&](const VectorXd& errors) {
       const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(error_chain(model, errors), q));
       VectorXd result(generic);

@@ -84,7 +84,7 @@ std::string read(const std::filesystem::path& file) {
 }
 
 KDL::Rotation random_rotation(Random& random, double angle) {
-  const KDL::Vector axis(random.normal(), random.normal(), random.normal());
+  const KDL::Vector axis{random.normal(), random.normal(), random.normal()};
   return KDL::Rotation::Rot(axis, angle);
 }
 
@@ -93,7 +93,7 @@ std::vector<OriginCorrection> random_corrections(const Robot& robot, std::uint64
   Random random(seed);
   std::vector<OriginCorrection> corrections;
   for (const KDL::Segment& segment : robot.chain.segments) {
-    const KDL::Vector shift(0.0025 * random.normal(), 0.0025 * random.normal(), 0.0025 * random.normal());
+    const KDL::Vector shift{0.0025 * random.normal(), 0.0025 * random.normal(), 0.0025 * random.normal()};
     const double angle = 3.0 * std::numbers::pi / 180.0 * random.normal();
     corrections.push_back({segment.getJoint().getName(), KDL::Frame(random_rotation(random, angle), shift)});
   }
