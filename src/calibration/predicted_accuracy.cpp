@@ -37,32 +37,42 @@ public:
 
   // Of every target [m^2] in W, where `signals` (of one column) are known.
   std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const {
-    std::vector<Eigen::Matrix3d> result;
-    for (const Matrix3Xd& jacobian : free_.jacobians(q, signals)) {
-      result.emplace_back(jacobian * uncertain_.covariance * jacobian.transpose());
-    }
-    add_left_out(q, signals, result);
-    if (undetermined_.cols() > 0) {
-      const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q, signals);
-      for (std::size_t k = 0; k < result.size(); ++k) {
-        if (!determines(jacobians[k])) {
-          result[k] = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()).asDiagonal();
-        }
+    std::vector<Eigen::Matrix3d> result = besides(q, signals);
+    const std::vector<Matrix3Xd> jacobians = free_.jacobians(q, signals);
+    for (std::size_t k = 0; k < result.size(); ++k) {
+      if (result[k].allFinite()) {
+        result[k] += jacobians[k] * uncertain_.covariance * jacobians[k].transpose();
       }
     }
     return result;
   }
 
-  // 3D 1 sigma [m], targets x N
+  // 3D 1 sigma [m], targets x N. One product for many configurations takes a third of the time of one for each.
   Eigen::MatrixXd sigmas(const Eigen::MatrixXd& joint_values, const DriveSignals& signals) const {
-    Eigen::MatrixXd result(static_cast<Eigen::Index>(estimate_.targets.size()), joint_values.cols());
+    constexpr Eigen::Index kAtOnce = 32;
+    const auto targets = static_cast<Eigen::Index>(estimate_.targets.size());
+    Eigen::MatrixXd variances(targets, joint_values.cols());
+    for (Eigen::Index first = 0; first < joint_values.cols(); first += kAtOnce) {
+      const Eigen::Index count = std::min(kAtOnce, joint_values.cols() - first);
+      Eigen::MatrixXd rows(3 * targets * count, uncertain_.covariance.cols());
+      Eigen::Index row = 0;
+      for (Eigen::Index c = first; c < first + count; ++c) {
+        for (const Matrix3Xd& jacobian : free_.jacobians(joint_values.col(c), column(signals, c))) {
+          rows.middleRows<3>(row) = jacobian;
+          row += 3;
+        }
+      }
+      const Eigen::VectorXd coordinates = (rows * uncertain_.covariance).cwiseProduct(rows).rowwise().sum();
+      variances.middleCols(first, count) =
+          coordinates.reshaped(3, targets * count).colwise().sum().reshaped(targets, count);
+    }
     for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
       Eigen::Index k = 0;
-      for (const Eigen::Matrix3d& covariance : covariances(joint_values.col(c), column(signals, c))) {
-        result(k++, c) = std::sqrt(covariance.trace());
+      for (const Eigen::Matrix3d& covariance : besides(joint_values.col(c), column(signals, c))) {
+        variances(k++, c) += covariance.trace();
       }
     }
-    return result;
+    return variances.cwiseSqrt();
   }
 
   std::vector<PredictedPoint> points(const Configurations& asked, const MeasuredRegion& region) const {
@@ -109,16 +119,26 @@ private:
     return variances;
   }
 
-  void add_left_out(const Eigen::VectorXd& q, const DriveSignals& signals,
-                    std::vector<Eigen::Matrix3d>& covariances) const {
+  // What the covariance of the free unknowns does not tell [m^2]: of every target by the effects that are left out,
+  // infinite where what was fixed by the gauge matters.
+  std::vector<Eigen::Matrix3d> besides(const Eigen::VectorXd& q, const DriveSignals& signals) const {
+    std::vector<Eigen::Matrix3d> result(estimate_.targets.size(), Eigen::Matrix3d::Zero());
     const Eigen::VectorXd variances = left_out(q, signals);
-    if (variances.isZero(0.0)) {
-      return;
+    if (!variances.isZero(0.0)) {
+      const std::vector<Matrix3Xd> jacobians = joints_.jacobians(q, signals);
+      for (std::size_t k = 0; k < result.size(); ++k) {
+        result[k] = jacobians[k] * variances.asDiagonal() * jacobians[k].transpose();
+      }
     }
-    const std::vector<Matrix3Xd> jacobians = joints_.jacobians(q, signals);
-    for (std::size_t k = 0; k < covariances.size(); ++k) {
-      covariances[k] += jacobians[k] * variances.asDiagonal() * jacobians[k].transpose();
+    if (undetermined_.cols() > 0) {
+      const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q, signals);
+      for (std::size_t k = 0; k < result.size(); ++k) {
+        if (!determines(jacobians[k])) {
+          result[k] = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()).asDiagonal();
+        }
+      }
     }
+    return result;
   }
 
   bool determines(const Matrix3Xd& jacobian) const {

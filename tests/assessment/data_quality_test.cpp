@@ -597,6 +597,9 @@ TEST(DataQualityOnRealData, NamesDefectsPutIntoTheFanucSeries) {
   const Estimate estimate = experiment().preliminary(clean);
   for (int target = 0; target < 3; ++target) {
     for (int axis = 0; axis < 3; ++axis) {
+      if (target != 0 && target != axis) {
+        continue;  // each axis and each target
+      }
       Measurements slipped = clean;
       slip_target(experiment().model, estimate, slipped, {target, 12, 0.001 * Eigen::Vector3d::Unit(axis)});
       const std::string name = clean.targets[static_cast<std::size_t>(target)];

@@ -547,7 +547,7 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
 }
 
 TEST(Calibration, DefectsOfTheMeasurementsAreNamedAndTheRobustFitSurvivesThem) {
-  expect_defects_named_and_survived(3, 1.3);
+  expect_defects_named_and_survived(2, 1.3);
 }
 
 TEST(CalibrationLongRun, DefectsOfTheMeasurementsAreNamedAndTheRobustFitSurvivesThem) {
@@ -588,7 +588,7 @@ void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_b
 }
 
 TEST(Calibration, LackOfFitFiresAsOftenAsItsPValueSaysAndNamesTheJoint) {
-  expect_lack_of_fit_as_often_as_it_says(10, 0.3, 3);
+  expect_lack_of_fit_as_often_as_it_says(5, 0.3, 2);
 }
 
 TEST(CalibrationLongRun, LackOfFitFiresAsOftenAsItsPValueSaysAndNamesTheJoint) {

@@ -276,7 +276,7 @@ void expect_no_misfit(int configurations, int draws, double freedom) {
 TEST(NoiseParts, ThatTheParametersUseUpAreZero) { expect_no_misfit(5, 5, 12.0); }
 
 // Of six they leave less than half a degree of freedom, which tells nothing of a misfit.
-TEST(NoiseParts, ThatTheParametersNearlyUseUpAreZero) { expect_no_misfit(6, 20, 21.0); }
+TEST(NoiseParts, ThatTheParametersNearlyUseUpAreZero) { expect_no_misfit(6, 10, 21.0); }
 
 TEST(NoiseParts, OfOneKindBesideEqualWeightsAreTheMeanSquareOfTheResiduals) {
   const ErrorModel model = complete_model(testing::fanuc());
@@ -318,7 +318,7 @@ TEST(NoiseParts, BesideEqualWeightsGiveTheColumnsTheCovarianceThatTheyHave) {
   }
 }
 
-TEST(NoiseParts, BesideEqualWeightsAreRightOnAverage) {
+TEST(NoisePartsLongRun, BesideEqualWeightsAreRightOnAverage) {
   constexpr int kRuns = 100;
   const ErrorModel model = complete_model(testing::fanuc());
   NoiseParts::Variances truth = NoiseParts::Variances::Zero();
@@ -811,7 +811,7 @@ TEST(NoiseParts, CoverWhatTheyPromise) {
       std::remove_if(sorts.begin(), sorts.end(), [&](const Truth& truth) { return some.count(truth.name) == 0; }),
       sorts.end());
   ASSERT_EQ(sorts.size(), some.size());
-  expect_coverage(sorts, 10, 0.04);
+  expect_coverage(sorts, 6, 0.04);
 }
 
 TEST(NoisePartsLongRun, CoverWhatTheyPromise) { expect_coverage(truths(), 10, 0.04); }

@@ -110,7 +110,7 @@ constexpr std::array kTilts = {0.0, 1e-9, 1e-6, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 3.1
 void expect_no_difference_to_parallel_axes(int style, double tilt) {
   SCOPED_TRACE("style " + std::to_string(style) + ", tilt " + std::to_string(tilt));
   const Simulated exact(six_joints(style, tilt), 7, 0.0);
-  const Calibration clean = calibrate(exact.model, exact.measured);
+  const Calibration clean = calibrate(exact.model, exact.measured, {.held_out = false});
   EXPECT_TRUE(clean.trusted()) << clean.identification.message;
   expect_a_misfit_before_each_iteration(clean);
   EXPECT_LT(clean.test->after.rms, 1e-9);
@@ -145,7 +145,7 @@ TEST(ParametersOfRealArms, AnExportedRobotIsCalibratedAgain) {
         first.robot, first.model,
         calibrate(first.model, first.measured, {.held_out = false, .try_readings = false}).exported.estimate.errors);
     const Simulated exact(exported, 100 + seed, 0.0);
-    const Calibration clean = calibrate(exact.model, exact.measured);
+    const Calibration clean = calibrate(exact.model, exact.measured, {.held_out = false});
     EXPECT_TRUE(clean.trusted()) << seed << ": " << clean.identification.message;
     EXPECT_LT(clean.test->after.rms, 1e-9) << seed;
     const Simulated noisy(exported, 200 + seed, kNoise);

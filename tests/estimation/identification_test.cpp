@@ -489,14 +489,15 @@ TEST(Identification, TwoStepsThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) 
   VirtualExperiment experiment = published(3);
   const Measurements recorded = experiment.measure(30);
   const Estimate start = nominal_start(experiment.model, recorded);
-  const auto factor = [&](const TwoStepOptions& options) {
+  const auto identified = [&](const TwoStepOptions& options) {
     return identify_in_two_steps(
-               experiment.model, [&](int) { return Measurements(recorded); }, start, experiment.free.geometric(),
-               options)
-        .convergence_factor;
+        experiment.model, [&](int) { return Measurements(recorded); }, start, experiment.free.geometric(), options);
   };
-  const double stopped = factor({.rounds = 600});
-  EXPECT_NEAR(factor({.rounds = 600, .step_tolerance = 0.0}), stopped, 0.01);
+  const Identification stopped = identified({.rounds = 600});
+  ASSERT_EQ(stopped.termination, Termination::converged) << stopped.message;
+  const Identification longer = identified({.rounds = stopped.iterations + 60, .step_tolerance = 0.0});
+  EXPECT_EQ(longer.iterations, stopped.iterations + 60);
+  EXPECT_NEAR(longer.convergence_factor, stopped.convergence_factor, 0.01);
 }
 
 TEST(Identification, TwoStepsWithNoiseEndNearTheJointOptimum) {
