@@ -9,11 +9,12 @@
 // words where the option needs company; what they give without the option is made once for all rows, which is why all
 // rows of a table find the same input files. An option may have several rows; one without any fails the test of its
 // table, `OptionsOfKdlcal.Of...AreAllTested`. Each row is also run with the option in a file (--config), which must do
-// the same.
+// the same; of calibrate and plan, whose runs take long, files_of_options() lists files with many options each.
 
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
@@ -40,6 +41,11 @@ const std::string kFanuc = std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf";
 inline Words operator+(Words left, const Words& right) {
   left.insert(left.end(), right.begin(), right.end());
   return left;
+}
+
+inline Words words_of(const std::string& line) {
+  std::istringstream stream(line);
+  return {std::istream_iterator<std::string>(stream), {}};
 }
 
 /// What one run gave.
@@ -154,14 +160,36 @@ inline constexpr const char* kFanucCoupled = R"({"controller_joints": ["A6", "A5
   "matrix": [[0,0,0,0,0,1], [0,0,0,0,-1,0], [0,0,0,1,1,0], [0,0,-1,0,0,0], [0,1,0.5,0,0,0], [-2,0,0,0,0,0]],
   "offset": [0.1, -0.2, 0.3, -0.4, 0.5, -0.6]})";
 
+/// The FANUC with a fixed wrist: an arm of three joints, with which kdlcal takes half the time or less.
+inline constexpr const char* kArm = "arm.urdf";
+
+inline const Robot& arm() {
+  static const Robot robot = [] {
+    static const std::regex joint(R"re((<joint name="joint_[456]" type=)"revolute")re");
+    Robot parsed = parse_robot(std::regex_replace(CommandLine::content(kFanuc), joint, "$1\"fixed\""));
+    parsed.source = kArm;
+    return parsed;
+  }();
+  return robot;
+}
+
+/// q = M c + o of this arm with a sign, a coupling, a factor and offsets; the controller counts from the flange.
+inline constexpr const char* kArmCoupled = R"({"controller_joints": ["A3", "A2", "A1"],
+  "urdf_joints": ["joint_1", "joint_2", "joint_3"],
+  "matrix": [[0,0,-2],[0,1,0],[1,0.5,0]], "offset": [0.1, -0.2, 0.3]})";
+
 /// Twelve configurations of a FANUC with errors of a millimetre and a milliradian to fit, four to test, three targets,
 /// seen from W, in which the base stands turned.
-inline Measurements measured_fanuc(const MeasuringNoise& noise, bool poses) {
-  const ErrorModel model = complete_model(fanuc());
+inline Measurements measured_fanuc(const MeasuringNoise& noise, bool poses, const Robot& robot = fanuc()) {
+  const ErrorModel model = complete_model(robot);
   const std::vector<TargetFrame> targets = published_targets(3);
   std::vector<std::size_t> with_errors;
   for (const char* name : {"dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Tz2", "Tz3", "Rz3", "Tz4", "Tz5"}) {
-    with_errors.push_back(parameter_index(model, name));
+    const bool of_arm = std::any_of(model.parameters.begin(), model.parameters.end(),
+                                    [&](const ErrorParameter& parameter) { return parameter.name == name; });
+    if (of_arm) {
+      with_errors.push_back(parameter_index(model, name));
+    }
   }
   VirtualExperiment experiment({.model = model,
                                 .targets = poses ? as_frames(targets) : targets,
@@ -249,16 +277,28 @@ protected:
     Effect effect{.without = run_once(words), .with = run_and_tidy(words + row.option), .directory = directory};
     ASSERT_NE(effect.with.outcome.status, 2) << effect.with.outcome.err;
     row.check(effect);
-    write("options.toml", "[" + command.front() + "]\n" + as_config(row.option));
+    expect_the_same_from_a_file(words, row.option, effect.with);
+  }
+
+  /// The same where a run takes long: `with` is made once for all rows as well, and files of options have rows of their
+  /// own.
+  void check_effect_on_command_line(const Words& command, const OptionCase& row) {
+    const Words words = command + row.base;
+    const Effect effect{.without = run_once(words), .with = run_once(words + row.option), .directory = directory};
+    ASSERT_NE(effect.with.outcome.status, 2) << effect.with.outcome.err;
+    row.check(effect);
+  }
+
+  void expect_the_same_from_a_file(const Words& words, const Words& option, const Answer& expected) {
+    write("options.toml", "[" + words.front() + "]\n" + as_config(option));
     Answer from_file = run_and_tidy(words + Words{"--config", "options.toml"});
-    EXPECT_EQ(from_file.outcome.status, effect.with.outcome.status) << from_file.outcome.err;
-    EXPECT_EQ(without_config(from_file.outcome.out), effect.with.outcome.out)
-        << "from a file " << text_of("options.toml");
-    EXPECT_EQ(from_file.outcome.err, effect.with.outcome.err);
+    EXPECT_EQ(from_file.outcome.status, expected.outcome.status) << from_file.outcome.err;
+    EXPECT_EQ(without_config(from_file.outcome.out), expected.outcome.out) << "from a file " << text_of("options.toml");
+    EXPECT_EQ(from_file.outcome.err, expected.outcome.err);
     for (auto& [name, text] : from_file.files) {
       text = without_config(text);
     }
-    EXPECT_TRUE(from_file.files == effect.with.files);
+    EXPECT_TRUE(from_file.files == expected.files);
   }
 
   /// A result without its word on the file of options, which alone may tell the two ways apart.
@@ -284,6 +324,19 @@ protected:
     EXPECT_EQ(tested, known) << "options of kdlcal " << subcommand << ": see cli_options_support.hpp";
   }
 };
+
+/// A row for each option of these, to say that none is missing.
+inline std::vector<OptionCase> rows_of_options(const std::vector<Words>& files) {
+  std::vector<OptionCase> rows;
+  for (const Words& file : files) {
+    for (const std::string& word : file) {
+      if (word.rfind("--", 0) == 0) {
+        rows.push_back({.behaviour = word, .option = {word}, .check = {}});
+      }
+    }
+  }
+  return rows;
+}
 
 class OptionEffect : public OptionsOfKdlcal, public ::testing::WithParamInterface<OptionCase> {};
 

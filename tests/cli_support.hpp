@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <csignal>
 #include <cstdlib>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -28,6 +29,13 @@ constexpr bool kSanitized = __has_feature(address_sanitizer) || __has_feature(th
 #else
 constexpr bool kSanitized = false;
 #endif
+
+/// A robot of two joints, of which a calibration is cheap.
+inline constexpr const char* kTwoJoints = R"(<robot name="two"><link name="a"/><link name="b"/><link name="c"/>
+<link name="d"/><joint name="j1" type="continuous"><parent link="a"/><child link="b"/><origin xyz="0 0.5 0.5"/>
+<axis xyz="0 0 1"/></joint><joint name="j2" type="continuous"><parent link="b"/><child link="c"/>
+<origin xyz="0 0.5 0.5"/><axis xyz="1 0 0"/></joint><joint name="t" type="fixed"><parent link="c"/><child link="d"/>
+</joint></robot>)";
 
 /// What surrounds a run of kdlcal. No run may take more than this: one that does is ended and fails its test, so that
 /// a limit which no longer works does not fill the machine.
@@ -73,6 +81,26 @@ public:
   bool ended() const {
     siginfo_t info{};
     return ::waitid(P_PID, static_cast<id_t>(child_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 && info.si_pid != 0;
+  }
+
+  /// Sleeps until it has used so much of the processor [s] or has ended: what it has come to by then does not depend on
+  /// other work of the machine.
+  void let_work(double seconds) const {
+    clockid_t clock{};
+    timespec used{};
+    if (::clock_getcpuclockid(child_, &clock) != 0) {
+      return;
+    }
+    while (!ended() && ::clock_gettime(clock, &used) == 0 &&
+           static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec) < seconds) {
+      ::usleep(1000);
+    }
+  }
+
+  /// The limit of processor time [s] that it has been given, as the system tells it.
+  rlim_t cpu_limit() const {
+    rlimit limits{};
+    return ::prlimit(child_, RLIMIT_CPU, nullptr, &limits) == 0 ? limits.rlim_cur : RLIM_INFINITY;
   }
 
   /// The status that waitpid gives. The test fails where time ended the process.

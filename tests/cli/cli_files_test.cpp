@@ -76,14 +76,17 @@ TEST_F(Files, NothingIsWrittenWhereStandardOutputIsFull) {
 
 // Whose files stand there in the end is open; that they do not belong together shows.
 TEST_F(Files, TwoRunsIntoTheSameFilesLeaveWholeOnesAndHashesThatTellThemApart) {
-  Measured other = measured(kMeasured.model, 2);
-  write("m2.csv", measurements_csv(other.data));
+  write("two.urdf", kTwoJoints);
   const auto command = [](const std::string& measurements) {
-    return std::vector<std::string>{"calibrate", "--measurements", measurements, "--output",
-                                    "c.urdf",    "--result",       "r.json",     "--force"};
+    return std::vector<std::string>{"calibrate", "--urdf", "two.urdf", "--measurements", measurements,
+                                    "--output",  "c.urdf", "--result", "r.json",         "--force"};
   };
   std::map<std::string, nlohmann::json> alone;  // by the hash of the URDF
-  for (const char* name : {"m.csv", "m2.csv"}) {
+  for (const std::string name : {"m1.csv", "m2.csv"}) {
+    ASSERT_EQ(run({"simulate", "--urdf", "two.urdf", "--configurations", "8", "--noise", "1e-5", "--seed",
+                   name.substr(1, 1), "--output", name})
+                  .status,
+              0);
     ASSERT_EQ(run(command(name)).status, 0);
     const nlohmann::json result = json_of("r.json");
     EXPECT_EQ(result["exported_urdf"]["sha256"], sha256(text_of("c.urdf")));
@@ -94,7 +97,7 @@ TEST_F(Files, TwoRunsIntoTheSameFilesLeaveWholeOnesAndHashesThatTellThemApart) {
   for (int attempt = 0; attempt < 5; ++attempt) {
     fs::remove(directory / "c.urdf");
     fs::remove(directory / "r.json");
-    Process first(directory, command("m.csv"));
+    Process first(directory, command("m1.csv"));
     Process second(directory, command("m2.csv"));
     const int statuses = WEXITSTATUS(first.wait()) + WEXITSTATUS(second.wait());
     EXPECT_TRUE(statuses == 0 || statuses == 2) << statuses;  // a name that the other took meanwhile is refused
@@ -113,13 +116,13 @@ TEST_F(Files, ASmallStackSuffices) {
     GTEST_SKIP() << "a sanitizer needs more stack by itself";
   }
   const Surroundings small{.stack = 64 << 10U};
-  for (const std::vector<std::string>& command :
-       std::vector<std::vector<std::string>>{{"fk", "--joints", "0,0,0,0,0,0"},
-                                             {"model"},
-                                             {"calibrate", "--measurements", "m.csv", "--effects", "auto"},
-                                             {"validate", "--measurements", "m.csv", "--json"},
-                                             {"simulate", "--monte-carlo", "3"},
-                                             {"plan", "--configurations", "12", "--candidates", "60"}}) {
+  for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
+           {"fk", "--joints", "0,0,0,0,0,0"},
+           {"model"},
+           {"calibrate", "--measurements", "m.csv", "--effects", "auto"},
+           {"validate", "--measurements", "m.csv", "--json"},
+           {"simulate", "--monte-carlo", "2", "--configurations", "12"},
+           {"plan", "--configurations", "12", "--candidates", "60", "--workspace", "20", "--starts", "2"}}) {
     const Outcome usual = run(command);
     const Outcome outcome = run(command, small);
     EXPECT_EQ(outcome.status, usual.status) << command.front() << ": " << outcome.err;
@@ -132,7 +135,7 @@ TEST_F(Files, SignalsCleanUpWithASmallStackAsWell) {
   const auto before = files();
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT}) {
     Process process(directory, {"simulate", "--monte-carlo", "100000", "--json"}, {.stack = 64 << 10U});
-    ::usleep(200'000);
+    process.let_work(0.03);
     process.send(signal);
     const int status = process.wait();
     EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == signal) << signal;
@@ -143,7 +146,7 @@ TEST_F(Files, SignalsCleanUpWithASmallStackAsWell) {
 TEST_F(Files, QuittingLeavesNothing) {
   const auto before = files();
   Process process(directory, {"simulate", "--monte-carlo", "100000", "--json"});
-  ::usleep(200'000);
+  process.let_work(0.03);
   process.send(SIGQUIT);
   const int status = process.wait();
   EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGQUIT);

@@ -25,15 +25,14 @@ using Words = std::vector<std::string>;
 
 class ExactLimits : public CommandLine {
 protected:
-  /// `option` of the command takes these values: what fails is the robot, which is read later.
-  void accepts(const Words& command, const std::string& option, const Words& values) {
-    for (const std::string& value : values) {
-      Words words = command;
-      words.insert(words.end(), {option + "=" + value, "--urdf", "none.urdf"});
-      const Outcome outcome = run(words);
-      EXPECT_EQ(outcome.status, 2);
-      EXPECT_THAT(outcome.err, AllOf(HasSubstr("none.urdf"), Not(HasSubstr(option)))) << option << " " << value;
-    }
+  /// The command takes all these options, "--name=value": what fails is the robot, which is read later.
+  void accepts(const Words& command, const Words& options) {
+    Words words = command;
+    words.insert(words.end(), options.begin(), options.end());
+    words.insert(words.end(), {"--urdf", "none.urdf"});
+    const Outcome outcome = run(words);
+    EXPECT_EQ(outcome.status, 2);
+    EXPECT_THAT(outcome.err, AllOf(HasSubstr("none.urdf"), Not(HasSubstr("--")))) << ::testing::PrintToString(options);
   }
 
   void refuses(const Words& command, const std::string& option, const Words& values) {
@@ -44,41 +43,56 @@ protected:
     }
   }
 
-  void between(const Words& command, const std::string& option, long least, long most) {
-    accepts(command, option, {std::to_string(least), std::to_string(most)});
+  void refuses_beyond(const Words& command, const std::string& option, long least, long most) {
     refuses(command, option, {std::to_string(least - 1), std::to_string(most + 1)});
   }
 
-  /// A sigma or a length: 0, or from 1e-15 to 1e12.
-  void sigma(const Words& command, const std::string& option) {
-    accepts(command, option, {"0", "1e-15", "1e12"});
-    refuses(command, option, {"0.99e-15", "-1e-15", "1.000000000001e12"});
+  /// Sigmas or lengths: 0, or from 1e-15 to 1e12.
+  void sigmas(const Words& command, const Words& options) {
+    for (const std::string value : {"0", "1e-15", "1e12"}) {
+      Words given = options;
+      for (std::string& option : given) {
+        option += "=" + value;
+      }
+      accepts(command, given);
+    }
+    for (const std::string& option : options) {
+      refuses(command, option, {"0.99e-15", "-1e-15", "1.000000000001e12"});
+    }
   }
 };
 
 TEST_F(ExactLimits, OfCountsInSimulations) {
+  accepts({"model"}, {"--targets=1"});
+  accepts({"model"}, {"--targets=100"});
+  refuses_beyond({"model"}, "--targets", 1, 100);
   const Words simulate = {"simulate"};
-  between({"model"}, "--targets", 1, 100);
-  between(simulate, "--configurations", 1, 100'000);
-  between(simulate, "--test-configurations", 0, 100'000);
-  between(simulate, "--targets", 1, 100);
-  between(simulate, "--repeats", 1, 1'000);
-  between(simulate, "--monte-carlo", 0, 1'000'000);
-  between(simulate, "--threads", 0, 1'024);
-  accepts(simulate, "--seed", {"0", "9223372036854775807"});
+  accepts(simulate, {"--configurations=1", "--test-configurations=0", "--targets=1", "--repeats=1", "--monte-carlo=0",
+                     "--threads=0", "--seed=0"});
+  accepts(simulate, {"--configurations=100000", "--test-configurations=100000", "--monte-carlo=1000000",
+                     "--threads=1024", "--seed=9223372036854775807"});
+  accepts(simulate, {"--targets=100", "--repeats=1000"});
+  refuses_beyond(simulate, "--configurations", 1, 100'000);
+  refuses_beyond(simulate, "--test-configurations", 0, 100'000);
+  refuses_beyond(simulate, "--targets", 1, 100);
+  refuses_beyond(simulate, "--repeats", 1, 1'000);
+  refuses_beyond(simulate, "--monte-carlo", 0, 1'000'000);
+  refuses_beyond(simulate, "--threads", 0, 1'024);
   refuses(simulate, "--seed", {"-1", "9223372036854775808"});
 }
 
 TEST_F(ExactLimits, OfCountsInCalibrations) {
   const Words calibrate = {"calibrate", "--measurements", "m.csv"};
-  between(calibrate, "--iterations", 1, 1'000'000);
-  between(calibrate, "--k-fold", 2, 1'000);
-  between(calibrate, "--threads", 0, 1'024);
+  accepts(calibrate, {"--iterations=1", "--k-fold=2", "--threads=0"});
+  accepts(calibrate, {"--iterations=1000000", "--k-fold=1000", "--threads=1024"});
+  refuses_beyond(calibrate, "--iterations", 1, 1'000'000);
+  refuses_beyond(calibrate, "--k-fold", 2, 1'000);
+  refuses_beyond(calibrate, "--threads", 0, 1'024);
 }
 
 TEST_F(ExactLimits, OfTheDirectionOfGravity) {
   const Words calibrate = {"calibrate", "--measurements", "m.csv"};
-  accepts(calibrate, "--gravity-direction", {"-1000000,0,1000000"});
+  accepts(calibrate, {"--gravity-direction=-1000000,0,1000000"});
   for (const std::string value : {"-1000001", "1000001"}) {
     expect_refused(
         {"calibrate", "--measurements", "m.csv", "--urdf", "none.urdf", "--gravity-direction", "0,0," + value},
@@ -88,45 +102,42 @@ TEST_F(ExactLimits, OfTheDirectionOfGravity) {
 
 TEST_F(ExactLimits, OfCountsInPlans) {
   const Words plan = {"plan"};
-  between(plan, "--configurations", 1, 2'000);
-  between({"plan", "--measured", "m.csv"}, "--add", 1, 2'000);
-  between(plan, "--candidates", 1, 1'000'000);
-  between(plan, "--workspace", 1, 100'000);
-  between(plan, "--starts", 1, 1'000);
-  between(plan, "--targets", 1, 100);
-  between(plan, "--monte-carlo", 0, 100'000);
-  between(plan, "--threads", 0, 1'024);
-  accepts(plan, "--seed", {"0", "9223372036854775807"});
+  const Words more = {"plan", "--measured", "m.csv"};
+  accepts(plan, {"--configurations=1", "--candidates=1", "--workspace=1", "--starts=1", "--targets=1",
+                 "--monte-carlo=0", "--threads=0", "--seed=0"});
+  accepts(plan, {"--configurations=2000", "--candidates=1000000", "--workspace=100000", "--starts=1000",
+                 "--targets=100", "--monte-carlo=100000", "--threads=1024", "--seed=9223372036854775807"});
+  accepts(more, {"--add=1"});
+  accepts(more, {"--add=2000"});
+  refuses_beyond(plan, "--configurations", 1, 2'000);
+  refuses_beyond(more, "--add", 1, 2'000);
+  refuses_beyond(plan, "--candidates", 1, 1'000'000);
+  refuses_beyond(plan, "--workspace", 1, 100'000);
+  refuses_beyond(plan, "--starts", 1, 1'000);
+  refuses_beyond(plan, "--targets", 1, 100);
+  refuses_beyond(plan, "--monte-carlo", 0, 100'000);
+  refuses_beyond(plan, "--threads", 0, 1'024);
   refuses(plan, "--seed", {"-1", "9223372036854775808"});
 }
 
 TEST_F(ExactLimits, OfSigmas) {
-  for (const char* option : {"--noise", "--orientation-noise", "--length-sigma", "--angle-sigma", "--angle-sigma-deg",
-                             "--base-sigma", "--target-sigma"}) {
-    sigma({"simulate"}, option);
-  }
-  for (const char* option : {"--prior-length", "--prior-angle", "--noise-independent", "--noise-common",
-                             "--noise-tracker", "--orientation-sigma"}) {
-    sigma({"calibrate", "--measurements", "m.csv"}, option);
-  }
-  for (const char* option : {"--configuration-noise", "--prior-length", "--prior-angle", "--noise-tracker"}) {
-    sigma({"plan"}, option);
-  }
+  sigmas({"simulate"},
+         {"--noise", "--orientation-noise", "--length-sigma", "--angle-sigma", "--base-sigma", "--target-sigma"});
+  sigmas({"simulate"}, {"--angle-sigma-deg"});  // instead of another
+  sigmas({"calibrate", "--measurements", "m.csv"}, {"--prior-length", "--prior-angle", "--noise-independent",
+                                                    "--noise-common", "--noise-tracker", "--orientation-sigma"});
+  sigmas({"plan"}, {"--configuration-noise", "--prior-length", "--prior-angle", "--noise-tracker"});
 }
 
 TEST_F(ExactLimits, OfLengthsAndAnglesInPlans) {
   const Words plan = {"plan"};
-  accepts(plan, "--noise", {"1e-12", "1"});
+  accepts(plan, {"--noise=1e-12", "--accuracy=1e-6", "--acceptance-angle=0", "--least-height=-1e6"});
+  accepts(plan, {"--noise=1", "--accuracy=1e6", "--acceptance-angle=180", "--least-height=1e12"});
   refuses(plan, "--noise", {"0.99e-12", "1.001"});
-  accepts(plan, "--accuracy", {"1e-6", "1e6"});
   refuses(plan, "--accuracy", {"0.99e-6", "1000001"});
-  accepts(plan, "--acceptance-angle", {"0", "180"});
   refuses(plan, "--acceptance-angle", {"-0.001", "180.001"});
-  accepts(plan, "--least-height", {"-1e6", "1e12"});
   refuses(plan, "--least-height", {"-1000001", "1.000000000001e12"});
-  for (const char* option : {"--least-radius", "--clearance", "--arm-radius", "--tool-radius"}) {
-    sigma(plan, option);
-  }
+  sigmas(plan, {"--least-radius", "--clearance", "--arm-radius", "--tool-radius"});
 }
 
 TEST_F(ExactLimits, OfSimulatedRows) {
@@ -143,25 +154,30 @@ TEST_F(ExactLimits, OfSimulatedRows) {
 
 // ---- Files ---------------------------------------------------------------------------------------------------------
 
-/// A file of so many bytes that takes no room on the disk.
 TEST_F(ExactLimits, OfTextFilesAre64MiB) {
   constexpr std::uintmax_t kLimit = std::uintmax_t{64} << 20U;
-  for (const std::uintmax_t size : {kLimit, kLimit + 1}) {
+  const std::string fact = "larger than the limit of 64 MiB";
+  const Words fk = {"fk", "--joints", "0,0,0,0,0,0", "--joint-convention", "huge"};
+  // A file of so many bytes that takes no room on the disk.
+  const auto resize = [&](std::uintmax_t size) {
     write("huge", "");
     std::error_code error;
     std::filesystem::resize_file(directory / "huge", size, error);
-    if (error) {
-      GTEST_SKIP() << "no room for a sparse file";
-    }
-    for (const Words& command : std::vector<Words>{{"model", "--urdf", "huge"},
-                                                   {"simulate", "--target-file", "huge"},
-                                                   {"fk", "--joints", "0,0,0,0,0,0", "--joint-convention", "huge"}}) {
-      const Outcome outcome = run(command);
-      EXPECT_EQ(outcome.status, 2);
-      EXPECT_EQ(outcome.err.find("larger than the limit of 64 MiB") != std::string::npos, size > kLimit)
-          << size << " bytes: " << outcome.err;
-    }
+    return !error;
+  };
+  const auto said = [&](const Words& command) {
+    const Outcome outcome = run(command);
+    EXPECT_EQ(outcome.status, 2);
+    return outcome.err;
+  };
+  if (!resize(kLimit + 1)) {
+    GTEST_SKIP() << "no room for a sparse file";
   }
+  for (const Words& command : {Words{"model", "--urdf", "huge"}, Words{"simulate", "--target-file", "huge"}, fk}) {
+    EXPECT_THAT(said(command), HasSubstr(fact));
+  }
+  ASSERT_TRUE(resize(kLimit));
+  EXPECT_THAT(said(fk), Not(HasSubstr(fact)));  // the same reader for all of them
 }
 
 TEST_F(ExactLimits, OfOptionFilesAre1MiB) {

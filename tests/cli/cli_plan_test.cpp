@@ -1,7 +1,7 @@
 #include <array>
 #include <cmath>
 
-#include "cli_support.hpp"
+#include "cli_options_support.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing {
@@ -11,7 +11,7 @@ using ::testing::HasSubstr;
 
 class PlanCommand : public CommandLine {
 protected:
-  const std::vector<std::string> quick = {"plan", "--candidates", "400", "--workspace", "200", "--starts", "2"};
+  const std::vector<std::string> quick = {"plan", "--candidates", "100", "--workspace", "50", "--starts", "2"};
 
   std::vector<std::string> with(std::vector<std::string> more) const {
     std::vector<std::string> arguments = quick;
@@ -36,7 +36,7 @@ TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
 
   // Drive the plan on a virtual robot, and calibrate it.
   const Outcome simulated = run({"simulate", "--plan", "plan.csv", "--joint-convention", convention, "--noise", "3e-5",
-                                 "--test-configurations", "50", "--output", "m.csv"});
+                                 "--test-configurations", "20", "--output", "m.csv"});
   ASSERT_EQ(simulated.status, 0) << simulated.err;
   EXPECT_THAT(simulated.out, HasSubstr("20 configurations to fit"));
   const Outcome calibrated = run({"calibrate", "--measurements", "m.csv", "--result", "result.json"});
@@ -47,7 +47,7 @@ TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
   const nlohmann::json added = run_json(with({"--measured", "m.csv", "--add", "5", "--noise", "3e-5", "--json"}));
   ASSERT_EQ(added["configurations"].size(), 5U);
   EXPECT_TRUE(added["sigma"]["floor"].is_null());
-  EXPECT_EQ(added["configurations"][0]["configuration"], "71");
+  EXPECT_EQ(added["configurations"][0]["configuration"], "41");
 }
 
 // What a result knows is what the measurements that it came from tell, up to the 3 degrees between the
@@ -58,7 +58,8 @@ TEST_F(PlanCommand, PlansOnTopOfAResultAsOnTopOfItsMeasurements) {
       run({"calibrate", "--measurements", "m.csv", "--noise-independent", "3e-5", "--result", "result.json"});
   ASSERT_EQ(calibrated.status, 0) << calibrated.err;
   const auto planned_on = [&](const std::string& option, const std::string& file) {
-    return run_json(with({option, file, "--add", "5", "--noise", "3e-5", "--json"}));
+    return run_json({"plan", "--candidates", "200", "--workspace", "100", "--starts", "2", option, file, "--add", "5",
+                     "--noise", "3e-5", "--json"});
   };
   const nlohmann::json on_measured = planned_on("--measured", "m.csv");
   const nlohmann::json on_result = planned_on("--result", "result.json");
@@ -96,13 +97,14 @@ TEST_F(PlanCommand, ReportsInJson) {
 
 TEST_F(PlanCommand, PlansForATrackersOwnNoise) {
   const std::vector<std::string> tracker = {"--noise-tracker", "1e-5,0,3e-5,8e-6", "--tracker", "4,1,0.5"};
-  std::vector<std::string> arguments = with({"--configuration-noise", "2e-5", "--monte-carlo", "20", "--json"});
+  std::vector<std::string> arguments =
+      with({"--configurations", "16", "--configuration-noise", "2e-5", "--monte-carlo", "10", "--json"});
   arguments.insert(arguments.end(), tracker.begin(), tracker.end());
   const nlohmann::json plan = run_json(arguments);
   EXPECT_TRUE(plan["sigma"]["floor"].is_null());
   const double promised = plan["sigma"]["plan"]["mean"];
   const double tried = plan["monte_carlo"]["rms_of_point_mean"];
-  EXPECT_NEAR(tried / promised, 1.0, 0.1);  // 20 runs of 33 parameters: 4 %
+  EXPECT_NEAR(tried / promised, 1.0, 0.1);  // 10 runs of 33 parameters: 6 %
   EXPECT_EQ(plan["monte_carlo"]["not_trusted"], 0);
   expect_refused(with({"--noise-tracker", "1e-5,0,3e-5,8e-6"}), {"--noise-tracker", "--tracker x,y,z"});
   expect_refused(with({"--noise-tracker", "1e-5,0", "--tracker", "4,1,0.5"}), {"--noise-tracker", "expected 4"});
@@ -142,21 +144,22 @@ TEST_F(PlanCommand, KeepsEveryPlannedConfigurationWithinTheConstraints) {
 }
 
 TEST_F(PlanCommand, IsTheSameOnAnyNumberOfThreads) {
-  const Outcome one = run(with({"--threads", "1", "--criterion", "G", "--json"}));
-  const Outcome three = run(with({"--threads", "3", "--criterion", "G", "--json"}));
+  write(kArm, arm().urdf);
+  const Words command = {"plan", "--urdf",      kArm, "--candidates",     "100", "--workspace", "50", "--starts",
+                         "3",    "--criterion", "G",  "--configurations", "8",   "--json"};
+  const Outcome one = run(command + Words{"--threads", "1"});
   EXPECT_EQ(one.status, 0) << one.err;
-  EXPECT_EQ(one.out, three.out);
-  EXPECT_NE(one.out, run(with({"--seed", "2", "--criterion", "G", "--json"})).out);
+  EXPECT_EQ(one.out, run(command + Words{"--threads", "3"}).out);
+  EXPECT_NE(one.out, run(command + Words{"--seed", "2"}).out);
 }
 
 TEST_F(PlanCommand, TakesACellATrackerAndFacingTargets) {
   write("targets.json", R"({"targets": [{"name": "A", "position": [0.1, 0.2, 0], "facing": [0, 1, 0]},
       {"name": "B", "position": [-0.05, 0.2, 0.0866], "facing": [0, 1, 0]}, {"name": "C", "position": [0, 0.2, -0.1]}]})");
   const nlohmann::json plan = run_json(
-      with({"--json",    "--target-file",     "targets.json", "--tracker",      "4,2,1",           "--acceptance-angle",
-            "60",        "--distance-range",  "1:6",          "--box",          "-3,-3,0,3,3,3",   "--keep-out-sphere",
-            "2,2,0,0.5", "--keep-out-sphere", "-2,0,0,0.5",   "--keep-out-box", "-3,-3,0,-1,-1,1", "--clearance",
-            "0.05",      "--tool-radius",     "0.02",         "--home",         "0,0,0,0,-90,0"}));
+      with(words_of("--json --configurations 10 --target-file targets.json --tracker 4,2,1 --acceptance-angle 60 "
+                    "--distance-range 1:6 --box -3,-3,0,3,3,3 --keep-out-sphere 2,2,0,0.5 --keep-out-sphere -2,0,0,0.5 "
+                    "--keep-out-box -3,-3,0,-1,-1,1 --clearance 0.05 --tool-radius 0.02 --home 0,0,0,0,-90,0")));
   std::vector<std::string> names;
   for (const auto& entry : plan["candidates"]["refused"]) {
     names.push_back(entry["constraint"]);
@@ -168,10 +171,12 @@ TEST_F(PlanCommand, TakesACellATrackerAndFacingTargets) {
 }
 
 TEST_F(PlanCommand, ReachesAnAccuracyWithAsFewAsPossible) {
-  const nlohmann::json plan = run_json(with({"--accuracy", "0.05", "--json"}));
+  write(kArm, arm().urdf);
+  const nlohmann::json plan = run_json(with({"--urdf", kArm, "--accuracy", "0.05", "--json"}));
   EXPECT_LE(plan["sigma"]["plan"]["mean"], 0.05e-3);
   EXPECT_LT(plan["configurations"].size(), 20U);
-  expect_refused(with({"--accuracy", "0.001", "--configurations", "12"}), {"accuracy cannot be reached", "12 config"});
+  expect_refused(with({"--urdf", kArm, "--accuracy", "0.001", "--configurations", "12"}),
+                 {"accuracy cannot be reached", "12 config"});
 }
 
 TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
@@ -191,8 +196,8 @@ TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
 
 TEST_F(PlanCommand, SimulatesManyExperiments) {
   const std::vector<std::string> command = {
-      "simulate", "--monte-carlo", "4",     "--configurations", "15",    "--noise", "3e-5",     "--test-configurations",
-      "20",       "--angle-sigma", "0.001", "--length-sigma",   "0.001", "--json",  "--threads"};
+      "simulate", "--monte-carlo", "3",     "--configurations", "10",    "--noise", "3e-5",     "--test-configurations",
+      "10",       "--angle-sigma", "0.001", "--length-sigma",   "0.001", "--json",  "--threads"};
   std::vector<std::string> one = command;
   one.emplace_back("1");
   std::vector<std::string> two = command;
@@ -201,9 +206,9 @@ TEST_F(PlanCommand, SimulatesManyExperiments) {
   ASSERT_EQ(first.status, 0) << first.err;
   EXPECT_EQ(first.out, run(two).out);
   const auto json = nlohmann::json::parse(first.out);
-  EXPECT_EQ(json["runs"], 4);
-  EXPECT_EQ(json["held_out_error"]["all"]["count"], 4 * 20 * 3);
-  EXPECT_EQ(json["held_out_error"]["mean_of_run"]["count"], 4);
+  EXPECT_EQ(json["runs"], 3);
+  EXPECT_EQ(json["held_out_error"]["all"]["count"], 3 * 10 * 3);
+  EXPECT_EQ(json["held_out_error"]["mean_of_run"]["count"], 3);
   EXPECT_LT(json["held_out_error"]["all"]["rms"], 1e-4);
   expect_refused({"simulate", "--monte-carlo", "2", "--output", "m.csv"}, {"--monte-carlo"});
 }

@@ -187,17 +187,17 @@ std::vector<OptionCase> draw_options() {
       {"SeedDrawsOtherRobotsInMonteCarlo",
        {"--seed", "2"},
        [](const Effect& effect) {
-         EXPECT_EQ(effect.with.json["runs"], 3);
+         EXPECT_EQ(effect.with.json["runs"], 2);
          EXPECT_NE(effect.with.json["held_out_error"]["all"]["rms"],
                    effect.without.json["held_out_error"]["all"]["rms"]);
          EXPECT_EQ(effect.with.json["held_out_error"]["all"]["count"],
                    effect.without.json["held_out_error"]["all"]["count"]);
        },
-       {"--monte-carlo", "3", "--noise", "1e-5", "--threads", "1", "--json"}},
+       {"--monte-carlo", "2", "--targets", "1", "--noise", "1e-5", "--threads", "1", "--json"}},
       {"ThreadsChangeNothing",
        {"--threads", "3"},
        changes_nothing(),
-       {"--monte-carlo", "3", "--noise", "1e-5", "--json"}},
+       {"--monte-carlo", "3", "--targets", "1", "--noise", "1e-5", "--json"}},
       {"MonteCarloStatesHeldOutErrors",
        {"--monte-carlo", "2"},
        [](const Effect& effect) {

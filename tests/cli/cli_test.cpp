@@ -263,8 +263,10 @@ TEST_F(BadMeasurements, HaveAnUnknownUnit) {
 
 TEST_F(BadMeasurements, HoldNoFiniteNumber) {
   for (const std::string value : {"nan", "inf", "-inf", "1e999", "abc", ""}) {
-    refuse(kHeader + "1,A,0,0," + value + ",0,0,0,1,1,1\n", {":2", "joint_3", value});
-    refuse(kHeader + "1,A,0,0,0,0,0,0,1," + value + ",1\n", {":2", "y", value});
+    write("joint.csv", kHeader + "1,A,0,0," + value + ",0,0,0,1,1,1\n");
+    expect_refused({"calibrate", "--measurements", "joint.csv"}, {"joint.csv:2", "joint_3", value});
+    write("point.csv", kHeader + "1,A,0,0,0,0,0,0,1," + value + ",1\n");
+    expect_refused({"validate", "--measurements", "point.csv"}, {"point.csv:2", "y", value});
   }
 }
 
@@ -313,7 +315,14 @@ class KnownFrames : public CommandLine {
 protected:
   void SetUp() override {
     CommandLine::SetUp();
-    ASSERT_EQ(run({"simulate", "--noise", "1e-5", "--output", "m.csv", "--truth", "truth.json"}).status, 0);
+    static std::map<std::string, std::string> simulated;  // the same for every test
+    if (simulated.empty()) {
+      ASSERT_EQ(run({"simulate", "--noise", "1e-5", "--output", "m.csv", "--truth", "truth.json"}).status, 0);
+      simulated = files();
+    }
+    for (const auto& [name, text] : simulated) {
+      write(name, text);
+    }
   }
 };
 
@@ -488,20 +497,41 @@ class EndToEnd : public CommandLine {
 protected:
   void SetUp() override {
     CommandLine::SetUp();
-    ASSERT_EQ(run({"simulate", "--configurations", "30", "--targets", "3", "--noise", "0.00003", "--seed", "1",
-                   "--test-configurations", "100", "--output", "measurements.csv", "--truth", "truth.json"})
-                  .status,
-              0);
+    static std::map<std::string, std::string> simulated;  // the same for every test
+    if (simulated.empty()) {
+      ASSERT_EQ(run({"simulate", "--configurations", "30", "--targets", "3", "--noise", "0.00003", "--seed", "1",
+                     "--test-configurations", "100", "--output", "measurements.csv", "--truth", "truth.json"})
+                    .status,
+                0);
+      simulated = files();
+    }
+    for (const auto& [name, text] : simulated) {
+      write(name, text);
+    }
+  }
+
+  /// What calibrate says without further options, made once; c.urdf and r.json stand there.
+  const Outcome& calibrate() {
+    static Outcome outcome;
+    static std::string urdf;
+    static std::string result;
+    if (outcome.status < 0) {
+      outcome = run({"calibrate", "--measurements", "measurements.csv", "--output", "c.urdf", "--result", "r.json"});
+      urdf = text_of("c.urdf");
+      result = text_of("r.json");
+    }
+    write("c.urdf", urdf);
+    write("r.json", result);
+    return outcome;
   }
 };
 
 TEST_F(EndToEnd, CalibratesTheVirtualRobotToItsNoise) {
-  const Outcome calibrated = run(
-      {"calibrate", "--measurements", "measurements.csv", "--output", "calibrated.urdf", "--result", "result.json"});
+  const Outcome& calibrated = calibrate();
   EXPECT_EQ(calibrated.status, 0) << calibrated.err;
   EXPECT_THAT(calibrated.out, AllOf(HasSubstr("converged"), HasSubstr("mm"), HasSubstr("deg")));
 
-  const Json result = json_of("result.json");
+  const Json result = json_of("r.json");
   EXPECT_EQ(result["termination"], "converged");
   EXPECT_EQ(result["rank"], 33);
   for (const char* key : {"software", "input", "message", "iterations", "condition", "parameters", "base", "targets",
@@ -511,15 +541,13 @@ TEST_F(EndToEnd, CalibratesTheVirtualRobotToItsNoise) {
   EXPECT_GT(result["position_error"]["test"]["before"]["rms"], 0.02);
   EXPECT_LT(result["position_error"]["test"]["after"]["rms"], 1e-4);
 
-  const Json valid =
-      run_json({"validate", "--urdf", "calibrated.urdf", "--measurements", "measurements.csv", "--json"});
+  const Json valid = run_json({"validate", "--urdf", "c.urdf", "--measurements", "measurements.csv", "--json"});
   EXPECT_NEAR(valid["position_error"]["train"]["rms"], result["position_error"]["train"]["after"]["rms"], 1e-9);
   EXPECT_NEAR(valid["position_error"]["test"]["rms"], result["position_error"]["test"]["after"]["rms"], 1e-9);
 }
 
 TEST_F(EndToEnd, TheResultAndTheCalibratedUrdfGiveTheSameFrames) {
-  ASSERT_EQ(run({"calibrate", "--measurements", "measurements.csv", "--output", "c.urdf", "--result", "r.json"}).status,
-            0);
+  ASSERT_EQ(calibrate().status, 0);
   const std::string joints = "0.3,-0.2,0.5,1,-1,2";
   const Json from_urdf = run_json({"fk", "--urdf", "c.urdf", "--joints", joints, "--json"});
   EXPECT_EQ(run_json({"fk", "--result", "r.json", "--joints", joints, "--json"}), from_urdf);
@@ -535,7 +563,8 @@ TEST_F(EndToEnd, TheResultAndTheCalibratedUrdfGiveTheSameFrames) {
 }
 
 TEST_F(EndToEnd, TwoStepsReachTheSamePredictions) {
-  const Json joint = run_json({"calibrate", "--measurements", "measurements.csv", "--json"});
+  ASSERT_EQ(calibrate().status, 0);
+  const Json joint = json_of("r.json");
   const Outcome outcome = run(
       {"calibrate", "--measurements", "measurements.csv", "--method", "two-step", "--iterations", "5000", "--json"});
   EXPECT_EQ(outcome.status, 0) << outcome.err;
@@ -866,7 +895,8 @@ TEST_F(CommandLineOnRealData, SaysWhichJointConventionFits) {
   const Outcome valid = run({"validate", "--measurements", measurements, "--joint-convention", kPendant});
   EXPECT_EQ(valid.status, 1);
   EXPECT_THAT(valid.err, HasSubstr("with the convention fanuc_r2000ic_165f_serial.json it is 0.621 mm"));
-  const Outcome right = run({"calibrate", "--measurements", measurements, "--joint-convention", kSerial});
+  const Outcome right = run({"calibrate", "--measurements", measurements, "--joint-convention", kSerial, "--effects",
+                             "none", "--prior", "none"});
   EXPECT_EQ(right.status, 0);
   EXPECT_THAT(right.err, ::testing::Not(HasSubstr("convention")));
 }
