@@ -39,10 +39,10 @@ struct ReductionOptions {
   double noise = 0.0;      ///< [m] 1 sigma of a measured coordinate: what it hides beside others is dropped; 0: nothing
 };
 
-/// The irreducible model: of the columns of the stacked Jacobian (from KDL's solver) of the measured positions and
-/// orientations over seeded generic configurations those that independent_columns keeps. With noise, a geometric error
-/// must also be able to show: what its column does that the kept ones cannot, times the usual size of such an error,
-/// is more than a tenth of the noise (RMS over the coordinates).
+/// The irreducible model: of the columns of the stacked Jacobian of the measured positions and orientations over seeded
+/// generic configurations those that independent_columns keeps. With noise, a geometric error must also be able to
+/// show: what its column does that the kept ones cannot, times the usual size of such an error, is more than a tenth of
+/// the noise (RMS over the coordinates).
 Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
                         const ReductionOptions& options = {});
 

@@ -3,37 +3,39 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <kdl/chainfksolverpos_recursive.hpp>
-#include <kdl/chainjnttojacsolver.hpp>
 #include <numbers>
+#include <numeric>
 #include <utility>
 
 #include "base/preconditions.hpp"
+#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
 
 namespace kdl_calibration {
 namespace {
 
-// Stacks the Jacobian columns of base, targets and geometric parameters for one configuration, in the frame B.
+// Stacks the Jacobian columns of base, targets and geometric parameters for one configuration, in the flange frame.
 class CandidateJacobian {
 public:
   CandidateJacobian(const ErrorModel& model, const std::vector<TargetFrame>& targets, const ReductionOptions& options)
-      : model_(model),
-        targets_(targets),
-        options_(options),
-        chain_(parameter_chain(model)),
-        forward_(chain_.chain),
-        jacobian_(chain_.chain) {
+      : model_(model), targets_(targets), options_(options), twists_(base_twists()) {
     names_ = base_parameter_names();
     for (const TargetFrame& target : targets) {
       const auto target_names = target_parameter_names(target);
       names_.insert(names_.end(), target_names.begin(), target_names.end());
     }
     first_geometric_ = names_.size();
+    std::vector<std::size_t> all(model.parameters.size());
+    std::iota(all.begin(), all.end(), std::size_t{0});
     for (const ErrorParameter& parameter : model.parameters) {
       names_.push_back(parameter.name);
     }
+    const Eigen::VectorXd errors =
+        options.errors.size() != 0 ? options.errors : Eigen::VectorXd::Zero(static_cast<Eigen::Index>(all.size()));
+    chain_ = folded(model, errors);
+    const std::vector<ParameterTwist> geometric = parameter_twists(model, errors, all);
+    twists_.insert(twists_.end(), geometric.begin(), geometric.end());
   }
 
   const std::vector<std::string>& names() const { return names_; }
@@ -47,71 +49,50 @@ public:
     Eigen::MatrixXd stack =
         Eigen::MatrixXd::Zero(rows_each * options_.configurations, static_cast<Eigen::Index>(names_.size()));
     Random random(options_.seed);
-    KDL::JntArray q(chain_.chain.getNrOfJoints());
-    for (Eigen::Index p = 0; p < options_.errors.size(); ++p) {
-      q(chain_.parameter_index[static_cast<std::size_t>(p)]) = options_.errors[p];
-    }
-    Eigen::VectorXd values(static_cast<Eigen::Index>(model_.joints.size()));
+    Eigen::VectorXd q(static_cast<Eigen::Index>(model_.joints.size()));
     for (int c = 0; c < options_.configurations; ++c) {
       for (std::size_t i = 0; i < model_.joints.size(); ++i) {
         const double range = model_.joints[i].type == JointType::prismatic ? 1.0 : std::numbers::pi;
-        values[static_cast<Eigen::Index>(i)] = random.uniform(-range, range);
+        q[static_cast<Eigen::Index>(i)] = random.uniform(-range, range);
       }
-      follow(model_.joints, values);
-      for (std::size_t i = 0; i < model_.joints.size(); ++i) {
-        q(chain_.joint_index[i]) = values[static_cast<Eigen::Index>(i)];
-      }
+      follow(model_.joints, q);
       fill(q, stack.middleRows(rows_each * c, rows_each));
     }
     return stack;
   }
 
 private:
-  void fill(const KDL::JntArray& q, Eigen::Ref<Eigen::MatrixXd> rows) {
-    KDL::Frame flange;
-    forward_.JntToCart(q, flange);
-    KDL::Jacobian flange_jacobian(chain_.chain.getNrOfJoints());
-    jacobian_.JntToJac(q, flange_jacobian);
+  void fill(const Eigen::VectorXd& q, Eigen::Ref<Eigen::MatrixXd> rows) {
+    flange_jacobian(chain_, twists_, q, motions_);
     Eigen::Index row = 0;
     Eigen::Index target_column = 6;
     for (const TargetFrame& target : targets_) {
       const Eigen::Index height = target.with_orientation ? 6 : 3;
-      const KDL::Frame X_FT = to_kdl(target.X_FT);
-      const KDL::Vector lever = flange.M * X_FT.p;
-      auto block = rows.middleRows(row, height);
-      const KDL::Rotation orientation = flange.M * X_FT.M;
-      for (int axis = 0; axis < 3; ++axis) {
-        KDL::Vector e = KDL::Vector::Zero();
-        e[axis] = 1.0;
-        write(block, axis, KDL::Twist(e, KDL::Vector::Zero()));
-        write(block, 3 + axis, KDL::Twist(e * (flange.p + lever), e));
-        write(block, target_column + axis, KDL::Twist(flange.M * e, KDL::Vector::Zero()));
+      const Eigen::Matrix3d lever = skew(target.X_FT.translation());
+      const auto write = [&](Eigen::Index first, const auto& motions) {
+        auto block = rows.block(row, first, height, motions.cols());
+        block.template topRows<3>() = motions.template topRows<3>() - lever * motions.template bottomRows<3>();
         if (target.with_orientation) {
-          write(block, target_column + 3 + axis, KDL::Twist(KDL::Vector::Zero(), orientation * e));
+          block.template bottomRows<3>() = motions.template bottomRows<3>();
         }
+      };
+      write(0, motions_.leftCols<6>());
+      write(static_cast<Eigen::Index>(first_geometric_), motions_.rightCols(motions_.cols() - 6));
+      rows.block<3, 3>(row, target_column).setIdentity();
+      if (target.with_orientation) {
+        rows.block<3, 3>(row + 3, target_column + 3) = target.X_FT.linear();
       }
       target_column += height;
-      for (std::size_t p = 0; p < model_.parameters.size(); ++p) {
-        const KDL::Twist column = flange_jacobian.getColumn(chain_.parameter_index[p]);
-        write(block, static_cast<Eigen::Index>(first_geometric_ + p), column.RefPoint(lever));
-      }
       row += height;
-    }
-  }
-
-  static void write(Eigen::Ref<Eigen::MatrixXd> block, Eigen::Index column, const KDL::Twist& twist) {
-    block.col(column).head<3>() = to_eigen(twist.vel);
-    if (block.rows() == 6) {
-      block.col(column).tail<3>() = to_eigen(twist.rot);
     }
   }
 
   const ErrorModel& model_;
   const std::vector<TargetFrame>& targets_;
   const ReductionOptions& options_;
-  ParameterChain chain_;
-  KDL::ChainFkSolverPos_recursive forward_;
-  KDL::ChainJntToJacSolver jacobian_;
+  FoldedChain chain_;
+  std::vector<ParameterTwist> twists_;  // of the base, then of the parameters
+  Matrix6Xd motions_;                   // of the flange, per unit of each
   std::vector<std::string> names_;
   std::size_t first_geometric_ = 0;
 };
