@@ -272,16 +272,19 @@ protected:
     return found != known.end() ? found->second : known.emplace(words, run_and_tidy(words)).first->second;
   }
 
+  /// On the command line and from a file.
   void check_effect(const Words& command, const OptionCase& row) {
-    const Words words = command + row.base;
-    Effect effect{.without = run_once(words), .with = run_and_tidy(words + row.option), .directory = directory};
-    ASSERT_NE(effect.with.outcome.status, 2) << effect.with.outcome.err;
-    row.check(effect);
-    expect_the_same_from_a_file(words, row.option, effect.with);
+    check_effect_on_command_line(command, row);
+    expect_the_same_from_a_file(command + row.base, row.option);
   }
 
-  /// The same where a run takes long: `with` is made once for all rows as well, and files of options have rows of their
-  /// own.
+  /// On the command line alone, of the arm of three joints where the row names no other robot: where a run takes long.
+  void check_effect_on_arm(const Words& command, const OptionCase& row) {
+    const Words given = row.base + row.option;
+    const bool other_robot = std::find(given.begin(), given.end(), "--urdf") != given.end();
+    check_effect_on_command_line(other_robot ? command : command + Words{"--urdf", kArm}, row);
+  }
+
   void check_effect_on_command_line(const Words& command, const OptionCase& row) {
     const Words words = command + row.base;
     const Effect effect{.without = run_once(words), .with = run_once(words + row.option), .directory = directory};
@@ -289,7 +292,16 @@ protected:
     row.check(effect);
   }
 
-  void expect_the_same_from_a_file(const Words& words, const Words& option, const Answer& expected) {
+  /// With each of these lists of options a subcommand does the same where they stand in a file.
+  void expect_the_same_from_files(const std::string& subcommand, const std::vector<Words>& files) {
+    for (const Words& options : files) {
+      expect_the_same_from_a_file({subcommand}, options);
+    }
+  }
+
+  void expect_the_same_from_a_file(const Words& words, const Words& option) {
+    const Answer& expected = run_once(words + option);
+    EXPECT_NE(expected.outcome.status, 2) << expected.outcome.err;
     write("options.toml", "[" + words.front() + "]\n" + as_config(option));
     Answer from_file = run_and_tidy(words + Words{"--config", "options.toml"});
     EXPECT_EQ(from_file.outcome.status, expected.outcome.status) << from_file.outcome.err;
@@ -309,6 +321,13 @@ protected:
 
   /// Every option in the help stands in the table, and none that it does not show.
   void expect_a_test_of_every_option(const std::string& subcommand, const std::vector<OptionCase>& table) {
+    std::set<std::string> tested;
+    for (const OptionCase& row : table) {
+      tested.insert(row.option.front());
+    }
+    expect_a_test_of_every_option(subcommand, tested);
+  }
+  void expect_a_test_of_every_option(const std::string& subcommand, const std::set<std::string>& tested) {
     std::set<std::string> known;
     std::istringstream help(run({subcommand, "--help"}).out);
     for (std::string line; std::getline(help, line);) {
@@ -317,25 +336,18 @@ protected:
       }
     }
     EXPECT_GE(known.size(), 5U);
-    std::set<std::string> tested;
-    for (const OptionCase& row : table) {
-      tested.insert(row.option.front());
-    }
     EXPECT_EQ(tested, known) << "options of kdlcal " << subcommand << ": see cli_options_support.hpp";
   }
 };
 
-/// A row for each option of these, to say that none is missing.
-inline std::vector<OptionCase> rows_of_options(const std::vector<Words>& files) {
-  std::vector<OptionCase> rows;
+/// Every option in these.
+inline std::set<std::string> options_of(const std::vector<Words>& files) {
+  std::set<std::string> options;
   for (const Words& file : files) {
-    for (const std::string& word : file) {
-      if (word.rfind("--", 0) == 0) {
-        rows.push_back({.behaviour = word, .option = {word}, .check = {}});
-      }
-    }
+    std::copy_if(file.begin(), file.end(), std::inserter(options, options.end()),
+                 [](const std::string& word) { return word.rfind("--", 0) == 0; });
   }
-  return rows;
+  return options;
 }
 
 class OptionEffect : public OptionsOfKdlcal, public ::testing::WithParamInterface<OptionCase> {};

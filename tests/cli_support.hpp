@@ -13,6 +13,7 @@
 #include <ctime>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -237,6 +238,24 @@ protected:
   std::string write(const std::string& name, const std::string& text) {
     std::ofstream(directory / name, std::ios::binary) << text;
     return name;
+  }
+  void write(const std::map<std::string, std::string>& texts) {
+    for (const auto& [name, text] : texts) {
+      write(name, text);
+    }
+  }
+
+  /// Leaves the files that `make` makes, which is done once for all tests that name them so.
+  void write_once(const std::string& what, const std::function<void()>& make) {
+    static std::map<std::string, std::map<std::string, std::string>> known;
+    if (const auto found = known.find(what); found != known.end()) {
+      write(found->second);
+      return;
+    }
+    make();
+    if (!::testing::Test::HasFatalFailure()) {
+      known[what] = files();
+    }
   }
 
   std::string text_of(const std::string& name) const { return content(directory / name); }

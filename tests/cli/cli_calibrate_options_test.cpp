@@ -504,9 +504,7 @@ class CalibrateOption : public OptionEffect {
 protected:
   void SetUp() override {
     OptionEffect::SetUp();
-    for (const auto& [name, text] : input_files()) {
-      write(name, text);
-    }
+    write(input_files());
   }
 };
 
@@ -515,26 +513,18 @@ TEST_P(CalibrateOption, HasItsEffectAndNoOther) {
   Words command = {"calibrate"};
   command = option == "--threads" ? command : command + Words{"--threads", "1"};
   command = option == "--json" ? command : command + Words{"--json"};
-  const Words& base = GetParam().base;
-  const bool other_robot = option == "--urdf" || std::find(base.begin(), base.end(), "--urdf") != base.end();
-  check_effect_on_command_line(other_robot ? command : command + Words{"--urdf", kArm}, GetParam());
+  check_effect_on_arm(command, GetParam());
 }
 INSTANTIATE_TEST_SUITE_P(Options, CalibrateOption, ::testing::ValuesIn(calibrate_options()), behaviour_of);
 
 TEST_F(OptionsOfKdlcal, OfCalibrateDoTheSameInAFile) {
-  for (const auto& [name, text] : input_files()) {
-    write(name, text);
-  }
-  for (const Words& options : files_of_options()) {
-    const Answer expected = run_and_tidy(Words{"calibrate"} + options);
-    EXPECT_NE(expected.outcome.status, 2) << expected.outcome.err;
-    expect_the_same_from_a_file({"calibrate"}, options, expected);
-  }
+  write(input_files());
+  expect_the_same_from_files("calibrate", files_of_options());
 }
 
 TEST_F(OptionsOfKdlcal, OfCalibrateAreAllTested) {
   expect_a_test_of_every_option("calibrate", calibrate_options());
-  expect_a_test_of_every_option("calibrate", rows_of_options(files_of_options()));
+  expect_a_test_of_every_option("calibrate", options_of(files_of_options()));
 }
 
 }  // namespace

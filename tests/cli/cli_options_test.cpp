@@ -439,18 +439,13 @@ std::vector<OptionCase> truth_options() {
 class TruthOption : public OptionEffect {};
 
 TEST_P(TruthOption, HasItsEffectAndNoOther) {
-  static std::map<std::string, std::string> made;  // the same for every row
-  if (made.empty()) {
+  ASSERT_NO_FATAL_FAILURE(write_once("a result and its truth", [&] {
     ASSERT_EQ(
         run({"simulate", "--configurations", "12", "--noise", "2e-5", "--output", "m.csv", "--truth", "truth.json"})
             .status,
         0);
     ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "result.json"}).status, 0);
-    made = files();
-  }
-  for (const auto& [name, text] : made) {
-    write(name, text);
-  }
+  }));
   check_effect({"validate", "--json"}, GetParam());
 }
 INSTANTIATE_TEST_SUITE_P(Options, TruthOption, ::testing::ValuesIn(truth_options()), behaviour_of);

@@ -488,8 +488,7 @@ std::vector<Words> files_of_options() {
                "--output old.csv --force --report p.html --json"),
       words_of("--urdf odd.urdf --tip d --candidates 60 --workspace 20 --starts 1 --threads 1 --accuracy 0.05 "
                "--accuracy-of max --target-file targets.json --tracker 4,2,1 --acceptance-angle 70 --monte-carlo 2 "
-               "--noise-tracker "
-               "1e-5,2e-6,4e-5,5e-6 --json"),
+               "--noise-tracker 1e-5,2e-6,4e-5,5e-6 --json"),
       words_of("--urdf arm.urdf --measured m.csv --add 5 --tasks tasks.csv --candidates 60 --starts 1 --json"),
       words_of("--urdf arm.urdf --result r.json --add 5 --workspace 20 --candidates 60 --starts 1 --json"),
   };
@@ -514,9 +513,7 @@ class PlanOption : public OptionEffect {
 protected:
   void SetUp() override {
     OptionEffect::SetUp();
-    for (const auto& [name, text] : input_files()) {
-      write(name, text);
-    }
+    write(input_files());
   }
 };
 
@@ -535,27 +532,19 @@ TEST_P(PlanOption, HasItsEffectAndNoOther) {
     command = option == name || counts ? command : command + Words{name, value};
   }
   command = option == "--json" ? command : command + Words{"--json"};
-  const Words& base = GetParam().base;
-  const bool other_robot = option == "--urdf" || std::find(base.begin(), base.end(), "--urdf") != base.end();
-  check_effect_on_command_line(other_robot ? command : command + Words{"--urdf", kArm}, GetParam());
+  check_effect_on_arm(command, GetParam());
 }
 INSTANTIATE_TEST_SUITE_P(Options, PlanOption, ::testing::ValuesIn(plan_options()), behaviour_of);
 
 TEST_F(OptionsOfKdlcal, OfPlanDoTheSameInAFile) {
-  for (const auto& [name, text] : input_files()) {
-    write(name, text);
-  }
+  write(input_files());
   ASSERT_EQ(run({"calibrate", "--urdf", kArm, "--measurements", "m.csv", "--result", "r.json"}).status, 0);
-  for (const Words& options : files_of_options()) {
-    const Answer expected = run_and_tidy(Words{"plan"} + options);
-    EXPECT_NE(expected.outcome.status, 2) << expected.outcome.err;
-    expect_the_same_from_a_file({"plan"}, options, expected);
-  }
+  expect_the_same_from_files("plan", files_of_options());
 }
 
 TEST_F(OptionsOfKdlcal, OfPlanAreAllTested) {
   expect_a_test_of_every_option("plan", plan_options());
-  expect_a_test_of_every_option("plan", rows_of_options(files_of_options()));
+  expect_a_test_of_every_option("plan", options_of(files_of_options()));
 }
 
 }  // namespace

@@ -136,17 +136,10 @@ protected:
     std::vector<std::string> simulate = {"simulate", "--joint-ranges", "published", "--output", "m.csv",
                                          "--truth",  "truth.json",     "--seed",    "4",        "--force"};
     simulate.insert(simulate.end(), options.begin(), options.end());
-    static std::map<std::vector<std::string>, std::map<std::string, std::string>> known;  // each made once
-    if (known.count(options) == 0) {
+    write_once(::testing::PrintToString(options), [&] {
       ASSERT_EQ(run(simulate).status, 0);
       ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "result.json", "--force"}).status, 0);
-      for (const std::string name : {"m.csv", "truth.json", "result.json"}) {
-        known[options][name] = text_of(name);
-      }
-    }
-    for (const auto& [name, text] : known[options]) {
-      write(name, text);
-    }
+    });
   }
   // Where target `t` is in W according to a result or a truth.
   static Eigen::Vector3d point(const ErrorModel& model, const Json& json, const Eigen::VectorXd& q, std::size_t t) {

@@ -24,20 +24,6 @@ using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
-/// An arm of up to four joints whose lengths are about this large: a calibration of it is cheap.
-std::string arm(const std::string& length, std::size_t joints = 4) {
-  std::string text = "<robot name='r'><link name='l0'/>";
-  const std::vector<std::string> axes = {"0 0 1", "1 0 0", "1 0 0", "0 1 0"};
-  for (std::size_t i = 1; i <= joints; ++i) {
-    const std::string n = std::to_string(i);
-    text += "<link name='l" + n + "'/><joint name='j" + n + "' type='continuous'><parent link='l" +
-            std::to_string(i - 1) + "'/><child link='l" + n + "'/><axis xyz='" + axes[i - 1] + "'/><origin xyz='0 " +
-            length + " " + length + "'/></joint>";
-  }
-  return text + "<link name='tip'/><joint name='t' type='fixed'><parent link='l" + std::to_string(joints) +
-         "'/><child link='tip'/></joint></robot>";
-}
-
 // ---- Signals -------------------------------------------------------------------------------------------------------
 
 class Signals : public CommandLine {
@@ -85,7 +71,7 @@ TEST_F(Signals, KilledAtAnyMomentEachFileIsTheOldOrTheNewOne) {
   // More of them with KDL_CALIBRATION_KILLS=500.
   const char* wanted = std::getenv("KDL_CALIBRATION_KILLS");
   const int kills = wanted == nullptr ? 15 : std::atoi(wanted);
-  write("r.urdf", arm("0.5", 2));
+  write("r.urdf", kTwoJoints);
   ASSERT_EQ(
       run({"simulate", "--urdf", "r.urdf", "--configurations", "8", "--noise", "1e-5", "--output", "in.csv"}).status,
       0);
@@ -429,7 +415,7 @@ TEST_F(BadTable, OptionsOfCalibrateThatContradictEachOther) {
 TEST_F(BadTable, ConstraintsThatLeaveTooFewCandidatesSayWhichRemovesHowMany) {
   const std::vector<std::string> plan = {"plan", "--candidates", "100",  "--workspace", "20", "--starts",
                                          "1",    "--output",     "p.csv"};
-  write("r.urdf", arm("0.5", 2));
+  write("r.urdf", kTwoJoints);
   const auto refused = [&](std::vector<std::string> more, const std::vector<std::string>& facts) {
     more.insert(more.begin(), plan.begin(), plan.end());
     expect_refused(more, facts);
@@ -492,6 +478,20 @@ protected:
 
   /// Of each: the length of its links, of its tool and of its errors, and the noise [m].
   void expect_answers_of_robots(const std::vector<std::array<std::string, 4>>& robots);
+
+  /// An arm of four joints whose lengths are about this large.
+  static std::string arm(const std::string& length) {
+    std::string text = "<robot name='r'><link name='l0'/>";
+    const std::vector<std::string> axes = {"0 0 1", "1 0 0", "1 0 0", "0 1 0"};
+    for (std::size_t i = 1; i <= 4; ++i) {
+      const std::string n = std::to_string(i);
+      text += "<link name='l" + n + "'/><joint name='j" + n + "' type='continuous'><parent link='l" +
+              std::to_string(i - 1) + "'/><child link='l" + n + "'/><axis xyz='" + axes[i - 1] + "'/><origin xyz='0 " +
+              length + " " + length + "'/></joint>";
+    }
+    return text +
+           "<link name='tip'/><joint name='t' type='fixed'><parent link='l4'/><child link='tip'/></joint></robot>";
+  }
 
   /// The range of each joint begins at one of these [deg]; options of simulate and of calibrate.
   void expect_answers_until_the_rank_is_lost(const std::vector<double>& lower,
@@ -562,7 +562,7 @@ void Traps::expect_answers_until_the_rank_is_lost(const std::vector<double>& low
 }
 
 TEST_F(Traps, ConditionNumbersUpToWhereTheRankIsLost) {
-  write("r.urdf", arm("0.5", 2));
+  write("r.urdf", kTwoJoints);
   expect_answers_until_the_rank_is_lost({10, 20}, {"--urdf", "r.urdf", "--configurations", "8"},
                                         {"--urdf", "r.urdf", "--effects", "none", "--prior", "none"});
 }
@@ -572,7 +572,7 @@ TEST_F(TrapsLongRun, ConditionNumbersUpToWhereTheRankIsLostBesideAutomaticChoice
 }
 
 TEST_F(Traps, SigmasOfEveryOrder) {
-  write("r.urdf", arm("0.5", 2));
+  write("r.urdf", kTwoJoints);
   ASSERT_EQ(
       run({"simulate", "--urdf", "r.urdf", "--configurations", "8", "--noise", "1e-5", "--output", "m.csv"}).status, 0);
   const std::string text = text_of("m.csv");
@@ -596,7 +596,7 @@ TEST_F(CommandLine, WritesTheSameBytesUnderADecimalComma) {
   if (!german) {
     GTEST_SKIP() << "no locale with a decimal comma: localedef cannot make it here";
   }
-  write("r.urdf", arm("0.5", 2));
+  write("r.urdf", kTwoJoints);
   const auto everything = [&] {
     std::string text;
     for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{

@@ -315,14 +315,9 @@ class KnownFrames : public CommandLine {
 protected:
   void SetUp() override {
     CommandLine::SetUp();
-    static std::map<std::string, std::string> simulated;  // the same for every test
-    if (simulated.empty()) {
+    write_once("an arm to know", [&] {
       ASSERT_EQ(run({"simulate", "--noise", "1e-5", "--output", "m.csv", "--truth", "truth.json"}).status, 0);
-      simulated = files();
-    }
-    for (const auto& [name, text] : simulated) {
-      write(name, text);
-    }
+    });
   }
 };
 
@@ -497,31 +492,20 @@ class EndToEnd : public CommandLine {
 protected:
   void SetUp() override {
     CommandLine::SetUp();
-    static std::map<std::string, std::string> simulated;  // the same for every test
-    if (simulated.empty()) {
+    write_once("the published experiment", [&] {
       ASSERT_EQ(run({"simulate", "--configurations", "30", "--targets", "3", "--noise", "0.00003", "--seed", "1",
                      "--test-configurations", "100", "--output", "measurements.csv", "--truth", "truth.json"})
                     .status,
                 0);
-      simulated = files();
-    }
-    for (const auto& [name, text] : simulated) {
-      write(name, text);
-    }
+    });
   }
 
   /// What calibrate says without further options, made once; c.urdf and r.json stand there.
   const Outcome& calibrate() {
     static Outcome outcome;
-    static std::string urdf;
-    static std::string result;
-    if (outcome.status < 0) {
+    write_once("its calibration", [&] {
       outcome = run({"calibrate", "--measurements", "measurements.csv", "--output", "c.urdf", "--result", "r.json"});
-      urdf = text_of("c.urdf");
-      result = text_of("r.json");
-    }
-    write("c.urdf", urdf);
-    write("r.json", result);
+    });
     return outcome;
   }
 };
