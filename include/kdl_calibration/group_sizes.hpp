@@ -30,6 +30,7 @@ struct GroupSizes {
 struct SizeLimits {
   std::vector<double> held;  ///< the size where it is stated, else 0
   std::vector<double> most;  ///< no size is above that
+  std::vector<bool> ample;   ///< whether it shall be two standard errors above the likeliest
 };
 
 /// Sizes and noise that make the rows most likely when the values themselves are integrated out (type-II likelihood:
@@ -37,7 +38,9 @@ struct SizeLimits {
 /// the number of values of group g that the rows tell,
 ///   s_g^2 <- |x_g|^2 / gamma_g,  sigma^2 <- |y - J x|^2 / (N - sum gamma - number of free columns),
 /// until the evidence does. The free columns are eliminated beforehand, as they see neither. A group whose size goes to
-/// zero is switched off. Nothing where the free columns are not determined or no equation is left for the noise.
+/// zero is switched off. The standard error of log s_g is 1 / sqrt(2 gamma_g): of few values the likeliest size can be
+/// far too small, which costs more than one far too large where the rows tell the values well. Nothing where the free
+/// columns are not determined or no equation is left for the noise.
 class SizeEstimator {
 public:
   /// `columns`: those of the sums that take part, those of the groups included.

@@ -23,6 +23,7 @@ constexpr int kRoundsFromNear = 8;
 constexpr double kSettled = 1e-3;      // relative change of a size
 constexpr double kSmallest = 1e-16;    // [m^2 or rad^2] a variance below that is none
 constexpr double kLeastTold = 1e-6;    // number of values
+constexpr double kLeastOfAmple = 0.5;  // number of values
 constexpr double kFirstSize = 1e-3;    // [m or rad]
 constexpr double kLeastPivot = 1e-10;  // of free columns scaled to unit norm
 constexpr double kLeastFreedom = 1.0;  // equations left for the noise
@@ -41,6 +42,27 @@ void invert_lower_triangle(Eigen::Ref<MatrixXd> L) {
   invert_lower_triangle(L.bottomRightCorner(n - half, n - half));
   below = -(L.bottomRightCorner(n - half, n - half).triangularView<Eigen::Lower>() * MatrixXd(below));
   below = MatrixXd(below) * L.topLeftCorner(half, half).triangularView<Eigen::Lower>();
+}
+
+bool is_held(const SizeLimits& limits, std::size_t group) {
+  return group < limits.held.size() && limits.held[group] > 0.0;
+}
+
+double limited(const SizeLimits& limits, std::size_t group, double variance) {
+  return group < limits.most.size() ? std::min(variance, limits.most[group] * limits.most[group]) : variance;
+}
+
+// Their roots become two standard errors larger where they shall be ample; whether any shall.
+bool make_ample(std::vector<double>& variances, const SizeLimits& limits, const VectorXd& gamma) {
+  bool is_any = false;
+  for (std::size_t g = 0; g < std::min(variances.size(), limits.ample.size()); ++g) {
+    if (limits.ample[g] && !is_held(limits, g)) {
+      const double told = std::max(gamma[static_cast<Index>(g)], kLeastOfAmple);
+      variances[g] = limited(limits, g, variances[g] * std::exp(4.0 / std::sqrt(2.0 * told)));
+      is_any = true;
+    }
+  }
+  return is_any;
 }
 
 }  // namespace
@@ -142,13 +164,8 @@ GroupSizes SizeEstimator::estimate(const std::vector<double>& start, const SizeL
   for (std::size_t g = 0; g < start.size() && g < variances.size(); ++g) {
     variances[g] = start[g] * start[g];
   }
-  const std::vector<double>& held = limits.held;
-  const auto is_held = [&](std::size_t g) { return g < held.size() && held[g] > 0.0; };
-  const auto limited = [&](std::size_t g, double size) {
-    return g < limits.most.size() ? std::min(size, limits.most[g] * limits.most[g]) : size;
-  };
   for (std::size_t g = 0; g < variances.size(); ++g) {
-    variances[g] = is_held(g) ? held[g] * held[g] : variances[g];
+    variances[g] = is_held(limits, g) ? limits.held[g] * limits.held[g] : variances[g];
   }
   const double least = rounding * rounding;
   double variance = std::max((start.empty() ? 0.1 : 1.0) * squares_ / left, least);
@@ -166,13 +183,16 @@ GroupSizes SizeEstimator::estimate(const std::vector<double>& start, const SizeL
     }
     before = evidence;
     for (std::size_t g = 0; g < groups_.size(); ++g) {
-      if (variances[g] != 0.0 && !is_held(g)) {
+      if (variances[g] != 0.0 && !is_held(limits, g)) {
         const double told = std::max(fit.gamma[static_cast<Index>(g)], kLeastTold);
-        const double next = limited(g, fit.x(groups_[g]).squaredNorm() / told);
+        const double next = limited(limits, g, fit.x(groups_[g]).squaredNorm() / told);
         variances[g] = next > kSmallest ? next : 0.0;
       }
     }
     variance = std::max(fit.squares / std::max(left - fit.gamma.sum(), kLeastFreedom), least);
+  }
+  if (make_ample(variances, limits, fit.gamma)) {
+    fit = solve(variances, variance);
   }
   GroupSizes result{
       .sizes = {}, .sigma = std::sqrt(variance), .evidence = evidence_of(fit), .values = all_values(fit.x)};

@@ -83,13 +83,14 @@ bool is_of_table(const EffectTerm& term) { return term.group == EffectGroup::tab
 Groups groups_of(const Candidate& candidate, const Priors& stated) {
   Groups result;
   std::map<std::string, std::size_t> number;
-  const auto add = [&](const std::string& name, Index column, double size, double most) {
+  const auto add = [&](const std::string& name, Index column, double size, double most, bool is_ample) {
     const auto [found, is_new] = number.emplace(name, result.columns.size());
     if (is_new) {
       result.columns.emplace_back();
       result.names.push_back(name);
       result.limits.held.push_back(size);
       result.limits.most.push_back(most);
+      result.limits.ample.push_back(is_ample);
     }
     result.columns[found->second].push_back(column);
   };
@@ -98,13 +99,13 @@ Groups groups_of(const Candidate& candidate, const Priors& stated) {
     const bool length = candidate.free.columns()[static_cast<std::size_t>(column)].length;
     const double size = length ? stated.length : stated.angle;
     if (candidate.sized || size > 0.0) {
-      add(length ? "length" : "angle", column, candidate.sized ? 0.0 : size, kUnlimited);
+      add(length ? "length" : "angle", column, candidate.sized ? 0.0 : size, kUnlimited, true);
     }
   }
   for (const std::size_t e : candidate.free.effects()) {
     const EffectTerm& term = candidate.model.effects[e];
     add(size_name(term), *candidate.free.column(UnknownGroup::effects, e), 0.0,
-        term.group == EffectGroup::tables ? kMostOfTable : kUnlimited);
+        term.group == EffectGroup::tables ? kMostOfTable : kUnlimited, false);
   }
   return result;
 }

@@ -128,7 +128,7 @@ public:
     if (options.automatic_priors) {
       const ModelInQuestion sized{.terms = {}, .names = {}, .sized = true};
       Worth with_sizes = appraisal_.worth_of(sized, tried);
-      if (with_sizes.held_out_rms < route.worth.held_out_rms) {
+      if (is_worthwhile(with_sizes, route.worth)) {
         route.model = sized;
         route.worth = std::move(with_sizes);
       }
@@ -266,7 +266,7 @@ private:
     std::optional<Route> without_tables;
     while (route.worth.determined) {
       look_for_ripple(route);
-      const double wanted = likelier_evidence(route.worth);
+      const double wanted = convincing_evidence(route.worth);
       std::optional<Step> other = likeliest(route, tried, std::not_fn(is_tables), wanted);
       const double of_tables = other ? std::max(wanted, other->worth.sizes.evidence) : wanted;
       std::optional<Step> tables = likeliest(route, tried, is_tables, of_tables);
@@ -365,10 +365,10 @@ private:
     std::vector<std::string> names = other.model.names;
     names.emplace_back(to_string(EffectGroup::tables));
     if (has_groups(route.model, names)) {
-      return !helps(route.worth, other.worth) || !is_likelier(route.worth, other.worth);
+      return !helps(route.worth, other.worth) || route.worth.sizes.evidence < convincing_evidence(other.worth);
     }
     other.left = {option_of(EffectGroup::tables)};
-    const double wanted = likelier_evidence(other.worth);
+    const double wanted = convincing_evidence(other.worth);
     if (std::optional<Step> step = likeliest(other, tried, is_tables, wanted)) {
       take(std::move(*step), other);
     }

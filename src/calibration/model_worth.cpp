@@ -24,6 +24,7 @@ using Eigen::VectorXd;
 constexpr std::size_t kMostSingleFolds = 40;
 constexpr int kFolds = 10;
 constexpr double kEvidence = 2.0;     // that makes a model likelier
+constexpr double kOfAnEffect = 7.0;   // of several that are looked at one is likelier by chance
 constexpr double kWorthwhile = 0.98;  // of the held-out RMS
 constexpr double kRounding = 1e-9;    // [m] of the numbers in a file
 constexpr double kLeastPrior = 1e-7;  // [m or rad]
@@ -64,13 +65,18 @@ double size_of(const Worth& worth, const std::string& name) {
 
 double likelier_evidence(const Worth& than) { return than.sizes.evidence + kEvidence; }
 
+double convincing_evidence(const Worth& than) { return than.sizes.evidence + kOfAnEffect; }
+
 bool is_likelier(const Worth& one, const Worth& other) { return one.sizes.evidence >= likelier_evidence(other); }
 
 bool predicts_as_well(const Worth& one, const Worth& other) { return certainty_of_gain(one, other) > -1.0; }
 
+bool is_worthwhile(const Worth& one, const Worth& other) {
+  return one.determined && one.held_out_rms <= kWorthwhile * other.held_out_rms;
+}
+
 bool helps(const Worth& with, const Worth& without) {
-  return with.determined && with.motion <= kLargestMotion && with.held_out_rms <= kWorthwhile * without.held_out_rms &&
-         certainty_of_gain(with, without) > 1.0;
+  return is_worthwhile(with, without) && with.motion <= kLargestMotion && certainty_of_gain(with, without) > 1.0;
 }
 
 Appraisal::Appraisal(const ChoiceTask& task, const Measurements& means, int threads, bool is_told)

@@ -40,12 +40,18 @@ struct Worth {
 /// Of a group, by its name; 0 where there is none.
 double size_of(const Worth& worth, const std::string& name);
 
+/// The evidence that a model with one group more needs: of several that are looked at one is likelier by chance.
+double convincing_evidence(const Worth& than);
+
 /// The evidence that makes a model likelier than this one.
 double likelier_evidence(const Worth& than);
 bool is_likelier(const Worth& one, const Worth& other);
 
 /// Whether one, where both are determined, leaves no more of a configuration than the other, within a standard error.
 bool predicts_as_well(const Worth& one, const Worth& other);
+
+/// Whether one predicts better by so much that it matters, or where the other cannot.
+bool is_worthwhile(const Worth& one, const Worth& other);
 
 /// [m or rad] What moves a joint by more is no effect but a mistake.
 constexpr double kLargestMotion = 0.02;

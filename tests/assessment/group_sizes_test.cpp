@@ -121,6 +121,22 @@ TEST(GroupSizes, SizesAndNoiseAreTheTrueOnesOnAverage) {
   EXPECT_NEAR(noise, 0.01, 0.0005);
 }
 
+TEST(GroupSizes, AmpleOnesAreHardlyEverBelowTheTruth) {
+  constexpr int kRuns = 400;
+  int above = 0;
+  int ample_above = 0;
+  for (unsigned run = 0; run < kRuns; ++run) {
+    const Rows rows(2000 + run, 20, 0.3, 0.3, 0.1);
+    const SizeEstimator estimator(rows.sums(), rows.columns, rows.groups);
+    const GroupSizes ample = estimator.estimate({}, {.held = {}, .most = {}, .ample = {true, true}}, 1e-9);
+    above += estimator.estimate({}, {}, 1e-9).sizes[0] > 0.3 ? 1 : 0;  // of three values
+    ample_above += ample.sizes[0] > 0.3 ? 1 : 0;
+  }
+  EXPECT_LT(above, 0.6 * kRuns);
+  EXPECT_GT(ample_above, 0.8 * kRuns);
+  EXPECT_LT(ample_above, kRuns);
+}
+
 TEST(GroupSizes, WhatIsNotThereIsSmallOrOff) {
   int off = 0;
   for (unsigned run = 0; run < 50; ++run) {
@@ -257,6 +273,18 @@ struct PlainIteration {
     solve();
   }
 
+  /// By two standard errors of the logarithm of a size, 1 / sqrt(2 gamma), gamma no less than half a value.
+  void widen(const std::vector<bool>& which) {
+    const std::vector<double> told = solve().first;
+    for (std::size_t g = 0; g < 2; ++g) {
+      if (which[g] && held[g] == 0.0) {
+        const double size = std::sqrt(variances[g]) * std::exp(2.0 / std::sqrt(2.0 * std::max(told[g], 0.5)));
+        variances[g] = std::pow(std::min(size, most[g]), 2);
+      }
+    }
+    solve();
+  }
+
   // Of what the free columns leave.
   double first_variance(double share) const {
     const MatrixXd J = rows.J.leftCols<2>();
@@ -307,7 +335,14 @@ TEST(GroupSizes, IterateAsTheirFormulasSay) {
       PlainIteration limited{.rows = rows, .variances = {0.0144, 1e-6}, .held = {0.12, 0.0}, .most = {0.01, 0.03}};
       limited.variance = limited.first_variance(0.1);
       limited.run(60);
-      expect_sizes(estimator.estimate({}, {.held = {0.12}, .most = {0.01, 0.03}}, 1e-9), limited, what + ", limited");
+      expect_sizes(estimator.estimate({}, {.held = {0.12}, .most = {0.01, 0.03}, .ample = {}}, 1e-9), limited,
+                   what + ", limited");
+      limited.widen({true, true});
+      expect_sizes(estimator.estimate({}, {.held = {0.12}, .most = {0.01, 0.03}, .ample = {true, true}}, 1e-9), limited,
+                   what + ", ample and limited");
+      from_far.widen({false, true});
+      expect_sizes(estimator.estimate({}, {.held = {}, .most = {}, .ample = {false, true}}, 1e-9), from_far,
+                   what + ", ample");
     }
   }
   EXPECT_GT(most_rounds, 10) << "rounds of the slowest";

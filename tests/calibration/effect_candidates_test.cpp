@@ -181,10 +181,12 @@ TEST(EffectCandidates, GroupsAreLengthsAnglesAndEffectsBySize) {
       ASSERT_EQ(groups.columns.size(), columns.size());
       ASSERT_EQ(groups.limits.held.size(), columns.size());
       ASSERT_EQ(groups.limits.most.size(), columns.size());
+      ASSERT_EQ(groups.limits.ample.size(), columns.size());
       for (std::size_t g = 0; g < columns.size(); ++g) {
         const std::string& name = groups.names[g];
         EXPECT_EQ(groups.columns[g], columns[name]) << name;
         EXPECT_EQ(groups.limits.held[g], held[name]) << name;
+        EXPECT_EQ(groups.limits.ample[g], name == "length" || name == "angle") << name;
         EXPECT_EQ(groups.limits.most[g], name.starts_with("tables") ? 2e-3 : kInfinity) << name;
       }
     }
