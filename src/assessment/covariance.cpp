@@ -8,6 +8,7 @@
 
 #include "assessment/unit_columns.hpp"
 #include "base/preconditions.hpp"
+#include "base/triangular_factor.hpp"
 #include "kdl_calibration/kinematics.hpp"
 
 namespace kdl_calibration {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "assessment/unit_columns.hpp"
+#include "base/triangular_factor.hpp"
 
 namespace kdl_calibration {
 

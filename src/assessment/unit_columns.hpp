@@ -15,14 +15,6 @@ inline Eigen::VectorXd unit_scale(const Eigen::MatrixXd& jacobian) {
   return jacobian.colwise().norm().transpose().unaryExpr([](double norm) { return norm > 0.0 ? 1.0 / norm : 0.0; });
 }
 
-/// R of the matrix; the matrix itself where it has few rows.
-inline Eigen::MatrixXd triangular_factor(const Eigen::MatrixXd& matrix) {
-  if (matrix.rows() <= matrix.cols()) {
-    return matrix;
-  }
-  return Eigen::HouseholderQR<Eigen::MatrixXd>(matrix).matrixQR().topRows(matrix.cols()).triangularView<Eigen::Upper>();
-}
-
 /// Of more columns than that, singular values are found by halves: as exact beside the largest one, not beside each,
 /// and ten times as fast.
 constexpr Eigen::Index kManyColumns = 100;

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/preconditions.hpp"
+#include "base/triangular_factor.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
@@ -307,12 +308,13 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
   }
   require_sigma("the noise of a reduction", options.noise);
   CandidateJacobian candidates(model, targets, options);
-  const Eigen::MatrixXd columns = candidates.stacked();
+  const Eigen::MatrixXd stack = candidates.stacked();
+  const Eigen::MatrixXd columns = triangular_factor(stack);
   const std::vector<std::string>& names = candidates.names();
   const std::vector<bool> candidate = not_fixed(names, options.fixed);
   std::vector<bool> faint;
   const std::vector<bool> raises =
-      independent_columns(columns, candidate, {.seen = visible_norms(model, columns, options.noise)}, &faint);
+      independent_columns(columns, candidate, {.seen = visible_norms(model, stack, options.noise)}, &faint);
 
   Reduction reduction;
   reduction.candidates = static_cast<int>(std::count(candidate.begin(), candidate.end(), true));

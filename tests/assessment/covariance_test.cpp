@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "assessment/unit_columns.hpp"
+#include "base/triangular_factor.hpp"
 #include "kdl_calibration/random.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
