@@ -1,5 +1,6 @@
 #include "assessment/heavy_tails.hpp"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -29,15 +30,14 @@ public:
         heaviness_ == 0.0 ? std::erfc(size / std::numbers::sqrt2) : f_upper_tail(size * size, 1.0, 1.0 / heaviness_);
     return std::max(p, kLeast);
   }
-  double log_density(double size) const {
-    const double square = size * size;
+  // Of a size whose square this is.
+  double log_density(double square) const {
     return log_constant_ -
            (heaviness_ == 0.0 ? 0.5 * square : 0.5 * (1.0 / heaviness_ + 1.0) * std::log1p(square * heaviness_));
   }
-  // -size times the derivative of the log density.
-  double pull(double size) const {
-    const double square = size * size;
-    return (1.0 + heaviness_) * square / (1.0 + square * heaviness_);
+  // -size times the derivative of the log density, summed over sizes of which these are the squares.
+  double pull(const Eigen::ArrayXd& squares) const {
+    return (1.0 + heaviness_) * (squares / (1.0 + heaviness_ * squares)).sum();
   }
 
 private:
@@ -50,9 +50,12 @@ class CensoredSizes {
 public:
   CensoredSizes(const std::vector<double>& sizes, std::size_t censored)
       : sizes_(sizes), known_(sizes.size() - censored), censored_(static_cast<double>(censored)) {
-    step_ = std::max<std::size_t>(1, known_ / kMostSummed);
-    const std::size_t summed = (known_ + step_ - 1) / step_;
-    weight_ = static_cast<double>(known_) / static_cast<double>(summed);
+    const std::size_t step = std::max<std::size_t>(1, known_ / kMostSummed);
+    squares_.resize(static_cast<Eigen::Index>((known_ + step - 1) / step));
+    for (std::size_t i = 0; i < known_; i += step) {
+      squares_[static_cast<Eigen::Index>(i / step)] = sizes[i] * sizes[i];
+    }
+    weight_ = static_cast<double>(known_) / static_cast<double>(squares_.size());
   }
 
   // By bisection of the derivative of the log likelihood by the scale.
@@ -63,36 +66,30 @@ public:
     for (int i = 0; i < 14; ++i) {
       const double scale = std::exp(0.5 * (lower + upper));
       const double z = sizes_[known_ - 1] / scale;
-      const double slope = sum([&](double size) { return tailed.pull(size / scale) - 1.0; }) +
-                           censored_ * z * std::exp(tailed.log_density(z)) / tailed.beyond(z);
+      const double slope = weight_ * tailed.pull(squares_ / (scale * scale)) - static_cast<double>(known_) +
+                           censored_ * z * std::exp(tailed.log_density(z * z)) / tailed.beyond(z);
       (slope > 0.0 ? lower : upper) = 0.5 * (lower + upper);
     }
     return std::exp(0.5 * (lower + upper));
   }
 
   double log_likelihood(const TailedSize& tailed, double scale) const {
-    return sum([&](double size) { return tailed.log_density(size / scale); }) -
-           static_cast<double>(known_) * std::log(scale) +
+    double sum = 0.0;
+    for (const double square : squares_) {
+      sum += tailed.log_density(square / (scale * scale));
+    }
+    return weight_ * sum - static_cast<double>(known_) * std::log(scale) +
            censored_ * std::log(tailed.beyond(sizes_[known_ - 1] / scale));
   }
 
 private:
   static constexpr std::size_t kMostSummed = 1000;  // evenly spaced ones of more
 
-  template <class Function>
-  double sum(Function function) const {
-    double result = 0.0;
-    for (std::size_t i = 0; i < known_; i += step_) {
-      result += function(sizes_[i]);
-    }
-    return weight_ * result;
-  }
-
   const std::vector<double>& sizes_;
   std::size_t known_;
   double censored_;
-  std::size_t step_ = 1;
-  double weight_ = 1.0;
+  Eigen::ArrayXd squares_;  // of those that are summed
+  double weight_ = 1.0;     // of each
 };
 
 // The size that one of as many values exceeds with probability kChance, where the `censored` largest tell nothing.
@@ -101,6 +98,7 @@ double limit_without(const std::vector<double>& sizes, std::size_t censored) {
   constexpr double kHeaviest = 0.4;
   constexpr std::size_t kSteps = 9;
   constexpr double kFarthest = 1e6;  // in scales
+  constexpr double kSettled = 1e-6;
   const CensoredSizes known(sizes, censored);
   std::vector<TailedSize> tails;
   std::array<double, kSteps> scales{};
@@ -119,7 +117,7 @@ double limit_without(const std::vector<double>& sizes, std::size_t censored) {
   const double allowed = kChance * total / static_cast<double>(sizes.size());
   double lower = scales.front();
   double upper = kFarthest * lower;
-  for (int i = 0; i < 40; ++i) {
+  while (upper > (1.0 + kSettled) * lower) {
     const double middle = std::sqrt(lower * upper);
     double p = 0.0;
     for (std::size_t k = 0; k < kSteps; ++k) {
