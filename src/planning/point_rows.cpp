@@ -99,6 +99,7 @@ bool PointRows::change_basis(const MatrixXd& mean) {
   }
   basis_ = llt.matrixU().solve(MatrixXd::Identity(c, c));
   basis_ = (scale.asDiagonal() * basis_).eval();
+  is_basis_changed_ = true;
   return true;
 }
 
@@ -121,7 +122,7 @@ Matrix6Xd PointRows::jacobian(const Eigen::Ref<const VectorXd>& q) const {
       J.col(effect_columns_.first + static_cast<Index>(i)) *= basis(static_cast<Index>(effects_[i]), 0);
     }
   }
-  return J * basis_;
+  return is_basis_changed_ ? Matrix6Xd(J * basis_) : J;
 }
 
 MatrixXd PointRows::rows(const PointBlock& block, const Eigen::Ref<const VectorXd>& q) const {

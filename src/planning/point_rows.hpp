@@ -67,6 +67,7 @@ private:
   std::vector<TargetFrame> targets_;
   std::vector<PointBlock> by_target_;
   Eigen::MatrixXd basis_;
+  bool is_basis_changed_ = false;
 };
 
 Eigen::Index feature_count(Eigen::Index chain_columns);

@@ -7,6 +7,7 @@
 #include <mutex>
 #include <numeric>
 #include <optional>
+#include <unordered_map>
 
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
@@ -79,11 +80,20 @@ private:
 
   bool is_d() const { return criterion_ == Criterion::d_optimal; }
 
+  // The same candidates are looked at again and again.
+  const MatrixXd& block(Index candidate) {
+    const auto [found, is_new] = blocks_.try_emplace(candidate);
+    if (is_new) {
+      found->second = pool_.block(candidate);
+    }
+    return found->second;
+  }
+
   // Everything anew from the members, which takes away what rounding has gathered.
   void refresh() {
     design_.M = given_;
     for (const Index i : design_.members) {
-      const MatrixXd A = pool_.block(i);
+      const MatrixXd& A = block(i);
       design_.M.noalias() += A.transpose() * A;
     }
     const Eigen::LLT<MatrixXd> llt(design_.M);
@@ -185,7 +195,7 @@ private:
     std::optional<double> most;
     Index best = -1;
     for (const Index i : shortlist(score)) {
-      const std::optional<double> gain = change(pool_.block(i), 1.0);
+      const std::optional<double> gain = change(block(i), 1.0);
       if (gain && (!most || *gain > *most)) {
         most = gain;
         best = i;
@@ -194,7 +204,7 @@ private:
     if (best < 0) {
       return false;
     }
-    update(pool_.block(best), 1.0);
+    update(block(best), 1.0);
     design_.members.push_back(best);
     is_member_[static_cast<std::size_t>(best)] = true;
     return true;
@@ -221,7 +231,7 @@ private:
     std::optional<double> least;
     std::size_t worst = 0;
     for (std::size_t k = 0; k < design_.members.size(); ++k) {
-      const std::optional<double> loss = change(pool_.block(design_.members[k]), -1.0);
+      const std::optional<double> loss = change(block(design_.members[k]), -1.0);
       if (loss && (!least || *loss < *least)) {
         least = loss;
         worst = k;
@@ -231,7 +241,7 @@ private:
       return false;
     }
     const Index i = design_.members[worst];
-    update(pool_.block(i), -1.0);
+    update(block(i), -1.0);
     design_.members.erase(design_.members.begin() + static_cast<std::ptrdiff_t>(worst));
     is_member_[static_cast<std::size_t>(i)] = false;
     return true;
@@ -245,6 +255,7 @@ private:
   const Tasks* tasks_;
   int threads_;
   Design design_;
+  std::unordered_map<Index, MatrixXd> blocks_;
   std::vector<bool> is_member_;
   MatrixXd weights_;
   double power_ = 1.0;
@@ -448,12 +459,40 @@ std::vector<MatrixXd> random_designs(const Experiment& experiment, const Selecti
   require_at_least("draws", designs.draws, 0);
   require_at_least("configurations of a design", designs.count, 0);
   require_at_least("candidates", candidates.cols(), designs.count);
-  std::vector<MatrixXd> result(static_cast<std::size_t>(designs.draws));
-  parallel_for(result.size(), designs.threads, [&](std::size_t d) {
+  std::vector<std::vector<Index>> chosen(static_cast<std::size_t>(designs.draws));
+  std::vector<bool> is_drawn(static_cast<std::size_t>(candidates.cols()), false);
+  for (std::size_t d = 0; d < chosen.size(); ++d) {
     Random random(designs.seed, d);
-    const std::vector<Index> chosen = drawn(candidates.cols(), designs.count, random);
-    result[d] = task.given + information(experiment, candidates(Eigen::all, chosen));
-  });
+    chosen[d] = drawn(candidates.cols(), designs.count, random);
+    for (const Index c : chosen[d]) {
+      is_drawn[static_cast<std::size_t>(c)] = true;
+    }
+  }
+  // Most candidates are in many designs: what each tells is found once, for so many at a time.
+  constexpr Index kAtOnce = 256;
+  const PointRows rows(experiment);
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> features(kAtOnce, rows.feature_count());
+  std::vector<VectorXd> sums(chosen.size(), VectorXd::Zero(rows.feature_count()));
+  for (Index first = 0; first < candidates.cols(); first += kAtOnce) {
+    const Index end = std::min(first + kAtOnce, candidates.cols());
+    parallel_for(static_cast<std::size_t>(end - first), designs.threads, [&](std::size_t i) {
+      const Index c = first + static_cast<Index>(i);
+      if (is_drawn[static_cast<std::size_t>(c)]) {
+        rows.pack(candidates.col(c), features.row(c - first));
+      }
+    });
+    parallel_for(chosen.size(), designs.threads, [&](std::size_t d) {
+      for (auto c = std::lower_bound(chosen[d].begin(), chosen[d].end(), first); c != chosen[d].end() && *c < end;
+           ++c) {
+        sums[d] += features.row(*c - first).transpose();
+      }
+    });
+  }
+  std::vector<MatrixXd> result;
+  result.reserve(sums.size());
+  for (const VectorXd& sum : sums) {
+    result.emplace_back(task.given + rows.unpacked(sum, static_cast<double>(designs.count)));
+  }
   return result;
 }
 
