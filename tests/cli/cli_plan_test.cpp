@@ -58,7 +58,7 @@ TEST_F(PlanCommand, PlansOnTopOfAResultAsOnTopOfItsMeasurements) {
       run({"calibrate", "--measurements", "m.csv", "--noise-independent", "3e-5", "--result", "result.json"});
   ASSERT_EQ(calibrated.status, 0) << calibrated.err;
   const auto planned_on = [&](const std::string& option, const std::string& file) {
-    return run_json({"plan", "--candidates", "200", "--workspace", "100", "--starts", "2", option, file, "--add", "5",
+    return run_json({"plan", "--candidates", "80", "--workspace", "30", "--starts", "2", option, file, "--add", "5",
                      "--noise", "3e-5", "--json"});
   };
   const nlohmann::json on_measured = planned_on("--measured", "m.csv");

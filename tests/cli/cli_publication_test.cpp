@@ -463,7 +463,7 @@ TEST_F(MimicCommands, RefuseAContradictingColumn) {
 
 TEST_F(MimicCommands, PlanConfigurationsThatTheArmCanTake) {
   const Outcome planned =
-      run({"plan", "--urdf", "p.urdf", "--configurations", "20", "--candidates", "300", "--workspace", "20", "--starts",
+      run({"plan", "--urdf", "p.urdf", "--configurations", "20", "--candidates", "60", "--workspace", "20", "--starts",
            "1", "--joint-range", "joint_3=-30:20", "--output", "plan.csv"});
   ASSERT_EQ(planned.status, 0) << planned.err;
   EXPECT_THAT(text_of("plan.csv"), HasSubstr("joint_2[deg],joint_4[deg]"));

@@ -450,7 +450,7 @@ std::vector<std::string> plan_lines(const Json& plan, const std::string& noise, 
   const std::string effects =
       plan["effects"].empty() ? "" : ", " + std::to_string(plan["effects"].size()) + " of effects";
   std::vector<std::string> lines = {
-      std::to_string(plan["configurations"].size()) + " configurations of 300 candidates, " +
+      std::to_string(plan["configurations"].size()) + " configurations of 60 candidates, " +
           plan["criterion"].get<std::string>() + "-optimal; " + text(plan["targets"]) + " targets, " +
           text(plan["parameters"]) + " parameters" + effects + ", noise " + noise,
       "search                  3 starts, " + text(plan["exchanges"]) + " exchanges; seed 4",
@@ -479,8 +479,8 @@ std::vector<std::string> plan_lines(const Json& plan, const std::string& noise, 
 }
 
 TEST_F(Tables, PlanShowsWhatItsJsonHolds) {
-  const std::vector<std::string> plan = {"plan", "--candidates", "300", "--workspace", "150", "--starts",
-                                         "3",    "--seed",       "4",   "--noise",     "5e-5"};
+  const std::vector<std::string> plan = {"plan", "--candidates", "60", "--workspace", "30",  "--starts",
+                                         "3",    "--seed",       "4",  "--noise",     "5e-5"};
   const auto both = [&](std::vector<std::string> words, const std::string& noise, bool refuses) {
     words.insert(words.begin(), plan.begin(), plan.end());
     std::vector<std::string> as_json = words;
