@@ -27,6 +27,7 @@ struct Written {
   Robot robot = parse_robot(kOddArm);
   Measurements measured;
   CalibrationOptions options{
+      .fix = {"tables.1.*", "tables.2.*", "tables.4.*", "tables.5.*"},
       .effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
                              EffectGroup::harmonics, EffectGroup::tables}},
       .held_out = false,
