@@ -62,6 +62,13 @@ CalibrationOptions automatic() {
   return {.automatic_priors = true, .effects = {.automatic = true}, .held_out = false, .try_readings = false};
 }
 
+/// The same without the groups of many terms.
+CalibrationOptions automatic_of_few_terms() {
+  CalibrationOptions options = automatic();
+  options.fix = {"tables.*", "transverse.*"};
+  return options;
+}
+
 const CalibrationOptions kGeometry{.held_out = false, .try_readings = false};
 
 void expect_found_and_predicted_by(const std::vector<EffectGroup>& groups) {
@@ -90,7 +97,7 @@ TEST(EffectChoiceLongRun, FindsEachEffectAndPredictsByIt) {
 
 TEST(EffectChoice, FindsHowOftenGearsRipple) {
   const Arm arm(fanuc(), 21, 120, {{EffectGroup::ripple, 2e-4}});
-  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  const Calibration found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
   ASSERT_THAT(found.tried.front().effects, Contains("ripple"));
   std::map<int, std::pair<double, double>> strongest;  // of each joint: amplitude, times a turn
   for (std::size_t e = 0; e < found.model.effects.size(); ++e) {
@@ -118,7 +125,7 @@ TEST(EffectChoice, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
   arm.robot.truth.effects = Eigen::VectorXd::Constant(2, 3e-4);
   Random random(5);
   arm.measured = measure(arm.robot, q, {.sigma = 5e-5}, random);
-  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  const Calibration found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
   ASSERT_THAT(found.tried.front().effects, Contains("ripple"));
   for (const EffectTerm& term : found.model.effects) {
     if (term.group == EffectGroup::ripple) {
@@ -143,7 +150,11 @@ TEST(EffectChoiceLongRun, ARigidArmHasNoRipple) { expect_no_ripple_in_rigid_arms
 TEST(EffectChoice, TablesAreWithheldInGaps) {
   Arm arm(fanuc(), 23, 100, {});
   const Eigen::MatrixXd q = 0.3 * arm.measured.joint_values;
-  arm.robot.model.effects = table_terms(arm.model, q, 10.0 * std::numbers::pi / 180.0);
+  for (const EffectTerm& term : table_terms(arm.model, q, 10.0 * std::numbers::pi / 180.0)) {
+    if (term.index == 2 || term.index == 3) {
+      arm.robot.model.effects.push_back(term);
+    }
+  }
   Random random(24);
   arm.robot.truth.effects = Eigen::VectorXd::NullaryExpr(static_cast<Eigen::Index>(arm.robot.model.effects.size()),
                                                          [&](Eigen::Index) { return 3e-4 * random.normal(); });
@@ -160,6 +171,7 @@ TEST(EffectChoice, TablesAreWithheldInGaps) {
   }
   asked(2, 0) = middle;  // where nothing was measured
   options.effects = {.groups = {EffectGroup::tables}};
+  options.fix = {"tables.1.*", "tables.2.*", "tables.5.*", "tables.6.*"};
   options.predict_at = {{"in the gap", "measured there"}, asked};
   const Calibration found = calibrate(arm.model, gapped, options);
   int tables = 0;
@@ -210,14 +222,14 @@ TEST(EffectChoice, FindsTheSizeOfWhatIsThere) {
 TEST(EffectChoice, LeavesARigidArmRigid) {
   int kept = 0;
   double worse = 0.0;
-  for (unsigned seed = 0; seed < 6; ++seed) {
+  for (unsigned seed = 0; seed < 4; ++seed) {
     const Arm arm(seed % 2 == 0 ? fanuc() : parse_robot(kOddArm), 50 + seed, seed % 3 == 0 ? 15 : 45, {});
     const Calibration found = calibrate(arm.model, arm.measured, automatic());
     kept += found.model.effects.empty() ? 0 : 1;
     worse = std::max(worse,
                      arm.error_at_unseen(found) / arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry)));
   }
-  EXPECT_LE(kept, 1);
+  EXPECT_EQ(kept, 0);
   EXPECT_LT(worse, 1.1);
 }
 
@@ -253,13 +265,13 @@ TEST(EffectChoice, TooFewMeasurementsForWhatIsAskedAreRefused) {
 }
 
 TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
-  const Arm arm(fanuc(), 5, 16, {{EffectGroup::gravity, 3e-4}});
+  const Arm arm(fanuc(), 5, 13, {{EffectGroup::gravity, 3e-4}});
   CalibrationOptions options = automatic();
   options.leave_one_out = true;
   options.nested = true;
   const Calibration found = calibrate(arm.model, arm.measured, options);
   ASSERT_TRUE(found.nested_leave_one_out.has_value());
-  EXPECT_EQ(found.nested_leave_one_out->count, 48);
+  EXPECT_EQ(found.nested_leave_one_out->count, 39);
   EXPECT_GT(found.nested_leave_one_out->rms, 0.9 * found.leave_one_out->after.rms);
   EXPECT_LT(found.nested_leave_one_out->rms, 2.0 * found.leave_one_out->after.rms);
   // Spoiling a configuration changes what is predicted of it by just that, as nothing was learnt from it.
@@ -291,7 +303,7 @@ TEST(EffectChoice, HeldTermsTakeNoPart) {
 }
 
 TEST(EffectChoice, AnArmOnAWallSagsAlongItsOwnDirection) {
-  Arm arm(fanuc(), 7, 60, {});
+  Arm arm(fanuc(), 7, 30, {});
   arm.robot.model.gravity = KDL::Vector(1.0, 0.0, 0.0);
   arm.robot.model.effects = effect_terms(arm.robot.model, EffectGroup::gravity, arm.measured.joint_values);
   Random random(8);
