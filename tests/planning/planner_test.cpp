@@ -32,10 +32,10 @@ PlanRequest request_with(const std::vector<EffectGroup>& effects) {
   request.targets = published_targets();
   request.cell.ranges = limits_of(request.robot.joints);
   request.effects = effects;
-  request.count = 40;
-  request.candidates = 400;
-  request.workspace = 300;
-  request.starts = 2;
+  request.count = 20;
+  request.candidates = 100;
+  request.workspace = 20;
+  request.starts = 1;
   return request;
 }
 
@@ -110,6 +110,7 @@ PlanRequest small_request() {
   request.count = 9;
   request.candidates = 200;
   request.workspace = 60;
+  request.starts = 2;
   request.seed = 3;
   request.threads = 1;
   request.cell.height = 0.2;
@@ -197,10 +198,13 @@ TEST(Planner, PutsAPlanTogether) {
   EXPECT_THAT(plan.sheet.targets, ::testing::ElementsAre("A", "B", "C"));
   EXPECT_FALSE(plan.monte_carlo);
   // Noise that is shared has no floor.
-  request.noise.configuration_sigma = 1e-5;
-  EXPECT_FALSE(make_plan(request).floor);
+  PlanRequest shared = request;
+  shared.candidates = 20;
+  shared.workspace = 5;
+  EXPECT_TRUE(make_plan(shared).floor);
+  shared.noise.configuration_sigma = 1e-5;
+  EXPECT_FALSE(make_plan(shared).floor);
 
-  request.noise.configuration_sigma = 0.0;
   request.home = Eigen::Matrix<double, 5, 1>(1.0, 0.2, -1.0, 0.5, 0.3);
   request.tasks = plan.drawn.joint_values.leftCols(7);
   request.criterion = Criterion::i_optimal;
@@ -321,9 +325,9 @@ std::vector<MatrixXd> fewer_and_fewer(const Experiment& experiment, const Plan& 
 TEST(Planner, SaysWhatFewerConfigurationsWouldGive) {
   PlanRequest request = small_request();
   request.count = 12;
-  request.workspace = 520;
   for (const double prior : {0.0, 1e-3}) {
     request.priors = {.length = prior, .angle = prior};
+    request.workspace = prior > 0.0 ? 60 : 520;  // of which at most 500 are looked at
     const Plan plan = make_plan(request);
     // 33 parameters and 9 coordinates in a configuration; with priors one configuration tells something.
     std::vector<int> counts = {4, 5, 6, 7, 8, 9, 10, 11, 12};
@@ -331,7 +335,7 @@ TEST(Planner, SaysWhatFewerConfigurationsWouldGive) {
       counts = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
     }
     const SelectionTask task{plan.drawn.joint_values.leftCols(200), prior_information(plan.experiment),
-                             plan.drawn.joint_values.middleCols(200, 500)};
+                             plan.drawn.joint_values.middleCols(200, std::min(500, request.workspace))};
     const std::vector<MatrixXd> designs = fewer_and_fewer(plan.experiment, plan, static_cast<std::size_t>(counts[0]));
     const std::vector<CountedAccuracy> found = accuracy_by_count(request, plan);
     ASSERT_EQ(found.size(), counts.size());
