@@ -155,8 +155,8 @@ void expect_visible(const Cell& cell, const Scene& now) {
 TEST(Workspace, SatisfiesEveryConstraintByIndependentCode) {
   const Robot robot = testing::fanuc();
   const Cell cell = full_cell(robot);
-  const Candidates found = candidates(robot, circle_of_targets(), cell, {.count = 150});
-  ASSERT_EQ(found.joint_values.cols(), 150);
+  const Candidates found = candidates(robot, circle_of_targets(), cell, {.count = 50});
+  ASSERT_EQ(found.joint_values.cols(), 50);
   for (Eigen::Index c = 0; c < found.joint_values.cols(); ++c) {
     const Eigen::VectorXd q = found.joint_values.col(c);
     const Scene now = scene(robot, cell, q);
@@ -213,15 +213,15 @@ TEST(Workspace, SumsOfJointsCountTheirOffset) {
 TEST(Workspace, DoesNotDependOnTheThreads) {
   const Robot robot = testing::fanuc();
   const Cell cell = full_cell(robot);
-  const Candidates one = candidates(robot, circle_of_targets(), cell, {.count = 60, .seed = 5, .threads = 1});
-  const Candidates three = candidates(robot, circle_of_targets(), cell, {.count = 60, .seed = 5, .threads = 3});
+  const Candidates one = candidates(robot, circle_of_targets(), cell, {.count = 25, .seed = 5, .threads = 1});
+  const Candidates three = candidates(robot, circle_of_targets(), cell, {.count = 25, .seed = 5, .threads = 3});
   EXPECT_EQ(one.joint_values, three.joint_values);
   EXPECT_EQ(one.samples, three.samples);
-  const Candidates other = candidates(robot, circle_of_targets(), cell, {.count = 60, .seed = 6});
+  const Candidates other = candidates(robot, circle_of_targets(), cell, {.count = 25, .seed = 6});
   EXPECT_NE(one.joint_values, other.joint_values);
   // More candidates are the same ones and further ones.
-  const Candidates more = candidates(robot, circle_of_targets(), cell, {.count = 80, .seed = 5});
-  EXPECT_EQ(one.joint_values, more.joint_values.leftCols(60));
+  const Candidates more = candidates(robot, circle_of_targets(), cell, {.count = 35, .seed = 5});
+  EXPECT_EQ(one.joint_values, more.joint_values.leftCols(25));
 }
 
 TEST(Workspace, RoundsJointValuesBeforeItChecksThem) {
