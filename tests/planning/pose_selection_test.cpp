@@ -56,7 +56,7 @@ struct Fixture {
 double log_det(const MatrixXd& M) { return 2.0 * M.llt().matrixLLT().diagonal().array().log().sum(); }
 
 TEST(PoseSelection, ChoosesForATrackersNoise) {
-  Fixture f(1500, 1);
+  Fixture f(500, 1);
   const Selection blind = select_configurations(f.experiment, {f.all, f.none}, {.starts = 2});
   f.experiment.noise.tracker = TrackerNoise{.range = 5e-6, .transverse = 2e-5, .transverse_per_metre = 2e-5};
   f.experiment.noise.tracker_position = {3.5, 0.0, 1.0};
@@ -69,19 +69,20 @@ TEST(PoseSelection, ChoosesForATrackersNoise) {
 
 TEST(PoseSelection, PromisesThePublishedAccuracyIn5000Candidates) {
   const Fixture f(5000, 5000);
-  const Selection d = select_configurations(f.experiment, {f.all, f.none});
+  const Selection d = select_configurations(f.experiment, {f.all, f.none}, {.starts = 2});
   EXPECT_EQ(d.chosen.size(), 30U);
   EXPECT_GT(d.exchanges, 0);
   const Prediction d_promise = predicted(f.experiment, d.information, f.tasks);
   EXPECT_LE(d_promise.sigma.mean, 0.0180e-3);
   EXPECT_LE(d_promise.sigma.max, 0.0202e-3);
 
-  const Selection i = select_configurations(f.experiment, {f.all, f.none}, {.criterion = Criterion::i_optimal});
+  const Selection i =
+      select_configurations(f.experiment, {f.all, f.none}, {.criterion = Criterion::i_optimal, .starts = 2});
   const Prediction i_promise = predicted(f.experiment, i.information, f.tasks);
   EXPECT_LE(i_promise.sigma.mean, 0.0177e-3);
 
-  const auto draws =
-      predicted(f.experiment, random_designs(f.experiment, {f.all, f.none}, {.count = 30, .draws = 200}), f.tasks);
+  const auto draws = predicted(f.experiment, random_designs(f.experiment, {f.all, f.none}, {.count = 30, .draws = 200}),
+                               f.tasks.leftCols(500));
   double mean = 0.0;
   for (const Prediction& draw : draws) {
     mean += draw.sigma.mean / 200.0;
@@ -96,16 +97,16 @@ TEST(PoseSelection, PromisesThePublishedAccuracyIn5000Candidates) {
 }
 
 TEST(PoseSelection, GivesTheSameAnswerOnAnyNumberOfThreads) {
-  const Fixture f(700, 300);
+  const Fixture f(100, 40);
   for (const Criterion criterion : {Criterion::d_optimal, Criterion::g_optimal, Criterion::i_optimal}) {
-    SelectionOptions options{.criterion = criterion, .count = 12, .starts = 3, .threads = 1};
+    SelectionOptions options{.criterion = criterion, .count = 8, .starts = 3, .threads = 1};
     const Selection one = select_configurations(f.experiment, {f.all, f.none, f.tasks}, options);
     options.threads = 3;
     const Selection three = select_configurations(f.experiment, {f.all, f.none, f.tasks}, options);
     EXPECT_EQ(one.chosen, three.chosen);
     EXPECT_EQ(one.information, three.information);
     EXPECT_EQ(one.exchanges, three.exchanges);
-    EXPECT_EQ(std::set<Index>(one.chosen.begin(), one.chosen.end()).size(), 12U);
+    EXPECT_EQ(std::set<Index>(one.chosen.begin(), one.chosen.end()).size(), 8U);
   }
 }
 
@@ -139,12 +140,12 @@ TEST(PoseSelection, FindsTheBestOfAllSubsetsWhereTheyCanBeCounted) {
 }
 
 TEST(PoseSelection, EachCriterionIsBestAtWhatItAsksFor) {
-  const Fixture f(1500, 1500);
+  const Fixture f(1100, 1100);  // more than one block of them
   std::vector<Prediction> promises;
   std::vector<double> determinants;
   for (const Criterion criterion : {Criterion::d_optimal, Criterion::g_optimal, Criterion::i_optimal}) {
     const Selection found = select_configurations(f.experiment, {f.all, f.none, f.tasks},
-                                                  {.criterion = criterion, .count = 20, .starts = 4});
+                                                  {.criterion = criterion, .count = 20, .starts = 2});
     promises.push_back(predicted(f.experiment, found.information, f.tasks));
     determinants.push_back(log_det(found.information));
     if (criterion == Criterion::g_optimal) {
@@ -338,8 +339,8 @@ TEST(PoseSelection, AddsWhatIsMissingToWhatWasMeasured) {
 }
 
 TEST(PoseSelection, FindsTheSmallestNumberForAnAccuracy) {
-  const Fixture f(600, 400);
-  const SelectionOptions options{.count = 40, .starts = 2};
+  const Fixture f(150, 60);
+  const SelectionOptions options{.count = 20, .starts = 2};
   const Selection found = select_for_accuracy(f.experiment, {f.all, f.none, f.tasks}, 0.03e-3, Figure::mean, options);
   EXPECT_LE(predicted(f.experiment, found.information, f.tasks).sigma.mean, 0.03e-3);
   SelectionOptions one_less = options;
