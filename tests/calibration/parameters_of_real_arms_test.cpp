@@ -124,8 +124,8 @@ void expect_no_difference_to_parallel_axes(int style, double tilt) {
 }
 
 TEST(ParametersOfRealArms, NearlyParallelAxesAreTreatedAsWellAsParallelOnes) {
-  for (std::size_t i = 0; i < kTilts.size(); i += 2) {  // each style in turn
-    expect_no_difference_to_parallel_axes(static_cast<int>(i / 2 % 3), kTilts.at(i));
+  for (std::size_t i = 0; i < kTilts.size(); i += 4) {  // each style once
+    expect_no_difference_to_parallel_axes(static_cast<int>(i / 4), kTilts.at(i));
   }
 }
 
@@ -138,7 +138,7 @@ TEST(ParametersOfRealArmsLongRun, NearlyParallelAxesOfEveryStyleAreTreatedAsWell
 }
 
 TEST(ParametersOfRealArms, AnExportedRobotIsCalibratedAgain) {
-  for (const std::uint64_t seed : {1U, 4U, 5U, 6U}) {
+  for (const std::uint64_t seed : {1U, 5U, 6U}) {
     const std::string nominal = seed <= 3 ? fanuc().urdf : six_joints(static_cast<int>(seed) - 4, 0.0);
     const Simulated first(nominal, seed, kNoise);
     const std::string exported = calibrated_urdf(
