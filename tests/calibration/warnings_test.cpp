@@ -82,16 +82,27 @@ struct Scenario {
   std::vector<std::string> warnings;  // extended regular expressions of all of them, in their order
 };
 
-Calibration clean() { return Series().calibrated(); }
+const Series& clean_series() {
+  static const Series series;
+  return series;
+}
+
+const Calibration& clean() {
+  static const Calibration found = clean_series().calibrated();
+  return found;
+}
 
 Calibration with_too_few_iterations() { return Series().calibrated({.iterations = 1}); }
 
-Calibration with_a_held_joint() {
-  Series s;
-  Eigen::MatrixXd q = s.measured.joint_values;
-  q.row(3).setConstant(0.6);
-  s.measure_at(q);
-  return s.calibrated();
+const Calibration& with_a_held_joint() {
+  static const Calibration found = [] {
+    Series s;
+    Eigen::MatrixXd q = s.measured.joint_values;
+    q.row(3).setConstant(0.6);
+    s.measure_at(q);
+    return s.calibrated();
+  }();
+  return found;
 }
 
 // The only target sits on the axis of joint 6, and stays there.
@@ -148,11 +159,14 @@ Calibration of_another_robot() {
   return s.calibrated();
 }
 
-Calibration without_errors() {
-  Series s;
-  s.robot.truth.errors.setZero();
-  s.measure_at(s.measured.joint_values);
-  return s.calibrated();
+const Calibration& without_errors() {
+  static const Calibration found = [] {
+    Series s;
+    s.robot.truth.errors.setZero();
+    s.measure_at(s.measured.joint_values);
+    return s.calibrated();
+  }();
+  return found;
 }
 
 Calibration with_test_rows_of_another_robot() {
@@ -282,11 +296,10 @@ TEST(Warnings, OfTheRegistrationAreHandedOn) {
 
 /// The only doubt that `spoil` raises in a calibration that had none.
 Doubt doubt_of(const std::function<void(Calibration&)>& spoil) {
-  const Series s;
-  Calibration found = s.calibrated();
-  EXPECT_THAT(doubts(found, s.measured, {}), IsEmpty());
+  Calibration found = clean();
+  EXPECT_THAT(doubts(found, clean_series().measured, {}), IsEmpty());
   spoil(found);
-  const std::vector<Doubt> raised = doubts(found, s.measured, {});
+  const std::vector<Doubt> raised = doubts(found, clean_series().measured, {});
   EXPECT_EQ(raised.size(), 1U);
   return raised.empty() ? Doubt{} : raised.front();
 }
@@ -307,7 +320,7 @@ TEST(Doubts, OnlyAConvergedFitHasNone) {
 }
 
 TEST(Doubts, NameTheJointsThatNeverMove) {
-  const Calibration found = with_a_held_joint();
+  const Calibration& found = with_a_held_joint();
   ASSERT_EQ(found.doubts.size(), 1U);
   EXPECT_THAT(found.doubts[0].message,
               MatchesRegex("the measurements do not determine [0-9]+ parameters \\(.*Rz4.*\\): "
@@ -317,15 +330,14 @@ TEST(Doubts, NameTheJointsThatNeverMove) {
 // 0.312 m, 1.075 m, 0.225 m and 1.28 m, 0.215 m: from joint 1 to the flange.
 TEST(Doubts, AMisfitIsLargeAboveOnePercentOfTheReach) {
   const double length = 0.312 + 1.075 + std::hypot(0.225, 1.28) + 0.215;
-  EXPECT_NEAR(reach(Series().model), length, 1e-12);
+  EXPECT_NEAR(reach(clean_series().model), length, 1e-12);
   const auto with_rms = [](double rms) { return [rms](Calibration& found) { found.train.after.rms = rms; }; };
   const Doubt doubt = doubt_of(with_rms(0.010001 * length));
   EXPECT_EQ(doubt.cause, "large_misfit");
   EXPECT_THAT(doubt.message, HasSubstr("29.02 mm is more than 1 % of the robot's reach of 2.902 m"));
-  const Series s;
-  Calibration below = s.calibrated();
+  Calibration below = clean();
   with_rms(0.009999 * length)(below);
-  EXPECT_THAT(doubts(below, s.measured, {}), IsEmpty());
+  EXPECT_THAT(doubts(below, clean_series().measured, {}), IsEmpty());
 }
 
 // The slide of the odd arm moves from -0.5 to 0.5 m.
@@ -343,18 +355,18 @@ TEST(Doubts, AreRaisedByPredictionsThatAreWorseThanNominal) {
       doubt_of([](Calibration& found) { found.test = {.before = {.rms = 1e-3}, .after = {.rms = 2e-3}}; });
   EXPECT_EQ(test.cause, "worse_than_nominal");
   EXPECT_THAT(test.message, HasSubstr("no better than the nominal one at the test rows: 2 mm against 1 mm"));
-  const Series s;
-  Calibration found = s.calibrated();
+  const Measurements& measured = clean_series().measured;
+  Calibration found = clean();
   found.leave_one_out->before.rms = 7.9e-3;
   found.leave_one_out->after.rms = 15.9e-3;
-  const std::vector<Doubt> raised = doubts(found, s.measured, {});
+  const std::vector<Doubt> raised = doubts(found, measured, {});
   ASSERT_EQ(raised.size(), 2U);
   EXPECT_THAT(raised[0].message, HasSubstr("not fitted (leave-one-out): 15.9 mm against 7.9 mm"));
   EXPECT_EQ(raised[1].cause, "nominal_kept");
   found.k_fold = found.leave_one_out;
   found.leave_one_out.reset();
   found.folds = 10;
-  EXPECT_THAT(doubts(found, s.measured, {}).at(0).message, HasSubstr("not fitted (10-fold): 15.9 mm"));
+  EXPECT_THAT(doubts(found, measured, {}).at(0).message, HasSubstr("not fitted (10-fold): 15.9 mm"));
 }
 
 TEST(Doubts, AreRaisedByTestRowsOfAnotherRobot) {
@@ -372,10 +384,9 @@ TEST(Doubts, AreRaisedByALengthThatIsKnownNoBetterThanItsLink) {
   const Doubt doubt = doubt_of(with_std(1.0751));  // of link 2, 1.075 m
   EXPECT_EQ(doubt.cause, "unknown_length");
   EXPECT_THAT(doubt.message, HasSubstr("exceeds the link itself for Tz2;"));
-  const Series s;
-  Calibration known = s.calibrated();
+  Calibration known = clean();
   with_std(1.0749)(known);
-  EXPECT_THAT(doubts(known, s.measured, {}), IsEmpty());
+  EXPECT_THAT(doubts(known, clean_series().measured, {}), IsEmpty());
 }
 
 TEST(Doubts, AreNotRaisedByTheCompleteModelOfGoodData) {
@@ -387,14 +398,14 @@ TEST(Doubts, AreNotRaisedByTheCompleteModelOfGoodData) {
 
 TEST(Doubts, WhereNothingIsGainedTheUrdfIsTheOneThatWasRead) {
   const Robot robot = fanuc();
-  const Calibration found = without_errors();
+  const Calibration& found = without_errors();
   EXPECT_TRUE(found.exported.nominal_kept);
   EXPECT_TRUE(calibrated_urdf(robot, found) == robot.urdf);
   EXPECT_EQ(found.exported.train.rms, found.train.before.rms);
   EXPECT_EQ(found.exported.held_out->rms, found.leave_one_out->before.rms);
   EXPECT_EQ(found.exported.iso.accuracy.rms, found.iso_before.accuracy.rms);
   EXPECT_TRUE(found.exported.estimate.errors.isZero(0.0));
-  const Calibration gained = clean();
+  const Calibration& gained = clean();
   EXPECT_FALSE(gained.exported.nominal_kept);
   EXPECT_TRUE(calibrated_urdf(robot, gained) ==
               calibrated_urdf(robot, gained.model, gained.identification.estimate.errors));
@@ -532,27 +543,20 @@ TEST(Warnings, LackOfFitIsWhatHappensOnceInAThousandTimes) {
 }
 
 TEST(Warnings, ScaledNoiseIsWhatHappensOnceInAThousandTimes) {
-  const Series s;
-  double above = 1.0;
-  double below = 0.0;
-  const Calibration plain = calibrate(s.model, s.measured, {.held_out = false, .try_readings = false});
+  const Series& s = clean_series();
+  const Calibration& plain = clean();
   const double freedom = plain.noise.degrees_of_freedom;
-  double quiet = 1.3;  // the residuals' mean square in units of the stated one
-  double loud = 1.4;
-  for (int halving = 0; halving < 8; ++halving) {
-    const double factor = 0.5 * (quiet + loud);
+  for (const double chance : {1.05e-3, 0.95e-3}) {
+    const double factor = f_critical(chance, freedom, 1e9);  // the residuals' mean square in units of the stated one
     Series stated = s;
     stated.state_sigma(plain.noise.sigma / std::sqrt(factor));
     const Calibration found = stated.calibrated({.held_out = false, .try_readings = false});
     const double p = f_upper_tail(factor, freedom, 1e9);  // that of a chi-squared distribution
+    ASSERT_NEAR(p, chance, 1e-6);
     const bool warned = !found.warnings.empty();
     EXPECT_EQ(warned, p < 1e-3) << p;
     EXPECT_NEAR(found.noise.variance_factor, warned ? factor : 1.0, 1e-6) << p;
-    (warned ? below : above) = p;
-    (warned ? loud : quiet) = factor;
   }
-  EXPECT_LT(above, 1.1e-3);
-  EXPECT_GT(below, 0.9e-3);
 }
 
 // ---- findings ------------------------------------------------------------------------------------------------------
@@ -611,11 +615,11 @@ TEST(Warnings, KindsOfFindingsHaveTheNamesOfTheResult) {
 }
 
 TEST(Warnings, OfMoreThanTwentyThousandRowsComeFromDistancesAlone) {
+  Series s(4, {.sigma = kNoise}, published_targets(4));
+  s.measure_at(s.measured.joint_values, {.sigma = kNoise, .repeats = 200});
+  ASSERT_EQ(s.measured.observations.size(), 20000U);
+  s.measured.observations[401].position.x() += 0.03;
   for (const bool many : {false, true}) {
-    Series s(4, {.sigma = kNoise}, published_targets(4));
-    s.measure_at(s.measured.joint_values, {.sigma = kNoise, .repeats = 200});
-    ASSERT_EQ(s.measured.observations.size(), 20000U);
-    s.measured.observations[401].position.x() += 0.03;
     if (many) {
       Observation more = s.measured.observations.back();
       more.repeat = 201;
