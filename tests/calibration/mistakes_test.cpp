@@ -178,8 +178,8 @@ Mistake drifted(const Measured& /*m*/, std::uint64_t seed) { return drifted_by_t
 
 TEST(Mistakes, AMovedTrackerIsDoubted) {
   EXPECT_GE(found_of(2, stepped), 2U);
-  EXPECT_GE(found_of(2, turned_by_ten_sigma), 2U);
-  EXPECT_GE(found_of(2, drifted), 2U);
+  EXPECT_GE(found_of(1, turned_by_ten_sigma), 1U);
+  EXPECT_GE(found_of(1, drifted), 1U);
 }
 
 // What 98 % give at least in 200 draws, two standard deviations of the count below their mean.
@@ -229,8 +229,8 @@ void mistype(Measured& m, std::uint64_t seed) {
 }
 
 TEST(Mistakes, SlipsAndTypingErrorsAreFindings) {
-  EXPECT_GE(findings_of(3, QualityKind::slipped_target, slip), 3U);
-  EXPECT_GE(findings_of(3, QualityKind::mistyped_coordinate, mistype), 3U);
+  EXPECT_GE(findings_of(2, QualityKind::slipped_target, slip), 2U);
+  EXPECT_GE(findings_of(2, QualityKind::mistyped_coordinate, mistype), 2U);
 }
 
 TEST(MistakesLongRun, SlipsOfAMillimetreAreFoundInNinetyEightPercent) {
