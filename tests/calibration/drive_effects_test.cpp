@@ -76,6 +76,24 @@ const DrivenArm& that_gives_way() {
   return arm;
 }
 
+/// Where the unseen configurations are approached from is known.
+const Calibration& found_with_play() {
+  static const Calibration found = [] {
+    CalibrationOptions options = automatic();
+    const Measurements& unseen = with_play().unseen;
+    options.predict_at = {
+        .names = unseen.configurations, .joint_values = unseen.joint_values, .signals = unseen.signals};
+    return calibrate(with_play().model, with_play().measured, options);
+  }();
+  return found;
+}
+
+const Calibration& found_by_torques() {
+  static const Calibration found =
+      calibrate(that_gives_way().model, that_gives_way().measured, named(EffectGroup::torque));
+  return found;
+}
+
 /// Every true coefficient within four of its standard deviations.
 void expect_coefficients(const Calibration& found, const DrivenArm& arm) {
   for (std::size_t e = 0; e < arm.robot.model.effects.size(); ++e) {
@@ -89,7 +107,7 @@ void expect_coefficients(const Calibration& found, const DrivenArm& arm) {
 }
 
 TEST(DriveEffects, WhereTheOrderIsKnownBacklashHasADirection) {
-  const Calibration found = calibrate(with_play().model, with_play().measured, automatic());
+  const Calibration& found = found_with_play();
   ASSERT_THAT(found.tried.front().effects, Contains("backlash"));
   expect_coefficients(found, with_play());
   Measurements of_no_order = with_play().measured;
@@ -103,8 +121,7 @@ TEST(DriveEffects, WhereItIsNotKnownPredictionsAreAsUncertainAsThePlayIsWide) {
   const Measurements& unseen = with_play().unseen;
   options.predict_at = {.names = unseen.configurations, .joint_values = unseen.joint_values, .signals = {}};
   const Calibration unknown = calibrate(with_play().model, with_play().measured, options);
-  options.predict_at.signals = unseen.signals;
-  const Calibration known = calibrate(with_play().model, with_play().measured, options);
+  const Calibration& known = found_with_play();
   ASSERT_EQ(known.predicted.asked.size(), 3U * unseen.configurations.size());
   double normalised = 0.0;
   for (std::size_t i = 0; i < known.predicted.asked.size(); i += 3) {
@@ -176,7 +193,7 @@ TEST(DriveEffects, MeasuredTorquesAreUsedWhereTheyAreNamed) {
   for (const ModelOption& option : unnamed.tried) {
     EXPECT_THAT(option.effects, Not(Contains("torque")));
   }
-  const Calibration found = calibrate(that_gives_way().model, that_gives_way().measured, named(EffectGroup::torque));
+  const Calibration& found = found_by_torques();
   expect_coefficients(found, that_gives_way());
   EXPECT_LT(that_gives_way().error_at_unseen(found), 0.3 * that_gives_way().error_at_unseen(unnamed));
   EXPECT_EQ(found.predicted.workspace.count, 0U) << "where nobody measured a torque";
@@ -212,10 +229,9 @@ TEST(DriveEffects, AResultThatIsReadBackPredictsTheSame) {
       EXPECT_LT((X_BF[c].matrix() - expected[c].matrix()).norm(), 1e-12);
     }
   }
-  const CalibrationOptions options = named(EffectGroup::torque);
-  const Calibration wrote = calibrate(that_gives_way().model, that_gives_way().measured, options);
-  const SavedCalibration read =
-      parse_calibration(result_json(testing::fanuc(), that_gives_way().measured, options, wrote), testing::fanuc());
+  const SavedCalibration read = parse_calibration(
+      result_json(testing::fanuc(), that_gives_way().measured, named(EffectGroup::torque), found_by_torques()),
+      testing::fanuc());
   EXPECT_THAT(refusal([&] { flange_poses(read, that_gives_way().unseen.joint_values); }),
               HasSubstr("no measured torque of joint_1, expected one for the effect torque.1"));
 }
