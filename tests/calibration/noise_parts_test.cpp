@@ -212,7 +212,7 @@ TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
         .target_misfit = 60 * kMicrometre,
         .common = Vector3d(40, 60, 50) * kMicrometre},
         Truth{.name = "swing",
-        .configurations = 20,
+        .configurations = 14,
         .repeats = 3,
         .common = Vector3d(58, 59, 31) * kMicrometre,
         .independent = Vector3d::Constant(11 * kMicrometre),
@@ -231,7 +231,7 @@ TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
 TEST(NoiseParts, KeepWhatRepeatsShowBesideAMisfitOfAnotherKind) {
   const ErrorModel model = complete_model(testing::fanuc());
   for (const int targets : {1, 3}) {
-    for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    for (std::uint64_t seed = 1; seed <= 2; ++seed) {
       const Trial t = trial(model,
                             {.configurations = 20,
                              .targets = targets,
@@ -273,10 +273,10 @@ void expect_no_misfit(int configurations, int draws, double freedom) {
 
 // Of five configurations the parameters use up all 15 coordinates that the targets share: whatever these had in common
 // would leave the same residuals.
-TEST(NoiseParts, ThatTheParametersUseUpAreZero) { expect_no_misfit(5, 5, 12.0); }
+TEST(NoiseParts, ThatTheParametersUseUpAreZero) { expect_no_misfit(5, 2, 12.0); }
 
 // Of six they leave less than half a degree of freedom, which tells nothing of a misfit.
-TEST(NoiseParts, ThatTheParametersNearlyUseUpAreZero) { expect_no_misfit(6, 10, 21.0); }
+TEST(NoiseParts, ThatTheParametersNearlyUseUpAreZero) { expect_no_misfit(6, 4, 21.0); }
 
 TEST(NoiseParts, OfOneKindBesideEqualWeightsAreTheMeanSquareOfTheResiduals) {
   const ErrorModel model = complete_model(testing::fanuc());
