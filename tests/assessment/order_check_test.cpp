@@ -332,8 +332,8 @@ TEST(OrderCheck, AFindingTakesAwayTheShareThatIsAskedForAndAQuarterOfItAtFirst) 
     const Estimate fit = fit_of(m);
     const double first = Dense(m.model, m.data, fit, m.free).best().finding.share;
     const double second = second_look(m, fit).finding.share;
-    const double share =
-        onset(0.0, 1.0, [&](double least) { return !check_order(m.model, m.data, fit, m.free, least); });
+    const double share = onset(
+        0.0, 1.0, [&](double least) { return !check_order(m.model, m.data, fit, m.free, least); }, 18);
     EXPECT_NEAR(share, std::min(4.0 * first, second), 1e-5) << first << " at first, then " << second;
     EXPECT_EQ(4.0 * first<second, gain> 0.0) << "no fair comparison: " << first << ", " << second;
   }
