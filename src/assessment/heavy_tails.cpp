@@ -35,9 +35,9 @@ public:
     return log_constant_ -
            (heaviness_ == 0.0 ? 0.5 * square : 0.5 * (1.0 / heaviness_ + 1.0) * std::log1p(square * heaviness_));
   }
-  // -size times the derivative of the log density, summed over sizes of which these are the squares.
-  double pull(const Eigen::ArrayXd& squares) const {
-    return (1.0 + heaviness_) * (squares / (1.0 + heaviness_ * squares)).sum();
+  // -size times the derivative of the log density, summed over sizes of which these, over `unit`, are the squares.
+  double pull(const Eigen::ArrayXd& squares, double unit) const {
+    return (1.0 + heaviness_) * (squares / (unit + heaviness_ * squares)).sum();
   }
 
 private:
@@ -66,7 +66,7 @@ public:
     for (int i = 0; i < 14; ++i) {
       const double scale = std::exp(0.5 * (lower + upper));
       const double z = sizes_[known_ - 1] / scale;
-      const double slope = weight_ * tailed.pull(squares_ / (scale * scale)) - static_cast<double>(known_) +
+      const double slope = weight_ * tailed.pull(squares_, scale * scale) - static_cast<double>(known_) +
                            censored_ * z * std::exp(tailed.log_density(z * z)) / tailed.beyond(z);
       (slope > 0.0 ? lower : upper) = 0.5 * (lower + upper);
     }
