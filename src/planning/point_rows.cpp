@@ -80,7 +80,6 @@ PointRows::PointRows(const Experiment& experiment)
   }
   whitened_ = {.S = W * points_.S, .E = W * points_.E};
   whitened_gram_ = whitened_.S.transpose() * whitened_.S;
-  basis_ = MatrixXd::Identity(chain_columns(), chain_columns());
 }
 
 bool PointRows::change_basis(const MatrixXd& mean) {
@@ -97,18 +96,20 @@ bool PointRows::change_basis(const MatrixXd& mean) {
   if (llt.info() != Eigen::Success || llt.matrixLLT().diagonal().cwiseAbs2().minCoeff() < kSingular) {
     return false;
   }
-  basis_ = llt.matrixU().solve(MatrixXd::Identity(c, c));
-  basis_ = (scale.asDiagonal() * basis_).eval();
-  is_basis_changed_ = true;
+  const MatrixXd unscaled = llt.matrixU().solve(MatrixXd::Identity(c, c));
+  basis_ = scale.asDiagonal() * unscaled;
   return true;
 }
 
 MatrixXd PointRows::in_basis(const MatrixXd& information) const {
+  if (!basis_) {
+    return information;
+  }
   const Index c = chain_columns();
   const Index t = columns() - c;
   MatrixXd result = information;
-  result.topLeftCorner(c, c) = basis_.transpose() * information.topLeftCorner(c, c) * basis_;
-  result.topRightCorner(c, t) = basis_.transpose() * information.topRightCorner(c, t);
+  result.topLeftCorner(c, c) = basis_->transpose() * information.topLeftCorner(c, c) * *basis_;
+  result.topRightCorner(c, t) = basis_->transpose() * information.topRightCorner(c, t);
   result.bottomLeftCorner(t, c) = result.topRightCorner(c, t).transpose();
   return result;
 }
@@ -122,7 +123,7 @@ Matrix6Xd PointRows::jacobian(const Eigen::Ref<const VectorXd>& q) const {
       J.col(effect_columns_.first + static_cast<Index>(i)) *= basis(static_cast<Index>(effects_[i]), 0);
     }
   }
-  return is_basis_changed_ ? Matrix6Xd(J * basis_) : J;
+  return basis_ ? Matrix6Xd(J * *basis_) : J;
 }
 
 MatrixXd PointRows::rows(const PointBlock& block, const Eigen::Ref<const VectorXd>& q) const {

@@ -4,6 +4,7 @@
 // a quadratic form for many configurations. Not installed.
 
 #include <Eigen/Dense>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -66,8 +67,7 @@ private:
   PointNoise noise_;
   std::vector<TargetFrame> targets_;
   std::vector<PointBlock> by_target_;
-  Eigen::MatrixXd basis_;
-  bool is_basis_changed_ = false;
+  std::optional<Eigen::MatrixXd> basis_;  // where it was changed
 };
 
 Eigen::Index feature_count(Eigen::Index chain_columns);
