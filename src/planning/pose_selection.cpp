@@ -262,6 +262,17 @@ private:
   long exchanges_ = 0;
 };
 
+// Every number of any of them once, ascending.
+std::vector<Index> united(const std::vector<std::vector<Index>>& sets) {
+  std::vector<Index> all;
+  for (const std::vector<Index>& set : sets) {
+    all.insert(all.end(), set.begin(), set.end());
+  }
+  std::sort(all.begin(), all.end());
+  all.erase(std::unique(all.begin(), all.end()), all.end());
+  return all;
+}
+
 // `count` different numbers below `below`, ascending.
 std::vector<Index> drawn(Index below, int count, Random& random) {
   std::vector<Index> all(static_cast<std::size_t>(below));
@@ -460,31 +471,25 @@ std::vector<MatrixXd> random_designs(const Experiment& experiment, const Selecti
   require_at_least("configurations of a design", designs.count, 0);
   require_at_least("candidates", candidates.cols(), designs.count);
   std::vector<std::vector<Index>> chosen(static_cast<std::size_t>(designs.draws));
-  std::vector<bool> is_drawn(static_cast<std::size_t>(candidates.cols()), false);
-  for (std::size_t d = 0; d < chosen.size(); ++d) {
+  parallel_for(chosen.size(), designs.threads, [&](std::size_t d) {
     Random random(designs.seed, d);
     chosen[d] = drawn(candidates.cols(), designs.count, random);
-    for (const Index c : chosen[d]) {
-      is_drawn[static_cast<std::size_t>(c)] = true;
-    }
-  }
-  // Most candidates are in many designs: what each tells is found once, for so many at a time.
-  constexpr Index kAtOnce = 256;
+  });
   const PointRows rows(experiment);
-  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> features(kAtOnce, rows.feature_count());
   std::vector<VectorXd> sums(chosen.size(), VectorXd::Zero(rows.feature_count()));
-  for (Index first = 0; first < candidates.cols(); first += kAtOnce) {
-    const Index end = std::min(first + kAtOnce, candidates.cols());
-    parallel_for(static_cast<std::size_t>(end - first), designs.threads, [&](std::size_t i) {
-      const Index c = first + static_cast<Index>(i);
-      if (is_drawn[static_cast<std::size_t>(c)]) {
-        rows.pack(candidates.col(c), features.row(c - first));
-      }
-    });
+  // Most candidates are in many designs: what each tells is found once, for so many at a time.
+  constexpr std::size_t kAtOnce = 256;
+  const std::vector<Index> used = united(chosen);
+  for (std::size_t first = 0; first < used.size(); first += kAtOnce) {
+    const std::vector<Index> some(used.begin() + static_cast<std::ptrdiff_t>(first),
+                                  used.begin() + static_cast<std::ptrdiff_t>(std::min(first + kAtOnce, used.size())));
+    std::vector<Eigen::RowVectorXd> features(some.size(), Eigen::RowVectorXd(rows.feature_count()));
+    parallel_for(some.size(), designs.threads, [&](std::size_t i) { rows.pack(candidates.col(some[i]), features[i]); });
     parallel_for(chosen.size(), designs.threads, [&](std::size_t d) {
-      for (auto c = std::lower_bound(chosen[d].begin(), chosen[d].end(), first); c != chosen[d].end() && *c < end;
-           ++c) {
-        sums[d] += features.row(*c - first).transpose();
+      for (std::size_t i = 0; i < some.size(); ++i) {
+        if (std::binary_search(chosen[d].begin(), chosen[d].end(), some[i])) {
+          sums[d] += features[i].transpose();
+        }
       }
     });
   }
