@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Dense>
-#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <map>
@@ -78,34 +77,30 @@ public:
   double cost(const Estimate& estimate) const { return residuals(estimate).squaredNorm(); }
 
   /// Of the prediction: minus the derivative of the residuals. No effects.
-  const Eigen::MatrixXd& jacobian(const Estimate& estimate) const {
-    if (!differentiated_at_ || !same(*differentiated_at_, estimate)) {
-      jacobian_ = central_differences(columns(), 1e-5, [&](const Eigen::VectorXd& step) {
-        return Eigen::VectorXd(-residuals(moved(estimate, step)));
-      });
-      differentiated_at_ = estimate;
-    }
-    return jacobian_;
+  Eigen::MatrixXd jacobian(const Estimate& estimate) const {
+    return central_differences(columns(), 1e-5, [&](const Eigen::VectorXd& step) {
+      return Eigen::VectorXd(-residuals(moved(estimate, step)));
+    });
   }
 
-  /// Gauss-Newton from `start` until steps no longer matter. What it returns has been differentiated at already.
+  /// Gauss-Newton from `start` until steps no longer matter.
   Estimate fit(Estimate start, int iterations = 12) const {
     for (int i = 0; i < iterations; ++i) {
       const Eigen::VectorXd e = residuals(start);
-      const Eigen::MatrixXd& J = jacobian(start);
+      const Eigen::MatrixXd J = jacobian(start);
       const Eigen::VectorXd scale = J.colwise().norm().cwiseInverse();
       const Eigen::VectorXd step = scale.cwiseProduct((J * scale.asDiagonal()).householderQr().solve(e));
-      if ((J * step).norm() < 1e-6 * e.norm()) {
+      start = moved(start, step);
+      if ((J * step).norm() < 1e-7 * std::sqrt(static_cast<double>(columns()))) {  // of one sigma
         break;
       }
-      start = moved(start, step);
     }
     return start;
   }
 
   /// (J^T J)^-1.
   Eigen::MatrixXd inverse_information(const Estimate& estimate) const {
-    const Eigen::MatrixXd& J = jacobian(estimate);
+    const Eigen::MatrixXd J = jacobian(estimate);
     const Eigen::VectorXd scale = J.colwise().norm().cwiseInverse();
     const Eigen::MatrixXd scaled = J * scale.asDiagonal();
     return scale.asDiagonal() * (scaled.transpose() * scaled).inverse() * scale.asDiagonal();
@@ -138,12 +133,6 @@ private:
     std::vector<std::size_t> oriented;  // those with a measured orientation
     Eigen::MatrixXd root;               // L of the covariance L L^T
   };
-
-  static bool same(const Estimate& a, const Estimate& b) {
-    return a.errors == b.errors && a.X_WB.matrix() == b.X_WB.matrix() &&
-           std::equal(a.targets.begin(), a.targets.end(), b.targets.begin(), b.targets.end(),
-                      [](const TargetFrame& x, const TargetFrame& y) { return x.X_FT.matrix() == y.X_FT.matrix(); });
-  }
 
   double weight(std::size_t row) const { return noise_.weights.empty() ? 1.0 : noise_.weights[row]; }
 
@@ -229,8 +218,6 @@ private:
   Priors priors_;
   std::vector<Block> blocks_;
   Eigen::Index equations_ = 0;
-  mutable std::optional<Estimate> differentiated_at_;
-  mutable Eigen::MatrixXd jacobian_;  // there
   mutable Eigen::VectorXd placed_errors_;
   mutable std::vector<Eigen::Isometry3d> X_BF_;
 };

@@ -77,7 +77,7 @@ void expect_as_many_alarms_as_stated(int runs, double sigmas) {
   }
 }
 
-TEST(LackOfFit, IsFalselyFoundAsOftenAsItSays) { expect_as_many_alarms_as_stated(25, 2.5); }
+TEST(LackOfFit, IsFalselyFoundAsOftenAsItSays) { expect_as_many_alarms_as_stated(60, 2.5); }
 
 TEST(LackOfFitLongRun, IsFalselyFoundAsOftenAsItSays) { expect_as_many_alarms_as_stated(400, 2.5); }
 

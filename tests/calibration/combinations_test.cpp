@@ -360,7 +360,7 @@ struct Reweighted {
 Reweighted reweighted_by_hand(const Arm& arm, const Unknowns& free, DenseNoise noise, Loss loss, Reweighted result) {
   const Matrix3d common = noise.common.cwiseAbs2().asDiagonal();
   double change = 1.0;
-  for (int round = 0; round < 60 && change > 1e-6; ++round) {
+  for (int round = 0; round < 60 && change > 1e-7; ++round) {
     const KDL::Chain chain = error_chain(arm.model, result.estimate.errors);
     std::vector<double> distances;
     for (const Observation& o : arm.measured.observations) {
