@@ -6,7 +6,7 @@ jobs=$(nproc)
 assume_yes=no
 
 build_packages=(build-essential cmake libcli11-dev libconsole-bridge-dev libeigen3-dev liborocos-kdl-dev
-  libssl-dev libtinyxml2-dev liburdfdom-dev liburdfdom-headers-dev nlohmann-json3-dev)
+  libtinyxml2-dev liburdfdom-dev liburdfdom-headers-dev nettle-dev nlohmann-json3-dev)
 test_packages=(libgmock-dev libgtest-dev locales)
 clang_packages=(clang libclang-rt-14-dev)
 browser_packages=(chromium chromium-driver python3-selenium)  # for the test of the pages, which is skipped without

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -49,6 +50,7 @@ struct Surroundings {
   rlim_t cpu_seconds = kSanitized ? 600 : 60;
   unsigned seconds = kSanitized ? 1200 : 300;                    ///< on the clock, of a machine that has other work
   rlim_t memory = rlim_t{2} << 30U;                              ///< bytes of data; not under the thread sanitizer
+  bool for_peak = false;                                         ///< without it, peak() is at least the test's own
   std::vector<std::pair<std::string, std::string>> environment;  ///< what is set beside the test's own
 };
 
@@ -59,14 +61,8 @@ public:
       : surroundings_(std::move(surroundings)) {
     arguments.insert(arguments.begin(), KDLCAL_EXECUTABLE);
     command_ = ::testing::PrintToString(arguments);
-    std::vector<char*> argv;
-    std::transform(arguments.begin(), arguments.end(), std::back_inserter(argv),
-                   [](std::string& word) { return word.data(); });
-    argv.push_back(nullptr);
-    child_ = ::fork();
-    if (child_ == 0) {
-      become_kdlcal(directory, argv);
-    }
+    std::vector<std::string> variables = environment();
+    start(directory.c_str(), pointers(arguments), pointers(variables));
   }
   ~Process() {
     if (child_ > 0 && !waited_for_) {
@@ -125,22 +121,63 @@ public:
     EXPECT_FALSE(exhausted) << command_ << " was ended: expected at most " << surroundings_.memory << " bytes";
   }
 
-  /// Largest resident memory [bytes], once it was waited for.
+  /// Largest resident memory [bytes] of one that was started for it, once it was waited for.
   double peak() const { return 1024.0 * static_cast<double>(usage_.ru_maxrss); }
 
 private:
-  [[noreturn]] void become_kdlcal(const std::filesystem::path& directory, const std::vector<char*>& argv) const {
-    redirect(surroundings_.out, STDOUT_FILENO);
-    redirect(surroundings_.err, STDERR_FILENO);
-    std::signal(SIGINT, SIG_DFL);  // which a shell's background jobs ignore
-    for (const auto& [name, value] : surroundings_.environment) {
-      ::setenv(name.c_str(), value.c_str(), 1);
+  static std::vector<char*> pointers(std::vector<std::string>& words) {
+    std::vector<char*> result;
+    std::transform(words.begin(), words.end(), std::back_inserter(result),
+                   [](std::string& word) { return word.data(); });
+    result.push_back(nullptr);
+    return result;
+  }
+
+  // NAME=VALUE of the test's own and of what is set beside it.
+  std::vector<std::string> environment() const {
+    auto set = surroundings_.environment;
+    if (kSanitized) {  // whose shadow memory counts as data; the address sanitizer limits what is resident
+      const char* given = std::getenv("ASAN_OPTIONS");
+      const std::string megabytes = std::to_string(4 * (surroundings_.memory >> 20U));
+      set.emplace_back("ASAN_OPTIONS",
+                       (given == nullptr ? "" : std::string(given) + ":") + "hard_rss_limit_mb=" + megabytes);
     }
+    std::vector<std::string> variables;
+    for (const auto& [name, value] : set) {
+      variables.push_back(name + "=" + value);
+    }
+    for (char** variable = environ; *variable != nullptr; ++variable) {
+      const std::string text = *variable;
+      const bool replaced =
+          std::any_of(set.begin(), set.end(), [&](const auto& other) { return text.starts_with(other.first + "="); });
+      if (!replaced) {
+        variables.push_back(text);
+      }
+    }
+    return variables;
+  }
+
+  // The child shares the test's memory until it becomes kdlcal, as a copy of a large test's page tables takes longer
+  // than a start of kdlcal: it may change nothing but what belongs to a process. What is shared counts as used by it.
+  void start(const char* directory, const std::vector<char*>& argv, const std::vector<char*>& variables) {
+    const pid_t child =
+        surroundings_.for_peak ? ::fork() : ::vfork();  // NOLINT(clang-analyzer-security.insecureAPI.vfork)
+    if (child == 0) {
+      become_kdlcal(directory, argv.data(), variables.data());
+    }
+    child_ = child;
+  }
+
+  [[noreturn]] void become_kdlcal(const char* directory, char* const* argv, char* const* variables) const {
+    redirect(surroundings_.out.c_str(), STDOUT_FILENO);
+    redirect(surroundings_.err.c_str(), STDERR_FILENO);
+    std::signal(SIGINT, SIG_DFL);  // which a shell's background jobs ignore
     set_limits();
-    if (::chdir(directory.c_str()) != 0 || (surroundings_.user != 0 && ::setuid(surroundings_.user) != 0)) {
+    // setuid itself would change the threads of the test.
+    if (::chdir(directory) != 0 || (surroundings_.user != 0 && ::syscall(SYS_setuid, surroundings_.user) != 0)) {
       ::_exit(126);
     }
-    ::execv(argv[0], argv.data());
+    ::execve(argv[0], argv, variables);
     ::_exit(127);
   }
 
@@ -157,12 +194,7 @@ private:
     if (surroundings_.largest_file > 0) {
       limit(RLIMIT_FSIZE, surroundings_.largest_file, surroundings_.largest_file);
     }
-    if (kSanitized) {  // whose shadow memory counts as data; the address sanitizer limits what is resident
-      const char* given = std::getenv("ASAN_OPTIONS");
-      const std::string megabytes = std::to_string(4 * (surroundings_.memory >> 20U));
-      ::setenv("ASAN_OPTIONS",
-               ((given == nullptr ? "" : std::string(given) + ":") + "hard_rss_limit_mb=" + megabytes).c_str(), 1);
-    } else {
+    if (!kSanitized) {
       limit(RLIMIT_DATA, surroundings_.memory, surroundings_.memory);
     }
   }
@@ -172,8 +204,8 @@ private:
     ::setrlimit(resource, &limits);
   }
 
-  static void redirect(const std::string& file, int descriptor) {
-    const int opened = ::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+  static void redirect(const char* file, int descriptor) {
+    const int opened = ::open(file, O_WRONLY | O_CREAT | O_TRUNC, 0600);
     ::dup2(opened, descriptor);
     ::close(opened);
   }

@@ -1,11 +1,10 @@
 #include "base/sha256.hpp"
 
-#include <openssl/evp.h>
+#include <nettle/sha2.h>
 
 #include <array>
 #include <cstddef>
-#include <memory>
-#include <new>
+#include <cstdint>
 #include <vector>
 
 #include "base/text_file.hpp"
@@ -15,47 +14,45 @@ namespace {
 
 class Digest {
 public:
-  Digest() : context_(EVP_MD_CTX_new(), &EVP_MD_CTX_free) {
-    if (!context_ || EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr) != 1) {
-      throw std::bad_alloc();
-    }
+  Digest() { sha256_init(&state_); }
+
+  void add(std::string_view bytes) {
+    // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): nettle takes bytes without a sign
+    sha256_update(&state_, bytes.size(), reinterpret_cast<const std::uint8_t*>(bytes.data()));
   }
 
-  void add(const char* bytes, std::size_t count) { EVP_DigestUpdate(context_.get(), bytes, count); }
-
   std::string hexadecimal() {
-    std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
-    unsigned size = 0;
-    EVP_DigestFinal_ex(context_.get(), digest.data(), &size);
+    std::array<std::uint8_t, SHA256_DIGEST_SIZE> digest{};
+    sha256_digest(&state_, digest.size(), digest.data());
     constexpr std::string_view kDigits = "0123456789abcdef";
     std::string result;
-    for (unsigned i = 0; i < size; ++i) {
-      result += kDigits[digest[i] >> 4U];
-      result += kDigits[digest[i] & 0xFU];
+    for (const unsigned byte : digest) {
+      result += kDigits[byte >> 4U];
+      result += kDigits[byte & 0xFU];
     }
     return result;
   }
 
 private:
-  std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context_;
+  sha256_ctx state_{};
 };
 
 }  // namespace
 
 std::string sha256(std::string_view bytes) {
   Digest digest;
-  digest.add(bytes.data(), bytes.size());
+  digest.add(bytes);
   return digest.hexadecimal();
 }
 
 std::string sha256_of_file(const std::filesystem::path& path) {
-  constexpr std::size_t kPiece = std::size_t{1} << 20U;
+  constexpr std::size_t kPiece = std::size_t{1} << 16U;
   const File file = open_file(path);
   std::vector<char> piece(kPiece);
   Digest digest;
   for (std::size_t count = kPiece; count == kPiece;) {
     count = read_bytes(file.get(), piece.data(), kPiece, path.string());
-    digest.add(piece.data(), count);
+    digest.add({piece.data(), count});
   }
   return digest.hexadecimal();
 }

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cerrno>
+#include <cstdint>
 #include <system_error>
 
 #include "kdl_calibration/input_error.hpp"
@@ -34,14 +35,23 @@ std::size_t read_bytes(std::FILE* file, char* bytes, std::size_t count, const st
 }
 
 std::string read_text_file(const std::filesystem::path& path) {
-  const File file = open_file(path);
-  std::string text;
-  std::array<char, 65536> buffer{};
-  while (const std::size_t read = read_bytes(file.get(), buffer.data(), buffer.size(), path.string())) {
-    text.append(buffer.data(), read);
-    if (text.size() > kLargestFile) {
+  const auto check = [&](std::uintmax_t size) {
+    if (size > kLargestFile) {
       throw InputError(path.string() + ": larger than the limit of 64 MiB");
     }
+  };
+  const File file = open_file(path);
+  std::string text;
+  // The size, which a pipe has not, spares reading what is too large, and moving what was read as it grows.
+  std::error_code no_size;
+  if (const std::uintmax_t size = std::filesystem::file_size(path, no_size); !no_size) {
+    check(size);
+    text.reserve(size);
+  }
+  std::array<char, 16384> buffer{};
+  while (const std::size_t read = read_bytes(file.get(), buffer.data(), buffer.size(), path.string())) {
+    text.append(buffer.data(), read);
+    check(text.size());
   }
   return text;
 }

@@ -158,7 +158,7 @@ TEST(SavedCalibration, WithACovarianceThatFitsNothingIsRefused) {
 }
 
 // Files are read up to 64 MiB.
-TEST(SavedCalibration, OfNineHundredThousandRowsIsRead) {
+TEST(SavedCalibrationLongRun, OfNineHundredThousandRowsIsRead) {
   Written many = written();
   while (many.measured.observations.size() < 900000) {
     const std::size_t count =

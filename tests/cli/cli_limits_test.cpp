@@ -176,6 +176,8 @@ TEST_F(ExactLimits, OfTextFilesAre64MiB) {
   for (const Words& command : {Words{"model", "--urdf", "huge"}, Words{"simulate", "--target-file", "huge"}, fk}) {
     EXPECT_THAT(said(command), HasSubstr(fact));
   }
+  // What has no size, like a pipe, is read so far.
+  EXPECT_THAT(said({"fk", "--joints", "0,0,0,0,0,0", "--joint-convention", "/dev/zero"}), HasSubstr(fact));
   ASSERT_TRUE(resize(kLimit));
   EXPECT_THAT(said(fk), Not(HasSubstr(fact)));  // the same reader for all of them
 }

@@ -172,7 +172,7 @@ protected:
       EXPECT_EQ(run({"simulate", "--configurations", std::to_string(count), "--output", "m.csv", "--force"}).status, 0);
       std::vector<std::string> words = {"calibrate", "--measurements", "m.csv", "--result", "r.json", "--force"};
       words.insert(words.end(), options.begin(), options.end());
-      Process process(directory, words);
+      Process process(directory, words, {.for_peak = true});
       EXPECT_EQ(process.wait(), 0);
       return process.peak();
     };
