@@ -30,7 +30,7 @@ using Eigen::VectorXd;
 
 constexpr std::size_t kMostConfigurations = 300;
 constexpr std::size_t kMostPoses = 75;  // which are four points each
-constexpr int kSteps = 20;              // of a trial's fit: a reading that is right takes a dozen
+constexpr int kSteps = 20;              // of a trial's fit
 constexpr double kThird = 1.0 / 3.0;
 constexpr double kByChance = 1e-4;            // of all readings together
 constexpr double kNoMisfit = 1e-7;            // [m]
@@ -143,15 +143,19 @@ CommonScale common_scale(const ErrorModel& model, const Measurements& measuremen
   return result;
 }
 
+// Whether there is a misfit that something else could explain.
+bool is_misfit(double present, double freedom) { return present > kNoMisfit && freedom >= 1.0; }
+
 // Whether a misfit that another reading leaves is less than a third, and that is no chance among `readings` of them.
 bool explains(double other, double present, double freedom, double readings) {
-  if (!(present > kNoMisfit) || !(other < kThird * present) || !(freedom >= 1.0)) {
+  if (!is_misfit(present, freedom) || !(other < kThird * present)) {
     return false;
   }
   const double ratio = present / std::max(other, kNoMisfit * 1e-3);
   return readings * f_upper_tail(ratio * ratio, freedom, freedom) < kByChance;
 }
 
+// How the measurements are fitted as they are.
 JointOptions trial_fits() { return {.max_iterations = kSteps, .residuals = {}}; }
 
 // Puts one question after the other.
@@ -168,7 +172,7 @@ public:
         X_BF_(flange_poses(model, nominal_, sample_.measurements)),
         registered_(rms_of(model, sample_.measurements, nominal_)),
         fitted_(std::min(plausible(model, fit.errors) ? rms_of(model, sample_.measurements, fit) : registered_,
-                         trial(sample_.measurements))) {}
+                         trial(sample_.measurements, trial_fits()))) {}
 
   std::vector<Suspicion> verdict() {
     // One cause at a time: what explains the data by a coarser mistake makes the finer ones meaningless.
@@ -198,9 +202,8 @@ public:
 private:
   bool enough_equations() const { return sample_.freedom >= 0.0; }
 
-  double trial(const Measurements& reading) const {
-    const TrialFit fit{
-        .model = model_, .free = sample_.free, .registration = options_.registration, .joint = trial_fits()};
+  double trial(const Measurements& reading, const JointOptions& joint) const {
+    const TrialFit fit{.model = model_, .free = sample_.free, .registration = options_.registration, .joint = joint};
     const Estimate start = nominal_start(model_, reading, options_.registration);
     return rms_of(model_, reading, start) < kWorthAFit * registered_ && enough_equations()
                ? fitted_rms(fit, reading, start)
@@ -261,11 +264,16 @@ private:
   }
 
   void judge_readings() {
+    if (!is_misfit(fitted_, sample_.freedom)) {
+      return;
+    }
+    JointOptions other = trial_fits();
+    other.goal = kThird * fitted_;
     const std::vector<ConventionTrial> trials = try_conventions(model_, sample_.measurements, sample_.free,
                                                                 {.used = options_.used,
                                                                  .others = options_.others,
                                                                  .registration = options_.registration,
-                                                                 .joint = trial_fits(),
+                                                                 .joint = other,
                                                                  .threads = options_.threads});
     const double readings = 2.0 + static_cast<double>(trials.size());
     double best = fitted_;
@@ -281,14 +289,14 @@ private:
       consider(joints->cause, joints->description, joints->rms);
     }
     consider("mirrored", "the points mirrored (a left-handed frame, a wrong sign or two coordinates exchanged)",
-             trial(mirrored(sample_.measurements)));
+             trial(mirrored(sample_.measurements), other));
     if (const auto exchange = exchanged_targets(X_BF_, sample_.measurements, options_.registration)) {
       const auto& names = sample_.measurements.targets;
       consider("exchanged_targets",
                "targets " + names[static_cast<std::size_t>(exchange->first)] + " and " +
                    names[static_cast<std::size_t>(exchange->second)] + " exchanged from configuration " +
                    sample_.measurements.configurations[static_cast<std::size_t>(exchange->from)] + " on",
-               trial(exchange->repaired));
+               trial(exchange->repaired, other));
     }
   }
 

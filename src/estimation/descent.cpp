@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <string>
 #include <utility>
@@ -217,7 +218,7 @@ public:
 
   Identification run() {
     problem_.linearise(result_.estimate, workspace_, equations_);
-    for (bool going = true; going && result_.iterations < options_.max_iterations;) {
+    for (bool going = true; going && result_.iterations < options_.max_iterations && !is_hopeless();) {
       ++result_.iterations;
       result_.rms_history.push_back(rms());
       going = iterate();
@@ -252,6 +253,18 @@ private:
   static constexpr double kLeastGain = 0.1;
   static constexpr double kGoodGain = 0.7;
   static constexpr int kRefusals = 3;  // of plain steps, before they are left for the end
+
+  // Whether a trial that has not come to its goal gets no nearer.
+  bool is_hopeless() {
+    constexpr int kFirst = 6;
+    constexpr int kToHalve = 3;
+    if (result_.iterations < kFirst || !(rms() > options_.goal) ||
+        rms() <= 0.5 * result_.rms_history[static_cast<std::size_t>(result_.iterations - kToHalve)]) {
+      return false;
+    }
+    finish(Termination::stalled, "the misfit did not halve within three iterations");
+    return true;
+  }
 
   bool iterate() {
     propose();

@@ -49,7 +49,13 @@ public:
     equations_ = problem.linearise(estimate);
     for (int i = 0; i < options.max_iterations && end.empty(); ++i) {
       history.push_back(std::sqrt(equations_.cost / problem.total_weight()));
-      ++decided[step()];
+      if (i >= 6 && history.back() > options.goal && history.back() > history.at(i - 3) / 2.0) {
+        history.pop_back();
+        end = "the misfit did not halve within three iterations";
+        ++decided["hopeless"];
+      } else {
+        ++decided[step()];
+      }
     }
     rms = std::sqrt(equations_.cost / problem.total_weight());
   }
@@ -223,6 +229,7 @@ struct Case {
   double scale = 1.0;
   double tolerance = 1e-11;
   int limit = 50;
+  double goal = HUGE_VAL;
   bool wrong = false;  // one joint measured with the opposite sign
 };
 
@@ -261,7 +268,8 @@ void expect_all_as_by_hand(unsigned seed, const Case& how, Decided& decided) {
                                     experiment.free.with(experiment.model, UnknownGroup::effects, gains));
   for (const auto& [steps, name] : {std::pair{Steps::any, "any"}, {Steps::plain, "plain"}, {Steps::prior, "prior"}}) {
     SCOPED_TRACE(std::string(name) + ", seed " + std::to_string(seed));
-    expect_as_by_hand(problem, start, {.max_iterations = how.limit, .step_tolerance = how.tolerance, .residuals = {}},
+    expect_as_by_hand(problem, start,
+                      {.max_iterations = how.limit, .step_tolerance = how.tolerance, .goal = how.goal, .residuals = {}},
                       steps, decided);
   }
 }
@@ -282,11 +290,13 @@ TEST(Descent, GoesAsWritten) {
                             Case{.size = size, .noise = 2e-2, .configurations = 9},
                             Case{.size = 0.5 * size, .noise = 1e-4, .configurations = 14, .scale = 15.0},
                             Case{.size = size, .noise = 1e-4, .configurations = 16, .tolerance = 1e-5, .limit = 4},
-                            Case{.size = size, .noise = 1e-4, .configurations = 12, .wrong = true}}) {
+                            Case{.size = size, .noise = 1e-4, .configurations = 12, .wrong = true},
+                            Case{.size = size, .noise = 1e-3, .configurations = 12, .goal = 0.01, .wrong = true},
+                            Case{.size = size, .noise = 1e-2, .configurations = 12, .goal = 0.0}}) {
       expect_all_as_by_hand(++seed, how, decided);
     }
   }
-  expect_each(decided, {"as before", "brakes", "fades", "little beside the prior", "no motion",
+  expect_each(decided, {"as before", "brakes", "fades", "hopeless", "little beside the prior", "no motion",
                         "no motion beside the prior", "no promise beside the prior", "not plain", "plain",
                         "plain again", "releases", "too far", "within rounding"});
 }
