@@ -140,7 +140,7 @@ struct RotationForm {
 
   double value(const Matrix3d& A) const {
     const Eigen::Map<const Vector9d> theta(A.data());
-    return theta.dot(Q * theta - 2.0 * b) + constant;
+    return theta.dot(Q.lazyProduct(theta) - 2.0 * b) + constant;
   }
 };
 
@@ -155,11 +155,13 @@ struct Slope {
 Slope slope_at(const RotationForm& form, const Matrix3d& A) {
   const Eigen::Matrix<double, 9, 3> T = tangent(A);
   const Eigen::Map<const Vector9d> theta(A.data());
-  const Vector9d slope = form.Q * theta - form.b;
+  const Vector9d slope = form.Q.lazyProduct(theta) - form.b;
   const Matrix3d M = A.transpose() * Eigen::Map<const Matrix3d>(slope.data());
   // A exp([delta]) = A (I + [delta] + (delta delta^T - |delta|^2 I) / 2 + ...)
   const Matrix3d bend = 0.5 * (M + M.transpose()) - M.trace() * Matrix3d::Identity();
-  Slope result{.gradient = T.transpose() * slope, .gauss_newton = T.transpose() * form.Q * T, .hessian = bend};
+  // Matrices so small that the blocks of Eigen's other product cost more than they save.
+  const Eigen::Matrix<double, 9, 3> QT = form.Q.lazyProduct(T);
+  Slope result{.gradient = T.transpose() * slope, .gauss_newton = T.transpose().lazyProduct(QT), .hessian = bend};
   result.hessian += result.gauss_newton;
   return result;
 }
