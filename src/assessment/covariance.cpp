@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 #include "assessment/unit_columns.hpp"
 #include "base/preconditions.hpp"
@@ -25,7 +26,12 @@ MatrixXd covariance(const MatrixXd& whitened_jacobian, double factor) {
     return {};
   }
   const VectorXd scale = unit_scale(whitened_jacobian);
-  const SingularSystem system = singular_system(triangular_factor(whitened_jacobian * scale.asDiagonal()));
+  const MatrixXd triangle = triangular_factor(whitened_jacobian * scale.asDiagonal());
+  if (const std::optional<MatrixXd> inverse = regular_inverse(triangle)) {
+    const MatrixXd root = scale.asDiagonal() * *inverse;
+    return factor * (root * root.transpose());
+  }
+  const SingularSystem system = singular_system(triangle);
   VectorXd inverse_squares = VectorXd::Zero(columns);
   VectorXd undetermined = VectorXd::Zero(columns);
   for (Index i = 0; i < columns; ++i) {
@@ -69,7 +75,11 @@ MatrixXd undetermined_directions(const MatrixXd& whitened_jacobian) {
     return {};
   }
   VectorXd scale = unit_scale(whitened_jacobian);
-  const SingularSystem system = singular_system(triangular_factor(whitened_jacobian * scale.asDiagonal()));
+  const MatrixXd triangle = triangular_factor(whitened_jacobian * scale.asDiagonal());
+  if (regular_inverse(triangle)) {
+    return {columns, 0};
+  }
+  const SingularSystem system = singular_system(triangle);
   const Index rank = (system.values.array() > kSingular * system.values[0]).count();
   scale = scale.unaryExpr([](double s) { return s > 0.0 ? s : 1.0; });
   return scale.asDiagonal() * system.V.rightCols(columns - rank);

@@ -101,6 +101,31 @@ TEST(Covariance, OfFewRowsIsThatOfWhatTheyDetermine) {
   EXPECT_NEAR((directions.transpose() * directions - MatrixXd::Identity(2, 2)).norm(), 0.0, 1e-14);
 }
 
+// As many rows as columns are nobody's triangle.
+TEST(Covariance, OfASquareMatrixIsTheInverseOfTheInformation) {
+  for (const Index columns : {1, 2, 7}) {
+    const MatrixXd J = random_matrix(columns, columns, 3);
+    const MatrixXd expected = 3.0 * (J.transpose() * J).inverse();
+    EXPECT_LT((covariance(J, 3.0) - expected).norm(), 1e-10 * expected.norm()) << columns;
+    EXPECT_EQ(undetermined_directions(J).rows(), columns);
+    EXPECT_EQ(undetermined_directions(J).cols(), 0);
+  }
+}
+
+// The inverse of a triangle is taken where it is as exact as singular values are, and both agree there.
+TEST(Covariance, IsTheSameOnBothSidesOfWhereSingularValuesTakeOver) {
+  for (const double share : {1e-3, 1e-5, 0.9e-6, 1.1e-6, 1e-7}) {
+    const MatrixXd J = nearly_parallel(share);
+    const double sine = std::sin(2.0 * std::atan(share));
+    EXPECT_EQ(regular_inverse(triangular_factor(J * unit_scale(J).asDiagonal())).has_value(), share > 1e-6) << share;
+    EXPECT_NEAR(covariance(J, 1.0)(0, 0) * sine * sine, 1.0, 1e-8) << share;
+    EXPECT_NEAR(covariance(J, 1.0)(0, 1) * 1e3 * sine * sine, -std::cos(2.0 * std::atan(share)), 1e-8) << share;
+  }
+  EXPECT_FALSE(regular_inverse(MatrixXd::Ones(2, 2)));
+  EXPECT_FALSE(regular_inverse(MatrixXd::Zero(2, 2)));
+  EXPECT_FALSE(regular_inverse(MatrixXd::Identity(2, 3)));
+}
+
 // Above a hundred columns singular values are found in another way. Column 7 is ten times column 130.
 TEST(Covariance, OfManyColumnsIsTheInverseOfTheInformation) {
   for (const Index columns : {100, 101, 140}) {
