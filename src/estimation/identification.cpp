@@ -78,6 +78,7 @@ constexpr double kHuber = 2.5;
 constexpr double kTukey = 7.0;
 constexpr double kMedianChi3 = 1.5381722544550522;  // of the chi distribution with three degrees of freedom
 constexpr int kReweightings = 50;
+constexpr double kSmallStep = 0.05;  // of the misfit
 
 double robust_weight(Loss loss, double r) {
   switch (loss) {
@@ -165,6 +166,8 @@ RobustIdentification reweighted_fit(const FitProblem& problem) {
       if (update(stage) < 1e-6) {
         break;
       }
+      // The weights change all the same: a step that is small beside the misfit is taken, and no further one.
+      reweighted.step_tolerance = std::max(options.step_tolerance, kSmallStep * result.fit.rms);
       // A row without weight keeps a trace of it, so that a target seen nowhere else stays determined.
       reweighted.residuals.row_weights = result.weights;
       for (double& weight : reweighted.residuals.row_weights) {
