@@ -33,6 +33,7 @@
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/linear_system.hpp"
 #include "kdl_calibration/link_shapes.hpp"
+#include "kdl_calibration/matrix_derivatives.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_check.hpp"
 #include "kdl_calibration/measurements_file.hpp"

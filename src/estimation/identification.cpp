@@ -11,6 +11,7 @@
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/matrix_derivatives.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -245,6 +246,9 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
                                const Measurements& measurements, const Estimate& estimate,
                                const std::vector<std::size_t>& geometric) {
   const auto unknowns = static_cast<Index>(geometric.size());
+  const std::vector<ChainFactor> factors = chain_factors(model);
+  MatrixProduct product;  // of the configuration that was looked at last
+  Index configuration = -1;
   MatrixXd JtJ = MatrixXd::Zero(unknowns, unknowns);
   VectorXd Jtp = VectorXd::Zero(unknowns);
   double sum = 0.0;
@@ -252,9 +256,11 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
   for (const Observation& observation : measurements.observations) {
     const Vector3d tool = estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
     const Vector3d dp = observation.position - predicted_point(estimate, T_robot, observation);
-    const Matrix3Xd J = estimate.X_WB.linear() * position_jacobian_by_matrix_derivatives(
-                                                     model, estimate.errors, geometric,
-                                                     measurements.joint_values.col(observation.configuration), tool);
+    if (observation.configuration != configuration) {
+      configuration = observation.configuration;
+      product = matrix_product(factors, estimate.errors, measurements.joint_values.col(configuration));
+    }
+    const Matrix3Xd J = estimate.X_WB.linear() * point_columns(factors, product, geometric, tool);
     JtJ += J.transpose() * J;
     Jtp += J.transpose() * dp;
     sum += dp.squaredNorm();

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/preconditions.hpp"
+#include "kdl_calibration/matrix_derivatives.hpp"
 #include "model/manipulator_jacobian.hpp"
 
 namespace kdl_calibration {
@@ -24,59 +25,6 @@ Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis) {
 
 namespace {
 
-// ---- 4x4 matrices and their derivatives, for the published route --------------------------------------------------
-
-struct MatrixFactor {
-  Eigen::Matrix4d value;
-  Eigen::Matrix4d derivative;  // zero where the factor is fixed
-};
-
-MatrixFactor matrix_factor(const ChainFactor& factor, const Eigen::VectorXd& errors, const Eigen::VectorXd& q) {
-  MatrixFactor result{.value = Eigen::Matrix4d::Identity(), .derivative = Eigen::Matrix4d::Zero()};
-  if (factor.source == ChainFactor::Source::fixed) {
-    result.value = to_eigen(factor.frame).matrix();
-    return result;
-  }
-  const auto index = static_cast<Eigen::Index>(factor.index);
-  const double x = factor.source == ChainFactor::Source::joint ? q[index] : errors[index];
-  const Eigen::Vector3d axis = to_eigen(factor.motion.JointAxis());
-  if (factor.motion.getType() == KDL::Joint::TransAxis) {
-    result.value.topRightCorner<3, 1>() = axis * x;
-    result.derivative.topRightCorner<3, 1>() = axis;
-    return result;
-  }
-  const Eigen::Matrix3d k = skew(axis);
-  result.value.topLeftCorner<3, 3>() += std::sin(x) * k + (1.0 - std::cos(x)) * k * k;
-  result.derivative.topLeftCorner<3, 3>() = std::cos(x) * k + std::sin(x) * k * k;
-  return result;
-}
-
-// For each factor the product of all factors with that one replaced by its derivative; zero for fixed factors.
-std::vector<Eigen::Matrix4d> product_derivatives(const std::vector<MatrixFactor>& factors) {
-  std::vector<Eigen::Matrix4d> behind(factors.size() + 1, Eigen::Matrix4d::Identity());
-  for (std::size_t i = factors.size(); i-- > 0;) {
-    behind[i] = factors[i].value * behind[i + 1];
-  }
-  std::vector<Eigen::Matrix4d> derivatives;
-  derivatives.reserve(factors.size());
-  Eigen::Matrix4d before = Eigen::Matrix4d::Identity();
-  for (std::size_t i = 0; i < factors.size(); ++i) {
-    derivatives.emplace_back(before * factors[i].derivative * behind[i + 1]);
-    before = before * factors[i].value;
-  }
-  return derivatives;
-}
-
-std::vector<MatrixFactor> matrix_factors(const std::vector<ChainFactor>& factors, const Eigen::VectorXd& errors,
-                                         const Eigen::VectorXd& q) {
-  std::vector<MatrixFactor> matrices;
-  matrices.reserve(factors.size());
-  for (const ChainFactor& factor : factors) {
-    matrices.push_back(matrix_factor(factor, errors, q));
-  }
-  return matrices;
-}
-
 Matrix6Xd kdl_jacobian(const KDL::Chain& chain, const Eigen::VectorXd& q) {
   KDL::JntArray joints(chain.getNrOfJoints());
   joints.data = q;
@@ -87,22 +35,18 @@ Matrix6Xd kdl_jacobian(const KDL::Chain& chain, const Eigen::VectorXd& q) {
 
 Matrix6Xd matrix_derivative_jacobian(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::VectorXd& q) {
   const std::vector<ChainFactor> factors = chain_factors(model);
-  const std::vector<MatrixFactor> matrices = matrix_factors(factors, errors, q);
-  const std::vector<Eigen::Matrix4d> derivatives = product_derivatives(matrices);
-  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-  for (const MatrixFactor& factor : matrices) {
-    pose = pose * factor.value;
-  }
-  const Eigen::Matrix3d orientation_transposed = pose.topLeftCorner<3, 3>().transpose();
+  const MatrixProduct product = matrix_product(factors, errors, q);
+  const Eigen::Matrix3d orientation_transposed = product.pose.topLeftCorner<3, 3>().transpose();
   Matrix6Xd jacobian(6, q.size());
   for (std::size_t i = 0; i < factors.size(); ++i) {
     if (factors[i].source != ChainFactor::Source::joint) {
       continue;
     }
     // dR R^T = [omega]x
-    const Eigen::Matrix3d spin = derivatives[i].topLeftCorner<3, 3>() * orientation_transposed;
+    const Eigen::Matrix4d& derivative = product.derivatives[i];
+    const Eigen::Matrix3d spin = derivative.topLeftCorner<3, 3>() * orientation_transposed;
     auto column = jacobian.col(static_cast<Eigen::Index>(factors[i].index));
-    column << derivatives[i].topRightCorner<3, 1>(), spin(2, 1), spin(0, 2), spin(1, 0);
+    column << derivative.topRightCorner<3, 1>(), spin(2, 1), spin(0, 2), spin(1, 0);
   }
   return jacobian;
 }
@@ -401,15 +345,7 @@ Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const
   require_indices("parameter", which, model.parameters.size());
   require_count("joint values", q.size(), model.joints.size());
   const std::vector<ChainFactor> factors = chain_factors(model);
-  const std::vector<Eigen::Matrix4d> derivatives = product_derivatives(matrix_factors(factors, errors, q));
-  const Eigen::Vector4d point = target.homogeneous();
-  Matrix3Xd all(3, static_cast<Eigen::Index>(model.parameters.size()));
-  for (std::size_t i = 0; i < factors.size(); ++i) {
-    if (factors[i].source == ChainFactor::Source::parameter) {
-      all.col(static_cast<Eigen::Index>(factors[i].index)) = (derivatives[i] * point).head<3>();
-    }
-  }
-  return all(Eigen::all, which);
+  return point_columns(factors, matrix_product(factors, errors, q), which, target);
 }
 
 ManipulatorJacobians manipulator_jacobians(const ErrorModel& model, const Eigen::VectorXd& errors,

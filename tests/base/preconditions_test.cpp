@@ -126,6 +126,7 @@ TEST(Doors, OfTheModelRefuseWhatDoesNotFit) {
   const Sound& s = sound();
   const ErrorModel& model = s.model;
   const FoldedChain chain = folded(model, s.errors);
+  const std::vector<ChainFactor> factors = chain_factors(model);
   const ChainFolder folder(model, {0, 1});
   FoldedChain shape = folder.shape();
   std::vector<ParameterTwist> two(2);
@@ -161,6 +162,11 @@ TEST(Doors, OfTheModelRefuseWhatDoesNotFit) {
        [&] { position_jacobian_by_matrix_derivatives(model, s.errors, s.beyond, s.q, {}); }, "parameter 1000"},
       {"its joints", [&] { position_jacobian_by_matrix_derivatives(model, s.errors, {0}, s.few, {}); },
        "3 joint values"},
+      {"matrix_product", [&] { matrix_product(factors, s.errors, s.few); }, "3 joint values, expected 6"},
+      {"its errors, too", [&] { matrix_product(factors, s.few, s.q); }, "3 errors"},
+      {"point_columns", [&] { point_columns(factors, matrix_product(factors, s.errors, s.q), s.beyond, {}); },
+       "parameter 1000 is not there"},
+      {"its product", [&] { point_columns(factors, {}, {0}, {}); }, "0 derivatives"},
       {"manipulator_jacobians", [&] { manipulator_jacobians(model, s.errors, s.few); }, "3 joint values"},
       {"its errors", [&] { manipulator_jacobians(model, s.few, s.q); }, "3 errors"},
       {"CalibratedArm", [&] { CalibratedArm(model, s.few, {}); }, "3 errors"},
