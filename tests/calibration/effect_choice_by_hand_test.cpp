@@ -717,7 +717,7 @@ void expect_decided(Decided& decided, const std::vector<std::string>& by) {
 // Where tables come first, what else helps is tried without them, and tables behind it.
 TEST(EffectChoiceByHand, TablesGiveWayToWhatIsLikelierWithoutThem) {
   Decided decided;
-  for (const unsigned seed : {1U, 2U, 19U, 38U}) {
+  for (const unsigned seed : {1U, 2U, 35U, 40U}) {
     expect_as_by_hand(of_four_effects(seed), decided, "seed " + std::to_string(seed));
   }
   expect_decided(decided, {"likelier, better", "likelier, as well", "less likely, better", "tables go"});

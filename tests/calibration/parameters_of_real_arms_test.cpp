@@ -214,8 +214,6 @@ TEST(ParametersOfRealArms, SkewChainsArriveAtRounding) {
   }
 }
 
-// The kept parameters alone do not explain this one. What was fixed must not come back under other names, and a limit
-// that was set is one.
 TEST(ParametersOfRealArmsLongRun, ThreeHundredSkewChainsArriveAtRounding) {
   for (std::uint64_t seed = 1; seed <= 300; ++seed) {
     EXPECT_LE(iterations_to_rounding(seed), 20) << seed;

@@ -3,8 +3,11 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <functional>
+#include <string>
+#include <vector>
 
 #include "kdl_calibration/simulation.hpp"
 #include "refusal.hpp"
@@ -26,11 +29,15 @@ struct Arm : testing::VirtualExperiment {
         measured(testing::without_sigmas(measure(count, noise))),
         start(nominal_start(model, measured)) {}
 
-  WholeFit fitted() const {
+  WholeFit fitted(const std::vector<std::string>& without = {}) const {
     const ParameterChoice choice = choose_parameters(model, start.targets, options, {.configurations = 20});
+    std::vector<std::string> names = choice.free;
+    for (const std::string& name : without) {
+      names.erase(std::remove(names.begin(), names.end(), name), names.end());
+    }
     return fit_whole(
         {.model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options},
-        choice, Unknowns(model, start.targets, choice.free));
+        choice, Unknowns(model, start.targets, names));
   }
 };
 
@@ -96,6 +103,22 @@ TEST(WholeFit, OfRobustLossesHasTheirWeightsAndScale) {
   EXPECT_EQ(found.candidates, arm.free);
   arm.fit_options.loss = Loss::none;
   EXPECT_TRUE(arm.fitted().robust.weights.empty());
+}
+
+// What was fixed must not come back under other names, and a limit that was set is one.
+TEST(WholeFit, GoesOnInTheCompleteSetWhereThatExplainsMoreUnlessSomethingIsAskedOfIt) {
+  const Arm arm;
+  const auto misfit = [&](const std::function<void(Arm&)>& ask) {
+    Arm asked = arm;
+    ask(asked);
+    return asked.fitted({"dq3", "Tx4"}).identification.rms;  // [m]
+  };
+  constexpr double kLeft = 1e-5;
+  EXPECT_LT(misfit([](Arm&) {}), 1e-10);
+  EXPECT_GT(misfit([](Arm& a) { a.options.fix = {"dq3"}; }), kLeft);
+  EXPECT_GT(misfit([](Arm& a) { a.options.iterations = 50; }), kLeft);
+  EXPECT_GT(misfit([](Arm& a) { a.options.method = Method::two_step; }), kLeft);
+  EXPECT_GT(misfit([](Arm& a) { a.options.loss = a.fit_options.loss = Loss::huber; }), kLeft);
 }
 
 TEST(WholeFit, ArrivedWhereItsGradientVanishes) {

@@ -367,8 +367,9 @@ TEST_F(CommandLineWarnings, PlanNamesTheLinksThatNothingIsKeptClearOf) {
   urdf.replace(urdf.find("<link name=\"c\"/>"), 16,
                R"(<link name="c"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>)");
   write("arm.urdf", urdf);
-  const Arguments plan = {"plan",  "--urdf",       "arm.urdf", "--configurations", "15",       "--clearance",
-                          "0.001", "--candidates", "60",       "--output",         "plan.csv", "--force"};
+  const Arguments plan = {"plan", "--urdf",   "arm.urdf", "--configurations", "15",    "--workspace",
+                          "20",   "--starts", "1",        "--clearance",      "0.001", "--candidates",
+                          "60",   "--output", "plan.csv", "--force"};
   const Outcome outcome = run(plan);
   EXPECT_EQ(outcome.status, 0) << outcome.err;
   EXPECT_EQ(outcome.err,
