@@ -160,8 +160,9 @@ Slope slope_at(const RotationForm& form, const Matrix3d& A) {
   // A exp([delta]) = A (I + [delta] + (delta delta^T - |delta|^2 I) / 2 + ...)
   const Matrix3d bend = 0.5 * (M + M.transpose()) - M.trace() * Matrix3d::Identity();
   // Matrices so small that the blocks of Eigen's other product cost more than they save.
-  const Eigen::Matrix<double, 9, 3> QT = form.Q.lazyProduct(T);
-  Slope result{.gradient = T.transpose() * slope, .gauss_newton = T.transpose().lazyProduct(QT), .hessian = bend};
+  const Eigen::Matrix<double, 9, 3> turned_slope = form.Q.lazyProduct(T);
+  Slope result{
+      .gradient = T.transpose() * slope, .gauss_newton = T.transpose().lazyProduct(turned_slope), .hessian = bend};
   result.hessian += result.gauss_newton;
   return result;
 }
