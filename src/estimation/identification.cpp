@@ -163,12 +163,16 @@ RobustIdentification reweighted_fit(const FitProblem& problem) {
   const std::vector<Loss> stages =
       loss == Loss::tukey ? std::vector<Loss>{Loss::huber, Loss::tukey} : std::vector<Loss>{loss};
   for (const Loss stage : stages) {
+    bool followed = true;  // to the end of the fit
     for (int round = 0; round < kReweightings && loss != Loss::none; ++round) {
-      if (update(stage) < 1e-6) {
+      const bool settled = update(stage) < 1e-6;
+      if (settled && followed) {
         break;
       }
-      // The weights change all the same: a step that is small beside the misfit is taken, and no further one.
-      reweighted.step_tolerance = std::max(options.step_tolerance, kSmallStep * result.fit.rms);
+      // As long as the weights change, a step that is small beside the misfit is taken and no further one.
+      followed = settled;
+      reweighted.step_tolerance =
+          settled ? options.step_tolerance : std::max(options.step_tolerance, kSmallStep * result.fit.rms);
       // A row without weight keeps a trace of it, so that a target seen nowhere else stays determined.
       reweighted.residuals.row_weights = result.weights;
       for (double& weight : reweighted.residuals.row_weights) {
