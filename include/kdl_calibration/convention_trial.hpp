@@ -21,7 +21,7 @@ struct ConventionTrial {
   /// [m] 3D, of the train rows with the nominal geometry, base and targets registered; where that leaves more than
   /// twice what the present reading does, it may be a bound that lies between (least_misfit).
   double registered = 0.0;
-  double rms = 0.0;              ///< [m] the same after the fit; as registered where that says that a fit is in vain
+  double rms = 0.0;  ///< [m] the same after the fit, which a goal may end early; as registered where one is in vain
   Eigen::MatrixXd joint_values;  ///< the measurements' joint values read that way
 };
 

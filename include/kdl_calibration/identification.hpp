@@ -19,7 +19,7 @@ namespace kdl_calibration {
 enum class Termination {
   converged,        ///< the last step moved the predicted points by less than the tolerance
   iteration_limit,  ///< still moving
-  stalled,          ///< no step reduces the misfit although the gradient does not vanish
+  stalled,          ///< no step reduces the misfit although the gradient does not vanish; or a trial is in vain
   rank_deficient,   ///< converged, but some parameters are not determined by the measurements
   diverged          ///< not finite, or errors beyond any robot's
 };
@@ -44,8 +44,8 @@ Estimate nominal_start(const ErrorModel& model, const Measurements& measurements
 struct JointOptions {
   int max_iterations = 50;
   double step_tolerance = 1e-11;  ///< [m] RMS motion of the predicted points by a step that counts as none
-  /// [m] For trials, which matter only below this misfit and arrive there soon if at all: from the sixth iteration on
-  /// one that is above it, and has not halved its misfit within three, ends as stalled.
+  /// [m] as Identification::rms. For trials, which matter below that alone and get there soon if at all: from the sixth
+  /// iteration on one ends as stalled that has not halved within three what lies above it.
   double goal = std::numeric_limits<double>::infinity();
   ResidualOptions residuals;
 };

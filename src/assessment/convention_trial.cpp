@@ -255,9 +255,6 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
       Readings(model.joints, independent_joint_values(model.joints, measurements.joint_values), options.used)
           .all(options.others);
   const TrialFit fit{.model = model, .free = free, .registration = options.registration, .joint = options.joint};
-  JointOptions without_goal = options.joint;
-  without_goal.goal = kInfinity;
-  const TrialFit of_present{.model = model, .free = free, .registration = options.registration, .joint = without_goal};
   const TrainingRows training(measurements);
   const auto reread = [&](std::size_t i) {
     Measurements result = *training;
@@ -287,7 +284,7 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
   parallel_for(trials.size(), options.threads, [&](std::size_t i) {
     trials[i].rms = trials[i].registered;
     if (trials[i].present || trials[i].registered < limit) {
-      trials[i].rms = fitted_rms(trials[i].present ? of_present : fit, reread(i), starts[i]);
+      trials[i].rms = fitted_rms(fit, reread(i), starts[i]);
     }
   });
   std::stable_sort(trials.begin(), trials.end(),

@@ -155,7 +155,7 @@ bool explains(double other, double present, double freedom, double readings) {
   return readings * f_upper_tail(ratio * ratio, freedom, freedom) < kByChance;
 }
 
-// How the measurements are fitted as they are.
+// Of any reading, without a goal.
 JointOptions trial_fits() { return {.max_iterations = kSteps, .residuals = {}}; }
 
 // Puts one question after the other.

@@ -218,7 +218,7 @@ public:
 
   Identification run() {
     problem_.linearise(result_.estimate, workspace_, equations_);
-    for (bool going = true; going && result_.iterations < options_.max_iterations && !is_hopeless();) {
+    for (bool going = true; going && result_.iterations < options_.max_iterations && !is_in_vain();) {
       ++result_.iterations;
       result_.rms_history.push_back(rms());
       going = iterate();
@@ -254,15 +254,18 @@ private:
   static constexpr double kGoodGain = 0.7;
   static constexpr int kRefusals = 3;  // of plain steps, before they are left for the end
 
-  // Whether a trial that has not come to its goal gets no nearer.
-  bool is_hopeless() {
+  // Whether a trial that is above its goal does not come nearer as fast as it should.
+  bool is_in_vain() {
     constexpr int kFirst = 6;
     constexpr int kToHalve = 3;
-    if (result_.iterations < kFirst || !(rms() > options_.goal) ||
-        rms() <= 0.5 * result_.rms_history[static_cast<std::size_t>(result_.iterations - kToHalve)]) {
+    if (result_.iterations < kFirst || !(rms() > options_.goal)) {
       return false;
     }
-    finish(Termination::stalled, "the misfit did not halve within three iterations");
+    const double before = result_.rms_history[static_cast<std::size_t>(result_.iterations - kToHalve)];
+    if (rms() - options_.goal <= 0.5 * (before - options_.goal)) {
+      return false;
+    }
+    finish(Termination::stalled, "what lies above the goal did not halve within three iterations");
     return true;
   }
 

@@ -49,10 +49,11 @@ public:
     equations_ = problem.linearise(estimate);
     for (int i = 0; i < options.max_iterations && end.empty(); ++i) {
       history.push_back(std::sqrt(equations_.cost / problem.total_weight()));
-      if (i >= 6 && history.back() > options.goal && history.back() > history.at(i - 3) / 2.0) {
+      const double above = history.back() - options.goal;
+      if (i >= 6 && above > 0.0 && 2.0 * above > history.at(i - 3) - options.goal) {
         history.pop_back();
-        end = "the misfit did not halve within three iterations";
-        ++decided["hopeless"];
+        end = "what lies above the goal did not halve within three iterations";
+        ++decided["in vain"];
       } else {
         ++decided[step()];
       }
@@ -296,7 +297,7 @@ TEST(Descent, GoesAsWritten) {
       expect_all_as_by_hand(++seed, how, decided);
     }
   }
-  expect_each(decided, {"as before", "brakes", "fades", "hopeless", "little beside the prior", "no motion",
+  expect_each(decided, {"as before", "brakes", "fades", "in vain", "little beside the prior", "no motion",
                         "no motion beside the prior", "no promise beside the prior", "not plain", "plain",
                         "plain again", "releases", "too far", "within rounding"});
 }
