@@ -26,8 +26,9 @@ inline Eigen::VectorXd singular_values(const Eigen::MatrixXd& matrix) {
                                       : Eigen::JacobiSVD<Eigen::MatrixXd>(matrix).singularValues();
 }
 
-/// Of an upper triangular matrix, where no singular value is anywhere near zero: the ratio of the largest and the
-/// smallest is at most the product of both norms. A tenth of what a singular value decomposition costs.
+/// The inverse of an upper triangular matrix whose singular values are within a factor of a million, far from where one
+/// counts as zero; else nothing. The product of both Frobenius norms bounds that factor. A tenth of the cost of
+/// singular values.
 inline std::optional<Eigen::MatrixXd> regular_inverse(const Eigen::MatrixXd& triangle) {
   constexpr double kRegular = 1e6;
   if (triangle.rows() != triangle.cols() || !triangle.isUpperTriangular(0.0) ||

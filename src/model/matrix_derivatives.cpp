@@ -65,11 +65,13 @@ MatrixProduct matrix_product(const std::vector<ChainFactor>& factors, const Eige
 Matrix3Xd point_columns(const std::vector<ChainFactor>& factors, const MatrixProduct& product,
                         const std::vector<std::size_t>& which, const Eigen::Vector3d& point) {
   require_count("derivatives", product.derivatives.size(), factors.size());
-  require_indices("parameter", which, count_of(ChainFactor::Source::parameter, factors));
+  const std::ptrdiff_t parameters = count_of(ChainFactor::Source::parameter, factors);
+  require_indices("parameter", which, parameters);
   const Eigen::Vector4d homogeneous = point.homogeneous();
-  Matrix3Xd all(3, static_cast<Eigen::Index>(factors.size()));  // parameters are fewer
+  Matrix3Xd all = Matrix3Xd::Zero(3, parameters);
   for (std::size_t i = 0; i < factors.size(); ++i) {
     if (factors[i].source == ChainFactor::Source::parameter) {
+      require_index("the factor's parameter", factors[i].index, parameters);
       all.col(static_cast<Eigen::Index>(factors[i].index)) = (product.derivatives[i] * homogeneous).head<3>();
     }
   }
