@@ -254,11 +254,11 @@ private:
   static constexpr double kGoodGain = 0.7;
   static constexpr int kRefusals = 3;  // of plain steps, before they are left for the end
 
-  // Whether a trial that is above its goal does not come nearer as fast as it should.
+  // Whether what lies above the goal did not halve; never below the goal, nor without one, as it is infinite then.
   bool is_in_vain() {
     constexpr int kFirst = 6;
     constexpr int kToHalve = 3;
-    if (result_.iterations < kFirst || !(rms() > options_.goal)) {
+    if (result_.iterations < kFirst) {
       return false;
     }
     const double before = result_.rms_history[static_cast<std::size_t>(result_.iterations - kToHalve)];

@@ -293,6 +293,9 @@ TEST(Descent, GoesAsWritten) {
                             Case{.size = size, .noise = 1e-4, .configurations = 16, .tolerance = 1e-5, .limit = 4},
                             Case{.size = size, .noise = 1e-4, .configurations = 12, .wrong = true},
                             Case{.size = size, .noise = 1e-3, .configurations = 12, .goal = 0.01, .wrong = true},
+                            Case{.size = size, .noise = 1e-3, .configurations = 16, .goal = 0.04, .wrong = true},
+                            Case{.size = size, .noise = 1e-3, .configurations = 16, .goal = 0.08, .wrong = true},
+                            Case{.size = size, .noise = 1e-3, .configurations = 16, .goal = 0.15, .wrong = true},
                             Case{.size = size, .noise = 1e-2, .configurations = 12, .goal = 0.0}}) {
       expect_all_as_by_hand(++seed, how, decided);
     }
