@@ -50,7 +50,7 @@ public:
     for (int i = 0; i < options.max_iterations && end.empty(); ++i) {
       history.push_back(std::sqrt(equations_.cost / problem.total_weight()));
       const double above = history.back() - options.goal;
-      if (i >= 6 && above > 0.0 && 2.0 * above > history.at(i - 3) - options.goal) {
+      if (i >= 6 && above > 0.0 && 2.0 * above > history.at(static_cast<std::size_t>(i) - 3) - options.goal) {
         history.pop_back();
         end = "what lies above the goal did not halve within three iterations";
         ++decided["in vain"];
