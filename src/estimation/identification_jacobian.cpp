@@ -4,6 +4,7 @@
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/matrix_derivatives.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -21,6 +22,8 @@ MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estima
     refuse_input("the published identification Jacobian has no columns for effects", "none to be free");
   }
   const Eigen::Isometry3d X_BF = flange_pose(folded(model, estimate.errors), q);
+  const std::vector<ChainFactor> factors = chain_factors(model);
+  const MatrixProduct product = matrix_product(factors, estimate.errors, q);
   const Eigen::Matrix3d R_WB = estimate.X_WB.linear();
   const ColumnRange base = free.range(UnknownGroup::base);
   const ColumnRange geometric = free.range(UnknownGroup::geometric);
@@ -34,8 +37,7 @@ MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estima
       const Eigen::Vector3d axis = Eigen::Vector3d::Unit(static_cast<Index>(i % 3));
       rows.col(base.first + c) = R_WB * (i < 3 ? axis : Eigen::Vector3d(axis.cross(p_B)));
     }
-    rows.middleCols(geometric.first, geometric.count) =
-        R_WB * position_jacobian_by_matrix_derivatives(model, estimate.errors, free.geometric(), q, p_F);
+    rows.middleCols(geometric.first, geometric.count) = R_WB * point_columns(factors, product, free.geometric(), p_F);
     for (std::size_t i = 0; i < 3; ++i) {  // a target's own rotation does not move its point
       if (const int column = free.target_columns(k)[i]; column >= 0) {
         rows.col(column) = R_WB * X_BF.linear().col(static_cast<Index>(i));

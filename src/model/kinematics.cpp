@@ -341,9 +341,6 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
 Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const Eigen::VectorXd& errors,
                                                   const std::vector<std::size_t>& which, const Eigen::VectorXd& q,
                                                   const Eigen::Vector3d& target) {
-  require_count("errors", errors.size(), model.parameters.size());
-  require_indices("parameter", which, model.parameters.size());
-  require_count("joint values", q.size(), model.joints.size());
   const std::vector<ChainFactor> factors = chain_factors(model);
   return point_columns(factors, matrix_product(factors, errors, q), which, target);
 }

@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
-#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <string>
@@ -33,7 +32,7 @@ struct Arm : testing::VirtualExperiment {
     const ParameterChoice choice = choose_parameters(model, start.targets, options, {.configurations = 20});
     std::vector<std::string> names = choice.free;
     for (const std::string& name : without) {
-      names.erase(std::remove(names.begin(), names.end(), name), names.end());
+      std::erase(names, name);
     }
     return fit_whole(
         {.model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options},

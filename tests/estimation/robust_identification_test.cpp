@@ -79,16 +79,21 @@ TEST(RobustIdentification, WeightsAreThoseOfTheDistancesThatItLeaves) {
   }
 }
 
+// A row without weight keeps a trace of it.
+JointOptions with_weights_of(const RobustIdentification& found, const NoiseModel& noise = {}) {
+  JointOptions options{.residuals = {.noise = noise, .row_weights = found.weights}};
+  for (double& weight : options.residuals.row_weights) {
+    weight = std::max(weight, 1e-9);
+  }
+  return options;
+}
+
 TEST(RobustIdentification, IsTheWeightedFitOfItsOwnWeights) {
   const Spoilt spoilt;
   for (const Loss loss : {Loss::huber, Loss::tukey}) {
     const RobustIdentification found = spoilt.fitted(loss);
-    JointOptions options{.residuals = {.noise = spoilt.noise, .row_weights = found.weights}};
-    for (double& weight : options.residuals.row_weights) {
-      weight = std::max(weight, 1e-9);
-    }
-    const Identification plain =
-        identify_jointly(spoilt.arm.model, spoilt.measured, spoilt.arm.robot.truth, spoilt.free, options);
+    const Identification plain = identify_jointly(spoilt.arm.model, spoilt.measured, spoilt.arm.robot.truth,
+                                                  spoilt.free, with_weights_of(found, spoilt.noise));
     EXPECT_LT((plain.estimate.X_WB.matrix() - found.fit.estimate.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9);
   }
 }
@@ -115,11 +120,8 @@ TEST(RobustIdentification, FollowsItsLastWeightsToTheEnd) {
     problem.options.loss = loss;
     const RobustIdentification found = identify_robustly(problem);
     EXPECT_EQ(found.fit.termination, Termination::converged) << found.fit.message;
-    JointOptions options{.residuals = {.noise = {}, .row_weights = found.weights}};
-    for (double& weight : options.residuals.row_weights) {
-      weight = std::max(weight, 1e-9);
-    }
-    const Identification further = identify_jointly(arm.model, measured, found.fit.estimate, arm.free, options);
+    const Identification further =
+        identify_jointly(arm.model, measured, found.fit.estimate, arm.free, with_weights_of(found));
     EXPECT_LT(arm.free.difference(found.fit.estimate, further.estimate).cwiseAbs().maxCoeff(), 1e-8);
     const double error = (found.fit.estimate.errors - arm.robot.truth.errors).cwiseAbs().maxCoeff();
     EXPECT_LT(error, loss == Loss::tukey ? 3e-4 : 1e-3);

@@ -2,8 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <kdl/chainfksolverpos_recursive.hpp>
-
 #include "kdl_calibration/random.hpp"
 #include "support.hpp"
 
@@ -22,12 +20,7 @@ struct Arm {
   VectorXd q = testing::random_joints(model, random);
 
   Eigen::Isometry3d by_kdl(const VectorXd& at_errors, const VectorXd& at_q) const {
-    const KDL::Chain chain = error_chain(model, at_errors);
-    KDL::JntArray joints(chain.getNrOfJoints());
-    joints.data = at_q;
-    KDL::Frame X_BF;
-    KDL::ChainFkSolverPos_recursive(chain).JntToCart(joints, X_BF);
-    return to_eigen(X_BF);
+    return to_eigen(testing::kdl_pose(error_chain(model, at_errors), at_q));
   }
 };
 
