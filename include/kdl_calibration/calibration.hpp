@@ -12,6 +12,7 @@
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/fold_prediction.hpp"
+#include "kdl_calibration/gross_rows.hpp"
 #include "kdl_calibration/identifiability.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/influence.hpp"
@@ -220,9 +221,12 @@ struct Calibration {
   std::optional<LackOfFit> lack_of_fit;  ///< where there are repeats
   PredictedAccuracy predicted;
   std::vector<QualityFinding> findings;  ///< what is wrong with the measurements themselves, found before the fit
-  std::vector<Suspicion> suspicions;     ///< readings that would explain the measurements much better
-  std::vector<double> weights;           ///< of each observation, where a robust loss was used
-  double difference_to_kdl = 0.0;        ///< [m] of the flange pose at the measured configurations
+  /// Rows without which all others fit more than three times as well, and the misfit [m] then.
+  std::vector<GrossRow> gross_rows;
+  double misfit_without_gross_rows = 0.0;
+  std::vector<Suspicion> suspicions;  ///< readings that would explain the measurements much better
+  std::vector<double> weights;        ///< of each observation, where a robust loss was used
+  double difference_to_kdl = 0.0;     ///< [m] of the flange pose at the measured configurations
   std::vector<std::string> warnings;
 
   std::vector<Doubt> doubts;

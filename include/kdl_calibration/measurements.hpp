@@ -50,6 +50,7 @@ struct Measurements {
   /// Empty where nothing is known, else one per joint. The reader fills it from the header's units where the columns
   /// bear the URDF's joint names, and leaves it empty behind a joint convention.
   std::vector<JointUnit> joint_units;
+  std::string remark;    ///< what the reader made of rows, in one line; empty where each stands for itself
   DriveSignals signals;  ///< of the configurations; the reader fills them from the columns tau_<joint> and order
 };
 
@@ -60,6 +61,10 @@ void drop_unused_orientations(std::vector<Eigen::Quaterniond>& orientations);
 /// that their numbers mean the same; configurations left without observations are dropped and the others keep their
 /// order.
 Measurements subset(const Measurements& measurements, const std::function<bool(const Observation&)>& keep);
+
+/// The measurements without some configurations ("12") or points of them ("12:A"), which `remark` names. Throws
+/// InputError where nothing is called so or nothing is left.
+Measurements without_rows(const Measurements& measurements, const std::vector<std::string>& names);
 
 /// One observation per configuration and target, ordered so: the mean over the repeats, with repeat 1. Its sigma is
 /// that of a mean of independent values, sqrt(sum sigma^2) / n, and 0 where one of the rows states none; its order is

@@ -2,10 +2,10 @@
 
 #include <Eigen/Dense>
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <utility>
 
+#include "base/number_range.hpp"
 #include "base/robust_statistics.hpp"
 
 namespace kdl_calibration {
@@ -15,8 +15,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // A step between the rows position - 1 and position of a series.
 struct Change {

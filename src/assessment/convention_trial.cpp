@@ -5,12 +5,12 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
-#include <limits>
 #include <numbers>
 #include <utility>
 
 #include "assessment/trial_fit.hpp"
 #include "base/degree.hpp"
+#include "base/number_range.hpp"
 #include "base/parallel.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -23,8 +23,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // What a joint value may have been meant in, and its factor where it was read as something else.
 struct Unit {

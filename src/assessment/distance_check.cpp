@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <limits>
 #include <map>
 #include <numbers>
 #include <optional>
@@ -14,6 +13,7 @@
 #include "assessment/change_points.hpp"
 #include "assessment/heavy_tails.hpp"
 #include "assessment/quality_findings.hpp"
+#include "base/number_range.hpp"
 #include "base/robust_statistics.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/measurements_check.hpp"
@@ -22,8 +22,6 @@ namespace kdl_calibration {
 namespace {
 
 using Eigen::Vector3d;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 using Pair = std::pair<std::size_t, std::size_t>;  // targets, the smaller number first
 

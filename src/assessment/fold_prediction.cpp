@@ -26,7 +26,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double kAsGoodAsLinear = 0.1;       // of the noise
-constexpr double kRounding = 1e-10;           // [m]
+constexpr double kExactPrediction = 1e-10;    // [m]
 constexpr double kLeftOfInformation = 1e-10;  // eigenvalue of what a fold leaves of the information of all
 
 struct Part {
@@ -212,7 +212,7 @@ private:
     const Estimate moved = problem_.free.moved(problem_.start, R_.triangularView<Eigen::Upper>().solve(without.step()));
     const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem_.model, moved, held_out);
     const std::vector<double> exact = position_errors(X_BF, moved, held_out);
-    const double tolerance = std::max(kAsGoodAsLinear * task_.noise, kRounding);
+    const double tolerance = std::max(kAsGoodAsLinear * task_.noise, kExactPrediction);
     for (std::size_t i = 0; i < points.size(); ++i) {
       if (!(std::abs(exact[i] - points[i].residual.norm()) <= tolerance)) {
         return false;

@@ -19,13 +19,13 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr int kMostSteps = 10;
-constexpr double kSettled = 1e-3;    // of the noise
-constexpr double kRounding = 1e-11;  // [m]
+constexpr double kSettledOfNoise = 1e-3;  // of the noise
+constexpr double kExactSum = 1e-11;       // [m]
 
 // The folds' own measurements, and the normal equations of each at one estimate.
-class Sums {
+class ConfigurationSums {
 public:
-  Sums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, int threads)
+  ConfigurationSums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, int threads)
       : problem_(problem),
         priors_(problem.free.prior_information(problem.options.joint.residuals.priors)),
         measurements_(folds.size()),
@@ -101,8 +101,8 @@ HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std:
   check(folds, problem.measurements);
   require_sigma("the noise", noise);
   const TrainingProblem training(problem);
-  const Sums sums(*training, folds, threads);
-  const double settled = std::max(kSettled * noise, kRounding);
+  const ConfigurationSums sums(*training, folds, threads);
+  const double settled = std::max(kSettledOfNoise * noise, kExactSum);
   std::vector<std::vector<double>> distances(folds.size());
   std::vector<int> open(folds.size(), 1);
   parallel_for(folds.size(), threads, [&](std::size_t f) {

@@ -20,13 +20,13 @@ namespace {
 
 constexpr int kRounds = 60;
 constexpr int kRoundsFromNear = 8;
-constexpr double kSettled = 1e-3;      // relative change of a size
-constexpr double kSmallest = 1e-16;    // [m^2 or rad^2] a variance below that is none
-constexpr double kLeastTold = 1e-6;    // number of values
-constexpr double kLeastOfAmple = 0.5;  // number of values
-constexpr double kFirstSize = 1e-3;    // [m or rad]
-constexpr double kLeastPivot = 1e-10;  // of free columns scaled to unit norm
-constexpr double kLeastFreedom = 1.0;  // equations left for the noise
+constexpr double kSettledEvidence = 1e-3;  // relative change of a size
+constexpr double kSmallest = 1e-16;        // [m^2 or rad^2] a variance below that is none
+constexpr double kLeastTold = 1e-6;        // number of values
+constexpr double kLeastOfAmple = 0.5;      // number of values
+constexpr double kFirstSize = 1e-3;        // [m or rad]
+constexpr double kLeastPivot = 1e-10;      // of free columns scaled to unit norm
+constexpr double kLeastFreedom = 1.0;      // equations left for the noise
 
 // In place, by halves: a third of the operations that solving for the columns of a unit matrix takes.
 void invert_lower_triangle(Eigen::Ref<MatrixXd> L) {
@@ -178,7 +178,7 @@ GroupSizes SizeEstimator::estimate(const std::vector<double>& start, const SizeL
   for (int round = 0; round <= rounds; ++round) {
     fit = solve(variances, variance);
     const double evidence = evidence_of(fit);
-    if (round == rounds || (round > 1 && evidence < before + kSettled)) {
+    if (round == rounds || (round > 1 && evidence < before + kSettledEvidence)) {
       break;
     }
     before = evidence;

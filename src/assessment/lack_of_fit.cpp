@@ -73,8 +73,8 @@ public:
     }
     VectorXd fitted = VectorXd::Constant(count, variance.mean());
     MatrixXd normal;
-    constexpr int kRounds = 20;
-    for (int round = 0; round < kRounds; ++round) {
+    constexpr int kMostRounds = 20;
+    for (int round = 0; round < kMostRounds; ++round) {
       const VectorXd weight = freedom.cwiseQuotient(fitted.cwiseAbs2());
       normal = design.transpose() * weight.asDiagonal() * design;
       variances_ = normal.completeOrthogonalDecomposition().solve(design.transpose() * weight.cwiseProduct(variance));

@@ -40,10 +40,10 @@ void add_orientation_scatter(const Measurements& measurements, RepeatNoise& nois
 }
 
 // Of each repeat from the mean over the repeats.
-using Deviations = std::map<std::int32_t, Vector3d>;
+using RepeatDeviations = std::map<std::int32_t, Vector3d>;
 
 // Subtracts the mean; returns the squares of what is left, summed along each axis.
-Vector3d centre(Deviations& repeats) {
+Vector3d centre(RepeatDeviations& repeats) {
   Vector3d mean = Vector3d::Zero();
   for (const auto& [repeat, position] : repeats) {
     mean += position / static_cast<double>(repeats.size());
@@ -61,7 +61,7 @@ struct Products {
   Vector3d sum = Vector3d::Zero();
   double freedom = 0.0;
 
-  void add(const Deviations& first, const Deviations& second) {
+  void add(const RepeatDeviations& first, const RepeatDeviations& second) {
     double common = 0.0;
     for (const auto& [repeat, deviation] : first) {
       if (const auto other = second.find(repeat); other != second.end()) {
@@ -83,7 +83,7 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
   if (std::none_of(rows.begin(), rows.end(), other_repeat)) {
     return {};
   }
-  std::map<std::int32_t, std::map<std::int32_t, Deviations>> cells;  // by configuration and target
+  std::map<std::int32_t, std::map<std::int32_t, RepeatDeviations>> cells;  // by configuration and target
   for (const Observation& o : rows) {
     cells[o.configuration][o.target][o.repeat] = o.position;
   }

@@ -1,5 +1,6 @@
 #include "kdl_calibration/noise_parts.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -43,7 +44,8 @@ Matrix3d NoiseParts::point() const {
 
 double NoiseParts::freedom(double value, const Variances& gradient) const {
   const double variance = gradient.dot(covariance * gradient);
-  return variance > 0.0 ? 2.0 * value * value / variance : std::numeric_limits<double>::infinity();
+  return variance > 0.0 ? std::min(2.0 * value * value / variance, most_freedom)
+                        : std::numeric_limits<double>::infinity();
 }
 
 double NoiseParts::freedom_of_point() const {
@@ -89,6 +91,7 @@ public:
     }
     parts.covariance *= sample_.share;
     parts.degrees_of_freedom /= sample_.share;
+    parts.most_freedom /= sample_.share;
     parts.scatter /= sample_.share;
     for (MatrixXd& sensitivity : parts.sensitivity) {
       sensitivity /= sample_.share;

@@ -13,7 +13,7 @@ using Variances = NoiseParts::Variances;
 
 namespace {
 
-constexpr double kLeastWeight = 1e-6;
+constexpr double kLeastRowWeight = 1e-6;
 
 bool is_stated(const Measurements& measurements, const NoiseModel& noise) {
   const bool every_row = std::all_of(measurements.observations.begin(), measurements.observations.end(),
@@ -33,7 +33,7 @@ WhitenedSystem unit_system(const ErrorModel& model, const Measurements& measurem
   unit.noise.orientation = 1.0;
   unit.row_weights = options.row_weights;
   std::replace_if(
-      unit.row_weights.begin(), unit.row_weights.end(), [](double w) { return !(w > kLeastWeight); }, 0.0);
+      unit.row_weights.begin(), unit.row_weights.end(), [](double w) { return !(w > kLeastRowWeight); }, 0.0);
   return LeastSquaresProblem(model, plain, free, unit).whitened(estimate);
 }
 
@@ -55,7 +55,7 @@ NoiseStrata::NoiseStrata(const Measurements& measurements, const ResidualOptions
   std::map<std::pair<std::int32_t, std::int32_t>, MeasuredCell> cells;
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& o = measurements.observations[row];
-    if (weight(row) > kLeastWeight) {
+    if (weight(row) > kLeastRowWeight) {
       MeasuredCell& cell = cells[{o.configuration, o.target}];
       cell.target = o.target;
       cell.weight += weight(row);
@@ -268,18 +268,18 @@ MatrixXd NoiseStrata::unknown_parts(PartsAsked asked) const {
 namespace {
 
 // Up to this many configurations are looked at.
-constexpr Eigen::Index kMostConfigurations = 2000;
+constexpr Eigen::Index kMostStrataConfigurations = 2000;
 
 }  // namespace
 
 NoiseSample sampled(const Measurements& measurements, const ResidualOptions& options) {
   const Index count = measurements.joint_values.cols();
-  if (count <= kMostConfigurations) {
+  if (count <= kMostStrataConfigurations) {
     return {.measurements = measurements, .options = options};
   }
   std::vector<bool> chosen(static_cast<std::size_t>(count), false);
-  for (Index i = 0; i < kMostConfigurations; ++i) {
-    chosen[static_cast<std::size_t>(i * count / kMostConfigurations)] = true;
+  for (Index i = 0; i < kMostStrataConfigurations; ++i) {
+    chosen[static_cast<std::size_t>(i * count / kMostStrataConfigurations)] = true;
   }
   const auto keep = [&](const Observation& o) { return chosen[static_cast<std::size_t>(o.configuration)]; };
   NoiseSample sample{.measurements = subset(measurements, keep), .options = options};
@@ -289,7 +289,7 @@ NoiseSample sampled(const Measurements& measurements, const ResidualOptions& opt
       sample.options.row_weights.push_back(options.row_weights[row]);
     }
   }
-  sample.share = static_cast<double>(kMostConfigurations) / static_cast<double>(count);
+  sample.share = static_cast<double>(kMostStrataConfigurations) / static_cast<double>(count);
   return sample;
 }
 

@@ -45,8 +45,8 @@ std::vector<std::vector<std::size_t>> visits_of(const Measurements& measurements
 }
 
 // A linear least squares problem that grows by six columns which are zero in front of a visit: sums over visits.
-struct Sums {
-  explicit Sums(Index columns) : cross(MatrixXd::Zero(columns, 6)), own(Matrix6::Zero()), right(Vector6::Zero()) {}
+struct OrderSums {
+  explicit OrderSums(Index columns) : cross(MatrixXd::Zero(columns, 6)), own(Matrix6::Zero()), right(Vector6::Zero()) {}
   void add(const MatrixXd& jacobian, const Eigen::Matrix<double, 3, 6>& columns, const Vector3d& residual) {
     cross += jacobian.transpose() * columns;
     own += columns.transpose() * columns;
@@ -115,14 +115,14 @@ public:
     }
     return result;
   }
-  void add(std::size_t row, const Eigen::Matrix<double, 3, 6>& columns, Sums& sums) const {
+  void add(std::size_t row, const Eigen::Matrix<double, 3, 6>& columns, OrderSums& sums) const {
     const Observation& o = observation(row);
     sums.add(jacobians_[static_cast<std::size_t>(o.configuration)][static_cast<std::size_t>(o.target)], columns,
              residuals_[row]);
   }
 
   // What columns with these sums take away of the squares beside all others.
-  Gain gain(const Sums& sums) const {
+  Gain gain(const OrderSums& sums) const {
     constexpr double kNothing = 1e-6;  // of what the columns are by themselves
     const MatrixXd rooted = root_ * sums.cross;
     const Matrix6 own = sums.own - rooted.transpose() * rooted;
@@ -251,9 +251,9 @@ double moved_points(const OrderedResiduals& residuals, const Candidate& found) {
 Candidate best_candidate(const OrderedResiduals& residuals, int targets) {
   constexpr Index kFewest = 2;  // visits on either side of a step
   Candidate best;
-  std::vector<Sums> of_target(static_cast<std::size_t>(targets), Sums(residuals.columns()));
-  Sums of_base(residuals.columns());
-  Sums drift(residuals.columns());
+  std::vector<OrderSums> of_target(static_cast<std::size_t>(targets), OrderSums(residuals.columns()));
+  OrderSums of_base(residuals.columns());
+  OrderSums drift(residuals.columns());
   const Index visits = residuals.visits();
   const double freedom = residuals.freedom_of_configurations(targets);
   for (Index visit = visits - 1; visit > 0; --visit) {

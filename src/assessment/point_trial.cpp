@@ -19,7 +19,7 @@ const Eigen::Isometry3d& pose_of(const std::vector<Eigen::Isometry3d>& X_BF, con
   return X_BF[static_cast<std::size_t>(observation.configuration)];
 }
 
-Vector3d mean_position(const Measurements& measurements) {
+Vector3d centroid(const Measurements& measurements) {
   Vector3d sum = Vector3d::Zero();
   for (const Observation& observation : measurements.observations) {
     sum += observation.position;
@@ -65,7 +65,7 @@ Measurements divided(Measurements measurements, const Vector3d& factors) {
 
 std::optional<Vector3d> coordinate_scales(const std::vector<Eigen::Isometry3d>& X_BF,
                                           const Measurements& measurements) {
-  const Vector3d centre = mean_position(measurements);
+  const Vector3d centre = centroid(measurements);
   Vector3d spread = Vector3d::Zero();
   for (const Observation& observation : measurements.observations) {
     spread += (observation.position - centre).cwiseAbs2();

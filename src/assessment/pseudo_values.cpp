@@ -9,7 +9,7 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr double kLeastWeight = 1e-6;
+constexpr double kUncountedWeight = 1e-6;
 
 // A third of the divergence of w(r) r in three dimensions, w + r w' / 3, where the loss gives the weight w.
 double slope(Loss loss, double w) {
@@ -38,10 +38,10 @@ PseudoValues pseudo_values(const ErrorModel& model, const Measurements& measurem
   PseudoValues result{.measurements = *training, .row_weights = {}};
   double sum = 0.0;
   for (const double weight : of_training) {
-    const bool counts = weight > kLeastWeight;
+    const bool counts = weight > kUncountedWeight;
     sum += counts ? slope(loss, weight) : 0.0;
     result.rows += counts ? 1.0 : 0.0;
-    result.row_weights.push_back(counts ? 1.0 : kLeastWeight);
+    result.row_weights.push_back(counts ? 1.0 : kUncountedWeight);
   }
   const double B = result.rows > 0.0 ? sum / result.rows : 1.0;
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, *training);

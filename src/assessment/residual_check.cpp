@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <limits>
 #include <map>
 #include <numbers>
 #include <optional>
@@ -14,6 +13,7 @@
 #include "assessment/change_points.hpp"
 #include "assessment/heavy_tails.hpp"
 #include "assessment/quality_findings.hpp"
+#include "base/number_range.hpp"
 #include "base/robust_statistics.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/input_check.hpp"
@@ -23,8 +23,6 @@ namespace {
 
 using Eigen::Index;
 using Eigen::Vector3d;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // Everything that the check of the residuals looks at, row by row.
 struct ResidualTable {

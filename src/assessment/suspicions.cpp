@@ -10,7 +10,6 @@
 #include "assessment/gain_trial.hpp"
 #include "assessment/order_check.hpp"
 #include "assessment/point_trial.hpp"
-#include "assessment/same_joint_values.hpp"
 #include "assessment/trial_fit.hpp"
 #include "assessment/trial_sample.hpp"
 #include "base/f_distribution.hpp"
@@ -19,6 +18,7 @@
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
+#include "kdl_calibration/same_poses.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -28,13 +28,13 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr std::size_t kMostConfigurations = 300;
+constexpr std::size_t kMostSampled = 300;
 constexpr std::size_t kMostPoses = 75;  // which are four points each
 constexpr int kSteps = 20;              // of a trial's fit
 constexpr double kThird = 1.0 / 3.0;
-constexpr double kByChance = 1e-4;            // of all readings together
+constexpr double kFalseAlarmRate = 1e-4;      // of all readings together
 constexpr double kNoMisfit = 1e-7;            // [m]
-constexpr double kLeastScale = 0.02;          // of points beside the nominal robot
+constexpr double kLeastFactor = 0.02;         // of points beside the nominal robot
 constexpr double kLeastCommonLength = 0.005;  // of fitted lengths that agree
 constexpr double kStandsStill = 0.05;         // of how far the flange moves
 
@@ -46,7 +46,7 @@ std::string in_mm(double metres) {
 
 // Pairs of configurations with the same joint values, one behind the other; where one is for tests it is the second.
 std::vector<std::pair<Index, Index>> twins_of(const Measurements& measurements) {
-  const std::vector<Index> first = first_at_same_values(measurements.joint_values);
+  const std::vector<Index> first = first_at_same_pose(measurements.joint_values);
   std::vector<bool> test(first.size(), false);
   for (const Observation& observation : measurements.observations) {
     test[static_cast<std::size_t>(observation.configuration)] = observation.split == Split::test;
@@ -152,7 +152,7 @@ bool explains(double other, double present, double freedom, double readings) {
     return false;
   }
   const double ratio = present / std::max(other, kNoMisfit * 1e-3);
-  return readings * f_upper_tail(ratio * ratio, freedom, freedom) < kByChance;
+  return readings * f_upper_tail(ratio * ratio, freedom, freedom) < kFalseAlarmRate;
 }
 
 // Of any reading, without a goal.
@@ -222,7 +222,7 @@ private:
       return;
     }
     // Lengths that are not fitted cannot take it up, see judge_lengths.
-    const double least = sample_.free.geometric().empty() ? kLeastCommonLength : kLeastScale;
+    const double least = sample_.free.geometric().empty() ? kLeastCommonLength : kLeastFactor;
     const std::optional<Vector3d> scales = coordinate_scales(X_BF_, sample_.measurements);
     if (scales) {
       const double common = std::cbrt(scales->prod());
@@ -356,7 +356,7 @@ private:
   // Length errors that are the same share of their links, as the fit would find them behind a wrong unit.
   void judge_lengths() {
     const CommonScale common = common_scale(model_, sample_.measurements, fit_, sample_.free);
-    if (!suspicions_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.chance > kByChance) {
+    if (!suspicions_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.chance > kFalseAlarmRate) {
       return;
     }
     const std::string units = units_of_factor(common.factor);
@@ -394,10 +394,14 @@ private:
     }
     const auto label = [&](Index c) { return measurements_.configurations[static_cast<std::size_t>(c)]; };
     const std::string more = twins.size() > 1 ? " (and " + std::to_string(twins.size() - 1) + " more)" : std::string();
+    const bool tested = is_tested(twins.front().second);
     suspicions_.push_back({.cause = "same_configuration",
-                           .message = "configurations " + label(twins.front().first) + " and " +
-                                      label(twins.front().second) + more +
-                                      " have the same joint values: repeats of one are expected under one label",
+                           .message = tested ? "test configuration " + label(twins.front().second) +
+                                                   " is at the pose of train configuration " +
+                                                   label(twins.front().first) + more + ": it tests no new pose"
+                                             : "configurations " + label(twins.front().first) + " and " +
+                                                   label(twins.front().second) + more +
+                                                   " are at the same pose: they are left out together",
                            .doubt = false});
     constexpr std::size_t kLookedAt = 20;
     const auto end = twins.begin() + static_cast<std::ptrdiff_t>(std::min(twins.size(), kLookedAt));
@@ -409,6 +413,13 @@ private:
                                         ": copied rows test nothing",
                              .doubt = false});
     }
+  }
+
+  bool is_tested(Index configuration) const {
+    const auto& rows = measurements_.observations;
+    return std::any_of(rows.begin(), rows.end(), [&](const Observation& o) {
+      return o.split == Split::test && o.configuration == configuration;
+    });
   }
 
   // Whether of twins one is for training, the other, told last, for tests and a point of both is the same.
@@ -448,7 +459,7 @@ std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& m
     return trial_sample(model, all, unknowns, most);
   };
   std::vector<Suspicion> found =
-      Inquiry(model, measurements, fit, sample(measurements, free, kMostConfigurations), options).verdict();
+      Inquiry(model, measurements, fit, sample(measurements, free, kMostSampled), options).verdict();
   const bool doubted = std::any_of(found.begin(), found.end(), [](const Suspicion& one) { return one.doubt; });
   if (!doubted && !measurements.orientations.empty()) {
     PosePoints points = pose_points(model, measurements, fit, free, options.registration);

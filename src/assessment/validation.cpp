@@ -8,12 +8,12 @@
 #include <utility>
 
 #include "assessment/folds.hpp"
-#include "assessment/same_joint_values.hpp"
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/random.hpp"
+#include "kdl_calibration/same_poses.hpp"
 
 namespace kdl_calibration {
 
@@ -125,10 +125,9 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
 
 namespace {
 
-// Configurations at the same joint values are one, whatever their labels; ordered by the first of each.
-std::vector<std::vector<Eigen::Index>> same_joint_values(const Measurements& measurements,
-                                                         const std::vector<bool>& trained) {
-  const std::vector<Eigen::Index> first = first_at_same_values(measurements.joint_values);
+// Configurations at the same pose are one, whatever their labels; ordered by the first of each.
+std::vector<std::vector<Eigen::Index>> same_poses(const Measurements& measurements, const std::vector<bool>& trained) {
+  const std::vector<Eigen::Index> first = first_at_same_pose(measurements.joint_values);
   constexpr auto kNowhere = std::numeric_limits<std::size_t>::max();
   std::vector<std::size_t> place(trained.size(), kNowhere);  // of the group that the first one stands for
   std::vector<std::vector<Eigen::Index>> result;
@@ -150,7 +149,7 @@ std::vector<std::vector<Eigen::Index>> same_joint_values(const Measurements& mea
 
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
   std::vector<std::vector<Eigen::Index>> configurations =
-      same_joint_values(measurements, trained_configurations(measurements));
+      same_poses(measurements, trained_configurations(measurements));
   const std::size_t count = configurations.size();
   const bool one_each = folds <= 0 || static_cast<std::size_t>(folds) >= count;
   if (!one_each) {  // Fisher-Yates

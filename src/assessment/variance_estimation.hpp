@@ -25,10 +25,12 @@ public:
 
   Eigen::Index unknowns() const { return task_.unknown.cols(); }
 
-  /// Restricted maximum likelihood (Patterson and Thompson 1971). False where it does not get there.
+  /// Restricted maximum likelihood (Patterson and Thompson 1971). False where it does not get there, or where the
+  /// residuals contradict what it found.
   bool maximise();
   /// The parts that the residuals of the solution with the weights of these variances have by expectation (minimum norm
-  /// quadratic unbiased estimation, Rao 1971, with those weights instead of the parts' own).
+  /// quadratic unbiased estimation, Rao 1971, with those weights instead of the parts' own); the likeliest parts where
+  /// the residuals contradict those. False where they contradict these as well.
   bool match(const NoiseParts::Variances& weights);
 
   /// How probable squares of the means as large as theirs, or larger, are of these variances.
@@ -56,6 +58,9 @@ private:
   Expectation expectation(const Solution& solution) const;
   Eigen::VectorXd scored();
   bool go_towards(const Eigen::VectorXd& x);
+  Eigen::VectorXd minorised() const;
+  bool agrees() const;
+  double freedom_of_residuals() const;
   void finish();
 
   VarianceTask task_;

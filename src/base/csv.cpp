@@ -12,7 +12,7 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr std::uintmax_t kLargestFile = std::uintmax_t{16} << 30U;
+constexpr std::uintmax_t kLargestCsvFile = std::uintmax_t{16} << 30U;
 constexpr std::size_t kLongestLine = std::size_t{1} << 20U;
 constexpr std::size_t kFileBuffer = 4 * kLongestLine;
 constexpr std::size_t kMostColumns = 10'000;
@@ -33,7 +33,7 @@ LineReader::LineReader(const std::filesystem::path& path)
   std::error_code error;
   const std::uintmax_t size = std::filesystem::file_size(path, error);
   if (!error) size_hint_ = static_cast<std::size_t>(size);
-  if (!error && size > kLargestFile) fail(source_, "larger than the limit of 16 GiB");
+  if (!error && size > kLargestCsvFile) fail(source_, "larger than the limit of 16 GiB");
 }
 
 bool LineReader::next(std::string_view& line) {
@@ -60,7 +60,7 @@ void LineReader::refill() {
   const std::size_t read = read_bytes(file_.get(), buffer_.get() + rest_.size(), free, source_);
   rest_ = {buffer_.get(), rest_.size() + read};
   read_ += read;
-  if (read_ > kLargestFile) fail(source_, "larger than the limit of 16 GiB");  // a pipe tells no size
+  if (read_ > kLargestCsvFile) fail(source_, "larger than the limit of 16 GiB");  // a pipe tells no size
   if (read < free) file_.reset();
 }
 

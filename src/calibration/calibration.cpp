@@ -26,7 +26,7 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr double kLeastWeight = 1e-9;  // as identify_robustly, so that nothing becomes undetermined by a weight
+constexpr double kLeastRobustWeight = 1e-9;  // as identify_robustly, so that nothing becomes undetermined by a weight
 constexpr Eigen::Index kMostConfigurationsJudged = 5000;  // one by one
 constexpr std::size_t kMostRowsScreened = 20000;          // beyond that only the distances between targets are checked
 
@@ -176,7 +176,7 @@ struct Chosen {
   FitOptions rigid_options;  // with the priors that are best without effects
 };
 
-constexpr double kExplained = 1e-10;  // [m] what leaves that little has nothing to learn
+constexpr double kNothingToLearn = 1e-10;  // [m] what leaves that little has nothing to learn
 
 ChoiceTask choice_task(const Chosen& chosen, const Measurements& measurements, const CalibrationOptions& options,
                        double orientation_length) {
@@ -198,7 +198,7 @@ void choose(const FitTask& rigid, Chosen& chosen, Setting& setting, Weighing& we
   const bool automatic = rigid.options.automatic_priors || rigid.options.effects.automatic;
   const bool open = automatic && chosen.fit.free != chosen.fit.candidates;
   if (choice_is_open(rigid.options) && rigid.options.method == Method::joint && arrived(found) &&
-      found.rms > kExplained && !open) {
+      found.rms > kNothingToLearn && !open) {
     chosen.choice = choose_effects(
         choice_task(chosen, rigid.measurements, rigid.options, weighing.fit.joint.residuals.orientation_length));
   }
@@ -255,12 +255,12 @@ std::optional<Identifiability> rigid_identifiability(const FitTask& task, const 
   return identifiability(problem.whitened_summary(estimate).triangle, rigid.names());
 }
 
-Judgement judge(const FitTask& task, const WholeFit& fitted, const EstimatedNoise& estimated) {
+Judgement assess_fit(const FitTask& task, const WholeFit& fitted, const EstimatedNoise& estimated) {
   const Estimate& estimate = fitted.identification.estimate;
   ResidualOptions residuals = task.fit_options.joint.residuals;
   residuals.row_weights = fitted.robust.weights;
   for (double& weight : residuals.row_weights) {
-    weight = std::max(weight, kLeastWeight);
+    weight = std::max(weight, kLeastRobustWeight);
   }
   const LeastSquaresProblem problem(task.model, task.measurements, fitted.free, residuals);
   const WhitenedSummary system = problem.whitened_summary(estimate);
@@ -427,6 +427,22 @@ EstimatedNoise weigh_by_what_is_left(const FitTask& task, WholeFit& fitted, Weig
   return estimated;
 }
 
+// One by one, in what is small enough for that.
+void find_gross_rows(const FitTask& task, const WholeFit& fitted, Calibration& result) {
+  constexpr Eigen::Index kMostConfigurations = 2000;
+  constexpr Eigen::Index kMostUnknowns = 200;
+  if (task.measurements.joint_values.cols() > kMostConfigurations || fitted.free.size() > kMostUnknowns) {
+    return;
+  }
+  GrossRows found = kdl_calibration::find_gross_rows({.model = task.model,
+                                                      .measurements = task.measurements,
+                                                      .start = fitted.identification.estimate,
+                                                      .free = fitted.free,
+                                                      .options = task.fit_options});
+  result.gross_rows = std::move(found.rows);
+  result.misfit_without_gross_rows = found.rms_without;
+}
+
 }  // namespace
 
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
@@ -446,7 +462,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   const bool plain = options.method == Method::joint && options.loss == Loss::none;
   const bool smallest = plain && options.model == ModelChoice::complete &&
                         take_smallest_errors(task, weighing.fit.joint.residuals, fitted);
-  Judgement judged = judge(task, fitted, estimated);
+  Judgement judged = assess_fit(task, fitted, estimated);
   note_what_is_open(judged, options, fitted.identification);
   const ChoiceTask choices = choice_task(chosen, training, options, weighing.fit.joint.residuals.orientation_length);
   const Compared compared{.task = task,
@@ -463,6 +479,9 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   HeldOutErrors held_out = hold_out(compared, comparison);
 
   Calibration result;
+  if (plain && fitted.identification.termination != Termination::diverged) {
+    find_gross_rows(task, fitted, result);
+  }
   result.model = setting.model;
   result.minimum_norm = smallest;
   result.findings = std::move(findings);
@@ -484,9 +503,15 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   fitted.robust.weights = rows.among_all(std::move(fitted.robust.weights), 1.0);
   put(std::move(fitted), result);
   put(std::move(judged), result);
+  const std::size_t not_compared = chosen.choice.not_compared;
   put(std::move(chosen), weighing, result);
   put(std::move(comparison), result);
   put(std::move(held_out), result);
+  if (not_compared > 0) {
+    result.warnings.push_back("models were compared without " + std::to_string(not_compared) +
+                              (not_compared == 1 ? " point, whose target" : " points, whose targets") +
+                              " no other fold of the cross-validation has");
+  }
   judge_as_a_whole(setting, measurements, options, result);
   return result;
 }

@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <functional>
 #include <map>
 #include <numbers>
@@ -133,6 +134,7 @@ public:
         route.worth = std::move(with_sizes);
       }
     }
+    result.not_compared = static_cast<std::size_t>(appraisal_.not_compared());
     result.rigid_priors = appraisal_.priors_of(route.worth, route.model.sized);
     if (options.effects.automatic) {
       add_what_helps(route, tried);
@@ -431,12 +433,22 @@ std::vector<double> nested_distances(const ChoiceTask& task, const std::function
     const Candidate candidate = with_terms(task.model, task.free, chosen.terms, false);
     const Measurements fold = subset(means, is_left_out);
     const LinearRows left = linear_rows(candidate, fold, task.optimum, task.orientation_length);
+    std::vector<bool> known(means.targets.size(), false);  // by the rest or by the user
+    for (const Observation& o : rest.observations) {
+      known[static_cast<std::size_t>(o.target)] = true;
+    }
+    for (std::size_t k = 0; k < known.size(); ++k) {
+      const std::array<int, 6> columns = task.free.target_columns(k);
+      known[k] = known[k] || std::all_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+    }
     if (chosen.values.size() == left.J.cols()) {
       const VectorXd error = (left.y - left.J * chosen.values) * left.unit;
       std::vector<Index> next(left.first.begin(), left.first.end());  // position rows come first
       for (const Observation& o : fold.observations) {
         Index& row = next[static_cast<std::size_t>(o.configuration)];
-        distances[f].push_back(error.segment<3>(row).norm());
+        if (known[static_cast<std::size_t>(o.target)]) {
+          distances[f].push_back(error.segment<3>(row).norm());
+        }
         row += 3;
       }
     }

@@ -2,9 +2,12 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <numeric>
+#include <set>
 #include <utility>
 
 #include "base/parallel.hpp"
@@ -23,12 +26,25 @@ using Eigen::VectorXd;
 
 constexpr std::size_t kMostSingleFolds = 40;
 constexpr int kFolds = 10;
-constexpr double kEvidence = 2.0;     // that makes a model likelier
-constexpr double kOfAnEffect = 7.0;   // of several that are looked at one is likelier by chance
-constexpr double kWorthwhile = 0.98;  // of the held-out RMS
-constexpr double kRounding = 1e-9;    // [m] of the numbers in a file
-constexpr double kLeastPrior = 1e-7;  // [m or rad]
-constexpr double kEquations = 1.1;    // for every column
+constexpr double kEvidence = 2.0;       // that makes a model likelier
+constexpr double kOfAnEffect = 7.0;     // of several that are looked at one is likelier by chance
+constexpr double kWorthwhile = 0.98;    // of the held-out RMS
+constexpr double kFileRounding = 1e-9;  // [m] of the numbers in a file
+constexpr double kLeastPrior = 1e-7;    // [m or rad]
+constexpr double kEquations = 1.1;      // for every column
+
+// Unknowns of targets that the sums say nothing about are no unknowns there.
+std::vector<Index> told_columns(const Candidate& candidate, const LinearSums& sums, const LinearSums& all) {
+  constexpr double kTold = 1e-9;  // of the information of all rows
+  std::vector<Index> columns;
+  for (Index c = 0; c < sums.information.cols(); ++c) {
+    const bool of_target = candidate.free.columns()[static_cast<std::size_t>(c)].group == UnknownGroup::targets;
+    if (!of_target || sums.information(c, c) > kTold * all.information(c, c)) {
+      columns.push_back(c);
+    }
+  }
+  return columns;
+}
 
 std::vector<Index> all_of(Index count) {
   std::vector<Index> columns(static_cast<std::size_t>(count));
@@ -83,7 +99,22 @@ Appraisal::Appraisal(const ChoiceTask& task, const Measurements& means, int thre
     : task_(task), means_(means), threads_(threads), is_told_(is_told) {
   const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
   folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);
-  points_ = static_cast<double>(means_.observations.size());
+  // A target that one fold alone has cannot be predicted from the others, by no model.
+  std::map<std::int32_t, std::pair<std::set<std::size_t>, std::size_t>> folds_and_points_of;
+  for (std::size_t f = 0; f < folds_.size(); ++f) {
+    for (const Observation& o : means_.observations) {
+      if (std::find(folds_[f].begin(), folds_[f].end(), o.configuration) != folds_[f].end()) {
+        auto& [folds, points] = folds_and_points_of[o.target];
+        folds.insert(f);
+        ++points;
+      }
+    }
+  }
+  for (const auto& [target, of_target] : folds_and_points_of) {
+    const std::array<int, 6> columns = task_.free.target_columns(static_cast<std::size_t>(target));
+    const bool is_known = std::all_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+    (of_target.first.size() > 1 || is_known ? points_ : not_compared_) += static_cast<double>(of_target.second);
+  }
 }
 
 Worth Appraisal::worth_of(const ModelInQuestion& model, TriedModels& tried, double wanted) const {
@@ -95,9 +126,9 @@ Worth Appraisal::worth_of(const ModelInQuestion& model, TriedModels& tried, doub
     return worth;
   }
   const Index configurations = static_cast<Index>(rows.first.size()) - 1;
-  const std::vector<Index> columns = all_of(rows.J.cols());
   LinearSums all = sums_of(rows, all_of(configurations));
-  const double rounding = kRounding / rows.unit;
+  const std::vector<Index> columns = told_columns(candidate, all, all);
+  const double rounding = kFileRounding / rows.unit;
   const SizeEstimator whole(all, columns, worth.groups.columns);
   if (!whole.is_determined()) {
     return worth;
@@ -140,13 +171,15 @@ double Appraisal::motion_of(const Candidate& candidate, const VectorXd& values) 
 
 void Appraisal::predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, Worth& worth,
                               const std::function<void()>& after_fold) const {
-  const std::vector<Index> columns = all_of(rows.J.cols());
-  const double rounding = kRounding / rows.unit;
+  const double rounding = kFileRounding / rows.unit;
   worth.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
   std::vector<int> predicted(folds_.size(), 0);
   parallel_for(folds_.size(), threads_, [&](std::size_t f) {
     LinearSums without = all;
     without -= sums_of(rows, folds_[f]);
+    const std::vector<Index> columns = told_columns(candidate, without, all);
+    std::vector<Index> untold = all_of(rows.J.cols());
+    std::erase_if(untold, [&](Index c) { return std::binary_search(columns.begin(), columns.end(), c); });
     const SizeEstimator rest(without, columns, worth.groups.columns);
     if (!rest.is_determined()) {
       return;
@@ -158,7 +191,11 @@ void Appraisal::predict_folds(const Candidate& candidate, const LinearRows& rows
       certainty.withhold(means_.joint_values.col(c), x);
       const Index first = rows.first[static_cast<std::size_t>(c)];
       const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
-      worth.squares[c] = (rows.y.segment(first, count) - rows.J.middleRows(first, count) * x).squaredNorm();
+      VectorXd error = rows.y.segment(first, count) - rows.J.middleRows(first, count) * x;
+      for (const Index column : untold) {
+        error = (rows.J.col(column).segment(first, count).array() != 0.0).select(0.0, error);
+      }
+      worth.squares[c] = error.squaredNorm();
     }
     predicted[f] = 1;
     if (after_fold) {

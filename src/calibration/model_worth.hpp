@@ -76,6 +76,9 @@ public:
   Worth worth_of(const ModelInQuestion& model, TriedModels& tried,
                  double wanted = -std::numeric_limits<double>::infinity()) const;
 
+  /// Points of targets that one fold alone has: no model is compared by them.
+  double not_compared() const { return not_compared_; }
+
   /// The rigid parameters' own where they are sized, else those of the options.
   Priors priors_of(const Worth& worth, bool sized) const;
 
@@ -89,7 +92,8 @@ private:
   int threads_;
   bool is_told_;
   std::vector<std::vector<Eigen::Index>> folds_;
-  double points_ = 0.0;
+  double points_ = 0.0;  ///< that models are compared by
+  double not_compared_ = 0.0;
 };
 
 }  // namespace kdl_calibration

@@ -97,14 +97,14 @@ Eigen::Vector3d stated_sigma_of_points(const Measurements& measurements, const N
 }
 
 // Of a system's residuals.
-struct Scatter {
+struct MeasuredScatter {
   double points = 0.0;    // with weight
   double variance = 0.0;  // of unit weight
   double factor = 1.0;    // of the covariance beside that
 };
 
 // The covariance and the report of noise that is stated, or else in the residuals of this system.
-NoiseAssessment without_parts(const FitTask& task, const FittedSystem& fitted, const Scatter& scatter,
+NoiseAssessment without_parts(const FitTask& task, const FittedSystem& fitted, const MeasuredScatter& scatter,
                               NoiseReport noise) {
   NoiseAssessment result;
   const auto [points, variance, factor] = scatter;

@@ -32,7 +32,7 @@ Matrix3d log_derivative(const Vector3d& r) {
   return Matrix3d::Identity() + 0.5 * S + factor * S * S;
 }
 
-constexpr double kByChance = 1.1;  // ratio of held-out errors
+constexpr double kChanceRatio = 1.1;  // ratio of held-out errors
 
 // What the printed six values of a frame change per unit of its columns.
 Eigen::Matrix<double, 6, 6> printed_frame(const Matrix3d& position, const Matrix3d& rotation) {
@@ -160,7 +160,7 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   const bool with_priors = fit.free.prior_information(residuals.priors).any();
   const std::optional<FitProblem> weighed =
       parts.converged ? weighed_by(parts.model(options.noise), plain) : std::nullopt;
-  if (!weighed || do_harm(*weighed, plain, parts, with_priors ? kByChance : 1.0)) {
+  if (!weighed || do_harm(*weighed, plain, parts, with_priors ? kChanceRatio : 1.0)) {
     const bool misfits = !parts.converged || parts.estimates_misfit();
     parts = noise_beside_weights(plain, options.noise, misfits);
   } else {

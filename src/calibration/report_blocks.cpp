@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <numbers>
 #include <numeric>
 #include <set>
 #include <utility>
 
+#include "base/number_range.hpp"
 #include "base/thinned.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -24,7 +24,6 @@ using Eigen::Vector3d;
 
 constexpr std::size_t kLargestShown = 200;
 constexpr int kCurvePoints = 61;
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr std::size_t kMostCorrelated = 14;  // parameters in the matrix
 constexpr std::size_t kStrongestPairs = 12;
 

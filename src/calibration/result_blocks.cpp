@@ -42,7 +42,7 @@ Json frame_block(const Eigen::Isometry3d& frame, bool with_orientation) {
 }
 
 // Null where a number is none.
-Json finite_array(const Eigen::Vector3d& v) { return v.allFinite() ? array(v) : Json(nullptr); }
+Json array_or_null(const Eigen::Vector3d& v) { return v.allFinite() ? array(v) : Json(nullptr); }
 
 Json files_json(const std::vector<HashedFile>& files) {
   Json result = Json::array();
@@ -124,7 +124,7 @@ Json held_out_points_json(const Measurements& measurements, const Calibration& c
   for (const HeldOutPoint& point : points) {
     result.push_back({{"configuration", measurements.configurations[static_cast<std::size_t>(point.configuration)]},
                       {"target", measurements.targets[static_cast<std::size_t>(point.target)]},
-                      {"residual", finite_array(point.residual)},
+                      {"residual", array_or_null(point.residual)},
                       {"distance", finite_or_null(point.residual.norm())}});
   }
   return result;

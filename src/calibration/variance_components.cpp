@@ -8,11 +8,11 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr int kRounds = 10;
-constexpr double kSettled = 1e-2;       // relative change of the length
-constexpr double kRounding = 1e-10;     // [m] residuals that tell nothing
-constexpr double kLeastFreedom = 10.0;  // with less a variance is a guess
-constexpr double kLongest = 100.0;      // [m]
+constexpr int kLengthRounds = 10;
+constexpr double kSettledLength = 1e-2;           // relative change of the length
+constexpr double kExactFit = 1e-10;               // [m] residuals that tell nothing
+constexpr double kLeastFreedomOfVariance = 10.0;  // with less a variance is a guess
+constexpr double kLongest = 100.0;                // [m]
 constexpr double kShortest = 1e-3;
 
 // u of the orientations over u of the positions, at one fit.
@@ -36,7 +36,8 @@ std::optional<double> ratio_of_variances(const FitTask& task, const Unknowns& fr
   const double freedom_o = rows - rows_p - trace_o;
   const double cost_p = N_p.cost - positions.cost_of_repeats();
   const double cost_o = N.cost - N_p.cost;
-  if (!(freedom_p > kLeastFreedom) || !(freedom_o > kLeastFreedom) || !(cost_p > 0.0) || !(cost_o > 0.0)) {
+  if (!(freedom_p > kLeastFreedomOfVariance) || !(freedom_o > kLeastFreedomOfVariance) || !(cost_p > 0.0) ||
+      !(cost_o > 0.0)) {
     return std::nullopt;
   }
   return (cost_o / freedom_o) / (cost_p / freedom_p);
@@ -48,9 +49,9 @@ double orientation_length_of_residuals(const FitTask& task, const Unknowns& free
   JointOptions joint = task.fit_options.joint;
   double& length = joint.residuals.orientation_length;
   Estimate estimate = task.start;
-  for (int round = 0; round < kRounds && !task.measurements.orientations.empty(); ++round) {
+  for (int round = 0; round < kLengthRounds && !task.measurements.orientations.empty(); ++round) {
     const Identification found = identify_jointly(task.model, task.measurements, estimate, free, joint);
-    if (found.rms < kRounding || found.termination == Termination::diverged) {
+    if (found.rms < kExactFit || found.termination == Termination::diverged) {
       return task.fit_options.joint.residuals.orientation_length;
     }
     estimate = found.estimate;
@@ -59,7 +60,7 @@ double orientation_length_of_residuals(const FitTask& task, const Unknowns& free
       return task.fit_options.joint.residuals.orientation_length;
     }
     const double next = std::clamp(length / std::sqrt(*ratio), kShortest, kLongest);
-    const bool settled = std::abs(next - length) < kSettled * length;
+    const bool settled = std::abs(next - length) < kSettledLength * length;
     length = next;
     if (settled) {
       break;

@@ -130,7 +130,7 @@ Unknowns parameters_of(const FitTask& task, const std::vector<std::string>& name
   return Unknowns(task.model, task.start.targets, names).with(task.model, UnknownGroup::effects, effects.effects());
 }
 
-constexpr double kRounding = 1e-10;  // [m] misfits below that differ by rounding alone
+constexpr double kEqualMisfits = 1e-10;  // [m] misfits below that differ by rounding alone
 
 // Whether the complete set would explain most of a misfit that is more than rounding.
 bool has_more_to_explain(const FitTask& task, const Unknowns& complete, const WholeFit& fit) {
@@ -138,14 +138,14 @@ bool has_more_to_explain(const FitTask& task, const Unknowns& complete, const Wh
   constexpr long kFreedom = 20;  // fewer equations than that beyond the unknowns leave nothing to explain
   constexpr Eigen::Index kMany = 20000;
   const LeastSquaresProblem problem(task.model, task.measurements, complete, task.fit_options.joint.residuals);
-  if (fit.identification.rms < kRounding || problem.equations() < problem.columns() + kFreedom ||
+  if (fit.identification.rms < kEqualMisfits || problem.equations() < problem.columns() + kFreedom ||
       task.measurements.joint_values.cols() > kMany) {
     return false;
   }
   return promised_share(problem, fit.identification.estimate) > kMost;
 }
 
-constexpr double kExplained = 0.005;  // [m] a misfit beyond that is not one of the geometry
+constexpr double kBeyondGeometry = 0.005;  // [m] a misfit beyond that is not one of the geometry
 
 // The complete set from the start, then what the measurements determine there.
 WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, const Unknowns& candidates) {
@@ -164,10 +164,10 @@ WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, co
                            .options = task.options,
                            .fit_options = task.fit_options};
   const Fitted narrow = identify_in_gauge(from_there, result.candidates, result.free, Steps::plain);
-  if (arrived(narrow.identification) && narrow.identification.rms <= std::max(wide.rms, kRounding)) {
+  if (arrived(narrow.identification) && narrow.identification.rms <= std::max(wide.rms, kEqualMisfits)) {
     result.identification = narrow.identification;
   } else if (wide.termination == Termination::converged) {
-    const bool explained = wide.rms < kExplained;
+    const bool explained = wide.rms < kBeyondGeometry;
     result.identification.termination = explained ? Termination::rank_deficient : Termination::stalled;
     result.identification.message =
         explained

@@ -32,7 +32,7 @@
 namespace kdl_calibration::cli {
 namespace {
 
-struct Arguments {
+struct CalibrateArguments {
   RobotArguments robot;
   MeasurementArguments measurements;
   std::string output;
@@ -59,7 +59,7 @@ struct Arguments {
   bool json = false;
 };
 
-std::vector<OutputFile> outputs(const Arguments& arguments) {
+std::vector<OutputFile> outputs(const CalibrateArguments& arguments) {
   std::vector<OutputFile> files;
   for (const auto& [option, path] :
        {std::pair{"--output", &arguments.output}, std::pair{"--result", &arguments.result},
@@ -90,7 +90,7 @@ std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std:
 }
 
 // Every file that took part, in the words of the options.
-std::vector<HashedFile> files_read(const Arguments& arguments, const Robot& robot) {
+std::vector<HashedFile> files_read(const CalibrateArguments& arguments, const Robot& robot) {
   const MeasurementArguments& measured = arguments.measurements;
   std::vector<HashedFile> files = {{.role = "urdf", .path = robot.source, .sha256 = sha256(robot.urdf)}};
   for (const auto& [role, path] :
@@ -115,7 +115,7 @@ Eigen::Vector3d axis_values(const std::vector<double>& values, const std::string
   return values.size() == 1 ? Eigen::Vector3d::Constant(values[0]) : Eigen::Vector3d(values[0], values[1], values[2]);
 }
 
-NoiseModel noise_model(const Arguments& arguments) {
+NoiseModel noise_model(const CalibrateArguments& arguments) {
   NoiseModel noise = arguments.options.noise;
   noise.independent = axis_values(arguments.noise_independent, "--noise-independent");
   if (!noise.independent.isZero(0.0) && noise.independent.minCoeff() == 0.0) {
@@ -137,7 +137,7 @@ KDL::Vector gravity_of(const std::vector<double>& direction) {
   return {g[0] / g.norm(), g[1] / g.norm(), g[2] / g.norm()};
 }
 
-CalibrationOptions calibration_options(const Arguments& arguments, const Measurements& measurements) {
+CalibrationOptions calibration_options(const CalibrateArguments& arguments, const Measurements& measurements) {
   CalibrationOptions options = arguments.options;
   options.method = arguments.method == "joint" ? Method::joint : Method::two_step;
   options.model = arguments.model == "irreducible" ? ModelChoice::irreducible : ModelChoice::complete;
@@ -186,7 +186,7 @@ void name_options(std::vector<Doubt>& doubts) {
   }
 }
 
-std::string table(const Arguments& arguments, const Robot& robot, const Measurements& measurements,
+std::string table(const CalibrateArguments& arguments, const Robot& robot, const Measurements& measurements,
                   const Calibration& calibration) {
   TableOptions options{.fixed = "fixed by --fix"};
   for (const OutputFile& file : outputs(arguments)) {
@@ -202,7 +202,7 @@ std::string table(const Arguments& arguments, const Robot& robot, const Measurem
 }
 
 // On standard error, but for what the table has just said on the same terminal.
-void say_what_is_doubted(const Arguments& arguments, const Calibration& calibration) {
+void say_what_is_doubted(const CalibrateArguments& arguments, const Calibration& calibration) {
   const bool just_said = !arguments.json && ::isatty(STDOUT_FILENO) == 1 && ::isatty(STDERR_FILENO) == 1;
   if (!just_said) {
     for (const Doubt& doubt : calibration.doubts) {
@@ -248,8 +248,9 @@ JudgedResult judged_result(std::string text, const std::vector<Requirement>& req
 bool shows_the_result(const OutputFile& file) { return file.option == "--result" || file.option == "--report"; }
 
 // Fills the files beside the result, which names their hashes.
-Provenance filled_beside_result(const Arguments& arguments, const Robot& robot, const Measurements& measurements,
-                                const Calibration& calibration, std::vector<OutputFile>& files) {
+Provenance filled_beside_result(const CalibrateArguments& arguments, const Robot& robot,
+                                const Measurements& measurements, const Calibration& calibration,
+                                std::vector<OutputFile>& files) {
   Provenance provenance{.notes = notes_of(arguments.notes), .files_read = files_read(arguments, robot)};
   for (OutputFile& file : files) {
     if (shows_the_result(file)) {
@@ -263,7 +264,7 @@ Provenance filled_beside_result(const Arguments& arguments, const Robot& robot, 
   return provenance;
 }
 
-ExitStatus run(const Arguments& arguments) {
+ExitStatus run(const CalibrateArguments& arguments) {
   const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);  // refused before the work
   notes_of(arguments.notes);                                                                 // as are these
   std::vector<OutputFile> files = outputs(arguments);
@@ -319,7 +320,7 @@ void refuse_old_names(CLI::App& app) {
   }
 }
 
-void add_fit_options(CLI::App& app, Arguments& arguments) {
+void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
   app.add_option("--method", arguments.method, "Estimator: joint or two-step")
       ->type_name("NAME")
       ->check(one_of({"joint", "two-step"}))
@@ -365,7 +366,7 @@ void add_fit_options(CLI::App& app, Arguments& arguments) {
   refuse_old_names(app);
 }
 
-void add_noise_options(CLI::App& app, Arguments& arguments) {
+void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
   app.add_option("--loss", arguments.loss, "Down-weight outliers: none, huber or tukey")
       ->type_name("NAME")
       ->check(one_of({"none", "huber", "tukey"}))
@@ -420,7 +421,7 @@ void add_groups(CLI::App& app) {
 
 Subcommand add_calibrate(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("calibrate", "Finds the geometric errors that explain measurements");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<CalibrateArguments>();
   add_robot_options(*app, arguments->robot);
   add_measurement_options(*app, arguments->measurements);
   add_file(*app, "--output", arguments->output, "Write the calibrated URDF");

@@ -13,7 +13,7 @@
 namespace kdl_calibration::cli {
 namespace {
 
-struct Arguments {
+struct FkArguments {
   ArmAtJoints arm;
   bool frames = false;
 };
@@ -96,7 +96,7 @@ std::string table(const Robot& robot, const std::vector<NamedFrame>& frames) {
   return text;
 }
 
-ExitStatus run(const Arguments& arguments) {
+ExitStatus run(const FkArguments& arguments) {
   const auto& [robot_arguments, joints, result, as_json] = arguments.arm;
   Robot robot = load(robot_arguments);
   Eigen::VectorXd q = joint_values(robot, joints);
@@ -117,7 +117,7 @@ ExitStatus run(const Arguments& arguments) {
 
 Subcommand add_fk(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("fk", "Forward kinematics at joint values, nominal or calibrated");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<FkArguments>();
   add_arm_at_joints(*app, arguments->arm);
   app->add_flag("--frames", arguments->frames, "Show the frame of every link, not the tip's alone (JSON always does)");
   add_example(*app, "kdlcal fk --joints 0,10,-20,0,45,0 --degrees --frames");

@@ -60,7 +60,7 @@ std::string table(const Robot& robot, const ManipulatorJacobians& jacobians) {
          Json(jacobians.largest_difference).dump() + "\n";
 }
 
-struct Arguments {
+struct JacobianArguments {
   ArmAtJoints arm;
   bool identification = false;
   std::string configuration_file;
@@ -71,14 +71,14 @@ struct Arguments {
   bool force = false;
 };
 
-Eigen::VectorXd errors_at(const Arguments& arguments, const Robot& robot, const ErrorModel& model) {
+Eigen::VectorXd errors_at(const JacobianArguments& arguments, const Robot& robot, const ErrorModel& model) {
   return arguments.arm.result.empty()
              ? Eigen::VectorXd(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())))
              : load_calibration(arguments.arm.result, robot).estimate.errors;
 }
 
 // Base and targets as the result has them; else W is the base frame, and the targets are the published ones.
-Estimate estimate_at(const Arguments& arguments, const Robot& robot, const ErrorModel& model) {
+Estimate estimate_at(const JacobianArguments& arguments, const Robot& robot, const ErrorModel& model) {
   Estimate estimate{.errors = errors_at(arguments, robot, model), .targets = published_targets(arguments.targets)};
   if (!arguments.arm.result.empty()) {
     estimate.X_WB = read_base(arguments.arm.result);
@@ -93,7 +93,7 @@ Estimate estimate_at(const Arguments& arguments, const Robot& robot, const Error
   return estimate;
 }
 
-Unknowns free_at(const Arguments& arguments, const ErrorModel& model, const std::vector<TargetFrame>& targets) {
+Unknowns free_at(const JacobianArguments& arguments, const ErrorModel& model, const std::vector<TargetFrame>& targets) {
   std::vector<std::string> names = reduced_model(model, targets).kept;
   if (arguments.model == "complete") {
     for (const ErrorParameter& parameter : model.parameters) {
@@ -103,7 +103,7 @@ Unknowns free_at(const Arguments& arguments, const ErrorModel& model, const std:
   return {model, targets, names};
 }
 
-void take_configurations(const Arguments& arguments, const Robot& robot, IdentificationAt& at) {
+void take_configurations(const JacobianArguments& arguments, const Robot& robot, IdentificationAt& at) {
   if (arguments.configuration_file.empty()) {
     at.configurations = {"1"};
     at.joint_values = joint_values(robot, arguments.arm.joints);
@@ -119,7 +119,7 @@ void take_configurations(const Arguments& arguments, const Robot& robot, Identif
   at.joint_values = read.joint_values;
 }
 
-ExitStatus run_identification(const Arguments& arguments) {
+ExitStatus run_identification(const JacobianArguments& arguments) {
   std::vector<OutputFile> files;
   if (!arguments.output.empty()) {
     files.push_back({.option = "--output", .path = arguments.output, .text = {}});
@@ -147,7 +147,7 @@ ExitStatus run_identification(const Arguments& arguments) {
   return done;
 }
 
-void require_sound(const Arguments& arguments) {
+void require_sound(const JacobianArguments& arguments) {
   const bool joints = !arguments.arm.joints.joints.empty();
   if (!arguments.identification && (!arguments.configuration_file.empty() || !arguments.output.empty())) {
     throw InputError(std::string("jacobian: ") + (arguments.output.empty() ? "--configuration-file" : "--output") +
@@ -160,7 +160,7 @@ void require_sound(const Arguments& arguments) {
   }
 }
 
-ExitStatus run(const Arguments& arguments) {
+ExitStatus run(const JacobianArguments& arguments) {
   require_sound(arguments);
   if (arguments.identification) {
     return run_identification(arguments);
@@ -177,7 +177,7 @@ ExitStatus run(const Arguments& arguments) {
 
 Subcommand add_jacobian(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("jacobian", "The manipulator Jacobian at joint values, by three routes");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<JacobianArguments>();
   add_arm_at_joints(*app, arguments->arm);
   app->get_option("--joints")->required(false);
   app->add_flag("--identification", arguments->identification,

@@ -11,6 +11,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/same_poses.hpp"
 
 namespace kdl_calibration::cli {
 
@@ -18,6 +19,8 @@ namespace fs = std::filesystem;
 
 void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
   add_file(app, "--measurements", arguments.measurements, "Measured points or poses (CSV)")->required();
+  add_list(app, "--exclude", arguments.exclude, "Configurations, or points of them, that are left out")
+      ->type_name("CONFIGURATION[:TARGET],...");
   add_file(app, "--joint-convention", arguments.joint_convention,
            "How the controller's joint values become the URDF's (JSON)");
   add_file(app, "--known-base", arguments.known_base,
@@ -27,11 +30,10 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
 }
 
 Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
-  if (arguments.joint_convention.empty()) {
-    return read_measurements(robot, arguments.measurements);
-  }
-  const JointConvention convention = read_joint_convention(arguments.joint_convention);
-  return read_measurements(robot, arguments.measurements, &convention);
+  const std::optional<JointConvention> convention = convention_of(arguments);
+  const Measurements measurements =
+      read_measurements(robot, arguments.measurements, convention ? &*convention : nullptr);
+  return with_poses_joined(arguments.exclude.empty() ? measurements : without_rows(measurements, arguments.exclude));
 }
 
 void add_tracker_noise(CLI::App& app, std::vector<double>& values) {

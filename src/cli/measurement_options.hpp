@@ -15,9 +15,10 @@
 
 namespace kdl_calibration::cli {
 
-/// --measurements, --joint-convention, --known-base, --known-targets
+/// --measurements, --exclude, --joint-convention, --known-base, --known-targets
 struct MeasurementArguments {
   std::string measurements;
+  std::vector<std::string> exclude;
   std::string joint_convention;
   std::string known_base;
   std::string known_targets;

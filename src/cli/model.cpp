@@ -13,7 +13,7 @@
 namespace kdl_calibration::cli {
 namespace {
 
-struct Arguments {
+struct ModelArguments {
   RobotArguments robot;
   int targets = 3;
   bool poses = false;
@@ -41,7 +41,8 @@ std::string followers(const Robot& robot) {
   return text.empty() ? "" : " (" + text + ")";
 }
 
-std::string table(const Robot& robot, const ErrorModel& model, const Arguments& arguments, const Reduction& reduction) {
+std::string table(const Robot& robot, const ErrorModel& model, const ModelArguments& arguments,
+                  const Reduction& reduction) {
   std::string complete;
   for (const ErrorParameter& parameter : model.parameters) {
     complete += (complete.empty() ? "" : " ") + parameter.name;
@@ -67,7 +68,7 @@ std::string table(const Robot& robot, const ErrorModel& model, const Arguments& 
   return text;
 }
 
-ExitStatus run(const Arguments& arguments) {
+ExitStatus run(const ModelArguments& arguments) {
   const Robot robot = load(arguments.robot);
   const ErrorModel model = complete_model(robot);
   std::vector<TargetFrame> targets = generic_targets(arguments.targets);
@@ -83,7 +84,7 @@ ExitStatus run(const Arguments& arguments) {
 
 Subcommand add_model(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("model", "What of the robot's geometry can be calibrated");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<ModelArguments>();
   add_robot_options(*app, arguments->robot);
   app->add_option("--targets", arguments->targets, "Number of measured targets on the tool")
       ->type_name("N")

@@ -30,7 +30,7 @@ using Eigen::Index;
 constexpr int kConfigurations = 30;
 constexpr int kMostForAccuracy = 500;
 
-struct Arguments {
+struct PlanArguments {
   RobotArguments robot;
   CellArguments cell;
   std::string joint_convention;
@@ -70,7 +70,7 @@ struct Setting {
 };
 
 // Targets of the result, or of the measured file on the nominal robot, as far as no file gives them.
-FacingTargets targets(const Arguments& arguments, const ErrorModel& model, const PlanRequest& request) {
+FacingTargets targets(const PlanArguments& arguments, const ErrorModel& model, const PlanRequest& request) {
   if (!arguments.target_file.empty()) {
     return read_facing_targets(arguments.target_file);
   }
@@ -83,7 +83,7 @@ FacingTargets targets(const Arguments& arguments, const ErrorModel& model, const
   return {.targets = published_targets(arguments.targets), .facing = {}};
 }
 
-Eigen::VectorXd home(const Arguments& arguments, const Setting& setting) {
+Eigen::VectorXd home(const PlanArguments& arguments, const Setting& setting) {
   const std::vector<MovingJoint>& joints = setting.request.robot.joints;
   const std::vector<std::size_t> independent = independent_joints(joints);
   const std::size_t count = independent.size();
@@ -103,7 +103,7 @@ Eigen::VectorXd home(const Arguments& arguments, const Setting& setting) {
   return all_joint_values(joints, values);
 }
 
-PointNoise noise(const Arguments& arguments, const Cell& cell) {
+PointNoise noise(const PlanArguments& arguments, const Cell& cell) {
   PointNoise noise = arguments.noise;
   noise.tracker = tracker_noise(arguments.tracker_noise);
   if (noise.tracker) {
@@ -123,7 +123,7 @@ Figure figure(const std::string& name) {
   return name == "mean" ? Figure::mean : name == "p95" ? Figure::p95 : Figure::max;
 }
 
-Setting setting(const Arguments& arguments) {
+Setting setting(const PlanArguments& arguments) {
   Setting result;
   PlanRequest& request = result.request;
   request.robot = load(arguments.robot);
@@ -173,7 +173,7 @@ Json prediction_json(const Prediction& prediction, double worst_configuration) {
           {"worst_configuration_rms", finite(worst_configuration)}};
 }
 
-Json monte_carlo_json(const MonteCarloResult& result) {
+Json monte_carlo_summary(const MonteCarloResult& result) {
   return {{"runs", result.runs},
           {"not_trusted", result.not_trusted},
           {"held_out_error",
@@ -190,7 +190,7 @@ std::vector<std::string> effect_names(const Experiment& experiment) {
   return names;
 }
 
-std::string json(const Arguments& arguments, const Setting& setting, const Plan& plan) {
+std::string json(const PlanArguments& arguments, const Setting& setting, const Plan& plan) {
   Json refusals = Json::array();
   for (const Refusals& entry : plan.drawn.refusals) {
     refusals.push_back({{"constraint", entry.constraint}, {"samples", entry.samples}, {"alone", entry.alone}});
@@ -219,7 +219,7 @@ std::string json(const Arguments& arguments, const Setting& setting, const Plan&
       {"travel_seconds", plan.seconds},
       {"configurations", configurations}};
   if (plan.monte_carlo) {
-    result["monte_carlo"] = monte_carlo_json(*plan.monte_carlo);
+    result["monte_carlo"] = monte_carlo_summary(*plan.monte_carlo);
   }
   return json_text(result);
 }
@@ -232,7 +232,7 @@ std::string line(const std::string& label, const Prediction& prediction, double 
   return text + "\n";
 }
 
-std::string table(const Arguments& arguments, const Plan& plan) {
+std::string table(const PlanArguments& arguments, const Plan& plan) {
   const auto number = [](auto value) { return std::to_string(value); };
   const ObservabilityIndices& o = plan.observability;
   std::string text =
@@ -269,7 +269,7 @@ std::string table(const Arguments& arguments, const Plan& plan) {
   return text;
 }
 
-void require_sound(const Arguments& arguments) {
+void require_sound(const PlanArguments& arguments) {
   if (arguments.monte_carlo > 0 && arguments.effects != std::vector<std::string>{"none"}) {
     throw InputError("--monte-carlo: tries the plan on rigid arms, expected it without --effects");
   }
@@ -288,7 +288,7 @@ void require_sound(const Arguments& arguments) {
   }
 }
 
-ExitStatus run(const Arguments& arguments) {
+ExitStatus run(const PlanArguments& arguments) {
   require_sound(arguments);
   std::vector<OutputFile> files;
   for (const auto& [option, path] :
@@ -317,7 +317,7 @@ ExitStatus run(const Arguments& arguments) {
   return done;
 }
 
-void add_counts(CLI::App& app, Arguments& arguments) {
+void add_counts(CLI::App& app, PlanArguments& arguments) {
   app.add_option("--configurations", arguments.configurations,
                  "Configurations to choose [30]; with --accuracy the most that may be [500]")
       ->type_name("N")
@@ -345,7 +345,7 @@ void add_counts(CLI::App& app, Arguments& arguments) {
   add_count(app, "--starts", arguments.starts, {1, 1'000}, "Random designs to start from");
 }
 
-void add_experiment(CLI::App& app, Arguments& arguments) {
+void add_experiment(CLI::App& app, PlanArguments& arguments) {
   add_count(app, "--targets", arguments.targets, {1, 100}, "Targets on the tool, the published ones");
   add_file(app, "--target-file", arguments.target_file,
            "Targets in the flange frame {\"targets\": [{\"name\", \"position\"[, \"facing\"]}]}");
@@ -378,7 +378,7 @@ void add_experiment(CLI::App& app, Arguments& arguments) {
 
 Subcommand add_plan(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("plan", "Chooses the configurations to measure and says what they will give");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<PlanArguments>();
   add_robot_options(*app, arguments->robot);
   add_counts(*app, *arguments);
   add_experiment(*app, *arguments);

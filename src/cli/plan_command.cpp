@@ -7,11 +7,6 @@ namespace {
 
 constexpr int kConfigurationsToAdd = 10;
 
-std::string text_at(const Json& object, const char* key) {
-  return object.is_object() && object.contains(key) && object[key].is_string() ? object[key].get<std::string>()
-                                                                               : std::string();
-}
-
 // Of a file that took part, by its role.
 std::string path_of(const Json& result, const std::string& role) {
   if (!result.contains("provenance") || !result["provenance"].is_object() ||
@@ -27,6 +22,11 @@ std::string path_of(const Json& result, const std::string& role) {
 }
 
 }  // namespace
+
+std::string text_at(const Json& object, const char* key) {
+  return object.is_object() && object.contains(key) && object[key].is_string() ? object[key].get<std::string>()
+                                                                               : std::string();
+}
 
 std::string shell_word(const std::string& text) {
   constexpr std::string_view kPlain = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_./+=:@%,-";

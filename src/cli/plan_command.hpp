@@ -6,6 +6,9 @@
 
 namespace kdl_calibration::cli {
 
+/// The text that a JSON object has under this key; empty where it has none.
+std::string text_at(const Json& object, const char* key);
+
 /// A word of a command as a POSIX shell reads it back.
 std::string shell_word(const std::string& text);
 

@@ -17,18 +17,13 @@
 namespace kdl_calibration::cli {
 namespace {
 
-struct Arguments {
+struct ReportArguments {
   std::string result;
   std::string urdf;
   MeasurementArguments measurements;
   std::string output;
   bool force = false;
 };
-
-std::string text_at(const Json& object, const char* key) {
-  return object.is_object() && object.contains(key) && object[key].is_string() ? object[key].get<std::string>()
-                                                                               : std::string();
-}
 
 // The hash of the file that took part in this role; none where the result does not name one.
 std::optional<std::string> hash_of(const Json& result, const std::string& role) {
@@ -45,7 +40,7 @@ std::optional<std::string> hash_of(const Json& result, const std::string& role) 
 }
 
 // Other measurements, or the same ones read in another way, would show residuals that the result never had.
-void require_same_files(const Arguments& arguments, const Json& result) {
+void require_same_files(const ReportArguments& arguments, const Json& result) {
   const MeasurementArguments& given = arguments.measurements;
   for (const auto& [role, path] :
        {std::pair{"measurements", &given.measurements}, std::pair{"joint-convention", &given.joint_convention},
@@ -62,7 +57,7 @@ void require_same_files(const Arguments& arguments, const Json& result) {
   }
 }
 
-ExitStatus run(const Arguments& arguments) {
+ExitStatus run(const ReportArguments& arguments) {
   const std::string& measurements_file = arguments.measurements.measurements;
   if (!measurements_file.empty() && arguments.urdf.empty()) {
     throw InputError("--measurements: are of a robot, expected --urdf FILE beside it");
@@ -95,7 +90,7 @@ ExitStatus run(const Arguments& arguments) {
 
 Subcommand add_report(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("report", "The page for people from a result, without a fit");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<ReportArguments>();
   add_file(*app, "--result", arguments->result, "The result that calibrate wrote (JSON)")->required();
   add_file(*app, "--urdf", arguments->urdf, "The robot that was calibrated, for its picture; checked by its hash");
   add_measurement_options(*app, arguments->measurements);

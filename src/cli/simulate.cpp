@@ -36,7 +36,7 @@ namespace {
 constexpr int kTestsOfMonteCarlo = 100;  // configurations
 constexpr int kHeldOutOfTwoStep = 1000;
 
-struct Arguments {
+struct SimulateArguments {
   RobotArguments robot;
   int configurations = 30;
   int test_configurations = 0;
@@ -109,7 +109,7 @@ struct Setup {
   std::optional<Eigen::MatrixXd> plan;  ///< configurations to fit, where a plan gives them
 };
 
-void require_few_rows(const Arguments& arguments, std::size_t targets) {
+void require_few_rows(const SimulateArguments& arguments, std::size_t targets) {
   constexpr double kMost = 1e7;
   const double rows = static_cast<double>(arguments.configurations + arguments.test_configurations) *
                       static_cast<double>(arguments.noise.repeats) * static_cast<double>(targets);
@@ -119,7 +119,7 @@ void require_few_rows(const Arguments& arguments, std::size_t targets) {
   }
 }
 
-Setup setup(const Robot& robot, const Arguments& arguments) {
+Setup setup(const Robot& robot, const SimulateArguments& arguments) {
   Setup result;
   result.model = complete_model(robot);
   result.ranges = joint_ranges(result.model, arguments.joint_ranges);
@@ -143,18 +143,18 @@ Setup setup(const Robot& robot, const Arguments& arguments) {
   return result;
 }
 
-Eigen::MatrixXd to_fit(const Arguments& arguments, const Setup& set, Random& random) {
+Eigen::MatrixXd to_fit(const SimulateArguments& arguments, const Setup& set, Random& random) {
   return set.plan ? *set.plan : random_configurations(set.model.joints, set.ranges, arguments.configurations, random);
 }
 
-DrivenConfigurations driven(const Arguments& arguments, const Setup& set, const Eigen::MatrixXd& stops,
+DrivenConfigurations driven(const SimulateArguments& arguments, const Setup& set, const Eigen::MatrixXd& stops,
                             const Eigen::MatrixXd& before = {}) {
   const bool torques = std::find(set.effects.begin(), set.effects.end(), EffectGroup::torque) != set.effects.end();
   return driven_to(set.model, stops, before, {.approach = arguments.order, .torques = torques, .seed = arguments.seed});
 }
 
 // The effects that are asked for, drawn from a stream of their own: everything else stays as it is without them.
-void add_effects(const Arguments& arguments, const Setup& set, VirtualRobot& robot) {
+void add_effects(const SimulateArguments& arguments, const Setup& set, VirtualRobot& robot) {
   constexpr int kToTellApart = 500;  // configurations
   constexpr std::uint64_t kStream = 1;
   if (set.effects.empty() || arguments.effect_sigma == 0.0) {
@@ -166,7 +166,8 @@ void add_effects(const Arguments& arguments, const Setup& set, VirtualRobot& rob
 }
 
 // What the virtual robot is, beside what was drawn for one set of measurements.
-Json truth_of(const Robot& robot, const Arguments& arguments, const Setup& set, const VirtualRobot& virtual_one) {
+Json truth_of(const Robot& robot, const SimulateArguments& arguments, const Setup& set,
+              const VirtualRobot& virtual_one) {
   Json target_list = Json::array();
   for (const TargetFrame& target : virtual_one.truth.targets) {
     target_list.push_back(target_json(target));
@@ -190,7 +191,7 @@ Json truth_of(const Robot& robot, const Arguments& arguments, const Setup& set, 
   return truth;
 }
 
-Simulation simulation(const Robot& robot, const Arguments& arguments) {
+Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
   const Setup set = setup(robot, arguments);
   Random random(arguments.seed);
   Simulation result;
@@ -212,7 +213,7 @@ Simulation simulation(const Robot& robot, const Arguments& arguments) {
   return result;
 }
 
-std::string summary(const Arguments& arguments, const Simulation& simulation) {
+std::string summary(const SimulateArguments& arguments, const Simulation& simulation) {
   const std::size_t terms = simulation.robot.model.effects.size();
   const std::string test =
       arguments.test_configurations > 0 ? " and " + std::to_string(arguments.test_configurations) + " to test" : "";
@@ -233,7 +234,7 @@ void add_output(const std::string& option, const std::string& path, std::vector<
 }
 
 // What was drawn and measured, for a page.
-PageFacts in_words(const Arguments& arguments, const Robot& robot, const Setup& set) {
+PageFacts in_words(const SimulateArguments& arguments, const Robot& robot, const Setup& set) {
   return {{"robot", robot.name},
           {"configurations", std::to_string(set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations})},
           {"targets", std::to_string(set.targets.size())},
@@ -253,13 +254,13 @@ Json monte_carlo_json(const MonteCarloResult& result) {
 }
 
 // Runs that are calibrated know of none.
-void require_no_effects(const Arguments& arguments, const char* option) {
+void require_no_effects(const SimulateArguments& arguments, const char* option) {
   if (!effect_groups(arguments.effects, {"none"}).empty()) {
     throw InputError("--effects: are of measurements that are written, expected none with " + std::string(option));
   }
 }
 
-ExitStatus run_many(const Arguments& arguments) {
+ExitStatus run_many(const SimulateArguments& arguments) {
   require_no_effects(arguments, "--monte-carlo");
   if (!arguments.output.empty() || !arguments.truth.empty()) {
     throw InputError("--monte-carlo: writes no measurements, expected it without --output and --truth");
@@ -298,7 +299,7 @@ ExitStatus run_many(const Arguments& arguments) {
   return done;
 }
 
-void require_two_step(const Arguments& arguments) {
+void require_two_step(const SimulateArguments& arguments) {
   require_no_effects(arguments, "--two-step");
   if (arguments.monte_carlo > 0) {
     throw InputError("--two-step: is one robot, expected it without --monte-carlo");
@@ -311,7 +312,7 @@ void require_two_step(const Arguments& arguments) {
   }
 }
 
-std::string two_step_heading(const Arguments& arguments, const Setup& set, Eigen::Index held_out) {
+std::string two_step_heading(const SimulateArguments& arguments, const Setup& set, Eigen::Index held_out) {
   const std::string count = std::to_string(set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations});
   return "the two-step procedure against a virtual robot: in every round " +
          (arguments.recorded ? "the same " + count : count + " fresh") + " configurations, " +
@@ -320,7 +321,7 @@ std::string two_step_heading(const Arguments& arguments, const Setup& set, Eigen
 }
 
 // The rounds of the same robot where every round measures the same configurations, or not.
-Json measured_the_other_way(const Arguments& arguments, const Setup& set, TwoStepTrial trial) {
+Json measured_the_other_way(const SimulateArguments& arguments, const Setup& set, TwoStepTrial trial) {
   Random random(arguments.seed);
   trial.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);
   trial.recorded = !arguments.recorded;
@@ -328,7 +329,7 @@ Json measured_the_other_way(const Arguments& arguments, const Setup& set, TwoSte
   return rounds_json(run_two_step_trial(trial, random));
 }
 
-ExitStatus run_two_step(const Arguments& arguments) {
+ExitStatus run_two_step(const SimulateArguments& arguments) {
   require_two_step(arguments);
   std::vector<OutputFile> files;
   add_output("--truth", arguments.truth, files);
@@ -368,7 +369,7 @@ ExitStatus run_two_step(const Arguments& arguments) {
   return result.settled && result.truth.comparable() ? done : not_to_be_trusted;
 }
 
-ExitStatus run(Arguments arguments) {
+ExitStatus run(SimulateArguments arguments) {
   if (arguments.angle_sigma_deg) {
     arguments.sizes.angle = *arguments.angle_sigma_deg * kDegree;
   }
@@ -412,7 +413,7 @@ CLI::Option* add_size(CLI::App& app, const std::string& name, Value& value, cons
       ->check(number_from(0.0, "a number of " + unit + ", 0 or more"));
 }
 
-void add_sizes(CLI::App& app, Arguments& arguments) {
+void add_sizes(CLI::App& app, SimulateArguments& arguments) {
   add_size(app, "--noise", arguments.noise.sigma, "metres", "1 sigma of every measured coordinate [0]");
   add_size(app, "--orientation-noise", arguments.noise.orientation_sigma, "radians",
            "1 sigma of every component of a measured orientation [0]");
@@ -429,7 +430,7 @@ void add_sizes(CLI::App& app, Arguments& arguments) {
 
 Subcommand add_simulate(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("simulate", "A virtual robot: draws true errors and measures them");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<SimulateArguments>();
   add_robot_options(*app, arguments->robot);
   add_count(*app, "--configurations", arguments->configurations, {1, 100'000}, "Configurations to fit");
   add_count(*app, "--test-configurations", arguments->test_configurations, {0, 100'000},

@@ -31,7 +31,7 @@ namespace {
 
 constexpr int kConfigurationsOfTruth = 1000;
 
-struct Arguments {
+struct ValidateArguments {
   RobotArguments robot;
   MeasurementArguments measurements;
   std::string result;
@@ -152,7 +152,7 @@ std::string point(const std::string& label, const Eigen::Vector3d& position) {
   return text + "\n";
 }
 
-std::string table(const Arguments& arguments, const Robot& robot, const Errors& errors,
+std::string table(const ValidateArguments& arguments, const Robot& robot, const Errors& errors,
                   const Registration& registration) {
   std::string text = "position error of " + (arguments.result.empty() ? robot.source : arguments.result) +
                      ", base and targets registered\n" + statistics_heading("rows [mm]");
@@ -188,7 +188,7 @@ JointRanges ranges_to_compare_in(const Json& truth, const std::string& source, c
   return ranges;
 }
 
-ExitStatus run_against_truth(const Arguments& arguments) {
+ExitStatus run_against_truth(const ValidateArguments& arguments) {
   if (arguments.result.empty()) {
     throw InputError("validate: --truth alone, expected --result beside it");
   }
@@ -244,8 +244,8 @@ struct Words {
 };
 
 // What the measurements may have been meant for, and a misfit that is beyond any robot's.
-Words judged(const Arguments& arguments, const ErrorModel& model, const Measurements& fitted, const Estimate& estimate,
-             const RegistrationOptions& known) {
+Words judged(const ValidateArguments& arguments, const ErrorModel& model, const Measurements& fitted,
+             const Estimate& estimate, const RegistrationOptions& known) {
   const std::optional<JointConvention> convention = convention_of(arguments.measurements);
   Words words;
   for (const Suspicion& suspicion : suspicions(model, fitted, estimate, frames_only(model, estimate.targets),
@@ -278,8 +278,8 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
 }
 
 // What the page says beyond the numbers that are printed: where they come from, and the terms of ISO 9283.
-Json with_provenance(const Arguments& arguments, const Robot& robot, const Measurements& measurements, Json result,
-                     const Iso9283& iso) {
+Json with_provenance(const ValidateArguments& arguments, const Robot& robot, const Measurements& measurements,
+                     Json result, const Iso9283& iso) {
   result["iso_9283"] = {{"accuracy", statistics_json(iso.accuracy)},
                         {"repeatability", statistics_json(iso.repeatability)}};
   result["input"] = {{"urdf", robot.source},
@@ -309,7 +309,7 @@ Errors errors_of(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
   return {.all = statistics(Rows::all), .train = statistics(Rows::train), .test = statistics(Rows::test)};
 }
 
-ExitStatus run_against_measurements(const Arguments& arguments) {
+ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   if (arguments.measurements.measurements.empty()) {
     throw InputError("validate: --measurements is required, or --result and --truth, see kdlcal validate --help");
   }
@@ -368,7 +368,7 @@ ExitStatus run_against_measurements(const Arguments& arguments) {
   return missed.empty() && words.doubts.empty() ? done : not_to_be_trusted;
 }
 
-ExitStatus run(const Arguments& arguments) {
+ExitStatus run(const ValidateArguments& arguments) {
   return arguments.truth.empty() ? run_against_measurements(arguments) : run_against_truth(arguments);
 }
 
@@ -377,7 +377,7 @@ ExitStatus run(const Arguments& arguments) {
 Subcommand add_validate(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand(
       "validate", "The position error of a URDF against measurements, or of a result against the truth");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<ValidateArguments>();
   add_robot_options(*app, arguments->robot);
   add_measurement_options(*app, arguments->measurements);
   app->get_option("--measurements")->required(false);

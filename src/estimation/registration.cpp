@@ -321,7 +321,7 @@ RotationMinimum minimise(const RotationForm& form) {
   return best;
 }
 
-constexpr double kUsualTarget = 0.1;  // [m] distance of a target from the flange, as good as any
+constexpr double kUsualTargetDistance = 0.1;  // [m] distance of a target from the flange, as good as any
 
 // The form with its minimum. Where the tool hardly turns, a place of the base and one of the targets look alike and
 // small misfits move both by kilometres. The targets then have a prior about the flange, in units of the misfit u (mean
@@ -332,7 +332,7 @@ struct Solution {
   RotationMinimum minimum;
   Matrix3d information = Matrix3d::Zero();  // that the measurements alone have about the rotation at the minimum
   double ridge = 0.0;
-  bool loose = false;  // base and targets are known to no better than kUsualTarget / 3
+  bool loose = false;  // base and targets are known to no better than kUsualTargetDistance / 3
 };
 
 Solution solve(const Sums& sums) {
@@ -348,12 +348,13 @@ Solution solve(const Sums& sums) {
   const double numerical = kNumerical * sums.weight;
   const RotationForm free = eliminate(sums, numerical);
   const double u = std::max(minimise(free).value, 0.0) / (3.0 * sums.count);
-  solution.ridge = std::max(u / (kUsualTarget * kUsualTarget), numerical);
+  solution.ridge = std::max(u / (kUsualTargetDistance * kUsualTargetDistance), numerical);
   solution.form = eliminate(sums, solution.ridge);
   solution.minimum = minimise(solution.form);
   solution.information = slope_at(free, solution.minimum.A).hessian;
   // What no robot of this kind could tell (a planar one the height of its targets) is no matter of these measurements.
-  solution.loose = firmness > kNumerical && 9.0 * u > kUsualTarget * kUsualTarget * firmness * sums.weight;
+  solution.loose =
+      firmness > kNumerical && 9.0 * u > kUsualTargetDistance * kUsualTargetDistance * firmness * sums.weight;
   return solution;
 }
 

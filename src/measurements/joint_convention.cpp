@@ -15,25 +15,25 @@
 namespace kdl_calibration {
 namespace {
 
-using Json = nlohmann::json;
+using PlainJson = nlohmann::json;
 
 constexpr std::size_t kMostConventionJoints = 1'000;
 
-Json parse_convention(std::string_view text, const std::string& source) {
+PlainJson parse_convention(std::string_view text, const std::string& source) {
   std::set<std::string> keys;
-  return parse_json<Json>(text, source, [&](int depth, Json::parse_event_t event, const Json& value) {
-    if (depth == 1 && event == Json::parse_event_t::key && !keys.insert(value.get<std::string>()).second) {
+  return parse_json<PlainJson>(text, source, [&](int depth, PlainJson::parse_event_t event, const PlainJson& value) {
+    if (depth == 1 && event == PlainJson::parse_event_t::key && !keys.insert(value.get<std::string>()).second) {
       fail(source, "key " + shown(value.get<std::string>()) + " appears twice");
     }
   });
 }
 
-std::vector<std::string> convention_names(const Json& json, const std::string& key, const std::string& source) {
-  const Json& list = json.at(key);
+std::vector<std::string> convention_names(const PlainJson& json, const std::string& key, const std::string& source) {
+  const PlainJson& list = json.at(key);
   if (!list.is_array() || list.empty()) fail(source, "key '" + key + "': expected a list of joint names");
   if (list.size() > kMostConventionJoints) fail(source, "key '" + key + "': more than the limit of 1000 joints");
   std::vector<std::string> names;
-  for (const Json& item : list) {
+  for (const PlainJson& item : list) {
     if (!item.is_string() || item.get_ref<const std::string&>().empty()) {
       fail(source, "key '" + key + "': " + shown(item.dump()) + " is no joint name: expected a string");
     }
@@ -47,7 +47,7 @@ std::vector<std::string> convention_names(const Json& json, const std::string& k
 }
 
 /// `where` names the list in messages.
-Eigen::VectorXd convention_numbers(const Json& list, std::size_t count, const std::string& where,
+Eigen::VectorXd convention_numbers(const PlainJson& list, std::size_t count, const std::string& where,
                                    const std::string& source) {
   const std::string expected = "expected a list of " + std::to_string(count) + " numbers, one per joint";
   if (!list.is_array()) fail(source, where + ": " + shown(list.dump()) + " is no list: " + expected);
@@ -63,7 +63,7 @@ Eigen::VectorXd convention_numbers(const Json& list, std::size_t count, const st
   return values;
 }
 
-void check_convention_keys(const Json& json, const std::string& source) {
+void check_convention_keys(const PlainJson& json, const std::string& source) {
   const std::string expected = "expected controller_joints, urdf_joints, matrix and optionally offset, description";
   if (!json.is_object()) fail(source, "no JSON object: " + expected);
   for (const auto& [key, value] : json.items()) {
@@ -91,7 +91,7 @@ void require_whole(const JointConvention& convention) {
 }  // namespace
 
 JointConvention parse_joint_convention(std::string_view json, const std::string& source) {
-  const Json document = parse_convention(json, source);
+  const PlainJson document = parse_convention(json, source);
   check_convention_keys(document, source);
   JointConvention convention;
   convention.name = source;
@@ -102,7 +102,7 @@ JointConvention parse_joint_convention(std::string_view json, const std::string&
     fail(source, "key 'urdf_joints' has " + std::to_string(convention.urdf_joints.size()) + " names: expected " +
                      std::to_string(count) + " as in 'controller_joints'");
   }
-  const Json& rows = document.at("matrix");
+  const PlainJson& rows = document.at("matrix");
   if (!rows.is_array() || rows.size() != count) {
     fail(source, "key 'matrix' has " + (rows.is_array() ? std::to_string(rows.size()) : "no") + " rows: expected " +
                      std::to_string(count) + ", one per joint");

@@ -8,6 +8,8 @@
 #include <utility>
 
 #include "base/preconditions.hpp"
+#include "base/text.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measurements_check.hpp"
 
 namespace kdl_calibration {
@@ -64,6 +66,7 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
   require_function("what says which observations to keep", keep);
   Measurements kept;
   kept.source = measurements.source;
+  kept.remark = measurements.remark;
   kept.joints = measurements.joints;
   kept.targets = measurements.targets;
   kept.joint_units = measurements.joint_units;
@@ -87,6 +90,40 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
   kept.signals = kdl_calibration::columns(measurements.signals, columns);
   for (Observation& o : kept.observations) o.configuration = numbers[static_cast<std::size_t>(o.configuration)];
   drop_unused_orientations(kept.orientations);
+  return kept;
+}
+
+Measurements without_rows(const Measurements& measurements, const std::vector<std::string>& names) {
+  const auto number = [](const std::vector<std::string>& labels, const std::string& label) {
+    const auto found = std::find(labels.begin(), labels.end(), label);
+    return found == labels.end() ? -1 : static_cast<std::int32_t>(found - labels.begin());
+  };
+  std::vector<std::pair<std::int32_t, std::int32_t>> left_out;  // configuration and target, of all targets -1
+  for (const std::string& name : names) {
+    const std::size_t colon = name.rfind(':');
+    const bool whole = number(measurements.configurations, name) >= 0 || colon == std::string::npos;
+    const auto& [configuration, target] =
+        left_out.emplace_back(number(measurements.configurations, whole ? name : name.substr(0, colon)),
+                              whole ? -1 : number(measurements.targets, name.substr(colon + 1)));
+    const auto matches = [&, c = configuration, k = target](const Observation& o) {
+      return o.configuration == c && (whole || o.target == k);
+    };
+    if (std::none_of(measurements.observations.begin(), measurements.observations.end(), matches)) {
+      throw InputError(measurements.source + ": " + in_quotes(name) +
+                       " cannot be left out: expected a configuration that was measured, or CONFIGURATION:TARGET");
+    }
+  }
+  Measurements kept = subset(measurements, [&](const Observation& o) {
+    return std::none_of(left_out.begin(), left_out.end(), [&](const auto& row) {
+      return row.first == o.configuration && (row.second < 0 || row.second == o.target);
+    });
+  });
+  if (kept.observations.empty()) {
+    throw InputError(measurements.source + ": nothing is left to read without " + comma_separated(names));
+  }
+  if (!names.empty()) {
+    kept.remark += (kept.remark.empty() ? "" : "; ") + std::string("left out as asked: ") + comma_separated(names);
+  }
   return kept;
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
 #include <optional>
 #include <tuple>
@@ -25,6 +26,7 @@ namespace kdl_calibration {
 namespace {
 
 constexpr std::int32_t kMostTargets = 100;
+constexpr double kSamePose = 1e-4;           // [rad] or [m] by which rows of one configuration may differ
 constexpr double kRoundedJointValue = 1e-5;  // [rad] or [m] that rounding may cost: half of 0.001 deg, of 0.01 mm
 
 /// Gathers the rows of one file.
@@ -66,6 +68,7 @@ public:
       fail(source_, "no measurement behind the header in line " + std::to_string(header_.line));
     }
     check_duplicates();
+    take_means_of_scattered_values();
     check_missing_units(joints, {.header = header_,
                                  .source = source_,
                                  .joint_values = joint_values_,
@@ -101,6 +104,10 @@ public:
     }
     result.signals.torques = torques_.means(header_, joints, result.configurations.size());
     result.signals.approach = approach_directions(result);
+    if (!scatter_.empty()) {
+      result.remark = "joint values of " + std::to_string(scatter_.size()) + " configurations scatter by up to " +
+                      significant(largest_scatter_, 2) + " rad or m from row to row: their means are used";
+    }
     return result;
   }
 
@@ -142,7 +149,13 @@ private:
     const double* first_values = joint_values_.data() + index * joints;
     const std::size_t first_row = first_rows_[index];
     for (std::size_t j = 0; j < joints; ++j) {
-      if (joint_row_[j] != first_values[j]) fail_inconsistent(row, joint_columns_[j], "joint values", first_row);
+      const double difference = joint_row_[j] - first_values[j];
+      if (!(std::abs(difference) <= kSamePose)) fail_inconsistent(row, joint_columns_[j], "joint values", first_row);
+      if (difference != 0.0) {
+        std::vector<double>& sums = scatter_.try_emplace(number, joints, 0.0).first->second;
+        sums[j] += difference;
+        largest_scatter_ = std::max(largest_scatter_, std::abs(difference));
+      }
     }
     if (split != observations_[first_row].split) fail_inconsistent(row, header_.split, "split", first_row);
     return number;
@@ -152,6 +165,17 @@ private:
                                       std::size_t first_row) const {
     row.fail_cell(column, "differs from line " + std::to_string(lines_[first_row]) + ": expected one " + rule +
                               " in all rows of configuration " + shown(row.text(header_.configuration)));
+  }
+
+  /// Joint values that were read back from row to row.
+  void take_means_of_scattered_values() {
+    std::vector<double> rows(first_rows_.size(), 0.0);
+    for (const Observation& o : observations_) rows[static_cast<std::size_t>(o.configuration)] += 1.0;
+    const std::size_t joints = joint_row_.size();
+    for (const auto& [number, sums] : scatter_) {
+      const auto index = static_cast<std::size_t>(number);
+      for (std::size_t j = 0; j < joints; ++j) joint_values_[index * joints + j] += sums[j] / rows[index];
+    }
   }
 
   void check_duplicates() const {
@@ -235,6 +259,9 @@ private:
   std::vector<double> joint_values_;     ///< as the file has them but in SI, configuration by configuration
   std::vector<std::size_t> first_rows_;  ///< of each configuration
   std::vector<double> joint_row_;
+  std::map<std::int32_t, std::vector<double>>
+      scatter_;  ///< sums of differences from the first row, where there are any
+  double largest_scatter_ = 0.0;
   std::vector<Observation> observations_;
   std::vector<Eigen::Quaterniond> orientations_;
   std::vector<std::int64_t> order_;

@@ -18,7 +18,7 @@ using Eigen::MatrixXf;
 using Eigen::VectorXd;
 using Eigen::VectorXf;
 
-constexpr std::size_t kBlock = 1024;  // configurations worked on in one piece
+constexpr std::size_t kCandidateBlock = 1024;  // configurations worked on in one piece
 constexpr Index kTasksOfWorst = 5000;
 constexpr Index kSampleOfBasis = 1000;
 
@@ -53,7 +53,7 @@ CandidatePool::CandidatePool(const Experiment& experiment, const MatrixXd& joint
   }
   mean_ = rows_.in_basis(mean_);
   features_.resize(joint_values.cols(), rows_.feature_count());
-  parallel_blocks(static_cast<std::size_t>(size()), kBlock, threads, [&](std::size_t first, std::size_t end) {
+  parallel_blocks(static_cast<std::size_t>(size()), kCandidateBlock, threads, [&](std::size_t first, std::size_t end) {
     Eigen::RowVectorXd packed(features_.cols());
     for (auto i = static_cast<Index>(first); i < static_cast<Index>(end); ++i) {
       rows_.pack(joint_values_.col(i), packed);
@@ -71,7 +71,7 @@ MatrixXf CandidatePool::traces(const std::vector<MatrixXd>& forms, Index count, 
     constants[k] = static_cast<float>(form.constant);
   }
   MatrixXf result(count, weights.cols());
-  parallel_blocks(static_cast<std::size_t>(count), kBlock, threads, [&](std::size_t first, std::size_t end) {
+  parallel_blocks(static_cast<std::size_t>(count), kCandidateBlock, threads, [&](std::size_t first, std::size_t end) {
     const auto n = static_cast<Index>(end - first);
     for (Index k = 0; k < weights.cols(); ++k) {
       result.col(k).segment(static_cast<Index>(first), n).noalias() =
@@ -90,16 +90,16 @@ Tasks::Tasks(const PointRows& rows, const MatrixXd& joint_values, bool worst, in
     packed_.assign(targets, RowMajorXf(count, features));
   }
   // Sums block by block and then over the blocks: the same for any number of threads.
-  const auto blocks = (static_cast<std::size_t>(count) + kBlock - 1) / kBlock;
+  const auto blocks = (static_cast<std::size_t>(count) + kCandidateBlock - 1) / kCandidateBlock;
   std::vector<MatrixXd> sums(blocks, MatrixXd::Zero(features, static_cast<Index>(targets)));
-  parallel_blocks(static_cast<std::size_t>(count), kBlock, threads, [&](std::size_t first, std::size_t end) {
+  parallel_blocks(static_cast<std::size_t>(count), kCandidateBlock, threads, [&](std::size_t first, std::size_t end) {
     Eigen::RowVectorXd packed(features);
     for (auto i = static_cast<Index>(first); i < static_cast<Index>(end); ++i) {
       const Matrix6Xd J = rows.jacobian(joint_values.col(i));
       for (std::size_t t = 0; t < targets; ++t) {
         const MatrixXd& S = rows.by_target()[t].S;
         pack_features(J, S.transpose() * S, packed);
-        sums[first / kBlock].col(static_cast<Index>(t)) += packed.transpose();
+        sums[first / kCandidateBlock].col(static_cast<Index>(t)) += packed.transpose();
         if (worst) {
           packed_[t].row(i) = packed.cast<float>();
         }

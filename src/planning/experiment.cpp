@@ -21,7 +21,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr std::size_t kBlock = 64;  // configurations whose features fit the cache
+constexpr std::size_t kFeatureBlock = 64;  // configurations whose features fit the cache
 
 MatrixXd symmetric(const MatrixXd& matrix) { return 0.5 * (matrix + matrix.transpose()); }
 
@@ -163,7 +163,7 @@ std::vector<MatrixXd> predicted_variances(const PointRows& rows, const std::vect
   }
   std::vector<MatrixXd> variances(static_cast<std::size_t>(T), MatrixXd(joint_values.cols(), K));
   parallel_blocks(
-      static_cast<std::size_t>(joint_values.cols()), kBlock, threads, [&](std::size_t first, std::size_t end) {
+      static_cast<std::size_t>(joint_values.cols()), kFeatureBlock, threads, [&](std::size_t first, std::size_t end) {
         const auto n = static_cast<Index>(end - first);
         std::vector<Matrix6Xd> jacobians;
         for (std::size_t i = first; i < end; ++i) {

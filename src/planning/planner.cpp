@@ -24,7 +24,7 @@ constexpr int kRandomDraws = 200;
 constexpr double kAngleStep = 1e-3 * std::numbers::pi / 180.0;
 constexpr double kLengthStep = 1e-6;
 
-constexpr double kUsualEffect = 3e-4;  // [rad or m] 1 sigma of a term
+constexpr double kUsualTerm = 3e-4;  // [rad or m] 1 sigma of a term
 
 // The terms of a group that a calibration has found, or that the candidates tell apart, as far as they are functions of
 // joint values. What the calibration knows of its terms comes with its covariance.
@@ -49,7 +49,7 @@ std::vector<EffectTerm> planned_terms(const PlanRequest& request, const ErrorMod
   }
   terms = effect_terms(model, group, candidates);
   for (EffectTerm& term : terms) {
-    term.sigma = kUsualEffect;
+    term.sigma = kUsualTerm;
   }
   return terms;
 }

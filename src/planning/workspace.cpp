@@ -23,10 +23,10 @@ using Eigen::Isometry3d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr std::size_t kBlock = 4096;  // samples drawn before the next look at how many passed
+constexpr std::size_t kSampleBlock = 4096;  // samples drawn before the next look at how many passed
 constexpr std::size_t kMostConstraints = 64;
 
-std::string millimetres(double metres) { return shortest(std::round(metres * 1e6) / 1e3) + " mm"; }
+std::string whole_micrometres(double metres) { return shortest(std::round(metres * 1e6) / 1e3) + " mm"; }
 std::string degrees(double radians) {
   return shortest(std::round(radians * 180.0 / std::numbers::pi * 1e6) / 1e6) + " deg";
 }
@@ -158,13 +158,13 @@ private:
       add_for_targets("workspace box", [this](const Vector3d& p) { return contains(cell_.box, p); });
     }
     if (cell_.height) {
-      add_for_targets("least height " + millimetres(*cell_.height),
+      add_for_targets("least height " + whole_micrometres(*cell_.height),
                       [this](const Vector3d& p) { return p.z() >= *cell_.height; });
     }
     if (cell_.radius) {
       const Vector3d point = to_eigen(robot_.joints.front().origin.p);
       const Vector3d axis = to_eigen(robot_.joints.front().origin.M * robot_.joints.front().axis);
-      add_for_targets("least radius " + millimetres(*cell_.radius), [this, point, axis](const Vector3d& p) {
+      add_for_targets("least radius " + whole_micrometres(*cell_.radius), [this, point, axis](const Vector3d& p) {
         return (p - point).cross(axis).norm() >= *cell_.radius;
       });
     }
@@ -208,10 +208,10 @@ private:
     }
     auto wanted = pairs_to_keep_apart(robot_, cell_.body, *cell_.clearance);
     if (wanted.empty() && !pairs_to_keep_apart(robot_, cell_.body, 0.0).empty()) {
-      throw InputError("clearance " + millimetres(*cell_.clearance) +
+      throw InputError("clearance " + whole_micrometres(*cell_.clearance) +
                        ": no two parts of the arm are ever so far apart, expected less");
     }
-    add("clearance " + millimetres(*cell_.clearance), [this, pairs = std::move(wanted)](const Posture& posture) {
+    add("clearance " + whole_micrometres(*cell_.clearance), [this, pairs = std::move(wanted)](const Posture& posture) {
       return std::all_of(pairs.begin(), pairs.end(), [&](const auto& pair) {
         const auto& first = posture.body[pair.first];
         const auto& second = posture.body[pair.second];
@@ -345,10 +345,10 @@ Candidates candidates(const Robot& robot, const std::vector<TargetFrame>& target
   }
   const long most = options.most_samples > 0 ? options.most_samples : 100'000 + 200L * options.count;
   found.joint_values.resize(static_cast<Eigen::Index>(cell.ranges.size()), options.count);
-  std::vector<std::uint64_t> bits(kBlock);
+  std::vector<std::uint64_t> bits(kSampleBlock);
   Eigen::Index passed = 0;
   while (passed < options.count && found.samples < most) {
-    const auto block = std::min(kBlock, static_cast<std::size_t>(most - found.samples));
+    const auto block = std::min(kSampleBlock, static_cast<std::size_t>(most - found.samples));
     const auto start = static_cast<std::uint64_t>(found.samples);
     parallel_blocks(block, 256, options.threads, [&](std::size_t first, std::size_t end) {
       for (std::size_t k = first; k < end; ++k) {

@@ -12,7 +12,7 @@ namespace {
   throw InputError(source + ":" + std::to_string(line) + ": " + what + ", expected XML in UTF-8");
 }
 
-bool is_ascii(std::string_view text) {
+bool is_ascii_text(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 0x80U; });
 }
 
@@ -41,7 +41,7 @@ void require_utf8(std::string_view text, const std::string& source) {
   if (const std::size_t zero = text.find('\0'); zero != std::string_view::npos) {
     refuse(source, text.substr(0, zero), "zero byte");
   }
-  if (is_ascii(text)) {
+  if (is_ascii_text(text)) {
     return;
   }
   const std::string encoding = stated_encoding(text);

@@ -9,7 +9,7 @@
 #include "kdl_calibration/result_json.hpp"
 #include "report_page_support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_calibrate_options_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -256,6 +256,15 @@ std::vector<OptionCase> noise_options() {
            },
            "poses.csv"),
        kPoses + Words{"--noise-independent", "2e-5"}},
+      {"ExcludeLeavesAConfigurationAndAPointOut",
+       {"--exclude", "2,3:B"},
+       [](const Effect& effect) {
+         const auto count = [](const Answer& run) {
+           return run.json["position_error"]["train"]["after"]["count"].get<long>();
+         };
+         EXPECT_EQ(count(effect.with), count(effect.without) - 8);  // of two repeats
+       },
+       kMeasured},
       {"LeaveOneOutAddsAPrediction",
        {"--leave-one-out"},
        both_checks(
@@ -470,7 +479,8 @@ std::vector<Words> files_of_options() {
                "--gravity-direction 1,2,-2 --noise-independent 1e-5,2e-5,4e-5 --json"),
       words_of(
           "--measurements m.csv --urdf arm.urdf --method two-step --iterations 2 --model complete --threads 1 --json"),
-      words_of("--measurements poses.csv --urdf arm.urdf --effects none --noise equal --prior none --json"),
+      words_of("--measurements poses.csv --urdf arm.urdf --effects none --noise equal --prior none "
+               "--exclude 2,3:B --json"),
   };
 }
 
@@ -528,4 +538,4 @@ TEST_F(OptionsOfKdlcal, OfCalibrateAreAllTested) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_calibrate_options_test

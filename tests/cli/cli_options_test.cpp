@@ -9,7 +9,7 @@
 #include "kdl_calibration/validation.hpp"
 #include "report_page_support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_options_test {
 namespace {
 
 using ::testing::AllOf;
@@ -368,6 +368,13 @@ std::vector<OptionCase> validate_options() {
        },
        measured + Words{"--urdf", "hand.urdf"}},
       {"MeasurementsAreRegistered", {"--measurements", "m.csv"}, is_registered(as_it_is)},
+      {"ExcludeLeavesAConfigurationAndAPointOut",
+       {"--exclude", "2,3:B"},
+       [](const Effect& effect) {
+         const auto count = [](const Answer& run) { return run.json["position_error"]["train"]["count"].get<long>(); };
+         EXPECT_EQ(count(effect.with), count(effect.without) - 4);
+       },
+       measured},
       {"JointConventionReadsTheControllersValues",
        {"--joint-convention", "coupled.json"},
        is_registered(as_it_is),
@@ -477,4 +484,4 @@ TEST_F(OptionsOfKdlcal, OfValidateAreAllTested) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_options_test

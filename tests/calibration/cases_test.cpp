@@ -1,0 +1,79 @@
+// Files that once gave a wrong number without a word. The truth is in their test rows, or in how they were made.
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <string>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/same_poses.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::cases_test {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::Field;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+const std::string kCases = std::string(SHARED_DATA_DIR) + "/cases/";
+
+// As kdlcal does without an option.
+Calibration calibrated(const Measurements& measured, CalibrationOptions options = {}) {
+  options.automatic_priors = true;
+  options.effects.automatic = true;
+  return calibrate(complete_model(testing::fanuc()), measured, options);
+}
+
+Calibration calibrated(const std::string& name, const CalibrationOptions& options = {}) {
+  return calibrated(with_poses_joined(read_measurements(testing::fanuc(), kCases + name)), options);
+}
+
+TEST(CasesOnRealData, ABlunderIsNamedAndWhatTheRestGivesWithoutIt) {
+  const Calibration found = calibrated("blunder_pose_12.csv");
+  ASSERT_FALSE(found.trusted());
+  EXPECT_EQ(found.doubts.front().cause, "gross_rows");
+  EXPECT_THAT(found.gross_rows, ElementsAre(Field(&GrossRow::configuration, "12")));
+  EXPECT_NEAR(found.gross_rows.front().distance, 0.062, 0.003);
+  EXPECT_LT(found.misfit_without_gross_rows, 5e-5);
+  const Measurements measured = read_measurements(testing::fanuc(), kCases + "blunder_pose_12.csv");
+  const Calibration without = calibrated(without_rows(measured, {"12"}));
+  EXPECT_TRUE(without.trusted());
+  EXPECT_LT(without.train.after.rms, 5e-5);
+}
+
+TEST(CasesOnRealData, ReadBacksOfOnePoseAreRepeats) {
+  const Calibration found = calibrated("jittered_repeats.csv");
+  ASSERT_TRUE(found.test.has_value());
+  ASSERT_NE(found.held_out(), nullptr);
+  EXPECT_EQ(found.influence.configurations.size(), 16U);
+  // Sixteen poses tell of new ones what they tell: within a factor of two of the test rows, not a hundredth.
+  EXPECT_GT(found.held_out()->after.rms, 0.5 * found.test->after.rms);
+}
+
+TEST(CasesOnRealData, NoiseAgreesWithTheResiduals) {
+  const Calibration found = calibrated("offsets_only.csv", {.fix = {"T*", "R*"}});
+  const double of_coordinates = found.train.after.rms / std::sqrt(3.0);
+  EXPECT_GT(found.noise.sigma, of_coordinates / 1.5);
+  EXPECT_LT(found.noise.sigma, of_coordinates * 1.5);
+  EXPECT_LE(found.noise.degrees_of_freedom, 270.0);
+}
+
+TEST(CasesOnRealData, ALonelyRowHidesNoEffect) {
+  const Calibration found = calibrated("lone_target.csv");
+  ASSERT_TRUE(found.test.has_value());
+  EXPECT_LT(found.test->after.rms, 8e-5);
+  EXPECT_TRUE(found.trusted());
+  EXPECT_THAT(found.warnings, ::testing::Contains(HasSubstr("models were compared without 1 point")));
+}
+
+TEST(CasesOnRealData, SocketsOneAfterTheOtherAreRight) {
+  const Calibration found = calibrated("three_sockets.csv");
+  EXPECT_TRUE(found.trusted());
+  EXPECT_THAT(found.gross_rows, IsEmpty());
+}
+
+}  // namespace
+}  // namespace kdl_calibration::cases_test
