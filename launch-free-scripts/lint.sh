@@ -3,18 +3,18 @@ set -euo pipefail
 # shellcheck source-path=SCRIPTDIR source=common.sh
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
-tidy=()
+built=
 others=()
 for option in "$@"; do
   case $option in
-    --tidy) tidy=('src/*.cpp') ;;
-    --tidy-tests) tidy=('src/*.cpp' 'tests/*.cpp') ;;
+    --tidy) built=kdlcal ;;
+    --tidy-tests) built=all ;;
     *) others+=("$option") ;;
   esac
 done
 read_options "Installs what is missing and checks form: clang-format on every source, shellcheck on every script.
-  --tidy        clang-tidy as well on library and program, with the compile commands of build/release: ten minutes
-  --tidy-tests  and on the tests: ten more" \
+  --tidy        clang-tidy as well on library and program, in the units of build/sanitizers
+  --tidy-tests  and on the tests" \
   "${others[@]}"
 install_missing "${build_packages[@]}" "${test_packages[@]}" clang-format shellcheck
 
@@ -24,21 +24,27 @@ mapfile -t scripts < <(git ls-files '*.sh' .ci/run)
 clang-format --dry-run -Werror "${sources[@]}"
 shellcheck "${scripts[@]}"
 echo "${#sources[@]} sources are formatted, ${#scripts[@]} scripts without a finding"
-[ "${#tidy[@]}" -gt 0 ] || exit 0
+[ -n "$built" ] || exit 0
 
-install_missing clang-tidy python3
-cmake --preset release -D KDL_CALIBRATION_BUILD_TESTS=ON >/dev/null
-# What is no part of this build has no compile command.
-mapfile -t sources < <(git ls-files "${tidy[@]}" |
-  grep -vE '^tests/(benchmark/|consumer/|fuzz/fuzzer\.cpp|faults\.cpp)')
-python3 launch-free-scripts/tidy_units.py build/release "${sources[@]}" >build/release/tidy_units.txt
+# The units that clang compiles, with its precompiled headers: it reads the headers of a unit once.
+install_missing "${clang_packages[@]}" clang-tidy python3
+cmake --preset sanitizers >/dev/null
+cmake --build build/sanitizers -j "$jobs" --target "$built" >/dev/null
 found=0
-xargs -P "$jobs" -n 1 clang-tidy --quiet -p build/release/tidy --checks=-bugprone-suspicious-include \
+python3 - "$built" >build/sanitizers/tidy_units.txt <<'EOF'
+import json, re, sys
+for entry in json.load(open("build/sanitizers/compile_commands.json")):
+    target = re.search(r"CMakeFiles/([^/]+)\.dir/", entry["command"].split(" -o ")[1]).group(1)
+    of_tests = re.search(r"_tests|fuzz|faults", target)
+    if "cmake_pch" not in entry["file"] and (sys.argv[1] == "all" or not of_tests):
+        print(entry["file"])
+EOF
+xargs -P "$jobs" -n 1 clang-tidy --quiet -p build/sanitizers --checks=-bugprone-suspicious-include \
   --header-filter='/(include/kdl_calibration|src|tests)/.*\.[ch]pp$' \
-  <build/release/tidy_units.txt >build/release/clang-tidy.log 2>/dev/null || found=1
+  <build/sanitizers/tidy_units.txt >build/sanitizers/clang-tidy.log 2>/dev/null || found=1
 if [ "$found" -ne 0 ]; then
-  grep -E '(warning|error):' build/release/clang-tidy.log | sort -u
-  echo "clang-tidy: findings, see $root/build/release/clang-tidy.log" >&2
+  grep -E '(warning|error):' build/sanitizers/clang-tidy.log | sort -u
+  echo "clang-tidy: findings, see $root/build/sanitizers/clang-tidy.log" >&2
   exit 1
 fi
-echo "clang-tidy finds nothing in ${#sources[@]} sources"
+echo "clang-tidy finds nothing in $(wc -l <build/sanitizers/tidy_units.txt) units"

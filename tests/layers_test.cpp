@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::layers_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -195,4 +195,4 @@ TEST(Layers, NoticesWhatIsForbidden) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::layers_test

@@ -15,7 +15,7 @@
 #include "kdl_calibration/kdl_calibration.hpp"
 #include "mistakes_support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::threads_test {
 namespace {
 
 using Eigen::Index;
@@ -368,4 +368,4 @@ TEST(Threads, AreTriedOnEveryConstMethodOfThePublicHeaders) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::threads_test

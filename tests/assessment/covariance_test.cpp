@@ -13,11 +13,16 @@
 
 #include "assessment/unit_columns.hpp"
 #include "base/triangular_factor.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/random.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "record.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::covariance_test {
 namespace {
 
 using Eigen::Index;
@@ -26,6 +31,8 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 using testing::refusal;
+using testing::VirtualExperiment;
+using testing::without_sigmas;
 
 MatrixXd random_matrix(Index rows, Index columns, unsigned seed) {
   Random random(61, seed);
@@ -101,15 +108,29 @@ TEST(Covariance, OfFewRowsIsThatOfWhatTheyDetermine) {
   EXPECT_NEAR((directions.transpose() * directions - MatrixXd::Identity(2, 2)).norm(), 0.0, 1e-14);
 }
 
-// A full square matrix is not reduced to a triangle.
-TEST(Covariance, OfASquareMatrixIsTheInverseOfTheInformation) {
-  for (const Index columns : {1, 2, 7}) {
-    const MatrixXd J = random_matrix(columns, columns, 3);
-    const MatrixXd expected = 3.0 * (J.transpose() * J).inverse();
-    EXPECT_LT((covariance(J, 3.0) - expected).norm(), 1e-10 * expected.norm()) << columns;
-    EXPECT_EQ(undetermined_directions(J).rows(), columns);
-    EXPECT_EQ(undetermined_directions(J).cols(), 0);
+TEST(Covariance, IsTheInverseOfTheNormalMatrix) {
+  Random random(1);
+  Eigen::MatrixXd jacobian = Eigen::MatrixXd::NullaryExpr(40, 6, [&] { return random.normal(); });
+  jacobian.col(2) *= 1e6;
+  const Eigen::MatrixXd expected = 0.25 * (jacobian.transpose() * jacobian).inverse();
+  const Eigen::MatrixXd found = covariance(jacobian, 0.25);
+  for (Eigen::Index i = 0; i < 6; ++i) {
+    for (Eigen::Index j = 0; j < 6; ++j) {
+      const double scale = std::sqrt(expected(i, i) * expected(j, j));
+      EXPECT_NEAR(found(i, j), expected(i, j), 1e-10 * scale);
+    }
   }
+}
+
+TEST(Covariance, WhatIsNotDeterminedHasInfiniteVariance) {
+  Random random(2);
+  Eigen::MatrixXd jacobian = Eigen::MatrixXd::NullaryExpr(40, 4, [&] { return random.normal(); });
+  jacobian.col(3) = jacobian.col(0);
+  const Eigen::MatrixXd found = covariance(jacobian, 1.0);
+  EXPECT_TRUE(std::isinf(found(0, 0)));
+  EXPECT_TRUE(std::isinf(found(3, 3)));
+  EXPECT_TRUE(std::isfinite(found(1, 1)));
+  EXPECT_NEAR(found(1, 1), (jacobian.leftCols(3).transpose() * jacobian.leftCols(3)).inverse()(1, 1), 1e-12);
 }
 
 // The inverse of a triangle is taken up to a condition of a million, where both agree.
@@ -129,11 +150,12 @@ TEST(Covariance, IsTheSameOnBothSidesOfWhereSingularValuesTakeOver) {
 }
 
 // Above a hundred columns singular values are found in another way. Column 7 is ten times column 130.
-TEST(Covariance, OfManyColumnsIsTheInverseOfTheInformation) {
-  for (const Index columns : {100, 101, 140}) {
-    const MatrixXd J = random_matrix(300, columns, 4);
+TEST(Covariance, OfSquareAndOfWideMatricesIsTheInverseOfTheInformation) {
+  for (const auto& [rows, columns] :
+       {std::pair<Index, Index>{1, 1}, {2, 2}, {7, 7}, {300, 100}, {300, 101}, {300, 140}}) {
+    const MatrixXd J = random_matrix(rows, columns, 4);
     const MatrixXd expected = (J.transpose() * J).inverse();
-    EXPECT_LT((covariance(J, 2.0) - 2.0 * expected).norm(), 1e-11 * expected.norm()) << columns;
+    EXPECT_LT((covariance(J, 2.0) - 2.0 * expected).norm(), 1e-10 * expected.norm()) << columns;
     EXPECT_EQ(undetermined_directions(J).cols(), 0) << columns;
   }
   MatrixXd J = random_matrix(300, 140, 4);
@@ -188,22 +210,16 @@ TEST(Covariance, SandwichKeepsWhatIsInfiniteApart) {
   for (const Index infinite : {0, 1, 3}) {
     const MatrixXd A = random_matrix(4, 4, 4);
     MatrixXd outer = A * A.transpose();
-    outer(infinite, infinite) = kInfinite;
+    outer.row(infinite).setZero();
+    outer.col(infinite).setZero();
     const MatrixXd B = random_matrix(4, 4, 5);
     const MatrixXd middle = B * B.transpose();
-    const MatrixXd found = sandwich(outer, middle);
-    for (Index i = 0; i < 4; ++i) {
-      for (Index j = 0; j < 4; ++j) {
-        double expected = 0.0;
-        for (Index k = 0; k < 4 && i != infinite && j != infinite; ++k) {
-          for (Index l = 0; l < 4; ++l) {
-            expected += k == infinite || l == infinite ? 0.0 : outer(i, k) * middle(k, l) * outer(l, j);
-          }
-        }
-        EXPECT_NEAR(i == infinite && j == infinite ? 0.0 : found(i, j), expected, 1e-12) << infinite << i << j;
-      }
-    }
+    const MatrixXd expected = outer * middle * outer;
+    outer(infinite, infinite) = kInfinite;
+    MatrixXd found = sandwich(outer, middle);
     EXPECT_EQ(found(infinite, infinite), kInfinite);
+    found(infinite, infinite) = 0.0;
+    EXPECT_LT((found - expected).norm(), 1e-12) << infinite;
   }
 }
 
@@ -261,25 +277,6 @@ TEST(Covariance, RadiiOfErrorsInALineAPlaneAndAllDirectionsAreThoseOfTheTables) 
   EXPECT_NEAR(radius(0.0, 0.0, 7.0, 0.95) / 7.0, 1.959964, 2e-3);
 }
 
-TEST(Covariance, OfPredictionsIsThatOfTheirColumns) {
-  testing::VirtualExperiment experiment;
-  const Unknowns free(experiment.model, experiment.targets, {"base.Tx", "base.Rz", "A.x", "B.y"});
-  const VectorXd q = experiment.configurations(1).col(0);
-  const PositionPredictor predictor(experiment.model, experiment.robot.truth, free);
-  const MatrixXd A = random_matrix(4, 4, 6);
-  const MatrixXd C = A * A.transpose();
-  for (std::size_t target = 0; target < 3; ++target) {
-    const MatrixXd J = predictor.jacobians(q)[target];
-    EXPECT_LT((predicted_covariance(predictor, C, q, target) - J * C * J.transpose()).norm(), 1e-12) << target;
-  }
-  EXPECT_EQ(refusal([&] { predicted_covariance(predictor, C, q, 3); }),
-            "the target 3 is not there, expected an index below 3");
-  EXPECT_EQ(refusal([&] { predicted_covariance(predictor, MatrixXd::Zero(4, 5), q, 0); }),
-            "5 columns of a covariance, expected 4");
-  EXPECT_EQ(refusal([&] { predicted_covariance(predictor, MatrixXd::Zero(5, 4), q, 0); }),
-            "5 rows of a covariance, expected 4");
-}
-
 // Configurations of two points and of one, and a prior, their noise written out.
 TEST(Covariance, OfEqualWeightsIsThatOfErrorsWithACommonPart) {
   const MatrixXd rows = random_matrix(13, 4, 7);
@@ -309,5 +306,169 @@ TEST(Covariance, OfEqualWeightsIsThatOfErrorsWithACommonPart) {
   EXPECT_EQ(refusal([&] { covariance(summary, noise, 1.0); }), "3 columns of a summary's sums, expected 4");
 }
 
+TEST(Covariance, RadiusHoldsItsShareOfDrawnErrors) {
+  EXPECT_NEAR(radius_of_probability(Eigen::Matrix3d::Identity()), 2.79548, 1e-4);  // chi, three degrees of freedom
+  EXPECT_NEAR(radius_of_probability(Eigen::Vector3d(0.0, 4.0, 0.0).asDiagonal()), 2.0 * 1.95996, 0.01);
+  EXPECT_EQ(radius_of_probability(Eigen::Matrix3d::Zero()), 0.0);
+  Random random(10);
+  const Eigen::Matrix3d A = Eigen::Matrix3d::NullaryExpr([&] { return random.normal(); });
+  const double radius = radius_of_probability(A * A.transpose());
+  double inside = 0.0;
+  const int draws = 100000;
+  for (int i = 0; i < draws; ++i) {
+    inside += (A * Eigen::Vector3d{random.normal(), random.normal(), random.normal()}).norm() < radius ? 1.0 : 0.0;
+  }
+  EXPECT_NEAR(inside / draws, 0.95, 0.003);
+}
+// ---- Monte Carlo ----------------------------------------------------------------------------------------------------
+
+/// With errors of the irreducible model.
+VirtualExperiment published(const Random& random = Random(1)) {
+  return VirtualExperiment({.ranges = published_ranges, .random = random});
+}
+
+/// Difference of an estimate from the truth in the coordinates of the columns: base, geometric, targets.
+Eigen::VectorXd column_errors(const VirtualExperiment& experiment, const Estimate& estimate, const Estimate& truth) {
+  Eigen::VectorXd d(33);
+  const Eigen::Isometry3d off = truth.X_WB.inverse() * estimate.X_WB;
+  const Eigen::AngleAxisd turn(off.linear());
+  d.head<3>() = off.translation();
+  d.segment<3>(3) = turn.angle() * turn.axis();
+  for (std::size_t i = 0; i < experiment.free.geometric().size(); ++i) {
+    const auto p = static_cast<Eigen::Index>(experiment.free.geometric()[i]);
+    d[6 + static_cast<Eigen::Index>(i)] = estimate.errors[p] - truth.errors[p];
+  }
+  for (int k = 0; k < 3; ++k) {
+    const auto target = static_cast<std::size_t>(k);
+    d.segment<3>(24 + 3 * k) = estimate.targets[target].X_FT.translation() - truth.targets[target].X_FT.translation();
+  }
+  return d;
+}
+struct CovarianceTrials {
+  Eigen::VectorXd std_ratio;  // observed over predicted, per column
+  double mean_nees = 0.0;
+  double coverage = 0.0;  // of 95 % intervals of predicted coordinates
+};
+
+CovarianceTrials monte_carlo(int runs, const MeasuringNoise& noise, const NoiseModel& assumed, bool estimate_noise) {
+  VirtualExperiment experiment = published();
+  CovarianceTrials result;
+  Eigen::VectorXd squares = Eigen::VectorXd::Zero(33);
+  Eigen::VectorXd predicted = Eigen::VectorXd::Zero(33);
+  double covered = 0.0;
+  double intervals = 0.0;
+  Random pose_random(1234);
+  const Eigen::MatrixXd unmeasured = random_configurations(experiment.ranges, 200, pose_random);
+  for (int run = 0; run < runs; ++run) {
+    experiment.restart(Random(77, static_cast<std::uint64_t>(run)));
+    const VirtualRobot& robot = experiment.robot;
+    // The noise model speaks for all.
+    const Measurements measured = without_sigmas(experiment.measure(30, noise));
+    JointOptions options;
+    options.residuals.noise = assumed;
+    const Identification found = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
+                                                  experiment.free, options);
+    const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options.residuals);
+    const Eigen::MatrixXd jacobian = problem.whitened(found.estimate).jacobian;
+    const double factor = estimate_noise ? problem.linearise(found.estimate).cost / (270.0 - 33.0) : 1.0;
+    const Eigen::MatrixXd C = covariance(jacobian, factor);
+    const Eigen::VectorXd d = column_errors(experiment, found.estimate, robot.truth);
+    squares += d.cwiseAbs2() / runs;
+    predicted += C.diagonal() / runs;
+    result.mean_nees += d.dot(C.ldlt().solve(d)) / runs;
+    const PositionPredictor predictor(experiment.model, found.estimate, experiment.free);
+    const std::vector<Eigen::Isometry3d> truth = flange_poses(experiment.model, robot.truth, unmeasured);
+    const std::vector<Eigen::Isometry3d> ours = flange_poses(experiment.model, found.estimate, unmeasured);
+    for (Eigen::Index c = run % 10; c < unmeasured.cols(); c += 10) {  // a tenth of the poses in each run
+      const auto i = static_cast<std::size_t>(c);
+      const Eigen::Vector3d error = found.estimate.X_WB * (ours[i] * found.estimate.targets[1].X_FT.translation()) -
+                                    robot.truth.X_WB * (truth[i] * robot.truth.targets[1].X_FT.translation());
+      const Eigen::Matrix3d P = predicted_covariance(predictor, C, unmeasured.col(c), 1);
+      for (int axis = 0; axis < 3; ++axis) {
+        covered += std::abs(error[axis]) < 1.959964 * std::sqrt(P(axis, axis)) ? 1.0 : 0.0;
+        intervals += 1.0;
+      }
+    }
+  }
+  result.std_ratio = (squares.array() / predicted.array()).sqrt();
+  result.coverage = covered / intervals;
+  return result;
+}
+
+// Share of every predicted sigma, amount of the mean NEES, and share of the 95 % intervals.
+struct Tolerance {
+  double std_ratio = 0.0;
+  double nees = 0.0;
+  double coverage = 0.0;
+};
+constexpr Tolerance kOf100Runs{.std_ratio = 0.3, .nees = 3.0, .coverage = 0.025};
+constexpr Tolerance kOf1000Runs{.std_ratio = 0.1, .nees = 0.8, .coverage = 0.01};
+
+void expect_confirmed(const CovarianceTrials& found, const Tolerance& tolerance) {
+  testing::record("least std over predicted", found.std_ratio.minCoeff());
+  testing::record("largest std over predicted", found.std_ratio.maxCoeff());
+  testing::record("NEES", found.mean_nees);
+  testing::record("coverage", found.coverage);
+  EXPECT_GT(found.std_ratio.minCoeff(), 1.0 - tolerance.std_ratio);
+  EXPECT_LT(found.std_ratio.maxCoeff(), 1.0 + tolerance.std_ratio);
+  EXPECT_NEAR(found.mean_nees, 33.0, tolerance.nees);
+  EXPECT_NEAR(found.coverage, 0.95, tolerance.coverage);
+}
+
+void expect_covariance_confirmed(int runs, const Tolerance& tolerance) {
+  const NoiseModel assumed{.independent = Eigen::Vector3d::Constant(0.00003)};
+  expect_confirmed(monte_carlo(runs, {.sigma = 0.00003}, assumed, false), tolerance);
+}
+
+void expect_covariance_confirmed_under_correlated_noise(int runs, const Tolerance& tolerance) {
+  // The repeats of the real robot: 58, 59, 31 um shared by the points of a repeat, 11 um of each by itself.
+  const Eigen::Vector3d common(0.000058, 0.000059, 0.000031);
+  const MeasuringNoise noise{.sigma = 0.000011, .common = common};
+  const NoiseModel full{.independent = Eigen::Vector3d::Constant(0.000011), .common = common};
+  expect_confirmed(monte_carlo(runs, noise, full, false), tolerance);
+  const CovarianceTrials independent = monte_carlo(runs / 4, noise, {}, true);
+  EXPECT_LT(independent.coverage, 0.92) << "the model without the common part would do as well";
+}
+
+TEST(Covariance, MonteCarloConfirmsTheCovariance) { expect_covariance_confirmed(100, kOf100Runs); }
+
+TEST(Covariance, MonteCarloConfirmsTheCovarianceUnderCorrelatedNoise) {
+  expect_covariance_confirmed_under_correlated_noise(100, kOf100Runs);
+}
+
+TEST(CovarianceLongRun, MonteCarloConfirmsTheCovariance) { expect_covariance_confirmed(1000, kOf1000Runs); }
+
+TEST(CovarianceLongRun, MonteCarloConfirmsTheCovarianceUnderCorrelatedNoise) {
+  expect_covariance_confirmed_under_correlated_noise(1000, kOf1000Runs);
+}
+
+void expect_residual_components_to_cover_correlated_noise(int runs) {
+  VirtualExperiment experiment = published(Random(5));
+  double ratio = 0.0;
+  for (int run = 0; run < runs; ++run, experiment.draw_robot()) {
+    const Measurements measured =
+        without_sigmas(experiment.measure(60, {.sigma = 0.00001, .common = Eigen::Vector3d::Constant(0.00005)}));
+    const Identification found =
+        identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
+    const WhitenedSystem system =
+        LeastSquaresProblem(experiment.model, measured, experiment.free).whitened(found.estimate);
+    const ResidualNoise noise = noise_from_residuals(system, 33, 1.0);
+    EXPECT_GT(noise.common, 2.0 * noise.independent);
+    const Eigen::VectorXd d = column_errors(experiment, found.estimate, experiment.robot.truth);
+    const Eigen::MatrixXd C = covariance(system, noise, 1.0);
+    ratio += (d.array().square() / C.diagonal().array()).segment(6, 18).mean() / runs;
+  }
+  EXPECT_GT(ratio, 0.7);
+  EXPECT_LT(ratio, 1.4);
+}
+
+TEST(Covariance, ResidualComponentsCoverCorrelatedNoiseThatNobodyStated) {
+  expect_residual_components_to_cover_correlated_noise(25);
+}
+
+TEST(CovarianceLongRun, ResidualComponentsCoverCorrelatedNoiseThatNobodyStated) {
+  expect_residual_components_to_cover_correlated_noise(100);
+}
+
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::covariance_test

@@ -8,7 +8,7 @@
 #include "kdl_calibration/effect_terms.hpp"
 #include "mistake_table.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::gain_trial_test {
 namespace {
 
 using testing::light_arm;
@@ -74,16 +74,6 @@ TEST(GainTrial, MisfitsAreThoseOfTheFitsWithAndWithoutGains) {
   EXPECT_NEAR(beside->rms_rigid, without, 1e-9);
 }
 
-// Nothing else is free: the start is as good as what a fit finds.
-TEST(GainTrial, GainsWithoutAnythingElseFree) {
-  const Measured& m = of_light_arm();
-  const Estimate start = nominal_start(m.model, m.data);
-  const std::optional<GainTrial> found = try_gains(m.model, m.data, start, Unknowns());
-  ASSERT_TRUE(found);
-  EXPECT_NEAR(found->rms_rigid, rms_of(m.model, m.data, start), 1e-12);
-  EXPECT_LT(found->rms, found->rms_rigid);
-}
-
 TEST(GainTrial, ThereIsNoneBesideErrorsBeyondAnyRobots) {
   Measured m = measured(light_arm(), 3);
   m.data.joint_values.row(2) *= 0.9;
@@ -94,4 +84,4 @@ TEST(GainTrial, ThereIsNoneBesideErrorsBeyondAnyRobots) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::gain_trial_test

@@ -1,5 +1,3 @@
-// Leverages and Cook's distances from the rows of the whitened system: each point and configuration left out in turn.
-
 #include "kdl_calibration/influence.hpp"
 
 #include <gtest/gtest.h>
@@ -7,14 +5,17 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <string>
 #include <vector>
 
 #include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "record.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::influence_test {
 namespace {
 
 using Eigen::Index;
@@ -22,159 +23,145 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using testing::refusal;
 using testing::VirtualExperiment;
+using testing::without_sigmas;
 
-/// Poses and points of 70 configurations, some of them held out, of any weight; at the optimum.
-struct Trial {
-  VirtualExperiment experiment;
-  Measurements measured;
-  Unknowns free;
-  ResidualOptions options;
-  Estimate estimate;
+/// With errors of the irreducible model.
+VirtualExperiment published(const Random& random = Random(1)) {
+  return VirtualExperiment({.ranges = published_ranges, .random = random});
+}
 
-  explicit Trial(int configurations = 70)
-      : experiment({.targets = testing::as_frames(published_targets())}),
-        measured(experiment.measure(configurations, {.sigma = 1e-4, .orientation_sigma = 2e-4, .repeats = 2})),
-        options{.priors = {.length = 5e-5, .angle = 5e-5}, .orientation_length = 0.5} {
-    std::vector<std::string> names = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz", "A.x",
-                                      "A.y",     "A.z",     "B.x",     "B.y",     "B.z",     "B.Rx",    "B.Ry",
-                                      "B.Rz",    "C.x",     "C.y",     "C.z",     "C.Rx"};
-    const std::vector<std::string> all = experiment.free.names();
-    names.insert(names.end(), all.begin() + 8, all.begin() + 12);
-    free = Unknowns(experiment.model, experiment.targets, names);
-    measured = subset(testing::without_sigmas(measured),
-                      [](const Observation& o) { return o.configuration % 9 != 4 || o.target != 1; });
-    for (std::size_t row = 0; row < measured.observations.size(); ++row) {
-      Observation& o = measured.observations[row];
-      o.split = o.configuration % 11 == 3 ? Split::test : Split::train;
-      if (o.target == 0 || (o.configuration % 4 == 1 && o.repeat == 1) || o.configuration % 6 == 2) {
-        measured.orientations[row] = point_alone();
-      }
-      options.row_weights.push_back(row == 30 ? 40.0 : row % 5 == 2 ? 0.3 : 1.0);
+/// Difference of an estimate from the truth in the coordinates of the columns: base, geometric, targets.
+Eigen::VectorXd column_errors(const VirtualExperiment& experiment, const Estimate& estimate, const Estimate& truth) {
+  Eigen::VectorXd d(33);
+  const Eigen::Isometry3d off = truth.X_WB.inverse() * estimate.X_WB;
+  const Eigen::AngleAxisd turn(off.linear());
+  d.head<3>() = off.translation();
+  d.segment<3>(3) = turn.angle() * turn.axis();
+  for (std::size_t i = 0; i < experiment.free.geometric().size(); ++i) {
+    const auto p = static_cast<Eigen::Index>(experiment.free.geometric()[i]);
+    d[6 + static_cast<Eigen::Index>(i)] = estimate.errors[p] - truth.errors[p];
+  }
+  for (int k = 0; k < 3; ++k) {
+    const auto target = static_cast<std::size_t>(k);
+    d.segment<3>(24 + 3 * k) = estimate.targets[target].X_FT.translation() - truth.targets[target].X_FT.translation();
+  }
+  return d;
+}
+
+// Exact refit of the rows that `keep` leaves, Cook's distance as defined.
+double cook_by_refit(const VirtualExperiment& experiment, const Measurements& measured, const Identification& full,
+                     const ResidualOptions& residuals, const std::function<bool(const Observation&)>& keep) {
+  const LeastSquaresProblem problem(experiment.model, measured, experiment.free, residuals);
+  const NormalEquations equations = problem.linearise(full.estimate);
+  JointOptions options;
+  options.residuals = residuals;
+  options.step_tolerance = 1e-13;
+  const Identification without =
+      identify_jointly(experiment.model, subset(measured, keep), full.estimate, experiment.free, options);
+  const Eigen::VectorXd d = column_errors(experiment, full.estimate, without.estimate);
+  const double coordinates = static_cast<double>(problem.whitened(full.estimate).residual.size());
+  const double variance = (equations.cost - problem.cost_of_repeats()) / (coordinates - 33.0);
+  return d.dot(equations.hessian * d) / (33.0 * variance);
+}
+
+TEST(Influence, LeverageAddsUpToTheRankAndCooksDistanceIsThatOfARefit) {
+  VirtualExperiment experiment = published();
+  const Eigen::Vector3d common(0.00002, 0.00001, 0.00003);
+  for (const bool correlated : {false, true}) {
+    experiment.restart(Random(9));
+    const Measurements all = without_sigmas(
+        experiment.measure(30, {.sigma = 1e-6, .repeats = 2, .common = 0.1 * common}));  // so small that all is linear
+    const Measurements measured =
+        subset(all, [](const Observation& o) { return o.configuration != 4 || o.target != 1; });
+    JointOptions options;
+    options.step_tolerance = 1e-13;
+    if (correlated) {
+      options.residuals.noise = {.independent = Eigen::Vector3d::Constant(1e-6), .common = 0.1 * common};
     }
-    estimate = identify_jointly(experiment.model, measured, experiment.robot.truth, free,
-                                {.step_tolerance = 1e-14, .residuals = options})
-                   .estimate;
-  }
-
-  LeastSquaresProblem problem() const { return {experiment.model, measured, free, options}; }
-  Influence found() const {
-    return influence(problem(), measured, options, estimate, problem().whitened_summary(estimate).triangle);
-  }
-
-  // Of a configuration's points whether their orientations were measured.
-  std::vector<std::pair<int, bool>> points(int configuration) const {
-    std::vector<std::pair<int, bool>> result;
-    for (int target = 0; target < 3; ++target) {
-      bool there = false;
-      bool turned = false;
-      for (std::size_t row = 0; row < measured.observations.size(); ++row) {
-        const Observation& o = measured.observations[row];
-        if (o.configuration == configuration && o.target == target && o.split == Split::train) {
-          there = true;
-          turned = turned || !is_point(measured.orientations[row]);
-        }
+    const Identification full = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
+                                                 experiment.free, options);
+    const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options.residuals);
+    const Eigen::MatrixXd jacobian = problem.whitened(full.estimate).jacobian;
+    const Influence found = influence(problem, measured, options.residuals, full.estimate,
+                                      problem.whitened_summary(full.estimate).triangle);
+    ASSERT_EQ(found.configurations.size(), 30U);
+    EXPECT_NEAR(found.leverage_limit, 2.0 * 33.0 / 267.0, 1e-9);
+    EXPECT_EQ(found.cook_limit, 4.0 / 30.0);
+    EXPECT_NEAR(found.point_cook_limit, 4.0 / 89.0, 1e-15);
+    const Eigen::MatrixXd hat = jacobian * (jacobian.transpose() * jacobian).ldlt().solve(jacobian.transpose());
+    double sum = 0.0;
+    double sum_of_points = 0.0;
+    double largest_difference = 0.0;
+    for (const ConfigurationInfluence& entry : found.configurations) {
+      sum += entry.leverage;
+      EXPECT_EQ(entry.high_leverage, entry.leverage > entry.coordinates * found.leverage_limit);
+      EXPECT_EQ(entry.influential, entry.cook > found.cook_limit);
+      for (const PointInfluence& point : entry.points) {
+        sum_of_points += point.leverage;
       }
-      if (there) {
-        result.emplace_back(target, turned);
+      if (entry.configuration % 6 != 4) {
+        continue;
+      }
+      const auto other = [&](const Observation& o) { return o.configuration != entry.configuration; };
+      const double expected = cook_by_refit(experiment, measured, full, options.residuals, other);
+      largest_difference = std::max(largest_difference, std::abs(entry.cook / expected - 1.0));
+      for (const PointInfluence& point : entry.points) {
+        const double exact = cook_by_refit(experiment, measured, full, options.residuals,
+                                           [&](const Observation& o) { return other(o) || o.target != point.target; });
+        largest_difference = std::max(largest_difference, std::abs(point.cook / exact - 1.0));
       }
     }
-    return result;
+    testing::record("largest difference of Cook's distance from refits", largest_difference);
+    EXPECT_NEAR(sum, 33.0, 1e-8);
+    EXPECT_NEAR(sum_of_points, 33.0, 1e-8);
+    EXPECT_NEAR(hat.trace(), 33.0, 1e-6);
+    if (!correlated) {  // the diagonal itself, row by row
+      EXPECT_NEAR(found.configurations[0].leverage, hat.diagonal().head(9).sum(), 1e-6);
+    }
+    EXPECT_LT(largest_difference, 0.01);
   }
-};
+}
 
-/// The whole of the linear problem, and what is left without some rows.
-struct Linear {
-  MatrixXd J;
-  VectorXd e;
-  MatrixXd A;
-  double decided = 0.0;
-  double mean_square = 0.0;
-
-  Linear(const WhitenedSystem& system, Index measured_rows) : J(system.jacobian), e(system.residual) {
-    A = J.transpose() * J;
-    const MatrixXd rows = J.topRows(measured_rows);
-    decided = (rows * A.inverse() * rows.transpose()).trace();
-    mean_square = e.head(measured_rows).squaredNorm() / (static_cast<double>(measured_rows) - decided);
+// The trace of the hat matrix, and that of the configurations' rows in it.
+TEST(Influence, LeveragesOfPosesOfAnyWeightAddUpToWhatTheRowsDecide) {
+  VirtualExperiment experiment({.targets = testing::as_frames(published_targets())});
+  Measurements measured = without_sigmas(experiment.measure(30, {.sigma = 1e-4, .orientation_sigma = 2e-4}));
+  ResidualOptions options{.priors = {.length = 5e-5, .angle = 5e-5}, .orientation_length = 0.5};
+  const auto alone = [](int configuration, int target) {
+    return configuration % 6 == 2 || (target == 0 && configuration % 2 == 1);
+  };
+  for (std::size_t row = 0; row < measured.observations.size(); ++row) {
+    Observation& o = measured.observations[row];
+    o.split = o.configuration % 11 == 3 ? Split::test : Split::train;
+    if (alone(o.configuration, o.target)) {
+      measured.orientations[row] = point_alone();
+    }
+    options.row_weights.push_back(row == 30 ? 40.0 : row % 5 == 2 ? 0.3 : 1.0);
   }
-
-  double leverage(const std::vector<Index>& rows) const {
-    const MatrixXd own = J(rows, Eigen::all);
-    return (own * A.inverse() * own.transpose()).trace();
-  }
-  double cook(const std::vector<Index>& rows) const {
-    const MatrixXd own = J(rows, Eigen::all);
-    const VectorXd moment = J.transpose() * e - own.transpose() * e(rows);
-    const VectorXd x = A.inverse() * VectorXd(J.transpose() * e);
-    const VectorXd without = (A - own.transpose() * own).inverse() * moment;
-    return (x - without).dot(A * (x - without)) / (decided * mean_square);
-  }
-};
-
-// NOLINTNEXTLINE(readability-function-cognitive-complexity): the rule written out
-TEST(Influence, OfPosesAndPointsIsThatOfTheirRowsLeftOut) {
-  const Trial trial;
-  const WhitenedSystem system = trial.problem().whitened(trial.estimate);
-  const Index measured_rows = system.blocks.back();
-  const Linear linear(system, measured_rows);
-  ASSERT_GT(system.jacobian.rows(), measured_rows) << "priors";
-  const Influence found = trial.found();
+  const Estimate& truth = experiment.robot.truth;
+  const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options);
+  const WhitenedSystem system = problem.whitened(truth);
+  const Influence found = influence(problem, measured, options, truth, problem.whitened_summary(truth).triangle);
+  const MatrixXd J = system.jacobian;
+  const VectorXd scale = J.colwise().norm().cwiseInverse();
+  const MatrixXd scaled = J * scale.asDiagonal();
+  const VectorXd hat = (scaled * (scaled.transpose() * scaled).inverse()).cwiseProduct(scaled).rowwise().sum();
+  const double decided = hat.head(system.blocks.back()).sum();
+  EXPECT_LT(decided, static_cast<double>(experiment.free.size()) - 0.01) << "priors decide some";
   ASSERT_EQ(found.configurations.size() + 1, system.blocks.size());
-  std::vector<int> trained;
-  for (int c = 0; c < 70; ++c) {
-    if (c % 11 != 3) {
-      trained.push_back(c);
-    }
-  }
-  ASSERT_EQ(found.configurations.size(), trained.size());
-  double points = 0.0;
-  int flags[4] = {};
+  double of_points = 0.0;
   for (std::size_t c = 0; c < found.configurations.size(); ++c) {
     const ConfigurationInfluence& entry = found.configurations[c];
-    const std::string what = "configuration " + std::to_string(entry.configuration);
-    EXPECT_EQ(entry.configuration, trained[c]) << what;
-    const auto expected = trial.points(entry.configuration);
-    ASSERT_EQ(entry.points.size(), expected.size()) << what;
-    std::vector<Index> all;
-    for (Index row = system.blocks[c]; row < system.blocks[c + 1]; ++row) {
-      all.push_back(row);
+    const Index rows = system.blocks[c + 1] - system.blocks[c];
+    EXPECT_NE(entry.configuration % 11, 3) << "test rows";
+    EXPECT_EQ(entry.coordinates, static_cast<int>(rows));
+    EXPECT_NEAR(entry.leverage, hat.segment(system.blocks[c], rows).sum(), 1e-6) << c;
+    for (const PointInfluence& point : entry.points) {
+      of_points += point.leverage;
+      EXPECT_EQ(point.coordinates, alone(entry.configuration, point.target) ? 3 : 6);
     }
-    EXPECT_EQ(entry.coordinates, static_cast<int>(all.size())) << what;
-    EXPECT_NEAR(entry.leverage, linear.leverage(all), 1e-8) << what;
-    EXPECT_NEAR(entry.cook / linear.cook(all), 1.0, 1e-4) << what;
-    Index position = system.blocks[c];
-    Index orientation = position + 3 * static_cast<Index>(expected.size());
-    for (std::size_t i = 0; i < expected.size(); ++i) {
-      const PointInfluence& point = entry.points[i];
-      std::vector<Index> own;
-      for (int axis = 0; axis < 3; ++axis) {
-        own.push_back(position++);
-      }
-      for (int axis = 0; axis < (expected[i].second ? 3 : 0); ++axis) {
-        own.push_back(orientation++);
-      }
-      EXPECT_EQ(point.target, expected[i].first) << what;
-      EXPECT_EQ(point.coordinates, static_cast<int>(own.size())) << what;
-      EXPECT_NEAR(point.leverage, linear.leverage(own), 1e-8) << what << ", point " << i;
-      EXPECT_NEAR(point.cook / linear.cook(own), 1.0, 1e-4) << what << ", point " << i;
-      EXPECT_EQ(point.high_leverage, point.leverage > point.coordinates * found.leverage_limit) << what;
-      EXPECT_EQ(point.influential, point.cook > found.point_cook_limit) << what;
-      flags[2] += point.high_leverage ? 1 : 0;
-      flags[3] += point.influential ? 1 : 0;
-      points += 1.0;
-    }
-    EXPECT_EQ(entry.high_leverage, entry.leverage > entry.coordinates * found.leverage_limit) << what;
-    EXPECT_EQ(entry.influential, entry.cook > found.cook_limit) << what;
-    flags[0] += entry.high_leverage ? 1 : 0;
-    flags[1] += entry.influential ? 1 : 0;
   }
-  EXPECT_NEAR(found.leverage_limit, 2.0 * linear.decided / static_cast<double>(measured_rows), 1e-10);
-  EXPECT_LT(linear.decided, 22.99) << "priors decide some";
-  EXPECT_NEAR(found.cook_limit, 4.0 / static_cast<double>(found.configurations.size()), 1e-15);
-  EXPECT_NEAR(found.point_cook_limit, 4.0 / points, 1e-15);
-  EXPECT_GT(flags[1], 0);
-  EXPECT_GT(flags[2], 0);
-  EXPECT_GT(flags[3], 0);
-  EXPECT_LT(flags[0] + flags[1], 70);
+  EXPECT_NEAR(of_points, decided, 1e-6);
 }
 
 /// The third target in two configurations, in the second with this weight: all that decides its place.
@@ -247,24 +234,23 @@ TEST(Influence, IsEmptyWhereTheTriangleDoesNotDetermineAllColumns) {
 }
 
 TEST(Influence, RefusesWhatDoesNotHoldTogether) {
-  const Trial trial(8);
-  const LeastSquaresProblem problem = trial.problem();
-  const MatrixXd triangle = problem.whitened_summary(trial.estimate).triangle;
-  Measurements measured = trial.measured;
+  VirtualExperiment experiment = published();
+  const Measurements sound = without_sigmas(experiment.measure(12, {.sigma = 1e-4}));
+  const Estimate& truth = experiment.robot.truth;
+  const LeastSquaresProblem problem(experiment.model, sound, experiment.free);
+  const MatrixXd triangle = problem.whitened_summary(truth).triangle;
+  Measurements measured = sound;
   measured.joints[0] = "another";
-  EXPECT_NE(refusal([&] { influence(problem, measured, trial.options, trial.estimate, triangle); }).find("another"),
-            std::string::npos);
-  Estimate estimate = trial.estimate;
+  EXPECT_NE(refusal([&] { influence(problem, measured, {}, truth, triangle); }).find("another"), std::string::npos);
+  Estimate estimate = truth;
   estimate.errors.conservativeResize(3);
-  EXPECT_NE(refusal([&] { influence(problem, trial.measured, trial.options, estimate, triangle); }).find("3 errors"),
-            std::string::npos);
-  ResidualOptions options = trial.options;
-  options.row_weights[1] = -1.0;
-  EXPECT_NE(refusal([&] { influence(problem, trial.measured, options, trial.estimate, triangle); }).find("weight"),
-            std::string::npos);
-  EXPECT_EQ(refusal([&] { influence(problem, trial.measured, trial.options, trial.estimate, triangle.leftCols(5)); }),
-            "5 columns of a triangle, expected 23");
+  EXPECT_NE(refusal([&] { influence(problem, sound, {}, estimate, triangle); }).find("3 errors"), std::string::npos);
+  ResidualOptions options;
+  options.row_weights.assign(sound.observations.size(), -1.0);
+  EXPECT_NE(refusal([&] { influence(problem, sound, options, truth, triangle); }).find("weight"), std::string::npos);
+  EXPECT_EQ(refusal([&] { influence(problem, sound, {}, truth, triangle.leftCols(5)); }),
+            "5 columns of a triangle, expected 33");
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::influence_test

@@ -7,7 +7,7 @@
 
 #include "kdl_calibration/random.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::observability_test {
 namespace {
 
 using Eigen::Index;
@@ -75,4 +75,4 @@ TEST(Observability, IsNoneWhereNotAllColumnsAreDetermined) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::observability_test

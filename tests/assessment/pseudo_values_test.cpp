@@ -8,7 +8,7 @@
 #include "kdl_calibration/validation.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::pseudo_values_test {
 namespace {
 
 // Of w(r) r in three dimensions where the row has this weight: (w'(r) r + 3 w(r)) / 3.
@@ -89,4 +89,4 @@ TEST(PseudoValues, WithoutAnyWeightAreWhereTheyArePredicted) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::pseudo_values_test

@@ -3,19 +3,13 @@
 #include <gmock/gmock.h>
 
 #include <array>
-#include <cmath>
-#include <limits>
 #include <utility>
 
-#include "refusal.hpp"
-
-namespace kdl_calibration {
+namespace kdl_calibration::quality_findings_test {
 namespace {
 
 using Eigen::Vector3d;
 using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using testing::refusal;
 
 /// Rows (configuration, repeat, target) of three configurations "a", "b", "c" and four targets.
 Measurements with_rows(const std::vector<std::array<int, 3>>& rows) {
@@ -36,49 +30,6 @@ const Measurements& three_repeats() {
   static const Measurements measurements =
       with_rows({{1, 1, 0}, {1, 1, 1}, {1, 2, 0}, {1, 2, 1}, {1, 3, 0}, {1, 3, 1}, {2, 1, 2}, {2, 1, 3}});
   return measurements;
-}
-
-// ---- rows that were measured together ------------------------------------------------------------------------------
-
-TEST(QualityFindings, GroupsAreTheRowsOfARepeatInTheOrderOfConfigurations) {
-  const Measurements rows = with_rows({{2, 1, 0}, {0, 2, 0}, {0, 1, 3}, {2, 1, 1}, {0, 2, 1}, {0, 1, 2}});
-  const std::vector<Group> groups = groups_of(rows);
-  ASSERT_EQ(groups.size(), 3U);
-  EXPECT_EQ(groups[0].configuration, 0);
-  EXPECT_EQ(groups[0].repeat, 1);
-  EXPECT_THAT(groups[0].rows, ElementsAre(2, 5));
-  EXPECT_EQ(groups[1].configuration, 0);
-  EXPECT_EQ(groups[1].repeat, 2);
-  EXPECT_THAT(groups[1].rows, ElementsAre(1, 4));
-  EXPECT_EQ(groups[2].configuration, 2);
-  EXPECT_EQ(groups[2].repeat, 1);
-  EXPECT_THAT(groups[2].rows, ElementsAre(0, 3));
-}
-
-TEST(QualityFindings, SigmasCountBesideTheirMedianWhereEveryRowStatesOne) {
-  Measurements rows = with_rows({{0, 1, 0}, {0, 1, 1}, {0, 1, 2}, {0, 1, 3}});
-  const std::vector<double> sigmas = {4e-5, 1e-5, 8e-5, 2e-5};
-  for (std::size_t i = 0; i < sigmas.size(); ++i) {
-    rows.observations[i].sigma = sigmas[i];
-  }
-  const std::vector<double> relative = relative_sigmas(rows);
-  ASSERT_EQ(relative.size(), 4U);
-  for (std::size_t i = 0; i < sigmas.size(); ++i) {
-    EXPECT_DOUBLE_EQ(relative[i], sigmas[i] / 3e-5);
-  }
-  rows.observations[2].sigma = 0.0;
-  EXPECT_THAT(relative_sigmas(rows), ElementsAre(1.0, 1.0, 1.0, 1.0));
-}
-
-TEST(QualityFindings, AFindingNamesItsTargetsInTheirOrder) {
-  const Measurements rows = with_rows({{1, 2, 3}, {1, 2, 0}, {1, 2, 2}});
-  const Found found = found_in(rows, {.configuration = 1, .repeat = 2, .rows = {0, 1, 2}},
-                               QualityKind::displaced_configuration, {0, 1, 2});
-  EXPECT_EQ(found.configuration, 1);
-  EXPECT_THAT(found.rows, ElementsAre(1, 2, 0));
-  EXPECT_EQ(found.finding.kind, QualityKind::displaced_configuration);
-  EXPECT_EQ(found.finding.repeat, 2);
-  EXPECT_THAT(found.finding.targets, ElementsAre("A", "C", "D"));
 }
 
 // ---- repeats together ----------------------------------------------------------------------------------------------
@@ -188,39 +139,5 @@ TEST(QualityFindings, AnAmountWithoutADirectionIsABound) {
             "target B slipped by at least 1.2 mm after configuration a");
 }
 
-TEST(QualityFindings, AmountsHaveMoreDigitsTheSmallerTheyAre) {
-  const std::vector<std::pair<double, std::string>> expected = {
-      {1.2345, "1234.5 mm"},   {0.00096, "1.0 mm"},      {0.00094, "0.94 mm"}, {0.000096, "0.10 mm"},
-      {0.000094, "0.0940 mm"}, {0.0000123, "0.0123 mm"}, {-0.00234, "-2.3 mm"}};
-  for (const auto& [amount, text] : expected) {
-    EXPECT_EQ(slip(three_repeats(), 0, {1}, amount, Vector3d::UnitX()).message,
-              "target B slipped by about " + text + " after configuration a");
-  }
-}
-
-TEST(QualityFindings, EachKindHasItsName) {
-  const std::vector<QualityKind> kinds = {QualityKind::slipped_target,  QualityKind::swapped_targets,
-                                          QualityKind::mistaken_target, QualityKind::mistyped_coordinate,
-                                          QualityKind::displaced_point, QualityKind::displaced_configuration};
-  std::vector<std::string> names;
-  for (const QualityKind kind : kinds) {
-    names.push_back(to_string(kind));
-  }
-  EXPECT_THAT(names, ElementsAre("slipped_target", "swapped_targets", "mistaken_target", "mistyped_coordinate",
-                                 "displaced_point", "displaced_configuration"));
-}
-
-// ---- options -------------------------------------------------------------------------------------------------------
-
-TEST(QualityFindings, ThresholdsThatAreNoneAreRefused) {
-  check(QualityOptions{.false_alarm = 0.0, .noise_floor = 0.0, .smallest_slip = 0.0});
-  for (const double none : {-1e-12, std::numeric_limits<double>::quiet_NaN()}) {
-    EXPECT_THAT(refusal([&] { check(QualityOptions{.false_alarm = none}); }),
-                HasSubstr("the probability of a false alarm"));
-    EXPECT_THAT(refusal([&] { check(QualityOptions{.noise_floor = none}); }), HasSubstr("the floor of the noise"));
-    EXPECT_THAT(refusal([&] { check(QualityOptions{.smallest_slip = none}); }), HasSubstr("the smallest slip"));
-  }
-}
-
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::quality_findings_test

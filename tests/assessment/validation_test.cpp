@@ -9,12 +9,11 @@
 #include <numeric>
 
 #include "assessment/folds.hpp"
-#include "kdl_calibration/fold_sums.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::validation_test {
 namespace {
 
 using testing::fanuc;
@@ -27,8 +26,13 @@ TEST(Validation, StatisticsAreTheTextbookOnes) {
   EXPECT_DOUBLE_EQ(s.max, 4.0);
   EXPECT_DOUBLE_EQ(s.p95, 3.85);  // between the third and the fourth at 0.95 * 3 = 2.85
   EXPECT_DOUBLE_EQ(s.std, std::sqrt(5.0 / 3.0));
+  std::vector<double> numbers(101);  // 0 to 100: percentiles are themselves
+  std::iota(numbers.begin(), numbers.end(), 0.0);
+  EXPECT_DOUBLE_EQ(error_statistics(numbers).p95, 95.0);
+  EXPECT_DOUBLE_EQ(error_statistics(numbers).std, std::sqrt(101.0 * 102.0 / 12.0));
   EXPECT_EQ(error_statistics({}).count, 0);
   EXPECT_EQ(error_statistics({1.0}).std, 0.0);
+  EXPECT_EQ(error_statistics({1.0}).p95, 1.0);
 }
 
 struct Fixture : testing::VirtualExperiment {
@@ -84,6 +88,12 @@ TEST(Validation, FiguresOfIso9283AreTheStandardsFormulas) {
   const double l = (0.004 + 0.001 + 0.005) / 3.0;
   const double s = std::sqrt((std::pow(0.004 - l, 2) + std::pow(0.001 - l, 2) + std::pow(0.005 - l, 2)) / 2.0);
   EXPECT_NEAR(iso.repeatability.mean, l + 3.0 * s, 1e-12);
+  for (Observation& o : measured.observations) {
+    o.split = o.configuration == 1 ? Split::test : Split::train;
+  }
+  EXPECT_NEAR(iso_9283(f.model, f.robot.truth, measured, Rows::test).accuracy.max, std::hypot(0.003, 0.002), 1e-12);
+  EXPECT_EQ(iso_9283(f.model, f.robot.truth, measured, Rows::test).repeatability.count, 0);
+  EXPECT_NEAR(iso_9283(f.model, f.robot.truth, measured, Rows::train).accuracy.max, std::hypot(0.001, 0.002), 1e-12);
 }
 
 TEST(Validation, LeaveOneOutIsARefitWithoutThatConfiguration) {
@@ -109,33 +119,6 @@ TEST(Validation, LeaveOneOutIsARefitWithoutThatConfiguration) {
   EXPECT_NEAR(found.distances[4 * 3 + 1], (mean - predicted).norm(), 1e-10);
 }
 
-TEST(Validation, FoldsPredictedFromSumsAreThoseOfRefits) {
-  const Fixture f(2);
-  const auto folds = make_folds(f.measured, 4);
-  std::vector<FitOptions> ways(3);
-  ways[1].joint.residuals.priors = {.length = 1e-3, .angle = 1e-3};
-  ways[2].joint.residuals.noise = {.independent = Eigen::Vector3d(1e-5, 2e-5, 3e-5),
-                                   .common = Eigen::Vector3d::Constant(2e-5)};
-  for (const FitOptions& way : ways) {
-    FitProblem problem{.model = f.model,
-                       .measurements = f.measured,
-                       .start = nominal_start(f.model, f.measured),
-                       .free = f.free,
-                       .options = way};
-    problem.start = fit(problem).estimate;
-    const HoldOut refitted = cross_validate(problem, folds, 1);
-    const HoldOut summed = cross_validate_by_sums(problem, folds, 3e-5, 2);
-    EXPECT_EQ(summed.refits, 4);
-    EXPECT_EQ(summed.not_converged, 0);
-    ASSERT_EQ(summed.distances.size(), refitted.distances.size());
-    for (std::size_t i = 0; i < summed.distances.size(); ++i) {
-      EXPECT_NEAR(summed.distances[i], refitted.distances[i], 1e-9);
-    }
-    const std::vector<double> fitted = position_errors(f.model, problem.start, averaged(f.measured));
-    EXPECT_GT(error_statistics(summed.distances).rms, 1.2 * error_statistics(fitted).rms);
-  }
-}
-
 TEST(Validation, LeaveOneOutOfTheNominalRobotShowsItsErrors) {
   const Fixture f;
   const HoldOut nominal = leave_one_configuration_out_nominal(f.model, f.measured);
@@ -144,98 +127,11 @@ TEST(Validation, LeaveOneOutOfTheNominalRobotShowsItsErrors) {
   EXPECT_GT(error_statistics(nominal.distances).rms, 5.0 * error_statistics(fitted.distances).rms);
 }
 
-// ---- against what the definitions say, written out -----------------------------------------------------------------
-
-TEST(Validation, StatisticsOfAnyNumberOfErrorsAreThoseOfTheSortedOnes) {
-  Random random(5);
-  for (int count = 1; count <= 45; ++count) {
-    std::vector<double> errors;
-    for (int i = 0; i < count; ++i) {
-      errors.push_back(random.uniform(0.5, 2.0));
-    }
-    const ErrorStatistics found = error_statistics(errors);
-    std::sort(errors.begin(), errors.end());
-    const double n = count;
-    const double mean = std::accumulate(errors.begin(), errors.end(), 0.0) / n;
-    double squares = 0.0;
-    double deviations = 0.0;
-    for (const double error : errors) {
-      squares += error * error / n;
-      deviations += std::pow(error - mean, 2);
-    }
-    const double place = 0.95 * (n - 1.0);
-    const auto below = static_cast<std::size_t>(place);
-    const std::size_t above = std::min(below + 1, errors.size() - 1);
-    SCOPED_TRACE(count);
-    EXPECT_EQ(found.count, count);
-    EXPECT_NEAR(found.mean, mean, 1e-14);
-    EXPECT_NEAR(found.rms, std::sqrt(squares), 1e-14);
-    EXPECT_EQ(found.max, errors.back());
-    EXPECT_NEAR(found.std, count > 1 ? std::sqrt(deviations / (n - 1.0)) : 0.0, 1e-14);
-    EXPECT_NEAR(found.p95, errors[below] + (place - static_cast<double>(below)) * (errors[above] - errors[below]),
-                1e-14);
-  }
-}
-
 Eigen::Vector3d expected_at(const ErrorModel& model, const Estimate& estimate, const Measurements& measured,
                             const Observation& o) {
   const KDL::Chain chain = error_chain(model, estimate.errors);
   const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, measured.joint_values.col(o.configuration)));
   return estimate.X_WB * (X_BF * estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation());
-}
-
-bool is_of(const Observation& o, Rows rows) {
-  return rows == Rows::all || (rows == Rows::test) == (o.split == Split::test);
-}
-
-TEST(Validation, FiguresOfIso9283AreThoseOfALoopOverTheRowsThatAreAskedFor) {
-  Fixture f(3);
-  Measurements measured = subset(f.measured, [](const Observation& o) {
-    return o.configuration < 8 && !(o.configuration == 3 && o.repeat > 1) && !(o.target == 1 && o.repeat == 3);
-  });
-  for (Observation& o : measured.observations) {
-    o.split = o.configuration % 3 == 1 ? Split::test : Split::train;
-  }
-  const Estimate& truth = f.robot.truth;
-  for (const Rows rows : {Rows::all, Rows::train, Rows::test}) {
-    std::map<std::pair<int, int>, std::vector<Observation>> cells;
-    std::vector<double> singly;
-    for (const Observation& o : measured.observations) {
-      if (is_of(o, rows)) {
-        cells[{o.configuration, o.target}].push_back(o);
-        singly.push_back((o.position - expected_at(f.model, truth, measured, o)).norm());
-      }
-    }
-    std::vector<double> accuracies;
-    std::vector<double> repeatabilities;
-    for (const auto& [cell, repeats] : cells) {
-      Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-      for (const Observation& o : repeats) {
-        mean += o.position / static_cast<double>(repeats.size());
-      }
-      accuracies.push_back((mean - expected_at(f.model, truth, measured, repeats.front())).norm());
-      std::vector<double> distances;
-      for (const Observation& o : repeats) {
-        distances.push_back((o.position - mean).norm());
-      }
-      if (repeats.size() > 1) {
-        repeatabilities.push_back(error_statistics(distances).mean + 3.0 * error_statistics(distances).std);
-      }
-    }
-    SCOPED_TRACE(static_cast<int>(rows));
-    const Iso9283 found = iso_9283(f.model, truth, measured, rows);
-    EXPECT_EQ(found.accuracy.count, static_cast<long>(accuracies.size()));
-    EXPECT_NEAR(found.accuracy.rms, error_statistics(accuracies).rms, 1e-12);
-    EXPECT_NEAR(found.accuracy.max, error_statistics(accuracies).max, 1e-12);
-    EXPECT_EQ(found.repeatability.count, static_cast<long>(repeatabilities.size()));
-    EXPECT_NEAR(found.repeatability.rms, error_statistics(repeatabilities).rms, 1e-12);
-    EXPECT_NEAR(found.repeatability.max, error_statistics(repeatabilities).max, 1e-12);
-    const std::vector<double> errors = position_errors(f.model, truth, measured, rows);
-    ASSERT_EQ(errors.size(), singly.size());
-    for (std::size_t i = 0; i < singly.size(); ++i) {
-      EXPECT_NEAR(errors[i], singly[i], 1e-12) << i;
-    }
-  }
 }
 
 TEST(Validation, RegisteredIsThatGeometryWithTheFramesThatAreNotKnown) {
@@ -255,24 +151,6 @@ TEST(Validation, RegisteredIsThatGeometryWithTheFramesThatAreNotKnown) {
   }
 }
 
-// Configurations that stand for themselves and those at the same joint values, in their order.
-std::vector<std::vector<Eigen::Index>> groups_of(const Measurements& measured) {
-  std::vector<std::vector<Eigen::Index>> groups;
-  for (Eigen::Index c = 0; c < measured.joint_values.cols(); ++c) {
-    const bool trained = std::any_of(measured.observations.begin(), measured.observations.end(),
-                                     [&](const auto& o) { return o.configuration == c && o.split == Split::train; });
-    const auto same = std::find_if(groups.begin(), groups.end(), [&](const auto& group) {
-      return measured.joint_values.col(group.front()) == measured.joint_values.col(c);
-    });
-    if (trained && same == groups.end()) {
-      groups.push_back({c});
-    } else if (trained) {
-      same->push_back(c);
-    }
-  }
-  return groups;
-}
-
 TEST(Validation, FoldsAreDealtOutOfTrainedConfigurationsAtDifferentJointValues) {
   Fixture f;
   Measurements measured = f.measured;
@@ -282,27 +160,30 @@ TEST(Validation, FoldsAreDealtOutOfTrainedConfigurationsAtDifferentJointValues) 
   for (Observation& o : measured.observations) {
     o.split = o.configuration == 0 || o.configuration == 16 ? Split::test : Split::train;
   }
-  const auto groups = groups_of(measured);
-  ASSERT_EQ(groups.size(), 16U);
-  for (const int folds : {0, -1, 16, 17, 100}) {
-    EXPECT_EQ(make_folds(measured, folds), groups) << folds;
-  }
-  for (const std::uint64_t seed : {1U, 8U}) {
-    for (const int folds : {1, 3, 15}) {
-      auto dealt = groups;  // Fisher and Yates, Durstenfeld's way
-      Random random(seed);
-      for (std::size_t left = dealt.size(); left > 1; --left) {
-        std::swap(dealt[left - 1], dealt[random.bits() % left]);
-      }
-      std::vector<std::vector<Eigen::Index>> expected(static_cast<std::size_t>(folds));
-      for (std::size_t i = 0; i < dealt.size(); ++i) {
-        for (const Eigen::Index c : dealt[i]) {
-          expected[i % expected.size()].push_back(c);
+  for (const int count : {-1, 0, 1, 3, 15, 16, 100}) {
+    for (const std::uint64_t seed : {1U, 8U}) {
+      const auto folds = make_folds(measured, count, seed);
+      EXPECT_EQ(folds.size(), count < 1 || count > 16 ? 16U : static_cast<std::size_t>(count))
+          << "16 places are trained";
+      std::map<Eigen::Index, std::size_t> fold_of;
+      std::vector<std::size_t> places;
+      for (std::size_t i = 0; i < folds.size(); ++i) {
+        places.push_back(folds[i].size());
+        for (const Eigen::Index c : folds[i]) {
+          EXPECT_TRUE(fold_of.emplace(c, i).second) << c << " is in two folds";
+          places.back() -= c == 5 || c == 12 ? 1 : 0;  // at the joint values of configuration 2
         }
       }
-      EXPECT_EQ(make_folds(measured, folds, seed), expected) << folds << ", " << seed;
+      EXPECT_EQ(fold_of.size(), 18U);
+      EXPECT_EQ(fold_of.count(0) + fold_of.count(16), 0U) << "test rows";
+      EXPECT_EQ(fold_of.at(5), fold_of.at(2));
+      EXPECT_EQ(fold_of.at(12), fold_of.at(2));
+      const auto [least, most] = std::minmax_element(places.begin(), places.end());
+      EXPECT_LE(*most - *least, 1U);
+      EXPECT_EQ(make_folds(measured, count, seed), folds);
     }
   }
+  EXPECT_NE(make_folds(measured, 3, 1), make_folds(measured, 3, 8));
   EXPECT_EQ(make_folds(measured, 3), make_folds(measured, 3, 1));
 }
 
@@ -400,27 +281,6 @@ TEST(Validation, ARefittedFoldIsPredictedPointByPoint) {
   EXPECT_FALSE(refit_without(problem, {9, 4}).converged);
 }
 
-// A slide that is driven for a million kilometres shows by its rounding which configurations are looked at.
-TEST(Validation, ThousandConfigurationsAreComparedWithKdlEvenlySpaced) {
-  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
-  Random random(4);
-  const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 0.01);
-  const auto found = [&](Eigen::Index count, Eigen::Index far) {
-    Random same(6);
-    Eigen::MatrixXd q = random_configurations(limits_of(model.joints), static_cast<int>(count), same);
-    q(1, far) = 1e9;
-    return difference_to_kdl(model, errors, q);
-  };
-  for (const auto& [count, far, compared] :
-       {std::tuple(1, 0, true), std::tuple(7, 6, true), std::tuple(1000, 0, true), std::tuple(1000, 999, true),
-        std::tuple(1000, 500, true), std::tuple(1001, 999, true), std::tuple(1001, 1000, false),
-        std::tuple(2500, 2, true), std::tuple(2500, 1, false), std::tuple(2500, 2497, true),
-        std::tuple(2500, 2498, false), std::tuple(2500, 2499, false)}) {
-    EXPECT_EQ(found(count, far) > 1e-10, compared) << count << ", " << far;
-    EXPECT_LT(found(count, far), 1e-4);
-  }
-}
-
 TEST(Validation, AgreesWithTheKdlSolver) {
   Random random(3);
   for (const ErrorModel& model : {complete_model(fanuc()), complete_model(parse_robot(testing::kOddArm))}) {
@@ -431,4 +291,4 @@ TEST(Validation, AgreesWithTheKdlSolver) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::validation_test

@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace kdl_calibration {
+namespace kdl_calibration::parallel_test {
 namespace {
 
 TEST(Parallel, DoesEachIndexOnceOnAnyNumberOfThreads) {
@@ -97,4 +97,4 @@ TEST(Parallel, BlocksCoverTheRangeWithoutOverlap) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::parallel_test

@@ -11,7 +11,7 @@
 #include "mistakes_support.hpp"
 #include "refusal.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::preconditions_test {
 namespace {
 
 using Eigen::Index;
@@ -228,17 +228,6 @@ TEST(Doors, OfTheEstimationRefuseWhatDoesNotFit) {
        "parameter 1000"},
       {"register_base_and_targets", [&] { register_base_and_targets(X_BF, s.data); }, "2 poses of the flange"},
       {"well_conditioned_root", [&] { well_conditioned_root(s.few_rows); }, "4 columns of an information matrix"},
-      {"summarised, order",
-       [&] {
-         summarised(
-             {.jacobian = Eigen::MatrixXd::Zero(6, 2), .residual = Eigen::VectorXd::Zero(6), .blocks = {0, 4, 2}});
-       },
-       "go back"},
-      {"summarised",
-       [&] {
-         summarised({.jacobian = s.few_rows, .residual = s.few, .blocks = {0, 9}});
-       },
-       "the block's row 9"},
       {"RowSummary", [&] { summary.add_configuration(s.few_rows, s.q); }, "6 residuals of a configuration"},
       {"RowSummary's columns", [&] { summary.add_prior(MatrixXd::Zero(1, 3)); }, "3 columns of rows"},
   });
@@ -251,20 +240,15 @@ TEST(Doors, OfTheAssessmentRefuseWhatDoesNotFit) {
   const FitProblem problem{.model = model, .measurements = s.data, .start = s.estimate, .free = m.free};
   const MatrixXd square = MatrixXd::Identity(3, 3);
   const std::vector<std::vector<Index>> folds = {{0}, {30}};
-  const LeastSquaresProblem equations(model, s.data, m.free);
   const PositionPredictor predictor(model, s.estimate, m.free);
   const MatrixXd C = MatrixXd::Identity(m.free.size(), m.free.size());
-  const LinearSums sums{.information = square, .moment = s.few};
   const std::string fold = "the configuration of a fold 30 is not there";
   expect_refused({
       {"check_distances", [&] { check_distances(s.data, {.noise_floor = kNaN}); }, "the floor of the noise"},
       {"check_residuals", [&] { check_residuals(model, s.data, s.estimate, {.smallest_slip = kNaN}); },
        "the smallest slip"},
-      {"identifiability", [&] { identifiability(square, {"one"}); }, "1 names of columns, expected 3"},
       {"predicted_covariance", [&] { predicted_covariance(predictor, square, s.q, 0); }, "3 columns of a covariance"},
       {"its target", [&] { predicted_covariance(predictor, C, s.q, 3); }, "the target 3"},
-      {"covariance", [&] { covariance(WhitenedSummary{.triangle = square}, {}, 1.0); }, "0 priors of a summary"},
-      {"influence", [&] { influence(equations, s.data, {}, s.estimate, square); }, "3 columns of a triangle"},
       {"pseudo_values", [&] { pseudo_values(model, s.data, s.estimate, Loss::huber, {1.0}); }, "1 weights of rows"},
       {"predict_folds", [&] { predict_folds({.problem = problem, .triangle = C, .noise = 1e-5}, folds); }, fold},
       {"its triangle", [&] { predict_folds({.problem = problem, .triangle = square, .noise = 1e-5}, {{0}}); },
@@ -276,12 +260,6 @@ TEST(Doors, OfTheAssessmentRefuseWhatDoesNotFit) {
       {"can_be_left_out", [&] { can_be_left_out(s.data, folds, 33); }, fold},
       {"registered", [&] { registered(model, s.few, s.data); }, "3 errors"},
       {"difference_to_kdl", [&] { difference_to_kdl(model, s.errors, s.few_rows); }, "3 joint values"},
-      {"SizeEstimator",
-       [&] {
-         SizeEstimator(sums, {0, 3}, {});
-       },
-       "column 3 is not there"},
-      {"its groups", [&] { SizeEstimator(sums, {0}, {{-1}}); }, "the column of a group -1"},
   });
 }
 
@@ -408,4 +386,4 @@ TEST(Doors, OfThePlanningRefuseWhatDoesNotFit) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::preconditions_test

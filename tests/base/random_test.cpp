@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-namespace kdl_calibration {
+namespace kdl_calibration::random_test {
 namespace {
 
 TEST(Random, IsTheSameOnEveryPlatform) {
@@ -47,4 +47,4 @@ TEST(Random, NormalHasTheMomentsOfANormalDistribution) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::random_test

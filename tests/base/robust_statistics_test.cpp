@@ -8,7 +8,7 @@
 
 #include "kdl_calibration/random.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::robust_statistics_test {
 namespace {
 
 using Eigen::Index;
@@ -100,4 +100,4 @@ TEST(RobustStatistics, AThresholdIsExceededOnceInSoManyComparisons) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::robust_statistics_test

@@ -9,7 +9,7 @@
 
 #include "kdl_calibration/input_error.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::sha256_test {
 namespace {
 
 TEST(Sha256, GivesThePublishedDigests) {
@@ -37,4 +37,4 @@ TEST(Sha256, OfAFileIsThatOfItsBytes) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::sha256_test

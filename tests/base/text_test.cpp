@@ -4,7 +4,7 @@
 
 #include "base/number_text.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::text_test {
 namespace {
 
 TEST(Text, ShowsWhatNoTerminalObeys) {
@@ -23,6 +23,21 @@ TEST(Text, ShowsTheBeginningOfWhatIsLong) {
   EXPECT_EQ(printable(std::string(39, 'x') + "\xc3\xa4y"), std::string(39, 'x') + "...") << "half a character";
 }
 
+// An umlaut has two bytes in UTF-8. A cut between them would leave half a character.
+TEST(Text, ShortensBetweenCharacters) {
+  const std::string text =
+      "Gelenk \xc3\xa4u\xc3\x9f"
+      "en";
+  EXPECT_EQ(shortened(text, text.size()), text);
+  EXPECT_EQ(shortened(text, 7), "Gelenk ...");
+  EXPECT_EQ(shortened(text, 8), "Gelenk ...") << "inside the first umlaut";
+  EXPECT_EQ(shortened(text, 9), "Gelenk \xc3\xa4...");
+  EXPECT_EQ(shortened("\xe2\x82\xac!", 2), "...") << "inside a character of three bytes";
+  for (std::size_t longest = 0; longest < text.size(); ++longest) {
+    EXPECT_TRUE(is_utf8(shortened(text, longest))) << longest;
+  }
+}
+
 TEST(Text, OfALineHasNoBreaks) {
   EXPECT_EQ(one_line("a\nb\rc\td\x1b"), "a b c d\\x1b");
   EXPECT_EQ(escaped("a\nb\tc\rd"), "a\nb\tc\\x0dd");
@@ -39,4 +54,4 @@ TEST(NumberText, HasNoNegativeZero) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::text_test

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace kdl_calibration {
+namespace kdl_calibration::wrapped_text_test {
 namespace {
 
 TEST(WrappedText, BreaksAtBlanksOnlyWhereALineWouldBeTooLong) {
@@ -27,4 +27,4 @@ TEST(WrappedText, CountsCharactersAndNotBytes) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::wrapped_text_test

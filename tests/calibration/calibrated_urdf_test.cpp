@@ -7,7 +7,7 @@
 #include "refusal.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::calibrated_urdf_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -51,4 +51,4 @@ TEST(CalibratedUrdf, WhatNoJointCarriesIsRefused) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::calibrated_urdf_test

@@ -22,7 +22,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::calibration_test {
 namespace {
 
 using ::testing::Contains;
@@ -1030,4 +1030,4 @@ TEST(CalibrationOnRealData, Ur10PosesPredictBetterThanTheNominalRobot) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::calibration_test

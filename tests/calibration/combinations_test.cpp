@@ -18,7 +18,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::combinations_test {
 namespace {
 
 using Eigen::Index;
@@ -791,4 +791,4 @@ TEST(Combinations, TestRowsChangeNothingThatIsFitted) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::combinations_test

@@ -10,7 +10,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::comparison_test {
 namespace {
 
 using Eigen::Index;
@@ -226,4 +226,4 @@ TEST(Comparison, NestedIsLeaveOneOutAndNestedWhereThereIsAChoice) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::comparison_test

@@ -6,7 +6,7 @@
 #include <tuple>
 #include <vector>
 
-namespace kdl_calibration {
+namespace kdl_calibration::counted_fits_test {
 namespace {
 
 TEST(CountedFits, TellHowManyOfAStageAreDone) {
@@ -29,4 +29,4 @@ TEST(CountedFits, TellHowManyOfAStageAreDone) {
 TEST(CountedFits, AreNotCountedWhereNobodyAsks) { EXPECT_FALSE(counted_fits({}, "leave-one-out", 2)); }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::counted_fits_test

@@ -10,7 +10,7 @@
 
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::doubts_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -316,4 +316,4 @@ TEST(WarningsByHand, ElsewhereAPointMayBeWorseThanNominal) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::doubts_test

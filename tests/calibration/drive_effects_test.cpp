@@ -14,7 +14,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::drive_effects_test {
 namespace {
 
 using ::testing::Contains;
@@ -237,4 +237,4 @@ TEST(DriveEffects, AResultThatIsReadBackPredictsTheSame) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::drive_effects_test

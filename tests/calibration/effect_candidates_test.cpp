@@ -13,7 +13,7 @@
 #include "kdl_calibration/prediction.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::effect_candidates_test {
 namespace {
 
 using Eigen::Index;
@@ -194,4 +194,4 @@ TEST(EffectCandidates, GroupsAreLengthsAnglesAndEffectsBySize) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::effect_candidates_test

@@ -23,7 +23,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::effect_choice_by_hand_test {
 namespace {
 
 using Eigen::Index;
@@ -975,4 +975,4 @@ TEST(EffectChoiceByHand, NestedDistancesAreOfTheChoiceWithoutTheConfiguration) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::effect_choice_by_hand_test

@@ -18,7 +18,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::effect_choice_test {
 namespace {
 
 using ::testing::Contains;
@@ -458,4 +458,4 @@ TEST(EffectChoiceCampaign, ThreeHundredRigidArmsStayRigid) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::effect_choice_test

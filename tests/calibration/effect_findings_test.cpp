@@ -11,7 +11,7 @@
 #include "kdl_calibration/joint_ranges.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::effect_findings_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -276,4 +276,4 @@ TEST(EffectFindings, AreOneOfEachGroupInTheirOrder) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::effect_findings_test

@@ -14,7 +14,7 @@
 #include "refusal.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::effects_json_test {
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -203,4 +203,4 @@ TEST(EffectsJson, OfACalibrationOnlyItsOwnTermsWithTheRangesOfTheFittedRows) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::effects_json_test

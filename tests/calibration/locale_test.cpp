@@ -16,10 +16,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-/// What glibc keeps of LOCPATH is no leak of ours.
-extern "C" const char* __lsan_default_suppressions() { return "leak:__argz_add_sep"; }  // NOLINT
-
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::locale_test {
 namespace {
 
 /// A program under a German locale: both C's locale, which strtod and printf follow, and the streams'.
@@ -87,4 +84,4 @@ TEST(Locale, OfTheProgramChangesNoByte) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::locale_test

@@ -9,7 +9,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::minimum_norm_test {
 namespace {
 
 using Eigen::Index;
@@ -96,4 +96,4 @@ TEST(MinimumNorm, IsNotTakenWhereItCostsAMisfit) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::minimum_norm_test

@@ -11,7 +11,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "mistake_table.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::mistakes_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -317,4 +317,4 @@ TEST(MistakesOnRealDataLongRun, OrientationsShowDegreesWherePointsDoNot) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::mistakes_test

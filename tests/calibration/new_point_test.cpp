@@ -10,7 +10,7 @@
 
 #include "base/f_distribution.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::new_point_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -214,4 +214,4 @@ TEST(MeasuredRegion, OnItsBoundaryHolds) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::new_point_test

@@ -27,7 +27,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::noise_parts_test {
 namespace {
 
 using Eigen::Index;
@@ -819,4 +819,4 @@ TEST(NoisePartsLongRun, CoverWhatTheyPromise) { expect_coverage(truths(), 10, 0.
 TEST(NoisePartsCampaign, CoverWhatTheyPromise) { expect_coverage(truths(), 100, 0.012); }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::noise_parts_test

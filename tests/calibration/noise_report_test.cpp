@@ -15,7 +15,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::noise_report_test {
 namespace {
 
 using Eigen::Index;
@@ -425,4 +425,4 @@ TEST(NoiseReport, LackOfFitSaysWhichJointExplainsIt) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::noise_report_test

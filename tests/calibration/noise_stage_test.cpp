@@ -12,7 +12,7 @@
 #include "kdl_calibration/validation.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::noise_stage_test {
 namespace {
 
 using Eigen::Index;
@@ -391,4 +391,4 @@ TEST(EstimatedNoise, IsNothingWhereWhatIsStatedHolds) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::noise_stage_test

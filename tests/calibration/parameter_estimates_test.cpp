@@ -15,7 +15,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::parameter_estimates_test {
 namespace {
 
 using Eigen::Index;
@@ -211,4 +211,4 @@ TEST(ParameterEstimates, IntervalsAreThoseOfStudentsT) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::parameter_estimates_test

@@ -13,7 +13,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::parameters_of_real_arms_test {
 namespace {
 
 using testing::fanuc;
@@ -341,4 +341,4 @@ TEST(ParametersOfRealArmsOnRealData, AToolThatHardlyTurnsIsFittedInFewIterations
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::parameters_of_real_arms_test

@@ -13,7 +13,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::predicted_accuracy_test {
 namespace {
 
 using Eigen::Index;
@@ -172,4 +172,4 @@ TEST(PredictedAccuracy, IsInfiniteWhereWhatIsOpenMovesThePointByAMillionth) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::predicted_accuracy_test

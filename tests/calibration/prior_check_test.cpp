@@ -10,7 +10,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::prior_check_test {
 namespace {
 
 // Of three parameters, two lengths and an angle, and a base that has no prior.
@@ -76,4 +76,4 @@ TEST(PriorCheck, WhatIsNotDeterminedOrTellsNothingBeyondItsPriorDoesNotCount) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::prior_check_test

@@ -18,7 +18,7 @@
 #include "kdl_calibration/prediction.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::report_blocks_test {
 namespace {
 
 using Eigen::Index;
@@ -520,4 +520,4 @@ TEST(ReportBlocks, DistributionsOfManyAreThinned) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::report_blocks_test

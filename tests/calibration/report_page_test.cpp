@@ -21,10 +21,7 @@
 #include "report_page_support.hpp"
 #include "virtual_experiment.hpp"
 
-/// What glibc keeps of LOCPATH is no leak of ours.
-extern "C" const char* __lsan_default_suppressions() { return "leak:__argz_add_sep"; }  // NOLINT
-
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::report_page_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -409,4 +406,4 @@ TEST(Thinned, KeepsEndsOrderAndEvenSpacing) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::report_page_test

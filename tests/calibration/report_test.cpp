@@ -34,7 +34,7 @@
 #include "printed_text.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::report_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -1901,4 +1901,4 @@ TEST(ReportModel, ListsWhatIsKeptAndTheGaugeInDeclaredOrder) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::report_test

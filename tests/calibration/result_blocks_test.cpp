@@ -10,7 +10,7 @@
 
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::result_blocks_test {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -176,4 +176,4 @@ TEST(ResultBlocks, TablesOfFilesHaveARowForEach) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::result_blocks_test

@@ -11,7 +11,7 @@
 #include "printed_text.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::result_table_test {
 namespace {
 
 using ::testing::EndsWith;
@@ -325,4 +325,4 @@ TEST(ResultTable, AControllerThatCountsNoSlideHasDegreesAlone) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::result_table_test

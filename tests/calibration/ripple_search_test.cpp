@@ -13,7 +13,7 @@
 #include "kdl_calibration/effect_terms.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::ripple_search_test {
 namespace {
 
 using Eigen::Index;
@@ -355,4 +355,4 @@ TEST(RippleSearch, IsNothingWhereNoJointTurnsOrALatticeIsTooCoarse) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::ripple_search_test

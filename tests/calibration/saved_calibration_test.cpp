@@ -15,7 +15,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::saved_calibration_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -218,4 +218,4 @@ TEST(SavedCalibration, NamesTheBaseOfAnotherRobot) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::saved_calibration_test

@@ -6,7 +6,7 @@
 
 #include "refusal.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::signal_check_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -73,4 +73,4 @@ TEST(SignalCheck, TorquesAreNeededOnlyForTheirEffect) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::signal_check_test

@@ -11,7 +11,7 @@
 #include "kdl_calibration/joint_effects.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::table_certainty_test {
 namespace {
 
 using Eigen::Index;
@@ -244,4 +244,4 @@ TEST(TableCertainty, AGapIsFoundToATenThousandthOfTheRange) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::table_certainty_test

@@ -11,7 +11,7 @@
 
 #include "kdl_calibration/random.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::tried_models_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -182,4 +182,4 @@ TEST(TriedModels, TheChosenOneIsThatOfItsEffectsAndSizes) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::tried_models_test

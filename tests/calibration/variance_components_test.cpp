@@ -13,7 +13,7 @@
 #include "record.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::variance_components_test {
 namespace {
 
 // Mean square of the held-out errors [m^2] of calibrations that state both sigmas, none, or none and weigh by a lever.
@@ -181,4 +181,4 @@ TEST(VarianceComponents, ArePresentOnesWhereNothingTellsThem) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::variance_components_test

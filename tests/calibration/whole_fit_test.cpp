@@ -12,7 +12,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::whole_fit_test {
 namespace {
 
 using testing::refusal;
@@ -178,4 +178,4 @@ TEST(WholeFit, HoldsWhatTheNoiseHidesUnlessThatCostsAMisfit) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::whole_fit_test

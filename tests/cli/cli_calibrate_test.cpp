@@ -11,7 +11,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_calibrate_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -217,4 +217,4 @@ TEST_F(CalibrateReport, NamesWhatIsFixedByGauge) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_calibrate_test

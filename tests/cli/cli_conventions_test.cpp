@@ -8,7 +8,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_conventions_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -288,4 +288,4 @@ TEST_F(Conventions, TheRightOneIsNamedWhereAnOffsetHasTheWrongSign) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_conventions_test

@@ -6,7 +6,7 @@
 
 #include "cli_support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_faults_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -272,4 +272,4 @@ TEST_F(ProgressBar, DoesNotShowForWorkOfLessThanASecond) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_faults_test

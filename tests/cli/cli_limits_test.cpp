@@ -13,7 +13,7 @@
 #include "refusal.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_limits_test {
 namespace {
 
 using ::testing::AllOf;
@@ -349,4 +349,4 @@ TEST(ExactLimitsOfReaders, OriginsReach1e12) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_limits_test

@@ -13,7 +13,7 @@
 #include "cli_support.hpp"
 #include "refusal.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_output_files_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -150,4 +150,4 @@ TEST_F(WrittenFilesDeathTest, LeaveSignalsIgnoredThatWereIgnored) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_output_files_test

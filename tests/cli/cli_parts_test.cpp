@@ -29,7 +29,7 @@
 #include "refusal.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_parts_test {
 namespace {
 
 using cli::Json;
@@ -704,4 +704,4 @@ TEST(PartsOfKdlcal, TheRoundsOfTheTwoStepProcedureAreListed) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_parts_test

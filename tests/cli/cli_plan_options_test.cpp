@@ -10,7 +10,7 @@
 #include "kdl_calibration/measuring_plan.hpp"
 #include "report_page_support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_plan_options_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -548,4 +548,4 @@ TEST_F(OptionsOfKdlcal, OfPlanAreAllTested) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_plan_options_test

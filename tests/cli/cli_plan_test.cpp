@@ -4,7 +4,7 @@
 #include "cli_options_support.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_plan_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -214,4 +214,4 @@ TEST_F(PlanCommand, SimulatesManyExperiments) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_plan_test

@@ -12,7 +12,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_publication_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -488,4 +488,4 @@ TEST_F(MimicCommands, PlanConfigurationsThatTheArmCanTake) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_publication_test

@@ -5,7 +5,7 @@
 #include "report_page_support.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_report_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -252,4 +252,4 @@ TEST_F(PageOfKdlcal, OfTheTwoStepProcedureHasFreshAndRecordedRounds) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_report_test

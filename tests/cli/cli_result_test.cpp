@@ -15,7 +15,7 @@
 #include "printed_text.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_result_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -262,4 +262,4 @@ TEST_F(CalibrateResult, ANearlyRightOptionIsRecognised) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_result_test

@@ -16,7 +16,7 @@
 #include "german_locale.hpp"
 #include "kdl_calibration/random.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_robust_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -628,4 +628,4 @@ TEST_F(CommandLine, WritesTheSameBytesUnderADecimalComma) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_robust_test

@@ -11,7 +11,7 @@
 #include "kdl_calibration/two_step_trial.hpp"
 #include "report_page_support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_simulate_options_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -557,4 +557,4 @@ TEST_F(SimulatedByTheLibrary, TakesTheSameRoundsOfTheTwoStepProcedure) {
 TEST_F(OptionsOfKdlcal, OfSimulateAreAllTested) { expect_a_test_of_every_option("simulate", simulate_options()); }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_simulate_options_test

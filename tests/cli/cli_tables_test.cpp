@@ -19,7 +19,7 @@
 #include "printed_text.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_tables_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -548,4 +548,4 @@ TEST_F(Tables, NumbersOnTheCommandLineMayHaveAPlusSign) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_tables_test

@@ -8,7 +8,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing {
+namespace kdl_calibration::testing::cli_test {
 namespace {
 
 using ::testing::AllOf;
@@ -641,9 +641,9 @@ TEST_F(Untrusted, JointValuesOutsideTheLimitsAreCounted) {
 
 // ---- Model, forward kinematics, Jacobian ---------------------------------------------------------------------------
 
-class Kinematics : public CommandLine {};
+class KinematicsOfKdlcal : public CommandLine {};
 
-TEST_F(Kinematics, ModelJsonIsTheIrreducibleModel) {
+TEST_F(KinematicsOfKdlcal, ModelJsonIsTheIrreducibleModel) {
   const Json model = run_json({"model", "--targets", "3", "--json"});
   EXPECT_EQ(model["rank"], 33);
   EXPECT_GE(model["candidates"], 45);
@@ -671,7 +671,7 @@ TEST_F(Kinematics, ModelJsonIsTheIrreducibleModel) {
   EXPECT_THAT(run({"model"}).out, AllOf(HasSubstr("rank 33"), HasSubstr("tied to base.Rz")));
 }
 
-TEST_F(Kinematics, ForwardKinematicsAreThoseOfKdl) {
+TEST_F(KinematicsOfKdlcal, ForwardKinematicsAreThoseOfKdl) {
   Random random(3);
   const Robot robot = fanuc();
   KDL::ChainFkSolverPos_recursive solver(robot.chain);
@@ -701,7 +701,7 @@ TEST_F(Kinematics, ForwardKinematicsAreThoseOfKdl) {
   }
 }
 
-TEST_F(Kinematics, DegreesAndControllerValuesMeanTheSamePose) {
+TEST_F(KinematicsOfKdlcal, DegreesAndControllerValuesMeanTheSamePose) {
   const Json expected = run_json({"fk", "--joints", "0.1,-0.2,0.3,-0.4,0.5,-0.6", "--json"});
   const auto expect_same = [&](const std::vector<std::string>& arguments) {
     const Json frames = run_json(arguments)["frames"];
@@ -719,14 +719,14 @@ TEST_F(Kinematics, DegreesAndControllerValuesMeanTheSamePose) {
   expect_same({"fk", "--degrees", "--joints", dumped.substr(1, dumped.size() - 2), "--json"});
 }
 
-TEST_F(Kinematics, TheTableShowsTheTipAndEveryFrameOnRequest) {
+TEST_F(KinematicsOfKdlcal, TheTableShowsTheTipAndEveryFrameOnRequest) {
   const Outcome tip = run({"fk", "--joints", "0,0,0,0,0,0"});
   EXPECT_THAT(tip.out, AllOf(HasSubstr("flange"), HasSubstr("1807.0000"), HasSubstr("1970.0000"), HasSubstr("x[mm]"),
                              Not(HasSubstr("link_3"))));
   EXPECT_THAT(run({"fk", "--joints", "0,0,0,0,0,0", "--frames"}).out, AllOf(HasSubstr("flange"), HasSubstr("link_3")));
 }
 
-TEST_F(Kinematics, TheJacobianHasThreeRoutesThatAgreeWithKdl) {
+TEST_F(KinematicsOfKdlcal, TheJacobianHasThreeRoutesThatAgreeWithKdl) {
   const Json output = run_json({"jacobian", "--joints", "0.1,0.2,-0.3,0.4,0.5,0.6", "--json"});
   const Robot robot = fanuc();
   KDL::JntArray q(6);
@@ -752,7 +752,7 @@ TEST_F(Kinematics, TheJacobianHasThreeRoutesThatAgreeWithKdl) {
               AllOf(HasSubstr("omega_z"), HasSubstr("joint_6"), HasSubstr("largest difference")));
 }
 
-TEST_F(Kinematics, ErrorsOfAnotherRobotAreRefused) {
+TEST_F(KinematicsOfKdlcal, ErrorsOfAnotherRobotAreRefused) {
   write("other.json", R"({"parameters": [{"name": "dq9", "error": 0.1}]})");
   write("valueless.json", R"({"parameters": [{"name": "dq2"}]})");
   expect_refused({"fk", "--joints", "0,0,0,0,0,0", "--result", "other.json"}, {"other.json: parameters[0]", "'dq9'"});
@@ -907,4 +907,4 @@ TEST_F(CommandLineOnRealDataLongRun, CalibratesTheUr10FromPosesByAutomaticChoice
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing
+}  // namespace kdl_calibration::testing::cli_test

@@ -45,6 +45,16 @@ run(${CMAKE_COMMAND} --build ${work_dir}/build --config ${config})
 
 file(COPY_FILE ${prefix}/share/kdl_calibration/urdf/fanuc_r2000ic_165f.urdf ${work_dir}/run/robot.urdf)
 if(EXISTS ${prefix}/bin/kdlcal)
+  # It takes the robot that was installed with it, not the one in the tree that it was built from.
+  set(own ${prefix}/share/kdl_calibration/urdf/fanuc_r2000ic_165f.urdf)
+  file(READ ${own} as_installed)
+  string(REPLACE "<robot name=\"fanuc_r2000ic_165f\"" "<robot name=\"installed\"" changed "${as_installed}")
+  file(WRITE ${own} "${changed}")
+  execute_process(COMMAND ${prefix}/bin/kdlcal model OUTPUT_VARIABLE model COMMAND_ERROR_IS_FATAL ANY)
+  if(NOT model MATCHES "installed:")
+    message(FATAL_ERROR "the installed kdlcal does not read ${own}")
+  endif()
+  file(WRITE ${own} "${as_installed}")
   run(${prefix}/bin/kdlcal simulate --configurations 30 --targets 3 --noise 0.00003 --seed 1
       --output ${work_dir}/run/measurements.csv --truth ${work_dir}/run/truth.json)
 endif()

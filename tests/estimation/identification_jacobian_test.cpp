@@ -9,7 +9,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::identification_jacobian_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -94,4 +94,4 @@ TEST_P(IdentificationJacobian, RefusesEffects) {
 INSTANTIATE_TEST_SUITE_P(Robots, IdentificationJacobian, ::testing::Bool());
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::identification_jacobian_test

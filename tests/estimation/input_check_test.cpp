@@ -16,7 +16,6 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
 #include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/monte_carlo.hpp"
 #include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/noise_parts.hpp"
 #include "kdl_calibration/pseudo_values.hpp"
@@ -27,7 +26,7 @@
 #include "mistakes_support.hpp"
 #include "refusal.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::input_check_test {
 namespace {
 
 using ::testing::AllOf;
@@ -261,23 +260,5 @@ TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
       "2 weights of rows");
 }
 
-TEST(InputCheck, RefusesPosesAndTargetsOfOtherMeasurements) {
-  const std::vector<Eigen::Isometry3d> few(3, Eigen::Isometry3d::Identity());
-  expect_refused(
-      "poses", [&] { position_errors(few, rigid_truth(), sound().data); }, "3 poses of the flange, expected 30");
-  Estimate one = rigid_truth();
-  one.targets.resize(1);
-  const std::vector<Eigen::Isometry3d> all(30, Eigen::Isometry3d::Identity());
-  expect_refused(
-      "targets", [&] { iso_9283(all, one, sound().data); }, "1 targets of an estimate, expected 3");
-}
-
-TEST(InputCheck, RefusesEmptyCallbacks) {
-  expect_refused(
-      "rounds", [&] { identify_in_two_steps(sound().model, {}, rigid_truth(), {}); }, "is empty, expected a function");
-  expect_refused(
-      "monte carlo", [&] { run_monte_carlo({.model = sound().model, .runs = 1}); }, "0 targets, expected at least 1");
-}
-
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::input_check_test

@@ -8,7 +8,7 @@
 #include "kdl_calibration/random.hpp"
 #include "refusal.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::linear_system_test {
 namespace {
 
 using Eigen::Index;
@@ -128,4 +128,4 @@ TEST(WhitenedSummary, IsOfASystemThatHoldsTogether) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::linear_system_test

@@ -2,7 +2,13 @@
 
 #include <gtest/gtest.h>
 
-namespace kdl_calibration {
+#include <cmath>
+
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration::noise_model_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -76,5 +82,52 @@ TEST(NoiseModel, InformationIsOneOverTheSquareOfWhatIsStated) {
   EXPECT_EQ(orientation_information(stated, 8.0), 64.0);
 }
 
+TEST(NoiseModel, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
+  // Range 10 um, transverse 20 um + 15 um/m: at 8 m the transverse error is fourteen times the other. Knowing that
+  // must predict better than ignoring it.
+  const TrackerNoise tracker{.range = 1e-5, .transverse = 2e-5, .transverse_per_metre = 1.5e-5};
+  testing::VirtualExperiment experiment({.X_WB = Eigen::Isometry3d(Eigen::Translation3d(8.0, 0.0, 0.0))});
+  const ErrorModel& model = experiment.model;
+  const Unknowns& free = experiment.free;
+  double with = 0.0;
+  double without = 0.0;
+  double chi_square = 0.0;
+  const int runs = 40;
+  for (int run = 0; run < runs; ++run) {
+    experiment.restart(Random(9, static_cast<std::uint64_t>(run)));
+    Random& random = experiment.random;
+    const Estimate& truth = experiment.robot.truth;
+    Measurements measured = experiment.measure(30);
+    for (Observation& o : measured.observations) {
+      const double distance = o.position.norm();
+      const Eigen::Vector3d line = o.position / distance;
+      const Eigen::Vector3d n{random.normal(), random.normal(), random.normal()};
+      const double across = tracker.transverse + tracker.transverse_per_metre * distance;
+      o.position += tracker.range * line.dot(n) * line + across * (n - line.dot(n) * line);
+    }
+    const Estimate start = nominal_start(model, measured);
+    JointOptions whitened;
+    whitened.residuals.noise.tracker = tracker;
+    const Eigen::MatrixXd fresh = experiment.configurations(50);
+    const auto held_out = [&](const Estimate& estimate) {
+      const auto ours = flange_poses(model, estimate, fresh);
+      const auto real = flange_poses(model, truth, fresh);
+      double sum = 0.0;
+      for (std::size_t c = 0; c < ours.size(); ++c) {
+        sum += (estimate.X_WB * (ours[c] * estimate.targets[0].X_FT.translation()) -
+                truth.X_WB * (real[c] * truth.targets[0].X_FT.translation()))
+                   .squaredNorm();
+      }
+      return sum;
+    };
+    const Identification aware = identify_jointly(model, measured, start, free, whitened);
+    with += held_out(aware.estimate);
+    without += held_out(identify_jointly(model, measured, start, free).estimate);
+    chi_square += LeastSquaresProblem(model, measured, free, whitened.residuals).linearise(aware.estimate).cost / runs;
+  }
+  EXPECT_LT(with, 0.9 * without);
+  EXPECT_NEAR(chi_square, 270.0 - 33.0, 4.0 * std::sqrt(2.0 * 237.0 / runs));
+}
+
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::noise_model_test

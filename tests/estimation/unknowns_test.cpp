@@ -11,7 +11,7 @@
 #include "kdl_calibration/reduction.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::unknowns_test {
 namespace {
 
 using Eigen::Index;
@@ -238,4 +238,4 @@ TEST(Unknowns, PriorsCountFromTheValue) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::unknowns_test

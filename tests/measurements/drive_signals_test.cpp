@@ -10,7 +10,7 @@
 #include "refusal.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::drive_signals_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -173,4 +173,4 @@ TEST(DriveSignals, TorquesInAnotherUnitAreRefused) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::drive_signals_test

@@ -13,7 +13,7 @@
 #include "measurements/label_table.hpp"
 #include "refusal.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::measurements_file_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -405,4 +405,4 @@ TEST(LabelTables, NumberLabelsByTheirFirstAppearanceAndBeginAnew) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::measurements_file_test

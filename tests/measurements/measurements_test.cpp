@@ -23,7 +23,7 @@
 #include "kdl_calibration/robot.hpp"
 #include "refusal.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::measurements_test {
 namespace {
 
 using ::testing::AllOf;
@@ -745,6 +745,21 @@ TEST(MeasurementsCsv, WritesOnlyTheColumnsInUse) {
   EXPECT_EQ(measurements_csv(parse(full)), full);
 }
 
+// Whichever row is the one that differs.
+TEST(MeasurementsCsv, WritesAColumnThatAnyRowNeeds) {
+  const std::string header = "configuration,split,repeat,target,joint_1[rad],joint_2[rad],x[m],y[m],z[m],sigma[m]\n";
+  const std::vector<std::string> rows = {"c1,train,2,A,0.1,0.2,1,2,3,\n", "c1,train,1,A,0.1,0.2,1,2,3,\n",
+                                         "c2,test,1,A,0.3,0.2,1,2,3,\n", "c3,train,1,A,0.4,0.2,1,2,3,0.5\n",
+                                         "c4,train,1,A,0.5,0.2,1,2,3,\n"};
+  for (std::size_t first = 0; first < rows.size(); ++first) {
+    std::string csv = header;
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      csv += rows[(first + i) % rows.size()];
+    }
+    EXPECT_EQ(measurements_csv(parse(csv)), csv) << first;
+  }
+}
+
 TEST(MeasurementsCsv, ReadsBackToTheSameDoubles) {
   Random random(3);
   Measurements m;
@@ -1206,4 +1221,4 @@ TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::measurements_test

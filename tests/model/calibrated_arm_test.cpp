@@ -14,7 +14,7 @@
 #include "kdl_calibration/joint_ranges.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::calibrated_arm_test {
 namespace {
 
 using testing::fanuc;
@@ -140,4 +140,4 @@ TEST(CalibratedArm, IsRefusedWithTheValuesOfAnotherModelAndOtherJoints) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::calibrated_arm_test

@@ -4,40 +4,16 @@
 
 #include <cmath>
 
-#include "kdl_calibration/reduction.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::error_model_test {
 namespace {
 
 using testing::difference;
 using ::testing::ElementsAre;
-using ::testing::ElementsAreArray;
 using testing::fanuc;
 using testing::kDegree;
 using testing::kdl_pose;
-using ::testing::UnorderedElementsAre;
-
-std::vector<std::string> geometric(const Reduction& reduction) {
-  std::vector<std::string> names;
-  for (const std::string& name : reduction.kept) {
-    if (name.find('.') == std::string::npos) {
-      names.push_back(name);
-    }
-  }
-  return names;
-}
-
-std::vector<std::string> gauge_names(const Reduction& reduction) {
-  std::vector<std::string> names;
-  for (const GaugeParameter& parameter : reduction.gauge) {
-    names.push_back(parameter.name);
-  }
-  return names;
-}
-
-const std::vector<std::string> kPublished = {"dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Ry1", "Tz2", "Rz2",
-                                             "Ry2", "Tz3", "Ty3", "Rz3", "Tz4", "Tx4", "Rz4", "Tz5", "Rz5"};
 
 TEST(ErrorModel, CompleteModelIsThePublishedOne) {
   const ErrorModel model = complete_model(fanuc());
@@ -61,74 +37,6 @@ TEST(ErrorModel, LengthsOfThePublicationAreTheNominalValues) {
   EXPECT_DOUBLE_EQ(nominal("Tz3"), 0.225);
   EXPECT_DOUBLE_EQ(nominal("Ty3"), 1.280);
   EXPECT_EQ(nominal("Tx1"), 0.0);
-}
-
-TEST(ErrorModel, ReducesToThePublishedIrreducibleModelWithThreeTargets) {
-  const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(3));
-  EXPECT_THAT(geometric(reduction), ElementsAreArray(kPublished));
-  EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
-  EXPECT_THAT(reduction.gauge[0].tied_to, ElementsAre("base.Rz"));
-  EXPECT_EQ(reduction.rank, 33);
-  EXPECT_EQ(reduction.kept.size(), 33U);
-  EXPECT_EQ(reduction.candidates,
-            static_cast<int>(reduction.kept.size() + reduction.gauge.size() + reduction.dropped.size()));
-}
-
-TEST(ErrorModel, AdaptsToOneAndTwoTargets) {
-  // 6 for the base, 18 of the geometry and three for each target: one target still sees every joint.
-  for (const int targets : {1, 2}) {
-    const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(targets));
-    EXPECT_EQ(reduction.rank, 24 + 3 * targets);
-    EXPECT_THAT(geometric(reduction), ElementsAreArray(kPublished));
-    EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
-  }
-}
-
-TEST(ErrorModel, AJointThatMovesNoTargetIsGauge) {
-  TargetFrame on_last_axis{.name = "A"};
-  on_last_axis.X_FT.translation() = Eigen::Vector3d(0.0, 0.1, 0.0);
-  const Reduction reduction = reduced_model(complete_model(fanuc()), {on_last_axis});
-  EXPECT_EQ(reduction.rank, 25);  // nor do Tz5 and Rz5 do anything that the target's coordinates do not
-  EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
-}
-
-TEST(ErrorModel, NamesWhatReplacesADroppedParameter) {
-  const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(3));
-  std::map<std::string, std::map<std::string, double>> dropped;
-  for (const DroppedParameter& parameter : reduction.dropped) {
-    dropped[parameter.name] = parameter.replaced_by;
-  }
-  using Combination = std::map<std::string, double>;
-  EXPECT_EQ(dropped.at("Rx1"), (Combination{{"dq2", 1.0}}));
-  EXPECT_EQ(dropped.at("Ry3"), (Combination{{"dq4", 1.0}}));
-  EXPECT_EQ(dropped.at("Ry5"), (Combination{{"dq6", 1.0}}));
-  EXPECT_EQ(dropped.at("Tz0"), (Combination{{"base.Tz", 1.0}}));
-  EXPECT_EQ(dropped.at("Tz6"), (Combination{{"A.z", 1.0}, {"B.z", 1.0}, {"C.z", 1.0}}));
-  for (const auto& [name, replacement] : dropped) {
-    EXPECT_FALSE(replacement.empty()) << name;
-  }
-}
-
-TEST(ErrorModel, WithAKnownBaseAndKnownTargetsTheirLinksBecomeIdentifiable) {
-  const ErrorModel model = complete_model(fanuc());
-  ReductionOptions options{.fixed = base_parameter_names()};
-  for (const TargetFrame& target : generic_targets(3)) {
-    for (const std::string& name : target_parameter_names(target)) {
-      options.fixed.push_back(name);
-    }
-  }
-  const Reduction known = reduced_model(model, generic_targets(3), options);
-  // Nothing but geometry is left: 4 per revolute joint and 6 for the frames at both ends.
-  EXPECT_EQ(known.rank, 4 * 6 + 6);
-  EXPECT_TRUE(known.gauge.empty());
-}
-
-TEST(ErrorModel, RankOfAGeneralChainIsWhatTheorySays) {
-  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
-  // 4 per revolute and 2 per prismatic joint, 6 for the frames at both ends, 3 for the triangle of the targets.
-  EXPECT_EQ(reduced_model(model, generic_targets(3)).rank, 4 * 4 + 2 + 6 + 3);
-  TargetFrame pose{.name = "P", .with_orientation = true};
-  EXPECT_EQ(reduced_model(model, {pose}).rank, 4 * 4 + 2 + 6);
 }
 
 class EveryChain : public ::testing::TestWithParam<bool> {
@@ -202,14 +110,5 @@ TEST(ErrorModel, EqualsThePublishedFormulaWrittenOut) {
   }
 }
 
-TEST(ErrorModelOnRealData, TheRosIndustrialDescriptionHasTheSameCountWithItsOwnLetters) {
-  const Robot robot = load_robot(std::string(SHARED_DATA_DIR) + "/ros_industrial/fanuc_r2000ic165f.urdf");
-  const Reduction reduction = reduced_model(complete_model(robot), generic_targets(3));
-  EXPECT_EQ(reduction.rank, 33);
-  EXPECT_THAT(geometric(reduction),
-              UnorderedElementsAre("dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Rx1", "Tz2", "Rz2", "Rx2", "Tx3", "Tz3",
-                                   "Rz3", "Tz4", "Ty4", "Rz4", "Tz5", "Rz5"));
-}
-
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::error_model_test

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <kdl/chaindynparam.hpp>
+#include <kdl/chainfksolverpos_recursive.hpp>
 #include <numeric>
 
 #include "kdl_calibration/calibrated_arm.hpp"
@@ -16,7 +17,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::joint_effects_test {
 namespace {
 
 using testing::fanuc;
@@ -401,40 +402,40 @@ TEST(JointEffects, OfTorquesThatWereNotMeasuredAreRefused) {
   EXPECT_EQ(effect_terms(model, EffectGroup::torque, q, signals).size(), 10U) << "one joint has no sensor";
 }
 
+// The torque is the slope of the potential energy of unit masses at the frames, which KDL places.
 TEST(JointEffects, BacklashLiesWhereGravityPulls) {
-  ErrorModel model = complete_model(fanuc());
+  const Robot robot = fanuc();
+  ErrorModel model = complete_model(robot);
   Random random(9);
   const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
   model.effects = effect_terms(model, EffectGroup::backlash, q);
   const auto second = std::find_if(model.effects.begin(), model.effects.end(),
                                    [](const EffectTerm& term) { return term.name == "backlash.2"; });
   ASSERT_NE(second, model.effects.end());
-  // Torque of unit masses at the frames behind it, by hand; over 0.15 of its mean size; tanh.
-  Eigen::VectorXd torque(q.cols());
+  const Eigen::VectorXd basis = effect_basis(model, q).row(second - model.effects.begin());
+  KDL::ChainFkSolverPos_recursive solver(robot.chain);
+  std::vector<std::pair<double, double>> sides;  // torque, and where the joint lies in its play
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
-    KDL::Frame pose = KDL::Frame::Identity();
-    KDL::Vector origin;
-    KDL::Vector axis;
-    double sum = 0.0;
-    for (std::size_t i = 0; i <= model.joints.size(); ++i) {
-      pose = pose * (i < 6 ? model.joints[i].origin : model.tip_origin);
-      if (i == 1) {
-        origin = pose.p;
-        axis = pose.M * model.joints[1].axis;
-      } else if (i > 1) {
-        sum += KDL::dot(axis, (pose.p - origin) * model.gravity);
+    const Eigen::MatrixXd slopes = testing::central_differences(6, 1e-6, [&](const Eigen::VectorXd& step) {
+      KDL::JntArray joints(6);
+      joints.data = q.col(c) + step;
+      double energy = 0.0;
+      for (unsigned segment = 1; segment <= robot.chain.getNrOfSegments(); ++segment) {
+        KDL::Frame pose;
+        solver.JntToCart(joints, pose, static_cast<int>(segment));
+        energy += pose.p.z();
       }
-      if (i < 6) {
-        pose = pose * KDL::Frame(KDL::Rotation::Rot2(model.joints[i].axis, q(static_cast<Eigen::Index>(i), c)));
-      }
-    }
-    torque[c] = sum;
+      return Eigen::VectorXd::Constant(1, energy);
+    });
+    sides.emplace_back(-slopes(0, 1), basis[c] * second->scale + second->mean);
+    EXPECT_GE(sides.back().first * sides.back().second, 0.0) << c;
   }
-  Eigen::VectorXd expected = (torque / (0.15 * torque.cwiseAbs().mean())).array().tanh();
-  expected.array() -= expected.mean();
-  expected /= std::sqrt(expected.array().square().mean());
-  const Eigen::VectorXd got = effect_basis(model, q).row(second - model.effects.begin());
-  EXPECT_LT((got - expected).cwiseAbs().maxCoeff(), 1e-9);
+  std::sort(sides.begin(), sides.end());
+  EXPECT_TRUE(std::is_sorted(sides.begin(), sides.end(),
+                             [](const auto& a, const auto& b) { return a.second < b.second - 1e-6; }));
+  EXPECT_LT(sides.front().second, -0.9);
+  EXPECT_GT(sides.back().second, 0.9);
+  EXPECT_LE(sides.back().second, 1.0);
 }
 
 // The sum of the squared functions is the covariance of the process (Rasmussen and Williams 2006, 4.17).
@@ -474,6 +475,29 @@ TEST(JointEffects, TablesHaveTheCovarianceOfMaternThreeHalves) {
   }
 }
 
+// A length of more than half the measured range is half of it: the table is that of a joint that moves ten times as far
+// with ten times the length.
+TEST(JointEffects, TablesOfAShortRangeAreThoseOfALongOneMadeSmaller) {
+  ErrorModel model = complete_model(fanuc());
+  Eigen::MatrixXd q = Eigen::MatrixXd::Zero(6, 21);
+  q.row(2) = Eigen::RowVectorXd::LinSpaced(21, -1.0, 1.0);
+  const Eigen::MatrixXd narrow = 0.1 * q;
+  const std::vector<EffectTerm> of_long = table_terms(model, q, 1.0);
+  for (const double length : {0.1, 0.5, 30.0}) {
+    model.effects = table_terms(model, narrow, length);
+    EXPECT_EQ(model.effects.size(), of_long.size()) << length;
+    const Eigen::MatrixXd basis = effect_basis(model, narrow);
+    const Eigen::MatrixXd covariance = basis.transpose() * basis;
+    for (Eigen::Index a = 0; a < q.cols(); ++a) {
+      for (Eigen::Index b = 0; b < q.cols(); ++b) {
+        const double r = std::sqrt(3.0) * std::abs(q(2, a) - q(2, b));
+        EXPECT_NEAR(covariance(a, b), (1.0 + r) * std::exp(-r), 0.03) << length << ": " << a << ", " << b;
+      }
+    }
+  }
+  EXPECT_TRUE(table_terms(model, 0.01 * q, 0.5).empty()) << "a joint that hardly moves";
+}
+
 TEST(JointEffects, IsIdentifiedFromMeasurements) {
   ErrorModel model = complete_model(fanuc());
   model.effects = load_terms(model);
@@ -495,4 +519,4 @@ TEST(JointEffects, IsIdentifiedFromMeasurements) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::joint_effects_test

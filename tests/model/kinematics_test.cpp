@@ -9,7 +9,7 @@
 
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::kinematics_test {
 namespace {
 
 using testing::difference;
@@ -17,15 +17,15 @@ using testing::fanuc;
 using testing::kDegree;
 using testing::kdl_pose;
 
-class EveryChain : public ::testing::TestWithParam<bool> {
+class EveryChainsKinematics : public ::testing::TestWithParam<bool> {
 protected:
-  EveryChain() : which(model.parameters.size()) { std::iota(which.begin(), which.end(), 0U); }
+  EveryChainsKinematics() : which(model.parameters.size()) { std::iota(which.begin(), which.end(), 0U); }
 
   const ErrorModel model = complete_model(GetParam() ? fanuc() : parse_robot(testing::kOddArm));
   std::vector<std::size_t> which;
 };
 
-TEST_P(EveryChain, FlangePoseIsThatOfTheKdlSolver) {
+TEST_P(EveryChainsKinematics, FlangePoseIsThatOfTheKdlSolver) {
   Random random(1);
   for (int i = 0; i < 1000; ++i) {
     const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
@@ -35,7 +35,7 @@ TEST_P(EveryChain, FlangePoseIsThatOfTheKdlSolver) {
   }
 }
 
-TEST_P(EveryChain, BatchPosesAreTheSinglePoses) {
+TEST_P(EveryChainsKinematics, BatchPosesAreTheSinglePoses) {
   Random random(2);
   const FoldedChain chain = folded(model, testing::random_errors(model, random, 0.01, 0.1));
   Eigen::MatrixXd q(model.joints.size(), 37);
@@ -48,7 +48,7 @@ TEST_P(EveryChain, BatchPosesAreTheSinglePoses) {
   }
 }
 
-TEST_P(EveryChain, IdentificationJacobianIsThatOfTheKdlSolverOnTheChainWithErrorsAsJoints) {
+TEST_P(EveryChainsKinematics, IdentificationJacobianIsThatOfTheKdlSolverOnTheChainWithErrorsAsJoints) {
   Random random(3);
   const ParameterChain oracle = parameter_chain(model);
   KDL::ChainJntToJacSolver solver(oracle.chain);
@@ -77,7 +77,7 @@ TEST_P(EveryChain, IdentificationJacobianIsThatOfTheKdlSolverOnTheChainWithError
   }
 }
 
-TEST_P(EveryChain, IdentificationJacobianIsTheCentralDifference) {
+TEST_P(EveryChainsKinematics, IdentificationJacobianIsTheCentralDifference) {
   Random random(4);
   const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
   const Eigen::VectorXd q = testing::random_joints(model, random);
@@ -96,7 +96,7 @@ TEST_P(EveryChain, IdentificationJacobianIsTheCentralDifference) {
   }
 }
 
-TEST_P(EveryChain, PublishedMatrixDerivativesGiveTheSameColumns) {
+TEST_P(EveryChainsKinematics, PublishedMatrixDerivativesGiveTheSameColumns) {
   Random random(5);
   const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
   const Eigen::VectorXd q = testing::random_joints(model, random);
@@ -115,7 +115,7 @@ TEST_P(EveryChain, PublishedMatrixDerivativesGiveTheSameColumns) {
   }
 }
 
-TEST_P(EveryChain, BaseColumnsAreTheMotionOfTheBaseInItsOwnFrame) {
+TEST_P(EveryChainsKinematics, BaseColumnsAreTheMotionOfTheBaseInItsOwnFrame) {
   Random random(6);
   const FoldedChain chain = folded(model, testing::random_errors(model, random, 0.0025, 3.0 * kDegree));
   const Eigen::VectorXd q = testing::random_joints(model, random);
@@ -133,7 +133,7 @@ TEST_P(EveryChain, BaseColumnsAreTheMotionOfTheBaseInItsOwnFrame) {
   }
 }
 
-TEST_P(EveryChain, ThreeRoutesToTheManipulatorJacobianAgree) {
+TEST_P(EveryChainsKinematics, ThreeRoutesToTheManipulatorJacobianAgree) {
   Random random(7);
   for (int i = 0; i < 100; ++i) {
     const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
@@ -144,7 +144,7 @@ TEST_P(EveryChain, ThreeRoutesToTheManipulatorJacobianAgree) {
 }
 
 // Whatever the order of a frame's parameters: with a rotation in front of a translation it has a lever arm.
-TEST_P(EveryChain, FolderGivesTheFoldedChainAndTheTwists) {
+TEST_P(EveryChainsKinematics, FolderGivesTheFoldedChainAndTheTwists) {
   Random random(8);
   ErrorModel arm = model;
   for (int order = 0; order < 2; ++order) {
@@ -182,8 +182,8 @@ TEST(Kinematics, FoldsAxesOfAnyDirection) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Kinematics, EveryChain, ::testing::Values(true, false),
+INSTANTIATE_TEST_SUITE_P(Kinematics, EveryChainsKinematics, ::testing::Values(true, false),
                          [](const auto& test) { return test.param ? "R2000iC" : "OddArm"; });
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::kinematics_test

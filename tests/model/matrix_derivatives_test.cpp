@@ -5,7 +5,7 @@
 #include "kdl_calibration/random.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::matrix_derivatives_test {
 namespace {
 
 using Eigen::Index;
@@ -69,4 +69,4 @@ TEST(MatrixDerivatives, ColumnsOfAPointAreInTheOrderThatIsAsked) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::matrix_derivatives_test

@@ -54,6 +54,7 @@ class CleanTree:
         options = [
             "-G", "Unix Makefiles", "-D", "CMAKE_BUILD_TYPE=Release", "-D", "CMAKE_CXX_FLAGS_RELEASE=-O1 -DNDEBUG",
             "-D", "BUILD_SHARED_LIBS=ON", "-D", "KDL_CALIBRATION_BUILD_TESTS=ON",
+            "-D", "KDL_CALIBRATION_PRECOMPILED_HEADERS=ON",
             "-D", "CMAKE_EXPORT_COMPILE_COMMANDS=ON", "-D", "CMAKE_EXE_LINKER_FLAGS=-Wl,--enable-new-dtags",
             "-D", f"KDL_CALIBRATION_SHARED_DATA_DIR={self.root.parent / 'shared' / 'data'}",
         ]  # fmt: skip
@@ -68,8 +69,8 @@ class CleanTree:
         if kdlcal.exists() and kdlcal.read_bytes()[:2] == b"#!":
             os.replace(real, kdlcal)  # its time stamp tells whether it must be linked again
         self._read_units()
-        suites = [unit.target for unit in self.units if self._is_suite(unit)]
-        run("cmake", "--build", str(self.build), "-j", str(jobs), "--target", "kdl_calibration", "kdlcal", *suites)
+        programs = sorted({unit.target for unit in self.suites.values()})
+        run("cmake", "--build", str(self.build), "-j", str(jobs), "--target", "kdl_calibration", "kdlcal", *programs)
         self._read_units()
         os.replace(kdlcal, real)
         kdlcal.write_text(FRONT % real)
@@ -85,17 +86,23 @@ class CleanTree:
     def _read_units(self):
         entries = json.loads((self.build / "compile_commands.json").read_text())
         self.units = [Unit(entry) for entry in entries]
-        self.suites = {unit.target: unit for unit in self.units if self._is_suite(unit)}
+        # A file of tests, which its wing's program runs by the names of the test suites in it.
+        self.suites = {Path(unit.file).stem: unit for unit in self.units if self._is_suite(unit)}
 
     def users(self, path):
         """The compilations that read this source; those of the fuzzers and benchmarks are left alone."""
         full = str(self.source / path)
-        wanted = {"kdl_calibration", "kdlcal_commands", "kdlcal", *self.suites}
+        wanted = {"kdl_calibration", "kdlcal_commands", "kdlcal", *(unit.target for unit in self.suites.values())}
         return [unit for unit in self.units if unit.target in wanted and full in unit.depends]
 
     def linked_with(self, archive):
-        """The suites that call what is in it."""
-        return [suite for suite, unit in self.suites.items() if archive in map(path_of(unit), link_words(unit))]
+        """The test programs that call what is in it."""
+        return {unit.target for unit in self.suites.values() if archive in map(path_of(unit), link_words(unit))}
+
+    def filter_of(self, suite):
+        text = Path(self.suites[suite].file).read_text()
+        names = sorted(set(re.findall(r"^TEST(?:_F|_P)?\((\w+),", text, re.M)))
+        return ":".join(f"{name}.*:*/{name}.*" for name in names)
 
     def executable(self, suite):
         words = link_words(self.suites[suite])
@@ -177,7 +184,7 @@ class Runner:
         limits = f"ulimit -v {self.memory_mb * 1024}; ulimit -t {int(cpu_limit)}; ulimit -f 67108864; ulimit -c 0"
         words = [
             "sh", "-c", limits + '; exec "$@"', "-", str(executable), "--gtest_fail_fast", "--gtest_brief=1",
-            "--gtest_filter=-" + ":".join(ALWAYS_LEFT_OUT + self.left_out + self.left_out_of.get(suite, [])),
+            "--gtest_filter=" + self.clean.filter_of(suite) + "-" + ":".join(ALWAYS_LEFT_OUT + self.left_out + self.left_out_of.get(suite, [])),
         ]  # fmt: skip
         process = subprocess.Popen(
             words, cwd=self.clean.executable(suite).parent, env=dict(environment, TMPDIR=str(scratch)),
@@ -219,7 +226,7 @@ def baseline(clean, runner, report):
     times, failing = {}, {}
     for suite in sorted(clean.suites):
         executable = clean.executable(suite)
-        key = hashlib.sha1((product + str(ALWAYS_LEFT_OUT + runner.left_out)).encode() + executable.read_bytes()).hexdigest()
+        key = hashlib.sha1((suite + product + str(ALWAYS_LEFT_OUT + runner.left_out)).encode() + executable.read_bytes()).hexdigest()
         if key in known:
             times[suite] = known[key]
             continue

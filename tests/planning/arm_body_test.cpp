@@ -14,7 +14,7 @@
 #include "kdl_calibration/random.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::arm_body_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -336,4 +336,4 @@ TEST(ArmBody, LeavesNeighboursAndTheWristToTheJointLimits) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::arm_body_test

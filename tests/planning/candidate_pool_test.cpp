@@ -11,7 +11,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::candidate_pool_test {
 namespace {
 
 using Eigen::Index;
@@ -155,4 +155,4 @@ TEST(Tasks, TheWorstIsLookedForAmongTheFirstFiveThousand) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::candidate_pool_test

@@ -16,7 +16,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::experiment_test {
 namespace {
 
 using Eigen::Index;
@@ -317,4 +317,4 @@ TEST(Experiment, RefusesMeasurementsOfOtherTargets) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::experiment_test

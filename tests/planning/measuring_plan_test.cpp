@@ -13,7 +13,7 @@
 #include "refusal.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::measuring_plan_test {
 namespace {
 
 using Eigen::Index;
@@ -305,4 +305,4 @@ TEST(MeasuringPlan, RefusesNamesThatNoFileCanHold) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::measuring_plan_test

@@ -12,7 +12,7 @@
 #include "kdl_calibration/truth_comparison.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::monte_carlo_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -191,4 +191,4 @@ TEST(MonteCarlo, PassesOnWhatARunRefuses) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::monte_carlo_test

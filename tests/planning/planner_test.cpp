@@ -18,7 +18,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::planner_test {
 namespace {
 
 using Eigen::Index;
@@ -395,4 +395,4 @@ TEST(Planner, RefusesEffectsThatNoPlanCanTell) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::planner_test

@@ -15,7 +15,7 @@
 #include "refusal.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::pose_selection_test {
 namespace {
 
 using Eigen::Index;
@@ -383,4 +383,4 @@ TEST(PoseSelection, SaysWhyItCannotChoose) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::pose_selection_test

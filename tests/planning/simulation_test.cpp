@@ -13,7 +13,7 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::simulation_test {
 namespace {
 
 using testing::all_parameters;
@@ -297,4 +297,4 @@ TEST(Simulation, JoinsTrainingAndHeldOutMeasurements) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::simulation_test

@@ -14,7 +14,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::truth_comparison_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -212,4 +212,4 @@ TEST_F(TruthComparison, TargetsAreMatchedByName) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::truth_comparison_test

@@ -6,7 +6,7 @@
 #include "record.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::two_step_trial_test {
 namespace {
 
 /// The published experiment, drawn anew for each seed.
@@ -99,4 +99,4 @@ TEST_F(TwoStepTrialTest, WithNoiseItSettlesWhereNoiseAloneMovesIt) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::two_step_trial_test

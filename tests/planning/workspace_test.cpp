@@ -18,7 +18,7 @@
 #include "refusal.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::workspace_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -643,4 +643,4 @@ TEST(Workspace, RefusesCellsOfWhatIsNoNumber) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::workspace_test

@@ -7,7 +7,7 @@
 #include "kdl_calibration/mimic.hpp"
 #include "kdl_calibration/random.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::joint_ranges_test {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
@@ -53,4 +53,4 @@ TEST(RandomConfigurations, AreDrawnJointByJointWithinTheirRanges) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::joint_ranges_test

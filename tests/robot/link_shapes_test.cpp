@@ -4,7 +4,7 @@
 
 #include "refusal.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::link_shapes_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -83,4 +83,4 @@ TEST(LinkShapes, OfNoSizeAreRefused) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::link_shapes_test

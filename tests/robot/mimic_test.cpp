@@ -19,7 +19,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::mimic_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -366,4 +366,4 @@ TEST(Mimic, TheOppositeSignOfALeaderMovesItsFollowersToo) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::mimic_test

@@ -19,7 +19,7 @@
 #include "refusal.hpp"
 #include "robot/urdf_reading.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::robot_test {
 namespace {
 
 using ::testing::AllOf;
@@ -588,4 +588,4 @@ TEST(RobotOnRealData, ReadsTheUr10) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::robot_test

@@ -14,12 +14,14 @@
 #include <regex>
 #include <sstream>
 
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "refusal.hpp"
+#include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::urdf_export_test {
 namespace {
 
 using ::testing::AllOf;
@@ -491,5 +493,28 @@ TEST(UrdfExportOnRealData, ChangesOnlyNumbersInTheUr10Urdf) {
   expect_identities_keep_every_byte(urdf);
 }
 
+TEST(UrdfExport, HoldsErrorsOfATenMillionth) {
+  const Robot robot = testing::fanuc();
+  const ErrorModel model = complete_model(robot);
+  const Eigen::VectorXd errors = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(model.parameters.size()), 1e-7);
+  const Robot exported = parse_robot(calibrated_urdf(robot, model, errors));
+  const Eigen::VectorXd q = Eigen::VectorXd::LinSpaced(6, 0.1, 0.6);
+  const KDL::Frame expected = testing::kdl_pose(error_chain(model, errors), q);
+  EXPECT_LT(testing::difference(testing::kdl_pose(exported.chain, q), expected), 1e-13);
+  EXPECT_GT(testing::difference(testing::kdl_pose(robot.chain, q), expected), 1e-7);
+}
+
+TEST(UrdfExport, OfATipInTheMiddleLeavesTheRestUntouched) {
+  const Robot robot = parse_robot(testing::kOddArm, {.base = "world", .tip = "d"});
+  ASSERT_EQ(robot.joints.size(), 4U);
+  const ErrorModel model = complete_model(robot);
+  Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  errors[static_cast<Eigen::Index>(parameter_index(model, "dq2"))] = 0.01;
+  const std::string exported = calibrated_urdf(robot, model, errors);
+  const std::size_t behind = robot.urdf.find("<joint name=\"skew\"");
+  EXPECT_EQ(exported.substr(exported.find("<joint name=\"skew\"")), robot.urdf.substr(behind));
+  EXPECT_NE(exported, robot.urdf);
+}
+
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::urdf_export_test

@@ -1,4 +1,5 @@
-// The shipped robot and its two joint conventions against the data sheet and against the ROS-Industrial description.
+// The shipped robot, as it is read, and its two joint conventions against the data sheet and against the ROS-Industrial
+// description.
 
 #include <gmock/gmock.h>
 
@@ -12,7 +13,7 @@
 #include "kdl_calibration/measurements.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration {
+namespace kdl_calibration::urdf_reading_test {
 namespace {
 
 using testing::difference;
@@ -187,4 +188,4 @@ TEST(FanucUrdfOnRealData, HasTheLimitsOfRosIndustrial) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration
+}  // namespace kdl_calibration::urdf_reading_test

@@ -1,0 +1,42 @@
+#include "base/f_distribution.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace kdl_calibration::f_distribution_test {
+namespace {
+
+TEST(FDistribution, UpperTailHasItsClosedFormAndItsSymmetry) {
+  for (const double n : {1.0, 2.0, 5.0, 30.0}) {
+    for (const double f : {0.01, 0.3, 1.0, 3.0, 50.0}) {
+      // With two degrees of freedom in the numerator the integral has a closed form.
+      EXPECT_NEAR(f_upper_tail(f, 2.0, n), std::pow(1.0 + 2.0 * f / n, -0.5 * n), 1e-12) << f << ", " << n;
+      EXPECT_NEAR(f_upper_tail(f, 7.0, n) + f_upper_tail(1.0 / f, n, 7.0), 1.0, 1e-12) << f << ", " << n;
+    }
+  }
+}
+
+TEST(FDistribution, CriticalValuesHaveTheirTail) {
+  for (const double tail : {0.9, 0.5, 0.05, 1e-3, 1e-6}) {
+    for (const double n : {1.0, 2.0, 5.0, 237.0}) {
+      const double expected = 0.5 * n * (std::pow(tail, -2.0 / n) - 1.0);  // as above
+      EXPECT_NEAR(f_critical(tail, 2.0, n) / expected, 1.0, 1e-9) << tail << ", " << n;
+      EXPECT_NEAR(f_upper_tail(f_critical(tail, 2.6, n), 2.6, n) / tail, 1.0, 1e-9) << tail << ", " << n;
+    }
+  }
+  EXPECT_NEAR(f_critical(0.5, 3.0, 3.0), 1.0, 1e-12);  // symmetry
+  EXPECT_NEAR(t_critical_95(3.0), 3.182446, 1e-6);     // printed tables
+}
+
+TEST(FDistribution, TailIsThatOfTheTables) {
+  // Quantiles from printed tables of the F distribution.
+  EXPECT_NEAR(f_upper_tail(4.9646, 1, 10), 0.05, 1e-5);
+  EXPECT_NEAR(f_upper_tail(2.9782, 10, 10), 0.05, 1e-5);
+  EXPECT_NEAR(f_upper_tail(3.8415, 1, 1e7), 0.05, 1e-5);
+  EXPECT_NEAR(f_upper_tail(1.0, 7, 7), 0.5, 1e-12);  // symmetry
+  EXPECT_EQ(f_upper_tail(0.0, 3, 5), 1.0);
+  EXPECT_LT(f_upper_tail(50.0, 100, 100), 1e-30);
+}
+}  // namespace
+}  // namespace kdl_calibration::f_distribution_test

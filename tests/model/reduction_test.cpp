@@ -1,0 +1,303 @@
+#include "kdl_calibration/reduction.hpp"
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/identification_jacobian.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration::reduction_test {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::ElementsAreArray;
+using testing::fanuc;
+using ::testing::UnorderedElementsAre;
+using testing::VirtualExperiment;
+
+std::vector<std::string> geometric(const Reduction& reduction) {
+  std::vector<std::string> names;
+  for (const std::string& name : reduction.kept) {
+    if (name.find('.') == std::string::npos) {
+      names.push_back(name);
+    }
+  }
+  return names;
+}
+
+std::vector<std::string> gauge_names(const Reduction& reduction) {
+  std::vector<std::string> names;
+  for (const GaugeParameter& parameter : reduction.gauge) {
+    names.push_back(parameter.name);
+  }
+  return names;
+}
+const std::vector<std::string> kPublished = {"dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Ry1", "Tz2", "Rz2",
+                                             "Ry2", "Tz3", "Ty3", "Rz3", "Tz4", "Tx4", "Rz4", "Tz5", "Rz5"};
+
+TEST(Reduction, ReducesToThePublishedIrreducibleModelWithThreeTargets) {
+  const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(3));
+  EXPECT_THAT(geometric(reduction), ElementsAreArray(kPublished));
+  EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
+  EXPECT_THAT(reduction.gauge[0].tied_to, ElementsAre("base.Rz"));
+  EXPECT_EQ(reduction.rank, 33);
+  EXPECT_EQ(reduction.kept.size(), 33U);
+  EXPECT_EQ(reduction.candidates,
+            static_cast<int>(reduction.kept.size() + reduction.gauge.size() + reduction.dropped.size()));
+}
+
+TEST(Reduction, AdaptsToOneAndTwoTargets) {
+  // 6 for the base, 18 of the geometry and three for each target: one target still sees every joint.
+  for (const int targets : {1, 2}) {
+    const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(targets));
+    EXPECT_EQ(reduction.rank, 24 + 3 * targets);
+    EXPECT_THAT(geometric(reduction), ElementsAreArray(kPublished));
+    EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
+  }
+}
+
+TEST(Reduction, AJointThatMovesNoTargetIsGauge) {
+  TargetFrame on_last_axis{.name = "A"};
+  on_last_axis.X_FT.translation() = Eigen::Vector3d(0.0, 0.1, 0.0);
+  const Reduction reduction = reduced_model(complete_model(fanuc()), {on_last_axis});
+  EXPECT_EQ(reduction.rank, 25);  // nor do Tz5 and Rz5 do anything that the target's coordinates do not
+  EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
+}
+
+TEST(Reduction, NamesWhatReplacesADroppedParameter) {
+  const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(3));
+  std::map<std::string, std::map<std::string, double>> dropped;
+  for (const DroppedParameter& parameter : reduction.dropped) {
+    dropped[parameter.name] = parameter.replaced_by;
+  }
+  using Combination = std::map<std::string, double>;
+  EXPECT_EQ(dropped.at("Rx1"), (Combination{{"dq2", 1.0}}));
+  EXPECT_EQ(dropped.at("Ry3"), (Combination{{"dq4", 1.0}}));
+  EXPECT_EQ(dropped.at("Ry5"), (Combination{{"dq6", 1.0}}));
+  EXPECT_EQ(dropped.at("Tz0"), (Combination{{"base.Tz", 1.0}}));
+  EXPECT_EQ(dropped.at("Tz6"), (Combination{{"A.z", 1.0}, {"B.z", 1.0}, {"C.z", 1.0}}));
+  for (const auto& [name, replacement] : dropped) {
+    EXPECT_FALSE(replacement.empty()) << name;
+  }
+}
+
+/// What replacing a dropped parameter leaves of the motion of the targets, and that motion [m per unit, RMS].
+std::pair<double, double> left_and_moved(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                                         const Reduction& reduction, const DroppedParameter& dropped) {
+  std::vector<std::string> names = reduction.kept;
+  names.push_back(dropped.name);
+  const Estimate estimate{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+                          .targets = targets};
+  const Unknowns all(model, estimate.targets, names);
+  Random random(9);
+  double left = 0.0;
+  double moved = 0.0;
+  constexpr int kCount = 50;
+  for (int i = 0; i < kCount; ++i) {
+    const Eigen::MatrixXd J = identification_jacobian(model, estimate, all, testing::random_joints(model, random));
+    const Eigen::VectorXd own = J.col(*all.column(dropped.name));
+    Eigen::VectorXd rest = own;
+    for (const auto& [name, coefficient] : dropped.replaced_by) {
+      rest -= coefficient * J.col(*all.column(name));
+    }
+    left += rest.squaredNorm() / (kCount * static_cast<double>(own.size()));
+    moved += own.squaredNorm() / (kCount * static_cast<double>(own.size()));
+  }
+  return {std::sqrt(left), std::sqrt(moved)};
+}
+
+// By Jacobians that are compared with KDL elsewhere: the replacement moves the targets as the parameter would.
+TEST(Reduction, ReplacementsMoveTheTargetsAsWhatTheyReplace) {
+  const ErrorModel model = complete_model(fanuc());
+  const Reduction reduction = reduced_model(model, generic_targets(3));
+  for (const DroppedParameter& dropped : reduction.dropped) {
+    if (std::all_of(dropped.replaced_by.begin(), dropped.replaced_by.end(), [&](const auto& entry) {
+          return std::count(reduction.kept.begin(), reduction.kept.end(), entry.first) > 0;
+        })) {
+      const auto [left, moved] = left_and_moved(model, generic_targets(3), reduction, dropped);
+      EXPECT_LT(left, 1e-6 * moved) << dropped.name;
+    }
+  }
+}
+
+// A target a millimetre beside the last axis, 0.415 m in front of the wrist: noise hides the millimetre. On the axis
+// the fifth joint turns the target as Tz5 moves it, and Tx4 moves it as Rz5 turns it.
+TEST(Reduction, NamesWhatReplacesAParameterThatNoiseHides) {
+  const ErrorModel model = complete_model(fanuc());
+  const std::vector<TargetFrame> targets = testing::targets_at({{0.0, 0.2, 1e-3}});
+  const Reduction exact = reduced_model(model, targets, {.noise = 1e-6});
+  EXPECT_THAT(exact.faint, UnorderedElementsAre("Tz5", "Rz5"));
+  const Reduction noisy = reduced_model(model, targets, {.noise = 1e-4});
+  EXPECT_EQ(noisy.rank, exact.rank - 2);
+  std::map<std::string, std::map<std::string, double>> hidden;
+  for (const DroppedParameter& dropped : noisy.dropped) {
+    if (dropped.name == "Tz5" || dropped.name == "Rz5") {
+      hidden[dropped.name] = dropped.replaced_by;
+      const auto [left, moved] = left_and_moved(model, targets, noisy, dropped);
+      EXPECT_LT(left, 0.02 * moved) << dropped.name << " is replaced by nothing like it";
+    }
+  }
+  ASSERT_EQ(hidden["Tz5"].count("dq5"), 1U);
+  EXPECT_NEAR(hidden["Tz5"]["dq5"], 1.0 / 0.415, 0.05);
+  ASSERT_EQ(hidden["Rz5"].count("Tx4"), 1U);
+  EXPECT_NEAR(hidden["Rz5"]["Tx4"], -0.415, 0.01);
+}
+
+TEST(Reduction, WithAKnownBaseAndKnownTargetsTheirLinksBecomeIdentifiable) {
+  const ErrorModel model = complete_model(fanuc());
+  ReductionOptions options{.fixed = base_parameter_names()};
+  for (const TargetFrame& target : generic_targets(3)) {
+    for (const std::string& name : target_parameter_names(target)) {
+      options.fixed.push_back(name);
+    }
+  }
+  const Reduction known = reduced_model(model, generic_targets(3), options);
+  // Nothing but geometry is left: 4 per revolute joint and 6 for the frames at both ends.
+  EXPECT_EQ(known.rank, 4 * 6 + 6);
+  EXPECT_TRUE(known.gauge.empty());
+}
+
+TEST(Reduction, RankOfAGeneralChainIsWhatTheorySays) {
+  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  // 4 per revolute and 2 per prismatic joint, 6 for the frames at both ends, 3 for the triangle of the targets.
+  EXPECT_EQ(reduced_model(model, generic_targets(3)).rank, 4 * 4 + 2 + 6 + 3);
+  TargetFrame pose{.name = "P", .with_orientation = true};
+  EXPECT_EQ(reduced_model(model, {pose}).rank, 4 * 4 + 2 + 6);
+}
+// ---- whole calibrations of other arms ------------------------------------------------------------------------------
+
+struct JointText {
+  std::string name;
+  std::string type;
+  std::string parent;
+  std::string child;
+  std::string xyz;
+  std::string rpy;
+  std::string axis;
+};
+
+std::string text_of(const JointText& joint) {
+  const std::string limit = joint.type == "fixed" ? "" : R"(<limit lower="-1.5" upper="1.5" velocity="1" effort="1"/>)";
+  return "<joint name=\"" + joint.name + "\" type=\"" + joint.type + "\"><parent link=\"" + joint.parent +
+         "\"/><child link=\"" + joint.child + "\"/><origin xyz=\"" + joint.xyz + "\" rpy=\"" + joint.rpy +
+         "\"/><axis xyz=\"" + joint.axis + "\"/>" + limit + "</joint>";
+}
+
+std::string robot_of(const std::vector<std::string>& links, const std::vector<JointText>& joints) {
+  std::string text = "<robot name=\"arm\">";
+  for (const std::string& link : links) {
+    text += "<link name=\"" + link + "\"/>";
+  }
+  for (const JointText& joint : joints) {
+    text += text_of(joint);
+  }
+  return text + "</robot>";
+}
+
+const std::string kRight = "1.5707963267948966";
+
+/// Seven revolute joints with the rotated frames of Denavit and Hartenberg.
+std::string seven_joint_arm() {
+  const std::string m = "-" + kRight;
+  return robot_of({"base", "l1", "l2", "l3", "l4", "l5", "l6", "l7", "tool"},
+                  {{"a1", "revolute", "base", "l1", "0 0 0.34", "0 0 0", "0 0 1"},
+                   {"a2", "revolute", "l1", "l2", "0 0 0", m + " 0 0", "0 0 1"},
+                   {"a3", "revolute", "l2", "l3", "0 -0.4 0", kRight + " 0 0", "0 0 1"},
+                   {"a4", "revolute", "l3", "l4", "0.05 0 0", kRight + " 0 0", "0 0 1"},
+                   {"a5", "revolute", "l4", "l5", "-0.05 0.4 0", m + " 0 0", "0 0 1"},
+                   {"a6", "revolute", "l5", "l6", "0 0 0", m + " 0 0", "0 0 1"},
+                   {"a7", "revolute", "l6", "l7", "0 -0.13 0", kRight + " 0 0", "0 0 1"},
+                   {"mount", "fixed", "l7", "tool", "0 0 0.1", "0.1 0.2 0.3", "1 0 0"}});
+}
+
+/// Three revolute joints and a wrist on a linear axis that is askew.
+std::string arm_on_a_linear_axis() {
+  return robot_of({"floor", "cart", "plate", "l1", "l2", "l3", "l4", "l5", "tool"},
+                  {{"rail", "prismatic", "floor", "cart", "0.2 0.1 0.3", "0 0 0.4", "1 0 0"},
+                   {"bolt", "fixed", "cart", "plate", "0 0.1 0.2", "0.2 0 0", "1 0 0"},
+                   {"j1", "revolute", "plate", "l1", "0 0 0.4", "0 0 0", "0 0 1"},
+                   {"j2", "revolute", "l1", "l2", "0.2 0 0.3", kRight + " 0 0", "0 0 1"},
+                   {"j3", "revolute", "l2", "l3", "0.6 0 0", "0 0 0.5", "0 0 1"},
+                   {"j4", "revolute", "l3", "l4", "0.1 -0.1 0", kRight + " 0 0", "0 0 1"},
+                   {"j5", "revolute", "l4", "l5", "0 0 0.5", "-" + kRight + " 0 0", "0 0 1"},
+                   {"mount", "fixed", "l5", "tool", "0 0.1 0", "0 0 0", "1 0 0"}});
+}
+
+/// Two parallel revolute joints, a vertical slide and a turning flange.
+std::string scara() {
+  return robot_of({"base", "upper", "fore", "slide", "flange"},
+                  {{"shoulder", "revolute", "base", "upper", "0 0 0.4", "0 0 0.3", "0 0 1"},
+                   {"elbow", "revolute", "upper", "fore", "0.35 0 0.05", "0 0 -0.2", "0 0 1"},
+                   {"lift", "prismatic", "fore", "slide", "0.3 0 0", "3.141592653589793 0 0", "0 0 1"},
+                   {"turn", "revolute", "slide", "flange", "0 0 0.1", "0 0 0", "0 0 1"}});
+}
+
+struct Case {
+  std::string name;
+  std::string urdf;
+  int revolute;
+  int prismatic;
+};
+
+class AnyChain : public ::testing::TestWithParam<Case> {};
+
+TEST_P(AnyChain, RankIsWhatTheorySays) {
+  // Four parameters per revolute joint, two per prismatic one, six for the frames at both ends, three for a triangle.
+  const ErrorModel model = complete_model(parse_robot(GetParam().urdf));
+  EXPECT_EQ(reduced_model(model, generic_targets(3)).rank, 4 * GetParam().revolute + 2 * GetParam().prismatic + 6 + 3);
+}
+
+TEST_P(AnyChain, IsRecoveredToRounding) {
+  const Robot robot = parse_robot(GetParam().urdf);
+  const ErrorModel model = complete_model(robot);
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  X_WB.linear() = rotation_exp(Eigen::Vector3d(0.5, -2.0, 1.0));
+  X_WB.translation() = Eigen::Vector3d(3.0, -4.0, 0.5);
+  VirtualExperiment experiment(
+      {.model = model, .targets = generic_targets(3), .sizes = {.length = 0.001, .angle = 0.005}, .X_WB = X_WB});
+  for (int trial = 0; trial < 3; ++trial, experiment.draw_robot()) {
+    const Measurements train = experiment.measure(60);
+    const Measurements test = experiment.measure(100, {}, Split::test);
+    const Calibration found = calibrate(model, joined(train, test));
+    ASSERT_TRUE(found.trusted()) << found.identification.message;
+    ASSERT_LE(found.test->after.rms, 1e-12);
+    ASSERT_LE(found.difference_to_kdl, 1e-12);
+    const Robot exported = parse_robot(calibrated_urdf(robot, model, found.exported.estimate.errors));
+    const Eigen::VectorXd q = experiment.configurations(1).col(0);
+    ASSERT_LT(testing::difference(testing::kdl_pose(exported.chain, q),
+                                  testing::kdl_pose(error_chain(model, found.exported.estimate.errors), q)),
+              1e-12);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Chains, AnyChain,
+                         ::testing::Values(Case{"SevenJoints", seven_joint_arm(), 7, 0},
+                                           Case{"LinearAxis", arm_on_a_linear_axis(), 5, 1},
+                                           Case{"Scara", scara(), 3, 1}),
+                         [](const auto& test) { return test.param.name; });
+
+TEST(Reduction, MissingTargetsAndManyTargetsAreNormal) {
+  VirtualExperiment experiment({.targets = generic_targets(12), .random = Random(2)});
+  const Measurements all = experiment.measure(30);
+  const Measurements some = subset(all, [](const Observation& o) { return (o.configuration + 3 * o.target) % 4 != 0; });
+  const Calibration found = calibrate(experiment.model, some);
+  ASSERT_TRUE(found.trusted()) << found.identification.message;
+  EXPECT_EQ(found.identifiability.rank, 24 + 36);
+  EXPECT_LE(found.train.after.max, 1e-12);
+}
+TEST(ReductionOnRealData, TheRosIndustrialDescriptionHasTheSameCountWithItsOwnLetters) {
+  const Robot robot = load_robot(std::string(SHARED_DATA_DIR) + "/ros_industrial/fanuc_r2000ic165f.urdf");
+  const Reduction reduction = reduced_model(complete_model(robot), generic_targets(3));
+  EXPECT_EQ(reduction.rank, 33);
+  EXPECT_THAT(geometric(reduction),
+              UnorderedElementsAre("dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Rx1", "Tz2", "Rz2", "Rx2", "Tx3", "Tz3",
+                                   "Rz3", "Tz4", "Ty4", "Rz4", "Tz5", "Rz5"));
+}
+}  // namespace
+}  // namespace kdl_calibration::reduction_test
