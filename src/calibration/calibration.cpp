@@ -317,6 +317,11 @@ void put(Chosen chosen, const Weighing& weighing, Calibration& result) {
   result.tried = std::move(chosen.choice.tried);
   result.priors = chosen.choice.priors;
   result.noise.orientation_length = weighing.orientation_length;
+  if (const std::size_t points = chosen.choice.not_compared; points > 0) {
+    result.warnings.push_back("models were compared without " + std::to_string(points) +
+                              (points == 1 ? " point, whose target" : " points, whose targets") +
+                              " no other fold of the cross-validation has");
+  }
 }
 
 void put(WholeFit fitted, Calibration& result) {
@@ -352,7 +357,7 @@ void put(HeldOutErrors held_out, Calibration& result) {
   result.k_fold = held_out.k_fold;
   result.folds = held_out.folds;
   result.held_out_points = std::move(held_out.prediction.points);
-  result.warnings = std::move(held_out.warnings);
+  result.warnings.insert(result.warnings.end(), held_out.warnings.begin(), held_out.warnings.end());
 }
 
 // What the exported URDF is worth. Where the calibration does not help, it is the robot as it was read.
@@ -413,6 +418,9 @@ void judge_as_a_whole(const Setting& setting, const Measurements& measurements, 
   judge_exported_urdf(setting, result);
   suspect(setting, measurements, options, result);
   result.doubts = doubts(result, measurements, options);
+  if (!measurements.remark.empty()) {
+    result.warnings.push_back("measurements: " + measurements.remark);
+  }
   const std::vector<std::string> more = warnings(result, measurements, setting.ambiguity);
   result.warnings.insert(result.warnings.end(), more.begin(), more.end());
 }
@@ -428,19 +436,23 @@ EstimatedNoise weigh_by_what_is_left(const FitTask& task, WholeFit& fitted, Weig
 }
 
 // One by one, in what is small enough for that.
-void find_gross_rows(const FitTask& task, const WholeFit& fitted, Calibration& result) {
+Calibration with_gross_rows(const FitTask& task, const WholeFit& fitted) {
   constexpr Eigen::Index kMostConfigurations = 2000;
   constexpr Eigen::Index kMostUnknowns = 200;
-  if (task.measurements.joint_values.cols() > kMostConfigurations || fitted.free.size() > kMostUnknowns) {
-    return;
+  const bool plain = task.options.method == Method::joint && task.options.loss == Loss::none;
+  if (!plain || fitted.identification.termination == Termination::diverged ||
+      task.measurements.joint_values.cols() > kMostConfigurations || fitted.free.size() > kMostUnknowns) {
+    return {};
   }
-  GrossRows found = kdl_calibration::find_gross_rows({.model = task.model,
-                                                      .measurements = task.measurements,
-                                                      .start = fitted.identification.estimate,
-                                                      .free = fitted.free,
-                                                      .options = task.fit_options});
+  GrossRows found = find_gross_rows({.model = task.model,
+                                     .measurements = task.measurements,
+                                     .start = fitted.identification.estimate,
+                                     .free = fitted.free,
+                                     .options = task.fit_options});
+  Calibration result;
   result.gross_rows = std::move(found.rows);
   result.misfit_without_gross_rows = found.rms_without;
+  return result;
 }
 
 }  // namespace
@@ -478,10 +490,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   Comparison comparison = compare(compared);
   HeldOutErrors held_out = hold_out(compared, comparison);
 
-  Calibration result;
-  if (plain && fitted.identification.termination != Termination::diverged) {
-    find_gross_rows(task, fitted, result);
-  }
+  Calibration result = with_gross_rows(task, fitted);
   result.model = setting.model;
   result.minimum_norm = smallest;
   result.findings = std::move(findings);
@@ -503,15 +512,9 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   fitted.robust.weights = rows.among_all(std::move(fitted.robust.weights), 1.0);
   put(std::move(fitted), result);
   put(std::move(judged), result);
-  const std::size_t not_compared = chosen.choice.not_compared;
   put(std::move(chosen), weighing, result);
   put(std::move(comparison), result);
   put(std::move(held_out), result);
-  if (not_compared > 0) {
-    result.warnings.push_back("models were compared without " + std::to_string(not_compared) +
-                              (not_compared == 1 ? " point, whose target" : " points, whose targets") +
-                              " no other fold of the cross-validation has");
-  }
   judge_as_a_whole(setting, measurements, options, result);
   return result;
 }

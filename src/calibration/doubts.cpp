@@ -275,9 +275,6 @@ std::vector<Doubt> doubts(const Calibration& found, const Measurements& measurem
 std::vector<std::string> warnings(const Calibration& found, const Measurements& measurements,
                                   const std::string& ambiguity) {
   std::vector<std::string> result;
-  if (!measurements.remark.empty()) {
-    result.push_back("measurements: " + measurements.remark);
-  }
   const bool open = found.identification.termination == Termination::rank_deficient || !found.fixed_by_gauge.empty();
   for (const std::vector<std::string>& group : found.identifiability.tied) {
     if (!open || found.minimum_norm) {  // priors told them apart, or all are named below
