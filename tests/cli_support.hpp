@@ -42,12 +42,12 @@ inline constexpr const char* kTwoJoints = R"(<robot name="two"><link name="a"/><
 /// What surrounds a run of kdlcal. No run may take more than this: one that does is ended and fails its test, so that
 /// a limit which no longer works does not fill the machine.
 struct Surroundings {
-  std::string out = "/dev/null";  ///< where standard output goes
-  std::string err = "/dev/null";  ///< where standard error goes
-  rlim_t largest_file = 0;        ///< bytes that a file may have; 0: no limit
-  rlim_t stack = 0;               ///< bytes, as ulimit -s sets it; 0: that of the test
-  unsigned user = 0;              ///< who runs it; 0: the one who runs the test
-  rlim_t cpu_seconds = kSanitized ? 600 : 60;
+  std::string out = "/dev/null";                                 ///< where standard output goes
+  std::string err = "/dev/null";                                 ///< where standard error goes
+  rlim_t largest_file = 0;                                       ///< bytes that a file may have; 0: no limit
+  rlim_t stack = 0;                                              ///< bytes, as ulimit -s sets it; 0: that of the test
+  unsigned user = 0;                                             ///< who runs it; 0: the one who runs the test
+  rlim_t cpu_seconds = kSanitized ? 1200 : 400;                  ///< far beyond what any takes on a slow machine
   unsigned seconds = kSanitized ? 1200 : 300;                    ///< on the clock, of a machine that has other work
   rlim_t memory = rlim_t{2} << 30U;                              ///< bytes of data; not under the thread sanitizer
   bool for_peak = false;                                         ///< without it, peak() is at least the test's own
