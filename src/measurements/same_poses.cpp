@@ -149,7 +149,6 @@ Measurements with_poses_joined(Measurements measurements) {
   }
   renumber(measurements, poses);
   MatrixXd joint_values(measurements.joint_values.rows(), static_cast<Index>(poses.size()));
-  DriveSignals signals = measurements.signals;
   std::vector<Index> firsts;
   std::vector<std::string> labels;
   std::string example;  // the first pose with several labels
@@ -168,7 +167,7 @@ Measurements with_poses_joined(Measurements measurements) {
                 in_quotes(measurements.configurations[static_cast<std::size_t>(members[1])]);
     }
   }
-  signals = columns(measurements.signals, firsts);
+  DriveSignals signals = columns(measurements.signals, firsts);
   for (std::size_t pose = 0; pose < poses.size() && signals.torques.size() > 0; ++pose) {
     signals.torques.col(static_cast<Index>(pose)) = mean_torques(measurements.signals.torques, poses[pose]);
   }
