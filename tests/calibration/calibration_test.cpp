@@ -455,16 +455,6 @@ TEST(Calibration, TwoStepAgreesWithTheJointEstimate) {
   EXPECT_GT(found.identification.convergence_factor, 0.0);
 }
 
-TEST(Calibration, WarnsOfJointValuesOutsideTheLimits) {
-  Simulated s(11, 0.00003);
-  Random random(1);
-  Eigen::MatrixXd q = s.measured.joint_values;
-  q(4, 3) = 2.5;
-  q(4, 7) = -2.5;
-  const Calibration found = calibrate(s.model, measure(s.robot, q, {.sigma = 0.00003}, random));
-  EXPECT_THAT(found.warnings, Contains(HasSubstr("2 of 30 configurations")));
-}
-
 TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
   Simulated s(12, 0.00003);
   const Calibration clean = calibrate(s.model, s.measured, {.held_out = false, .try_readings = false});
@@ -607,24 +597,6 @@ TEST(Calibration, OneOrTwoTargetsAreEnough) {
   }
 }
 
-TEST(Calibration, StatedNoiseThatIsTooSmallIsFoundOut) {
-  Simulated s(13, 0.00003);
-  for (Observation& observation : s.measured.observations) {
-    observation.sigma = 0.00001;
-  }
-  const Calibration found = calibrate(s.model, s.measured);
-  EXPECT_NEAR(found.noise.variance_factor, 9.0, 2.0);
-  EXPECT_THAT(found.warnings, Contains(HasSubstr("times the stated noise")));
-}
-
-TEST(Calibration, KFoldPredictsEveryConfigurationOnce) {
-  const Simulated s(14, 0.00003);
-  const Calibration found = calibrate(s.model, s.measured, {.k_fold = 5});
-  ASSERT_TRUE(found.k_fold.has_value());
-  EXPECT_EQ(found.k_fold->after.count, 90);
-  EXPECT_GT(found.k_fold->after.rms, found.train.after.rms);
-}
-
 TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {
   const Simulated s(15, 0.00003);
   CalibrationOptions options;
@@ -673,43 +645,6 @@ TEST(Calibration, HeldOutPointsAreAsUncertainAsTheOthersLeaveThem) {
     const Eigen::Matrix3d expected = std::pow(found.noise.sigma, 2) * J * rest.ldlt().solve(J.transpose());
     EXPECT_LT((point.covariance - expected).norm(), 0.05 * expected.norm()) << point.configuration;
   }
-}
-
-TEST(Calibration, JudgesByTheLinearisedProblemAtItsEnd) {
-  VirtualExperiment experiment({.random = Random(16)});
-  Measurements measured = testing::without_sigmas(experiment.measure(24, {.sigma = 3e-5, .repeats = 2}));
-  measured.joint_values.col(7) = measured.joint_values.col(6);
-  measured = subset(measured, [](const Observation& o) { return o.configuration != 7; });
-  CalibrationOptions options = kFitAlone;
-  options.noise.independent = Eigen::Vector3d(2e-5, 3e-5, 4e-5);
-  const Calibration found = calibrate(experiment.model, measured, options);
-  const Estimate& estimate = found.identification.estimate;
-  const ResidualOptions residuals{.noise = options.noise};
-  const LeastSquaresProblem problem(found.model, measured, found.free, residuals);
-  const Eigen::MatrixXd triangle = problem.whitened_summary(estimate).triangle;
-  const Identifiability judged = identifiability(triangle, found.free.names());
-  EXPECT_EQ(found.identifiability.columns, 33);
-  EXPECT_NEAR(found.identifiability.condition / judged.condition, 1.0, 1e-9);
-  const ObservabilityIndices observed = observability_indices(triangle, 23);
-  EXPECT_NEAR(found.observability.O1 / observed.O1, 1.0, 1e-9);
-  EXPECT_NEAR(found.observability.O5 / observed.O5, 1.0, 1e-9);
-  const Influence expected = influence(problem, measured, residuals, estimate, triangle);
-  ASSERT_EQ(found.influence.configurations.size(), 23U);
-  for (std::size_t c = 0; c < 23; ++c) {
-    EXPECT_NEAR(found.influence.configurations[c].leverage, expected.configurations[c].leverage, 1e-9);
-    EXPECT_NEAR(found.influence.configurations[c].cook, expected.configurations[c].cook, 1e-9);
-  }
-  const std::optional<LackOfFit> lack = test_lack_of_fit(found.model, measured, estimate, found.free);
-  ASSERT_TRUE(found.lack_of_fit && lack);
-  EXPECT_EQ(found.lack_of_fit->f, lack->f);
-  EXPECT_EQ(found.lack_of_fit->explained_by_joint, explained_by_joints(found.model, estimate, measured));
-  EXPECT_EQ(found.difference_to_kdl, difference_to_kdl(found.model, estimate.errors, measured.joint_values));
-  EXPECT_EQ(found.reduction.kept, experiment.reduction.kept);
-  EXPECT_EQ(found.candidates, found.free);
-  EXPECT_EQ(found.priors.length, 0.0);
-  EXPECT_FALSE(found.noise.orientation_length.has_value());
-  EXPECT_TRUE(found.weights.empty());
-  EXPECT_TRUE(found.tried.empty());
 }
 
 TEST(Calibration, WeighsOrientationsByTheirResidualsUnlessTheirSigmaIsStated) {

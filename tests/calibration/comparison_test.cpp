@@ -1,12 +1,19 @@
-// What a calibration says of the nominal, the calibrated and the rigid robot, each figure found anew from its estimate.
+// What a calibration says of the nominal, the calibrated and the rigid robot, and of what is held out (see
+// result_json_test.cpp for fitted rows).
 
 #include "calibration/comparison.hpp"
 
 #include <gmock/gmock.h>
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <set>
 
+#include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/effect_terms.hpp"
+#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "virtual_experiment.hpp"
 
@@ -74,37 +81,6 @@ const Gained& gained() {
   return result;
 }
 
-TEST(Comparison, StatesWhatEachRobotLeavesOfFittedAndTestRows) {
-  const Calibration& found = gained().found;
-  const WithGains& arm = gained().arm;
-  const Estimate nominal = nominal_start(arm.model, arm.train);
-  const Estimate rigid = fit(gained().problem(arm.model, nominal, found.free.without(UnknownGroup::effects))).estimate;
-  const Estimate& calibrated = found.identification.estimate;
-  const auto statistics = [&](const ErrorModel& model, const Estimate& estimate, Rows rows) {
-    return error_statistics(position_errors(model, estimate, arm.all, rows));
-  };
-  EXPECT_LT((found.exported.estimate.errors - rigid.errors).norm(), 1e-8);
-  EXPECT_TRUE(found.exported.estimate.effects.isZero(0.0));
-  ASSERT_TRUE(found.test && found.iso_test_before && found.iso_test_after && found.train.rigid && found.test->rigid);
-  for (const Rows rows : {Rows::train, Rows::test}) {
-    const BeforeAfter& errors = rows == Rows::train ? found.train : *found.test;
-    const std::string which = rows == Rows::train ? "train" : "test";
-    expect_equal(errors.before, statistics(arm.model, nominal, rows), 1e-9, which + " before");
-    expect_equal(errors.after, statistics(found.model, calibrated, rows), 1e-9, which + " after");
-    expect_equal(*errors.rigid, statistics(arm.model, rigid, rows), 1e-9, which + " rigid");
-    EXPECT_GT(errors.rigid->rms, 1.1 * errors.after.rms) << which;
-  }
-  expect_equal(found.iso_before, iso_9283(arm.model, nominal, arm.all), "before");
-  expect_equal(found.iso_after, iso_9283(found.model, calibrated, arm.all), "after");
-  expect_equal(*found.iso_test_before, iso_9283(arm.model, nominal, arm.all, Rows::test), "test before");
-  expect_equal(*found.iso_test_after, iso_9283(found.model, calibrated, arm.all, Rows::test), "test after");
-  EXPECT_FALSE(found.exported.nominal_kept);
-  expect_equal(found.exported.train, *found.train.rigid, 0.0, "exported");
-  expect_equal(*found.exported.test, *found.test->rigid, 0.0, "exported, test rows");
-  expect_equal(*found.exported.held_out, *found.leave_one_out->rigid, 0.0, "exported, held out");
-  expect_equal(found.exported.iso, iso_9283(arm.model, rigid, arm.all), "exported");
-}
-
 TEST(Comparison, PredictsEveryFoldByEachRobotWithoutIt) {
   const Calibration& found = gained().found;
   const WithGains& arm = gained().arm;
@@ -139,25 +115,6 @@ TEST(Comparison, WithoutEffectsTheExportedRobotIsTheCalibratedOne) {
   EXPECT_FALSE(found.exported.test.has_value());
   EXPECT_FALSE(found.test || found.iso_test_before || found.iso_test_after || found.train.rigid);
   EXPECT_FALSE(found.k_fold->rigid.has_value());
-}
-
-// Weights by what repeats show: shared noise is large, so that weights matter.
-TEST(Comparison, TheRigidRobotIsFittedWithTheSamePartsOfTheNoise) {
-  const WithGains arm({.sigma = 1e-5, .repeats = 3, .common = Vector3d(2e-4, 2e-5, 1e-4)});
-  const Calibration found =
-      calibrate(arm.model, arm.train,
-                {.effects = {.groups = {EffectGroup::gain}}, .held_out = false, .threads = 1, .try_readings = false});
-  ASSERT_TRUE(found.noise.parts.has_value());
-  ASSERT_EQ(found.noise.parts->scatter.size(), 0) << "the rows are not weighed by the parts";
-  FitProblem problem{.model = arm.model,
-                     .measurements = arm.train,
-                     .start = nominal_start(arm.model, arm.train),
-                     .free = found.free.without(UnknownGroup::effects)};
-  const Estimate alike = fit(problem).estimate;
-  problem.options.joint.residuals.noise = found.noise.parts->model({});
-  const Estimate weighed = fit(problem).estimate;
-  EXPECT_LT((found.exported.estimate.errors - weighed.errors).norm(), 1e-7);
-  EXPECT_GT((alike.errors - weighed.errors).norm(), 1e-5);
 }
 
 // Of measurements without noise the nominal robot is still predicted to a thousandth of a micrometre.
@@ -223,6 +180,227 @@ TEST(Comparison, NestedIsLeaveOneOutAndNestedWhereThereIsAChoice) {
   EXPECT_EQ(chosen.nested_leave_one_out->count, 48);
   ASSERT_EQ(told.size(), 16U);
   EXPECT_EQ(told.back(), 1616U);
+}
+
+// ---- what is held out ----------------------------------------------------------------------------------------------
+
+/// The R-2000iC/165F with errors of a millimetre and a milliradian in 25 configurations.
+struct Series : testing::VirtualExperiment {
+  Measurements measured;
+
+  explicit Series(const std::vector<TargetFrame>& stated = published_targets())
+      : VirtualExperiment({.targets = stated}) {
+    measure_at(configurations(25));
+  }
+  void measure_at(const Eigen::MatrixXd& q) { measured = testing::without_sigmas(measure(q, {.sigma = kNoise})); }
+  Calibration calibrated(const CalibrationOptions& options = {}) const { return calibrate(model, measured, options); }
+};
+
+TEST(HeldOut, IsLeaveOneOutAndTenFoldsOfMany) {
+  Series s(published_targets(2));
+  const Calibration asked = s.calibrated({.leave_one_out = true, .try_readings = false});
+  const Calibration not_asked = s.calibrated({.try_readings = false});
+  ASSERT_TRUE(asked.leave_one_out && not_asked.leave_one_out);
+  EXPECT_EQ(not_asked.leave_one_out->after.rms, asked.leave_one_out->after.rms);
+  EXPECT_FALSE(not_asked.k_fold);
+  EXPECT_EQ(not_asked.held_out()->after.count, 50);
+  s = Series(published_targets(1));
+  constexpr int kMost = static_cast<int>(kMostLeftOutSingly);
+  for (const auto& [count, singly] : {std::pair{kMost, true}, std::pair{kMost + 1, false}}) {
+    s.measure_at(s.configurations(count));
+    const Calibration found = s.calibrated({.try_readings = false});
+    EXPECT_EQ(found.leave_one_out.has_value(), singly) << count;
+    EXPECT_EQ(found.k_fold.has_value(), !singly) << count;
+    EXPECT_EQ(found.folds, singly ? 0 : 10) << count;
+    EXPECT_EQ(found.held_out()->after.count, count) << count;
+    EXPECT_EQ(found.influence.configurations.size(), singly ? static_cast<std::size_t>(count) : 0U) << "one by one";
+  }
+}
+
+TEST(HeldOut, IsKFoldAloneWhereThatIsAskedFor) {
+  const Calibration found = Series().calibrated({.k_fold = 5});
+  EXPECT_FALSE(found.leave_one_out);
+  ASSERT_TRUE(found.k_fold);
+  EXPECT_EQ(found.folds, 5);
+  EXPECT_EQ(found.k_fold->before.count, 75);
+  EXPECT_EQ(found.held_out(), &*found.k_fold);
+  EXPECT_EQ(Series().calibrated({.held_out = false}).held_out(), nullptr);
+}
+
+// Nine points determine 27 parameters and leave nothing to tell whether they are right.
+TEST(HeldOut, IsNothingWhereTheRestWouldNotSuffice) {
+  Series s(published_targets(1));
+  const Eigen::MatrixXd q = s.measured.joint_values;
+  for (const auto& [count, enough] : {std::pair{9, false}, std::pair{10, true}}) {
+    s.measure_at(q.leftCols(count));
+    const Calibration found = s.calibrated();
+    EXPECT_EQ(found.held_out() != nullptr, enough) << count;
+    EXPECT_EQ(std::count_if(found.warnings.begin(), found.warnings.end(),
+                            [](const std::string& warning) { return warning.rfind("too few measurements", 0) == 0; }),
+              enough ? 0 : 1)
+        << count;
+  }
+}
+
+TEST(HeldOut, ReportsEachFitAndWhatItIsFor) {
+  std::vector<std::string> reported;
+  CalibrationOptions options{.k_fold = 3, .threads = 1};
+  options.leave_one_out = true;
+  options.progress = [&](const std::string& what, std::size_t done, std::size_t of) {
+    reported.push_back(what + " " + std::to_string(done) + "/" + std::to_string(of));
+  };
+  Series().calibrated(options);
+  ASSERT_EQ(reported.size(), 28U);
+  EXPECT_EQ(reported[11], "leave-one-out 12/25");
+  EXPECT_EQ(reported.back(), "3-fold 3/3");
+}
+
+// Few configurations, much noise: what is best depends on which are there. The last four are held out by their split.
+struct InDoubt : testing::VirtualExperiment {
+  Measurements measured;
+
+  InDoubt()
+      : VirtualExperiment({.X_WB = Eigen::Translation3d(2.0, -3.0, 0.5) *
+                                   Eigen::AngleAxisd(1.2, Vector3d(0.3, -0.2, 1.1).normalized()),
+                           .random = Random(29)}),
+        measured(testing::without_sigmas(measure(15, {.sigma = 4e-4, .repeats = 2}))) {
+    for (Observation& o : measured.observations) {
+      o.split = o.configuration >= 11 ? Split::test : Split::train;
+    }
+  }
+};
+
+// The mean over the repeats of each target of a configuration, against the prediction from KDL's solver.
+std::vector<double> distances_to_means(const InDoubt& arm, const Estimate& estimate, Index configuration) {
+  const KDL::Chain chain = error_chain(arm.model, estimate.errors);
+  const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, arm.measured.joint_values.col(configuration)));
+  std::vector<double> distances;
+  for (std::size_t k = 0; k < arm.measured.targets.size(); ++k) {
+    Vector3d sum = Vector3d::Zero();
+    double count = 0.0;
+    for (const Observation& o : arm.measured.observations) {
+      if (o.configuration == configuration && o.target == static_cast<int>(k)) {
+        sum += o.position;
+        count += 1.0;
+      }
+    }
+    if (count > 0.0) {
+      distances.push_back((sum / count - estimate.X_WB * (X_BF * estimate.targets[k].X_FT.translation())).norm());
+    }
+  }
+  return distances;
+}
+
+Measurements without(const Measurements& measurements, const std::vector<Index>& left_out) {
+  return subset(measurements, [&](const Observation& o) {
+    return o.split == Split::train && std::find(left_out.begin(), left_out.end(), o.configuration) == left_out.end();
+  });
+}
+
+// Every choice, size and fit made by a calibration that has never seen the configuration. The nested prediction is
+// linear and weighs means alike, so that it is not the same to the last digit.
+TEST(Comparison, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts) {
+  const InDoubt arm;
+  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
+  options.automatic_priors = true;
+  options.leave_one_out = true;
+  options.nested = true;
+  const Calibration found = calibrate(arm.model, arm.measured, options);
+  std::vector<double> expected;
+  std::set<double> chosen;
+  for (Index c = 0; c < 11; ++c) {
+    const Calibration others =
+        calibrate(arm.model, without(arm.measured, {c}),
+                  {.automatic_priors = true, .weights = Weights::equal, .held_out = false, .try_readings = false});
+    chosen.insert(others.priors.length);
+    const auto own = distances_to_means(arm, others.identification.estimate, c);
+    expected.insert(expected.end(), own.begin(), own.end());
+  }
+  EXPECT_GT(chosen.size(), 1U) << "the choice is the same without any of them: a leak would not show";
+  const ErrorStatistics statistics = error_statistics(expected);
+  ASSERT_TRUE(found.nested_leave_one_out.has_value());
+  EXPECT_EQ(found.nested_leave_one_out->count, 33);
+  EXPECT_NEAR(found.nested_leave_one_out->rms, statistics.rms, 0.02 * statistics.rms);
+  EXPECT_NEAR(found.nested_leave_one_out->max, statistics.max, 0.05 * statistics.max);
+  EXPECT_GT(std::abs(found.nested_leave_one_out->rms - found.leave_one_out->after.rms), 0.02 * statistics.rms);
+}
+
+TEST(Comparison, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
+  InDoubt arm;
+  arm.measured.observations[20].position.x() += 0.01;  // an outlier
+  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
+  options.priors = {.length = 1e-3, .angle = 1e-3};
+  options.noise.independent = Vector3d(3e-4, 4e-4, 5e-4);
+  options.noise.common.setConstant(1e-4);
+  options.loss = Loss::tukey;
+  options.leave_one_out = true;
+  const Calibration found = calibrate(arm.model, arm.measured, options);
+  const JointOptions joint{.residuals = {.priors = options.priors, .noise = options.noise}};
+  const Estimate& start = found.identification.estimate;
+  std::vector<double> after;
+  std::vector<double> before;
+  for (Index c = 0; c < 11; ++c) {
+    const Measurements others = without(arm.measured, {c});
+    const Estimate refit = identify_robustly({.model = arm.model,
+                                              .measurements = others,
+                                              .start = start,
+                                              .free = found.free,
+                                              .options = {.loss = Loss::tukey, .joint = joint}})
+                               .fit.estimate;
+    const auto own = distances_to_means(arm, refit, c);
+    after.insert(after.end(), own.begin(), own.end());
+    const auto nominal = distances_to_means(arm, nominal_start(arm.model, others), c);
+    before.insert(before.end(), nominal.begin(), nominal.end());
+  }
+  ASSERT_TRUE(found.leave_one_out.has_value());
+  EXPECT_EQ(found.leave_one_out->after.count, 33);
+  const ErrorStatistics expected = error_statistics(after);
+  EXPECT_NEAR(found.leave_one_out->after.rms, expected.rms, 1e-5 * expected.rms);
+  EXPECT_NEAR(found.leave_one_out->after.p95, expected.p95, 1e-5 * expected.p95);
+  // Without a fit of its own a fold is predicted to a tenth of the noise.
+  EXPECT_NEAR(found.leave_one_out->before.rms, error_statistics(before).rms, 0.1 * found.noise.sigma);
+}
+
+TEST(Comparison, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
+  const InDoubt arm;
+  for (const int folds : {2, 3, 5}) {
+    SCOPED_TRACE(folds);
+    const std::vector<std::vector<Index>> groups = make_folds(arm.measured, folds);
+    ASSERT_EQ(groups.size(), static_cast<std::size_t>(folds));
+    std::vector<Index> all;
+    for (const auto& group : groups) {
+      all.insert(all.end(), group.begin(), group.end());
+      EXPECT_GE(group.size(), static_cast<std::size_t>(11 / folds));
+      EXPECT_LE(group.size(), static_cast<std::size_t>((11 + folds - 1) / folds));
+    }
+    std::sort(all.begin(), all.end());
+    std::vector<Index> expected(11);
+    std::iota(expected.begin(), expected.end(), Index{0});
+    EXPECT_EQ(all, expected);
+    CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
+    options.priors = {.length = 1e-3, .angle = 1e-3};  // so that half of the configurations suffice
+    options.noise.independent.setConstant(4e-4);
+    options.k_fold = folds;
+    const Calibration found = calibrate(arm.model, arm.measured, options);
+    const JointOptions joint{.residuals = {.priors = options.priors, .noise = options.noise}};
+    std::vector<double> distances;
+    for (const auto& group : groups) {
+      const Estimate refit =
+          identify_jointly(arm.model, without(arm.measured, group), found.identification.estimate, found.free, joint)
+              .estimate;
+      for (const Index c : group) {
+        const auto own = distances_to_means(arm, refit, c);
+        distances.insert(distances.end(), own.begin(), own.end());
+      }
+    }
+    const ErrorStatistics statistics = error_statistics(distances);
+    ASSERT_TRUE(found.k_fold.has_value());
+    EXPECT_EQ(found.k_fold->after.count, 33);
+    // Without a fit of its own a fold is predicted to a tenth of the noise.
+    EXPECT_NEAR(found.k_fold->after.rms, statistics.rms, 0.1 * found.noise.sigma);
+    EXPECT_NEAR(found.k_fold->after.mean, statistics.mean, 0.1 * found.noise.sigma);
+    EXPECT_NEAR(found.k_fold->after.max, statistics.max, 0.1 * found.noise.sigma);
+  }
 }
 
 }  // namespace

@@ -1,13 +1,12 @@
-// Linear rows against sums over observations by central differences, and groups of columns against their list.
+// Linear rows against sums over observations by central differences, and which columns share a size.
 
 #include "calibration/effect_candidates.hpp"
 
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
-#include <limits>
-#include <map>
 
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/prediction.hpp"
@@ -19,8 +18,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// The odd arm, points of which each states a sigma of its own, and an estimate beside the truth.
 struct Setting : testing::VirtualExperiment {
@@ -156,41 +153,38 @@ TEST(EffectCandidates, JointRowsAreMotionsOfTheJointsThemselves) {
   }
 }
 
-// NOLINTNEXTLINE(readability-function-cognitive-complexity): the rule written out
-TEST(EffectCandidates, GroupsAreLengthsAnglesAndEffectsBySize) {
+TEST(EffectCandidates, GroupsAreLengthsAnglesAndEffects) {
   const Setting& s = setting();
-  for (const bool sized : {false, true}) {
-    for (const Priors& stated : {Priors{}, Priors{.length = 0.002, .angle = 0.0}, Priors{.length = 0.0, .angle = 3e-3},
-                                 Priors{.length = 0.002, .angle = 3e-3}}) {
-      const Candidate candidate = with_terms(s.model, s.free, s.terms, sized);
-      std::map<std::string, std::vector<Index>> columns;
-      std::map<std::string, double> held;
-      for (const std::size_t p : candidate.free.geometric()) {
-        const bool length = is_length(s.model, s.model.parameters[p]);
-        const double size = length ? stated.length : stated.angle;
-        if (sized || size > 0.0) {
-          columns[length ? "length" : "angle"].push_back(*candidate.free.column(s.model.parameters[p].name));
-          held[length ? "length" : "angle"] = sized ? 0.0 : size;
-        }
-      }
-      for (const EffectTerm& term : s.terms) {
-        columns[size_name(term)].push_back(*candidate.free.column(term.name));
-      }
-      const Groups groups = groups_of(candidate, stated);
-      ASSERT_EQ(groups.names.size(), columns.size());
-      ASSERT_EQ(groups.columns.size(), columns.size());
-      ASSERT_EQ(groups.limits.held.size(), columns.size());
-      ASSERT_EQ(groups.limits.most.size(), columns.size());
-      ASSERT_EQ(groups.limits.ample.size(), columns.size());
-      for (std::size_t g = 0; g < columns.size(); ++g) {
-        const std::string& name = groups.names[g];
-        EXPECT_EQ(groups.columns[g], columns[name]) << name;
-        EXPECT_EQ(groups.limits.held[g], held[name]) << name;
-        EXPECT_EQ(groups.limits.ample[g], name == "length" || name == "angle") << name;
-        EXPECT_EQ(groups.limits.most[g], name.starts_with("tables") ? 2e-3 : kInfinity) << name;
-      }
+  const auto names = [&](bool sized, const Priors& stated) {
+    return groups_of(with_terms(s.model, s.free, s.terms, sized), stated).names;
+  };
+  const std::vector<std::string> effects = {"gain",     "gravity",  "tables.1", "tables.2",
+                                            "tables.3", "tables.4", "tables.5"};
+  const auto expected = [&](std::vector<std::string> with) {
+    with.insert(with.end(), effects.begin(), effects.end());
+    return with;
+  };
+  EXPECT_THAT(names(true, {}), ::testing::UnorderedElementsAreArray(expected({"length", "angle"})));
+  EXPECT_THAT(names(false, {}), ::testing::UnorderedElementsAreArray(effects));
+  EXPECT_THAT(names(false, {.length = 2e-3}), ::testing::UnorderedElementsAreArray(expected({"length"})));
+  EXPECT_THAT(names(false, {.angle = 3e-3}), ::testing::UnorderedElementsAreArray(expected({"angle"})));
+
+  // Every column of an effect is in one group, every geometric one where errors are sized.
+  const Candidate candidate = with_terms(s.model, s.free, s.terms, true);
+  const Groups groups = groups_of(candidate, {});
+  std::vector<Index> columns;
+  for (std::size_t g = 0; g < groups.names.size(); ++g) {
+    columns.insert(columns.end(), groups.columns[g].begin(), groups.columns[g].end());
+    const std::string unknown = candidate.free.columns().at(static_cast<std::size_t>(groups.columns[g].front())).name;
+    if (groups.names[g].starts_with("tables")) {
+      EXPECT_THAT(unknown, ::testing::StartsWith(groups.names[g] + "."));
+      EXPECT_LT(groups.limits.most[g], 0.01) << "tables are small";
     }
+    EXPECT_EQ(groups.limits.held[g], 0.0) << "all are sized";
   }
+  std::sort(columns.begin(), columns.end());
+  EXPECT_EQ(std::adjacent_find(columns.begin(), columns.end()), columns.end()) << "in two groups";
+  EXPECT_EQ(columns.size(), candidate.free.geometric().size() + s.terms.size());
 }
 
 }  // namespace

@@ -15,7 +15,6 @@
 #include <utility>
 #include <vector>
 
-#include "assessment/variance_estimation.hpp"
 #include "base/f_distribution.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/identification.hpp"
@@ -132,6 +131,15 @@ public:
     }
   }
 
+  /// Information of the columns before anything was measured. What is known of them is that they are nominal.
+  void add_priors(const VectorXd& information, const Unknowns& free, const Estimate& estimate) {
+    prior_ = information;
+    value_.resize(information.size());
+    for (Index c = 0; c < value_.size(); ++c) {
+      value_[c] = prior_[c] > 0.0 ? Unknowns::value(estimate, free.columns()[static_cast<std::size_t>(c)]) : 0.0;
+    }
+  }
+
   const MatrixXd& jacobian() const { return jacobian_; }
   const VectorXd& residual() const { return residual_; }
 
@@ -160,12 +168,20 @@ public:
     const MatrixXd J = root.matrixL().solve(jacobian_);
     const VectorXd e = root.matrixL().solve(residual_);
     const VectorXd scale = J.colwise().norm().cwiseInverse();
-    const Eigen::LLT<MatrixXd> information(MatrixXd(scale.asDiagonal() * J.transpose() * J * scale.asDiagonal()));
-    const VectorXd g = scale.asDiagonal() * J.transpose() * e;
+    MatrixXd normal = J.transpose() * J;
+    VectorXd moment = J.transpose() * e;
+    double of_priors = 0.0;
+    if (prior_.size() > 0) {
+      normal += prior_.asDiagonal();
+      moment -= prior_.cwiseProduct(value_);
+      of_priors = value_.dot(prior_.cwiseProduct(value_));
+    }
+    const Eigen::LLT<MatrixXd> information(MatrixXd(scale.asDiagonal() * normal * scale.asDiagonal()));
+    const VectorXd g = scale.asDiagonal() * moment;
     const auto log_det = [](const Eigen::LLT<MatrixXd>& l) {
       return 2.0 * l.matrixLLT().diagonal().array().log().sum();
     };
-    return log_det(root) + log_det(information) - 2.0 * scale.array().log().sum() + e.squaredNorm() -
+    return log_det(root) + log_det(information) - 2.0 * scale.array().log().sum() + e.squaredNorm() + of_priors -
            g.dot(information.solve(g));
   }
 
@@ -173,15 +189,17 @@ private:
   const Measurements& measured_;
   MatrixXd jacobian_;
   VectorXd residual_;
+  VectorXd prior_;
+  VectorXd value_;
 };
 
 /// At these variances, of which the `isotropic` ones are one for all axes.
 void expect_least(const DenseLikelihood& minus_two_log, const NoiseParts& parts, bool isotropic,
-                  const std::string& what) {
+                  const std::string& what, bool some_are_stated = false) {
   const double best = minus_two_log(parts.variances);
   for (Index k = 0; k < 8; ++k) {
     if (!parts.estimated[static_cast<std::size_t>(k)]) {
-      EXPECT_EQ(parts.variances[k], 0.0) << what << k;
+      EXPECT_TRUE(some_are_stated || parts.variances[k] == 0.0) << what << k;
       continue;
     }
     for (const double factor : {0.9, 1.1}) {
@@ -533,27 +551,18 @@ TEST(NoiseParts, AddUpToThePoint) {
   EXPECT_LT((parts.point() - expected).norm(), 1e-12);
 }
 
+// An estimate s^2 of n degrees of freedom has the variance 2 s^4 / n.
 TEST(NoiseParts, HaveTheDegreesOfFreedomOfTheirCovariance) {
   NoiseParts parts = made_parts();
   EXPECT_EQ(parts.freedom(3.0, NoiseParts::Variances::Ones()), std::numeric_limits<double>::infinity());
   EXPECT_EQ(parts.freedom_of_point(), std::numeric_limits<double>::infinity());
-  Random random(3);
-  const MatrixXd A = MatrixXd::NullaryExpr(9, 9, [&] { return 1e-2 * random.normal(); });
-  parts.covariance = A * A.transpose();
-  NoiseParts::Variances gradient;
-  gradient << 1.0, -2.0, 0.5, 3.0, 0.0, 1.0, 2.0, -1.0, 0.25;
-  double variance = 0.0;
-  double of_trace = 0.0;
-  const std::vector<double> trace = {3.0, 3.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0};
-  for (Index i = 0; i < 9; ++i) {
-    for (Index j = 0; j < 9; ++j) {
-      variance += gradient[i] * parts.covariance(i, j) * gradient[j];
-      of_trace += trace[static_cast<std::size_t>(i)] * parts.covariance(i, j) * trace[static_cast<std::size_t>(j)];
-    }
+  for (const double n : {1.0, 12.5, 300.0}) {
+    parts.covariance.setZero();
+    parts.covariance(1, 1) = 2.0 * 9.0 * 9.0 / n;
+    EXPECT_NEAR(parts.freedom(9.0, NoiseParts::Variances::Unit(1)), n, 1e-9 * n);
+    const double point = 78.0 + 38.0 + 130.0;  // of which three times this part
+    EXPECT_NEAR(parts.freedom_of_point(), n * std::pow(point / 27.0, 2), 1e-6 * n);
   }
-  EXPECT_NEAR(parts.freedom(3.0, gradient), 18.0 / variance, 1e-9 / variance);
-  const double sum = 246.0 + 1e-9;  // of the point's variances
-  EXPECT_NEAR(parts.freedom_of_point() / (2.0 * sum * sum / of_trace), 1.0, 1e-12);
 }
 
 /// Two or more repeats of some configurations, with and without orientations, and an estimate with errors.
@@ -588,113 +597,59 @@ struct Small {
     result.insert(result.end(), {"A.x", "A.y"});
     return result;
   }
-
-  // What the strata say with these priors, all of them looked at.
-  VarianceEstimation by_strata(const ResidualOptions& options, PartsAsked asked, double share) const {
-    NoiseStrata strata(measured, options);
-    strata.add_means(experiment.model, estimate, free);
-    VarianceTask task{.strata = strata.finished(),
-                      .unknown = strata.unknown_parts(asked),
-                      .stated = NoiseParts::Variances::Zero(),
-                      .priors = share * free.prior_information(options.priors),
-                      .prior_gradient = VectorXd(free.size())};
-    task.stated.segment<3>(NoiseParts::kCommon) = options.noise.common.cwiseAbs2();
-    task.stated[NoiseParts::kOrientation] = options.noise.orientation * options.noise.orientation;
-    for (Index c = 0; c < free.size(); ++c) {
-      task.prior_gradient[c] = -task.priors[c] * Unknowns::value(estimate, free.columns()[static_cast<std::size_t>(c)]);
-    }
-    return VarianceEstimation(task);
-  }
 };
 
-void expect_equal(const NoiseParts& found, const NoiseParts& expected, double share, const std::string& what) {
-  EXPECT_TRUE(found.converged) << what;
-  EXPECT_LT((found.variances - expected.variances).norm(), 1e-12 * expected.variances.norm()) << what;
-  EXPECT_LT((found.covariance - share * expected.covariance).norm(), 1e-12 * expected.covariance.norm()) << what;
-  EXPECT_EQ(found.estimated, expected.estimated) << what;
-  EXPECT_NEAR(found.degrees_of_freedom, expected.degrees_of_freedom / share, 1e-9 * found.degrees_of_freedom) << what;
-  ASSERT_EQ(found.scatter.size(), expected.scatter.size()) << what;
-  EXPECT_LE((found.scatter - expected.scatter / share).norm(), 1e-12 * found.scatter.norm()) << what;
-  ASSERT_EQ(found.sensitivity.size(), expected.sensitivity.size()) << what;
-  for (std::size_t k = 0; k < expected.sensitivity.size(); ++k) {
-    ASSERT_EQ(found.sensitivity[k].size(), expected.sensitivity[k].size()) << what << ", part " << k;
-    EXPECT_LE((found.sensitivity[k] - expected.sensitivity[k] / share).norm(), 1e-12 * found.sensitivity[k].norm())
-        << what << ", part " << k;
-  }
-}
-
-TEST(NoiseParts, AreThoseOfTheStrataWithPriorsAndWhatIsStated) {
-  const Small small(12, true);
+TEST(NoiseParts, BesidePriorsAreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
+  const Small small(12, false, 3, 3);
   ResidualOptions options{.priors = {.length = 3e-4, .angle = 2e-4}};
-  const auto found = [&] {
-    return estimate_noise(small.experiment.model, small.measured, small.estimate, small.free, options);
-  };
-  const auto expected = [&](PartsAsked asked) {
-    VarianceEstimation estimation = small.by_strata(options, asked, 1.0);
-    EXPECT_TRUE(estimation.maximise());
-    return estimation.parts();
-  };
-  expect_equal(found(), expected(PartsAsked::all), 1.0, "priors");
-  options.noise.common = Vector3d(2e-5, 3e-5, 4e-5);
-  options.noise.orientation = 3e-4;
-  expect_equal(found(), expected(PartsAsked::all), 1.0, "common and orientation stated");
-  options.noise.orientation = 0.0;
-  options.noise.independent = Vector3d(2e-5, 3e-5, 2e-5);
-  NoiseParts parts = expected(PartsAsked::all);
-  parts.variances.segment<3>(NoiseParts::kIndependent) = options.noise.independent.cwiseAbs2();
-  expect_equal(found(), parts, 1.0, "so little stated that there is a misfit");
-  options.noise.independent.setConstant(1e-3);
-  parts = expected(PartsAsked::without_misfits);
-  parts.variances.segment<3>(NoiseParts::kIndependent).setConstant(1e-6);
-  expect_equal(found(), parts, 1.0, "so much stated that there is none");
-  options.noise.orientation = 3e-4;
-  EXPECT_FALSE(found().converged) << "all is stated";
+  DenseLikelihood dense(small.experiment.model, small.measured, small.estimate, small.free);
+  dense.add_priors(small.free.prior_information(options.priors), small.free, small.estimate);
+  const NoiseParts parts = estimate_noise(small.experiment.model, small.measured, small.estimate, small.free, options);
+  ASSERT_TRUE(parts.converged);
+  expect_least(dense, parts, false, "priors");
+  const NoiseParts without = estimate_noise(small.experiment.model, small.measured, small.estimate, small.free, {});
+  EXPECT_GT((without.variances - parts.variances).norm(), 1e-3 * parts.variances.norm()) << "they change nothing";
 }
 
-TEST(NoiseParts, BesideWeightsAreThoseOfTheStrata) {
+// What is stated is not estimated, and the rest is what is most likely beside it.
+TEST(NoiseParts, OfWhichOneIsStatedTheOthersAreMostLikelyBesideIt) {
+  const Small small(12, false, 3, 3);
+  const Vector3d common(2e-5, 3e-5, 4e-5);
+  ResidualOptions options;
+  options.noise.common = common;
+  const NoiseParts parts = estimate_noise(small.experiment.model, small.measured, small.estimate, small.free, options);
+  ASSERT_TRUE(parts.converged);
+  for (Index axis = 0; axis < 3; ++axis) {
+    EXPECT_FALSE(parts.estimated[static_cast<std::size_t>(2 + axis)]);
+    EXPECT_NEAR(parts.variances[2 + axis], common[axis] * common[axis], 1e-15);
+  }
+  const DenseLikelihood dense(small.experiment.model, small.measured, small.estimate, small.free);
+  expect_least(dense, parts, false, "the common part is stated", true);
+}
+
+// Whatever the unit of the weights.
+TEST(NoiseParts, BesideWeightsDoNotDependOnTheirUnit) {
   const Small small(12, true);
   FitProblem fit{.model = small.experiment.model,
                  .measurements = small.measured,
                  .start = small.estimate,
                  .free = small.free,
-                 .options = {.joint = {.residuals = {.priors = {.length = 3e-4, .angle = 2e-4}}}}};
-  ResidualOptions& weights = fit.options.joint.residuals;
-  const auto expected = [&](const NoiseModel& stated, bool misfits, const NoiseParts::Variances& weighed_with) {
-    ResidualOptions options = weights;
-    options.noise = stated;
-    VarianceEstimation estimation =
-        small.by_strata(options, misfits ? PartsAsked::all : PartsAsked::without_misfits, 1.0);
-    EXPECT_TRUE(estimation.match(weighed_with));
-    return estimation.parts();
+                 .options = {}};
+  const auto with = [&](double unit) {
+    ResidualOptions& residuals = fit.options.joint.residuals;
+    residuals.noise.independent = unit * Vector3d(2e-5, 3e-5, 4e-5);
+    residuals.noise.common = unit * Vector3d(5e-5, 6e-5, 7e-5);
+    residuals.noise.orientation = unit * 4e-4;
+    return noise_beside_weights(fit, {}, true);
   };
-  NoiseParts::Variances v = NoiseParts::Variances::Zero();
-  v.segment<3>(NoiseParts::kIndependent).setOnes();
-  v[NoiseParts::kOrientation] = 1.0 / 0.09;
-  expect_equal(noise_beside_weights(fit, {}, true), expected({}, true, v), 1.0, "equal weights");
-  expect_equal(noise_beside_weights(fit, {}, false), expected({}, false, v), 1.0, "without misfits");
-  weights.orientation_length = 0.5;
-  weights.noise = {.independent = Vector3d(2e-5, 3e-5, 4e-5),
-                   .common = Vector3d(5e-5, 6e-5, 7e-5),
-                   .misfit = 8e-5,
-                   .target_misfit = 9e-5};
-  v << 64e-10, 81e-10, 25e-10, 36e-10, 49e-10, 4e-10, 9e-10, 16e-10, 29e-10 / 3.0 / 0.25;
-  expect_equal(noise_beside_weights(fit, {}, true), expected({}, true, v), 1.0, "other weights");
-  weights.noise.orientation = 4e-4;
-  v[NoiseParts::kOrientation] = 16e-8;
-  expect_equal(noise_beside_weights(fit, {}, true), expected({}, true, v), 1.0, "an orientation's weight");
-  const NoiseModel stated{.independent = Vector3d(1e-5, 2e-5, 3e-5), .common = Vector3d(2e-5, 1e-5, 1e-5)};
-  v.segment<3>(NoiseParts::kIndependent).setZero();
-  NoiseParts parts = expected(stated, true, v);
-  parts.variances.segment<3>(NoiseParts::kIndependent) = stated.independent.cwiseAbs2();
-  expect_equal(noise_beside_weights(fit, stated, true), parts, 1.0, "what is stated");
-  weights.noise.orientation = 0.0;
-  v[NoiseParts::kOrientation] = 14e-10 / 3.0 / 0.25;
-  parts = expected(stated, true, v);
-  parts.variances.segment<3>(NoiseParts::kIndependent) = stated.independent.cwiseAbs2();
-  expect_equal(noise_beside_weights(fit, stated, true), parts, 1.0, "orientations by what is stated");
-  const NoiseModel all{.independent = stated.independent, .common = stated.common, .orientation = 1e-4};
+  const NoiseParts one = with(1.0);
+  const NoiseParts ten = with(10.0);
+  ASSERT_TRUE(one.converged);
+  EXPECT_LT((ten.variances - one.variances).norm(), 1e-9 * one.variances.norm());
+  EXPECT_NEAR(ten.degrees_of_freedom / one.degrees_of_freedom, 1.0, 1e-6);
+  const NoiseModel all{
+      .independent = Vector3d::Constant(1e-5), .common = Vector3d::Constant(2e-5), .orientation = 1e-4};
   EXPECT_FALSE(noise_beside_weights(fit, all, false).converged) << "nothing is left to find";
-  EXPECT_TRUE(noise_beside_weights(fit, all, true).converged);
 }
 
 TEST(NoiseParts, OfOneUnknownAreFoundToo) {
@@ -704,47 +659,33 @@ TEST(NoiseParts, OfOneUnknownAreFoundToo) {
   EXPECT_FALSE(found.estimates_misfit());
 }
 
-// More than 2,000 configurations are represented by as many, and what these say counts for all.
-TEST(NoiseParts, OfManyConfigurationsAreThoseOfASample) {
-  const Small many(2500, false, 1, 1);
-  const ResidualOptions options{.priors = {.length = 1e-5, .angle = 1e-5}};
-  Small few = many;
-  few.measured = sampled(many.measured, options).measurements;
-  ASSERT_EQ(few.measured.joint_values.cols(), 2000);
-  VarianceEstimation likely = few.by_strata(options, PartsAsked::all, 0.8);
-  ASSERT_TRUE(likely.maximise());
-  expect_equal(estimate_noise(many.experiment.model, many.measured, many.estimate, many.free, options), likely.parts(),
-               0.8, "by likelihood");
-  const FitProblem fit{.model = many.experiment.model,
-                       .measurements = many.measured,
-                       .start = many.estimate,
-                       .free = many.free,
-                       .options = {.joint = {.residuals = options}}};
-  VarianceEstimation matched = few.by_strata(options, PartsAsked::all, 0.8);
-  NoiseParts::Variances v = NoiseParts::Variances::Zero();
-  v.segment<3>(NoiseParts::kIndependent).setOnes();
-  ASSERT_TRUE(matched.match(v));
-  expect_equal(noise_beside_weights(fit, {}, true), matched.parts(), 0.8, "beside weights");
-}
-
-// One kind of rows, of which the residuals have this chance by what is stated.
-bool finds_a_misfit(double chance) {
+// One kind of rows. Residuals of half the stated variance are no misfit; those of twice that are one.
+TEST(NoiseParts, HaveAMisfitWhereTheResidualsAreClearlyAboveWhatIsStated) {
   const Small small(20, false, 1, 1);
   const DenseLikelihood dense(small.experiment.model, small.measured, small.estimate, small.free);
   const double freedom = static_cast<double>(dense.jacobian().rows() - dense.jacobian().cols());
-  const double variance = dense.residual().squaredNorm() / freedom / f_critical(chance, freedom, 1e7);
-  ResidualOptions options;
-  options.noise.independent.setConstant(std::sqrt(variance));
-  const NoiseParts found = estimate_noise(small.experiment.model, small.measured, small.estimate, small.free, options);
-  EXPECT_EQ(found.converged, found.target_misfit() > 0.0) << chance;
-  return found.converged;
+  for (const auto& [ratio, expected] : {std::pair{0.5, false}, std::pair{2.5, true}}) {
+    ResidualOptions options;
+    options.noise.independent.setConstant(std::sqrt(dense.residual().squaredNorm() / freedom / ratio));
+    const NoiseParts found =
+        estimate_noise(small.experiment.model, small.measured, small.estimate, small.free, options);
+    EXPECT_EQ(found.converged, expected) << ratio;
+    EXPECT_EQ(found.target_misfit() > 0.0, expected) << ratio;
+  }
 }
 
-TEST(NoiseParts, HaveAMisfitBesideWhatIsStatedFromFivePercentOn) {
-  EXPECT_TRUE(finds_a_misfit(0.001));
-  EXPECT_TRUE(finds_a_misfit(0.048));
-  EXPECT_FALSE(finds_a_misfit(0.052));
-  EXPECT_FALSE(finds_a_misfit(0.9));
+// More than 2,000 configurations are represented by as many, and what these say counts for all.
+TEST(NoiseParts, OfManyConfigurationsAreThoseOfASample) {
+  testing::VirtualExperiment experiment({.targets = published_targets(1), .ranges = published_ranges});
+  const Measurements measured = testing::without_sigmas(experiment.measure(2500, {.sigma = 3e-5}));
+  const Measurements first = subset(measured, [](const Observation& o) { return o.configuration < 2000; });
+  const auto parts = [&](const Measurements& of) {
+    return estimate_noise(experiment.model, of, experiment.robot.truth, experiment.free, {});
+  };
+  const NoiseParts all = parts(measured);
+  const NoiseParts some = parts(first);
+  EXPECT_NEAR(std::sqrt((all.independent().mean() + all.misfit() + all.target_misfit())), 3e-5, 1e-6);
+  EXPECT_NEAR(all.degrees_of_freedom / some.degrees_of_freedom, 1.25, 0.01);
 }
 
 TEST(NoiseParts, AreThoseOfTheTrainingRows) {

@@ -324,5 +324,14 @@ TEST(ResultTable, AControllerThatCountsNoSlideHasDegreesAlone) {
   EXPECT_EQ(testing::squeezed(text.substr(start, text.find("\n\n", start) - start)), "J1 0.25000 deg");
 }
 
+TEST(ResultTable, NumbersStandBelowTheirHeadingsUpToKilometres) {
+  ErrorStatistics large{.count = 1234567, .mean = 1000.0, .rms = 1000.0, .p95 = 1000.0, .max = 1000.0};
+  const std::string heading = statistics_heading("position error [mm]");
+  const std::string row = statistics_row("left out, choice anew", large);
+  EXPECT_EQ(heading.size(), 81U);
+  EXPECT_EQ(testing::word_ends(heading.substr(0, 80), 5), testing::word_ends(row.substr(0, 80), 5)) << heading << row;
+  EXPECT_EQ(testing::word_ends(statistics_row("none", {}).substr(0, 80), 5), testing::word_ends(row.substr(0, 80), 5));
+}
+
 }  // namespace
 }  // namespace kdl_calibration::result_table_test

@@ -3,11 +3,21 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <functional>
+#include <numbers>
+#include <set>
 #include <string>
 #include <vector>
 
+#include "dense_fit.hpp"
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/covariance.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
@@ -15,6 +25,13 @@
 namespace kdl_calibration::whole_fit_test {
 namespace {
 
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using testing::DenseFit;
+using testing::DenseNoise;
 using testing::refusal;
 
 struct Arm : testing::VirtualExperiment {
@@ -175,6 +192,595 @@ TEST(WholeFit, HoldsWhatTheNoiseHidesUnlessThatCostsAMisfit) {
   const auto held = [](double turned) { return !beside_the_last_axis(1e-4, turned).candidates.column("Rz5"); };
   EXPECT_TRUE(held(0.002));
   EXPECT_FALSE(held(0.2));
+}
+
+// ---- every kind of noise, against the least squares problem in its plainest form ------------------------------------
+
+struct Measured : testing::VirtualExperiment {
+  Measurements measured;
+
+  Measured(std::uint64_t seed, const std::vector<TargetFrame>& stated, int count, const MeasuringNoise& noise)
+      : VirtualExperiment({.targets = stated, .X_WB = askew(), .random = Random(seed)}),
+        measured(testing::without_sigmas(measure(count, noise))) {}
+
+private:
+  static Eigen::Isometry3d askew() {  // the tracker, some metres away
+    Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+    X_WB.linear() = testing::turned_by({0.3, -0.2, 1.1});
+    X_WB.translation() = Vector3d(2.0, -3.0, 0.5);
+    return X_WB;
+  }
+};
+
+// One target is measured as a frame, the other one as a point; of the first some rows are points as well.
+Measured posed_arm(std::uint64_t seed, int repeats, int configurations = 12) {
+  std::vector<TargetFrame> targets = published_targets(2);
+  targets[0].with_orientation = true;
+  Measured arm(seed, targets, configurations, {.sigma = 1e-4, .orientation_sigma = 3e-4, .repeats = repeats});
+  for (std::size_t row = 0; row < arm.measured.observations.size(); ++row) {
+    const Observation& o = arm.measured.observations[row];
+    if (o.target == 1 || (o.configuration % 5 == 2 && o.repeat == 1)) {
+      arm.measured.orientations[row].coeffs().setConstant(std::nan(""));
+    }
+  }
+  return arm;
+}
+
+constexpr double kOrientationLength = 0.3;  // [m] that 1 rad counts as where no sigma of orientations is stated
+
+Matrix3d isotropic(double sigma) { return sigma * sigma * Matrix3d::Identity(); }
+
+// Of a row whose position has this covariance.
+double orientation_variance(const Matrix3d& position, double stated) {
+  return stated > 0.0 ? stated * stated : position.trace() / 3.0 / (kOrientationLength * kOrientationLength);
+}
+
+DenseNoise dense_noise(const std::function<Matrix3d(const Observation&)>& position, double orientation,
+                       const Vector3d& common = Vector3d::Zero()) {
+  return {.position = position,
+          .orientation = [=](const Observation& o) { return orientation_variance(position(o), orientation); },
+          .common = common,
+          .weights = {}};
+}
+
+struct Statement {
+  std::string name;
+  CalibrationOptions options;
+  DenseNoise dense;
+};
+
+// Of the fit alone: nothing is held out, no other reading is tried.
+const CalibrationOptions kFitAlone{.weights = Weights::equal, .held_out = false, .try_readings = false};
+
+std::vector<Statement> statements() {
+  std::vector<Statement> all;
+  all.push_back({"equal weights", kFitAlone, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0)});
+  const Vector3d per_axis(1e-4, 3e-4, 0.5e-4);
+  const Vector3d common(2e-4, 0.0, 1e-4);
+  const TrackerNoise tracker{.range = 5e-5, .range_per_metre = 2e-5, .transverse = 3e-5, .transverse_per_metre = 1e-4};
+  for (const double orientation : {0.0, 2e-4}) {
+    const auto add = [&](const std::string& name, const NoiseModel& noise, const DenseNoise& dense) {
+      Statement& statement = all.emplace_back(Statement{name, kFitAlone, dense});
+      statement.name += orientation > 0.0 ? " and a sigma of orientations" : "";
+      statement.options.noise = noise;
+      statement.options.noise.orientation = orientation;
+    };
+    const auto by_axis = [=](const Observation&) { return Matrix3d(per_axis.cwiseAbs2().asDiagonal()); };
+    const auto by_tracker = [=](const Observation& o) {
+      const double distance = o.position.norm();
+      const Vector3d u = o.position / distance;
+      const double along = 5e-5 + 2e-5 * distance;
+      const double across = 3e-5 + 1e-4 * distance;
+      return Matrix3d(along * along * (u * u.transpose()) +
+                      across * across * (Matrix3d::Identity() - u * u.transpose()));
+    };
+    add("independent", {.independent = Vector3d::Constant(1e-4)},
+        dense_noise([](const Observation&) { return isotropic(1e-4); }, orientation));
+    add("per axis", {.independent = per_axis}, dense_noise(by_axis, orientation));
+    add("common", {.independent = per_axis, .common = common}, dense_noise(by_axis, orientation, common));
+    add("tracker", {.tracker = tracker}, dense_noise(by_tracker, orientation));
+    add("tracker and common", {.tracker = tracker, .common = common}, dense_noise(by_tracker, orientation, common));
+  }
+  return all;
+}
+
+// Of the parameters that were fitted, the largest difference in standard deviations.
+double difference_in_sigmas(const Estimate& a, const Estimate& b, const Unknowns& free, const MatrixXd& covariance) {
+  double largest = 0.0;
+  Index column = free.range(UnknownGroup::geometric).first;
+  for (const std::size_t p : free.geometric()) {
+    const auto i = static_cast<Index>(p);
+    largest = std::max(largest, std::abs(a.errors[i] - b.errors[i]) / std::sqrt(covariance(column, column)));
+    ++column;
+  }
+  return largest;
+}
+
+void expect_same_frames(const Estimate& found, const Estimate& expected) {
+  EXPECT_LT((found.X_WB.matrix() - expected.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-8);
+  for (std::size_t k = 0; k < expected.targets.size(); ++k) {
+    const Eigen::Matrix4d difference = found.targets[k].X_FT.matrix() - expected.targets[k].X_FT.matrix();
+    EXPECT_LT(difference.cwiseAbs().maxCoeff(), 1e-8) << "target " << k;
+  }
+}
+
+// The noise with orientations weighed as the calibration found them from the residuals of both, where it did.
+DenseNoise weighed_as_by(const Calibration& found, const DenseNoise& noise) {
+  DenseNoise weighed = noise;
+  if (found.noise.orientation_length) {
+    const double ratio = kOrientationLength / *found.noise.orientation_length;
+    weighed.orientation = [=](const Observation& o) { return ratio * ratio * noise.orientation(o); };
+  }
+  return weighed;
+}
+
+// Estimate, variance factor and covariance of a calibration are those of the dense problem.
+void expect_dense_fit(const Measured& arm, const Calibration& found, const DenseNoise& noise) {
+  ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
+  const Estimate& estimate = found.identification.estimate;
+  const DenseFit dense(arm.model, arm.measured, found.free, weighed_as_by(found, noise));
+  const Estimate expected = dense.fit(estimate);
+  const double freedom = static_cast<double>(dense.equations() - dense.columns());
+  const double reduced = dense.cost(expected) / freedom;
+  EXPECT_EQ(found.noise.degrees_of_freedom, freedom);
+  const bool stated = found.noise.model != "residuals";
+  if (stated && found.noise.variance_factor == 1.0) {
+    EXPECT_LT(reduced, 1.0 + 4.0 * std::sqrt(2.0 / freedom));
+  } else if (stated) {
+    EXPECT_NEAR(found.noise.variance_factor, reduced, 1e-3 * reduced);
+  }
+  const double factor = stated ? found.noise.variance_factor : reduced;
+  const MatrixXd covariance = factor * dense.inverse_information(expected);
+  EXPECT_LT(difference_in_sigmas(estimate, expected, found.free, covariance), 1e-4);
+  expect_same_frames(estimate, expected);
+  ASSERT_EQ(found.covariance.rows(), covariance.rows());
+  const VectorXd std = covariance.diagonal().cwiseSqrt();
+  const MatrixXd relative = (found.covariance - covariance).cwiseQuotient(std * std.transpose());
+  EXPECT_LT(relative.cwiseAbs().maxCoeff(), 2e-3);
+}
+
+TEST(WholeFitOfEveryKind, MeasuredOrientationsWithEveryNoiseAreTheDenseFit) {
+  for (const int repeats : {1, 3}) {
+    const Measured arm = posed_arm(1, repeats);
+    for (const Statement& statement : statements()) {
+      if (repeats == 1 && statement.options.noise.orientation > 0.0) {
+        continue;  // repeats make no difference there
+      }
+      SCOPED_TRACE(statement.name + ", repeats " + std::to_string(repeats));
+      expect_dense_fit(arm, calibrate(arm.model, arm.measured, statement.options), statement.dense);
+    }
+  }
+}
+
+TEST(WholeFitOfEveryKind, KnownFramesWithEveryNoiseAreTheDenseFit) {
+  const Measured arm = posed_arm(2, 2);
+  Eigen::Isometry3d base = arm.robot.truth.X_WB;  // off, so that it matters that they are kept
+  base.translation() += Vector3d(2e-4, -1e-4, 3e-4);
+  std::vector<TargetFrame> targets = arm.robot.truth.targets;
+  targets[0].X_FT.translate(Vector3d(-2e-4, 1e-4, 0.0));
+  targets[0].X_FT.rotate(testing::turned_by({3e-4, 0.0, -2e-4}));
+  for (Statement& statement : statements()) {
+    // Every noise beside both: once with a stated sigma of orientations, once without.
+    const bool stated = statement.options.noise.orientation > 0.0;
+    for (const bool known_base : statement.dense.common.isZero() ? std::set{stated} : std::set{true, false}) {
+      SCOPED_TRACE(statement.name + (known_base ? ", known base" : ", known targets"));
+      CalibrationOptions options = statement.options;
+      if (known_base) {
+        options.known_base = base;
+      } else {
+        options.known_targets = targets;
+      }
+      const Calibration calibration = calibrate(arm.model, arm.measured, options);
+      expect_dense_fit(arm, calibration, statement.dense);
+      const Estimate& found = calibration.identification.estimate;
+      if (known_base) {
+        EXPECT_EQ(found.X_WB.matrix(), base.matrix());
+      } else {
+        EXPECT_EQ(found.targets[0].X_FT.matrix(), targets[0].X_FT.matrix());
+        EXPECT_EQ(found.targets[1].X_FT.translation(), targets[1].X_FT.translation());
+      }
+    }
+  }
+}
+
+TEST(WholeFitOfEveryKind, SigmasOfRowsStandBeforeWhatIsStatedForAll) {
+  Measured arm = posed_arm(3, 2);
+  const auto own_sigma = [](const Observation& o) {
+    return o.configuration % 3 == 0 ? 0.0 : 5e-5 * (1 + o.configuration % 4 + 2 * o.target + o.repeat);
+  };
+  for (Observation& o : arm.measured.observations) {
+    o.sigma = own_sigma(o);
+  }
+  for (Statement& statement : statements()) {
+    if (statement.name == "equal weights") {
+      continue;  // a row without a sigma would then have one of a metre
+    }
+    SCOPED_TRACE(statement.name);
+    const auto stated = statement.dense.position;
+    const auto position = [=](const Observation& o) { return o.sigma > 0.0 ? isotropic(o.sigma) : stated(o); };
+    const double orientation = statement.options.noise.orientation;
+    expect_dense_fit(arm, calibrate(arm.model, arm.measured, statement.options),
+                     dense_noise(position, orientation, statement.dense.common));
+  }
+}
+
+TEST(WholeFitOfEveryKind, WeightsOfRowsAreSharesOfTheirOwnInformation) {
+  const Measured arm = posed_arm(4, 2);
+  std::vector<double> weights;
+  for (const Observation& o : arm.measured.observations) {
+    weights.push_back(o.configuration == 3 && o.target == 1 ? 0.0 : 0.2 + 0.1 * (o.configuration % 8));
+  }
+  const Estimate start = nominal_start(arm.model, arm.measured);
+  const Unknowns free = Unknowns(arm.model, start.targets, reduced_model(arm.model, start.targets).kept);
+  for (Statement& statement : statements()) {
+    SCOPED_TRACE(statement.name);
+    const JointOptions options{.residuals = {.noise = statement.options.noise, .row_weights = weights}};
+    const Identification found = identify_jointly(arm.model, arm.measured, start, free, options);
+    ASSERT_EQ(found.termination, Termination::converged) << found.message;
+    statement.dense.weights = weights;
+    const DenseFit dense(arm.model, arm.measured, free, statement.dense);
+    const Estimate expected = dense.fit(found.estimate);
+    const double scale = statement.name == "equal weights" ? 1e-8 : 1.0;
+    EXPECT_LT(difference_in_sigmas(found.estimate, expected, free, scale * dense.inverse_information(expected)), 1e-4);
+    expect_same_frames(found.estimate, expected);
+    const double cost = LeastSquaresProblem(arm.model, arm.measured, free, options.residuals).cost(found.estimate);
+    EXPECT_NEAR(cost, dense.cost(expected), 1e-4 * cost);
+  }
+}
+
+// ---- Priors --------------------------------------------------------------------------------------------------------
+
+TEST(WholeFitOfEveryKind, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) {
+  const Measured points(5, published_targets(), 20, {.sigma = 1e-4});
+  const Measured repeated(6, published_targets(), 16, {.sigma = 1e-4, .repeats = 3});
+  const Measured poses = posed_arm(7, 1);
+  const Measured repeated_poses = posed_arm(7, 2);
+  for (const Measured* arm : {&points, &repeated, &poses, &repeated_poses}) {
+    const Calibration plain = calibrate(arm->model, arm->measured, kFitAlone);
+    const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
+    const DenseFit dense(arm->model, arm->measured, plain.free, equal);
+    const double freedom = static_cast<double>(dense.equations() - dense.columns());
+    const double sigma = std::sqrt(dense.cost(plain.identification.estimate) / freedom);
+    EXPECT_NEAR(sigma, 1e-4, 4e-4 / std::sqrt(2.0 * freedom));
+    CalibrationOptions options = kFitAlone;
+    options.priors = {.length = 2e-4, .angle = 2e-4};
+    const Calibration unstated = calibrate(arm->model, arm->measured, options);
+    options.noise.independent.setConstant(sigma);
+    const Calibration stated = calibrate(arm->model, arm->measured, options);
+    const auto difference = [&](const Calibration& other) {
+      return difference_in_sigmas(unstated.identification.estimate, other.identification.estimate, stated.free,
+                                  stated.covariance);
+    };
+    EXPECT_LT(difference(stated), 1e-4);
+    EXPECT_GT(difference(plain), 0.1) << "the priors change nothing";
+    const DenseNoise found =
+        weighed_as_by(stated, dense_noise([=](const Observation&) { return isotropic(sigma); }, 0.0));
+    const DenseFit with_priors(arm->model, arm->measured, stated.free, found, options.priors);
+    const Estimate expected = with_priors.fit(stated.identification.estimate);
+    EXPECT_LT(difference_in_sigmas(stated.identification.estimate, expected, stated.free, stated.covariance), 1e-4);
+  }
+}
+
+// Sizes are found beside noise that is estimated with them: what was stated of it changes nothing.
+TEST(WholeFitOfEveryKind, SizesOfPriorsAreThoseOfTheResidualsWhateverNoiseIsStated) {
+  const Measured arm(8, published_targets(), 14, {.sigma = 2e-4});
+  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
+  options.automatic_priors = true;
+  const Calibration unstated = calibrate(arm.model, arm.measured, options);
+  options.noise.independent.setConstant(1e-4);
+  const Calibration stated = calibrate(arm.model, arm.measured, options);
+  ASSERT_EQ(unstated.tried.size(), 2U);  // none, and of these sizes
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_NEAR(unstated.tried[i].priors.length, stated.tried[i].priors.length, 1e-3 * stated.tried[i].priors.length);
+    EXPECT_NEAR(unstated.tried[i].held_out_rms, stated.tried[i].held_out_rms, 1e-3 * stated.tried[i].held_out_rms);
+  }
+  EXPECT_TRUE(unstated.tried.front().sized);
+  EXPECT_GT(unstated.priors.length, 1e-4);
+  EXPECT_LT(unstated.priors.length, 3e-3);
+  EXPECT_EQ(unstated.priors.length, unstated.tried.front().priors.length);
+}
+
+// ---- Robust losses -------------------------------------------------------------------------------------------------
+
+// Weights are those of the estimate and the estimate is that of the weights: another dense fit with them moves nothing.
+// Rows that are further off never weigh more.
+TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights) {
+  Measured arm(9, published_targets(), 14, {.sigma = 1e-4, .repeats = 2, .common = Vector3d(2e-4, 1e-4, 3e-4)});
+  std::set<std::size_t> outliers;
+  for (std::size_t row = 5; row < arm.measured.observations.size(); row += 17) {
+    arm.measured.observations[row].position[static_cast<Index>(row % 3)] += 4e-3;
+    outliers.insert(row);
+  }
+  for (const Statement& statement : statements()) {
+    if (statement.options.noise.orientation > 0.0) {
+      continue;  // points alone
+    }
+    for (const Loss loss : {Loss::huber, Loss::tukey}) {
+      SCOPED_TRACE(statement.name + (loss == Loss::huber ? ", Huber" : ", Tukey"));
+      CalibrationOptions options = statement.options;
+      options.loss = loss;
+      const Calibration found = calibrate(arm.model, arm.measured, options);
+      ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
+      const Estimate& estimate = found.identification.estimate;
+      DenseNoise weighed = statement.dense;
+      weighed.weights.clear();
+      for (const double weight : found.weights) {
+        weighed.weights.push_back(std::max(weight, 1e-9));
+      }
+      const Estimate expected = DenseFit(arm.model, arm.measured, found.free, weighed).fit(estimate, 1);
+      EXPECT_LT(difference_in_sigmas(estimate, expected, found.free, found.covariance), 1e-3);
+
+      const KDL::Chain chain = error_chain(arm.model, estimate.errors);
+      const Matrix3d common = statement.dense.common.cwiseAbs2().asDiagonal();
+      std::vector<std::pair<double, double>> by_distance;  // with the weight
+      for (std::size_t row = 0; row < found.weights.size(); ++row) {
+        const Observation& o = arm.measured.observations[row];
+        const Eigen::Isometry3d X_BF =
+            to_eigen(testing::kdl_pose(chain, arm.measured.joint_values.col(o.configuration)));
+        const Vector3d target = estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
+        const Vector3d e = o.position - estimate.X_WB * (X_BF * target);
+        by_distance.emplace_back(std::sqrt(e.dot((statement.dense.position(o) + common).ldlt().solve(e))),
+                                 found.weights[row]);
+        if (outliers.count(row) > 0) {
+          EXPECT_LT(found.weights[row], 0.7) << "row " << row;
+        }
+      }
+      std::sort(by_distance.begin(), by_distance.end());
+      EXPECT_NEAR(by_distance.front().second, 1.0, 0.01);
+      for (std::size_t i = 1; i < by_distance.size(); ++i) {
+        EXPECT_LE(by_distance[i].second, by_distance[i - 1].second + 1e-4) << by_distance[i].first;
+      }
+    }
+  }
+}
+
+// ---- Few degrees of freedom ----------------------------------------------------------------------------------------
+
+// One point in so many configurations that as many degrees of freedom are left; some parameters are fixed for that.
+struct Tight {
+  Measured arm;
+  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
+
+  explicit Tight(int freedom, int configurations = 11)
+      : arm(40 + static_cast<std::uint64_t>(freedom), published_targets(1), configurations, {.sigma = 1e-4}) {
+    const Reduction& reduction = arm.reduction;
+    const std::size_t unknowns = static_cast<std::size_t>(3 * configurations - freedom);
+    std::size_t count = reduction.kept.size();
+    for (auto name = reduction.kept.rbegin(); name != reduction.kept.rend() && count > unknowns; ++name, --count) {
+      options.fix.push_back(*name);
+    }
+  }
+};
+
+TEST(WholeFitOfEveryKind, FewDegreesOfFreedomGiveTheVarianceOfTheTextbook) {
+  for (const int freedom : {1, 2, 3}) {
+    SCOPED_TRACE(freedom);
+    const Tight tight(freedom, 9);
+    const Calibration found = calibrate(tight.arm.model, tight.arm.measured, tight.options);
+    ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
+    EXPECT_EQ(found.noise.degrees_of_freedom, freedom);
+    const DenseNoise equal = dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0);
+    const DenseFit dense(tight.arm.model, tight.arm.measured, found.free, equal);
+    ASSERT_EQ(dense.equations() - dense.columns(), freedom);
+    const Estimate expected = dense.fit(found.identification.estimate);
+    const double variance = dense.cost(expected) / freedom;
+    EXPECT_NEAR(found.noise.sigma, std::sqrt(variance), 1e-6 * std::sqrt(variance));
+    EXPECT_NEAR(found.noise.independent.x(), std::sqrt(variance), 1e-6 * std::sqrt(variance));
+    EXPECT_EQ(found.noise.common, Vector3d::Zero());
+    const MatrixXd covariance = variance * dense.inverse_information(expected);
+    const VectorXd std = covariance.diagonal().cwiseSqrt();
+    const MatrixXd relative = (found.covariance - covariance).cwiseQuotient(std * std.transpose());
+    EXPECT_LT(relative.cwiseAbs().maxCoeff(), 1e-3);
+  }
+}
+
+// ---- Test rows -----------------------------------------------------------------------------------------------------
+
+template <class Derived>
+void append(std::vector<double>& all, const Eigen::MatrixBase<Derived>& values) {
+  for (const double value : values.reshaped()) {
+    all.push_back(value);
+  }
+}
+
+void append(std::vector<double>& all, const ErrorStatistics& s) {
+  all.insert(all.end(), {static_cast<double>(s.count), s.mean, s.rms, s.p95, s.max, s.std});
+}
+
+// Every number that is fitted, chosen or judged by the training rows.
+std::vector<double> fitted_numbers(const Calibration& c, const std::vector<Observation>& rows) {
+  std::vector<double> all;
+  const Estimate& estimate = c.identification.estimate;
+  append(all, estimate.errors);
+  append(all, estimate.X_WB.matrix());
+  for (const TargetFrame& target : estimate.targets) {
+    append(all, target.X_FT.matrix());
+  }
+  append(all, estimate.effects);
+  append(all, c.covariance);
+  append(all, c.exported.estimate.errors);
+  for (const ParameterEstimate& parameter : c.parameters) {
+    all.insert(all.end(), {parameter.value, parameter.error, parameter.std});
+  }
+  all.insert(all.end(), {c.identification.rms, static_cast<double>(c.identification.iterations), c.noise.sigma,
+                         c.noise.degrees_of_freedom, c.noise.variance_factor, c.identifiability.condition,
+                         c.observability.O1, c.observability.O5, c.priors.length, c.priors.angle});
+  append(all, c.noise.independent);
+  append(all, c.noise.common);
+  if (c.noise.repeats) {
+    append(all, c.noise.repeats->independent);
+    append(all, c.noise.repeats->common);
+    all.push_back(c.noise.repeats->orientation);
+  }
+  for (const ModelOption& option : c.tried) {
+    all.insert(all.end(), {option.priors.length, static_cast<double>(option.effects.size()), option.held_out_rms});
+  }
+  for (const ErrorStatistics& s : {c.train.before, c.train.after, c.iso_before.accuracy, c.iso_after.accuracy,
+                                   c.iso_after.repeatability, c.predicted.workspace}) {
+    append(all, s);
+  }
+  if (c.leave_one_out) {
+    append(all, c.leave_one_out->before);
+    append(all, c.leave_one_out->after);
+  }
+  append(all, c.nested_leave_one_out.value_or(ErrorStatistics{}));
+  append(all, c.k_fold ? c.k_fold->after : ErrorStatistics{});
+  if (c.lack_of_fit) {
+    all.insert(all.end(), {c.lack_of_fit->f, c.lack_of_fit->p_value});
+    all.insert(all.end(), c.lack_of_fit->explained_by_joint.begin(), c.lack_of_fit->explained_by_joint.end());
+  }
+  for (const ConfigurationInfluence& configuration : c.influence.configurations) {
+    all.insert(all.end(), {configuration.leverage, configuration.cook});
+  }
+  for (std::size_t row = 0; row < c.weights.size(); ++row) {
+    all.push_back(rows[row].split == Split::train ? c.weights[row] : 0.0);
+  }
+  return all;
+}
+
+bool same_bytes(const std::vector<double>& a, const std::vector<double>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(double)) == 0;
+}
+
+TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
+  std::vector<std::pair<std::string, CalibrationOptions>> cases(5);
+  cases[0].first = "equal weights";
+  cases[1].first = "chosen priors and effects, nested and folds";
+  cases[1].second.automatic_priors = true;
+  cases[1].second.effects.automatic = true;
+  cases[1].second.leave_one_out = true;
+  cases[1].second.nested = true;
+  cases[1].second.k_fold = 3;
+  cases[2].first = "repeats";
+  cases[2].second.weights = Weights::repeats;
+  cases[3].first = "Tukey and common noise";
+  cases[3].second.loss = Loss::tukey;
+  cases[3].second.noise = {.independent = Vector3d::Constant(1e-4), .common = Vector3d::Constant(1e-4)};
+  cases[4].first = "tracker";
+  cases[4].second.noise.tracker = TrackerNoise{.range = 1e-4, .transverse_per_metre = 1e-4};
+  for (auto& entry : cases) {
+    entry.second.try_readings = false;
+  }
+  Measured arm = posed_arm(10, 2, 16);
+  for (Observation& o : arm.measured.observations) {
+    o.split = o.configuration % 4 == 1 ? Split::test : Split::train;
+  }
+  Measurements spoilt = arm.measured;
+  for (std::size_t row = 0; row < spoilt.observations.size(); ++row) {
+    Observation& o = spoilt.observations[row];
+    if (o.split == Split::test) {
+      o.position += Vector3d(0.1, -0.2, 0.05) * (1.0 + 0.1 * static_cast<double>(row % 7));
+      spoilt.orientations[row] = spoilt.orientations[row] * Eigen::Quaterniond(testing::turned_by({0.1, 0.2, -0.1}));
+      spoilt.joint_values.col(o.configuration).setConstant(0.1 + 0.01 * o.configuration);
+    }
+  }
+  const Measurements absent = subset(arm.measured, [](const Observation& o) { return o.split == Split::train; });
+  for (const auto& [name, options] : cases) {
+    SCOPED_TRACE(name);
+    const Calibration found = calibrate(arm.model, arm.measured, options);
+    const Calibration after = calibrate(arm.model, spoilt, options);
+    const std::vector<double> expected = fitted_numbers(found, arm.measured.observations);
+    EXPECT_TRUE(same_bytes(fitted_numbers(after, spoilt.observations), expected)) << "spoilt test rows";
+    ASSERT_TRUE(found.test.has_value() && after.test.has_value());
+    EXPECT_GT(after.test->after.rms, found.test->after.rms + 0.1);
+    if (options.loss == Loss::none) {  // the weights of rows that are not there cannot be compared
+      const Calibration alone = calibrate(arm.model, absent, options);
+      EXPECT_TRUE(same_bytes(fitted_numbers(alone, absent.observations), expected)) << "no test rows";
+    }
+  }
+}
+
+// ---- how a fit can end
+// -----------------------------------------------------------------------------------------------
+
+Measured at_limits(double sigma) { return {5, published_targets(), 25, {.sigma = sigma}}; }
+
+Unknowns irreducible(const Measured& s) {
+  return Unknowns(s.model, s.robot.truth.targets, reduced_model(s.model, s.robot.truth.targets).kept);
+}
+
+void expect_end(const Identification& fit, Termination termination, const std::string& name,
+                const std::string& message) {
+  EXPECT_EQ(to_string(fit.termination), name);
+  EXPECT_EQ(fit.termination, termination) << name;
+  EXPECT_EQ(fit.message, message) << name;
+}
+
+TEST(Terminations, SayHowTheJointFitEnded) {
+  Measured s = at_limits(3e-5);
+  const Estimate start = nominal_start(s.model, s.measured);
+  const Unknowns free = irreducible(s);
+  expect_end(identify_jointly(s.model, s.measured, start, free), Termination::converged, "converged",
+             "the last step moved the predicted points by less than the tolerance");
+  expect_end(identify_jointly(s.model, s.measured, start, free, {.max_iterations = 2}), Termination::iteration_limit,
+             "iteration_limit", "still moving after 2 iterations");
+  expect_end(identify_jointly(s.model, s.measured, start, free, {.step_tolerance = 0.0}), Termination::converged,
+             "converged", "no step can reduce the misfit by more than its rounding");
+  std::vector<std::string> names = free.names();
+  names.emplace_back("dq1");
+  const Unknowns with_gauge(s.model, start.targets, names);
+  expect_end(identify_jointly(s.model, s.measured, start, with_gauge), Termination::rank_deficient, "rank_deficient",
+             "converged, but the measurements do not determine all parameters");
+  s.measured.observations[10].position.x() = 1e200;  // finite, its square is not
+  expect_end(identify_jointly(s.model, s.measured, start, free), Termination::diverged, "diverged",
+             "the misfit is no longer finite");
+}
+
+/// A robot whose one true error is of that size, and a fit that begins there.
+void expect_fit_from_truth(Measured& s, const std::string& name, double error, const std::string& ran_away) {
+  s.robot.truth.errors.setZero();
+  s.robot.truth.errors[static_cast<Eigen::Index>(parameter_index(s.model, name))] = error;
+  s.measured = testing::without_sigmas(s.measure(s.measured.joint_values));
+  const Identification fit = identify_jointly(s.model, s.measured, s.robot.truth, irreducible(s));
+  EXPECT_EQ(fit.termination, ran_away.empty() ? Termination::converged : Termination::diverged)
+      << error << ", " << fit.message;
+  if (ran_away.empty()) {
+    EXPECT_THAT(fit.message, ::testing::Not(::testing::HasSubstr("ran away")));
+  } else {
+    EXPECT_EQ(fit.message, "the fit ran away: " + ran_away);
+  }
+}
+
+TEST(Terminations, AnAngleOfMoreThanARadianHasRunAway) {
+  Measured s = at_limits(0.0);
+  expect_fit_from_truth(s, "dq3", 0.97, "");
+  expect_fit_from_truth(s, "dq3", 1.03, "an angle is off by more than a radian");
+}
+
+TEST(Terminations, ALengthOfMoreThanHalfTheArmHasRunAway) {
+  Measured s = at_limits(0.0);
+  double arm = s.model.tip_origin.p.Norm();  // [m]
+  for (const MovingJoint& joint : s.model.joints) {
+    arm += joint.origin.p.Norm();
+  }
+  expect_fit_from_truth(s, "Tz2", -0.48 * arm, "");
+  expect_fit_from_truth(s, "Tz2", -0.52 * arm, "a length is off by more than half the arm");
+}
+
+TEST(Terminations, PointsInFeetRunAway) {
+  Measured s = at_limits(3e-5);
+  for (Observation& observation : s.measured.observations) {
+    observation.position /= 0.3048;
+  }
+  const Identification fit = identify_jointly(s.model, s.measured, nominal_start(s.model, s.measured), irreducible(s));
+  EXPECT_EQ(fit.termination, Termination::diverged) << fit.message;
+  EXPECT_EQ(fit.message, "the fit ran away: a length is off by more than half the arm");
+}
+
+TEST(Terminations, SayHowTheTwoStepsEnded) {
+  const Measured s = at_limits(3e-5);
+  const Estimate start = nominal_start(s.model, s.measured);
+  const std::vector<std::size_t> geometric = irreducible(s).geometric();
+  const auto same = [&](int) { return s.measured; };
+  expect_end(identify_in_two_steps(s.model, same, start, geometric, {.rounds = 1000}), Termination::converged,
+             "converged", "the last round moved the predicted points by less than the tolerance");
+  expect_end(identify_in_two_steps(s.model, same, start, geometric, {.rounds = 3}), Termination::iteration_limit,
+             "iteration_limit", "still moving after 3 rounds");
+  Measurements broken = s.measured;
+  broken.observations[0].position.x() = 1e200;
+  expect_end(identify_in_two_steps(
+                 s.model, [&](int) { return broken; }, start, geometric),
+             Termination::diverged, "diverged", "the misfit is no longer finite");
 }
 
 }  // namespace
