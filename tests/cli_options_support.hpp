@@ -3,7 +3,7 @@
 // Options of kdlcal have effects.
 //
 // How to add a test of an option: add one row to the table of its subcommand (model_options(), fk_options() ... in
-// cli_options_test.cpp, cli_simulate_options_test.cpp, cli_calibrate_options_test.cpp, cli_plan_options_test.cpp). A
+// fk_test.cpp, validate_test.cpp, simulate_test.cpp, calibrate_test.cpp, plan_test.cpp). A
 // row is the behaviour (the test's name), the option as it stands on the command line and a check, which gets what the
 // subcommand did without the option and with it, and says what must differ and what must not. `base` holds further
 // words where the option needs company; what they give without the option is made once for all rows, which is why all

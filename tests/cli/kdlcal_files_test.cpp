@@ -10,7 +10,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "mistakes_support.hpp"
 
-namespace kdl_calibration::testing::cli_files_test {
+namespace kdl_calibration::testing::kdlcal_files_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -299,4 +299,4 @@ TEST_F(Files, ValidateDoubtsDegreesReadAsRadians) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_files_test
+}  // namespace kdl_calibration::testing::kdlcal_files_test

@@ -5,7 +5,7 @@
 #include "report_page_support.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing::cli_report_test {
+namespace kdl_calibration::testing::report_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -237,19 +237,5 @@ TEST_F(PageOfKdlcal, OfMonteCarloRunsHasTheirErrorsAndThePrediction) {
   expect_refused({"simulate", "--report", "x.html"}, {"--report", "--monte-carlo", "--two-step"});
 }
 
-TEST_F(PageOfKdlcal, OfTheTwoStepProcedureHasFreshAndRecordedRounds) {
-  const Words words = {"simulate", "--joint-ranges", "published", "--two-step", "6"};
-  Words fresh = words;
-  fresh.insert(fresh.end(), {"--report", "f.html", "--json"});
-  Words recorded = words;
-  recorded.insert(recorded.end(), {"--recorded", "--report", "r.html", "--json"});
-  const Json of_fresh = Json::parse(run(fresh).out);
-  const Json of_recorded = Json::parse(run(recorded).out);
-  EXPECT_EQ(page("f.html")["kind"], "two_step");
-  EXPECT_EQ(page("f.html")["result"], of_fresh);
-  EXPECT_EQ(page("f.html")["other"]["rounds"], of_recorded["rounds"]);
-  EXPECT_EQ(page("r.html")["other"]["rounds"], of_fresh["rounds"]);
-}
-
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_report_test
+}  // namespace kdl_calibration::testing::report_test

@@ -16,7 +16,7 @@
 #include "german_locale.hpp"
 #include "kdl_calibration/random.hpp"
 
-namespace kdl_calibration::testing::cli_robust_test {
+namespace kdl_calibration::testing::kdlcal_robustness_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -236,7 +236,7 @@ TEST_F(Limits, OfFileSizesAreStated) {
   }
   refuse({"validate", "--measurements", "huge"}, "huge: larger than the limit of 16 GiB");
   refuse({"simulate", "--plan", "huge"}, "huge: larger than the limit of 16 GiB");
-  // Of other files with text see cli_limits_test.cpp.
+  // Of other files with text see options_test.cpp.
   refuse({"calibrate", "--measurements", "m.csv", "--known-base", "huge"}, "huge: larger than the limit of 64 MiB");
 }
 
@@ -628,4 +628,4 @@ TEST_F(CommandLine, WritesTheSameBytesUnderADecimalComma) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_robust_test
+}  // namespace kdl_calibration::testing::kdlcal_robustness_test

@@ -1,24 +1,18 @@
-// Each option of simulate changes what it should and nothing else; see cli_options_support.hpp.
+// kdlcal simulate: each option changes what it should and nothing else (see cli_options_support.hpp).
 
 #include <Eigen/Geometry>
 
 #include "cli_options_support.hpp"
-#include "kdl_calibration/drive_signals.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/two_step_trial.hpp"
+#include "printed_text.hpp"
 #include "report_page_support.hpp"
 
-namespace kdl_calibration::testing::cli_simulate_options_test {
+namespace kdl_calibration::testing::simulate_test {
 namespace {
 
-using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 using ::testing::Not;
-using ::testing::UnorderedElementsAre;
 
 Measurements rows_of(const Answer& answer) {
   return parse_measurements(answer.files.at("m.csv"), joint_names(fanuc()));
@@ -184,16 +178,6 @@ std::vector<OptionCase> draw_options() {
                      [](const Effect& effect) {
                        EXPECT_NE(rows_of(effect.with).joint_values, rows_of(effect.without).joint_values);
                      })},
-      {"SeedDrawsOtherRobotsInMonteCarlo",
-       {"--seed", "2"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.json["runs"], 2);
-         EXPECT_NE(effect.with.json["held_out_error"]["all"]["rms"],
-                   effect.without.json["held_out_error"]["all"]["rms"]);
-         EXPECT_EQ(effect.with.json["held_out_error"]["all"]["count"],
-                   effect.without.json["held_out_error"]["all"]["count"]);
-       },
-       {"--monte-carlo", "2", "--targets", "1", "--noise", "1e-5", "--threads", "1", "--json"}},
       {"ThreadsChangeNothing",
        {"--threads", "3"},
        changes_nothing(),
@@ -287,21 +271,6 @@ std::vector<OptionCase> experiment_options() {
                                      expected[i].first * kDegree, 1e-15);
                        }
                      })},
-      {"JointRangesOfASlideAreInMillimetres",
-       {"--joint-ranges", "0:90,-100:250,0:0,0:1,0:1"},
-       truth_changes({"joint_ranges/*/lower", "joint_ranges/*/upper"},
-                     [](const Effect& effect) {
-                       const Json ranges = effect.with.file("t.json")["joint_ranges"];
-                       EXPECT_EQ(ranges[1]["joint"], "slide");
-                       EXPECT_NEAR(ranges[1]["lower"], -0.1, 1e-15);
-                       EXPECT_NEAR(ranges[1]["upper"], 0.25, 1e-15);
-                       const Robot odd = parse_robot(kOddArm);
-                       const Measurements with = parse_measurements(effect.with.files.at("m.csv"), joint_names(odd));
-                       EXPECT_GE(with.joint_values.row(1).minCoeff(), -0.1);
-                       EXPECT_LE(with.joint_values.row(1).maxCoeff(), 0.25);
-                       EXPECT_GT(with.joint_values.row(1).maxCoeff(), 0.1);
-                     }),
-       {"--urdf", "odd.urdf"}},
   };
 }
 
@@ -427,134 +396,40 @@ TEST_P(SimulateOption, HasItsEffectAndNoOther) {
 }
 INSTANTIATE_TEST_SUITE_P(Options, SimulateOption, ::testing::ValuesIn(simulate_options()), behaviour_of);
 
-// ---- Against the library -------------------------------------------------------------------------------------------
+// ---- what is printed -----------------------------------------------------------------------------------------------
 
-class SimulatedByTheLibrary : public CommandLine {
-protected:
-  void expect_parameters(const Json& parameters, const std::vector<std::size_t>& with_errors,
-                         const Eigen::VectorXd& errors, const Reduction& reduction) const {
-    std::set<std::string> gauges;
-    for (const GaugeParameter& gauge : reduction.gauge) {
-      gauges.insert(gauge.name);
-    }
-    ASSERT_EQ(parameters.size(), with_errors.size());
-    for (std::size_t i = 0; i < with_errors.size(); ++i) {
-      const ErrorParameter& parameter = model.parameters[with_errors[i]];
-      const double error = errors[static_cast<Eigen::Index>(with_errors[i])];
-      EXPECT_EQ(parameters[i], (Json{{"name", parameter.name},
-                                     {"joint", parameter.joint},
-                                     {"kind", to_string(parameter.kind)},
-                                     {"axis", std::string(1, parameter.axis)},
-                                     {"nominal", parameter.nominal},
-                                     {"value", parameter.nominal + error},
-                                     {"error", error},
-                                     {"gauge", gauges.count(parameter.name) > 0}}));
-    }
-  }
-
-  ErrorModel model = complete_model(fanuc());
-  std::vector<TargetFrame> targets = published_targets(2);
-  Eigen::MatrixXd draw(int count, Random& random) const {
-    return random_configurations(model.joints, limits_of(model.joints), count, random);
-  }
-};
-
-TEST_F(SimulatedByTheLibrary, IsTheSameRobotWithTheSameMeasurements) {
-  ASSERT_EQ(run({"simulate",    "--urdf",
-                 kFanuc,        "--configurations",
-                 "6",           "--test-configurations",
-                 "3",           "--targets",
-                 "2",           "--repeats",
-                 "2",           "--noise",
-                 "2e-5",        "--poses",
-                 "--order",     "--orientation-noise",
-                 "1e-4",        "--effects",
-                 "torque,gain", "--effect-sigma",
-                 "4e-4",        "--seed",
-                 "9",           "--output",
-                 "m.csv",       "--truth",
-                 "t.json"})
-                .status,
-            0);
-  targets = as_frames(targets);
-  const Reduction reduction = reduced_model(model, targets);
-  const std::vector<std::size_t> with_errors = with_true_errors(model, reduction, false);
-  const ToldByDrives told{.approach = true, .torques = true, .seed = 9};
-  const MeasuringNoise noise{.sigma = 2e-5, .orientation_sigma = 1e-4, .repeats = 2};
-  Random random(9);
-  VirtualRobot robot = virtual_robot(model, with_errors, targets, {}, random);
-  Random of_effects(9, 1);
-  const DrivenConfigurations some = driven_to(model, draw(500, of_effects), {}, told);
-  add_effects(robot, {EffectGroup::gain, EffectGroup::torque}, some, 4e-4, of_effects);
-  const Eigen::MatrixXd train = draw(6, random);
-  Measurements measured = measure(robot, driven_to(model, train, {}, told), noise, random);
-  const Eigen::MatrixXd test = draw(3, random);
-  measured = joined(measured, measure(robot, driven_to(model, test, train, told), noise, random, Split::test));
-  for (std::size_t row = 0; row < measured.observations.size(); ++row) {
-    measured.order.push_back(static_cast<std::int64_t>(row) + 1);
-  }
-  EXPECT_TRUE(text_of("m.csv") == measurements_csv(measured)) << text_of("m.csv");
-
-  const Json truth = json_of("t.json");
-  EXPECT_EQ(truth["effects"], Json::parse(effects_json(robot.model, robot.truth.effects)));
-  EXPECT_EQ(truth["targets"].size(), 2U);
-  EXPECT_EQ(truth["targets"][1]["quaternion_wxyz"].size(), 4U);
-  EXPECT_EQ(truth["urdf"], kFanuc);
-  EXPECT_EQ(truth["base_link"], "base_link");
-  EXPECT_EQ(truth["tip_link"], "flange");
-  EXPECT_EQ(truth["orientation_noise"], 1e-4);
-  expect_parameters(truth["parameters"], with_errors, robot.truth.errors, reduction);
-  for (std::size_t i = 0; i < 6; ++i) {
-    EXPECT_EQ(
-        truth["joint_ranges"][i],
-        (Json{{"joint", model.joints[i].name}, {"lower", *model.joints[i].lower}, {"upper", *model.joints[i].upper}}));
-  }
+TEST_F(OptionsOfKdlcal, SimulateSaysWhatItDrew) {
+  const std::string said =
+      run(words_of("simulate --configurations 40 --test-configurations 7 --targets 2 --noise 4e-5 --length-sigma 0.002 "
+                   "--angle-sigma 0.003 --effects gain --effect-sigma 0.0005 --seed 5 --output m.csv --truth t.json"))
+          .out;
+  EXPECT_EQ(said,
+            "40 configurations to fit and 7 to test, 2 targets, 94 rows\n"
+            "noise 0.0400 mm; 20 true errors, lengths 2.000 mm, angles 0.1719 deg (1 sigma); 6 effects, 0.500 mrad; "
+            "seed 5\n");
+  EXPECT_EQ(json_of("t.json")["parameters"].size(), 20U);
+  EXPECT_EQ(json_of("t.json")["effects"]["terms"].size(), 6U);
+  EXPECT_EQ(run(words_of("simulate --configurations 5 --poses --output p.csv")).out,
+            "5 configurations to fit, 3 poses, 15 rows\n"
+            "noise 0.0000 mm; 20 true errors, lengths 2.500 mm, angles 3.0000 deg (1 sigma); seed 1\n");
 }
 
-TEST_F(SimulatedByTheLibrary, TakesTheSameRoundsOfTheTwoStepProcedure) {
-  const Words command = {"simulate", "--targets", "2", "--noise",        "2e-5",  "--test-configurations",
-                         "15",       "--seed",    "3", "--length-sigma", "0.001", "--angle-sigma",
-                         "0.002"};
-  const Outcome outcome = run(command + Words{"--configurations", "20", "--two-step", "3", "--json"});
-  const Json found = Json::parse(outcome.out);
-  Random random(3);
-  Random elsewhere(3, 1);
-  TwoStepTrial trial{.configurations = [this](Random& numbers) { return draw(20, numbers); },
-                     .noise = {.sigma = 2e-5},
-                     .rounds = 3,
-                     .held_out = draw(15, elsewhere)};
-  trial.robot = virtual_robot(model, with_true_errors(model, reduced_model(model, targets), false), targets,
-                              {.length = 0.001, .angle = 0.002}, random);
-  const TwoStepTrialResult expected = run_two_step_trial(trial, random);
-  EXPECT_EQ(outcome.status, 1) << "three rounds do not settle";
-  EXPECT_EQ(found["seed"], 3);
-  ASSERT_EQ(found["rounds"].size(), 3U);
-  for (std::size_t i = 0; i < 3; ++i) {
-    EXPECT_EQ(found["rounds"][i]["change"], expected.rounds[i].round.change);
-    EXPECT_EQ(found["rounds"][i]["misfit"], expected.rounds[i].round.misfit);
-    EXPECT_EQ(found["rounds"][i]["held_out"]["rms"], expected.rounds[i].held_out.rms);
+TEST_F(OptionsOfKdlcal, SimulateCountsManyRunsAndShowsTheirErrors) {
+  const Words command = words_of("simulate --monte-carlo 2 --noise 1e-5 --threads 1 --test-configurations 10");
+  const Json errors = run_json(command + Words{"--json"})["held_out_error"];
+  EXPECT_EQ(errors["all"]["count"], 2 * 10 * 3);
+  EXPECT_EQ(errors["mean_of_run"]["count"], 2);
+  EXPECT_EQ(errors["max_of_run"]["max"], errors["all"]["max"]);
+  const std::string table = run(command).out;
+  EXPECT_THAT(table, ::testing::StartsWith("2 runs, 0 of them not to be trusted\nheld-out error [mm]"));
+  for (const auto& [label, key] : {std::pair{"all points", "all"}, std::pair{"mean of a run", "mean_of_run"},
+                                   std::pair{"largest of a run", "max_of_run"}}) {
+    EXPECT_THAT(squeezed(table),
+                HasSubstr(std::string(label) + " " + decimals(errors[key]["rms"].get<double>() * 1e3, 3) + " "));
   }
-  EXPECT_EQ(found["largest_difference"]["length"], expected.truth.largest_length);
-  const auto heading = [&](const Words& more) {
-    const std::string text = run(command + Words{"--two-step", "1"} + more).out;
-    return text.substr(0, text.find('\n'));
-  };
-  const std::string procedure = "the two-step procedure against a virtual robot: in every round ";
-  const std::string rest = ", 2 targets, noise 0.0200 mm; held out 15 configurations; seed 3";
-  EXPECT_EQ(heading({"--configurations", "20"}), procedure + "20 fresh configurations" + rest);
-  EXPECT_EQ(heading({"--configurations", "20", "--recorded"}), procedure + "the same 20 configurations" + rest);
-  std::string plan = "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n";
-  const Eigen::MatrixXd planned = draw(8, random);
-  for (const auto& q : planned.colwise()) {
-    for (Eigen::Index i = 0; i < 6; ++i) {
-      plan += Json(q[i]).dump() + (i < 5 ? "," : "\n");
-    }
-  }
-  write("plan.csv", plan);
-  EXPECT_EQ(heading({"--plan", "plan.csv"}), procedure + "8 fresh configurations" + rest);
 }
 
 TEST_F(OptionsOfKdlcal, OfSimulateAreAllTested) { expect_a_test_of_every_option("simulate", simulate_options()); }
 
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_simulate_options_test
+}  // namespace kdl_calibration::testing::simulate_test

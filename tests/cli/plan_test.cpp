@@ -1,6 +1,8 @@
-// Each option of plan changes what it should and nothing else; see cli_options_support.hpp.
+// kdlcal plan: each option changes what it should and nothing else (see cli_options_support.hpp), and what a plan does.
 
 #include <Eigen/Geometry>
+#include <array>
+#include <cmath>
 #include <numeric>
 
 #include "cli_options_support.hpp"
@@ -8,9 +10,11 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
+#include "printed_text.hpp"
 #include "report_page_support.hpp"
+#include "support.hpp"
 
-namespace kdl_calibration::testing::cli_plan_options_test {
+namespace kdl_calibration::testing::plan_test::options {
 namespace {
 
 using ::testing::HasSubstr;
@@ -202,21 +206,6 @@ std::vector<OptionCase> number_options() {
          EXPECT_GT(effect.with.json["sigma"]["plan"]["max"], 3.2e-5);
        },
        {"--accuracy", "0.04"}},
-      {"AccuracyOfNearlyAll",
-       {"--accuracy-of", "p95"},
-       [](const Effect& effect) {
-         EXPECT_GT(effect.without.json["sigma"]["plan"]["p95"], 4e-5);
-         EXPECT_LE(effect.with.json["sigma"]["plan"]["p95"], 4e-5);
-         EXPECT_GT(effect.with.json["sigma"]["plan"]["p95"], 3.2e-5);
-       },
-       {"--accuracy", "0.04"}},
-      {"AccuracyOfNearlyAllIsNotThatOfTheWorst",
-       {"--accuracy-of", "p95"},
-       [](const Effect& effect) {
-         EXPECT_LE(effect.with.json["sigma"]["plan"]["p95"], 4e-5);
-         EXPECT_GT(effect.with.json["sigma"]["plan"]["max"], 4e-5);
-       },
-       {"--accuracy", "0.04"}},
       {"CandidatesAreChosenFrom",
        {"--candidates", "500"},
        [](const Effect& effect) {
@@ -333,9 +322,6 @@ std::vector<OptionCase> cell_options() {
   return {
       {"JointRangeIsInDegrees", {"--joint-range", "joint_1=-20:30"}, stays(first, -20.0, 30.0)},
       {"JointRangeOfASumIsRefusedOutside", {"--joint-range", "joint_2+joint_3=-70:40"}, stays(sum, -70.0, 40.0)},
-      {"JointRangeOfADifferenceIsRefusedOutside",
-       {"--joint-range", "joint_2-joint_3=-140:50"},
-       stays((Eigen::RowVectorXd::Unit(3, 1) - Eigen::RowVectorXd::Unit(3, 2)) / kDegree, -140.0, 50.0)},
       {"JointRangeOfASlideIsInMillimetres",
        {"--joint-range", "slide=-100:250"},
        stays(Eigen::RowVectorXd::Unit(5, 1), -0.1, 0.25),
@@ -399,8 +385,6 @@ std::vector<OptionCase> cell_options() {
 // NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> robot_options() {
   const Eigen::VectorXd home = Eigen::Vector3d(90.0, 30.0, -20.0) * kDegree;
-  Eigen::VectorXd odd_home(5);
-  odd_home << 60.0 * kDegree, 0.4, 0.5 * kDegree, 10.0 * kDegree, -20.0 * kDegree;
   return {
       {"UrdfIsTheRobot",
        {"--urdf", "odd.urdf"},
@@ -428,10 +412,6 @@ std::vector<OptionCase> robot_options() {
        [](const Effect& effect) { EXPECT_EQ(chosen(effect.with).rows(), 4); },
        {"--urdf", "odd.urdf"}},
       {"HomeIsWhereTheWayStarts", {"--home", "90,30,-20"}, starts_at(arm(), home)},
-      {"HomeOfASlideIsInMillimetres",
-       {"--home", "60,400,0.5,10,-20"},
-       starts_at(parse_robot(kOddArm), odd_home),
-       {"--urdf", "odd.urdf"}},
       {"JointConventionIsThatOfFiles",
        {"--joint-convention", "coupled.json"},
        [](const Effect& effect) {
@@ -548,4 +528,181 @@ TEST_F(OptionsOfKdlcal, OfPlanAreAllTested) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_plan_options_test
+}  // namespace kdl_calibration::testing::plan_test::options
+
+namespace kdl_calibration::testing::plan_test::commands {
+namespace {
+
+using ::testing::HasSubstr;
+
+class PlanCommand : public CommandLine {
+protected:
+  const std::vector<std::string> quick = {"plan", "--candidates", "100", "--workspace", "50", "--starts", "2"};
+
+  std::vector<std::string> with(std::vector<std::string> more) const {
+    std::vector<std::string> arguments = quick;
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+};
+
+TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
+  const std::string convention = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_pendant.json";
+  const Outcome plan = run(
+      with({"--configurations", "20", "--least-height", "0.2", "--least-radius", "0.7", "--joint-range", "J3=-80:90",
+            "--joint-range", "joint_5=-100:100", "--joint-convention", convention, "--output", "plan.csv"}));
+  ASSERT_EQ(plan.status, 0) << plan.err;
+  EXPECT_THAT(plan.out, HasSubstr(" exchanges"));
+  EXPECT_THAT(plan.out, HasSubstr("range of J3 removes "));
+  EXPECT_THAT(plan.out, HasSubstr("the least that any plan could promise"));
+  EXPECT_THAT(text_of("plan.csv"), HasSubstr("configuration,target,J1[deg],J2[deg]"));
+  EXPECT_THAT(text_of("plan.csv"), HasSubstr("home pose"));
+  expect_refused({"calibrate", "--measurements", "plan.csv", "--joint-convention", convention},
+                 {"plan.csv:4: x[m]", "empty"});
+
+  // Drive the plan on a virtual robot, and calibrate it.
+  const Outcome simulated = run({"simulate", "--plan", "plan.csv", "--joint-convention", convention, "--noise", "3e-5",
+                                 "--test-configurations", "20", "--output", "m.csv"});
+  ASSERT_EQ(simulated.status, 0) << simulated.err;
+  EXPECT_THAT(simulated.out, HasSubstr("20 configurations to fit"));
+  const Outcome calibrated = run({"calibrate", "--measurements", "m.csv", "--result", "result.json"});
+  ASSERT_EQ(calibrated.status, 0) << calibrated.err;
+  EXPECT_LT(json_of("result.json")["position_error"]["test"]["after"]["mean"].get<double>(), 1e-4);
+
+  // And plan what to measure on top of that.
+  const nlohmann::json added = run_json(with({"--measured", "m.csv", "--add", "5", "--noise", "3e-5", "--json"}));
+  ASSERT_EQ(added["configurations"].size(), 5U);
+  EXPECT_TRUE(added["sigma"]["floor"].is_null());
+  EXPECT_EQ(added["configurations"][0]["configuration"], "41");
+}
+
+// What a result knows is what the measurements that it came from tell, up to the 3 degrees between the
+// geometries at which they are linearised.
+TEST_F(PlanCommand, PlansOnTopOfAResultAsOnTopOfItsMeasurements) {
+  ASSERT_EQ(run({"simulate", "--configurations", "15", "--noise", "3e-5", "--output", "m.csv"}).status, 0);
+  const Outcome calibrated =
+      run({"calibrate", "--measurements", "m.csv", "--noise-independent", "3e-5", "--result", "result.json"});
+  ASSERT_EQ(calibrated.status, 0) << calibrated.err;
+  const auto planned_on = [&](const std::string& option, const std::string& file) {
+    return run_json({"plan", "--candidates", "80", "--workspace", "30", "--starts", "2", option, file, "--add", "5",
+                     "--noise", "3e-5", "--json"});
+  };
+  const nlohmann::json on_measured = planned_on("--measured", "m.csv");
+  const nlohmann::json on_result = planned_on("--result", "result.json");
+  EXPECT_EQ(on_result["parameters"], 33);
+  EXPECT_EQ(on_result["configurations"].size(), 5U);
+  EXPECT_TRUE(on_result["sigma"]["floor"].is_null());
+  for (const char* figure : {"mean", "p95", "max"}) {
+    const double measured = on_measured["sigma"]["plan"][figure];
+    EXPECT_NEAR(on_result["sigma"]["plan"][figure].get<double>() / measured, 1.0, 0.05) << figure;
+    const double random = on_measured["sigma"]["random"][figure];
+    EXPECT_NEAR(on_result["sigma"]["random"][figure].get<double>() / random, 1.0, 0.05) << figure;
+  }
+  expect_refused(with({"--measured", "m.csv", "--result", "result.json"}),
+                 {"--result", "--measured", "one of the two"});
+  expect_refused(with({"--result", "result.json", "--monte-carlo", "2"}), {"--monte-carlo", "--measured FILE"});
+}
+
+TEST_F(PlanCommand, ReportsInJson) {
+  const nlohmann::json plan = run_json(with({"--json", "--criterion", "I", "--monte-carlo", "3"}));
+  EXPECT_EQ(plan["criterion"], "I");
+  EXPECT_EQ(plan["parameters"], 33);
+  EXPECT_EQ(plan["configurations"].size(), 30U);
+  EXPECT_EQ(plan["configurations"][0]["joints"].size(), 6U);
+  EXPECT_GT(plan["exchanges"], 0);
+  EXPECT_GT(plan["d_efficiency"], 0.5);
+  for (const char* index : {"O1", "O2", "O3", "O4", "O5"}) {
+    EXPECT_GT(plan["observability"][index], 0.0) << index;
+  }
+  const auto& sigma = plan["sigma"];
+  EXPECT_NEAR(sigma["floor"].get<double>(), 3e-5 * std::sqrt(33.0 / 90.0), 1e-12);
+  EXPECT_GE(sigma["plan"]["worst_configuration_rms"], sigma["floor"]);
+  EXPECT_LT(sigma["plan"]["mean"], sigma["random"]["mean"]);
+  EXPECT_EQ(plan["monte_carlo"]["runs"], 3);
+}
+
+TEST_F(PlanCommand, PlansForATrackersOwnNoise) {
+  const std::vector<std::string> tracker = {"--noise-tracker", "1e-5,0,3e-5,8e-6", "--tracker", "4,1,0.5"};
+  std::vector<std::string> arguments =
+      with({"--configurations", "16", "--configuration-noise", "2e-5", "--monte-carlo", "10", "--json"});
+  arguments.insert(arguments.end(), tracker.begin(), tracker.end());
+  const nlohmann::json plan = run_json(arguments);
+  EXPECT_TRUE(plan["sigma"]["floor"].is_null());
+  const double promised = plan["sigma"]["plan"]["mean"];
+  const double tried = plan["monte_carlo"]["rms_of_point_mean"];
+  EXPECT_NEAR(tried / promised, 1.0, 0.1);  // 10 runs of 33 parameters: 6 %
+  EXPECT_EQ(plan["monte_carlo"]["not_trusted"], 0);
+  expect_refused(with({"--noise-tracker", "1e-5,0,3e-5,8e-6"}), {"--noise-tracker", "--tracker x,y,z"});
+  expect_refused(with({"--noise-tracker", "1e-5,0", "--tracker", "4,1,0.5"}), {"--noise-tracker", "expected 4"});
+}
+
+TEST_F(PlanCommand, TakesACellATrackerAndFacingTargets) {
+  write("targets.json", R"({"targets": [{"name": "A", "position": [0.1, 0.2, 0], "facing": [0, 1, 0]},
+      {"name": "B", "position": [-0.05, 0.2, 0.0866], "facing": [0, 1, 0]}, {"name": "C", "position": [0, 0.2, -0.1]}]})");
+  const nlohmann::json plan = run_json(
+      with(words_of("--json --configurations 10 --target-file targets.json --tracker 4,2,1 --acceptance-angle 60 "
+                    "--distance-range 1:6 --box -3,-3,0,3,3,3 --keep-out-sphere 2,2,0,0.5 --keep-out-sphere -2,0,0,0.5 "
+                    "--keep-out-box -3,-3,0,-1,-1,1 --clearance 0.05 --tool-radius 0.02 --home 0,0,0,0,-90,0")));
+  std::vector<std::string> names;
+  for (const auto& entry : plan["candidates"]["refused"]) {
+    names.push_back(entry["constraint"]);
+    EXPECT_GT(entry["samples"], 0) << names.back();
+  }
+  EXPECT_THAT(names, ::testing::ElementsAre("workspace box", "keep-out sphere 1", "keep-out sphere 2", "keep-out box 1",
+                                            "clearance 50 mm", "distance from the tracker", "acceptance angle 60 deg",
+                                            "line of sight"));
+}
+
+TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
+  write(kArm, arm().urdf);
+  expect_refused(with({"--urdf", kArm, "--accuracy", "0.001", "--configurations", "12"}),
+                 {"accuracy cannot be reached", "12 config"});
+  expect_refused(with({"--configurations", "3"}), {"expected at least 4 configurations"});
+  expect_refused(with({"--least-height", "9", "--output", "plan.csv"}),
+                 {"the constraints leave 0 of", "least height 9000 mm removes"});
+  expect_refused(with({"--joint-range", "joint_9=0:1"}), {"--joint-range", "joint_9=0:1", "expected"});
+  expect_refused(with({"--joint-range", "joint_1=5:1"}), {"--joint-range", "joint_1=5:1"});
+  expect_refused(with({"--joint-range", "joint_2=170:180"}), {"--joint-range", "limits"});
+  expect_refused(with({"--keep-out-sphere", "1,2,3"}), {"--keep-out-sphere", "1,2,3", "x,y,z,radius"});
+  expect_refused(with({"--acceptance-angle", "30"}), {"--acceptance-angle", "--tracker"});
+  expect_refused(with({"--add", "3"}), {"--add", "--measured"});
+  expect_refused(with({"--criterion", "A"}), {"--criterion", "D, G, I"});
+  expect_refused(with({"--noise", "0"}), {"--noise"});
+  expect_refused(with({"--home", "1,2"}), {"--home", "6 joint values"});
+}
+
+// The table and the JSON of the same plan.
+TEST_F(PlanCommand, TheTableShowsTheNumbersOfTheJson) {
+  const auto both = [&](std::vector<std::string> more, bool floor, bool refuses) {
+    const std::string table = run(with(more)).out;
+    more.emplace_back("--json");
+    const nlohmann::json plan = run_json(with(more));
+    for (const char* choice : {"plan", "random"}) {
+      for (const char* figure : {"mean", "p95", "max", "worst_configuration_rms"}) {
+        const nlohmann::json& value = plan["sigma"][choice][figure];
+        EXPECT_THAT(table, HasSubstr(value.is_null() ? "   -" : " " + decimals(value.get<double>() * 1e3, 4)));
+      }
+    }
+    EXPECT_THAT(table, HasSubstr(" " + plan["exchanges"].dump() + " exchanges; seed 1"));
+    EXPECT_THAT(table, HasSubstr(" " + plan["candidates"]["samples"].dump() + " drawn"));
+    EXPECT_THAT(table, HasSubstr("O1 " + decimals(plan["observability"]["O1"], 4)));
+    EXPECT_THAT(table, HasSubstr("at least " + decimals(plan["d_efficiency"], 3) + "\n"));
+    EXPECT_THAT(table, HasSubstr(" " + decimals(plan["travel_seconds"], 0) + " s at full speed"));
+    EXPECT_EQ(table.find("the least that any plan could promise") != std::string::npos, floor);
+    EXPECT_EQ(table.find(" removes ") != std::string::npos, refuses);
+    return table;
+  };
+  const std::string tried = both({"--configurations", "12", "--monte-carlo", "2"}, true, false);
+  EXPECT_THAT(tried, HasSubstr("12 configurations of 100 candidates, D-optimal; 3 targets, 33 parameters, noise 0.0300 "
+                               "mm\n"));
+  EXPECT_THAT(tried, HasSubstr("2 runs, 0 not to be trusted; held-out error [mm] mean 0.0"));
+  EXPECT_THAT(both({"--configurations", "14", "--targets", "2", "--criterion", "I", "--least-height", "0.3",
+                    "--noise-tracker", "1e-5,0,3e-5,8e-6", "--tracker", "4,1,0.5"},
+                   false, true),
+              HasSubstr("I-optimal; 2 targets, 30 parameters, noise of the tracker\n"));
+  // Joint 4 has but two values: random choices of one of them determine nothing.
+  both({"--configurations", "6", "--joint-range", "joint_4=0:0.001"}, true, false);
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing::plan_test::commands

@@ -12,7 +12,7 @@
 #include "refusal.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing::cli_cell_options_test {
+namespace kdl_calibration::testing::cell_options_test {
 namespace {
 
 using cli::CellArguments;
@@ -344,4 +344,4 @@ TEST(CellOptions, OfTheCommandLineFillTheArguments) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_cell_options_test
+}  // namespace kdl_calibration::testing::cell_options_test

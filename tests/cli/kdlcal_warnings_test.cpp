@@ -15,7 +15,7 @@
 #include "printed_text.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration::testing::cli_warnings_test {
+namespace kdl_calibration::testing::kdlcal_warnings_test {
 namespace {
 
 using ::testing::ElementsAreArray;
@@ -79,19 +79,6 @@ TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
   write("serial.csv", controller_csv(measured, kSerial));
   const Outcome outcome = expect({"calibrate", "--measurements", "serial.csv", "--joint-convention", kSerial}, 0, {});
   EXPECT_THAT(outcome.out, ::testing::HasSubstr("joint offsets as the controller counts, for mastering\n  J1  "));
-}
-
-TEST_F(CommandLineWarnings, CalibrateDoubtsAFitThatDidNotConverge) {
-  write("m.csv", measurements_csv(measured));
-  const Arguments command = {"calibrate", "--measurements", "m.csv", "--iterations", "1"};
-  expect(command, 1, {kFoldsDidNot}, {kNotConverged});
-  Arguments with_file = command;
-  with_file.insert(with_file.end(), {"--output", "c.urdf", "--result", "r.json"});
-  expect(with_file, 1, {kFoldsDidNot, kFileDoesNotSaySo}, {kNotConverged});
-  EXPECT_EQ(json_of("r.json")["warnings"].size(), 1U);
-  EXPECT_EQ(json_of("r.json")["trusted"], false);
-  EXPECT_EQ(json_of("r.json")["doubts"][0]["cause"], "not_converged");
-  EXPECT_TRUE(std::filesystem::exists(directory / "c.urdf"));
 }
 
 TEST_F(CommandLineWarnings, CalibrateDoubtsWhatTheMeasurementsDoNotDetermine) {
@@ -393,4 +380,4 @@ TEST_F(CommandLineWarnings, PlanNamesTheLinksThatNothingIsKeptClearOf) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_warnings_test
+}  // namespace kdl_calibration::testing::kdlcal_warnings_test

@@ -1,3 +1,5 @@
+#include "cli/truth_report.hpp"
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -10,9 +12,11 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/two_step_trial.hpp"
+#include "printed_text.hpp"
 #include "support.hpp"
 
-namespace kdl_calibration::testing::cli_publication_test {
+namespace kdl_calibration::testing::truth_report_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -84,32 +88,6 @@ TEST_F(TwoStep, TooFewRoundsAreNotToBeTrusted) {
   EXPECT_EQ(outcome.status, 1);
   EXPECT_THAT(outcome.out, AllOf(HasSubstr("iteration_limit"), HasSubstr("    5  "), HasSubstr("30 fresh"),
                                  HasSubstr("dq6"), HasSubstr("gauge"), HasSubstr("largest difference")));
-}
-
-TEST_F(TwoStep, TheTableShowsEachRoundInMillimetres) {
-  const std::vector<std::string> words = {"simulate", "--joint-ranges", "published", "--two-step", "4"};
-  std::vector<std::string> as_json = words;
-  as_json.emplace_back("--json");
-  const Json found = Json::parse(run(as_json).out);
-  std::istringstream table(run(words).out);
-  std::size_t round = 0;
-  for (std::string line; std::getline(table, line);) {
-    std::istringstream numbers(line);
-    std::array<double, 5> shown{};
-    if (!(numbers >> shown[0] >> shown[1] >> shown[2] >> shown[3] >> shown[4]) ||
-        shown[0] != static_cast<double>(round + 1)) {
-      continue;
-    }
-    ASSERT_LT(round, found["rounds"].size()) << line;
-    const Json& expected = found["rounds"][round++];
-    const Json& held_out = expected["held_out"];
-    const std::array<Json, 4> metres = {expected["change"], expected["misfit"], held_out["rms"], held_out["max"]};
-    for (std::size_t i = 0; i < 4; ++i) {
-      EXPECT_NEAR(shown.at(i + 1), metres.at(i).get<double>() * 1e3, 1e-4 * shown.at(i + 1))
-          << line << ", number " << i;
-    }
-  }
-  EXPECT_EQ(round, 4U) << "rounds in the table";
 }
 
 TEST_F(TwoStep, SettlesWithNoise) {
@@ -487,5 +465,97 @@ TEST_F(MimicCommands, PlanConfigurationsThatTheArmCanTake) {
   EXPECT_EQ(run({"simulate", "--urdf", "p.urdf", "--plan", "plan.csv", "--output", "m.csv"}).status, 0);
 }
 
+// ---- letter by letter ----------------------------------------------------------------------------------------------
+
+struct Compared {
+  ErrorModel model = complete_model(fanuc());
+  Estimate estimate{.X_WB = Eigen::Isometry3d(Eigen::Translation3d(1.0, 2.0, 3.0)),
+                    .targets = targets_at({{0.1, 0.2, 0.3}, {0.4, 0.5, 0.6}})};
+  Estimate truth{.X_WB = Eigen::Isometry3d(Eigen::Translation3d(4.0, 5.0, 6.0)),
+                 .targets = targets_at({{0.11, 0.22, 0.33}, {0.44, 0.55, 0.66}, {7.0, 8.0, 9.0}})};
+  TruthComparison comparison;
+
+  Compared() {
+    std::reverse(truth.targets.begin(), truth.targets.end());
+    comparison.truth_in_gauge = {.X_WB = Eigen::Isometry3d(Eigen::Translation3d(1.5, 2.5, 3.5)),
+                                 .targets = targets_at({{0.12, 0.23, 0.34}, {0.45, 0.57, 0.68}})};
+    comparison.gauge_misfit = 1e-12;
+    comparison.parameters = {
+        {.index = parameter_index(model, "dq2"),
+         .estimated = 1.0 * kDegree,
+         .truth = 2.5 * kDegree,
+         .truth_in_gauge = 1.25 * kDegree},
+        {.index = parameter_index(model, "Tz2"), .estimated = 0.5, .truth = 0.625, .truth_in_gauge = 0.5004},
+        {.index = parameter_index(model, "dq1"),
+         .estimated = 0.25 * kDegree,
+         .truth = 0.5 * kDegree,
+         .truth_in_gauge = 7.0 * kDegree,
+         .gauge = true}};
+    comparison.base_difference << 1e-4, -2e-4, 3e-4, 0.1 * kDegree, 0.2 * kDegree, -0.3 * kDegree;
+    comparison.largest_length = 7e-4;
+    comparison.largest_angle = 0.5 * kDegree;
+  }
+};
+
+TEST(TruthReport, TheTruthStandsBesideTheEstimateInTheTable) {
+  const Compared c;
+  expect_lines(
+      cli::truth_table(c.model, c.estimate, c.comparison),
+      {"estimated true true in gauge difference", "dq2 joint_2 deg 1.000000 2.500000 1.250000 -2.50e-01",
+       "Tz2 joint_3 mm 500.000000 625.000000 500.400000 -4.00e-01", "dq1 joint_1 deg 0.250000 0.500000 7.000000 gauge",
+       "differences along x, y and z", "base, position mm 1.00e-01 -2.00e-01 3.00e-01",
+       "base, orientation deg 1.00e-01 2.00e-01 -3.00e-01", "target A mm -2.00e+01 -3.00e+01 -4.00e+01",
+       "target B mm -5.00e+01 -7.00e+01 -8.00e+01", "largest difference up to the gauge: 7.00e-01 mm and 5.00e-01 deg"},
+      "truth");
+}
+
+TEST(TruthReport, TheTruthStandsBesideTheEstimateInTheJson) {
+  const Compared c;
+  const Json json = cli::truth_json(c.model, c.estimate, c.truth, c.comparison);
+  ASSERT_EQ(json["parameters"].size(), 3U);
+  Json length = json["parameters"][1];
+  EXPECT_NEAR(length["difference"], -4e-4, 1e-15);
+  length.erase("difference");
+  EXPECT_EQ(length, Json::parse(R"({"name": "Tz2", "joint": "joint_3", "kind": "translation", "axis": "z",
+      "nominal": 1.075, "estimated": 0.5, "true": 0.625, "true_in_gauge": 0.5004, "gauge": false})"));
+  EXPECT_TRUE(json["parameters"][2]["difference"].is_null()) << "of the gauge";
+  EXPECT_EQ(json["base"]["estimated"]["position"], (Json{1.0, 2.0, 3.0}));
+  EXPECT_EQ(json["base"]["true"]["position"], (Json{4.0, 5.0, 6.0}));
+  EXPECT_EQ(json["base"]["true_in_gauge"]["position"], (Json{1.5, 2.5, 3.5}));
+  EXPECT_EQ(json["base"]["difference"][1], -2e-4);
+  ASSERT_EQ(json["targets"].size(), 2U);
+  EXPECT_EQ(json["targets"][1]["name"], "B");
+  EXPECT_EQ(json["targets"][1]["estimated"], (Json{0.4, 0.5, 0.6}));
+  EXPECT_EQ(json["targets"][1]["true"], (Json{0.44, 0.55, 0.66})) << "found by its name";
+  EXPECT_NEAR(json["targets"][1]["difference"][1], -0.07, 1e-15);
+  EXPECT_EQ(json["largest_difference"]["length"], 7e-4);
+  EXPECT_EQ(json["comparable"], true);
+}
+
+TEST(TruthReport, TheRoundsOfTheTwoStepProcedureAreListed) {
+  TwoStepTrialResult result;
+  result.identification.termination = Termination::iteration_limit;
+  result.identification.message = "still moving";
+  result.floor = 3e-5;
+  for (const int number : {1, 2}) {
+    const double factor = number == 1 ? 1.0 : 0.5;
+    result.rounds.push_back({.round = {.number = number, .change = 1e-3 * factor, .misfit = 2e-3 * factor},
+                             .held_out = {.count = 7, .rms = 3e-3 * factor, .max = 4e-3 * factor}});
+  }
+  std::vector<std::string> lines = {"round change [mm] misfit [mm] held out, rms max [mm]",
+                                    "1 1.0000e+00 2.0000e+00 3.0000e+00 4.0000e+00",
+                                    "2 5.0000e-01 1.0000e+00 1.5000e+00 2.0000e+00", "iteration_limit: still moving"};
+  expect_lines(cli::rounds_table(result), lines, "rounds");
+  EXPECT_TRUE(cli::rounds_json(result)["convergence_factor"].is_null());
+  EXPECT_EQ(cli::rounds_json(result)["settled"], false);
+  EXPECT_EQ(cli::rounds_json(result)["rounds"][1]["misfit"], 1e-3);
+  result.settled = true;
+  result.factor = 0.65;
+  lines.emplace_back("the last change is what noise alone causes, 3.00e-02 mm a round");
+  lines.emplace_back("each round left 0.650 of the change of the round before");
+  expect_lines(cli::rounds_table(result), lines, "settled");
+  EXPECT_EQ(cli::rounds_json(result)["convergence_factor"], 0.65);
+}
+
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_publication_test
+}  // namespace kdl_calibration::testing::truth_report_test

@@ -1,36 +1,23 @@
-// Each option of model, fk, jacobian and validate changes what it should and nothing else; see cli_options_support.hpp.
+// kdlcal model, fk and jacobian: each option changes what it should and nothing else (see cli_options_support.hpp), and
+// what they print.
 
 #include <Eigen/Geometry>
+#include <array>
+#include <cmath>
+#include <kdl/chainfksolverpos_recursive.hpp>
+#include <kdl/chainjnttojacsolver.hpp>
 #include <kdl/frames.hpp>
 
 #include "cli_options_support.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/registration.hpp"
-#include "kdl_calibration/validation.hpp"
-#include "report_page_support.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "printed_text.hpp"
 
-namespace kdl_calibration::testing::cli_options_test {
+namespace kdl_calibration::testing::fk_test {
 namespace {
 
-using ::testing::AllOf;
 using ::testing::Contains;
-using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
-
-TEST_F(OptionsOfKdlcal, EverySubcommandHasATable) {
-  std::istringstream help(run({"--help"}).out);
-  std::vector<std::string> names;
-  bool subcommands = false;
-  for (std::string line; std::getline(help, line);) {
-    subcommands = subcommands || line.rfind("Subcommands:", 0) == 0;
-    if (subcommands && line.rfind("  ", 0) == 0 && line[2] != ' ') {
-      names.push_back(line.substr(2, line.find(' ', 2) - 2));
-    }
-  }
-  EXPECT_THAT(names, ElementsAre("model", "fk", "jacobian", "simulate", "calibrate", "validate", "plan",
-                                 "report"));  // of which cli_report_test tells
-}
 
 // ---- model ---------------------------------------------------------------------------------------------------------
 
@@ -141,7 +128,6 @@ Check is_at(const KDL::Chain& chain, const Eigen::VectorXd& q) {
 
 std::vector<OptionCase> arm_options() {
   const Eigen::VectorXd q = at({0.3, -0.2, 0.5, 1.0, -1.0});
-  const Words with_result = kAtJoints + Words{"--result", "r.json"};
   const Words degrees = {"--urdf", "plinth.urdf", "--joints", "30,-0.2,50,60,-70"};
   const Words controller = {"--urdf", "plinth.urdf", "--joints", "0.2,0.3,0.5,1,-0.5"};
   const Words controller_degrees = {"--urdf", "plinth.urdf", "--joints", "0.2,30,50,60,-30", "--degrees"};
@@ -156,8 +142,6 @@ std::vector<OptionCase> arm_options() {
        {"--joints", "0.3,-0.2,0.5,1,-1,2"}},
       {"BaseIsTheFirstLink", {"--base", "world"}, is_at(arm("world", "tool", false), q), kAtJoints},
       {"TipIsTheLastLink", {"--tip", "e"}, is_at(arm("floor", "e", false), q), kAtJoints},
-      {"BaseIsThatOfTheResultToo", {"--base", "world"}, is_at(arm("world", "tool", true), q), with_result},
-      {"TipIsThatOfTheResultToo", {"--tip", "e"}, is_at(arm("floor", "e", true), q), with_result},
       {"ResultCorrectsTheGeometry", {"--result", "r.json"}, is_at(arm("floor", "tool", true), q), kAtJoints},
       {"JointsAreWhereTheArmIs",
        {"--joints", "0.3,-0.2,0.5,1,-1"},
@@ -226,13 +210,13 @@ INSTANTIATE_TEST_SUITE_P(Options, JacobianOption, ::testing::ValuesIn(arm_option
 
 // ---- jacobian --identification -------------------------------------------------------------------------------------
 
-long lines_of(const std::string& text) { return std::count(text.begin(), text.end(), '\n'); }
+long count_lines(const std::string& text) { return std::count(text.begin(), text.end(), '\n'); }
 
 /// The matrices have a row for each of so many configurations, targets and axes behind the header.
 Check has_matrices_of(long without, long with) {
   return [=](const Effect& effect) {
-    EXPECT_EQ(lines_of(effect.without.outcome.out), 1 + 3 * without) << effect.without.outcome.err;
-    EXPECT_EQ(lines_of(effect.with.outcome.out), 1 + 3 * with) << effect.with.outcome.err;
+    EXPECT_EQ(count_lines(effect.without.outcome.out), 1 + 3 * without) << effect.without.outcome.err;
+    EXPECT_EQ(count_lines(effect.with.outcome.out), 1 + 3 * with) << effect.with.outcome.err;
     EXPECT_EQ(effect.with.outcome.status, 0);
     EXPECT_TRUE(effect.with.files.empty());
   };
@@ -245,7 +229,7 @@ std::vector<OptionCase> identification_options() {
     return [column](const Effect& effect) {
       EXPECT_THAT(effect.with.outcome.out, HasSubstr("," + column + "["));
       EXPECT_THAT(effect.without.outcome.out, Not(HasSubstr("," + column + "[")));
-      EXPECT_EQ(lines_of(effect.with.outcome.out), 10);
+      EXPECT_EQ(count_lines(effect.with.outcome.out), 10);
     };
   };
   return {
@@ -254,7 +238,7 @@ std::vector<OptionCase> identification_options() {
        {"--configuration-file", "plan.csv"},
        [](const Effect& effect) {
          EXPECT_EQ(effect.without.outcome.status, 2);
-         EXPECT_EQ(lines_of(effect.with.outcome.out), 1 + 2 * 3 * 3) << effect.with.outcome.err;
+         EXPECT_EQ(count_lines(effect.with.outcome.out), 1 + 2 * 3 * 3) << effect.with.outcome.err;
        },
        {"--identification"}},
       {"OneTargetHasThreeRows", {"--targets", "1"}, has_matrices_of(3, 1), matrices},
@@ -275,7 +259,7 @@ std::vector<OptionCase> identification_options() {
        {"--force"},
        [](const Effect& effect) {
          EXPECT_EQ(effect.without.outcome.status, 2);
-         EXPECT_EQ(lines_of(effect.with.files.at("old.csv")), 10);
+         EXPECT_EQ(count_lines(effect.with.files.at("old.csv")), 10);
        },
        matrices + Words{"--output", "old.csv"}},
   };
@@ -302,186 +286,120 @@ TEST_F(OptionsOfKdlcal, OfFkAndJacobianAreAllTested) {
   expect_a_test_of_every_option("jacobian", rows);
 }
 
-// ---- validate ------------------------------------------------------------------------------------------------------
+// ---- tables --------------------------------------------------------------------------------------------------------
 
-/// The answer of validate is the registration of m.csv by the library.
-Check is_registered(const std::function<RegistrationOptions(const std::filesystem::path&)>& known) {
-  return [=](const Effect& effect) {
-    EXPECT_NE(effect.with.outcome.out, effect.without.outcome.out);
-    const ErrorModel model = complete_model(load_robot(kFanuc));
-    const Measurements measurements = read_measurements(effect.directory / "m.csv", joint_names(fanuc()));
-    const Eigen::VectorXd none = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-    const Registration registration = register_base_and_targets(
-        flange_poses(folded(model, none), measurements.joint_values), measurements, known(effect.directory));
-    const Estimate estimate{.errors = none, .X_WB = registration.X_WB, .targets = registration.targets, .effects = {}};
-    const auto rms = [&](Rows rows) {
-      return error_statistics(position_errors(model, estimate, measurements, rows)).rms;
-    };
-    const Json& found = effect.with.json["position_error"];
-    EXPECT_NEAR(found["train"]["rms"], rms(Rows::train), 1e-12);
-    EXPECT_NEAR(found["test"]["rms"], rms(Rows::test), 1e-12);
-    EXPECT_NEAR(found["all"]["rms"], rms(Rows::all), 1e-12);
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const auto i = static_cast<Eigen::Index>(axis);
-      EXPECT_NEAR(effect.with.json["base"]["position"][axis], registration.X_WB.translation()[i], 1e-12);
-      EXPECT_NEAR(effect.with.json["targets"][1]["position"][axis], registration.targets[1].X_FT.translation()[i],
-                  1e-12);
+TEST_F(OptionsOfKdlcal, ModelListsWhatIsKeptTheGaugeAndWhatReplacesTheRest) {
+  const std::vector<std::string> lines = testing::lines_of(run({"model"}).out);
+  ASSERT_GT(lines.size(), 9U);
+  EXPECT_EQ(lines[0], "fanuc_r2000ic_165f: base_link to flange, 6 joints, 3 measured points on the tool");
+  EXPECT_THAT(lines[1], ::testing::MatchesRegex("complete model, [0-9]+ geometric parameters:"));
+  const auto words = [](const std::string& line) { return words_of(line).size(); };
+  EXPECT_EQ(std::stoul(lines[1].substr(lines[1].find(", ") + 2)), words(lines[2]));
+  EXPECT_THAT(lines[3], ::testing::MatchesRegex("irreducible model, rank 33 of [0-9]+ candidates:"));
+  EXPECT_EQ(words(lines[4]), 33U);
+  EXPECT_EQ(lines[5], "gauge, held at zero:");
+  EXPECT_EQ(lines[6], "  dq1     tied to base.Rz");
+  EXPECT_THAT(lines[7], ::testing::StartsWith("  dq6     tied to "));
+  EXPECT_EQ(lines[8], "dropped, replaced to first order by:");
+  EXPECT_THAT(lines, Contains(::testing::StartsWith("  Rx1     1.000 dq2")));
+}
+
+TEST_F(OptionsOfKdlcal, ModelNamesTheJointsThatFollowOthers) {
+  std::string urdf = kOddArm;
+  for (const auto& [joint, mimic] :
+       {std::pair<std::string, std::string>{"skew", R"(joint="turn")"},
+        std::pair<std::string, std::string>{"wrist", R"(joint="elbow" multiplier="-0.5" offset="0.25")"}}) {
+    urdf.insert(urdf.find("</joint>", urdf.find("<joint name=\"" + joint)), "<mimic " + mimic + "/>");
+  }
+  write("odd.urdf", urdf);
+  EXPECT_EQ(lines_of(run({"model", "--urdf", "odd.urdf"}).out).at(0),
+            "odd: world to tool, 5 joints (skew = 1.0 turn + 0.0, wrist = -0.5 elbow + 0.25), 3 measured points on the "
+            "tool");
+}
+
+/// Position in millimetres, then roll, pitch and yaw in degrees: R = Rz(yaw) Ry(pitch) Rx(roll).
+std::string pose_line(const std::string& name, const KDL::Frame& X) {
+  const KDL::Rotation& R = X.M;
+  std::string text = name;
+  for (int i = 0; i < 3; ++i) {
+    text += " " + decimals(X.p[i] * 1e3, 4);
+  }
+  for (const double angle : {std::atan2(R(2, 1), R(2, 2)), std::atan2(-R(2, 0), std::hypot(R(0, 0), R(1, 0))),
+                             std::atan2(R(1, 0), R(0, 0))}) {
+    text += " " + decimals(angle / kDegree, 5);
+  }
+  return text;
+}
+
+TEST_F(OptionsOfKdlcal, FkShowsMillimetresAndDegreesOfEveryFrame) {
+  write("odd.urdf", kOddArm);
+  const Robot robot = parse_robot(kOddArm);
+  KDL::ChainFkSolverPos_recursive solver(robot.chain);
+  KDL::JntArray q(5);
+  q.data << 0.7, 0.25, -1.1, 0.9, -0.4;
+  const std::string heading = "in world x[mm] y[mm] z[mm] roll[deg] pitch[deg] yaw[deg]";
+  std::vector<std::string> lines = {heading};
+  for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
+    KDL::Frame frame;
+    solver.JntToCart(q, frame, static_cast<int>(s) + 1);
+    lines.push_back(pose_line(robot.chain.getSegment(s).getName(), frame));
+  }
+  const Words fk = {"fk", "--urdf", "odd.urdf", "--joints", "0.7,0.25,-1.1,0.9,-0.4"};
+  expect_lines(run(fk).out, {heading, lines.back()}, "the tip");
+  const std::string every = run(fk + Words{"--frames"}).out;
+  expect_lines(every, lines, "every frame");
+  const std::vector<std::string> printed_lines = testing::lines_of(every);
+  for (const std::string& line : printed_lines) {
+    EXPECT_EQ(word_ends(line, 6), word_ends(printed_lines.front(), 6)) << every;
+  }
+}
+
+TEST_F(OptionsOfKdlcal, JacobianShowsARowForEachVelocityAndAColumnForEachJoint) {
+  write("odd.urdf", kOddArm);
+  const Robot robot = parse_robot(kOddArm);
+  KDL::JntArray q(5);
+  q.data << 0.7, 0.25, -1.1, 0.9, -0.4;
+  KDL::Jacobian J(5);
+  KDL::ChainJntToJacSolver(robot.chain).JntToJac(q, J);
+  std::vector<std::string> expected = {"tool in world, per rad (or m) of each joint; m/rad above, rad/rad below",
+                                       "turn slide skew elbow wrist"};
+  for (unsigned r = 0; r < 6; ++r) {
+    expected.emplace_back(std::array{"v_x", "v_y", "v_z", "omega_x", "omega_y", "omega_z"}.at(r));
+    for (unsigned c = 0; c < 5; ++c) {
+      expected.back() += " " + decimals(J(r, c), 7);
     }
-  };
+  }
+  std::vector<std::string> lines =
+      testing::lines_of(run({"jacobian", "--urdf", "odd.urdf", "--joints", "0.7,0.25,-1.1,0.9,-0.4"}).out);
+  ASSERT_EQ(lines.size(), 9U);
+  EXPECT_THAT(lines.back(), ::testing::StartsWith("largest difference between KDL's solver, matrix derivatives and"));
+  lines.pop_back();
+  for (std::string& line : lines) {
+    line = squeezed(line);
+  }
+  EXPECT_EQ(lines, expected);
 }
 
-Eigen::Isometry3d known_base() {
-  return Eigen::Translation3d(2.001, 1.0, 0.502) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8);
+TEST_F(OptionsOfKdlcal, NothingIsPrintedAsMinusZero) {
+  run({"simulate", "--configurations", "12", "--output", "m.csv"});
+  const std::string calibrated = run({"calibrate", "--measurements", "m.csv", "--effects", "none"}).out;
+  const std::string out = run({"fk", "--joints", "0,0,0,0,0,0", "--frames"}).out +
+                          run({"fk", "--joints=-1e-12,-1e-12,-1e-12,-1e-12,-1e-12,-1e-12", "--frames"}).out +
+                          run({"jacobian", "--joints", "0,0,0,0,0,0"}).out + calibrated;
+  EXPECT_NE(out.find(" 0.0000 "), std::string::npos) << out;
+  EXPECT_NE(out.find(" 0.0000000"), std::string::npos) << out;
+  for (const char* zero : {"-0.0000 ", "-0.00000 ", "-0.00000\n", "-0.0000000"}) {
+    EXPECT_EQ(out.find(zero), std::string::npos) << out;
+  }
 }
 
-// NOLINTNEXTLINE(readability-function-size): a table
-std::vector<OptionCase> validate_options() {
-  const auto rms = [](const Answer& run) { return run.json["position_error"]["train"]["rms"].get<double>(); };
-  const auto position = [](const Json& frame) {
-    return Eigen::Vector3d(frame["position"][0], frame["position"][1], frame["position"][2]);
-  };
-  const auto as_it_is = [](const std::filesystem::path&) { return RegistrationOptions{}; };
-  const Words measured = {"--measurements", "m.csv"};
-  return {
-      {"UrdfIsTheRobot",
-       {"--urdf", "longer.urdf"},
-       [rms](const Effect& effect) { EXPECT_GT(rms(effect.with), 10.0 * rms(effect.without)); },
-       measured},
-      {"BaseIsTheFirstLink",
-       {"--base", "base_link"},
-       [=](const Effect& effect) {
-         EXPECT_NEAR(rms(effect.with), rms(effect.without), 1e-12);
-         // The foot is 0.3 m below the base.
-         EXPECT_NEAR((position(effect.with.json["base"]) - position(effect.without.json["base"])).norm(), 0.3, 1e-9);
-         EXPECT_EQ(effect.with.json["targets"].size(), 3U);
-       },
-       measured + Words{"--urdf", "foot.urdf"}},
-      {"TipIsTheLastLink",
-       {"--tip", "flange"},
-       [=](const Effect& effect) {
-         EXPECT_NEAR(rms(effect.with), rms(effect.without), 1e-12);
-         for (std::size_t t = 0; t < 3; ++t) {  // the hand is 0.2 m along the flange's y
-           const Eigen::Vector3d moved =
-               position(effect.with.json["targets"][t]) - position(effect.without.json["targets"][t]);
-           EXPECT_LT((moved - Eigen::Vector3d(0.0, 0.2, 0.0)).norm(), 1e-9) << moved.transpose();
-         }
-       },
-       measured + Words{"--urdf", "hand.urdf"}},
-      {"MeasurementsAreRegistered", {"--measurements", "m.csv"}, is_registered(as_it_is)},
-      {"ExcludeLeavesAConfigurationAndAPointOut",
-       {"--exclude", "2,3:B"},
-       [](const Effect& effect) {
-         const auto count = [](const Answer& run) { return run.json["position_error"]["train"]["count"].get<long>(); };
-         EXPECT_EQ(count(effect.with), count(effect.without) - 4);
-       },
-       measured},
-      {"JointConventionReadsTheControllersValues",
-       {"--joint-convention", "coupled.json"},
-       is_registered(as_it_is),
-       {"--measurements", "controller.csv"}},
-      {"KnownBaseIsHeld",
-       {"--known-base", "known.json"},
-       is_registered([](const std::filesystem::path&) {
-         return RegistrationOptions{.known_base = known_base(), .known_targets = {}};
-       }),
-       measured},
-      {"KnownTargetsAreHeldAndOthersFree",
-       {"--known-targets", "known.json"},
-       is_registered([](const std::filesystem::path&) {
-         std::vector<TargetFrame> targets = targets_at({Eigen::Vector3d(0.1, 0.001, 0.0), Eigen::Vector3d(0, 0, 0.1)});
-         return RegistrationOptions{.known_base = std::nullopt, .known_targets = targets};
-       }),
-       measured},
-      {"RequireDecidesTheStatus",
-       {"--require", "train.rms<0"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
-         EXPECT_EQ(effect.without.outcome.status, 0);
-         EXPECT_EQ(effect.with.outcome.status, 1);
-       },
-       measured},
-      {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json(), measured},
-      {"ReportShowsThePositionError",
-       {"--report", "v.html"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
-         const Json page = data_of_page(effect.with.files.at("v.html"));
-         EXPECT_EQ(page["result"]["position_error"], effect.with.json["position_error"]);
-       },
-       measured},
-      {"ForceReplacesAPage",
-       {"--force"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.without.outcome.status, 2);
-         EXPECT_EQ(data_of_page(effect.with.files.at("old.html"))["kind"], "validation");
-       },
-       measured + Words{"--report", "old.html"}},
-  };
-}
-
-std::vector<OptionCase> truth_options() {
-  const Words both = {"--result", "result.json", "--truth", "truth.json"};
-  // Found from noise of 20 µm on nominal geometry: off by about that.
-  const Check compares = [](const Effect& effect) {
-    EXPECT_EQ(effect.without.outcome.status, 2) << "one without the other";
-    EXPECT_EQ(effect.with.json["comparable"], true);
-    EXPECT_GT(effect.with.json["position_error"]["all"]["rms"], 5e-6);
-    EXPECT_LT(effect.with.json["position_error"]["all"]["rms"], 5e-5);
-  };
-  return {{"ResultIsComparedWithTheTruth", {"--result", "result.json"}, compares, {"--truth", "truth.json"}},
-          {"TruthIsWhatTheResultShouldBe", {"--truth", "truth.json"}, compares, {"--result", "result.json"}},
-          {"SeedDrawsOtherConfigurations",
-           {"--seed", "2"},
-           [](const Effect& effect) {
-             EXPECT_EQ(effect.without.json["seed"], 1);
-             EXPECT_EQ(effect.with.json["seed"], 2);
-             const Json& without = effect.without.json["position_error"]["all"];
-             const Json& with = effect.with.json["position_error"]["all"];
-             EXPECT_NE(with["rms"], without["rms"]);
-             EXPECT_NEAR(with["rms"], without["rms"], 0.2 * without["rms"].get<double>());
-           },
-           both}};
-}
-
-class TruthOption : public OptionEffect {};
-
-TEST_P(TruthOption, HasItsEffectAndNoOther) {
-  ASSERT_NO_FATAL_FAILURE(write_once("a result and its truth", [&] {
-    ASSERT_EQ(
-        run({"simulate", "--configurations", "12", "--noise", "2e-5", "--output", "m.csv", "--truth", "truth.json"})
-            .status,
-        0);
-    ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "result.json"}).status, 0);
-  }));
-  check_effect({"validate", "--json"}, GetParam());
-}
-INSTANTIATE_TEST_SUITE_P(Options, TruthOption, ::testing::ValuesIn(truth_options()), behaviour_of);
-
-class ValidateOption : public OptionEffect {};
-
-TEST_P(ValidateOption, HasItsEffectAndNoOther) {
-  const Measurements measured = measured_fanuc({.sigma = 2e-5}, false);
-  write("m.csv", measurements_csv(measured));
-  write("old.html", "old");
-  write("controller.csv", in_controller_joints(measured, kFanucCoupled));
-  write("coupled.json", kFanucCoupled);
-  write("known.json", R"({"base": {"position": [2.001, 1.0, 0.502], "quaternion_wxyz": [0.6, 0, 0, 0.8]},
-    "targets": [{"name": "A", "position": [0.1, 0.001, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})");
-  std::string text = content(kFanuc);
-  write("longer.urdf", std::string(text).replace(text.rfind("0 0 1.075"), 9, "0 0 1.175"));
-  write("foot.urdf", with_foot(text));
-  write("hand.urdf", with_hand(text));
-  const bool json = GetParam().option.front() != "--json";
-  check_effect(json ? Words{"validate", "--json"} : Words{"validate"}, GetParam());
-}
-INSTANTIATE_TEST_SUITE_P(Options, ValidateOption, ::testing::ValuesIn(validate_options()), behaviour_of);
-
-TEST_F(OptionsOfKdlcal, OfValidateAreAllTested) {
-  std::vector<OptionCase> rows = validate_options();
-  const std::vector<OptionCase> more = truth_options();
-  rows.insert(rows.end(), more.begin(), more.end());
-  expect_a_test_of_every_option("validate", rows);
+TEST_F(OptionsOfKdlcal, NumbersOnTheCommandLineMayHaveAPlusSign) {
+  const auto tip = [&](const std::string& joints) { return run({"fk", "--joints", joints}).out; };
+  EXPECT_EQ(tip("+0.1,+0.2,+3e-1,0,0,0"), tip("0.1,0.2,0.3,0,0,0"));
+  for (const char* wrong : {"+-0.1", "++0.1", "+", "0.1x", "nan", "inf", "1e999", "0,1"}) {
+    EXPECT_EQ(run({"fk", "--joints", std::string(wrong) + ",0,0,0,0,0"}).status, 2) << wrong;
+  }
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_options_test
+}  // namespace kdl_calibration::testing::fk_test

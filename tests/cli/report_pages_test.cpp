@@ -11,7 +11,7 @@
 #include "report_page_support.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration::testing::cli_report_pages_test {
+namespace kdl_calibration::testing::report_pages_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -145,4 +145,4 @@ TEST(PagesOfKdlcal, OfAValidationShowRobotMeasurementsAndWhatIsDoubted) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_report_pages_test
+}  // namespace kdl_calibration::testing::report_pages_test

@@ -8,7 +8,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 
-namespace kdl_calibration::testing::cli_conventions_test {
+namespace kdl_calibration::testing::kdlcal_conventions_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -136,28 +136,6 @@ TEST_F(PlannedConventions, HomeIsTheControllers) {
   expect_same_plan({"--home", list_of(controller_of(q) / kDegree)}, {"--home", list_of(q / kDegree)});
 }
 
-TEST_F(PlannedConventions, RangesOfOneJointAreTheControllers) {
-  // q1 = A1 + 0.1, q2 = -A2 - 0.2, q6 = -2 A6 - 0.6
-  expect_same_plan({"--joint-range", "A1=-20:30", "--joint-range", "A2=-20:30", "--joint-range", "A6=-20:30"},
-                   {"--joint-range", range("joint_1", -20.0 + kTenth, 30.0 + kTenth), "--joint-range",
-                    range("joint_2", -30.0 - 2.0 * kTenth, 20.0 - 2.0 * kTenth), "--joint-range",
-                    range("joint_6", -60.0 - 6.0 * kTenth, 40.0 - 6.0 * kTenth)});
-  expect_same_plan({"--joint-range", "A2=:30"},
-                   {"--joint-range", "joint_2=" + text_of_number(-30.0 - 2.0 * kTenth) + ":"});
-}
-
-TEST_F(PlannedConventions, RangesOfCoupledJointsAreSumsOfTheUrdfs) {
-  // A3 = q3 - 0.3 - A2 = q3 + q2 - 0.1
-  // A3 + A2 = q3 - 0.3, a joint by itself
-  // A1 - A2 = q1 + q2 + 0.1
-  // Names of the URDF keep their meaning beside those of the controller.
-  expect_same_plan({"--joint-range", "A3=-70:40", "--joint-range", "A3+A2=-70:40", "--joint-range", "A1-A2=-50:60",
-                    "--joint-range", "joint_1=-20:30"},
-                   {"--joint-range", range("joint_2+joint_3", -70.0 + kTenth, 40.0 + kTenth), "--joint-range",
-                    range("joint_3", -70.0 + 3.0 * kTenth, 40.0 + 3.0 * kTenth), "--joint-range",
-                    range("joint_1+joint_2", -50.0 - kTenth, 60.0 - kTenth), "--joint-range", "joint_1=-20:30"});
-}
-
 TEST_F(PlannedConventions, FilesAreTheControllers) {
   const Measurements tasks = parse_configurations(
       "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0.1,0.2,0.3,0.4,0.5,0.6\n-0.1,0.3,0,0.2,1,-2\n",
@@ -235,11 +213,6 @@ TEST_F(SlideConventions, HomeOfASlideIsInMillimetresWhereverTheControllerCountsI
                    {"--urdf", "odd.urdf", "--home", "30,250,10,20,-20"});
 }
 
-TEST_F(SlideConventions, RangesOfASlideAreInMillimetres) {
-  expect_same_plan({"--urdf", "odd.urdf", "--joint-range", "S=-100:250"},
-                   {"--urdf", "odd.urdf", "--joint-range", "slide=-200:150"});
-}
-
 TEST_F(SlideConventions, TheUnitsOfAPlanFollowTheControllersJoints) {
   ASSERT_EQ(run(kSmallPlan + Words{"--urdf", "odd.urdf", "--output", "plan.csv"} + with).status, 0);
   EXPECT_THAT(text_of("plan.csv"), HasSubstr("S[mm],K[deg],T[deg],E[deg],W[deg]"));
@@ -288,4 +261,4 @@ TEST_F(Conventions, TheRightOneIsNamedWhereAnOffsetHasTheWrongSign) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::testing::cli_conventions_test
+}  // namespace kdl_calibration::testing::kdlcal_conventions_test

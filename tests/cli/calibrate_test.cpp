@@ -1,0 +1,990 @@
+// kdlcal calibrate: each option changes what it should and nothing else (see cli_options_support.hpp), what it reports,
+// and what it writes for others to build on.
+
+#include <Eigen/Dense>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <set>
+#include <sstream>
+
+#include "base/sha256.hpp"
+#include "cli_options_support.hpp"
+#include "cli_support.hpp"
+#include "kdl_calibration/calibrated_arm.hpp"
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/result_json.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "printed_text.hpp"
+#include "report_page_support.hpp"
+#include "support.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration::testing::calibrate_test::options {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+using Set = std::function<void(CalibrationOptions& options)>;
+
+std::string library_result(const std::filesystem::path& directory, const std::string& file,
+                           const CalibrationOptions& options) {
+  const Robot& robot = arm();
+  const Measurements measurements =
+      parse_measurements(CommandLine::content(directory / file), joint_names(robot), nullptr, file);
+  return result_json(robot, measurements, options, calibrate(complete_model(robot), measurements, options));
+}
+
+/// The library does not know which files it was about.
+Json without_provenance(Json result) {
+  result.erase("provenance");
+  return result;
+}
+
+/// The result is the one of the library with this option set, to the last digit, and another one than without it.
+Check is_library(const Set& set, const std::string& file = "m.csv") {
+  return [=](const Effect& effect) {
+    CalibrationOptions options;
+    options.threads = 1;
+    set(options);
+    const Json expected = Json::parse(library_result(effect.directory, file, options));
+    EXPECT_THAT(differences(without_provenance(expected), without_provenance(effect.with.json)), ::testing::IsEmpty());
+    EXPECT_NE(effect.with.json, effect.without.json);
+    EXPECT_TRUE(effect.with.files.empty());
+  };
+}
+
+/// The result differs at least here, and not there.
+Check changes(const std::vector<std::string>& here, const std::vector<std::string>& not_there) {
+  return [=](const Effect& effect) {
+    const std::set<std::string> found = differences(effect.without.json, effect.with.json);
+    for (const std::string& place : here) {
+      EXPECT_EQ(found.count(place), 1U) << place << " did not change, but " << ::testing::PrintToString(found);
+    }
+    for (const std::string& place : found) {
+      for (const std::string& fixed : not_there) {
+        EXPECT_NE(place.rfind(fixed, 0), 0U) << place << " changed";
+      }
+    }
+  };
+}
+
+const Words kOfM = {"--measurements", "m.csv"};
+const Words kNoEffects = {"--effects", "none"};
+const Words kNoPriors = {"--prior", "none"};
+const Words kMeasured = kOfM + kNoEffects + kNoPriors;
+const Words kPoses = Words{"--measurements", "poses.csv"} + kNoEffects + kNoPriors;
+const Words kStated = kMeasured + Words{"--noise-independent", "2e-5"};
+
+Eigen::Isometry3d known_base() {
+  return Eigen::Translation3d(2.001, 1.0, 0.502) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8);
+}
+
+// NOLINTNEXTLINE(readability-function-size): a table
+std::vector<OptionCase> geometry_options() {
+  const auto error_of = [](const Answer& run, const std::string& name) {
+    for (const Json& parameter : run.json["parameters"]) {
+      if (parameter["name"] == name) {
+        return parameter["error"].get<double>();
+      }
+    }
+    return std::numeric_limits<double>::quiet_NaN();
+  };
+  return {
+      {"MethodTwoStepIsTheOther",
+       {"--method", "two-step"},
+       both_checks(is_library([](auto& o) {
+                     o.method = Method::two_step;
+                     o.iterations = 5;
+                   }),
+                   [](const Effect& effect) { EXPECT_EQ(effect.with.json["iterations"], 5); }),
+       kMeasured + Words{"--iterations", "5"}},
+      {"IterationsAreTheLimit",
+       {"--iterations", "2"},
+       both_checks(is_library([](auto& o) { o.iterations = 2; }),
+                   [](const Effect& effect) {
+                     EXPECT_EQ(effect.with.json["iterations"], 2);
+                     EXPECT_EQ(effect.with.json["termination"], "iteration_limit");
+                     EXPECT_EQ(effect.with.outcome.status, 1);
+                     EXPECT_EQ(effect.without.outcome.status, 0);
+                   }),
+       kMeasured},
+      {"ModelCompleteHasEveryParameter",
+       {"--model", "complete"},
+       is_library([](auto& o) { o.model = ModelChoice::complete; }),
+       kMeasured},
+      {"FixHoldsParametersAtZero",
+       {"--fix", "dq2,*2"},
+       both_checks(is_library([](auto& o) {
+                     o.fix = {"dq2", "*2"};
+                   }),
+                   [=](const Effect& effect) {
+                     for (const char* name : {"dq2", "Tz2", "Rz2", "Ry2"}) {
+                       EXPECT_NE(error_of(effect.without, name), 0.0) << name;
+                       EXPECT_FALSE(error_of(effect.with, name) != 0.0 && !std::isnan(error_of(effect.with, name)))
+                           << name;
+                     }
+                     EXPECT_NE(error_of(effect.with, "Ty1"), 0.0);
+                   }),
+       kMeasured},
+      {"FreeAddsParameters", {"--free", "Rx1"}, is_library([](auto& o) { o.free = {"Rx1"}; }), kMeasured},
+      {"PriorLengthIsOfLengths",
+       {"--prior-length", "0.0005"},
+       both_checks(is_library([](auto& o) { o.priors.length = 5e-4; }),
+                   changes({"priors/length"}, {"priors/angle", "input"})),
+       kMeasured},
+      {"PriorAngleIsOfAngles",
+       {"--prior-angle", "0.0007"},
+       both_checks(is_library([](auto& o) { o.priors.angle = 7e-4; }),
+                   changes({"priors/angle"}, {"priors/length", "input"})),
+       kMeasured},
+      {"AutoIsWhatIsDoneWhereNothingIsSaid", {"--prior", "auto", "--effects", "auto"}, changes_nothing(), kOfM},
+      {"NothingSaidIsAllAutomatic",
+       {"--threads", "1"},
+       [](const Effect& effect) {
+         CalibrationOptions options{.automatic_priors = true, .effects = {.groups = {}, .automatic = true}};
+         const Json expected = Json::parse(library_result(effect.directory, "m.csv", options));
+         EXPECT_EQ(without_provenance(expected), without_provenance(effect.with.json));
+       },
+       kOfM},
+      {"EffectsOfAGroup",
+       {"--effects", "gravity"},
+       is_library([](auto& o) { o.effects.groups = {EffectGroup::gravity}; }),
+       kOfM + kNoPriors},
+      {"GravityDirectionIsThatOfTheSag",
+       {"--gravity-direction", "1,2,-2"},
+       both_checks(changes({"effects/gravity_direction/*", "effects/terms"}, {"input", "findings"}),
+                   [](const Effect& effect) {
+                     const Json& direction = effect.with.json["effects"]["gravity_direction"];
+                     for (std::size_t axis = 0; axis < 3; ++axis) {
+                       EXPECT_NEAR(direction[axis], (axis == 0 ? 1.0 : axis == 1 ? 2.0 : -2.0) / 3.0, 1e-15) << axis;
+                     }
+                   }),
+       kOfM + kNoPriors + Words{"--effects", "gravity"}},
+      {"KnownBaseIsHeld",
+       {"--known-base", "known.json"},
+       is_library([](auto& o) { o.known_base = known_base(); }),
+       kMeasured},
+      {"KnownTargetsAreHeldAndOthersFree",
+       {"--known-targets", "known.json"},
+       is_library([](auto& o) {
+         o.known_targets = targets_at({Eigen::Vector3d(0.1, 0.001, 0.0), Eigen::Vector3d(0.0, 0.0, 0.1)});
+       }),
+       kMeasured},
+  };
+}
+
+// NOLINTNEXTLINE(readability-function-size): a table
+std::vector<OptionCase> noise_options() {
+  const auto stated = [](auto& o) { o.noise.independent = Eigen::Vector3d::Constant(2e-5); };
+  return {
+      {"LossHuberWeighsOutliersDown",
+       {"--loss", "huber"},
+       is_library([](auto& o) { o.loss = Loss::huber; }),
+       kMeasured},
+      {"LossIsPlainByItself", {"--loss", "huber"}, is_library([](auto& o) { o.loss = Loss::huber; }), kOfM},
+      {"NoiseEqualIsPlainLeastSquares",
+       {"--noise", "equal"},
+       is_library([](auto& o) { o.weights = Weights::equal; }, "poses.csv"),
+       kPoses},
+      {"NoiseIndependentIsOneSigmaOfEveryAxis",
+       {"--noise-independent", "3e-5"},
+       both_checks(is_library([](auto& o) { o.noise.independent = Eigen::Vector3d::Constant(3e-5); }),
+                   [](const Effect& effect) {
+                     EXPECT_NEAR(effect.with.json["noise"]["independent"][1].get<double>(), 3e-5, 1e-15);
+                   }),
+       kMeasured},
+      {"NoiseIndependentIsOneSigmaForEachAxis",
+       {"--noise-independent", "1e-5,2e-5,4e-5"},
+       both_checks(is_library([](auto& o) {
+                     o.noise.independent = {1e-5, 2e-5, 4e-5};
+                   }),
+                   [](const Effect& effect) {
+                     const Json ratio = effect.with.json["noise"]["independent"];
+                     EXPECT_NEAR(ratio[1].get<double>() / ratio[0].get<double>(), 2.0, 1e-9);
+                     EXPECT_NEAR(ratio[2].get<double>() / ratio[0].get<double>(), 4.0, 1e-9);
+                   }),
+       kMeasured},
+      {"NoiseCommonIsSharedAlongEachAxis",
+       {"--noise-common", "1e-5,2e-5,3e-5"},
+       is_library([=](auto& o) {
+         stated(o);
+         o.noise.common = {1e-5, 2e-5, 3e-5};
+       }),
+       kStated},
+      {"NoiseTrackerIsRangeThenTransverse",
+       {"--noise-tracker", "1e-5,1e-6,2e-5,3e-6"},
+       is_library([](auto& o) {
+         o.noise.tracker =
+             TrackerNoise{.range = 1e-5, .range_per_metre = 1e-6, .transverse = 2e-5, .transverse_per_metre = 3e-6};
+       }),
+       kMeasured},
+      {"OrientationSigmaIsOfMeasuredPoses",
+       {"--orientation-sigma", "3e-4"},
+       is_library(
+           [=](auto& o) {
+             stated(o);
+             o.noise.orientation = 3e-4;
+           },
+           "poses.csv"),
+       kPoses + Words{"--noise-independent", "2e-5"}},
+      {"ExcludeLeavesAConfigurationAndAPointOut",
+       {"--exclude", "2,3:B"},
+       [](const Effect& effect) {
+         const auto count = [](const Answer& run) {
+           return run.json["position_error"]["train"]["after"]["count"].get<long>();
+         };
+         EXPECT_EQ(count(effect.with), count(effect.without) - 8);  // of two repeats
+       },
+       kMeasured},
+      {"LeaveOneOutAddsAPrediction",
+       {"--leave-one-out"},
+       both_checks(
+           is_library([](auto& o) {
+             o.leave_one_out = true;
+             o.k_fold = 3;
+           }),
+           changes({"position_error/leave_one_out", "exported_urdf/position_error/held_out/rms"},
+                   {"parameters", "position_error/train", "position_error/k_fold", "exported_urdf/parameters"})),
+       kMeasured + Words{"--k-fold", "3"}},
+      {"NestedAddsOneWithTheChoicesMadeAnew",
+       {"--nested"},
+       both_checks(is_library([](auto& o) {
+                     o.leave_one_out = true;
+                     o.nested = true;
+                     o.automatic_priors = true;
+                   }),
+                   changes_only({"position_error/nested_leave_one_out"})),
+       kOfM + kNoEffects + Words{"--leave-one-out", "--prior", "auto"}},
+      {"KFoldAddsAPrediction",
+       {"--k-fold", "2"},
+       both_checks(is_library([](auto& o) {
+                     o.leave_one_out = true;
+                     o.k_fold = 2;
+                   }),
+                   changes_only({"position_error/k_fold", "held_out_points/*/configuration",
+                                 "held_out_points/*/residual/*", "held_out_points/*/distance"})),
+       kMeasured + Words{"--leave-one-out"}},
+      {"KFoldOfEveryConfigurationIsLeaveOneOut",
+       {"--k-fold", "12"},
+       [](const Effect& effect) {
+         expect_near(effect.with.json["position_error"]["leave_one_out"]["after"],
+                     effect.with.json["position_error"]["k_fold"]["after"], 1e-12);
+       },
+       kMeasured + Words{"--leave-one-out"}},
+      {"ThreadsChangeNothing", {"--threads", "3"}, changes_nothing(), kMeasured + Words{"--leave-one-out"}},
+  };
+}
+
+// NOLINTNEXTLINE(readability-function-size): a table
+std::vector<OptionCase> file_options() {
+  const Words threads = {"--threads", "1"};
+  return {
+      {"MeasurementsAreFitted", kOfM, is_library([](auto&) {}), kNoEffects + kNoPriors},
+      {"JointConventionReadsTheControllersValues",
+       {"--joint-convention", "coupled.json"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         CalibrationOptions options;
+         options.threads = 1;
+         Json expected = Json::parse(library_result(effect.directory, "m.csv", options));
+         expected["input"]["measurements"] = "controller.csv";
+         for (const char* part : {"parameters", "base", "targets", "position_error", "input", "rank"}) {
+           expect_near(expected[part], effect.with.json[part], 1e-9, part);
+         }
+       },
+       Words{"--measurements", "controller.csv"} + kNoEffects + kNoPriors},
+      {"PredictAtIsWhereTheAccuracyIsAsked",
+       {"--predict-at", "asked.csv"},
+       both_checks(is_library([](auto& o) {
+                     o.predict_at.names = {"first", "second"};
+                     o.predict_at.joint_values = Eigen::MatrixXd::Zero(3, 2);
+                     o.predict_at.joint_values.col(0) << 0.1, 0.2, 0.3;
+                     o.predict_at.joint_values.col(1) << -0.1, 0.0, 0.4;
+                   }),
+                   changes_only({"predicted_accuracy/asked", "provenance/files_read"})),
+       kMeasured},
+      {"OutputIsTheCalibratedUrdf",
+       {"--output", "c.urdf"},
+       [](const Effect& effect) {
+         EXPECT_EQ(without_provenance(effect.with.json), without_provenance(effect.without.json));
+         ASSERT_EQ(effect.with.files.size(), 1U);
+         const ErrorModel model = complete_model(arm());
+         Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+         for (const Json& parameter : effect.with.json["parameters"]) {
+           const std::string name = parameter["name"];
+           if (name.find('.') == std::string::npos) {
+             errors[static_cast<Eigen::Index>(parameter_index(model, name))] = parameter["error"];
+           }
+         }
+         const Eigen::VectorXd q = Eigen::Vector3d(0.3, -0.2, 0.5);
+         const Robot written = parse_robot(effect.with.files.at("c.urdf"));
+         EXPECT_LT(difference(kdl_pose(written.chain, q), kdl_pose(error_chain(model, errors), q)), 1e-12);
+       },
+       kMeasured},
+      {"ResultIsWhatJsonPrints",
+       {"--result", "r.json"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         ASSERT_EQ(effect.with.files.size(), 1U);
+         EXPECT_EQ(effect.with.files.at("r.json"), effect.with.outcome.out);
+       },
+       kMeasured},
+      {"ResidualsAreThoseOfTheRows",
+       {"--residuals", "e.csv"},
+       [](const Effect& effect) {
+         EXPECT_THAT(differences(effect.without.json, effect.with.json),
+                     ::testing::UnorderedElementsAre("provenance/files_written"));
+         const std::string csv = effect.with.files.at("e.csv");
+         EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 1 + effect.with.json["input"]["observations"].get<long>());
+       },
+       kMeasured},
+      {"CovarianceIsOfTheColumns",
+       {"--covariance", "c.csv"},
+       [](const Effect& effect) {
+         EXPECT_THAT(differences(effect.without.json, effect.with.json),
+                     ::testing::UnorderedElementsAre("provenance/files_written"));
+         const std::string csv = effect.with.files.at("c.csv");
+         EXPECT_EQ(static_cast<std::size_t>(std::count(csv.begin(), csv.end(), '\n')),
+                   1 + effect.with.json["covariance"]["names"].size());
+       },
+       kMeasured},
+      {"ReportShowsTheResult",
+       {"--report", "c.html"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         const Json page = data_of_page(effect.with.files.at("c.html"));
+         EXPECT_EQ(page["result"]["parameters"], effect.with.json["parameters"]);
+       },
+       kMeasured},
+      {"NoteStandsInTheResult", {"--note", "serial=7"}, changes_only({"provenance/notes/serial"}), kMeasured},
+      {"RequireDecidesTheStatus",
+       {"--require", "rank<21"},
+       [](const Effect& effect) {
+         EXPECT_THAT(differences(effect.without.json, effect.with.json), ::testing::ElementsAre("requirements"));
+         EXPECT_EQ(effect.without.outcome.status, 0);
+         EXPECT_EQ(effect.with.outcome.status, 1);
+       },
+       kMeasured},
+      {"ForceOverwrites",
+       {"--force"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_TRUE(effect.without.files.empty());
+         EXPECT_EQ(effect.with.outcome.status, 0);
+         EXPECT_EQ(effect.with.files.at("old.json"), effect.with.outcome.out);
+       },
+       kMeasured + Words{"--result", "old.json"}},
+      {"UrdfIsTheRobot",
+       {"--urdf", "longer.urdf"},
+       [](const Effect& effect) {  // what is longer in the file is found the shorter
+         const auto find = [](const Json& parameters) {
+           return *std::find_if(parameters.begin(), parameters.end(), [](const Json& p) { return p["name"] == "Tz2"; });
+         };
+         const Json without = find(effect.without.json["parameters"]);
+         const Json with = find(effect.with.json["parameters"]);
+         EXPECT_NEAR(without["nominal"], 1.075, 1e-15);
+         EXPECT_NEAR(with["nominal"], 1.076, 1e-15);
+         EXPECT_NEAR(with["value"], without["value"], 1e-8);
+         EXPECT_NE(effect.with.json["input"]["sha256"], effect.without.json["input"]["sha256"]);
+       },
+       Words{"--measurements", "fanuc.csv"} + kNoEffects + kNoPriors},
+      {"BaseIsTheFirstLink",
+       {"--base", "base_link"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.json["input"]["base"], "foot");
+         EXPECT_EQ(effect.with.json["input"]["base"], "base_link");
+         expect_near(effect.without.json["position_error"]["train"], effect.with.json["position_error"]["train"], 1e-9);
+         const Json& foot = effect.without.json["base"]["position"];
+         const Json& base = effect.with.json["base"]["position"];
+         EXPECT_NEAR(
+             std::hypot(foot[0].get<double>() - base[0].get<double>(), foot[1].get<double>() - base[1].get<double>(),
+                        foot[2].get<double>() - base[2].get<double>()),
+             0.3, 1e-7);
+       },
+       kMeasured + Words{"--urdf", "foot.urdf"}},
+      {"TipIsTheLastLink",
+       {"--tip", "flange"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.json["input"]["tip"], "hand");
+         EXPECT_EQ(effect.with.json["input"]["tip"], "flange");
+         EXPECT_NEAR(effect.with.json["targets"][0]["position"][1].get<double>() -
+                         effect.without.json["targets"][0]["position"][1].get<double>(),
+                     0.2, 1e-7);
+       },
+       kMeasured + Words{"--urdf", "hand.urdf"}},
+      {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json(), kMeasured},
+  };
+}
+
+std::vector<OptionCase> calibrate_options() {
+  std::vector<OptionCase> rows = geometry_options();
+  for (const auto& more : {noise_options(), file_options()}) {
+    rows.insert(rows.end(), more.begin(), more.end());
+  }
+  return rows;
+}
+
+/// Files of options. Each option shows in what is written with one of them, but for --threads.
+std::vector<Words> files_of_options() {
+  return {
+      words_of("--measurements m.csv --urdf foot.urdf --base base_link --effects none --fix dq2,*2 --free Rx1 "
+               "--prior-length 0.0005 --prior-angle 0.0007 --known-base known.json --known-targets known.json "
+               "--noise-tracker 1e-5,1e-6,2e-5,3e-6 --noise-common 1e-5,2e-5,3e-5 --predict-at asked.csv "
+               "--loss huber --leave-one-out --k-fold 3 --output c.urdf --result old.json --force --residuals e.csv "
+               "--covariance c.csv --report c.html --note serial=7 --require rank<21 --json"),
+      words_of(
+          "--measurements poses.csv --urdf hand.urdf --tip flange --effects none --nested --noise-independent 3e-5 "
+          "--noise-common 1e-5 --orientation-sigma 3e-4 --json"),
+      words_of("--measurements controller.csv --urdf arm.urdf --joint-convention coupled.json --effects gravity "
+               "--gravity-direction 1,2,-2 --noise-independent 1e-5,2e-5,4e-5 --json"),
+      words_of(
+          "--measurements m.csv --urdf arm.urdf --method two-step --iterations 2 --model complete --threads 1 --json"),
+      words_of("--measurements poses.csv --urdf arm.urdf --effects none --noise equal --prior none "
+               "--exclude 2,3:B --json"),
+  };
+}
+
+/// What a test begins with, made once.
+const std::map<std::string, std::string>& input_files() {
+  static const std::map<std::string, std::string> files = [] {
+    const Measurements points =
+        measured_fanuc({.sigma = 2e-5, .repeats = 2, .common = {1e-5, 1e-5, 1e-5}}, false, arm());
+    const std::string& text = arm().urdf;
+    std::string longer = CommandLine::content(kFanuc);
+    longer.replace(longer.rfind("0 0 1.075"), 9, "0 0 1.076");
+    return std::map<std::string, std::string>{
+        {kArm, text},
+        {"m.csv", measurements_csv(points)},
+        {"fanuc.csv", measurements_csv(measured_fanuc({.sigma = 2e-5}, false))},
+        {"controller.csv", in_controller_joints(points, kArmCoupled)},
+        {"coupled.json", kArmCoupled},
+        {"poses.csv", measurements_csv(measured_fanuc({.sigma = 2e-5, .orientation_sigma = 1e-4}, true, arm()))},
+        {"known.json", R"({"base": {"position": [2.001, 1.0, 0.502], "quaternion_wxyz": [0.6, 0, 0, 0.8]},
+      "targets": [{"name": "A", "position": [0.1, 0.001, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})"},
+        {"asked.csv", "joint_3,configuration,joint_1,joint_2\n0.3,first,0.1,0.2\n0.4,second,-0.1,0\n"},
+        {"old.json", "old"},
+        {"longer.urdf", longer},
+        {"foot.urdf", with_foot(text)},
+        {"hand.urdf", with_hand(text)}};
+  }();
+  return files;
+}
+
+class CalibrateOption : public OptionEffect {
+protected:
+  void SetUp() override {
+    OptionEffect::SetUp();
+    write(input_files());
+  }
+};
+
+TEST_P(CalibrateOption, HasItsEffectAndNoOther) {
+  const std::string& option = GetParam().option.front();
+  Words command = {"calibrate"};
+  command = option == "--threads" ? command : command + Words{"--threads", "1"};
+  command = option == "--json" ? command : command + Words{"--json"};
+  check_effect_on_arm(command, GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Options, CalibrateOption, ::testing::ValuesIn(calibrate_options()), behaviour_of);
+
+TEST_F(OptionsOfKdlcal, OfCalibrateDoTheSameInAFile) {
+  write(input_files());
+  expect_the_same_from_files("calibrate", files_of_options());
+}
+
+TEST_F(OptionsOfKdlcal, OfCalibrateAreAllTested) {
+  expect_a_test_of_every_option("calibrate", calibrate_options());
+  expect_a_test_of_every_option("calibrate", options_of(files_of_options()));
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing::calibrate_test::options
+
+// What is reported beyond the fit, and that the README explains all of it.
+namespace kdl_calibration::testing::calibrate_test::reports {
+namespace {
+
+using Json = nlohmann::json;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+const std::string kPendant = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_pendant.json";
+
+class CalibrateReport : public CommandLine {
+protected:
+  std::string readme() const {
+    std::ifstream stream(std::string(URDF_DIR) + "/../README.md", std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), {}};
+  }
+};
+
+// The README with every word of its code spans.
+std::set<std::string> words_in_code(const std::string& text) {
+  std::set<std::string> words;
+  bool code = false;
+  std::string word;
+  for (const char c : text) {
+    const bool part = std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_' || c == '-';
+    if (code && part) {
+      word += c;
+    } else {
+      words.insert(word);
+      word.clear();
+    }
+    code = c == '`' ? !code : code;
+  }
+  return words;
+}
+
+void collect_keys(const Json& json, std::set<std::string>& keys) {
+  for (const auto& [key, value] : json.items()) {
+    if (json.is_object()) {
+      keys.insert(key);
+    }
+    if (value.is_structured() && key != "replaced_by") {  // whose keys are parameters
+      collect_keys(value, keys);
+    }
+  }
+}
+
+TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadme) {
+  const std::vector<std::string> noisy = {"simulate", "--noise",       "2e-5", "--length-sigma",
+                                          "0.001",    "--angle-sigma", "0.001"};
+  const auto simulate = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), noisy.begin(), noisy.end());
+    ASSERT_EQ(run(more).status, 0);
+  };
+  simulate({"--poses", "--targets", "2", "--repeats", "2", "--orientation-noise", "1e-4", "--configurations", "12",
+            "--test-configurations", "5", "--output", "m.csv"});
+  write("asked.csv", "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0,0,0,0,0,0\n");
+  std::set<std::string> keys;
+  collect_keys(
+      run_json({"calibrate", "--measurements", "m.csv", "--noise", "repeats", "--prior", "auto", "--effects", "auto",
+                "--leave-one-out", "--nested", "--k-fold", "3", "--predict-at", "asked.csv", "--json"}),
+      keys);
+  simulate({"--output", "points.csv"});
+  Measurements points = read_measurements(directory / "points.csv", joint_names(fanuc()));
+  points.observations[40].position.y() += 0.01;
+  write("mistyped.csv", measurements_csv(points));
+  const Outcome mistyped = run({"calibrate", "--measurements", "mistyped.csv", "--method", "two-step", "--json"});
+  collect_keys(Json::parse(mistyped.out), keys);
+  collect_keys(Json::parse(run({"calibrate", "--measurements", "mistyped.csv", "--loss", "tukey", "--json"}).out),
+               keys);
+  EXPECT_TRUE(keys.count("findings") == 1 && keys.count("convergence_factor") == 1 && keys.count("asked") == 1 &&
+              keys.count("cook") == 1 && keys.count("weights") == 1 && keys.count("nested_leave_one_out") == 1 &&
+              keys.count("exported_urdf") == 1 && keys.count("amount") == 1 && keys.count("lower_triangle") == 1 &&
+              keys.count("files_read") == 1);
+  const std::set<std::string> known = words_in_code(readme());
+  for (const std::string& key : keys) {
+    EXPECT_EQ(known.count(key), 1U) << key;
+  }
+}
+
+TEST_F(CalibrateReport, EveryOptionStandsInTheReadme) {
+  const std::string help = run({"calibrate", "--help"}).out;
+  const std::set<std::string> known = words_in_code(readme());
+  for (std::size_t at = help.find("--"); at != std::string::npos; at = help.find("--", at + 2)) {
+    std::size_t end = at + 2;
+    while (std::isalnum(static_cast<unsigned char>(help[end])) != 0 || help[end] == '-') {
+      ++end;
+    }
+    const std::string option = help.substr(at, end - at);
+    EXPECT_EQ(known.count(option), 1U) << option;
+  }
+}
+
+TEST_F(CalibrateReport, PredictsAtConfigurationsOfAFile) {
+  ASSERT_EQ(run({"simulate", "--noise", "2e-5", "--length-sigma", "0.001", "--angle-sigma", "0.001", "--output",
+                 "m.csv", "--truth", "truth.json"})
+                .status,
+            0);
+  write("asked.csv",
+        "# where the tool will work\njoint_2[deg],joint_1[deg],joint_3[deg],joint_4,joint_5,joint_6\n"
+        "20,10,30,0.1,0.2,0.3\n-20,-10,0,0,0.5,0\n");
+  const std::vector<std::string> command = {"calibrate", "--measurements", "m.csv", "--predict-at", "asked.csv"};
+  std::vector<std::string> with_files = command;
+  with_files.insert(with_files.end(), {"--result", "r.json"});
+  const Outcome table = run(with_files);
+  EXPECT_EQ(table.status, 0) << table.err;
+  EXPECT_THAT(table.out, AllOf(HasSubstr("predicted, in the base"), HasSubstr("most influential"),
+                               HasSubstr("Calibration converged: 30 configurations, 90 points, 33 parameters."),
+                               HasSubstr("at unseen configurations"), HasSubstr("\nWritten: r.json\n")));
+  const Json asked = json_of("r.json")["predicted_accuracy"]["asked"];
+  ASSERT_EQ(asked.size(), 6U);
+  EXPECT_EQ(asked[0]["configuration"], "1");
+  EXPECT_EQ(asked[4]["configuration"], "2");
+  EXPECT_EQ(asked[4]["target"], "B");
+  // The flange by another subcommand, the target from the result.
+  const Json frames = run_json({"fk", "--joints", "10,20,30,5.729577951308232,11.459155902616464,17.188733853924695",
+                                "--degrees", "--result", "r.json", "--json"})["frames"];
+  const Json& flange = frames.back();
+  const Json target = json_of("r.json")["targets"][0]["position"];
+  const auto& q = flange["quaternion_wxyz"];
+  const Eigen::Vector3d expected =
+      Eigen::Vector3d(flange["position"][0], flange["position"][1], flange["position"][2]) +
+      Eigen::Quaterniond(q[0], q[1], q[2], q[3]) * Eigen::Vector3d(target[0], target[1], target[2]);
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(asked[0]["position"][static_cast<std::size_t>(axis)], expected[axis], 1e-9);
+  }
+  EXPECT_GT(asked[0]["sigma"], 5e-6);
+  EXPECT_LT(asked[0]["sigma"], 2e-4);
+  EXPECT_GT(asked[0]["radius_95"], asked[0]["sigma"]);
+
+  // The controller's joint values mean the same; a file of measurements will do.
+  Measurements measured = read_measurements(directory / "m.csv", joint_names(fanuc()));
+  const JointConvention pendant = matched_convention(read_joint_convention(kPendant), measured.joints);
+  measured.joint_values = pendant.matrix.inverse() * measured.joint_values;
+  std::string csv = measurements_csv(measured);
+  for (int i = 1; i <= 6; ++i) {
+    const std::string name = "joint_" + std::to_string(i);
+    csv.replace(csv.find(name), name.size(), "J" + std::to_string(i));
+  }
+  write("controller.csv", csv);
+  const Json here = run_json({"calibrate", "--measurements", "m.csv", "--predict-at", "m.csv", "--json"});
+  const Json there = run_json({"calibrate", "--measurements", "controller.csv", "--predict-at", "controller.csv",
+                               "--joint-convention", kPendant, "--json"});
+  ASSERT_EQ(here["predicted_accuracy"]["asked"].size(), 90U);
+  for (std::size_t i = 0; i < 90; ++i) {
+    EXPECT_NEAR(here["predicted_accuracy"]["asked"][i]["position"][2],
+                there["predicted_accuracy"]["asked"][i]["position"][2], 1e-9);
+  }
+
+  write("bad.csv", "joint_1,joint_2\n0,0\n");
+  expect_refused({"calibrate", "--measurements", "m.csv", "--predict-at", "bad.csv", "--result", "x.json"},
+                 {"bad.csv", "joint_3"});
+  expect_refused({"calibrate", "--measurements", "m.csv", "--predict-at", "none.csv"}, {"none.csv"});
+}
+
+TEST_F(CalibrateReport, OrientationSigmaNeedsOrientationsAndPositionsToCompareWith) {
+  ASSERT_EQ(run({"simulate", "--output", "m.csv"}).status, 0);
+  expect_refused({"calibrate", "--measurements", "m.csv", "--orientation-sigma", "1e-4", "--noise-independent", "2e-5"},
+                 {"--orientation-sigma: ", "m.csv", "quaternion"});
+  ASSERT_EQ(run({"simulate", "--poses", "--targets", "1", "--output", "poses.csv"}).status, 0);
+  expect_refused({"calibrate", "--measurements", "poses.csv", "--orientation-sigma", "1e-4"},
+                 {"--orientation-sigma: ", "see --noise-independent, --noise-tracker, --noise"});
+  expect_refused({"calibrate", "--measurements", "poses.csv", "--orientation-sigma", "-1"}, {"--orientation-sigma"});
+  Measurements poses = read_measurements(directory / "poses.csv", joint_names(fanuc()));
+  poses.observations.back().sigma = 2e-5;
+  write("one.csv", measurements_csv(poses));
+  expect_refused({"calibrate", "--measurements", "one.csv", "--orientation-sigma", "1e-4"},
+                 {"--orientation-sigma: ", "sigma in every row"});
+}
+
+TEST_F(CalibrateReport, TakesATrackersOwnNoise) {
+  ASSERT_EQ(run({"simulate", "--length-sigma", "0.001", "--angle-sigma", "0.001", "--output", "m.csv"}).status, 0);
+  const auto sigma = [&](const std::string& noise) {
+    const Json result =
+        run_json({"calibrate", "--measurements", "m.csv", "--noise", "equal", "--noise-tracker", noise, "--json"});
+    EXPECT_EQ(result["noise"]["model"], "stated");
+    return result["noise"]["sigma"].get<double>();
+  };
+  EXPECT_NEAR(sigma("2e-5,0,2e-5,0"), 2e-5, 1e-15);  // the same in every direction
+  // Mean information of a coordinate: a third of it along the line of sight.
+  EXPECT_NEAR(sigma("1e-5,0,2e-5,0"), 1.0 / std::sqrt((1e10 + 2.0 * 0.25e10) / 3.0), 1e-12);
+  EXPECT_GT(sigma("1e-5,0,2e-5,1e-5"), sigma("1e-5,0,2e-5,0"));
+  expect_refused({"calibrate", "--measurements", "m.csv", "--noise-tracker", "1e-5,0,2e-5"}, {"--noise-tracker", "4"});
+}
+
+TEST_F(CalibrateReport, NamesWhatIsFixedByGauge) {
+  ASSERT_EQ(run({"simulate", "--joint-ranges", "-90:90,-60:50,-60:60,40:40,-90:90,-180:180", "--noise", "1e-5",
+                 "--length-sigma", "0.001", "--angle-sigma", "0.001", "--output", "m.csv"})
+                .status,
+            0);
+  const Outcome outcome = run({"calibrate", "--measurements", "m.csv", "--result", "r.json"});
+  EXPECT_EQ(outcome.status, 1);
+  const Json result = json_of("r.json");
+  ASSERT_FALSE(result["fixed_by_gauge"].empty());
+  EXPECT_LT(result["position_error"]["train"]["after"]["rms"], 2e-5);
+  for (const Json& parameter : result["parameters"]) {
+    const auto& held = result["fixed_by_gauge"];
+    if (std::find(held.begin(), held.end(), parameter["name"]) != held.end()) {
+      EXPECT_EQ(parameter["error"], 0.0) << parameter;
+      EXPECT_EQ(parameter["gauge"], true) << parameter;
+    }
+  }
+  EXPECT_THAT(outcome.err,
+              AllOf(HasSubstr("fixed by gauge"), HasSubstr(result["fixed_by_gauge"].front().get<std::string>())));
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing::calibrate_test::reports
+
+// Provenance, residuals, covariance, requirements; and that results are read back.
+namespace kdl_calibration::testing::calibrate_test::results {
+namespace {
+
+using Json = nlohmann::json;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using Words = std::vector<std::string>;
+
+class CalibrateResult : public CommandLine {
+protected:
+  void SetUp() override {
+    CommandLine::SetUp();
+    write("m.csv", measurements_csv(without_sigmas(VirtualExperiment().measure(20, {.sigma = 3e-5}))));
+  }
+
+  static Words calibrate(const Words& more = {}) {
+    Words words = {"calibrate", "--measurements", "m.csv"};
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  }
+
+  static std::vector<std::vector<std::string>> table_of(const std::string& csv) {
+    std::vector<std::vector<std::string>> rows;
+    for (const std::string& line : lines_of(csv)) {
+      rows.emplace_back();
+      std::istringstream fields(line);
+      for (std::string field; std::getline(fields, field, ',');) {
+        rows.back().push_back(field);
+      }
+    }
+    return rows;
+  }
+};
+
+TEST_F(CalibrateResult, NamesWhatItWasMadeFromAndWhatElseWasWritten) {
+  const Words command = calibrate({"--note", "serial=R 12,5", "--note", "operator=M\u00fcller", "--output", "c.urdf",
+                                   "--residuals", "e.csv", "--result", "r.json"});
+  ASSERT_EQ(run(command).status, 0);
+  const Json provenance = json_of("r.json")["provenance"];
+  EXPECT_EQ(provenance["notes"], (Json{{"serial", "R 12,5"}, {"operator", "M\u00fcller"}}));
+  const std::string urdf = std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf";
+  ASSERT_EQ(provenance["files_read"].size(), 2U);
+  EXPECT_EQ(provenance["files_read"][0]["role"], "urdf");
+  EXPECT_EQ(provenance["files_read"][0]["sha256"], sha256(content(urdf)));
+  EXPECT_EQ(provenance["files_read"][1]["role"], "measurements");
+  EXPECT_EQ(provenance["files_read"][1]["path"], "m.csv");
+  EXPECT_EQ(provenance["files_read"][1]["sha256"], sha256(text_of("m.csv")));
+  ASSERT_EQ(provenance["files_written"].size(), 2U);
+  EXPECT_EQ(provenance["files_written"][0]["path"], "c.urdf");
+  EXPECT_EQ(provenance["files_written"][0]["sha256"], sha256(text_of("c.urdf")));
+  EXPECT_EQ(provenance["files_written"][1]["sha256"], sha256(text_of("e.csv")));
+  EXPECT_EQ(json_of("r.json")["exported_urdf"]["sha256"], sha256(text_of("c.urdf")));
+  const std::string first = text_of("r.json");
+  Words again = command;
+  again.emplace_back("--force");
+  ASSERT_EQ(run(again).status, 0);
+  EXPECT_TRUE(text_of("r.json") == first) << "the same input gave other bytes";
+}
+
+// Each file of known frames by its own role, whether the other one is given or not.
+TEST_F(CalibrateResult, NamesTheFilesOfKnownBaseAndKnownTargets) {
+  const std::string base = R"({"base": {"position": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}})";
+  const std::string targets = R"({"targets": [{"name": "A", "position": [0.1, 0, 0]}]})";
+  write({{"base.json", base}, {"targets.json", targets}});
+  const std::map<std::string, std::string> sums = {{"known-base", sha256(base)}, {"known-targets", sha256(targets)}};
+  const std::map<std::string, std::string> names = {{"known-base", "base.json"}, {"known-targets", "targets.json"}};
+  for (const std::vector<std::string>& roles :
+       {std::vector<std::string>{"known-base"}, {"known-targets"}, {"known-base", "known-targets"}}) {
+    Words options;
+    for (const std::string& role : roles) {
+      options.insert(options.end(), {"--" + role, names.at(role)});
+    }
+    options.insert(options.end(), {"--effects", "none", "--prior", "none", "--json"});
+    const Json files = Json::parse(run(calibrate(options)).out)["provenance"]["files_read"];
+    ASSERT_EQ(files.size(), 2 + roles.size()) << files;
+    for (std::size_t i = 0; i < roles.size(); ++i) {
+      EXPECT_EQ(files[2 + i], (Json{{"role", roles[i]}, {"path", names.at(roles[i])}, {"sha256", sums.at(roles[i])}}));
+    }
+  }
+}
+
+TEST_F(CalibrateResult, NamesTheFileThatItsOptionsCameFrom) {
+  write("options.toml", "[calibrate]\nnoise = \"equal\"\n");
+  Words command = calibrate({"--result", "r.json"});
+  command.insert(command.begin(), {"--config", "options.toml"});
+  ASSERT_EQ(run(command).status, 0);
+  const Json files = json_of("r.json")["provenance"]["files_read"];
+  ASSERT_EQ(files.size(), 3U);
+  EXPECT_EQ(files[2]["role"], "config");
+  EXPECT_EQ(files[2]["sha256"], sha256(text_of("options.toml")));
+  EXPECT_EQ(json_of("r.json")["noise"]["model"], "residuals");
+}
+
+TEST_F(CalibrateResult, RefusesNotesThatAreNone) {
+  expect_refused(calibrate({"--note", "serial"}), {"--note", "'serial'", "key=value"});
+  expect_refused(calibrate({"--note", "=5"}), {"--note", "'=5'", "key=value"});
+  expect_refused(calibrate({"--note", "a=1", "--note", "a=2"}), {"--note", "'a'", "once"});
+}
+
+TEST_F(CalibrateResult, WritesResidualsAndCovarianceAsInTheResult) {
+  ASSERT_EQ(run(calibrate({"--residuals", "e.csv", "--covariance", "c.csv", "--result", "r.json"})).status, 0);
+  const Json result = json_of("r.json");
+  const auto rows = table_of(text_of("e.csv"));
+  ASSERT_EQ(rows.size(), 61U);
+  EXPECT_THAT(rows[0],
+              ElementsAre("configuration", "repeat", "target", "split", "dx[m]", "dy[m]", "dz[m]", "distance[m]"));
+  for (std::size_t i = 0; i < 60; ++i) {
+    const Json& row = result["residuals"]["rows"][i];
+    EXPECT_EQ(rows[i + 1][0], row["configuration"]);
+    EXPECT_EQ(rows[i + 1][2], row["target"]);
+    EXPECT_EQ(std::stod(rows[i + 1][5]), row["residual"][1]);
+    EXPECT_EQ(std::stod(rows[i + 1][7]), row["distance"]);
+  }
+  const auto matrix = table_of(text_of("c.csv"));
+  const Json& names = result["covariance"]["names"];
+  ASSERT_EQ(matrix.size(), names.size() + 1);
+  for (std::size_t r = 0; r < names.size(); ++r) {
+    EXPECT_EQ(matrix[0][r + 1], names[r]);
+    EXPECT_EQ(matrix[r + 1][0], names[r]);
+    for (std::size_t c = 0; c <= r; ++c) {
+      EXPECT_EQ(std::stod(matrix[r + 1][c + 1]), result["covariance"]["lower_triangle"][r][c]);
+    }
+  }
+}
+
+TEST_F(CalibrateResult, HoldsEveryPointThatWasLeftOut) {
+  ASSERT_EQ(run(calibrate({"--result", "r.json"})).status, 0);
+  const Json result = json_of("r.json");
+  const Json& points = result["held_out_points"];
+  ASSERT_EQ(points.size(), 60U);
+  double squares = 0.0;
+  for (const Json& point : points) {
+    squares += point["distance"].get<double>() * point["distance"].get<double>();
+  }
+  EXPECT_NEAR(std::sqrt(squares / 60.0), result["position_error"]["leave_one_out"]["after"]["rms"].get<double>(),
+              1e-15);
+  EXPECT_EQ(points[0]["configuration"], result["residuals"]["rows"][0]["configuration"]);
+  ASSERT_EQ(run(calibrate({"--loss", "huber", "--result", "robust.json"})).status, 0);
+  EXPECT_TRUE(json_of("robust.json")["held_out_points"].is_null()) << "each fold was fitted again";
+}
+
+TEST_F(CalibrateResult, MustBeWhatIsRequired) {
+  const Json result = run_json(calibrate({"--json"}));
+  const double rms = result["position_error"]["leave_one_out"]["after"]["rms"].get<double>() * 1e3;
+  const auto with = [&](const Words& requirements) {
+    Words words = calibrate();
+    for (const std::string& requirement : requirements) {
+      words.insert(words.end(), {"--require", requirement});
+    }
+    return run(words);
+  };
+  const auto around = [&](const std::string& path, const std::string& comparison, double factor) {
+    return path + comparison + std::to_string(rms * factor) + "mm";
+  };
+  Words fulfilled;
+  Words not_fulfilled;
+  for (const char* path : {"leave_one_out.rms", "leave_one_out.after.rms", "position_error.leave_one_out.after.rms"}) {
+    fulfilled.insert(fulfilled.end(), {around(path, "<=", 1.01), around(path, ">=", 0.99)});
+    not_fulfilled.insert(not_fulfilled.end(), {around(path, " < ", 0.99), around(path, ">", 1.01)});
+  }
+  const Outcome met = with(fulfilled);
+  EXPECT_EQ(met.status, 0) << met.err;
+  const Outcome unmet = with(not_fulfilled);
+  EXPECT_EQ(unmet.status, 1);
+  for (const std::string& requirement : not_fulfilled) {
+    EXPECT_THAT(unmet.err, HasSubstr("'" + requirement + "' is not fulfilled"));
+  }
+  EXPECT_EQ(with({"rank==33", "parameters.0.std<1 mm", "noise.sigma<50um", "targets.0.position.0<0.2m"}).status, 0);
+  const Outcome missed = with({"rank == 33", "rank==32", "test.rms<1mm"});
+  EXPECT_EQ(missed.status, 1);
+  EXPECT_THAT(lines_of(missed.err), ElementsAre("kdlcal: required: 'rank==32' is not fulfilled: the value is 33",
+                                                "kdlcal: required: 'test.rms<1mm' is not fulfilled: the value is not "
+                                                "determined"));
+  EXPECT_THAT(missed.out, HasSubstr("Calibration converged"));
+}
+
+TEST_F(CalibrateResult, SaysWhatBecameOfEveryRequirement) {
+  ASSERT_EQ(run(calibrate({"--result", "r.json", "--require", "rank==32,noise.sigma<50um"})).status, 1);
+  Json judged = json_of("r.json");
+  EXPECT_EQ(
+      judged["requirements"],
+      Json::array(
+          {{{"text", "rank==32"}, {"fulfilled", false}, {"message", "'rank==32' is not fulfilled: the value is 33"}},
+           {{"text", "noise.sigma<50um"}, {"fulfilled", true}, {"message", nullptr}}}));
+  EXPECT_EQ(judged["trusted"], true) << "which nothing was required of";
+  ASSERT_EQ(run(calibrate({"--result", "plain.json"})).status, 0);
+  judged.erase("requirements");
+  EXPECT_EQ(judged, json_of("plain.json"));
+}
+
+TEST_F(CalibrateResult, RefusesRequirementsThatAreNone) {
+  for (const char* text : {"rms", "rms=1", "<1", "rms<", "rms<x", "rms<1kg", "a..b<1", "rms<>1"}) {
+    expect_refused(calibrate({"--require", text}), {"--require", text});
+  }
+  expect_refused(calibrate({"--require", "\xff<1"}), {"--require", "UTF-8"});
+  expect_refused({"validate", "--measurements", "m.csv", "--require", "rms"}, {"--require", "'rms'"});
+}
+
+TEST_F(CalibrateResult, IsValidatedWithItsFullModel) {
+  ASSERT_EQ(run(calibrate({"--result", "r.json", "--output", "c.urdf"})).status, 0);
+  const double fitted = json_of("r.json")["position_error"]["train"]["after"]["rms"];
+  const Json validated = run_json({"validate", "--result", "r.json", "--measurements", "m.csv", "--json"});
+  EXPECT_NEAR(validated["position_error"]["all"]["rms"], fitted, 1e-9);
+  EXPECT_EQ(run({"validate", "--result", "r.json", "--measurements", "m.csv", "--require", "all.rms<0.1mm"}).status, 0);
+  EXPECT_EQ(run({"validate", "--measurements", "m.csv", "--require", "all.rms<0.1mm"}).status, 1);
+}
+
+TEST_F(CalibrateResult, IsRefusedWithTheUrdfThatItCorrected) {
+  ASSERT_EQ(run(calibrate({"--result", "r.json", "--output", "c.urdf"})).status, 0);
+  const Words fk = {"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json"};
+  const Json by_result = run_json({"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json", "--result", "r.json"});
+  const Json by_urdf = run_json({"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json", "--urdf", "c.urdf"});
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(by_result["frames"].back()["position"][axis], by_urdf["frames"].back()["position"][axis], 1e-12);
+  }
+  for (const char* subcommand : {"fk", "jacobian"}) {
+    expect_refused({subcommand, "--joints", "0,0,0,0,0,0", "--urdf", "c.urdf", "--result", "r.json"},
+                   {"r.json: was not made with c.urdf", "hash"});
+  }
+  expect_refused({"validate", "--urdf", "c.urdf", "--result", "r.json", "--measurements", "m.csv"}, {"r.json", "hash"});
+}
+
+TEST_F(CalibrateResult, FkMovesAndTiltsTheJointsAsTheResultSays) {
+  for (const char* effect : {"transverse", "gain"}) {
+    ASSERT_EQ(run({"simulate", "--configurations", "40", "--targets", "2", "--effects", effect, "--effect-sigma",
+                   "0.0005", "--output", "m.csv", "--force"})
+                  .status,
+              0);
+    ASSERT_EQ(run(calibrate({"--effects", effect, "--prior", "none", "--result", "r.json", "--force"})).status, 0);
+    const Json fk = run_json({"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json", "--result", "r.json"});
+    const SavedCalibration saved = load_calibration(directory / "r.json", fanuc());
+    Eigen::VectorXd q(6);
+    q << 0.1, 0.2, 0.3, 0.4, 0.5, 0.6;
+    const Eigen::Vector3d expected =
+        CalibratedArm(saved.model, saved.estimate.errors, saved.estimate.effects).flange_pose(q).translation();
+    const Eigen::Vector3d rigid = CalibratedArm(saved.model, saved.estimate.errors, {}).flange_pose(q).translation();
+    const auto found = fk["frames"].back()["position"].get<std::vector<double>>();
+    EXPECT_LT((Eigen::Map<const Eigen::Vector3d>(found.data()) - expected).norm(), 1e-9) << effect;
+    EXPECT_GT((rigid - expected).norm(), 1e-5) << effect;
+  }
+}
+
+// ---- Help ----------------------------------------------------------------------------------------------------------
+
+TEST_F(CalibrateResult, HelpIsEightyColumnsWideAndGrouped) {
+  for (const char* subcommand : {"model", "fk", "jacobian", "simulate", "calibrate", "validate", "plan"}) {
+    for (const std::string& line : lines_of(run({subcommand, "--help"}).out)) {
+      if (line.rfind("  kdlcal ", 0) != 0) {  // examples are for copying
+        EXPECT_LE(line.size(), 80U) << line;
+      }
+    }
+  }
+  const std::string help = run({"calibrate", "--help"}).out;
+  std::size_t at = 0;
+  for (const char* heading : {"\nInput:\n", "\nOutput:\n", "\nModel:\n", "\nNoise:\n", "\nValidation:\n"}) {
+    at = help.find(heading, at);
+    ASSERT_NE(at, std::string::npos) << heading << help;
+  }
+}
+
+TEST_F(CalibrateResult, ANearlyRightOptionIsRecognised) {
+  expect_refused({"calibrate", "--measurments", "m.csv"}, {"'--measurments'", "did you mean --measurements?"});
+  expect_refused({"calibrate", "--measurements", "m.csv", "--leave-one-otu"}, {"did you mean --leave-one-out?"});
+  const Outcome far = run({"calibrate", "--measurements", "m.csv", "--zzzzzzzz"});
+  EXPECT_THAT(far.err, Not(HasSubstr("did you mean")));
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing::calibrate_test::results

@@ -1,0 +1,277 @@
+// kdlcal validate: each option changes what it should and nothing else (see cli_options_support.hpp), and what it
+// prints.
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+#include <kdl/frames.hpp>
+
+#include "cli_options_support.hpp"
+#include "kdl_calibration/measurements_file.hpp"
+#include "printed_text.hpp"
+#include "report_page_support.hpp"
+
+namespace kdl_calibration::testing::validate_test {
+namespace {
+
+using ::testing::HasSubstr;
+
+/// Distances of all rows of m.csv from KDL's prediction with the base and the targets of this answer.
+std::vector<double> distances_by_kdl(const Json& answer, const std::filesystem::path& directory) {
+  const Robot robot = load_robot(kFanuc);
+  const Measurements measurements = read_measurements(directory / "m.csv", joint_names(robot));
+  const Json& base = answer["base"];
+  const Json& turn = base["quaternion_wxyz"];
+  const KDL::Frame X_WB(KDL::Rotation::Quaternion(turn[1], turn[2], turn[3], turn[0]),
+                        KDL::Vector(base["position"][0], base["position"][1], base["position"][2]));
+  std::vector<double> distances;
+  for (const Observation& o : measurements.observations) {
+    const Json& p = answer["targets"][static_cast<std::size_t>(o.target)]["position"];
+    const KDL::Vector there =
+        X_WB * (kdl_pose(robot.chain, measurements.joint_values.col(o.configuration)) * KDL::Vector(p[0], p[1], p[2]));
+    distances.push_back(std::hypot(o.position.x() - there.x(), o.position.y() - there.y(), o.position.z() - there.z()));
+  }
+  return distances;
+}
+
+/// Mean, RMS and largest error are those of the base and the targets that the answer states.
+Check is_consistent() {
+  return [](const Effect& effect) {
+    EXPECT_NE(effect.with.outcome.out, effect.without.outcome.out);
+    const std::vector<double> distances = distances_by_kdl(effect.with.json, effect.directory);
+    double sum = 0.0;
+    double squares = 0.0;
+    for (const double distance : distances) {
+      sum += distance;
+      squares += distance * distance;
+    }
+    const double n = static_cast<double>(distances.size());
+    const Json& all = effect.with.json["position_error"]["all"];
+    EXPECT_EQ(all["count"], distances.size());
+    EXPECT_NEAR(all["mean"], sum / n, 1e-12);
+    EXPECT_NEAR(all["rms"], std::sqrt(squares / n), 1e-12);
+    EXPECT_NEAR(all["max"], *std::max_element(distances.begin(), distances.end()), 1e-12);
+  };
+}
+
+Check holds(const std::function<void(const Json& answer)>& known) {
+  return both_checks(is_consistent(), [=](const Effect& effect) {
+    known(effect.with.json);
+    EXPECT_GT(effect.with.json["position_error"]["train"]["rms"], effect.without.json["position_error"]["train"]["rms"])
+        << "nothing is better than what is free";
+  });
+}
+
+// NOLINTNEXTLINE(readability-function-size): a table
+std::vector<OptionCase> validate_options() {
+  const auto rms = [](const Answer& run) { return run.json["position_error"]["train"]["rms"].get<double>(); };
+  const auto position = [](const Json& frame) {
+    return Eigen::Vector3d(frame["position"][0], frame["position"][1], frame["position"][2]);
+  };
+  const Words measured = {"--measurements", "m.csv"};
+  return {
+      {"UrdfIsTheRobot",
+       {"--urdf", "longer.urdf"},
+       [rms](const Effect& effect) { EXPECT_GT(rms(effect.with), 10.0 * rms(effect.without)); },
+       measured},
+      {"BaseIsTheFirstLink",
+       {"--base", "base_link"},
+       [=](const Effect& effect) {
+         EXPECT_NEAR(rms(effect.with), rms(effect.without), 1e-12);
+         // The foot is 0.3 m below the base.
+         EXPECT_NEAR((position(effect.with.json["base"]) - position(effect.without.json["base"])).norm(), 0.3, 1e-9);
+         EXPECT_EQ(effect.with.json["targets"].size(), 3U);
+       },
+       measured + Words{"--urdf", "foot.urdf"}},
+      {"TipIsTheLastLink",
+       {"--tip", "flange"},
+       [=](const Effect& effect) {
+         EXPECT_NEAR(rms(effect.with), rms(effect.without), 1e-12);
+         for (std::size_t t = 0; t < 3; ++t) {  // the hand is 0.2 m along the flange's y
+           const Eigen::Vector3d moved =
+               position(effect.with.json["targets"][t]) - position(effect.without.json["targets"][t]);
+           EXPECT_LT((moved - Eigen::Vector3d(0.0, 0.2, 0.0)).norm(), 1e-9) << moved.transpose();
+         }
+       },
+       measured + Words{"--urdf", "hand.urdf"}},
+      {"MeasurementsAreRegistered", {"--measurements", "m.csv"}, is_consistent()},
+      {"ExcludeLeavesAConfigurationAndAPointOut",
+       {"--exclude", "2,3:B"},
+       [](const Effect& effect) {
+         const auto count = [](const Answer& run) { return run.json["position_error"]["train"]["count"].get<long>(); };
+         EXPECT_EQ(count(effect.with), count(effect.without) - 4);
+       },
+       measured},
+      {"JointConventionReadsTheControllersValues",
+       {"--joint-convention", "coupled.json"},
+       is_consistent(),
+       {"--measurements", "controller.csv"}},
+      {"KnownBaseIsHeld",
+       {"--known-base", "known.json"},
+       holds([](const Json& answer) {
+         EXPECT_EQ(answer["base"]["position"], (Json{2.001, 1.0, 0.502}));
+         EXPECT_NEAR(answer["base"]["quaternion_wxyz"][3], 0.8, 1e-15);
+       }),
+       measured},
+      {"KnownTargetsAreHeldAndOthersFree",
+       {"--known-targets", "known.json"},
+       holds([](const Json& answer) {
+         EXPECT_EQ(answer["targets"][0]["position"], (Json{0.1, 0.001, 0.0}));
+         EXPECT_EQ(answer["targets"][1]["position"], (Json{0.0, 0.0, 0.1}));
+         EXPECT_NE(answer["targets"][2]["position"], (Json{0.0, 0.0, 0.0}));
+       }),
+       measured},
+      {"RequireDecidesTheStatus",
+       {"--require", "train.rms<0"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         EXPECT_EQ(effect.without.outcome.status, 0);
+         EXPECT_EQ(effect.with.outcome.status, 1);
+       },
+       measured},
+      {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json(), measured},
+      {"ReportShowsThePositionError",
+       {"--report", "v.html"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         const Json page = data_of_page(effect.with.files.at("v.html"));
+         EXPECT_EQ(page["result"]["position_error"], effect.with.json["position_error"]);
+       },
+       measured},
+      {"ForceReplacesAPage",
+       {"--force"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_EQ(data_of_page(effect.with.files.at("old.html"))["kind"], "validation");
+       },
+       measured + Words{"--report", "old.html"}},
+  };
+}
+
+std::vector<OptionCase> truth_options() {
+  const Words both = {"--result", "result.json", "--truth", "truth.json"};
+  // Found from noise of 20 µm on nominal geometry: off by about that.
+  const Check compares = [](const Effect& effect) {
+    EXPECT_EQ(effect.without.outcome.status, 2) << "one without the other";
+    EXPECT_EQ(effect.with.json["comparable"], true);
+    EXPECT_GT(effect.with.json["position_error"]["all"]["rms"], 5e-6);
+    EXPECT_LT(effect.with.json["position_error"]["all"]["rms"], 5e-5);
+  };
+  return {{"ResultIsComparedWithTheTruth", {"--result", "result.json"}, compares, {"--truth", "truth.json"}},
+          {"TruthIsWhatTheResultShouldBe", {"--truth", "truth.json"}, compares, {"--result", "result.json"}},
+          {"SeedDrawsOtherConfigurations",
+           {"--seed", "2"},
+           [](const Effect& effect) {
+             EXPECT_EQ(effect.without.json["seed"], 1);
+             EXPECT_EQ(effect.with.json["seed"], 2);
+             const Json& without = effect.without.json["position_error"]["all"];
+             const Json& with = effect.with.json["position_error"]["all"];
+             EXPECT_NE(with["rms"], without["rms"]);
+             EXPECT_NEAR(with["rms"], without["rms"], 0.2 * without["rms"].get<double>());
+           },
+           both}};
+}
+
+class TruthOption : public OptionEffect {};
+
+TEST_P(TruthOption, HasItsEffectAndNoOther) {
+  ASSERT_NO_FATAL_FAILURE(write_once("a result and its truth", [&] {
+    ASSERT_EQ(
+        run({"simulate", "--configurations", "12", "--noise", "2e-5", "--output", "m.csv", "--truth", "truth.json"})
+            .status,
+        0);
+    ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "result.json"}).status, 0);
+  }));
+  check_effect({"validate", "--json"}, GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Options, TruthOption, ::testing::ValuesIn(truth_options()), behaviour_of);
+
+class ValidateOption : public OptionEffect {};
+
+TEST_P(ValidateOption, HasItsEffectAndNoOther) {
+  const Measurements measured = measured_fanuc({.sigma = 2e-5}, false);
+  write("m.csv", measurements_csv(measured));
+  write("old.html", "old");
+  write("controller.csv", in_controller_joints(measured, kFanucCoupled));
+  write("coupled.json", kFanucCoupled);
+  write("known.json", R"({"base": {"position": [2.001, 1.0, 0.502], "quaternion_wxyz": [0.6, 0, 0, 0.8]},
+    "targets": [{"name": "A", "position": [0.1, 0.001, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})");
+  std::string text = content(kFanuc);
+  write("longer.urdf", std::string(text).replace(text.rfind("0 0 1.075"), 9, "0 0 1.175"));
+  write("foot.urdf", with_foot(text));
+  write("hand.urdf", with_hand(text));
+  const bool json = GetParam().option.front() != "--json";
+  check_effect(json ? Words{"validate", "--json"} : Words{"validate"}, GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Options, ValidateOption, ::testing::ValuesIn(validate_options()), behaviour_of);
+
+TEST_F(OptionsOfKdlcal, OfValidateAreAllTested) {
+  std::vector<OptionCase> rows = validate_options();
+  const std::vector<OptionCase> more = truth_options();
+  rows.insert(rows.end(), more.begin(), more.end());
+  expect_a_test_of_every_option("validate", rows);
+}
+
+// ---- the table -----------------------------------------------------------------------------------------------------
+
+TEST_F(OptionsOfKdlcal, ValidateShowsEachStatisticInMillimetres) {
+  write("m.csv", measurements_csv(measured_fanuc({.sigma = 2e-5}, false)));
+  const Words command = {"validate", "--urdf", kFanuc, "--measurements", "m.csv"};
+  const Json found = run_json(command + Words{"--json"});
+  const auto numbers = [](std::initializer_list<double> values) {
+    std::string text;
+    for (const double value : values) {
+      text += " " + decimals(value * 1e3, 3);
+    }
+    return text;
+  };
+  const auto row = [&](const std::string& label) {
+    const Json& s = found["position_error"][label];
+    return label + numbers({s["rms"], s["mean"], s["p95"], s["max"]}) + " " + s["count"].dump();
+  };
+  const auto place = [&](const std::string& label, const Json& frame) {
+    const Json& p = frame["position"];
+    return label + numbers({p[0], p[1], p[2]});
+  };
+  const std::string table = run(command).out;
+  expect_lines(
+      table,
+      {"position error of " + kFanuc + ", base and targets registered", "rows [mm] rms mean p95 max points", row("all"),
+       row("train"), row("test"), place("base, measured [mm]", found["base"]), place("target A", found["targets"][0]),
+       place("target B", found["targets"][1]), place("target C", found["targets"][2])},
+      "validate");
+  const std::vector<std::string> lines = testing::lines_of(table);
+  for (std::size_t i = 2; i < 5; ++i) {
+    EXPECT_EQ(word_ends(lines[i], 5), word_ends(lines[1], 5)) << table;
+  }
+  // Of 36 points base and targets took 6 and 3 x 3 coordinates.
+  EXPECT_EQ(found["degrees_of_freedom"], 93);
+  EXPECT_NEAR(found["rms_corrected"].get<double>(),
+              found["position_error"]["train"]["rms"].get<double>() * std::sqrt(108.0 / 93.0), 1e-12);
+}
+
+TEST_F(OptionsOfKdlcal, ValidateLeavesOutRowsThatTheMeasurementsDoNotHave) {
+  const Measurements all = measured_fanuc({.sigma = 2e-5}, false);
+  write("m.csv", measurements_csv(subset(all, [](const Observation& o) { return o.split == Split::train; })));
+  const std::vector<std::string> lines = testing::lines_of(run({"validate", "--measurements", "m.csv"}).out);
+  ASSERT_EQ(lines.size(), 8U);
+  EXPECT_EQ(squeezed(lines[2]).substr(4), squeezed(lines[3]).substr(6)) << "all are rows to train";
+  EXPECT_TRUE(run_json({"validate", "--measurements", "m.csv", "--json"})["position_error"]["test"].is_null());
+}
+
+TEST_F(OptionsOfKdlcal, WarningsStayOnOneLineWhateverNamesHold) {
+  const std::string name = "test\nrows\t.csv";
+  write(name,
+        "configuration,target,split,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,x,y,z\n"
+        "1,A,test,0,0,0,0,0,0,1,2,3\n2,A,test,0.1,0.2,0.3,0.4,0.5,0.6,1,2,4\n"
+        "3,A,test,0.5,0,0,0,0,0,1,3,3\n4,A,test,0,0.4,0.3,0.4,0,0.6,2,2,4\n5,A,test,0,0,0.3,0,0.5,0.6,1,2.5,4\n");
+  const Outcome outcome = run({"validate", "--measurements", name});
+  EXPECT_EQ(outcome.err.rfind("kdlcal: warning: test rows .csv: no train rows, ", 0), 0U) << outcome.err;
+  for (const std::string& line : lines_of(outcome.err)) {
+    EXPECT_EQ(line.rfind("kdlcal: warning: ", 0), 0U) << outcome.err;
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing::validate_test
