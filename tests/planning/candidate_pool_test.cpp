@@ -135,24 +135,5 @@ TEST(Tasks, HaveTheMeanTheLargestAndThePowerMeanOfTheVariances) {
   }
 }
 
-TEST(Tasks, TheWorstIsLookedForAmongTheFirstFiveThousand) {
-  Fixture f;
-  const Experiment experiment = f.experiment({.sigma = 5e-5});
-  const MatrixXd some = f.configurations(40);
-  const CandidatePool pool(experiment, some, MatrixXd::Zero(columns(experiment), columns(experiment)), 1);
-  MatrixXd q = some.col(0).replicate(1, 5001);
-  q.col(4998) = some.col(1);
-  q.col(5000) = some.col(2);
-  const MatrixXd C = f.covariance(experiment);
-  const auto mean = [&](bool worst, const MatrixXd& at) {
-    return C.cwiseProduct(Tasks(pool.rows(), at, worst, 1).mean()).sum();
-  };
-  EXPECT_NEAR(mean(true, q) / mean(false, q.leftCols(5000)), 1.0, 1e-12);
-  EXPECT_GT(std::abs(mean(false, q) / mean(true, q) - 1.0), 1e-7);
-  const double largest = std::max(Tasks(pool.rows(), some.leftCols(1), true, 1).worst(C),
-                                  Tasks(pool.rows(), MatrixXd(some.col(1)), true, 1).worst(C));
-  EXPECT_NEAR(Tasks(pool.rows(), q, true, 1).worst(C) / largest, 1.0, 1e-6);
-}
-
 }  // namespace
 }  // namespace kdl_calibration::candidate_pool_test

@@ -66,14 +66,6 @@ TEST(MeasuringPlan, IsMuchShorterThanChance) {
   EXPECT_LT(way_time(robot.joints, home, ordered), 0.7 * way_time(robot.joints, home, q));
 }
 
-TEST(MeasuringPlan, TakesAsLongAsTheSlowestJoint) {
-  const Robot robot = parse_robot(testing::kOddArm);  // 1 rad/s and 1 m/s; "skew" states nothing
-  Eigen::VectorXd from = Eigen::VectorXd::Zero(5);
-  Eigen::VectorXd to = from;
-  to << 0.5, -0.25, 2.0, 1.0, 0.0;
-  EXPECT_DOUBLE_EQ(travel_time(robot.joints, from, to), 2.0);
-}
-
 // Joints of different velocities, a slide among them; the last one states none.
 constexpr const char* kUnevenArm = R"(<robot name="uneven">
   <link name="rail"/><link name="carriage"/><link name="arm"/><link name="hand"/><link name="tip"/>
@@ -131,50 +123,23 @@ TEST(MeasuringPlan, OrdersByTimeAndNotByDistance) {
   EXPECT_DOUBLE_EQ(way_time(even, home, q), 3.0 + 3.0);
 }
 
-// The nearest neighbour each time, then parts of the way reversed wherever that saves time, until nowhere it does.
-std::vector<Index> way_by_hand(const Eigen::VectorXd& home, const MatrixXd& q) {
-  const auto stop = [&](Index i) { return i < 0 ? home : Eigen::VectorXd(q.col(i)); };
-  std::vector<Index> way;
-  std::vector<Index> left(static_cast<std::size_t>(q.cols()));
-  std::iota(left.begin(), left.end(), Index{0});
-  while (!left.empty()) {
-    const Eigen::VectorXd here = stop(way.empty() ? -1 : way.back());
-    const auto nearest = std::min_element(
-        left.begin(), left.end(), [&](Index a, Index b) { return seconds(here, q.col(a)) < seconds(here, q.col(b)); });
-    way.push_back(*nearest);
-    left.erase(nearest);
-  }
-  const auto time = [&](const std::vector<Index>& stops) {
-    double total = 0.0;
-    for (std::size_t k = 0; k < stops.size(); ++k) {
-      total += seconds(stop(k == 0 ? -1 : stops[k - 1]), q.col(stops[k]));
-    }
-    return total;
-  };
-  for (bool improved = true; improved;) {
-    improved = false;
-    for (std::size_t first = 0; first + 1 < way.size(); ++first) {
-      for (std::size_t last = first + 1; last < way.size(); ++last) {
-        std::vector<Index> reversed = way;
-        std::reverse(reversed.begin() + static_cast<std::ptrdiff_t>(first),
-                     reversed.begin() + static_cast<std::ptrdiff_t>(last) + 1);
-        if (time(reversed) < time(way) - 1e-9) {
-          way = reversed;
-          improved = true;
-        }
-      }
-    }
-  }
-  return way;
-}
-
-TEST(MeasuringPlan, GoesToTheNearestAndThenReversesWhatSavesTime) {
+// No part of the way is better reversed.
+TEST(MeasuringPlan, NoReversalMakesTheWayShorter) {
   const Robot robot = parse_robot(kUnevenArm);
   Random random(6);
   const Eigen::Vector4d home(0.5, -0.5, 1.0, -2.0);
-  for (const int count : {0, 1, 2, 3, 9, 14, 20}) {
+  for (const int count : {0, 1, 2, 9, 20}) {
     const MatrixXd q = random_configurations(limits_of(robot.joints), count, random);
-    EXPECT_EQ(short_way(robot.joints, home, q), way_by_hand(home, q)) << count << " stops";
+    const std::vector<Index> way = short_way(robot.joints, home, q);
+    ASSERT_EQ(way.size(), static_cast<std::size_t>(count));
+    const double time = way_time(robot.joints, home, q(Eigen::all, way));
+    for (auto first = way.begin(); first != way.end(); ++first) {
+      for (auto last = first + 1; last != way.end(); ++last) {
+        std::vector<Index> reversed = way;
+        std::reverse(reversed.begin() + (first - way.begin()), reversed.begin() + (last - way.begin()) + 1);
+        EXPECT_GE(way_time(robot.joints, home, q(Eigen::all, reversed)), time - 1e-9) << count << " stops";
+      }
+    }
   }
 }
 
@@ -207,16 +172,6 @@ TEST(MeasuringPlan, OfControllersJointsTakesTheirOffsetsAway) {
   convention.urdf_joints = {"slide", "shoulder", "elbow", "other"};
   EXPECT_THAT(testing::refusal([&] { plan_csv(plan_of(q), robot.joints, &convention); }),
               ::testing::HasSubstr("other"));
-}
-
-TEST(MeasuringPlan, WritesSlidesInMillimetresAndTurnsInDegrees) {
-  const Robot robot = parse_robot(kUnevenArm);
-  Eigen::VectorXd q(4);
-  q << -0.125, 30 * testing::kDegree, -45 * testing::kDegree, 0.0;
-  const std::string csv = plan_csv(plan_of(q), robot.joints);
-  EXPECT_THAT(csv, ::testing::HasSubstr("slide[mm],shoulder[deg],elbow[deg],wrist[deg],x[m]"));
-  EXPECT_THAT(csv, ::testing::HasSubstr("1,A,-125,30,-45,0,,,\n"));
-  EXPECT_LT((parse_configurations(csv, joint_names(robot)).joint_values - q).cwiseAbs().maxCoeff(), 1e-15);
 }
 
 TEST(MeasuringPlan, ControllersJointsHaveTheUnitOfWhatTheyMove) {

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/joint_effects.hpp"
@@ -103,7 +104,7 @@ TEST(Planner, OnTopOfACalibrationItsTermsAreTheOnesItFound) {
   EXPECT_GT(plan.planned.sigma.mean, 0.5 * before);
 }
 
-// ---- Put together from the library's parts --------------------------------------------------------------------------
+// ---- what a plan promises ------------------------------------------------------------------------------------------
 
 PlanRequest small_request() {
   PlanRequest request = request_with({});
@@ -117,86 +118,51 @@ PlanRequest small_request() {
   return request;
 }
 
-// The information may have been summed in another order.
-void expect_near(double found, double expected, const std::string& what) {
-  EXPECT_NEAR(found / expected, 1.0, 1e-9) << what;
-}
-
-void expect_same(const Prediction& found, const Prediction& expected, const std::string& what) {
-  expect_near(found.sigma.mean, expected.sigma.mean, what);
-  expect_near(found.sigma.p95, expected.sigma.p95, what);
-  expect_near(found.sigma.max, expected.sigma.max, what);
-  expect_near(found.worst_configuration, expected.worst_configuration, what);
-}
-
-Prediction mean_of_random(const Experiment& experiment, const SelectionTask& task, const RandomDesigns& designs) {
-  const std::vector<Prediction> all = predicted(experiment, random_designs(experiment, task, designs), task.tasks, 1);
-  Prediction mean;
-  for (const Prediction& one : all) {
-    mean.sigma.mean += one.sigma.mean / static_cast<double>(all.size());
-    mean.sigma.p95 += one.sigma.p95 / static_cast<double>(all.size());
-    mean.sigma.max += one.sigma.max / static_cast<double>(all.size());
-    mean.worst_configuration += one.worst_configuration / static_cast<double>(all.size());
+// The sheet is the chosen candidates in another order, and the way takes as long as the slowest joint each time.
+void expect_a_way_through_what_was_chosen(const PlanRequest& request, const Plan& plan) {
+  const MatrixXd& way = plan.sheet.joint_values;
+  ASSERT_EQ(static_cast<std::size_t>(way.cols()), plan.selection.chosen.size());
+  double seconds = 0.0;
+  Eigen::VectorXd here = request.home.size() > 0 ? request.home : Eigen::VectorXd::Zero(way.rows());
+  std::set<Index> left(plan.selection.chosen.begin(), plan.selection.chosen.end());
+  for (const auto& q : way.colwise()) {
+    double longest = 0.0;
+    for (Index i = 0; i < way.rows(); ++i) {
+      const double velocity = request.robot.joints[static_cast<std::size_t>(i)].velocity.value_or(1.0);
+      longest = std::max(longest, std::abs(q[i] - here[i]) / velocity);
+    }
+    seconds += longest;
+    here = q;
+    const auto found =
+        std::find_if(left.begin(), left.end(), [&](Index c) { return plan.drawn.joint_values.col(c) == q; });
+    ASSERT_NE(found, left.end()) << "not chosen, or twice";
+    left.erase(found);
   }
-  return mean;
+  EXPECT_NEAR(plan.seconds, seconds, 1e-9);
+  EXPECT_EQ(plan.drawn.joint_values.cols(), request.candidates + request.workspace);
 }
 
-// The plan against what its parts give for the same task.
-void expect_put_together(const PlanRequest& request, const Plan& plan, const MatrixXd& given, const MatrixXd& before) {
-  constexpr double kPendantStep = 1e-3 * testing::kDegree;
-  const Candidates drawn = candidates(request.robot, request.targets, request.cell,
-                                      {.count = request.candidates + request.workspace,
-                                       .seed = request.seed,
-                                       .angle_step = kPendantStep,
-                                       .length_step = 1e-6});
-  EXPECT_EQ(plan.drawn.joint_values, drawn.joint_values);
-  EXPECT_EQ(plan.drawn.samples, drawn.samples);
-  const MatrixXd tasks =
-      request.tasks.size() > 0 ? request.tasks : MatrixXd(drawn.joint_values.rightCols(request.workspace));
-  const SelectionTask task{drawn.joint_values.leftCols(request.candidates), given, tasks};
-  const SelectionOptions options{.criterion = request.criterion,
-                                 .count = request.count,
-                                 .starts = request.starts,
-                                 .seed = request.seed,
-                                 .threads = 1};
-  const Selection selection =
-      request.accuracy ? select_for_accuracy(plan.experiment, task, *request.accuracy, request.accuracy_of, options)
-                       : select_configurations(plan.experiment, task, options);
-  ASSERT_EQ(plan.selection.chosen, selection.chosen);
-  EXPECT_LT((plan.selection.information - selection.information).norm(), 1e-12 * selection.information.norm());
-  const MatrixXd chosen = task.candidates(Eigen::all, selection.chosen);
-  const Eigen::VectorXd home = request.home.size() > 0 ? request.home : Eigen::VectorXd::Zero(chosen.rows());
-  const MatrixXd way = chosen(Eigen::all, short_way(request.robot.joints, home, chosen));
-  EXPECT_EQ(plan.sheet.joint_values, way);
-  EXPECT_DOUBLE_EQ(plan.seconds, way_time(request.robot.joints, home, way));
-  expect_same(plan.planned, predicted(plan.experiment, selection.information, tasks, 1), "planned");
-  const Prediction of_way = predicted(plan.experiment, selection.information, way, 1);
-  expect_near(plan.worst_configuration, std::max(plan.planned.worst_configuration, of_way.worst_configuration),
-              "worst");
-  const auto count = static_cast<int>(selection.chosen.size());
-  expect_same(plan.random,
-              mean_of_random(plan.experiment, task, {.count = count, .draws = 200, .seed = request.seed, .threads = 1}),
-              "random");
-  expect_near(plan.efficiency, d_efficiency(plan.experiment, task, selection.information, count, 1), "efficiency");
-  MatrixXd measured(way.rows(), before.cols() + way.cols());
-  measured << before, way;
-  EXPECT_NEAR(plan.observability.O1, observability_indices(plan.experiment, measured).O1, 1e-12);
-  EXPECT_NEAR(plan.observability.O3, observability_indices(plan.experiment, measured).O3, 1e-12);
-}
-
-TEST(Planner, PutsAPlanTogether) {
+TEST(Planner, PromisesMoreThanChanceAndNoMoreThanCanBe) {
   PlanRequest request = small_request();
   request.robot = parse_robot(testing::kOddArm);
   request.cell.ranges = limits_of(request.robot.joints);
   request.targets = published_targets(3);
   const Plan plan = make_plan(request);
-  const MatrixXd nothing = MatrixXd::Zero(columns(plan.experiment), columns(plan.experiment));
-  expect_put_together(request, plan, nothing, MatrixXd(5, 0));
+  expect_a_way_through_what_was_chosen(request, plan);
+  EXPECT_LT(plan.planned.sigma.mean, plan.random.sigma.mean);
+  EXPECT_LT(plan.planned.sigma.max, plan.random.sigma.max);
   ASSERT_TRUE(plan.floor);
-  EXPECT_DOUBLE_EQ(*plan.floor, floor_of_worst_configuration(plan.experiment, 9));
+  EXPECT_GE(plan.worst_configuration, *plan.floor);
+  EXPECT_GE(plan.worst_configuration, plan.planned.worst_configuration);
+  EXPECT_GT(plan.efficiency, 0.8);
+  EXPECT_LE(plan.efficiency, 1.0);
   EXPECT_THAT(plan.sheet.configurations, ::testing::ElementsAre("1", "2", "3", "4", "5", "6", "7", "8", "9"));
   EXPECT_THAT(plan.sheet.targets, ::testing::ElementsAre("A", "B", "C"));
   EXPECT_FALSE(plan.monte_carlo);
+  // Twice the noise, twice the sigma.
+  PlanRequest noisier = request;
+  noisier.noise.sigma *= 2.0;
+  EXPECT_NEAR(make_plan(noisier).planned.sigma.mean / plan.planned.sigma.mean, 2.0, 1e-6);
   // Noise that is shared has no floor.
   PlanRequest shared = request;
   shared.candidates = 20;
@@ -210,62 +176,59 @@ TEST(Planner, PutsAPlanTogether) {
   request.criterion = Criterion::i_optimal;
   request.accuracy = 1.3 * plan.planned.sigma.p95;
   request.accuracy_of = Figure::p95;
-  expect_put_together(request, make_plan(request), nothing, MatrixXd(5, 0));
+  const Plan enough = make_plan(request);
+  expect_a_way_through_what_was_chosen(request, enough);
+  EXPECT_LE(enough.planned.sigma.p95, *request.accuracy);
+  EXPECT_LE(enough.selection.chosen.size(), plan.selection.chosen.size());
 }
 
-TEST(Planner, PlansOnTopOfPriorsAndOfWhatWasMeasured) {
+TEST(Planner, PriorsAndWhatWasMeasuredPromiseMore) {
   PlanRequest request = small_request();
+  const Plan alone = make_plan(request);
   request.priors = {.length = 1e-3, .angle = 2e-3};
+  const Plan with_priors = make_plan(request);
+  EXPECT_LT(with_priors.planned.sigma.mean, alone.planned.sigma.mean);
   testing::VirtualExperiment arm({.targets = request.targets, .random = Random(2)});
   Measurements measured = arm.measure(6, {.sigma = 3e-5});
   measured.configurations = {"2", "3", "5", "seven", "8", "10"};
-  for (Observation& observation : measured.observations) {
-    observation.split = observation.configuration == 1 ? Split::test : Split::train;
-  }
   request.measured = measured;
   const Plan plan = make_plan(request);
-  MatrixXd before(6, 5);
-  before << measured.joint_values.col(0), measured.joint_values.rightCols(4);
-  expect_put_together(request, plan, prior_information(plan.experiment) + information(plan.experiment, measured),
-                      before);
+  EXPECT_LT(plan.planned.sigma.mean, with_priors.planned.sigma.mean);
   EXPECT_FALSE(plan.floor);
   EXPECT_THAT(plan.sheet.configurations, ::testing::ElementsAre("1", "4", "6", "7", "9", "11", "12", "13", "14"));
+  // Rows to test tell nothing.
+  for (Observation& observation : measured.observations) {
+    observation.split = Split::test;
+  }
+  request.measured = measured;
+  EXPECT_NEAR(make_plan(request).planned.sigma.mean, with_priors.planned.sigma.mean,
+              1e-6 * with_priors.planned.sigma.mean);
 }
 
-TEST(Planner, OnTopOfACalibrationKnowsTheInverseOfWhatItSaysOfItsColumns) {
+// What is known of some parameters helps as its covariance says, and a parameter that was left open does no harm.
+TEST(Planner, OnTopOfACalibrationKnowsWhatItSaysOfItsColumns) {
   PlanRequest request = small_request();
-  SavedCalibration known;
-  known.model = complete_model(request.robot);
-  Random random(4);
-  known.estimate = {.errors = testing::random_errors(known.model, random, 1e-3, 1e-3), .targets = request.targets};
-  // Two that the plan does not estimate, and not all that it does; one of them was left open.
-  const std::vector<std::string> names = {"base.Tx", "dq2", "dq3", "Rx1", "Tx1", "Tz2",
-                                          "Ty1",     "Rz3", "Ry2", "A.x", "C.z"};
-  known.free = Unknowns(known.model, request.targets, names);
-  MatrixXd R(11, 11);
-  for (double& element : R.reshaped()) {
-    element = 1e-4 * random.normal();
-  }
-  known.covariance = R * R.transpose() + 1e-9 * MatrixXd::Identity(11, 11);
-  const Index open = *known.free.column("Tz2");
-  known.covariance(open, open) = std::numeric_limits<double>::infinity();
-  request.calibrated = known;
-  const Plan plan = make_plan(request);
-  EXPECT_EQ(plan.experiment.errors, known.estimate.errors);
-  std::vector<Index> here;
-  std::vector<Index> there;
-  for (const std::string& name : names) {
-    if (plan.experiment.free.column(name) && name != "Tz2") {
-      here.push_back(*plan.experiment.free.column(name));
-      there.push_back(*known.free.column(name));
+  const auto sigma = [&](double scale, bool open) {
+    SavedCalibration known;
+    known.model = complete_model(request.robot);
+    known.estimate = {.errors = Eigen::VectorXd::Zero(static_cast<Index>(known.model.parameters.size())),
+                      .targets = request.targets};
+    known.free = Unknowns(known.model, request.targets, {"base.Tx", "dq2", "dq3", "Rx1", "Tx1", "Tz2", "A.x"});
+    known.covariance = scale * MatrixXd::Identity(known.free.size(), known.free.size());
+    if (open) {
+      const Index column = *known.free.column("Tz2");
+      known.covariance(column, column) = std::numeric_limits<double>::infinity();
     }
-  }
-  ASSERT_GE(here.size(), 6U);
-  ASSERT_LE(here.size(), 9U);
-  MatrixXd given = MatrixXd::Zero(columns(plan.experiment), columns(plan.experiment));
-  const MatrixXd inverse = MatrixXd(known.covariance(there, there)).inverse();
-  given(here, here) = inverse;
-  expect_put_together(request, plan, given, MatrixXd(6, 0));
+    request.calibrated = known;
+    return make_plan(request).planned.sigma.mean;
+  };
+  request.calibrated.reset();
+  const double alone = make_plan(request).planned.sigma.mean;
+  EXPECT_NEAR(sigma(1e6, false) / alone, 1.0, 1e-3) << "nothing is known";
+  EXPECT_LT(sigma(1e-9, false), 0.99 * alone);
+  EXPECT_LT(sigma(1e-12, false), sigma(1e-9, false));
+  EXPECT_GE(sigma(1e-12, true), sigma(1e-12, false));
+  EXPECT_LT(sigma(1e-12, true), alone);
 }
 
 TEST(Planner, TriesThePlanOnVirtualRobotsBeforeTheTracker) {
@@ -275,92 +238,34 @@ TEST(Planner, TriesThePlanOnVirtualRobotsBeforeTheTracker) {
                    .tracker = TrackerNoise{.range = 1e-5, .transverse = 2e-5, .transverse_per_metre = 4e-6},
                    .tracker_position = {4.0, 1.0, 0.5}};
   request.priors = {.length = 1e-3, .angle = 1e-3};
-  request.monte_carlo = 2;
+  request.monte_carlo = 8;
   const Plan plan = make_plan(request);
   EXPECT_FALSE(plan.floor) << "the tracker's noise depends on where it stands";
-  const MatrixXd tasks = plan.drawn.joint_values.rightCols(60);
-  NoiseModel noise;
-  noise.tracker = request.noise.tracker;
-  noise.independent.setConstant(request.noise.sigma);
-  noise.common.setConstant(1e-5);
-  const MonteCarloResult expected =
-      run_monte_carlo({.model = complete_model(request.robot),
-                       .with_errors = plan.experiment.free.geometric(),
-                       .targets = request.targets,
-                       .sizes = {.length = 1e-3, .angle = 1e-3},
-                       .noise = {.sigma = request.noise.sigma, .common = noise.common, .tracker = noise.tracker},
-                       .X_WB = Eigen::Isometry3d(Eigen::Translation3d(-4.0, -1.0, -0.5)),
-                       .train = [&](Random&) { return plan.sheet.joint_values; },
-                       .test = [&](Random&) { return MatrixXd(tasks); },
-                       .calibration = {.priors = request.priors, .noise = noise},
-                       .runs = 2,
-                       .seed = 3,
-                       .threads = 1,
-                       .progress = {}});
   ASSERT_TRUE(plan.monte_carlo);
-  EXPECT_EQ(plan.monte_carlo->rms, expected.rms);
-  EXPECT_EQ(plan.monte_carlo->not_trusted, expected.not_trusted);
+  EXPECT_EQ(plan.monte_carlo->runs, 8);
+  EXPECT_EQ(plan.monte_carlo->not_trusted, 0);
+  EXPECT_NEAR(plan.monte_carlo->all.rms / plan.planned.sigma.rms, 1.0, 0.25);
 }
 
-// The least useful configurations taken away one by one: least tr(M^+ A).
-std::vector<MatrixXd> fewer_and_fewer(const Experiment& experiment, const Plan& plan, std::size_t least) {
-  std::vector<MatrixXd> own;
-  for (const Index c : plan.selection.chosen) {
-    own.push_back(information(experiment, MatrixXd(plan.drawn.joint_values.col(c))));
-  }
-  std::vector<MatrixXd> designs(own.size() + 1);
-  designs[own.size()] = plan.selection.information;
-  while (own.size() > least) {
-    const MatrixXd covariance = designs[own.size()].completeOrthogonalDecomposition().pseudoInverse();
-    std::size_t worst = 0;
-    for (std::size_t k = 0; k < own.size(); ++k) {
-      worst = (covariance * own[k]).trace() < (covariance * own[worst]).trace() ? k : worst;
-    }
-    designs[own.size() - 1] = designs[own.size()] - own[worst];
-    own.erase(own.begin() + static_cast<std::ptrdiff_t>(worst));
-  }
-  return designs;
-}
-
-TEST(Planner, SaysWhatFewerConfigurationsWouldGive) {
+TEST(Planner, FewerConfigurationsGiveLess) {
   PlanRequest request = small_request();
   request.count = 12;
   for (const double prior : {0.0, 1e-3}) {
     request.priors = {.length = prior, .angle = prior};
-    request.workspace = prior > 0.0 ? 60 : 520;  // of which at most 500 are looked at
     const Plan plan = make_plan(request);
-    // 33 parameters and 9 coordinates in a configuration; with priors one configuration tells something.
-    std::vector<int> counts = {4, 5, 6, 7, 8, 9, 10, 11, 12};
-    if (prior > 0.0) {
-      counts = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
-    }
-    const SelectionTask task{plan.drawn.joint_values.leftCols(200), prior_information(plan.experiment),
-                             plan.drawn.joint_values.middleCols(200, std::min(500, request.workspace))};
-    const std::vector<MatrixXd> designs = fewer_and_fewer(plan.experiment, plan, static_cast<std::size_t>(counts[0]));
     const std::vector<CountedAccuracy> found = accuracy_by_count(request, plan);
-    ASSERT_EQ(found.size(), counts.size());
-    for (std::size_t k = 0; k < counts.size(); ++k) {
-      EXPECT_EQ(found[k].count, counts[k]);
-      const Prediction planned =
-          predicted(plan.experiment, designs[static_cast<std::size_t>(counts[k])], task.tasks, 1);
-      const Prediction random =
-          mean_of_random(plan.experiment, task, {.count = counts[k], .draws = 20, .seed = 3, .threads = 1});
-      if (std::isfinite(planned.sigma.mean) || std::isfinite(found[k].plan)) {
-        EXPECT_NEAR(found[k].plan / planned.sigma.mean, 1.0, 1e-6) << counts[k];
-      }
-      if (std::isfinite(random.sigma.mean) || std::isfinite(found[k].random)) {
-        EXPECT_NEAR(found[k].random / random.sigma.mean, 1.0, 1e-9) << counts[k];
+    // 33 parameters and 9 coordinates in a configuration; with priors one configuration tells something.
+    ASSERT_EQ(found.size(), prior > 0.0 ? 12U : 9U);
+    EXPECT_EQ(found.front().count, prior > 0.0 ? 1 : 4);
+    EXPECT_EQ(found.back().count, 12);
+    EXPECT_NEAR(found.back().plan / plan.planned.sigma.mean, 1.0, 1e-6);
+    for (std::size_t k = 1; k < found.size(); ++k) {
+      EXPECT_TRUE(found[k].plan < found[k - 1].plan || std::isinf(found[k - 1].plan)) << found[k].count;
+      if (found[k].count > 6) {
+        EXPECT_LT(found[k].plan, found[k].random) << found[k].count;
       }
     }
   }
-  request.count = 40;
-  request.workspace = 30;
-  request.priors = {};
-  std::vector<int> counts;
-  for (const CountedAccuracy& entry : accuracy_by_count(request, make_plan(request))) {
-    counts.push_back(entry.count);
-  }
-  EXPECT_THAT(counts, ::testing::ElementsAre(4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 16, 18, 20, 23, 26, 29, 33, 37, 40));
 }
 
 TEST(Planner, RefusesWhatItCannotDo) {

@@ -83,17 +83,9 @@ TEST_F(TwoStepTrialTest, WithNoiseItSettlesWhereNoiseAloneMovesIt) {
   const TwoStepTrialResult result = run(2, 60, false, sigma);
   EXPECT_EQ(result.rounds.size(), 60U);
   EXPECT_TRUE(result.settled) << result.rounds.back().round.change << " " << result.floor;
-  EXPECT_DOUBLE_EQ(result.floor, sigma * std::sqrt(18.0 / 90.0));
+  EXPECT_NEAR(result.floor / sigma, std::sqrt(18.0 / 90.0), 1e-9) << "what 90 coordinates leave of 18 parameters";
   EXPECT_GT(result.factor, 0.5);
   EXPECT_LT(result.factor, 0.8);
-  // The mean factor from the second change to the last one that stands above the noise.
-  std::size_t last = result.rounds.size();
-  while (result.rounds[last - 1].round.change < 5.0 * result.floor) {
-    --last;
-  }
-  ASSERT_GT(last, 4U);
-  const double ratio = result.rounds[last - 1].round.change / result.rounds[1].round.change;
-  EXPECT_DOUBLE_EQ(result.factor, std::pow(ratio, 1.0 / static_cast<double>(last - 2)));
   EXPECT_LT(result.truth.points.rms, 2e-4);
   EXPECT_FALSE(run(2, 5, false, sigma).settled);
 }
