@@ -114,8 +114,8 @@ class CleanTree:
         stem = Path(path).stem
         everything = sorted(self.suites, key=lambda suite: times.get(suite, 0.0))
         if "cli" in Path(path).parts:
-            own = [s for s in everything if re.match(rf"cli_({stem}\w*)_test$", s)]
-            near = [s for s in everything if s.startswith("cli")]
+            near = [s for s in everything if Path(self.suites[s].file).parent.name == "cli"]
+            own = [s for s in near if s == f"{stem}_test"]
         else:
             header = self.source / "include" / "kdl_calibration" / f"{stem}.hpp"
             stems = {stem} if header.exists() else {stem} | {Path(u.file).stem for u in self.users_of_stem(path)}
@@ -346,6 +346,11 @@ class Worker:
             (self.out / soname).symlink_to(result.name)
         return subprocess.run(words, cwd=directory, stderr=subprocess.DEVNULL).returncode == 0
 
+    def _is_named(self, suite, names):
+        """A name may have wildcards and the wing in front: cli/*."""
+        wing = Path(self.clean.suites[suite].file).parent.name
+        return any(fnmatch.fnmatch(suite, name) or fnmatch.fnmatch(f"{wing}/{suite}", name) for name in names)
+
     def _tried(self, defect):
         kdlcal = self.out / "kdlcal"
         environment = environment_of(
@@ -353,7 +358,7 @@ class Worker:
             kdlcal if kdlcal.exists() else self.clean.build / "kdlcal.real",
         )
         suites = [suite for suite in self.clean.in_order(defect.path, self.times) if suite in self.times]
-        suites.sort(key=lambda suite: not any(fnmatch.fnmatch(suite, name) for name in defect.suites))
+        suites.sort(key=lambda suite: not self._is_named(suite, defect.suites))
         for suite in suites:
             own = self.out / self.clean.executable(suite).name
             executable = own if own.exists() else self.clean.executable(suite)
