@@ -209,7 +209,7 @@ def main():
         except subprocess.CalledProcessError:
             sys.exit(f"the build without any defect fails, see {clean.directory}/build.log")
     runner = Runner(clean, [] if given.real_data else ["*OnRealData*"])
-    times, failing = baseline(clean, runner, lambda line: print(line, flush=True))
+    times, failing = baseline(clean, runner, lambda line: print(line, flush=True), given.jobs)
     name = "list" if given.list else "survivors" if given.only_survivors else f"seed-{given.seed}"
     log_path = given.log or directory / f"{name}.jsonl"
     defects = chosen(given, clean, log_path)

@@ -95,12 +95,12 @@ class Suites(unittest.TestCase):
     def test_are_those_of_the_tests_folder_alone(self):
         tree = CleanTree(Path("/made/clean"), Path("/project"))
         for file, expected in {
-            "/made/clean/source/tests/base/text_test.cpp": True,
-            "/made/clean/source/tests/fuzz/fuzz_corpus_test.cpp": False,
-            "/made/clean/source/tests/faults.cpp": False,
-            "/made/clean/build/report_files.cpp": False,
+            "/made/clean/source/tests/base/text_test.cpp": "base",
+            "/made/clean/source/tests/layers_test.cpp": "project",
+            "/made/clean/source/tests/faults.cpp": None,
+            "/made/clean/build/report_files.cpp": None,
         }.items():
-            self.assertEqual(expected, tree._is_suite(SimpleNamespace(file=file)), file)
+            self.assertEqual(expected, tree._wing_of(Path(file)), file)
 
     def test_that_fail_without_a_defect_are_left_out_test_by_test(self):
         broken = {"a_test": ["A.One", "A.Two"], "b_test": [], "c_test": ["ended by signal 11"]}

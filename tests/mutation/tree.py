@@ -6,13 +6,12 @@ import hashlib
 import json
 import os
 import re
-import resource
 import shlex
 import shutil
 import signal
 import subprocess
 import threading
-import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 PARTS = ["CMakeLists.txt", "CMakePresets.json", "LICENSE", "README.md", "package.xml", "include", "src", "tests", "urdf"]
@@ -38,6 +37,14 @@ class Unit:
         self.object = absolute
 
 
+class Suite:
+    """A file of tests, which its wing's program runs by the names of the test suites in it."""
+
+    def __init__(self, file, program):
+        self.file = file
+        self.program = program  # one of its compilations
+
+
 class CleanTree:
     def __init__(self, directory, root):
         self.root = root
@@ -54,7 +61,7 @@ class CleanTree:
         options = [
             "-G", "Unix Makefiles", "-D", "CMAKE_BUILD_TYPE=Release", "-D", "CMAKE_CXX_FLAGS_RELEASE=-O1 -DNDEBUG",
             "-D", "BUILD_SHARED_LIBS=ON", "-D", "KDL_CALIBRATION_BUILD_TESTS=ON",
-            "-D", "KDL_CALIBRATION_PRECOMPILED_HEADERS=ON",
+            "-D", "KDL_CALIBRATION_PRECOMPILED_HEADERS=ON", "-D", "KDL_CALIBRATION_JOINED_TESTS=ON",
             "-D", "CMAKE_EXPORT_COMPILE_COMMANDS=ON", "-D", "CMAKE_EXE_LINKER_FLAGS=-Wl,--enable-new-dtags",
             "-D", f"KDL_CALIBRATION_SHARED_DATA_DIR={self.root.parent / 'shared' / 'data'}",
         ]  # fmt: skip
@@ -69,7 +76,7 @@ class CleanTree:
         if kdlcal.exists() and kdlcal.read_bytes()[:2] == b"#!":
             os.replace(real, kdlcal)  # its time stamp tells whether it must be linked again
         self._read_units()
-        programs = sorted({unit.target for unit in self.suites.values()})
+        programs = sorted({suite.program.target for suite in self.suites.values()})
         run("cmake", "--build", str(self.build), "-j", str(jobs), "--target", "kdl_calibration", "kdlcal", *programs)
         self._read_units()
         os.replace(kdlcal, real)
@@ -77,36 +84,45 @@ class CleanTree:
         kdlcal.chmod(0o755)
         self.library = max(self.build.glob("libkdl_calibration.so.*.*.*"))
 
-    def _is_suite(self, unit):
+    def _wing_of(self, file):
+        """The wing whose program has this file of tests; nothing for other files."""
         tests = self.source / "tests"
-        if not Path(unit.file).is_relative_to(tests):  # CMake makes sources in the build's folder, too
-            return False
-        return "fuzz" not in Path(unit.file).relative_to(tests).parts and unit.file.endswith("_test.cpp")
+        if not file.is_relative_to(tests) or not file.name.endswith("_test.cpp"):
+            return None
+        parts = file.relative_to(tests).parts
+        return {1: "project", 2: parts[0]}.get(len(parts))
 
     def _read_units(self):
         entries = json.loads((self.build / "compile_commands.json").read_text())
         self.units = [Unit(entry) for entry in entries]
-        # A file of tests, which its wing's program runs by the names of the test suites in it.
-        self.suites = {Path(unit.file).stem: unit for unit in self.units if self._is_suite(unit)}
+        programs = {unit.target: unit for unit in self.units}
+        self.suites = {}
+        for file in sorted((self.source / "tests").rglob("*_test.cpp")):
+            program = programs.get(f"{self._wing_of(file)}_tests")
+            if program is not None:
+                self.suites[file.stem] = Suite(file, program)
 
     def users(self, path):
         """The compilations that read this source; those of the fuzzers and benchmarks are left alone."""
         full = str(self.source / path)
-        wanted = {"kdl_calibration", "kdlcal_commands", "kdlcal", *(unit.target for unit in self.suites.values())}
+        programs = {suite.program.target for suite in self.suites.values()}
+        wanted = {"kdl_calibration", "kdlcal_commands", "kdlcal", *programs}
         return [unit for unit in self.units if unit.target in wanted and full in unit.depends]
 
     def linked_with(self, archive):
         """The test programs that call what is in it."""
-        return {unit.target for unit in self.suites.values() if archive in map(path_of(unit), link_words(unit))}
+        programs = [suite.program for suite in self.suites.values()]
+        return {unit.target for unit in programs if archive in map(path_of(unit), link_words(unit))}
 
     def filter_of(self, suite):
-        text = Path(self.suites[suite].file).read_text()
+        text = self.suites[suite].file.read_text()
         names = sorted(set(re.findall(r"^TEST(?:_F|_P)?\((\w+),", text, re.M)))
         return ":".join(f"{name}.*:*/{name}.*" for name in names)
 
     def executable(self, suite):
-        words = link_words(self.suites[suite])
-        return Path(self.suites[suite].directory, words[words.index("-o") + 1])
+        unit = self.suites[suite].program
+        words = link_words(unit)
+        return path_of(unit)(words[words.index("-o") + 1])
 
     def in_order(self, path, times):
         """The suites that use a source first: its own, those that include its header, those of the users of a private
@@ -114,7 +130,7 @@ class CleanTree:
         stem = Path(path).stem
         everything = sorted(self.suites, key=lambda suite: times.get(suite, 0.0))
         if "cli" in Path(path).parts:
-            near = [s for s in everything if Path(self.suites[s].file).parent.name == "cli"]
+            near = [s for s in everything if self.suites[s].file.parent.name == "cli"]
             own = [s for s in near if s == f"{stem}_test"]
         else:
             header = self.source / "include" / "kdl_calibration" / f"{stem}.hpp"
@@ -129,7 +145,7 @@ class CleanTree:
         return self.users(header) + self.users(path)
 
     def _includes(self, suite, stems):
-        text = Path(self.suites[suite].file).read_text()
+        text = self.suites[suite].file.read_text()
         return any(re.search(rf'#include "[^"]*\b{stem}\.hpp"', text) for stem in stems)
 
 
@@ -197,12 +213,13 @@ class Runner:
         for block in iter(lambda: process.stdout.read1(65536), b""):
             head = (head + block)[:200000]
             tail = (tail + block)[-200000:]
-        status = process.wait()
+        _, status, usage = os.wait4(process.pid, 0)
+        status = process.returncode = os.waitstatus_to_exitcode(status)
         timer.cancel()
         _end_session(process.pid)
         shutil.rmtree(scratch, ignore_errors=True)
         if status == 0:
-            return Outcome(True)
+            return Outcome(True, seconds=usage.ru_utime + usage.ru_stime)
         names = re.findall(rb"\[  FAILED  \] (\S+?)[ ,\n]", head + tail)
         if status < 0 or status >= 128:
             number = -status if status < 0 else status - 128
@@ -217,43 +234,45 @@ def _end_session(leader):
         pass
 
 
-def baseline(clean, runner, report):
+def baseline(clean, runner, report, jobs=1):
     """CPU seconds of every suite without any defect, measured once for each build. What fails is returned by suite, and
     the runner leaves it out from now on; a suite that names no test that fails is left out whole."""
     cache = clean.directory / "times.json"
     known = json.loads(cache.read_text()) if cache.exists() else {}
     product = hashlib.sha1(clean.library.read_bytes() + (clean.build / "kdlcal.real").read_bytes()).hexdigest()
-    times, failing = {}, {}
+    keys, times, failing = {}, {}, {}
     for suite in sorted(clean.suites):
         executable = clean.executable(suite)
         key = hashlib.sha1((suite + product + str(ALWAYS_LEFT_OUT + runner.left_out)).encode() + executable.read_bytes()).hexdigest()
         if key in known:
             times[suite] = known[key]
-            continue
-        seconds = _measured(clean, runner, suite, failing)
-        if seconds is not None:
-            times[suite] = seconds
-            report(f"{suite}: {seconds:.1f} s")
-        for test in failing.get(suite, []):
-            report(f"{suite} fails without a defect: {test}")
-        if suite not in failing:
-            known[key] = seconds
-            cache.write_text(json.dumps(known))
+        else:
+            keys[suite] = key
+    with ThreadPoolExecutor(jobs) as pool:
+        for suite, (seconds, failures) in zip(keys, pool.map(lambda suite: _measured(clean, runner, suite), keys)):
+            if seconds is not None:
+                times[suite] = seconds
+                report(f"{suite}: {seconds:.1f} s")
+            for test in failures:
+                report(f"{suite} fails without a defect: {test}")
+                failing.setdefault(suite, []).append(test)
+            if not failures:
+                known[keys[suite]] = seconds
+                cache.write_text(json.dumps(known))
     return times, failing
 
 
-def _measured(clean, runner, suite, failing):
-    """CPU seconds; nothing where it fails and no test is to blame."""
+def _measured(clean, runner, suite):
+    """CPU seconds, nothing where it fails and no test is to blame; and the tests that fail."""
     environment = environment_of(clean.build, clean.build / "kdlcal.real")
+    failures = []
     while True:
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        outcome = runner.run(suite, clean.executable(suite), environment, clean.directory / "tmp", 600)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        outcome = runner.run(suite, clean.executable(suite), environment, clean.directory / f"tmp-{suite}", 600)
         if outcome.passed:
-            return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        failing.setdefault(suite, []).append(outcome.test)
-        if "." not in outcome.test or failing[suite].count(outcome.test) > 1:
-            return None
+            return outcome.seconds, failures
+        failures.append(outcome.test)
+        if "." not in outcome.test or failures.count(outcome.test) > 1:
+            return None, failures
         runner.left_out_of.setdefault(suite, []).append(outcome.test)
 
 
@@ -348,7 +367,7 @@ class Worker:
 
     def _is_named(self, suite, names):
         """A name may have wildcards and the wing in front: cli/*."""
-        wing = Path(self.clean.suites[suite].file).parent.name
+        wing = self.clean.suites[suite].file.parent.name
         return any(fnmatch.fnmatch(suite, name) or fnmatch.fnmatch(f"{wing}/{suite}", name) for name in names)
 
     def _tried(self, defect):
