@@ -1,8 +1,10 @@
 #pragma once
 
+#include <clocale>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <locale>
 #include <string>
 
 /// What glibc keeps of LOCPATH is no leak of ours.
@@ -40,6 +42,25 @@ public:
 private:
   std::filesystem::path path_;
   bool made_ = false;
+};
+
+/// A program under that locale while it lives: both C's locale, which strtod and printf follow, and the streams'.
+class UnderAComma {
+public:
+  explicit UnderAComma(const GermanLocaleFolder& german) {
+    ::setenv("LOCPATH", german.path().c_str(), 1);
+    before_ = std::locale::global(std::locale("de_DE"));
+  }
+  ~UnderAComma() {
+    std::locale::global(before_);
+    std::setlocale(LC_ALL, "C");
+    ::unsetenv("LOCPATH");
+  }
+  UnderAComma(const UnderAComma&) = delete;
+  UnderAComma& operator=(const UnderAComma&) = delete;
+
+private:
+  std::locale before_;
 };
 
 }  // namespace kdl_calibration::testing

@@ -746,25 +746,6 @@ TEST(ModelJson, ListsWhatIsKeptAndTheGaugeInDeclaredOrder) {
 
 // ---- locales -------------------------------------------------------------------------------------------------------
 
-/// A program under a German locale: both C's locale, which strtod and printf follow, and the streams'.
-class UnderAComma {
-public:
-  explicit UnderAComma(const testing::GermanLocaleFolder& german) {
-    ::setenv("LOCPATH", german.path().c_str(), 1);
-    before_ = std::locale::global(std::locale("de_DE"));
-  }
-  ~UnderAComma() {
-    std::locale::global(before_);
-    std::setlocale(LC_ALL, "C");
-    ::unsetenv("LOCPATH");
-  }
-  UnderAComma(const UnderAComma&) = delete;
-  UnderAComma& operator=(const UnderAComma&) = delete;
-
-private:
-  std::locale before_;
-};
-
 /// Everything that the library reads and writes, as one text.
 std::string everything() {
   const Robot odd = parse_robot(kOddArm);
@@ -775,6 +756,9 @@ std::string everything() {
   for (const MovingJoint& joint : again.joints) {
     text += Json(joint.origin.p.x()).dump() + Json(joint.lower.value_or(1.5)).dump();
   }
+
+  text += measurements_csv(parse_measurements("configuration,target,turn,x,y,z\n1000000,A,1.5,-1234567.5,1234.5,0.25\n",
+                                              {"turn"}));  // digits in groups
 
   const Robot robot = fanuc();
   const ErrorModel model = complete_model(robot);
@@ -802,7 +786,7 @@ TEST(Locale, OfTheProgramChangesNoByte) {
   const std::string plain = everything();
   std::string comma;
   {
-    const UnderAComma under(german);
+    const testing::UnderAComma under(german);
     ASSERT_EQ(std::localeconv()->decimal_point, std::string(","));
     ASSERT_EQ(std::use_facet<std::numpunct<char>>(std::locale()).decimal_point(), ',');
     comma = everything();

@@ -7,13 +7,11 @@
 
 #include <array>
 #include <bit>
-#include <clocale>
 #include <cmath>
 #include <cstdint>
 #include <fstream>
 #include <functional>
 #include <limits>
-#include <locale>
 #include <map>
 #include <numbers>
 #include <set>
@@ -528,50 +526,6 @@ TEST(MeasurementsInput, RandomDamageGivesAResultOrAnInputError) {
   }
   EXPECT_GT(results, 200);
   EXPECT_GT(errors, 200);
-}
-
-// ---- Locale --------------------------------------------------------------------------------------------------------
-
-class CommaPunctuation : public std::numpunct<char> {
-protected:
-  char do_decimal_point() const override { return ','; }
-  char do_thousands_sep() const override { return '.'; }
-  std::string do_grouping() const override { return "\3"; }
-};
-
-/// A German locale for the process while it lives, as far as the machine has one.
-class GermanLocale {
-public:
-  GermanLocale() : cpp_(std::locale(std::locale::classic(), new CommaPunctuation)) {
-    for (const char* name : {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8"}) {
-      if (std::setlocale(LC_ALL, name) != nullptr) break;
-    }
-    previous_ = std::locale::global(cpp_);
-  }
-  ~GermanLocale() {
-    std::locale::global(previous_);
-    std::setlocale(LC_ALL, "C");
-  }
-  GermanLocale(const GermanLocale&) = delete;
-  GermanLocale& operator=(const GermanLocale&) = delete;
-
-private:
-  std::locale cpp_;
-  std::locale previous_;
-};
-
-TEST(MeasurementsLocale, ADecimalCommaInTheLocaleChangesNothing) {
-  const std::string csv = kHeader + "1000000,A,1.5,-0.25,1234.5,2.5,3.5\n2000000,A,0.5,-0.25,1234567.5,2.5,3.5\n";
-  const std::string json =
-      R"({"controller_joints": ["a", "b"], "urdf_joints": ["joint_1", "joint_2"], "matrix": [[1.5, 0], [0, 1]]})";
-  const Measurements plain = parse(csv);
-  const std::string written = measurements_csv(plain);
-  const GermanLocale german;
-  ASSERT_EQ(std::use_facet<std::numpunct<char>>(std::locale()).decimal_point(), ',');
-  expect_same(parse(csv), plain);
-  EXPECT_EQ(measurements_csv(plain), written);
-  EXPECT_EQ(parse_joint_convention(json).matrix(0, 0), 1.5);
-  EXPECT_THAT(row_message("c1,A,1,2,3\n"), HasSubstr("m.csv:2: 5 fields"));
 }
 
 // ---- Joint conventions ---------------------------------------------------------------------------------------------
