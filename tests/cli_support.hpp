@@ -54,6 +54,14 @@ struct Surroundings {
   std::vector<std::pair<std::string, std::string>> environment;  ///< what is set beside the test's own
 };
 
+/// What the call says on standard error.
+template <class Call>
+std::string said_by(Call&& call) {
+  ::testing::internal::CaptureStderr();
+  call();
+  return ::testing::internal::GetCapturedStderr();
+}
+
 /// A kdlcal that runs beside the test.
 class Process {
 public:

@@ -7,7 +7,6 @@
 #include <cctype>
 #include <cmath>
 #include <set>
-#include <sstream>
 
 #include "base/sha256.hpp"
 #include "cli_options_support.hpp"
@@ -724,7 +723,6 @@ namespace {
 using Json = nlohmann::json;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using ::testing::Not;
 using Words = std::vector<std::string>;
 
 class CalibrateResult : public CommandLine {
@@ -738,18 +736,6 @@ protected:
     Words words = {"calibrate", "--measurements", "m.csv"};
     words.insert(words.end(), more.begin(), more.end());
     return words;
-  }
-
-  static std::vector<std::vector<std::string>> table_of(const std::string& csv) {
-    std::vector<std::vector<std::string>> rows;
-    for (const std::string& line : lines_of(csv)) {
-      rows.emplace_back();
-      std::istringstream fields(line);
-      for (std::string field; std::getline(fields, field, ',');) {
-        rows.back().push_back(field);
-      }
-    }
-    return rows;
   }
 };
 
@@ -821,7 +807,7 @@ TEST_F(CalibrateResult, RefusesNotesThatAreNone) {
 TEST_F(CalibrateResult, WritesResidualsAndCovarianceAsInTheResult) {
   ASSERT_EQ(run(calibrate({"--residuals", "e.csv", "--covariance", "c.csv", "--result", "r.json"})).status, 0);
   const Json result = json_of("r.json");
-  const auto rows = table_of(text_of("e.csv"));
+  const auto rows = cells_of(text_of("e.csv"));
   ASSERT_EQ(rows.size(), 61U);
   EXPECT_THAT(rows[0],
               ElementsAre("configuration", "repeat", "target", "split", "dx[m]", "dy[m]", "dz[m]", "distance[m]"));
@@ -832,7 +818,7 @@ TEST_F(CalibrateResult, WritesResidualsAndCovarianceAsInTheResult) {
     EXPECT_EQ(std::stod(rows[i + 1][5]), row["residual"][1]);
     EXPECT_EQ(std::stod(rows[i + 1][7]), row["distance"]);
   }
-  const auto matrix = table_of(text_of("c.csv"));
+  const auto matrix = cells_of(text_of("c.csv"));
   const Json& names = result["covariance"]["names"];
   ASSERT_EQ(matrix.size(), names.size() + 1);
   for (std::size_t r = 0; r < names.size(); ++r) {
@@ -909,14 +895,6 @@ TEST_F(CalibrateResult, SaysWhatBecameOfEveryRequirement) {
   EXPECT_EQ(judged, json_of("plain.json"));
 }
 
-TEST_F(CalibrateResult, RefusesRequirementsThatAreNone) {
-  for (const char* text : {"rms", "rms=1", "<1", "rms<", "rms<x", "rms<1kg", "a..b<1", "rms<>1"}) {
-    expect_refused(calibrate({"--require", text}), {"--require", text});
-  }
-  expect_refused(calibrate({"--require", "\xff<1"}), {"--require", "UTF-8"});
-  expect_refused({"validate", "--measurements", "m.csv", "--require", "rms"}, {"--require", "'rms'"});
-}
-
 TEST_F(CalibrateResult, IsValidatedWithItsFullModel) {
   ASSERT_EQ(run(calibrate({"--result", "r.json", "--output", "c.urdf"})).status, 0);
   const double fitted = json_of("r.json")["position_error"]["train"]["after"]["rms"];
@@ -977,13 +955,6 @@ TEST_F(CalibrateResult, HelpIsEightyColumnsWideAndGrouped) {
     at = help.find(heading, at);
     ASSERT_NE(at, std::string::npos) << heading << help;
   }
-}
-
-TEST_F(CalibrateResult, ANearlyRightOptionIsRecognised) {
-  expect_refused({"calibrate", "--measurments", "m.csv"}, {"'--measurments'", "did you mean --measurements?"});
-  expect_refused({"calibrate", "--measurements", "m.csv", "--leave-one-otu"}, {"did you mean --leave-one-out?"});
-  const Outcome far = run({"calibrate", "--measurements", "m.csv", "--zzzzzzzz"});
-  EXPECT_THAT(far.err, Not(HasSubstr("did you mean")));
 }
 
 }  // namespace

@@ -10,14 +10,6 @@
 namespace kdl_calibration::testing::help_test {
 namespace {
 
-/// What the call says on standard error.
-template <class Call>
-std::string said_by(Call&& call) {
-  ::testing::internal::CaptureStderr();
-  call();
-  return ::testing::internal::GetCapturedStderr();
-}
-
 TEST(Help, NumbersAreReadWhole) {
   for (const auto& [text, value] : std::vector<std::pair<std::string, double>>{
            {"1", 1.0}, {"+2.5", 2.5}, {"-2.5", -2.5}, {"+3e-1", 0.3}, {"-0", 0.0}, {"1e300", 1e300}, {".5", 0.5}}) {

@@ -36,14 +36,6 @@ using ::testing::IsEmpty;
 using ::testing::Not;
 using Words = std::vector<std::string>;
 
-/// What the call says on standard error.
-template <class Call>
-std::string said_by(Call&& call) {
-  ::testing::internal::CaptureStderr();
-  call();
-  return ::testing::internal::GetCapturedStderr();
-}
-
 TEST(OptionValues, ValuesOfOptionsAreTakenUpToTheirBounds) {
   const auto taken = [](const CLI::Validator& validator, std::string value) { return validator(value); };
   const CLI::Validator between = cli::number_between(-2.0, 3.0, "so much");

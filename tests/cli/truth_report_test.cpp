@@ -230,26 +230,12 @@ TEST_F(Truth, RefusesWhatDoesNotBelongTogether) {
 
 // ---- jacobian --identification -------------------------------------------------------------------------------------
 
-class Matrices : public CommandLine {
-protected:
-  static std::vector<std::vector<std::string>> cells(const std::string& csv) {
-    std::vector<std::vector<std::string>> rows;
-    std::istringstream lines(csv);
-    for (std::string line; std::getline(lines, line);) {
-      rows.emplace_back();
-      std::istringstream fields(line);
-      for (std::string field; std::getline(fields, field, ',');) {
-        rows.back().push_back(field);
-      }
-    }
-    return rows;
-  }
-};
+class Matrices : public CommandLine {};
 
 TEST_F(Matrices, StandSideBySideInOneTable) {
   const Outcome outcome = run({"jacobian", "--identification", "--joints", "10,20,-30,40,50,60", "--degrees"});
   ASSERT_EQ(outcome.status, 0) << outcome.err;
-  const auto rows = cells(outcome.out);
+  const auto rows = cells_of(outcome.out);
   ASSERT_EQ(rows.size(), 10U);
   ASSERT_EQ(rows[0].size(), 3U + 33U + 15U);
   EXPECT_THAT(outcome.out.substr(0, outcome.out.find('\n')),
@@ -284,7 +270,7 @@ TEST_F(Matrices, AreWrittenForEveryConfigurationOfAFile) {
   to_file.insert(to_file.end(), {"--output", "j.csv", "--json"});
   const Json json = run_json(to_file);
   EXPECT_EQ(text_of("j.csv"), run(command).out);
-  const auto rows = cells(text_of("j.csv"));
+  const auto rows = cells_of(text_of("j.csv"));
   const std::size_t columns = 6 + complete_model(fanuc()).parameters.size() + 12;
   ASSERT_EQ(rows.size(), 1U + 7U * 12U);
   EXPECT_EQ(rows[0].size(), 3U + columns + 18U);
