@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <locale>
 #include <numeric>
 #include <random>
 
@@ -117,12 +116,8 @@ TEST(ReportPage, SameInputGivesTheSameBytesInEveryLocale) {
   const std::string page = page_of(setting, result);
   EXPECT_EQ(page, page_of(setting, result));
   const GermanLocaleFolder german;
-  ::setenv("LOCPATH", german.path().c_str(), 1);
-  const std::locale before = std::locale::global(std::locale("de_DE"));
-  const std::string there = page_of(setting, result);
-  std::locale::global(before);
-  ::unsetenv("LOCPATH");
-  EXPECT_TRUE(page == there);
+  const UnderAComma under(german);
+  EXPECT_TRUE(page == page_of(setting, result));
 }
 
 TEST(ReportPage, ShowsTheLargestAndEvenlySpacedOnesOfManyPoints) {
@@ -143,6 +138,7 @@ TEST(ReportPage, ShowsTheLargestAndEvenlySpacedOnesOfManyPoints) {
   EXPECT_TRUE(std::any_of(points.begin(), points.end(), [](const Json& point) { return point["row"] == kWrong; }));
   EXPECT_EQ(data["measured"]["distributions"]["train"]["after"]["count"], 3600);
   EXPECT_EQ(data["measured"]["distributions"]["train"]["after"]["values"].size(), 1001U);
+  EXPECT_FALSE(data["measured"]["distributions"].contains("test")) << "there are no test rows";
 }
 
 TEST(ReportPage, OfPointsThatAreAllAsLargeTheFirstAreShown) {

@@ -278,7 +278,7 @@ TEST(Robot, TipIsSoughtBelowTheGivenBase) {
 
 TEST(Robot, IgnoresWhatStandsBesideTheChain) {
   const std::string urdf = robot_of(
-      links({"base", "l1", "tool0", "f", "p", "m"}) + joint("j1", "continuous", "base", "l1") +
+      links({"base", "l1", "tool0", "f", "p", "m"}) + "some words" + joint("j1", "continuous", "base", "l1") +
       joint("to", "fixed", "l1", "tool0") + joint("float", "floating", "base", "f") +
       joint("plane", "planar", "base", "p") +
       joint("mimic", "continuous", "base", "m", "<axis xyz='0 0 0'/><mimic joint='j1'/>") +
