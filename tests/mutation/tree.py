@@ -198,8 +198,8 @@ class Runner:
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         limits = f"ulimit -v {self.memory_mb * 1024}; ulimit -t {int(cpu_limit)}; ulimit -f 67108864; ulimit -c 0"
-        words = [
-            "sh", "-c", limits + '; exec "$@"', "-", str(executable), "--gtest_fail_fast", "--gtest_brief=1",
+        words = [  # what runs in the background ignores signals, which the tests send
+            "env", "--default-signal=HUP,INT,QUIT", "sh", "-c", limits + '; exec "$@"', "-", str(executable), "--gtest_fail_fast", "--gtest_brief=1",
             "--gtest_filter=" + self.clean.filter_of(suite) + "-" + ":".join(ALWAYS_LEFT_OUT + self.left_out + self.left_out_of.get(suite, [])),
         ]  # fmt: skip
         process = subprocess.Popen(
