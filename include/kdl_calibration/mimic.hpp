@@ -9,12 +9,13 @@
 
 namespace kdl_calibration {
 
-// People and files give the values of the independent joints. Where these enter, the followers' values (see Mimic) are
-// filled in, and everything inside sees the values of all joints, of which KDL's chain has as many.
+// People and files give the values of the independent joints, and of a drive outside the chain instead of the joint that
+// it moves (see Drive). Where these enter, the values of all joints of the chain are computed from them (see Mimic).
+// Everything inside sees those.
 
 /// Indices of the joints that follow none, base to tip.
 std::vector<std::size_t> independent_joints(const std::vector<MovingJoint>& joints);
-/// Their names.
+/// Their names, or those of the drives that move them.
 std::vector<std::string> independent_joint_names(const std::vector<MovingJoint>& joints);
 
 /// Sets the rows of the followers from those of their leaders; `q` is joints x N, [rad] or [m].

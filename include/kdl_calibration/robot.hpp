@@ -20,6 +20,14 @@ struct Mimic {
   double offset = 0.0;  ///< [rad] or [m]
 };
 
+/// A joint outside the chain that moves one of the chain (a URDF <mimic> of a joint on another branch, such as the drive
+/// of a lift). People and files give the drive's value; the joint's own value is multiplier * the drive's + offset.
+struct Drive {
+  std::string name;
+  double multiplier = 1.0;
+  double offset = 0.0;  ///< [rad] or [m]
+};
+
 /// A moving joint of the chain. Units: metres and radians (per second).
 struct MovingJoint {
   std::string name;
@@ -35,6 +43,7 @@ struct MovingJoint {
   std::optional<double> upper;
   std::optional<double> velocity;
   std::optional<Mimic> mimic;  ///< none for an independent joint
+  std::optional<Drive> drive;  ///< of an independent joint; further joints that the drive moves follow this one
 };
 
 /// The nominal robot: one serial chain of a URDF, from `base` to `tip`.

@@ -82,6 +82,13 @@ std::vector<Named> named_values(const Robot& robot, const JointConvention* conve
                         .offset = offset[i]});
     }
   }
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    if (const std::optional<Drive>& drive = robot.joints[i].drive) {
+      result.push_back({.name = drive->name,
+                        .weights = Eigen::VectorXd::Unit(count, static_cast<Eigen::Index>(i)) / drive->multiplier,
+                        .offset = -drive->offset / drive->multiplier});
+    }
+  }
   for (std::size_t i = 0; i < robot.joints.size(); ++i) {  // a follower's value is its leader's, times and plus
     const Mimic itself{.leader = i};
     const Mimic& mimic = robot.joints[i].mimic ? *robot.joints[i].mimic : itself;

@@ -48,7 +48,13 @@ JointRanges joint_ranges(const ErrorModel& model, const std::vector<std::string>
   }
   JointRanges ranges = limits_of(model.joints);
   for (std::size_t i = 0; i < joints.size(); ++i) {
-    ranges[joints[i]] = parsed_range(given[i], model.joints[joints[i]]);
+    const MovingJoint& joint = model.joints[joints[i]];
+    const Drive direct;
+    const Drive& drive = joint.drive ? *joint.drive : direct;
+    auto [lower, upper] = parsed_range(given[i], joint);
+    lower = drive.multiplier * lower + drive.offset;
+    upper = drive.multiplier * upper + drive.offset;
+    ranges[joints[i]] = std::minmax({lower, upper});
   }
   return ranges;
 }

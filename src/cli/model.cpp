@@ -37,6 +37,10 @@ std::string followers(const Robot& robot) {
       text += (text.empty() ? "" : ", ") + joint.name + " = " + Json(joint.mimic->multiplier).dump() + " " +
               robot.joints[joint.mimic->leader].name + " + " + Json(joint.mimic->offset).dump();
     }
+    if (joint.drive) {
+      text += (text.empty() ? "" : ", ") + joint.name + " = " + Json(joint.drive->multiplier).dump() + " " +
+              joint.drive->name + " + " + Json(joint.drive->offset).dump();
+    }
   }
   return text.empty() ? "" : " (" + text + ")";
 }

@@ -90,11 +90,25 @@ public:
     std::size_t named = cells.size();
     while (named > 0 && trimmed(cells[named - 1]).empty()) --named;
     for (std::size_t i = 0; i < named; ++i) add(i, trimmed(cells[i]));
+    take_own_values();
     check_complete();
     return std::move(header_);
   }
 
 private:
+  // Without the column of a drive, that of the joint which it moves takes its place.
+  void take_own_values() {
+    header_.own_values.assign(header_.joints.size(), false);
+    const std::vector<std::size_t> independent = independent_joints(joints_.joints);
+    for (std::size_t i = 0; joints_.convention == nullptr && i < header_.joints.size(); ++i) {
+      const auto own = std::find(joints_.followers.begin(), joints_.followers.end(), independent[i]);
+      if (own != joints_.followers.end() && !present(header_.joints[i])) {
+        header_.own_values[i] = true;
+        std::swap(header_.joints[i], header_.followers[static_cast<std::size_t>(own - joints_.followers.begin())]);
+      }
+    }
+  }
+
   void add(std::size_t index, std::string_view cell) {
     if (cell.empty()) fail(place_, "column " + std::to_string(index + 1) + " has no name");
     header_.names.emplace_back(printable(cell));

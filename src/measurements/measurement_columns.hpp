@@ -41,6 +41,7 @@ struct Header {
   std::array<Column, 4> quaternion;  ///< w, x, y, z
   std::vector<Column> joints;        ///< in the order of the expected names
   std::vector<Column> followers;     ///< in the order of ExpectedJoints::followers; absent ones as well
+  std::vector<bool> own_values;      ///< for each of `joints`, whether the column is the joint's own, not its drive's
   std::vector<Column> torques;       ///< of the joints that the header is expected to name; absent ones as well
 };
 
@@ -50,7 +51,7 @@ struct ExpectedJoints {
   const std::vector<std::string>& urdf_names;  ///< of the independent joints, base to tip
   const JointConvention* convention;
   const std::vector<MovingJoint>& joints;  ///< of the chain, base to tip
-  std::vector<std::size_t> followers;      ///< those of them that mimic another
+  std::vector<std::size_t> followers;      ///< those of them that mimic another or have a drive outside the chain
   bool kinds_known = true;                 ///< whether `joints` says which of them turn and which slide
   bool with_points = true;                 ///< whether the file must say which target was measured where
 };

@@ -99,7 +99,16 @@ public:
       result.joint_values = read;
     } else {
       const auto independent = static_cast<Eigen::Index>(header_.joints.size());
-      result.joint_values = all_joint_values(joints.joints, read.topRows(independent));
+      Eigen::MatrixXd values = read.topRows(independent);
+      const std::vector<std::size_t> rows_of = independent_joints(joints.joints);
+      for (std::size_t i = 0; i < header_.own_values.size(); ++i) {
+        if (header_.own_values[i]) {
+          const Drive& drive = *joints.joints[rows_of[i]].drive;
+          auto row = values.row(static_cast<Eigen::Index>(i)).array();
+          row = (row - drive.offset) / drive.multiplier;
+        }
+      }
+      result.joint_values = all_joint_values(joints.joints, values);
       check_followers(joints, read.bottomRows(rows - independent), result.joint_values);
     }
     result.signals.torques = torques_.means(header_, joints, result.configurations.size());
@@ -222,15 +231,17 @@ private:
       if (!present(column)) continue;
       const MovingJoint& joint = joints.joints[joints.followers[i]];
       const auto expected = joint_values.row(static_cast<Eigen::Index>(joints.followers[i]));
-      const double tolerance = kRoundedJointValue * (1.0 + std::abs(joint.mimic->multiplier));
+      const double multiplier = joint.mimic ? joint.mimic->multiplier : joint.drive->multiplier;
+      const double offset = joint.mimic ? joint.mimic->offset : joint.drive->offset;
+      const double tolerance = kRoundedJointValue * (1.0 + std::abs(multiplier));
       for (Eigen::Index c = 0; c < read.cols(); ++c) {
         if (std::abs(read(row, c) - expected[c]) <= tolerance) continue;
-        const std::string& leader = joints.joints[joint.mimic->leader].name;
+        const std::string& leader = joint.mimic ? joints.joints[joint.mimic->leader].name : joint.drive->name;
         fail(Place{source_, lines_[first_rows_[static_cast<std::size_t>(c)]]},
              header_.names[column.index] + " " + shown(in_unit(read(row, c), column.unit)) +
                  " contradicts the URDF, where the joint mimics " + shown(leader) + ": expected " +
-                 in_unit(expected[c], column.unit) + " (" + shortest(joint.mimic->multiplier) + " times that of " +
-                 shown(leader) + " plus " + in_unit(joint.mimic->offset, column.unit) + ")");
+                 in_unit(expected[c], column.unit) + " (" + shortest(multiplier) + " times that of " + shown(leader) +
+                 " plus " + in_unit(offset, column.unit) + ")");
       }
       ++row;
     }
@@ -239,8 +250,8 @@ private:
   std::vector<JointUnit> joint_units(const ExpectedJoints& joints) const {
     std::vector<Column> columns(joints.joints.size());
     const std::vector<std::size_t> independent = independent_joints(joints.joints);
-    for (std::size_t i = 0; i < independent.size(); ++i) columns[independent[i]] = header_.joints[i];
     for (std::size_t i = 0; i < joints.followers.size(); ++i) columns[joints.followers[i]] = header_.followers[i];
+    for (std::size_t i = 0; i < independent.size(); ++i) columns[independent[i]] = header_.joints[i];
     std::vector<JointUnit> units;
     for (const Column& column : columns) {
       const bool angle = column.unit == Unit::rad || column.unit == Unit::deg;
@@ -288,7 +299,7 @@ Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, c
                         kind.kinds_known,
                         kind.with_points};
   for (std::size_t i = 0; i < chain.size(); ++i) {
-    if (chain[i].mimic) joints.followers.push_back(i);
+    if (chain[i].mimic || chain[i].drive) joints.followers.push_back(i);
   }
   std::string_view line;
   if (!next_record(lines, line)) fail(lines.source(), "empty: " + expected_columns(joints));

@@ -90,8 +90,9 @@ std::vector<JointColumn> joint_columns(const std::vector<MovingJoint>& joints, c
   std::vector<JointColumn> columns;
   const std::vector<std::size_t> independent = independent_joints(joints);
   if (convention == nullptr) {
-    for (const std::size_t i : independent) {
-      columns.push_back({.name = joints[i].name, .length = joints[i].type == JointType::prismatic});
+    const std::vector<std::string> names = independent_joint_names(joints);
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      columns.push_back({.name = names[i], .length = joints[independent[i]].type == JointType::prismatic});
     }
     return columns;
   }

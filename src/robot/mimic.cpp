@@ -17,7 +17,7 @@ std::vector<std::size_t> independent_joints(const std::vector<MovingJoint>& join
 std::vector<std::string> independent_joint_names(const std::vector<MovingJoint>& joints) {
   std::vector<std::string> names;
   for (const std::size_t i : independent_joints(joints)) {
-    names.push_back(joints[i].name);
+    names.push_back(joints[i].drive ? joints[i].drive->name : joints[i].name);
   }
   return names;
 }
@@ -40,7 +40,9 @@ Eigen::MatrixXd all_joint_values(const std::vector<MovingJoint>& joints,
   Eigen::MatrixXd all(static_cast<Eigen::Index>(joints.size()), independent.cols());
   Eigen::Index row = 0;
   for (const std::size_t i : rows) {
-    all.row(static_cast<Eigen::Index>(i)) = independent.row(row++);
+    const Drive direct;
+    const Drive& drive = joints[i].drive ? *joints[i].drive : direct;
+    all.row(static_cast<Eigen::Index>(i)) = (drive.multiplier * independent.row(row++)).array() + drive.offset;
   }
   follow(joints, all);
   return all;
@@ -49,7 +51,15 @@ Eigen::MatrixXd all_joint_values(const std::vector<MovingJoint>& joints,
 Eigen::MatrixXd independent_joint_values(const std::vector<MovingJoint>& joints,
                                          const Eigen::Ref<const Eigen::MatrixXd>& all) {
   require_count("joint values", all.rows(), joints.size());
-  return all(independent_joints(joints), Eigen::all);
+  const std::vector<std::size_t> rows = independent_joints(joints);
+  Eigen::MatrixXd result = all(rows, Eigen::all);
+  for (std::size_t row = 0; row < rows.size(); ++row) {
+    if (const std::optional<Drive>& drive = joints[rows[row]].drive) {
+      auto values = result.row(static_cast<Eigen::Index>(row)).array();
+      values = (values - drive->offset) / drive->multiplier;
+    }
+  }
+  return result;
 }
 
 }  // namespace kdl_calibration

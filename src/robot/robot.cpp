@@ -88,6 +88,21 @@ std::string link_of(const tinyxml2::XMLElement& joint, const char* end) {
   return link == nullptr ? std::string() : std::string(link);
 }
 
+/// Throws InputError for an attribute that changes the kinematics and that urdfdom ignores, such as quat_xyzw.
+void refuse_other_rotations(const tinyxml2::XMLElement& joint, const std::string& name, const std::string& source) {
+  for (const char* tag : {"origin", "axis"}) {
+    const tinyxml2::XMLElement* element = joint.FirstChildElement(tag);
+    for (auto* a = element == nullptr ? nullptr : element->FirstAttribute(); a != nullptr; a = a->Next()) {
+      const std::string attribute = a->Name();
+      if (attribute.starts_with("quat") || attribute == "expressed_in" || attribute == "relative_to" ||
+          attribute == "degrees" || attribute == "rotation_format") {
+        throw InputError(source + ": joint " + in_quotes(name) + ": attribute " + in_quotes(attribute) + " of <" + tag +
+                         ">, expected xyz and rpy alone");
+      }
+    }
+  }
+}
+
 /// Throws InputError where a link has two parents or is its own ancestor. urdfdom accepts both in places.
 void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
   std::map<std::string, std::pair<std::string, std::string>> parents;  // child link -> parent link, joint
@@ -97,6 +112,7 @@ void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
     const char* attribute = joint->Attribute("name");
     const std::string name = attribute == nullptr ? "" : attribute;
     const std::string child = link_of(*joint, "child");
+    refuse_other_rotations(*joint, name, source);
     if (++count > kMostJoints) {
       throw InputError(source + ": more joints than the limit of " + std::to_string(kMostJoints));
     }
@@ -295,34 +311,34 @@ MovingJoint moving_joint(const urdf::Joint& joint, const std::string& where) {
   return moving;
 }
 
-/// The joint's mimic through those of the joints that its leader follows in turn; none for an independent joint.
-std::optional<Mimic> resolved_mimic(const urdf::ModelInterface& model, const Robot& robot,
-                                    const MovingJoint& follower) {
-  const std::string where = robot.source + ": joint " + in_quotes(follower.name);
+bool is_moving(const urdf::ModelInterface& model, const std::string& name) {
+  const urdf::JointConstSharedPtr joint = model.getJoint(name);
+  return joint && (joint->type == urdf::Joint::REVOLUTE || joint->type == urdf::Joint::CONTINUOUS ||
+                   joint->type == urdf::Joint::PRISMATIC);
+}
+
+/// The joint that moves `follower` in the end, through all joints that mimic in between: itself if it mimics none.
+Drive resolved_drive(const urdf::ModelInterface& model, const std::string& source, const std::string& follower) {
+  const std::string where = source + ": joint " + in_quotes(follower);
   const auto is_in_range = [](double value) { return std::abs(value) <= kLargestNumber; };
-  Mimic mimic;
-  std::string name = follower.name;
-  for (std::size_t step = 0; step <= robot.joints.size(); ++step) {
-    const auto found = std::find_if(robot.joints.begin(), robot.joints.end(),
-                                    [&](const MovingJoint& joint) { return joint.name == name; });
-    if (found == robot.joints.end()) {
-      throw InputError(where + " mimics joint " + in_quotes(name) + ", which is no moving joint between base link " +
-                       in_quotes(robot.base) + " and tip link " + in_quotes(robot.tip) + ", expected one of the chain");
+  Drive drive{.name = follower};
+  for (std::size_t step = 0; step <= model.joints_.size(); ++step) {
+    if (!is_moving(model, drive.name)) {
+      throw InputError(where + " mimics joint " + in_quotes(drive.name) + ", expected a moving joint of the URDF");
     }
-    mimic.leader = static_cast<std::size_t>(found - robot.joints.begin());
-    const urdf::JointMimicSharedPtr& next = model.getJoint(name)->mimic;
+    const urdf::JointMimicSharedPtr& next = model.getJoint(drive.name)->mimic;
     if (!next) {
-      return step == 0 ? std::nullopt : std::optional<Mimic>(mimic);
+      return drive;
     }
-    mimic.offset += mimic.multiplier * next->offset;
-    mimic.multiplier *= next->multiplier;
-    if (!is_in_range(mimic.multiplier) || !is_in_range(mimic.offset)) {
+    drive.offset += drive.multiplier * next->offset;
+    drive.multiplier *= next->multiplier;
+    if (!is_in_range(drive.multiplier) || !is_in_range(drive.offset)) {
       throw InputError(where + ": multiplier or offset of its mimic is not finite or out of range, expected numbers " +
                        "up to 1e12");
     }
-    name = next->joint_name;
+    drive.name = next->joint_name;
   }
-  throw InputError(where + ": what it mimics forms a loop through joint " + in_quotes(robot.joints[mimic.leader].name) +
+  throw InputError(where + ": what it mimics forms a loop through joint " + in_quotes(drive.name) +
                    ", expected a leader that follows none");
 }
 
@@ -351,9 +367,47 @@ void narrow_limits(const MovingJoint& follower, MovingJoint& leader, const std::
   }
 }
 
+/// The first joint that a drive outside the chain moves stands for it: the others follow that joint.
+void set_drive(const urdf::ModelInterface& model, const Robot& robot, const Drive& drive, MovingJoint& joint) {
+  const std::string where = robot.source + ": joint " + in_quotes(joint.name);
+  MovingJoint outside = moving_joint(*model.getJoint(drive.name), robot.source + ": joint " + in_quotes(drive.name));
+  if ((outside.type == JointType::prismatic) != (joint.type == JointType::prismatic)) {
+    throw InputError(where + " mimics joint " + in_quotes(drive.name) + ", and only one of them turns: expected two " +
+                     "joints that turn or two that slide");
+  }
+  if (drive.multiplier == 0.0) {
+    throw InputError(where + " mimics joint " + in_quotes(drive.name) +
+                     " with a multiplier of 0, expected another one");
+  }
+  joint.drive = drive;
+  outside.mimic = Mimic{.multiplier = 1.0 / drive.multiplier, .offset = -drive.offset / drive.multiplier};
+  narrow_limits(outside, joint, robot.source);
+}
+
 void resolve_mimics(const urdf::ModelInterface& model, Robot& robot) {
-  for (MovingJoint& joint : robot.joints) {
-    joint.mimic = resolved_mimic(model, robot, joint);
+  std::map<std::string, std::size_t> leaders;  // index of the joint of the chain that has or stands for each drive
+  std::vector<Drive> drives;
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    leaders.emplace(robot.joints[i].name, i);
+    drives.push_back(resolved_drive(model, robot.source, robot.joints[i].name));
+  }
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    MovingJoint& joint = robot.joints[i];
+    const Drive& own = drives[i];
+    if (own.name == joint.name) {
+      continue;
+    }
+    const auto [leader, stands_for_it] = leaders.emplace(own.name, i);
+    if (stands_for_it) {
+      set_drive(model, robot, own, joint);
+      continue;
+    }
+    const Drive none;
+    const std::optional<Drive>& drive = robot.joints[leader->second].drive;
+    const Drive& of_leader = drive ? *drive : none;
+    const double multiplier = own.multiplier / of_leader.multiplier;
+    joint.mimic =
+        Mimic{.leader = leader->second, .multiplier = multiplier, .offset = own.offset - multiplier * of_leader.offset};
   }
   for (const MovingJoint& joint : robot.joints) {
     if (joint.mimic) {

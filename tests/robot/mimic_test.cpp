@@ -155,14 +155,64 @@ TEST(Mimic, LimitsOfALeaderAreTheNarrowerOfBoth) {
 
 TEST(MimicBadInput, LeadersThatCannotLeadAreNamed) {
   EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='nobody'/>"})),
-              AllOf(HasSubstr("joint 'forearm' mimics joint 'nobody'"), HasSubstr("'base'"), HasSubstr("'tool'")));
-  EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='mount'/>"})), HasSubstr("no moving joint"));
+              AllOf(HasSubstr("joint 'forearm' mimics joint 'nobody'"), HasSubstr("expected a moving joint")));
+  EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='mount'/>"})), HasSubstr("mimics joint 'mount'"));
   EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='forearm'/>"})), HasSubstr("loop"));
   EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='hand'/>"})), HasSubstr("loop"));
   EXPECT_THAT(refusal(mimic_urdf({.forearm = "<mimic joint='elbow' multiplier='1e200'/>"})), HasSubstr("range"));
-  // The leader is in the tree, but the chain ends in front of it.
-  EXPECT_THAT(refusal(mimic_urdf(), {.base = "", .tip = "l3"}),
-              AllOf(HasSubstr("joint 'forearm' mimics joint 'elbow'"), HasSubstr("'l3'")));
+}
+
+/// A drive on a branch of its own, a spindle beside it, and two stages that follow the drive.
+std::string lift_urdf(const std::string& first = "multiplier='0.5' offset='0.01'") {
+  std::string text = "<robot name='lift'>";
+  for (const char* link : {"base", "drive", "nut", "l1", "l2", "tool"}) {
+    text += "<link name='" + std::string(link) + "'/>";
+  }
+  return text + joint("lift", "prismatic", "base", "drive", "<axis xyz='0 0 1'/>" + limit("0:1.2")) +
+         joint("spindle", "continuous", "base", "nut", "<axis xyz='0 0 1'/>") +
+         joint(
+             "stage_1", "prismatic", "base", "l1",
+             "<origin xyz='0.1 0 0.5'/><axis xyz='0 0 1'/>" + limit("0:0.5") + "<mimic joint='lift' " + first + "/>") +
+         joint("stage_2", "prismatic", "l1", "l2",
+               "<axis xyz='0 0 1'/>" + limit("-1:1") + "<mimic joint='lift' multiplier='-0.25' offset='0.2'/>") +
+         joint("turn", "revolute", "l2", "tool", "<origin xyz='0 0 0.2'/><axis xyz='0 0 1'/>" + limit("-3:3")) +
+         "</robot>";
+}
+
+TEST(Mimic, ADriveBesideTheChainIsTheJointThatPeopleGive) {
+  const Robot robot = parse_robot(lift_urdf(), {.base = "", .tip = "tool"});
+  EXPECT_THAT(independent_joint_names(robot.joints), ElementsAre("lift", "turn"));
+  Eigen::Matrix2Xd given(2, 3);
+  given << 0.0, 0.4, 1.0, 0.3, -1.0, 2.0;
+  const MatrixXd all = all_joint_values(robot.joints, given);
+  for (Eigen::Index c = 0; c < given.cols(); ++c) {
+    EXPECT_NEAR(all(0, c), 0.5 * given(0, c) + 0.01, 1e-15);
+    EXPECT_NEAR(all(1, c), -0.25 * given(0, c) + 0.2, 1e-15);
+    EXPECT_EQ(all(2, c), given(1, c));
+  }
+  EXPECT_LT((independent_joint_values(robot.joints, all) - given).cwiseAbs().maxCoeff(), 1e-15);
+  // lift in [0, 1.2], stage_1 = lift / 2 + 0.01 in [0, 0.5]
+  EXPECT_NEAR(robot.joints[0].lower.value(), 0.01, 1e-15);
+  EXPECT_NEAR(robot.joints[0].upper.value(), 0.5, 1e-15);
+  EXPECT_THAT(refusal(lift_urdf("multiplier='0'"), {.base = "", .tip = "tool"}), HasSubstr("multiplier of 0"));
+  std::string turning = lift_urdf();
+  turning.replace(turning.find("<mimic joint='lift'"), 19, "<mimic joint='spindle'");
+  EXPECT_THAT(refusal(turning, {.base = "", .tip = "tool"}), HasSubstr("only one of them turns"));
+}
+
+TEST(Mimic, MeasurementsNameADriveBesideTheChainOrTheJointThatItMoves) {
+  const Robot robot = parse_robot(lift_urdf(), {.base = "", .tip = "tool"});
+  const auto stage = [&](const std::string& columns, const std::string& values) {
+    const std::string file = ::testing::TempDir() + "drive.csv";
+    std::ofstream(file) << "configuration,target," + columns + ",x,y,z\n1,A," + values + ",0,0,0\n";
+    return read_measurements(robot, file).joint_values;
+  };
+  const Eigen::Vector3d expected(0.21, 0.1, 0.3);
+  EXPECT_LT((stage("lift[mm],turn", "400,0.3") - expected).norm(), 1e-15);
+  EXPECT_LT((stage("stage_1[m],turn", "0.21,0.3") - expected).norm(), 1e-15);
+  EXPECT_LT((stage("lift,stage_1,stage_2,turn", "0.4,0.21,0.1,0.3") - expected).norm(), 1e-15);
+  EXPECT_THAT(testing::refusal([&] { stage("lift,stage_1,turn", "0.4,0.22,0.3"); }),
+              AllOf(HasSubstr("stage_1"), HasSubstr("mimics 'lift'"), HasSubstr("expected 0.21")));
 }
 
 TEST(Mimic, PosesOfTheModelAreThoseOfKdlAtExpandedValues) {

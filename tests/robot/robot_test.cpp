@@ -387,9 +387,15 @@ TEST(RobotBadInput, AChainWithoutMovingJointsIsNamed) {
   EXPECT_THAT(message_of(robot_of("<link name='a'/>")), HasSubstr("no moving joint"));
 }
 
+TEST(RobotBadInput, RotationsThatAreNotInRpyAreNamed) {
+  EXPECT_THAT(message_of(one_joint("revolute", "<origin xyz='1 0 0' quat_xyzw='0 0 1 0'/>")),
+              AllOf(HasSubstr("joint 'j'"), HasSubstr("'quat_xyzw' of <origin>"), HasSubstr("rpy")));
+  EXPECT_THAT(message_of(one_joint("revolute", "<axis xyz='1 0 0' expressed_in='a'/>")), HasSubstr("'expressed_in'"));
+}
+
 TEST(RobotBadInput, JointsThatCannotBeInTheChainAreNamed) {
   EXPECT_THAT(message_of(one_joint("continuous", "<mimic joint='other'/>")),
-              AllOf(HasSubstr("joint 'j' mimics joint 'other'"), HasSubstr("expected one of the chain")));
+              AllOf(HasSubstr("joint 'j' mimics joint 'other'"), HasSubstr("expected a moving joint")));
   EXPECT_THAT(message_of(one_joint("floating", "")), HasSubstr("joint 'j' is floating"));
   EXPECT_THAT(message_of(one_joint("planar", "")), HasSubstr("joint 'j' is planar"));
 }
