@@ -17,6 +17,12 @@ check_threads() {
   echo "the thread sanitizer has no finding"
 }
 
+# The wings above those that CI runs under the address and undefined behaviour sanitizers.
+check_sanitizers() {
+  configure_and_build sanitizers -D KDL_CALIBRATION_SHARED_DATA_DIR="$data"
+  run_tests sanitizers -L 'assessment|calibration|planning|cli'
+}
+
 # Branches that only an exception takes, and those that the compiler makes in unreachable places, are not counted.
 check_coverage() {
   local build=$root/build/coverage what
@@ -42,7 +48,7 @@ check_campaigns() {
   "$root/launch-free-scripts/test.sh" --yes --campaigns ${data:+--data "$data"}
 }
 
-all=(tidy threads coverage mutation campaigns)
+all=(tidy threads sanitizers coverage mutation campaigns)
 read_data_option "$@"
 known=()
 checks=()
@@ -52,6 +58,7 @@ done
 read_options "Checks that take too long for every change, or those of them that are named:
   tidy       clang-tidy on the tests as well
   threads    the thread sanitizer
+  sanitizers the address and undefined behaviour sanitizers on the wings that CI leaves out
   coverage   lines and branches that the tests reach
   mutation   drawn defects that the tests notice (mutation.sh has options of its own)
   campaigns  every test, Monte Carlo over many minutes among them

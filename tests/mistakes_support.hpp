@@ -76,6 +76,7 @@ struct Draw {
   double effect = 0.0;     ///< [rad] 1 sigma of the joints' compliance under gravity
   double gain = 0.0;       ///< 1 sigma of the joints' gains
   int repeats = 1;
+  bool poses = false;  ///< whether orientations are measured, too, to a tenth of a milliradian
 };
 
 /// A robot that was measured: what the files would say.
@@ -97,7 +98,10 @@ inline std::vector<TargetFrame> drawn_targets(const Draw& draw, Random& random) 
 
 inline Measured measured(const ErrorModel& model, std::uint64_t seed, const Draw& draw = {}) {
   Random random(seed);
-  const std::vector<TargetFrame> targets = drawn_targets(draw, random);
+  std::vector<TargetFrame> targets = drawn_targets(draw, random);
+  if (draw.poses) {
+    targets = as_frames(std::move(targets));
+  }
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.linear() = rotation_exp({random.normal(), random.normal(), random.normal()});
   X_WB.translation() = Eigen::Vector3d{random.uniform(1.0, 4.0), random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0)};
@@ -117,7 +121,8 @@ inline Measured measured(const ErrorModel& model, std::uint64_t seed, const Draw
     lower = std::max(lower, -2.5);
     upper = std::min(upper, 2.5);
   }
-  Measurements data = experiment.measure(draw.configurations, {.sigma = draw.noise, .repeats = draw.repeats});
+  Measurements data = experiment.measure(draw.configurations,
+                                         {.sigma = draw.noise, .orientation_sigma = 1e-4, .repeats = draw.repeats});
   return {.model = model, .truth = robot.truth, .free = experiment.free, .data = without_sigmas(std::move(data))};
 }
 

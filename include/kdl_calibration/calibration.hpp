@@ -203,10 +203,15 @@ struct Calibration {
   std::vector<ParameterEstimate> parameters;  ///< base, targets, geometric, effects: estimated ones and the gauge
   Eigen::MatrixXd covariance;                 ///< of the columns of `free`
   std::vector<ModelOption> tried;             ///< best first, where something was chosen
+  std::string not_tried;                      ///< which priors and effects were not tried, and why; empty if all were
   Priors priors;                              ///< in force
   ExportedUrdf exported;
   BeforeAfter train;
   std::optional<BeforeAfter> test;
+  /// Errors of the calibrated robot at test rows whose poses were fitted too, and at the other test rows. Set only if
+  /// there are rows of the first kind.
+  std::optional<ErrorStatistics> test_at_fitted_poses;
+  std::optional<ErrorStatistics> test_at_new_poses;
   std::optional<BeforeAfter> leave_one_out;
   std::optional<ErrorStatistics> nested_leave_one_out;
   std::optional<BeforeAfter> k_fold;
@@ -230,8 +235,12 @@ struct Calibration {
   std::vector<std::string> warnings;
 
   std::vector<Doubt> doubts;
+  /// Set instead of the only doubt if that doubt is "not_determined" for named geometric errors, every prediction in
+  /// the measured region is determined, and the held-out error is at most half of the nominal robot's. The answer is
+  /// then trusted where it was measured.
+  std::optional<Doubt> reservation;
 
-  /// Whether the answer may be used as it stands.
+  /// Whether the answer may be used as it stands, or where it was measured.
   bool trusted() const { return doubts.empty(); }
   /// The errors at unseen configurations: leave-one-out, else k-fold; null where neither could be had.
   const BeforeAfter* held_out() const;

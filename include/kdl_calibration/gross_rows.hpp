@@ -19,8 +19,9 @@ struct GrossRow {
 
 struct GrossRows {
   std::vector<GrossRow> rows;
-  double rms = 0.0;          ///< [m] position residuals with them
-  double rms_without = 0.0;  ///< of the others, fitted without them
+  double rms = 0.0;            ///< [m] position residuals with them
+  double rms_without = 0.0;    ///< of the others, fitted without them
+  bool beyond_chance = false;  ///< whether a group's decrease was significant, even if the rest fits hardly better
 };
 
 /// The few configurations or points (one of ten at most, up to 20) without which the others fit more than three times

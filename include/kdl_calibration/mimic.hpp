@@ -9,9 +9,9 @@
 
 namespace kdl_calibration {
 
-// People and files give the values of the independent joints, and of a drive outside the chain instead of the joint that
-// it moves (see Drive). Where these enter, the values of all joints of the chain are computed from them (see Mimic).
-// Everything inside sees those.
+// People and files give the values of the independent joints, and of a drive outside the chain instead of the joint
+// that it moves (see Drive). Where these enter, the values of all joints of the chain are computed from them (see
+// Mimic). Everything inside sees those.
 
 /// Indices of the joints that follow none, base to tip.
 std::vector<std::size_t> independent_joints(const std::vector<MovingJoint>& joints);

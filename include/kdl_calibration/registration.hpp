@@ -22,6 +22,7 @@ struct Registration {
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   std::vector<TargetFrame> targets;  ///< in the measurements' order; orientation only where it was measured
   double rms = 0.0;                  ///< [m] 3D distance between measured and predicted points
+  int open = 0;                      ///< directions of base and targets that the measurements leave undetermined
   bool ambiguous = false;            ///< another pose of the base explains the measurements about as well
   std::string message;               ///< why it is ambiguous
 };

@@ -20,8 +20,9 @@ struct Mimic {
   double offset = 0.0;  ///< [rad] or [m]
 };
 
-/// A joint outside the chain that moves one of the chain (a URDF <mimic> of a joint on another branch, such as the drive
-/// of a lift). People and files give the drive's value; the joint's own value is multiplier * the drive's + offset.
+/// A joint outside the chain that moves one of the chain (a URDF <mimic> of a joint on another branch, such as the
+/// drive of a lift). People and files give the drive's value; the joint's own value is multiplier * the drive's +
+/// offset.
 struct Drive {
   std::string name;
   double multiplier = 1.0;

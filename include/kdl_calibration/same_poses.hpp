@@ -17,6 +17,11 @@ namespace kdl_calibration {
 /// that.
 std::vector<Eigen::Index> first_at_same_pose(const Eigen::MatrixXd& joint_values);
 
+/// The same for neighbours: no joint value differs from the first one's by more than 0.05 rad or 50 mm, or by a
+/// twentieth of the joint's range if that is less. A neighbour is predicted better than a new pose, so folds keep
+/// neighbours together.
+std::vector<Eigen::Index> first_of_neighbours(const Eigen::MatrixXd& joint_values);
+
 /// The measurements with configurations at the same pose made one, under the label of the first: its joint values are
 /// their mean, their rows are repeats of it. Train and test rows stay apart, and so do approaches from different sides.
 /// `remark` says what was joined.

@@ -12,8 +12,9 @@ namespace kdl_calibration {
 
 /// Something that would explain the measurements much better than what they were taken for.
 struct Suspicion {
-  /// joint_convention, joint_sign, joint_unit, joint_gain, joint_columns, length_unit, scale, mirrored, tool_frame,
-  /// exchanged_targets, moved_base or drift; as remarks joint_function, same_configuration or copied_rows.
+  /// joint_convention, joint_sign, joint_unit, joint_at_rest, joint_gain, joint_columns, known_base, length_unit,
+  /// scale, mirrored, tool_frame, exchanged_targets, moved_base, drift or orientations; as remarks joint_function,
+  /// same_configuration or copied_rows.
   std::string cause;
   std::string message;  ///< one line for people, with the figures
   bool doubt = true;    ///< whether the answer is not to be trusted; else a remark
@@ -23,6 +24,8 @@ struct SuspicionOptions {
   RegistrationOptions registration;
   const JointConvention* used = nullptr;  ///< that made the joint values the URDF's
   std::vector<JointConvention> others;
+  double least_misfit = 0.0;  ///< [m] below it only scales and copied rows are looked for
+  std::string remark;         ///< added behind the misfit in messages
   int threads = 1;
 };
 
@@ -33,9 +36,17 @@ struct SuspicionOptions {
 /// same fit to the present reading does, by more than chance (F distribution of as many degrees of freedom as the
 /// distinct points leave). Scales are told by the nominal geometry and by length errors that agree as a share of their
 /// links, gains of joints beyond 1 % are wrong units even where the fit has gains. Of poses the points are tried first,
-/// then the orientations as points beside them. Only train rows are looked at, of up to 300 configurations spread over
+/// then the orientations beside those of the arm (their inverses, components in another order, single ones), then as
+/// points beside the measured ones. Only train rows are looked at, of up to 300 configurations spread over
 /// the file (75 of poses as points). Nothing is changed.
 std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                                   const Unknowns& free, const SuspicionOptions& options = {});
+
+/// The same checks for a robot that was not calibrated. The geometry is fitted for the comparison, so that ordinary
+/// geometric errors are not taken for another reading. With too few points only base and targets are fitted, and other
+/// readings are tried only if the misfit exceeds 1 % of the arm's length. `registered`: the robot with its registered
+/// base and targets.
+std::vector<Suspicion> suspicions_of_nominal(const ErrorModel& model, const Measurements& measurements,
+                                             const Estimate& registered, SuspicionOptions options = {});
 
 }  // namespace kdl_calibration

@@ -63,7 +63,7 @@ struct HoldOut {
 };
 
 /// The training configurations in `folds` groups, dealt out by the seed; one group per configuration where `folds` is
-/// 0 or not less than their number.
+/// 0 or not less than their number. Neighbours (first_of_neighbours) are never parted.
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed = 1);
 
 /// Whether the training rows of the others are as many equations as there are unknowns whichever fold is left out.

@@ -119,6 +119,7 @@ public:
     add_units();
     add_couplings();
     add_exchanges();
+    add_rest();
     return std::move(trials_);
   }
 
@@ -215,6 +216,19 @@ private:
           consider("joint_convention", name(j) + (sign > 0.0 ? " + " : " - ") + name(j - 1) + " for " + name(j),
                    change);
         }
+      }
+    }
+  }
+
+  // The arm was measured with this joint at rest, at zero or at its first value, although the file's values change.
+  void add_rest() {
+    for (Index j = 0; j < joint_count(); ++j) {
+      for (const double at : {0.0, controller_.cols() > 0 ? (present_.matrix * controller_.col(0))[j] : 0.0}) {
+        Reading reading = present_;
+        reading.matrix.row(j).setZero();
+        reading.offset[j] += at;
+        const std::string where = at == 0.0 ? " at rest at zero" : " at rest at its first value";
+        consider(trial("joint_at_rest", name(j) + where + " in every row", controller_, reading));
       }
     }
   }

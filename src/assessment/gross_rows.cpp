@@ -74,7 +74,7 @@ std::optional<Equations> fitted(Search& search) {
   JointOptions joint;
   joint.residuals = residuals;
   const Identification found = identify_jointly(problem.model, search.means, search.estimate, problem.free, joint);
-  if (found.termination == Termination::diverged) {
+  if (found.termination == Termination::diverged || !std::isfinite(found.rms)) {
     return std::nullopt;
   }
   search.estimate = found.estimate;
@@ -208,6 +208,7 @@ GrossRows find_gross_rows(const FitProblem& problem) {
     if (group.means.empty() || may_be_chance(group, *equations, groups)) {
       break;
     }
+    found.beyond_chance = true;
     out.push_back(group);
     for (const std::size_t i : group.means) {
       search.weights[i] = kWithoutWeight;

@@ -233,6 +233,50 @@ void keep_better(const OrderedResiduals& residuals, double freedom, const Trial&
   }
 }
 
+// Sums over measured points, for their covariance.
+struct Spread {
+  double count = 0.0;
+  Vector3d sum = Vector3d::Zero();
+  Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
+
+  void add(const Vector3d& p, double sign = 1.0) {
+    count += sign;
+    sum += sign * p;
+    squares += sign * p * p.transpose();
+  }
+  // [m] 1 sigma across the best line through the points. Zero for points at one place or on a line: they do not
+  // determine a pose of the base.
+  double beside_line() const {
+    const Eigen::Matrix3d covariance = squares / count - sum * sum.transpose() / (count * count);
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(covariance, Eigen::EigenvaluesOnly);
+    return std::sqrt(std::max(eigen.eigenvalues()[1], 0.0));
+  }
+};
+
+// For each visit, whether the points before it and the points from it on both determine a pose of the base.
+std::vector<bool> both_parts_tell_a_base(const OrderedResiduals& residuals) {
+  constexpr double kShare = 0.05;  // of the spread of all
+  const Vector3d origin = residuals.observation(residuals.rows(0).front()).position;
+  Spread all;
+  for (Index visit = 0; visit < residuals.visits(); ++visit) {
+    for (const std::size_t row : residuals.rows(visit)) {
+      all.add(residuals.observation(row).position - origin);
+    }
+  }
+  const double least = kShare * all.beside_line();
+  Spread before;
+  Spread behind = all;
+  std::vector<bool> result;
+  for (Index visit = 0; visit < residuals.visits(); ++visit) {
+    result.push_back(visit > 0 && before.beside_line() > least && behind.beside_line() > least);
+    for (const std::size_t row : residuals.rows(visit)) {
+      before.add(residuals.observation(row).position - origin);
+      behind.add(residuals.observation(row).position - origin, -1.0);
+    }
+  }
+  return result;
+}
+
 // Root mean square motion of the points behind the step, or of all at the end of a drift.
 double moved_points(const OrderedResiduals& residuals, const Candidate& found) {
   double sum = 0.0;
@@ -256,27 +300,34 @@ Candidate best_candidate(const OrderedResiduals& residuals, int targets) {
   OrderSums drift(residuals.columns());
   const Index visits = residuals.visits();
   const double freedom = residuals.freedom_of_configurations(targets);
+  const std::vector<bool> tells_bases = both_parts_tell_a_base(residuals);
+  double most_of_one = 0.0;  // largest decrease of the squares by leaving out one visit
   for (Index visit = visits - 1; visit > 0; --visit) {
     const double time = static_cast<double>(visit) / static_cast<double>(visits - 1);
+    OrderSums alone(residuals.columns());
     for (const std::size_t row : residuals.rows(visit)) {
       const Eigen::Matrix<double, 3, 6> columns = residuals.base_columns(row);
       residuals.add(row, columns, of_base);
       residuals.add(row, time * columns, drift);
       const int target = residuals.observation(row).target;
       residuals.add(row, residuals.target_columns(row, target), of_target[static_cast<std::size_t>(target)]);
+      residuals.add(row, columns, alone);
     }
+    most_of_one = std::max(most_of_one, residuals.gain(alone).squares);
     if (visit < kFewest || visits - visit < kFewest) {
       continue;
     }
-    keep_better(residuals, freedom, {.kind = OrderFinding::Kind::step_of_base, .visit = visit}, residuals.gain(of_base),
-                best);
+    if (tells_bases[static_cast<std::size_t>(visit)]) {
+      keep_better(residuals, freedom, {.kind = OrderFinding::Kind::step_of_base, .visit = visit},
+                  residuals.gain(of_base), best);
+    }
     for (int target = 0; target < targets; ++target) {
       keep_better(residuals, freedom, {OrderFinding::Kind::step_of_target, target, visit},
                   residuals.gain(of_target[static_cast<std::size_t>(target)]), best);
     }
   }
   keep_better(residuals, freedom, {}, residuals.gain(drift), best);
-  return best;
+  return best.gain.squares > most_of_one ? best : Candidate();
 }
 
 // The model and the estimate with the effects that joints may have, all of them free, where the data leave a rest.

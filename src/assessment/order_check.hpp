@@ -28,8 +28,10 @@ struct OrderFinding {
 /// all free parameters and the joints' effects under gravity and gains, as far as the data leave freedom for those.
 /// A visit is a configuration's repeat; visits stand in the order of Measurements::order, else of their first rows.
 /// Nothing unless the gain is beyond chance: F test with a false alarm of 1e-5 over all places, as if all points of a
-/// configuration had the same misfit, and unless it takes away `least_share` of the squares.
-/// The measurements are training rows alone.
+/// configuration had the same misfit, unless it takes away `least_share` of the squares, and unless leaving out a
+/// single visit takes away less. A step of the base also needs points on both sides that determine a pose: they must
+/// spread across a line. A ball that sits in one socket after the other does not. The measurements are training rows
+/// alone.
 std::optional<OrderFinding> check_order(const ErrorModel& model, const Measurements& measurements,
                                         const Estimate& estimate, const Unknowns& free, double least_share = 0.4);
 

@@ -109,7 +109,7 @@ std::string units_of_factor(double factor) {
   return {};
 }
 
-double relative_motion(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements) {
+Motion motion(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements) {
   const std::size_t targets = measurements.targets.size();
   std::vector<double> counts(targets);
   std::vector<Vector3d> points(targets, Vector3d::Zero());
@@ -120,14 +120,14 @@ double relative_motion(const std::vector<Eigen::Isometry3d>& X_BF, const Measure
     points[k] += observation.position;
     flanges[k] += pose_of(X_BF, observation).translation();
   }
-  double moved = 0.0;
-  double expected = 0.0;
+  Motion sum;
   for (const Observation& observation : measurements.observations) {
     const auto k = static_cast<std::size_t>(observation.target);
-    moved += (observation.position - points[k] / counts[k]).squaredNorm();
-    expected += (pose_of(X_BF, observation).translation() - flanges[k] / counts[k]).squaredNorm();
+    sum.points += (observation.position - points[k] / counts[k]).squaredNorm();
+    sum.flange += (pose_of(X_BF, observation).translation() - flanges[k] / counts[k]).squaredNorm();
   }
-  return expected > 0.0 ? std::sqrt(moved / expected) : 1.0;
+  const auto count = static_cast<double>(std::max<std::size_t>(measurements.observations.size(), 1));
+  return {.points = std::sqrt(sum.points / count), .flange = std::sqrt(sum.flange / count)};
 }
 
 namespace {

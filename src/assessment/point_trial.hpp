@@ -28,8 +28,13 @@ Measurements divided(Measurements measurements, const Eigen::Vector3d& factors);
 /// "millimetres read as metres" and the like where a factor between two units is meant; else empty.
 std::string units_of_factor(double factor);
 
-/// How far the points of a target move [m] (root mean square about their mean), over how far the flange does.
-double relative_motion(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements);
+/// How far the points of a target move, and the flange with them [m] (root mean square about their mean).
+struct Motion {
+  double points = 0.0;
+  double flange = 0.0;
+  double share() const { return flange > 0.0 ? points / flange : 1.0; }
+};
+Motion motion(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements);
 
 /// Two targets that bear each other's names from some configuration on.
 struct Exchange {

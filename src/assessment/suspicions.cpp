@@ -9,15 +9,18 @@
 
 #include "assessment/gain_trial.hpp"
 #include "assessment/order_check.hpp"
+#include "assessment/orientation_trial.hpp"
 #include "assessment/point_trial.hpp"
 #include "assessment/trial_fit.hpp"
 #include "assessment/trial_sample.hpp"
 #include "base/f_distribution.hpp"
+#include "base/number_range.hpp"
 #include "base/number_text.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
+#include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/same_poses.hpp"
 
 namespace kdl_calibration {
@@ -171,6 +174,7 @@ public:
         nominal_(nominal_start(model, sample_.measurements, options.registration)),
         X_BF_(flange_poses(model, nominal_, sample_.measurements)),
         registered_(rms_of(model, sample_.measurements, nominal_)),
+        remark_(options.remark),
         fitted_(std::min(plausible(model, fit.errors) ? rms_of(model, sample_.measurements, fit) : registered_,
                          trial(sample_.measurements, trial_fits()))) {}
 
@@ -194,7 +198,7 @@ public:
 
   // Of the joint values alone, where the points are those of poses.
   std::vector<Suspicion> verdict_of_poses() {
-    remark_ = " (orientations as points " + in_mm(kLeverOfOrientations) + " away)";
+    remark_ += " (orientations as points " + in_mm(kLeverOfOrientations) + " away)";
     judge_readings();
     return std::move(suspicions_);
   }
@@ -231,7 +235,9 @@ private:
         judge_scale(alike ? Vector3d::Constant(common) : *scales, alike);
       }
     }
-    if (suspicions_.empty() && relative_motion(X_BF_, sample_.measurements) < kStandsStill) {
+    // The points of a tip that touches one place hardly move either, but they fit the nominal robot.
+    const Motion moved = motion(X_BF_, sample_.measurements);
+    if (suspicions_.empty() && moved.share() < kStandsStill && registered_ > kStandsStill * moved.flange) {
       suspicions_.push_back({.cause = "tool_frame",
                              .message = "the measured points hardly move while the flange does: they seem to be "
                                         "coordinates in the frame of the tool"});
@@ -244,7 +250,7 @@ private:
     const double freedom = 3.0 * static_cast<double>(X_BF_.size()) - 9.0;
     // In the unit of the robot, so that points do not look worse for being large.
     const double present = registered_ / std::max(1.0, factors.maxCoeff());
-    if (relative_motion(X_BF_, reading) < kStandsStill || !explains(left, present, freedom, 1.0)) {
+    if (motion(X_BF_, reading).share() < kStandsStill || !explains(left, present, freedom, 1.0)) {
       return;
     }
     if (!alike) {
@@ -264,7 +270,7 @@ private:
   }
 
   void judge_readings() {
-    if (!is_misfit(fitted_, sample_.freedom)) {
+    if (!is_misfit(fitted_, sample_.freedom) || fitted_ < options_.least_misfit) {
       return;
     }
     JointOptions other = trial_fits();
@@ -287,6 +293,16 @@ private:
     const auto joints = std::find_if(trials.begin(), trials.end(), [](const auto& trial) { return !trial.present; });
     if (joints != trials.end()) {
       consider(joints->cause, joints->description, joints->rms);
+    }
+    if (options_.registration.known_base) {
+      RegistrationOptions anywhere = options_.registration;
+      anywhere.known_base.reset();
+      const Unknowns free = sample_.free.with_all(model_, UnknownGroup::base);
+      const TrialFit fit{.model = model_, .free = free, .registration = anywhere, .joint = other};
+      consider("known_base", "the base anywhere but where it was said to be known",
+               sample_.freedom < 6.0
+                   ? kInfinity
+                   : fitted_rms(fit, sample_.measurements, nominal_start(model_, sample_.measurements, anywhere)));
     }
     consider("mirrored", "the points mirrored (a left-handed frame, a wrong sign or two coordinates exchanged)",
              trial(mirrored(sample_.measurements), other));
@@ -316,7 +332,8 @@ private:
     constexpr double kWorthALook = 1e-4;  // of the arm's length
     const auto joints = static_cast<double>(model_.joints.size());
     const double freedom = sample_.freedom - joints;
-    if (!(freedom >= 1.0) || (!has_wrong_gain() && fitted_ < kWorthALook * arm_length(model_))) {
+    if (!(freedom >= 1.0) || fitted_ < options_.least_misfit ||
+        (!has_wrong_gain() && fitted_ < kWorthALook * arm_length(model_))) {
       return;
     }
     const std::optional<GainTrial> found = try_gains(model_, sample_.measurements, nominal_, sample_.free);
@@ -335,6 +352,9 @@ private:
   }
 
   void judge_order() {
+    if (fitted_ < options_.least_misfit) {
+      return;
+    }
     const auto found = check_order(model_, sample_.measurements, fit_, sample_.free);
     if (!found || found->kind == OrderFinding::Kind::step_of_target) {
       return;
@@ -442,8 +462,8 @@ private:
   Estimate nominal_;
   std::vector<Eigen::Isometry3d> X_BF_;  // nominal
   double registered_ = 0.0;
-  double fitted_ = 0.0;
   std::string remark_;  // behind the misfit
+  double fitted_ = 0.0;
   std::vector<Suspicion> suspicions_;
 };
 
@@ -462,15 +482,61 @@ std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& m
       Inquiry(model, measurements, fit, sample(measurements, free, kMostSampled), options).verdict();
   const bool doubted = std::any_of(found.begin(), found.end(), [](const Suspicion& one) { return one.doubt; });
   if (!doubted && !measurements.orientations.empty()) {
+    const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
+    const auto of_orientations = [&] { return Suspicion{.cause = "orientations", .message = turned->message}; };
+    if (turned && turned->explained) {
+      found.insert(found.begin(), of_orientations());
+      return found;
+    }
     PosePoints points = pose_points(model, measurements, fit, free, options.registration);
     SuspicionOptions of_points = options;
     of_points.registration = std::move(points.registration);
     Inquiry inquiry(model, points.measurements, points.fit, sample(points.measurements, points.free, kMostPoses),
                     of_points);
     std::vector<Suspicion> more = inquiry.verdict_of_poses();
+    if (more.empty() && turned) {
+      more.push_back(of_orientations());
+    }
     found.insert(found.begin(), more.begin(), more.end());
   }
   return found;
+}
+
+namespace {
+
+// All parameters that the reduced model keeps, except known frames.
+Unknowns all_that_is_told(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                          const RegistrationOptions& known) {
+  ReductionOptions options;
+  const auto hold = [&](const std::vector<std::string>& names) {
+    options.fixed.insert(options.fixed.end(), names.begin(), names.end());
+  };
+  if (known.known_base) {
+    hold(base_parameter_names());
+  }
+  for (const TargetFrame& target : targets) {
+    const bool is_known = std::any_of(known.known_targets.begin(), known.known_targets.end(),
+                                      [&](const TargetFrame& other) { return other.name == target.name; });
+    hold(is_known ? target_parameter_names(target) : std::vector<std::string>());
+  }
+  return Unknowns(model, targets, reduced_model(model, targets, options).kept);
+}
+
+}  // namespace
+
+std::vector<Suspicion> suspicions_of_nominal(const ErrorModel& model, const Measurements& measurements,
+                                             const Estimate& registered, SuspicionOptions options) {
+  constexpr double kBeyondErrors = 0.01;  // of the arm
+  const TrainingRows training(measurements);
+  const Unknowns all = all_that_is_told(model, registered.targets, options.registration);
+  if (trial_sample(model, *training, all, kMostSampled).freedom < 1.0) {
+    options.least_misfit = kBeyondErrors * arm_length(model);
+    return suspicions(model, measurements, registered, all.without(UnknownGroup::geometric), options);
+  }
+  options.remark += " with its geometry fitted";
+  const Identification found = identify_jointly(model, *training, registered, all, trial_fits());
+  return suspicions(model, measurements, plausible(model, found.estimate.errors) ? found.estimate : registered, all,
+                    options);
 }
 
 }  // namespace kdl_calibration

@@ -125,9 +125,9 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
 
 namespace {
 
-// Configurations at the same pose are one, whatever their labels; ordered by the first of each.
-std::vector<std::vector<Eigen::Index>> same_poses(const Measurements& measurements, const std::vector<bool>& trained) {
-  const std::vector<Eigen::Index> first = first_at_same_pose(measurements.joint_values);
+// Neighbours are one, whatever their labels; ordered by the first of each.
+std::vector<std::vector<Eigen::Index>> neighbours(const Measurements& measurements, const std::vector<bool>& trained) {
+  const std::vector<Eigen::Index> first = first_of_neighbours(measurements.joint_values);
   constexpr auto kNowhere = std::numeric_limits<std::size_t>::max();
   std::vector<std::size_t> place(trained.size(), kNowhere);  // of the group that the first one stands for
   std::vector<std::vector<Eigen::Index>> result;
@@ -149,7 +149,7 @@ std::vector<std::vector<Eigen::Index>> same_poses(const Measurements& measuremen
 
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
   std::vector<std::vector<Eigen::Index>> configurations =
-      same_poses(measurements, trained_configurations(measurements));
+      neighbours(measurements, trained_configurations(measurements));
   const std::size_t count = configurations.size();
   const bool one_each = folds <= 0 || static_cast<std::size_t>(folds) >= count;
   if (!one_each) {  // Fisher-Yates

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <iterator>
+#include <set>
 #include <utility>
 
 #include "base/preconditions.hpp"
@@ -80,27 +81,53 @@ Setting set_up(const ErrorModel& model, const Measurements& measurements, const 
   return setting;
 }
 
-// Takes away what joints that give way under gravity or have a gain explain: a finding has to stand beside those too.
+// The same problem with gravity and joint gains added to the model.
+class Beside {
+public:
+  Beside(const ErrorModel& model, const FitProblem& plain) : wide_(model), plain_(plain) {
+    wide_.effects = load_and_gain_terms(model);
+  }
+  FitProblem problem() const {
+    FitProblem problem{.model = wide_,
+                       .measurements = plain_.measurements,
+                       .start = plain_.start,
+                       .free = plain_.free.without(UnknownGroup::effects).with_all(wide_, UnknownGroup::effects),
+                       .options = plain_.options};
+    problem.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(wide_.effects.size()));
+    return problem;
+  }
+  // Whether there are at least `times` as many distinct coordinates as unknowns.
+  bool determined(double times) const {
+    std::set<std::pair<int, int>> points;
+    for (const Observation& o : plain_.measurements.observations) {
+      points.emplace(o.configuration, o.target);
+    }
+    return 3.0 * static_cast<double>(points.size()) >= times * static_cast<double>(problem().free.size());
+  }
+
+private:
+  ErrorModel wide_;
+  const FitProblem& plain_;
+};
+
+// Keeps only the findings that remain when gravity and joint gains are in the model.
 void keep_beside_effects(const Setting& setting, const Measurements& measurements, const Estimate& estimate,
                          std::vector<QualityFinding>& found) {
-  constexpr Eigen::Index kEquations = 2;  // for every column
-  ErrorModel wide = setting.model;
-  wide.effects = load_and_gain_terms(setting.model);
-  FitProblem problem{.model = wide,
-                     .measurements = measurements,
-                     .start = estimate,
-                     .free = setting.free.with_all(wide, UnknownGroup::effects),
-                     .options = {.loss = Loss::tukey}};
-  problem.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(wide.effects.size()));
-  const LeastSquaresProblem equations(wide, measurements, problem.free);
-  if (equations.equations() < kEquations * equations.columns()) {
+  const FitProblem plain{.model = setting.model,
+                         .measurements = measurements,
+                         .start = estimate,
+                         .free = setting.free,
+                         .options = {.loss = Loss::tukey}};
+  const Beside beside_effects(setting.model, plain);
+  if (!beside_effects.determined(2.0)) {
     return;
   }
+  const FitProblem problem = beside_effects.problem();
   const RobustIdentification fit = identify_robustly(problem);
   if (fit.fit.termination != Termination::converged) {
     return;
   }
-  const std::vector<QualityFinding> again = check_measurements(wide, measurements, fit.fit.estimate);
+  const std::vector<QualityFinding> again = check_measurements(problem.model, measurements, fit.fit.estimate);
   std::erase_if(found, [&](const QualityFinding& finding) {
     return std::none_of(again.begin(), again.end(), [&](const QualityFinding& other) {
       return other.kind == finding.kind && other.targets == finding.targets;
@@ -194,13 +221,18 @@ void choose(const FitTask& rigid, Chosen& chosen, Setting& setting, Weighing& we
   chosen.choice.priors = rigid.options.priors;
   chosen.choice.rigid_priors = rigid.options.priors;
   const Identification& found = chosen.fit.identification;
-  // Priors would hide that the measurements leave something open.
-  const bool automatic = rigid.options.automatic_priors || rigid.options.effects.automatic;
-  const bool open = automatic && chosen.fit.free != chosen.fit.candidates;
-  if (choice_is_open(rigid.options) && rigid.options.method == Method::joint && arrived(found) &&
-      found.rms > kNothingToLearn && !open) {
-    chosen.choice = choose_effects(
-        choice_task(chosen, rigid.measurements, rigid.options, weighing.fit.joint.residuals.orientation_length));
+  if (choice_is_open(rigid.options) && rigid.options.method == Method::joint && found.rms > kNothingToLearn) {
+    // Priors would hide that the measurements leave something open.
+    const bool automatic = rigid.options.automatic_priors || rigid.options.effects.automatic;
+    const bool open = automatic && chosen.fit.free != chosen.fit.candidates;
+    if (!arrived(found)) {
+      chosen.choice.not_tried = "priors and effects (the fit of the geometry alone did not converge)";
+    } else if (open) {
+      chosen.choice.not_tried = "priors and effects (the measurements do not determine all geometric errors)";
+    } else {
+      chosen.choice = choose_effects(
+          choice_task(chosen, rigid.measurements, rigid.options, weighing.fit.joint.residuals.orientation_length));
+    }
   }
   chosen.rigid_options = weighing.fit;
   chosen.rigid_options.joint.residuals.priors = chosen.choice.rigid_priors;
@@ -315,6 +347,7 @@ void note_what_is_open(const Judgement& judged, const CalibrationOptions& option
 // Each stage's part of the result; what the choice knows of the noise goes behind what the judgement does.
 void put(Chosen chosen, const Weighing& weighing, Calibration& result) {
   result.tried = std::move(chosen.choice.tried);
+  result.not_tried = std::move(chosen.choice.not_tried);
   result.priors = chosen.choice.priors;
   result.noise.orientation_length = weighing.orientation_length;
   if (const std::size_t points = chosen.choice.not_compared; points > 0) {
@@ -344,6 +377,8 @@ void put(Judgement judged, Calibration& result) {
 void put(Comparison comparison, Calibration& result) {
   result.train = comparison.train;
   result.test = comparison.test;
+  result.test_at_fitted_poses = comparison.test_at_fitted_poses;
+  result.test_at_new_poses = comparison.test_at_new_poses;
   result.iso_before = comparison.iso_before;
   result.iso_after = comparison.iso_after;
   result.iso_test_before = comparison.iso_test_before;
@@ -418,6 +453,10 @@ void judge_as_a_whole(const Setting& setting, const Measurements& measurements, 
   judge_exported_urdf(setting, result);
   suspect(setting, measurements, options, result);
   result.doubts = doubts(result, measurements, options);
+  if (holds_where_measured(result, setting.ambiguity)) {
+    result.reservation = std::move(result.doubts.front());
+    result.doubts.clear();
+  }
   if (!measurements.remark.empty()) {
     result.warnings.push_back("measurements: " + measurements.remark);
   }
@@ -425,11 +464,30 @@ void judge_as_a_whole(const Setting& setting, const Measurements& measurements, 
   result.warnings.insert(result.warnings.end(), more.begin(), more.end());
 }
 
+// Estimates noise weights for the fit without effects. The misfit that the effects would explain is part of its noise.
+void weigh_rigid_arm(const FitTask& task, Chosen& chosen) {
+  const FitOptions before = chosen.rigid_options;
+  const FitTask own{.model = chosen.rigid,
+                    .measurements = task.measurements,
+                    .start = chosen.fit.identification.estimate,
+                    .options = task.options,
+                    .fit_options = before};
+  WholeFit rigid = chosen.fit;
+  rigid.identification = fit({.model = own.model,
+                              .measurements = own.measurements,
+                              .start = own.start,
+                              .free = rigid.free,
+                              .options = before});
+  fit_with_estimated_noise(own, rigid, chosen.rigid_options.joint.residuals);
+}
+
 // Fits once more with the parts of the noise, where the residuals tell them, and lets rigid arms be compared with them.
 EstimatedNoise weigh_by_what_is_left(const FitTask& task, WholeFit& fitted, Weighing& weighing, Chosen& chosen) {
   ResidualOptions& residuals = weighing.fit.joint.residuals;
   EstimatedNoise estimated = fit_with_estimated_noise(task, fitted, residuals);
-  if (estimated.parts) {
+  if (!fitted.free.effects().empty()) {
+    weigh_rigid_arm(task, chosen);
+  } else if (estimated.parts) {
     chosen.rigid_options.joint.residuals.noise = residuals.noise;
   }
   return estimated;
@@ -444,11 +502,17 @@ Calibration with_gross_rows(const FitTask& task, const WholeFit& fitted) {
       task.measurements.joint_values.cols() > kMostConfigurations || fitted.free.size() > kMostUnknowns) {
     return {};
   }
-  GrossRows found = find_gross_rows({.model = task.model,
-                                     .measurements = task.measurements,
-                                     .start = fitted.identification.estimate,
-                                     .free = fitted.free,
-                                     .options = task.fit_options});
+  const FitProblem problem{.model = task.model,
+                           .measurements = task.measurements,
+                           .start = fitted.identification.estimate,
+                           .free = fitted.free,
+                           .options = task.fit_options};
+  GrossRows found = find_gross_rows(problem);
+  if (found.rows.empty() && found.beyond_chance) {
+    // A gross row can keep effects from being chosen, and their misfit then hides it: search again with effects.
+    const Beside beside_effects(task.model, problem);
+    found = beside_effects.determined(1.2) ? find_gross_rows(beside_effects.problem()) : found;
+  }
   Calibration result;
   result.gross_rows = std::move(found.rows);
   result.misfit_without_gross_rows = found.rms_without;

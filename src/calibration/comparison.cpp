@@ -5,6 +5,7 @@
 
 #include "calibration/counted_fits.hpp"
 #include "kdl_calibration/fold_sums.hpp"
+#include "kdl_calibration/same_poses.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -116,6 +117,42 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
   return result;
 }
 
+// For each configuration, whether there are train rows at its pose.
+std::vector<bool> at_fitted_poses(const Measurements& measurements) {
+  const std::vector<bool> trained = trained_configurations(measurements);
+  const std::vector<Eigen::Index> first = first_at_same_pose(measurements.joint_values);
+  std::vector<bool> fitted(trained.size(), false);  // of the first at each pose
+  const auto of = [&](std::size_t c) { return static_cast<std::size_t>(first[c]); };
+  for (std::size_t c = 0; c < trained.size(); ++c) {
+    fitted[of(c)] = fitted[of(c)] || trained[c];
+  }
+  std::vector<bool> result;
+  for (std::size_t c = 0; c < trained.size(); ++c) {
+    result.push_back(fitted[of(c)]);
+  }
+  return result;
+}
+
+// Test rows at fitted poses test the fit at what it has seen: their errors are kept apart.
+void tell_test_rows_apart(const Compared& compared, const std::vector<Eigen::Isometry3d>& X_BF, Comparison& result) {
+  const std::vector<bool> fitted = at_fitted_poses(compared.measurements);
+  const auto statistics = [&](bool at_fitted) {
+    Measurements part = compared.measurements;
+    for (Observation& observation : part.observations) {
+      if (fitted[static_cast<std::size_t>(observation.configuration)] != at_fitted) {
+        observation.split = Split::train;
+      }
+    }
+    const ErrorStatistics errors =
+        error_statistics(position_errors(X_BF, compared.fit.identification.estimate, part, Rows::test));
+    return errors.count > 0 ? std::optional(errors) : std::nullopt;
+  };
+  result.test_at_fitted_poses = statistics(true);
+  if (result.test_at_fitted_poses) {
+    result.test_at_new_poses = statistics(false);
+  }
+}
+
 }  // namespace
 
 Comparison compare(const Compared& compared) {
@@ -141,6 +178,7 @@ Comparison compare(const Compared& compared) {
   result.iso_after = iso_9283(X_BF_after, estimate, measurements);
   if (compared.tested) {
     result.test = pair_of(Rows::test);
+    tell_test_rows_apart(compared, X_BF_after, result);
     result.iso_test_before = iso_9283(X_BF_before, task.start, measurements, Rows::test);
     result.iso_test_after = iso_9283(X_BF_after, estimate, measurements, Rows::test);
   }
@@ -163,6 +201,14 @@ HeldOutErrors hold_out(const Compared& compared, const Comparison& fitted) {
   const double nominal = fitted.train.before.rms;
   HeldOutErrors result;
   const Folds singly = make_folds(task.measurements, 0);
+  const std::vector<bool> trained = trained_configurations(task.measurements);
+  const auto together = std::count(trained.begin(), trained.end(), true) - static_cast<std::ptrdiff_t>(singly.size());
+  if (together > 0) {
+    result.warnings.push_back(
+        std::to_string(together) +
+        " configurations are neighbours of others (no joint differs by more than 3 degrees, 50 mm "
+        "or a twentieth of its range): they are left out together");
+  }
   const bool asked_singly = options.leave_one_out || options.nested;
   const bool by_default = options.held_out && !asked_singly && options.k_fold < 2;
   const bool many = singly.size() > kMostLeftOutSingly;

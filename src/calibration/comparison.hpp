@@ -29,6 +29,8 @@ struct Compared {
 struct Comparison {
   BeforeAfter train;
   std::optional<BeforeAfter> test;
+  std::optional<ErrorStatistics> test_at_fitted_poses;  ///< where there are any
+  std::optional<ErrorStatistics> test_at_new_poses;     ///< beside those
   Iso9283 iso_before;
   Iso9283 iso_after;
   std::optional<Iso9283> iso_test_before;

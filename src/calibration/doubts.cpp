@@ -13,6 +13,7 @@
 #include "calibration/prior_check.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/validation.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -132,17 +133,35 @@ void doubt_predictions(const Calibration& found, std::vector<Doubt>& doubts) {
   }
 }
 
-void doubt_size(const Calibration& found, std::vector<Doubt>& doubts) {
+// [m] RMS of the fitted rows; with a loss of those that have a weight.
+double misfit_of(const Calibration& found, const Measurements& measurements) {
+  if (found.weights.empty()) {
+    return found.train.after.rms;
+  }
+  const std::vector<double> distances =
+      position_errors(found.model, found.identification.estimate, measurements, Rows::all);
+  double squares = 0.0;
+  double count = 0.0;
+  for (std::size_t row = 0; row < distances.size(); ++row) {
+    if (measurements.observations[row].split == Split::train && found.weights[row] > 0.0) {
+      squares += distances[row] * distances[row];
+      count += 1.0;
+    }
+  }
+  return std::sqrt(squares / std::max(count, 1.0));
+}
+
+void doubt_size(const Calibration& found, const Measurements& measurements, std::vector<Doubt>& doubts) {
   constexpr double kMostOfReach = 0.01;
   constexpr double kMostMisfit = 0.005;  // [m] of an arm with a reach of up to 3 m
   constexpr double kMostOfLongReach = kMostMisfit / 3.0;
   const double length = reach(found.model);
-  // A loss leaves rows outside that are no misfit of the arm.
-  const double rigid = found.weights.empty() ? std::max(kMostMisfit, kMostOfLongReach * length) : kMostOfReach * length;
-  if (length > 0.0 && found.train.after.rms > std::min(kMostOfReach * length, rigid)) {
+  const double rigid = std::max(kMostMisfit, kMostOfLongReach * length);
+  const double misfit = misfit_of(found, measurements);
+  if (length > 0.0 && misfit > std::min(kMostOfReach * length, rigid)) {
     doubts.push_back({.cause = "large_misfit",
-                      .message = "a misfit of " + in_millimetres(found.train.after.rms) +
-                                 " is left, and an arm with a reach of " + four_digits(length) +
+                      .message = "a misfit of " + in_millimetres(misfit) + " is left, and an arm with a reach of " +
+                                 four_digits(length) +
                                  " m that is rigid and was measured well keeps at most 5 mm and 1 % of its reach; " +
                                  kWrongInput});
   }
@@ -262,14 +281,24 @@ std::vector<Doubt> doubts(const Calibration& found, const Measurements& measurem
                           const CalibrationOptions& options) {
   std::vector<Doubt> result;
   doubt_rows(found, result);
+  doubt_reading(found, result);
   doubt_convergence(found, result);
   doubt_determination(found, measurements, options, result);
   doubt_predictions(found, result);
   doubt_tests(found, result);
-  doubt_size(found, result);
+  doubt_size(found, measurements, result);
   doubt_errors(found, result);
-  doubt_reading(found, result);
   return result;
+}
+
+bool holds_where_measured(const Calibration& found, const std::string& ambiguity) {
+  constexpr double kOfNominal = 0.5;
+  const BeforeAfter* held_out = found.held_out();
+  const auto is_of_frame = [](const std::string& name) { return name.find('.') != std::string::npos; };
+  return found.doubts.size() == 1 && found.doubts.front().cause == "not_determined" && !found.fixed_by_gauge.empty() &&
+         std::none_of(found.fixed_by_gauge.begin(), found.fixed_by_gauge.end(), is_of_frame) && ambiguity.empty() &&
+         found.predicted.measured.count > 0 && held_out != nullptr && held_out->after.count > 0 &&
+         held_out->after.rms < kOfNominal * held_out->before.rms;
 }
 
 std::vector<std::string> warnings(const Calibration& found, const Measurements& measurements,

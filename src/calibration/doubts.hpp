@@ -14,6 +14,9 @@ double reach(const ErrorModel& model);
 std::vector<Doubt> doubts(const Calibration& found, const Measurements& measurements,
                           const CalibrationOptions& options);
 
+/// Whether the one doubt that there is leaves the answer good where it was measured, see Calibration::reservation.
+bool holds_where_measured(const Calibration& found, const std::string& ambiguity);
+
 /// What is worth knowing of it beside that.
 std::vector<std::string> warnings(const Calibration& found, const Measurements& measurements,
                                   const std::string& ambiguity);

@@ -137,6 +137,7 @@ public:
     result.not_compared = static_cast<std::size_t>(appraisal_.not_compared());
     result.rigid_priors = appraisal_.priors_of(route.worth, route.model.sized);
     if (options.effects.automatic) {
+      result.not_tried = too_few_for();
       add_what_helps(route, tried);
     } else {
       add_asked(route, tried);
@@ -234,13 +235,38 @@ private:
     return ripple;
   }
 
+  // How many configurations each group needs to be tried.
+  static const std::map<EffectGroup, Index>& least_configurations() {
+    static const std::map<EffectGroup, Index> least = {
+        {EffectGroup::gravity, 12},  {EffectGroup::transverse, 60}, {EffectGroup::gain, 20},
+        {EffectGroup::backlash, 20}, {EffectGroup::harmonics, 20},  {EffectGroup::tables, kLeastForTables}};
+    return least;
+  }
+
+  // "tables (50 configurations needed)"
+  std::string too_few_for() const {
+    std::map<Index, std::string> groups;
+    const auto add = [&](EffectGroup group, Index needed) {
+      if (configurations() < needed) {
+        std::string& names = groups[needed];
+        names += (names.empty() ? "" : ", ") + std::string(to_string(group));
+      }
+    };
+    for (const auto& [group, needed] : least_configurations()) {
+      add(group, needed);
+    }
+    add(EffectGroup::ripple, kLeastForRipple);
+    std::string text;
+    for (const auto& [needed, names] : groups) {
+      text += (text.empty() ? "" : "; ") + names + " (" + std::to_string(needed) + " configurations needed)";
+    }
+    return text;
+  }
+
   // Groups that the number of configurations allows; tables of the longest length.
   std::vector<Option> options() const {
-    const std::map<EffectGroup, Index> least = {{EffectGroup::gravity, 12},   {EffectGroup::transverse, 60},
-                                                {EffectGroup::gain, 20},      {EffectGroup::backlash, 20},
-                                                {EffectGroup::harmonics, 20}, {EffectGroup::tables, kLeastForTables}};
     std::vector<Option> result;
-    for (const auto& [group, needed] : least) {
+    for (const auto& [group, needed] : least_configurations()) {
       if (configurations() >= needed) {
         result.push_back(option_of(group));
       }

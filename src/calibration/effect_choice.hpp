@@ -18,6 +18,7 @@ struct Choice {
   Priors rigid_priors;  ///< that are best where there are no effects
   double noise = 0.0;   ///< [m] 1 sigma of a coordinate of a mean, by the evidence of what is chosen
   std::vector<ModelOption> tried;
+  std::string not_tried;         ///< groups of effects, and why
   std::size_t not_compared = 0;  ///< points of targets that one fold alone has
   double price = 1.0;            ///< of choosing, see TriedModels; 1 where effects were asked for by name
 };

@@ -141,6 +141,9 @@ Json tried_json(const std::vector<ModelOption>& options) {
 void add_details(const Calibration& calibration, const Measurements& measurements, Json& result) {
   result["priors"] = priors_json(calibration.priors);
   result["tried"] = tried_json(calibration.tried);
+  if (!calibration.not_tried.empty()) {
+    result["not_tried"] = calibration.not_tried;
+  }
   const ObservabilityIndices& o = calibration.observability;
   result["observability"] = {{"O1", o.O1}, {"O2", o.O2}, {"O3", o.O3}, {"O4", o.O4}, {"O5", o.O5}};
   Json singular_values = Json::array();
@@ -286,6 +289,12 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   if (calibration.test) {
     position_error["test"] = before_after_json(*calibration.test);
   }
+  for (const auto& [name, part] : {std::pair{"test_at_fitted_poses", &calibration.test_at_fitted_poses},
+                                   std::pair{"test_at_new_poses", &calibration.test_at_new_poses}}) {
+    if (*part) {
+      position_error[name] = statistics_json(**part);
+    }
+  }
   if (calibration.leave_one_out) {
     position_error["leave_one_out"] = before_after_json(*calibration.leave_one_out);
   }
@@ -306,6 +315,9 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
                  {"history", found.rms_history},
                  {"rank", calibration.identifiability.rank},
                  {"condition", finite_or_null(calibration.identifiability.condition)}};
+  if (calibration.reservation) {
+    result["reservation"] = doubts_json({*calibration.reservation}).front();
+  }
   if (options.method == Method::two_step) {
     result["convergence_factor"] = found.convergence_factor;
   }

@@ -51,6 +51,12 @@ void add_errors(const Calibration& calibration, std::string& text) {
   if (calibration.iso_test_before && calibration.iso_test_after) {
     add("test", calibration.iso_test_before->accuracy, calibration.iso_test_after->accuracy);
   }
+  if (calibration.test_at_fitted_poses) {
+    text += statistics_row("  at fitted poses", *calibration.test_at_fitted_poses);
+  }
+  if (calibration.test_at_new_poses) {
+    text += statistics_row("  at new poses", *calibration.test_at_new_poses);
+  }
   const auto add_held_out = [&](const std::string& what, const BeforeAfter& pair) {
     add(what, pair.before, pair.after);
     if (pair.rigid) {
@@ -126,6 +132,9 @@ void add_figures(const Calibration& calibration, std::string& text) {
                         (chosen.effects.empty() ? "nothing" : comma_separated(chosen.effects)),
                     0, 2);
   }
+  if (!calibration.not_tried.empty()) {
+    text += wrapped("not tried: " + calibration.not_tried, 0, 2);
+  }
 }
 
 std::string cook_number(double cook) { return std::isfinite(cook) ? cell(cook, 10) : "  not without"; }
@@ -191,7 +200,33 @@ std::string in_words(const ErrorModel& model, const ParameterEstimate& parameter
          std::to_string(error.frame) + (parameter.joint.empty() ? "" : " (origin of " + parameter.joint + ")");
 }
 
-std::string parameter_line(const ErrorModel& model, const ParameterEstimate& parameter, const std::string& held) {
+// Of the parameters that replace a dropped one, the one with the largest coefficient.
+std::string replacement_of(const DroppedParameter& dropped) {
+  const auto largest =
+      std::max_element(dropped.replaced_by.begin(), dropped.replaced_by.end(),
+                       [](const auto& a, const auto& b) { return std::abs(a.second) < std::abs(b.second); });
+  return largest == dropped.replaced_by.end() ? std::string() : largest->first;
+}
+
+// Why a parameter was not estimated; `fixed`: what is said if the user held it.
+std::string why_held(const Reduction& reduction, const ParameterEstimate& parameter, const std::string& fixed) {
+  if (parameter.gauge) {
+    return parameter.error == 0.0 ? "held, gauge" : "by gauge";
+  }
+  if (parameter.std > 0.0) {
+    return "not determined";
+  }
+  const auto dropped = std::find_if(reduction.dropped.begin(), reduction.dropped.end(),
+                                    [&](const DroppedParameter& other) { return other.name == parameter.name; });
+  if (dropped == reduction.dropped.end()) {
+    return fixed;
+  }
+  const std::string replacement = replacement_of(*dropped);
+  return replacement.empty() ? "held, no effect" : "held, in " + replacement;
+}
+
+std::string parameter_line(const ErrorModel& model, const Reduction& reduction, const ParameterEstimate& parameter,
+                           const std::string& fixed_by_user) {
   const std::size_t width = std::max<std::size_t>(6, parameter.name.size() + 1);
   const DisplayUnit& unit = unit_of(model, parameter.name);
   const std::string line =
@@ -200,18 +235,14 @@ std::string parameter_line(const ErrorModel& model, const ParameterEstimate& par
     return line + "  +- " +
            fixed(unit.per_si * half_width_95(parameter.std, parameter.degrees_of_freedom), unit.decimals) + "\n";
   }
-  return line + "  " +
-         (parameter.gauge       ? (parameter.error == 0.0 ? "held, gauge" : "by gauge")
-          : parameter.std > 0.0 ? "not determined"
-                                : held) +
-         "\n";
+  return line + "  " + why_held(reduction, parameter, fixed_by_user) + "\n";
 }
 
 void add_parameters(const Calibration& calibration, const std::string& held, std::string& text) {
   text += "\ngeometric errors, +- half of the 95 % interval\n";
   for (const ParameterEstimate& parameter : calibration.parameters) {
     if (parameter.name.find('.') == std::string::npos) {  // no frame's and no effect's
-      text += parameter_line(calibration.model, parameter, held);
+      text += parameter_line(calibration.model, calibration.reduction, parameter, held);
     }
   }
 }
@@ -297,7 +328,10 @@ std::string sizes(const Measurements& measurements, const Calibration& calibrati
 // What holds, before any figure.
 std::string verdict(const Measurements& measurements, const Calibration& calibration) {
   if (calibration.trusted()) {
-    return "Calibration converged: " + sizes(measurements, calibration) + ".\n";
+    const std::string converged = "Calibration converged: " + sizes(measurements, calibration) + ".\n";
+    return calibration.reservation
+               ? wrapped("Trusted where it was measured: " + calibration.reservation->message + ".", 0, 4) + converged
+               : converged;
   }
   std::string text;
   for (const Doubt& doubt : calibration.doubts) {

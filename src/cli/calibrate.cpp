@@ -171,7 +171,7 @@ Configurations configurations_of(const std::string& file, const MeasurementArgum
 }
 
 // The options that help, which the library does not know.
-void name_options(std::vector<Doubt>& doubts) {
+void name_options(Doubt& doubt) {
   const std::map<std::string, std::string> help = {
       {"not_converged", "--iterations sets their number"},
       {"not_determined", "kdlcal plan --measured FILE --add N chooses them"},
@@ -180,10 +180,8 @@ void name_options(std::vector<Doubt>& doubts) {
       {"joint_sign", "--joint-convention says how to read the joint values"},
       {"joint_unit", "--joint-convention says how to read the joint values"},
       {"joint_columns", "--joint-convention says how to read the joint values"}};
-  for (Doubt& doubt : doubts) {
-    const auto found = help.find(doubt.cause);
-    doubt.message += found != help.end() ? " (" + found->second + ")" : "";
-  }
+  const auto found = help.find(doubt.cause);
+  doubt.message += found != help.end() ? " (" + found->second + ")" : "";
 }
 
 std::string table(const CalibrateArguments& arguments, const Robot& robot, const Measurements& measurements,
@@ -207,6 +205,9 @@ void say_what_is_doubted(const CalibrateArguments& arguments, const Calibration&
   if (!just_said) {
     for (const Doubt& doubt : calibration.doubts) {
       doubt_aloud(doubt.message);
+    }
+    if (calibration.reservation) {
+      warn("trusted where it was measured: " + calibration.reservation->message);
     }
   }
   for (const std::string& warning : calibration.warnings) {
@@ -294,7 +295,10 @@ ExitStatus run(const CalibrateArguments& arguments) {
       file.text = file.option == "--result" ? result.text : page_of(result.text, robot, measurements, options);
     }
   }
-  name_options(calibration.doubts);
+  std::for_each(calibration.doubts.begin(), calibration.doubts.end(), name_options);
+  if (calibration.reservation) {
+    name_options(*calibration.reservation);
+  }
   write_whole(files, arguments.force,
               arguments.json ? result.text : table(arguments, robot, measurements, calibration));
   say_what_is_doubted(arguments, calibration);

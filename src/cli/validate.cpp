@@ -64,29 +64,21 @@ Measurements to_register(Measurements measurements) {
   return measurements;
 }
 
-// Base and targets free, the geometry as the URDF says.
-Unknowns frames_only(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
-  std::vector<std::string> names = base_parameter_names();
-  for (const TargetFrame& target : targets) {
-    const std::vector<std::string> own = target_parameter_names(target);
-    names.insert(names.end(), own.begin(), own.end());
-  }
-  return Unknowns(model, targets, names);
-}
-
 // What base and targets were registered to, and what that left to show an error.
 struct Freedom {
   int unknowns = 0;
+  int open = 0;         // of these, what the measurements do not determine
   int coordinates = 0;  // of distinct points
   int configurations = 0;
   int points = 0;  // in a configuration, at most
 
-  int left() const { return coordinates - unknowns; }
+  int spent() const { return unknowns - open; }
+  int left() const { return coordinates - spent(); }
   // Of the root mean square over the points registered to: coordinates that the unknowns took are no error-free ones.
   double correction() const { return std::sqrt(static_cast<double>(coordinates) / left()); }
 };
 
-Freedom freedom_of(const Measurements& training, const RegistrationOptions& known) {
+Freedom freedom_of(const Measurements& training, const RegistrationOptions& known, const Registration& registration) {
   std::set<std::pair<int, int>> points;
   std::set<int> targets;
   std::set<int> configurations;
@@ -97,6 +89,7 @@ Freedom freedom_of(const Measurements& training, const RegistrationOptions& know
   }
   const auto unknown_targets = static_cast<int>(targets.size()) - static_cast<int>(known.known_targets.size());
   return {.unknowns = (known.known_base ? 0 : 6) + 3 * std::max(unknown_targets, 0),
+          .open = registration.open,
           .coordinates = 3 * static_cast<int>(points.size()),
           .configurations = static_cast<int>(configurations.size()),
           .points = static_cast<int>(targets.size())};
@@ -109,7 +102,7 @@ void require_freedom(const Freedom& freedom, const std::string& source) {
   const int needed = freedom.unknowns / (3 * std::max(freedom.points, 1)) + 1;
   throw InputError(source + ": " + std::to_string(freedom.coordinates) + " coordinates in " +
                    std::to_string(freedom.configurations) + " configurations, and base and targets take " +
-                   std::to_string(freedom.unknowns) + " of them: nothing is left to show an error, expected at least " +
+                   std::to_string(freedom.spent()) + " of them: nothing is left to show an error, expected at least " +
                    std::to_string(needed) + " configurations (or --known-base and --known-targets)");
 }
 
@@ -248,10 +241,10 @@ Words judged(const ValidateArguments& arguments, const ErrorModel& model, const 
              const Estimate& estimate, const RegistrationOptions& known) {
   const std::optional<JointConvention> convention = convention_of(arguments.measurements);
   Words words;
-  for (const Suspicion& suspicion : suspicions(model, fitted, estimate, frames_only(model, estimate.targets),
-                                               {.registration = known,
-                                               .used = convention ? &*convention : nullptr,
-                                               .others = conventions_at_hand(arguments.measurements)})) {
+  for (const Suspicion& suspicion : suspicions_of_nominal(model, fitted, estimate,
+                                                          {.registration = known,
+                                                          .used = convention ? &*convention : nullptr,
+                                                          .others = conventions_at_hand(arguments.measurements)})) {
     if (suspicion.cause != "joint_function") {  // which the errors of a nominal robot are
       (suspicion.doubt ? words.doubts : words.warnings).push_back(suspicion.message);
     }
@@ -269,8 +262,8 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
   if (registration.ambiguous) {
     warnings.push_back("registration: " + registration.message);
   }
-  if (freedom.unknowns > 0 && freedom.coordinates < kPlenty * freedom.unknowns) {
-    warnings.push_back("base and targets took " + std::to_string(freedom.unknowns) + " of " +
+  if (freedom.spent() > 0 && freedom.coordinates < kPlenty * freedom.spent()) {
+    warnings.push_back("base and targets took " + std::to_string(freedom.spent()) + " of " +
                        std::to_string(freedom.coordinates) + " coordinates: corrected for that, the rms is " +
                        fixed(registration.rms * freedom.correction() * 1e3, 4) + " mm");
   }
@@ -325,10 +318,10 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const Measurements measurements = read(arguments.measurements, robot);
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
   const Measurements fitted = to_register(measurements);
-  const Freedom freedom = freedom_of(*TrainingRows(fitted), known);
-  require_freedom(freedom, measurements.source);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values, measurements.signals);
   const Registration registration = register_base_and_targets(X_BF, fitted, known);
+  const Freedom freedom = freedom_of(*TrainingRows(fitted), known, registration);
+  require_freedom(freedom, measurements.source);
   const Estimate estimate{.errors = arm.estimate.errors,
                           .X_WB = registration.X_WB,
                           .targets = registration.targets,

@@ -1,5 +1,6 @@
 #include "kdl_calibration/input_check.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -114,6 +115,15 @@ void check(const RegistrationOptions& options) {
   const bool finite = std::all_of(options.known_targets.begin(), options.known_targets.end(),
                                   [](const TargetFrame& target) { return target.X_FT.matrix().allFinite(); });
   require_finite("a known frame", finite && (!options.known_base || options.known_base->matrix().allFinite()));
+  const auto turns = [](const Eigen::Isometry3d& X) {
+    constexpr double kRounding = 1e-6;
+    return X.linear().isUnitary(kRounding) && X.linear().determinant() > 0.0;
+  };
+  if ((options.known_base && !turns(*options.known_base)) ||
+      !std::all_of(options.known_targets.begin(), options.known_targets.end(),
+                   [&](const TargetFrame& target) { return turns(target.X_FT); })) {
+    refuse_input("a known frame is scaled, skewed or mirrored", "a rotation and a translation");
+  }
   require_sigma("the length for orientations", options.orientation_length);
 }
 

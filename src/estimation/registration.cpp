@@ -136,7 +136,7 @@ struct RotationForm {
   double constant = 0.0;
   Matrix39d c_matrix;
   Vector3d c_vector;
-  double firmness = 1.0;  // least information that c has of its own beside the targets, over what it has with them
+  Vector3d firmness = Vector3d::Ones();  // information that c has of its own beside the targets, over that with them
 
   double value(const Matrix3d& A) const {
     const Eigen::Map<const Vector9d> theta(A.data());
@@ -196,7 +196,7 @@ RotationForm eliminate(const Sums& sums, double ridge) {
                 target.Rt_Z.transpose() * target.Rt_Z / target.orientation_weight;
     }
   }
-  form.firmness = Eigen::SelfAdjointEigenSolver<Matrix3d>(C, Eigen::EigenvaluesOnly).eigenvalues()[0] / sums.weight;
+  form.firmness = Eigen::SelfAdjointEigenSolver<Matrix3d>(C, Eigen::EigenvaluesOnly).eigenvalues() / sums.weight;
   // One configuration alone leaves C singular: the least-norm c is as good as any.
   const Matrix3d C_inverse = C.completeOrthogonalDecomposition().pseudoInverse();
   form.c_matrix = C_inverse * C_theta;
@@ -330,31 +330,49 @@ constexpr double kUsualTargetDistance = 0.1;  // [m] distance of a target from t
 struct Solution {
   RotationForm form;
   RotationMinimum minimum;
-  Matrix3d information = Matrix3d::Zero();  // that the measurements alone have about the rotation at the minimum
   double ridge = 0.0;
   bool loose = false;  // base and targets are known to no better than kUsualTargetDistance / 3
+  int places = 0;      // in so many directions
+  int rotations = 0;   // about which base is known to no better than kTurn
 };
+
+constexpr double kTurn = 0.1;  // [rad]
+
+// Directions in which the measurements alone do not determine the rotation at A: u is the mean square of a whitened
+// coordinate's misfit. Points that hardly move beside the flange determine it no better than kTurn.
+int open_rotations(const Sums& sums, const RotationForm& free, const Matrix3d& A, double u) {
+  constexpr double kNumerical = 1e-10;
+  constexpr double kStandsStill = 0.05;  // of how far the flange moves
+  const double flange = std::max(sums.pp - sums.p.squaredNorm() / sums.weight, 0.0);
+  const Vector3d information =
+      Eigen::SelfAdjointEigenSolver<Matrix3d>(slope_at(free, A).hessian, Eigen::EigenvaluesOnly).eigenvalues();
+  const double least = std::max(std::min(u / (kTurn * kTurn), kStandsStill * kStandsStill * flange),
+                                kNumerical * std::max({information[2], sums.zz.trace(), flange}));
+  return static_cast<int>((information.array() <= least).count());
+}
 
 Solution solve(const Sums& sums) {
   constexpr double kFirm = 1e-2;  // of orientations that differ by some six degrees
   constexpr double kNumerical = 1e-13;
   Solution solution{.form = eliminate(sums, 0.0), .minimum = {}};
-  if (solution.form.firmness > kFirm) {
+  const auto misfit = [&](const RotationMinimum& minimum) { return std::max(minimum.value, 0.0) / (3.0 * sums.count); };
+  if (solution.form.firmness[0] > kFirm) {
     solution.minimum = minimise(solution.form);
-    solution.information = slope_at(solution.form, solution.minimum.A).hessian;
+    solution.rotations = open_rotations(sums, solution.form, solution.minimum.A, misfit(solution.minimum));
     return solution;
   }
-  const double firmness = std::max(solution.form.firmness, 0.0);
+  const Vector3d firmness = solution.form.firmness.cwiseMax(0.0);
   const double numerical = kNumerical * sums.weight;
   const RotationForm free = eliminate(sums, numerical);
-  const double u = std::max(minimise(free).value, 0.0) / (3.0 * sums.count);
+  const double u = misfit(minimise(free));
   solution.ridge = std::max(u / (kUsualTargetDistance * kUsualTargetDistance), numerical);
   solution.form = eliminate(sums, solution.ridge);
   solution.minimum = minimise(solution.form);
-  solution.information = slope_at(free, solution.minimum.A).hessian;
+  solution.rotations = open_rotations(sums, free, solution.minimum.A, u);
+  const double firm = 9.0 * u / (kUsualTargetDistance * kUsualTargetDistance * sums.weight);
+  solution.places = static_cast<int>((firmness.array() <= std::max(firm, kNumerical)).count());
   // What no robot of this kind could tell (a planar one the height of its targets) is no matter of these measurements.
-  solution.loose =
-      firmness > kNumerical && 9.0 * u > kUsualTargetDistance * kUsualTargetDistance * firmness * sums.weight;
+  solution.loose = firmness[0] > kNumerical && firmness[0] < firm;
   return solution;
 }
 
@@ -364,9 +382,9 @@ std::string ambiguity(const Solution& solution, double weight) {
     return "the tool hardly turns: where base and targets are is not determined along every direction; the "
            "targets were kept near the flange";
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(solution.information);
-  if (!(eigen.eigenvalues()[0] > 1e-10 * eigen.eigenvalues()[2])) {
-    return "the configurations leave a rotation of the base undetermined";
+  if (solution.rotations > 0) {
+    return solution.rotations == 3 ? "the measured points hardly move: they do not determine the rotation of the base"
+                                   : "the configurations leave a rotation of the base undetermined";
   }
   const double rms = std::sqrt(std::max(minimum.value, 0.0) / weight);
   const double other = std::sqrt(std::max(minimum.second, 0.0) / weight);
@@ -431,6 +449,7 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
     result.X_WB.linear() = A.transpose();
     result.X_WB.translation() = A.transpose() * c + sums.z_mean;
     result.message = ambiguity(solution, sums.weight);
+    result.open = solution.places + solution.rotations;
     result.ambiguous = !result.message.empty();
   }
   for (std::size_t k = 0; k < measurements.targets.size(); ++k) {

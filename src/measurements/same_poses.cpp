@@ -18,15 +18,17 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double kSameValue = 1e-4;  // [rad] or [m]
-constexpr double kShareOfRange = 1e-3;
+constexpr double kSameValue = 1e-4;     // [rad] or [m]
+constexpr double kShareOfRange = 1e-3;  // of the widest
 
-double tolerance_of(const MatrixXd& joint_values) {
-  if (joint_values.size() == 0) {
-    return 0.0;
-  }
-  const VectorXd range = joint_values.rowwise().maxCoeff() - joint_values.rowwise().minCoeff();
-  return std::min(kSameValue, kShareOfRange * range.maxCoeff());
+VectorXd ranges_of(const MatrixXd& joint_values) {
+  return joint_values.size() == 0 ? VectorXd(VectorXd::Zero(joint_values.rows()))
+                                  : VectorXd(joint_values.rowwise().maxCoeff() - joint_values.rowwise().minCoeff());
+}
+
+VectorXd same(const MatrixXd& joint_values) {
+  const double widest = joint_values.rows() > 0 ? ranges_of(joint_values).maxCoeff() : 0.0;
+  return VectorXd::Constant(joint_values.rows(), std::min(kSameValue, kShareOfRange * widest));
 }
 
 // Whether nothing but the label tells the configurations apart.
@@ -101,17 +103,15 @@ void renumber(Measurements& measurements, const std::vector<std::vector<Index>>&
   }
 }
 
-}  // namespace
-
-std::vector<Index> first_at_same_pose(const MatrixXd& joint_values) {
-  const double tolerance = tolerance_of(joint_values);
+// For each column the first one that no joint value tells apart by more than its tolerance.
+std::vector<Index> first_within(const MatrixXd& joint_values, const VectorXd& tolerances) {
   // Along a direction that no joint is alone in, equal poses are neighbours.
   VectorXd direction(joint_values.rows());
   for (Index i = 0; i < direction.size(); ++i) {
     direction[i] = 1.0 / std::sqrt(static_cast<double>(i) + 2.0);
   }
   const VectorXd along = joint_values.transpose() * direction;
-  const double reach = tolerance * direction.sum() * (1.0 + 1e-9);
+  const double reach = tolerances.dot(direction) * (1.0 + 1e-9);
   std::vector<Index> order(static_cast<std::size_t>(joint_values.cols()));
   std::iota(order.begin(), order.end(), Index{0});
   std::sort(order.begin(), order.end(),
@@ -124,7 +124,7 @@ std::vector<Index> first_at_same_pose(const MatrixXd& joint_values) {
       ++begin;
     }
     const auto found = std::find_if(leaders.begin() + static_cast<std::ptrdiff_t>(begin), leaders.end(), [&](Index l) {
-      return (joint_values.col(l) - joint_values.col(c)).cwiseAbs().maxCoeff() <= tolerance;
+      return ((joint_values.col(l) - joint_values.col(c)).cwiseAbs().array() <= tolerances.array()).all();
     });
     leader[static_cast<std::size_t>(c)] = found == leaders.end() ? c : *found;
     if (found == leaders.end()) {
@@ -139,6 +139,18 @@ std::vector<Index> first_at_same_pose(const MatrixXd& joint_values) {
     result[c] = least;
   }
   return result;
+}
+
+}  // namespace
+
+std::vector<Index> first_at_same_pose(const MatrixXd& joint_values) {
+  return first_within(joint_values, same(joint_values));
+}
+
+std::vector<Index> first_of_neighbours(const MatrixXd& joint_values) {
+  constexpr double kNear = 0.05;  // [rad] or [m]
+  constexpr double kOfRange = 0.05;
+  return first_within(joint_values, (kOfRange * ranges_of(joint_values)).cwiseMin(kNear).cwiseMax(same(joint_values)));
 }
 
 Measurements with_poses_joined(Measurements measurements) {

@@ -351,7 +351,7 @@ std::vector<EffectTerm> load_terms(const ErrorModel& model) {
     }
     const VectorXd rest = candidate.torques - basis * (basis.transpose() * candidate.torques);
     const double peak = candidate.torques.cwiseAbs().maxCoeff();
-    if (peak < kDistinct * largest || rest.norm() < kDistinct * candidate.torques.norm()) {
+    if (!(peak > 0.0) || peak < kDistinct * largest || rest.norm() < kDistinct * candidate.torques.norm()) {
       continue;
     }
     basis.conservativeResize(Eigen::NoChange, basis.cols() + 1);

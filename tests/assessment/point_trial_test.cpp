@@ -85,10 +85,10 @@ TEST(PointTrial, RelativeMotionIsOneAtTheFlangeAndGrowsWithTheScale) {
     for (Observation& o : poses.measured.observations) {
       o.position = factor * (poses.X_WB * poses.X_BF[static_cast<std::size_t>(o.configuration)]).translation();
     }
-    EXPECT_NEAR(relative_motion(poses.X_BF, poses.measured) / factor, 1.0, 1e-12);
+    EXPECT_NEAR(motion(poses.X_BF, poses.measured).share() / factor, 1.0, 1e-12);
   }
   const Poses one(1, 3, 0.01, 6);
-  EXPECT_EQ(relative_motion(one.X_BF, one.measured), 1.0);
+  EXPECT_EQ(motion(one.X_BF, one.measured).share(), 1.0);
 }
 
 // ---- exchanged targets ---------------------------------------------------------------------------------------------

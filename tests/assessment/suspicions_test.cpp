@@ -328,6 +328,19 @@ TEST(Suspicions, SayByHowMuchAJointMovesOtherwiseAndWhetherOthersDo) {
 
 // ---- what moved ----------------------------------------------------------------------------------------------------
 
+// A robot as it came, measured a few times or many: its errors are taken for nothing else, a wrong sign is for one.
+TEST(Suspicions, OfARobotThatNobodyCalibratedAreNotItsErrors) {
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    const Draw draw{.configurations = seed % 2 == 0 ? 30 : 3 + static_cast<int>(seed), .effect = 0.0003};
+    Measured m = measured(seed % 3 == 0 ? large_arm() : light_arm(), seed, draw);
+    EXPECT_THAT(causes(suspicions_of_nominal(m.model, m.data, nominal_start(m.model, m.data))), IsEmpty()) << seed;
+    m.data.joint_values.row(1) *= -1.0;
+    if (draw.configurations > 6) {
+      EXPECT_TRUE(has(suspicions_of_nominal(m.model, m.data, nominal_start(m.model, m.data)), "joint_sign")) << seed;
+    }
+  }
+}
+
 TEST(Suspicions, SayHowFarTheBaseTurnedAndDrifted) {
   Measured turned = exact(light_arm(), 3, {.configurations = 14, .targets = 1, .noise = 1e-7});
   for_rows(turned, [&](Observation& o) {

@@ -69,6 +69,13 @@ TEST(CasesOnRealData, ALonelyRowHidesNoEffect) {
   EXPECT_THAT(found.warnings, ::testing::Contains(HasSubstr("models were compared without 1 point")));
 }
 
+TEST(CasesOnRealData, ADriveBesideTheChainIsAJointOfTheFile) {
+  const Robot lift = load_robot(kCases + "leader_elsewhere.urdf", {.base = "", .tip = "tool0"});
+  const Calibration found = calibrate(complete_model(lift), read_measurements(lift, kCases + "leader_elsewhere.csv"));
+  EXPECT_TRUE(found.trusted());
+  EXPECT_LT(found.train.after.rms, 1e-9);
+}
+
 TEST(CasesOnRealData, SocketsOneAfterTheOtherAreRight) {
   const Calibration found = calibrated("three_sockets.csv");
   EXPECT_TRUE(found.trusted());

@@ -104,6 +104,37 @@ TEST(Comparison, PredictsEveryFoldByEachRobotWithoutIt) {
   EXPECT_EQ(found.held_out(), &*found.leave_one_out);
 }
 
+// What a URDF can carry is worth as much beside effects as without them: the weights are its own.
+TEST(Comparison, TheExportedRobotIsTheOneThatIsFittedWithoutEffects) {
+  const WithGains arm({.sigma = kNoise, .repeats = 2});
+  const auto calibrated = [&](const std::set<EffectGroup>& groups) {
+    CalibrationOptions options{.threads = 1, .try_readings = false};
+    options.effects.groups.assign(groups.begin(), groups.end());
+    return calibrate(arm.model, arm.all, options);
+  };
+  const Calibration with = calibrated({EffectGroup::gain});
+  const Calibration without = calibrated({});
+  EXPECT_LT(with.leave_one_out->after.rms, 0.5 * without.leave_one_out->after.rms);
+  EXPECT_NEAR(with.leave_one_out->rigid->rms / without.leave_one_out->after.rms, 1.0, 1e-3);
+  EXPECT_NEAR(with.exported.test->rms / without.test->after.rms, 1.0, 1e-3);
+}
+
+// Rows that are predicted at poses that the fit has seen are told apart, in number and in error.
+TEST(Comparison, TellsTestRowsAtFittedPosesApart) {
+  testing::VirtualExperiment experiment({.random = Random(5)});
+  const Eigen::MatrixXd q = experiment.configurations(20);
+  const Measurements train = testing::without_sigmas(experiment.measure(q, {.sigma = kNoise}));
+  const Measurements again = testing::without_sigmas(experiment.measure(q.leftCols(4), {.sigma = kNoise}, Split::test));
+  const Measurements elsewhere = testing::without_sigmas(experiment.measure(3, {.sigma = kNoise}, Split::test));
+  const auto calibrated = [&](const Measurements& measured) {
+    return calibrate(experiment.model, measured, {.held_out = false, .try_readings = false});
+  };
+  const Calibration both = calibrated(joined(joined(train, again), elsewhere));
+  expect_equal(*both.test_at_fitted_poses, calibrated(joined(train, again)).test->after, 1e-12, "at fitted poses");
+  expect_equal(*both.test_at_new_poses, calibrated(joined(train, elsewhere)).test->after, 1e-12, "at new poses");
+  EXPECT_FALSE(calibrated(joined(train, elsewhere)).test_at_fitted_poses.has_value());
+}
+
 TEST(Comparison, WithoutEffectsTheExportedRobotIsTheCalibratedOne) {
   testing::VirtualExperiment experiment({.random = Random(3)});
   const Measurements measured = testing::without_sigmas(experiment.measure(20, {.sigma = kNoise}));

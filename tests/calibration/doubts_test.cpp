@@ -530,7 +530,7 @@ std::vector<Scenario> scenarios() {
       {"held joint",
        with_a_held_joint,
        Termination::rank_deficient,
-       {"not_determined"},
+       {},
        {"the measurements cannot tell apart: .*dq3.*, .*Rz4.*", "fixed by gauge: .*Rz4" + gauge}},
       {"no effect of joint 6",
        without_effect_of_joint_6,
@@ -589,6 +589,8 @@ TEST(WarningsOfCalibrations, AreExactlyThoseOfTheCause) {
     EXPECT_THAT(causes_of(found), ElementsAreArray(scenario.causes)) << scenario.name;
     EXPECT_EQ(found.identification.termination, scenario.termination) << scenario.name;
     EXPECT_EQ(found.trusted(), scenario.causes.empty()) << scenario.name;
+    EXPECT_EQ(found.reservation.has_value(), found.trusted() && scenario.termination == Termination::rank_deficient)
+        << scenario.name;
   }
 }
 

@@ -96,6 +96,8 @@ struct Made {
     add({.name = "Ry1", .joint = "slide", .kind = "rotation", .axis = "y", .error = 0.0, .gauge = true});
     add({.name = "Rz3", .joint = "elbow", .kind = "rotation", .axis = "z", .error = 0.1 * kDegree, .std = kInfinity});
     add({.name = "Tx5", .joint = "", .kind = "translation", .axis = "x", .error = 0.003});
+    add({.name = "Ty5", .joint = "", .kind = "translation", .axis = "y", .error = 0.001});
+    calibration.reduction.dropped = {{.name = "Ty5", .replaced_by = {{"A.x", 0.2}, {"A.y", -0.9}}}};
   }
 
   void add_influence() {
@@ -141,6 +143,7 @@ geometric errors, +- half of the 95 % interval
   Ry1   y turn of link 1 (origin of slide)         0.00000 deg  held, gauge
   Rz3   z turn of link 3 (origin of elbow)         0.10000 deg  not determined
   Tx5   x shift of link 5                           3.0000 mm   held by --fix
+  Ty5   y shift of link 5                           1.0000 mm   held, in A.y
 
 effects beyond geometry, largest motion at the measured configurations
   transverse  elbow, y across its axis             0.00000 deg

@@ -279,7 +279,7 @@ TEST_F(Files, ValidateNeedsMoreCoordinatesThanBaseAndTargetsTake) {
   };
   write("one.csv", first(1));
   expect_refused({"validate", "--measurements", "one.csv"},
-                 {"9 coordinates in 1 configurations", "take 15 of them", "at least 2 configurations"});
+                 {"9 coordinates in 1 configurations", "take 9 of them", "at least 2 configurations"});
   write("four.csv", first(4));
   const Outcome few = run({"validate", "--measurements", "four.csv", "--json"});
   EXPECT_THAT(few.err, HasSubstr("base and targets took 15 of 36 coordinates: corrected for that, the rms is "));

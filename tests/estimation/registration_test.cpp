@@ -267,6 +267,30 @@ TEST(Registration, SaysWhenTheConfigurationsLeaveTheBaseOpen) {
   EXPECT_LT(found.rms, 1e-6);
 }
 
+// A tip that is held at one place, to within the arm's errors: nothing tells how the base is turned about it.
+TEST(Registration, CountsTheDirectionsThatAreOpen) {
+  Random random(8);
+  const ErrorModel model = complete_model(fanuc());
+  const VirtualRobot robot = exact_robot(model, 1, random);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 9, random);
+  std::vector<Eigen::Isometry3d> X_BF = flange_poses(folded(model, robot.truth.errors), q);
+  Measurements measured = measure(robot, q, {}, random);
+  EXPECT_EQ(register_base_and_targets(X_BF, measured).open, 0);
+  EXPECT_EQ(register_base_and_targets(X_BF, measured, {.known_base = robot.truth.X_WB}).open, 0);
+  for (const double error : {0.0, 1e-6, 1e-3}) {
+    for (std::size_t i = 0; i < X_BF.size(); ++i) {
+      const Eigen::Vector3d off = error * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
+      X_BF[i].translation() = -(X_BF[i].linear() * robot.truth.targets[0].X_FT.translation()) + off;
+      measured.observations[i].position = Eigen::Vector3d(1.0, 2.0, 3.0) - 0.1 * off;
+    }
+    const Registration found = register_base_and_targets(X_BF, measured);
+    EXPECT_EQ(found.open, 3) << error;
+    EXPECT_THAT(found.message, ::testing::HasSubstr("hardly move")) << error;
+    const double off = (found.targets[0].X_FT.translation() - robot.truth.targets[0].X_FT.translation()).norm();
+    EXPECT_LT(off, 3.0 * error + 1e-9);
+  }
+}
+
 TEST(Registration, IgnoresHeldOutRows) {
   const ErrorModel model = complete_model(fanuc());
   Random random(7);

@@ -55,6 +55,14 @@ TEST(SamePoses, AreNoNeighboursHalfADegreeAway) {
   EXPECT_EQ(first_at_same_pose(values), (std::vector<Index>{0, 1, 2}));
 }
 
+// The joints' own ranges say what is near: the second one turns by three degrees in all.
+TEST(SamePoses, HaveNeighboursWithinThreeDegreesOrATwentiethOfTheRange) {
+  const Eigen::Matrix2Xd steps{{0.0, 2.8, 0.0, 0.0, 60.0}, {0.0, 0.0, 0.1, 0.2, 3.0}};
+  EXPECT_EQ(first_of_neighbours(steps * testing::kDegree), (std::vector<Index>{0, 0, 0, 3, 4}));
+  EXPECT_EQ(first_of_neighbours(Eigen::MatrixXd::Constant(3, 4, 0.7)), (std::vector<Index>{0, 0, 0, 0}));
+  EXPECT_TRUE(first_of_neighbours(Eigen::MatrixXd(2, 0)).empty());
+}
+
 // A slide of a nanometre is as long for its robot as one of a metre.
 TEST(SamePoses, DependOnTheSizeOfTheRobot) {
   Eigen::MatrixXd values(1, 3);

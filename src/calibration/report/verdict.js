@@ -78,8 +78,8 @@ function calibrationVerdict() {
   const missed = requirements.filter((requirement) => !requirement.fulfilled).map((requirement) => requirement.message);
   return [
     verdictBanner(RESULT.trusted && !missed.length ? "good" : "bad",
-      !RESULT.trusted ? "Not to be trusted" : missed.length ? "Not as required" : "To be trusted where it was measured",
-      RESULT.trusted ? "The fit converged, everything in it is determined, and it predicts configurations that it has not seen better than the nominal robot does."
+      !RESULT.trusted ? "Not to be trusted" : missed.length ? "Not as required" : RESULT.reservation ? "To be trusted where it was measured" : "To be trusted",
+      RESULT.reservation ? RESULT.reservation.message : RESULT.trusted ? "The fit converged, everything in it is determined, and it predicts configurations that it has not seen better than the nominal robot does."
         : `${plural(doubts.length, "reason")} against using this calibration as it stands:`),
     messages("Doubts", doubts, "bad"), messages("Required and not fulfilled", missed, "bad"),
     el("div", { class: "tiles" }, tiles),

@@ -1,0 +1,26 @@
+#pragma once
+
+// Whether measured orientations are those of the arm, and what else they may be. Not installed.
+
+#include <optional>
+#include <string>
+
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/unknowns.hpp"
+
+namespace kdl_calibration {
+
+struct OrientationTrial {
+  bool explained = false;  ///< whether inverse quaternions or another order of components fits
+  std::string message;
+};
+
+/// Compares measured orientations of the training rows with the flange's. The target's orientation on the flange is the
+/// one that most of its rows agree on within 0.1 rad (consensus of Fischler and Bolles 1981, every row a candidate). A
+/// row is an outlier if it is off by more than one degree and ten times the median of the rows that agree. Outliers are
+/// tried as inverses and with their components in another order. Returns nothing if there is no outlier.
+std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const Measurements& measurements,
+                                                 const Estimate& fit);
+
+}  // namespace kdl_calibration

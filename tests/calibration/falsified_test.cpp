@@ -1,0 +1,399 @@
+// Files that are wrong in ways that no format shows, calibrated as kdlcal does without an option: what is said of them,
+// and of files that are right.
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/same_poses.hpp"
+#include "mistake_table.hpp"
+
+namespace kdl_calibration::testing::falsified_test {
+namespace {
+
+using Eigen::Vector3d;
+
+CalibrationOptions by_default() {
+  CalibrationOptions options;
+  options.automatic_priors = true;
+  options.effects.automatic = true;
+  return options;
+}
+
+/// A file, and how it is calibrated.
+struct Job {
+  Measured m;
+  CalibrationOptions options = by_default();
+  Random random = Random(1);
+
+  Calibration run() const { return calibrate(m.model, with_poses_joined(m.data), options); }
+  int configurations() const { return static_cast<int>(m.data.joint_values.cols()); }
+  void for_configurations(const std::function<bool(int)>& which, const std::function<void(Observation&)>& change) {
+    for_rows(m, [&](Observation& o) {
+      if (which(o.configuration)) {
+        change(o);
+      }
+    });
+  }
+  void for_second_half(const std::function<void(Observation&)>& change) {
+    for_configurations([half = configurations() / 2](int c) { return c >= half; }, change);
+  }
+  Vector3d direction() { return Vector3d{random.normal(), random.normal(), random.normal()}.normalized(); }
+  void displace(int configuration, double distance) {
+    const Vector3d step = distance * direction();
+    for_configurations([=](int c) { return c == configuration; }, [&](Observation& o) { o.position += step; });
+  }
+};
+
+struct Falsification {
+  std::string name;
+  std::string cause;  // of the first doubt, or of one of several
+  std::function<void(Job&)> make;
+  bool orientations = false;
+};
+
+void joint_values_of_rows(Job& job, int j, const std::function<double(int, double)>& change) {
+  for (int c = 0; c < job.configurations(); ++c) {
+    double& q = job.m.data.joint_values(j, c);
+    q = change(c, q);
+  }
+}
+
+// As if the arm had been measured with this joint held where it was first: the points are those of other joint values
+// than the file's.
+void measured_with_joint_at_rest(Job& job, int j) {
+  Eigen::MatrixXd q = job.m.data.joint_values;
+  q.row(j).setConstant(q(j, 0));
+  Estimate rigid = job.m.truth;
+  rigid.effects.resize(0);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(job.m.model, rigid, q);
+  for_rows(job.m, [&](Observation& o) {
+    const Vector3d p_F = rigid.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
+    o.position = rigid.X_WB * X_BF[static_cast<std::size_t>(o.configuration)] * p_F + 3e-5 * job.direction();
+  });
+}
+
+std::vector<Falsification> of_rows() {
+  std::vector<Falsification> all;
+  for (const double distance : {0.003, 0.062, 1.0}) {
+    all.push_back({"one pose off by " + std::to_string(static_cast<int>(distance * 1e3)) + " mm", "gross_rows",
+                   [=](Job& job) { job.displace(7, distance); }});
+  }
+  all.push_back(
+      {"one point off by 20 mm", "gross_rows", [](Job& job) { job.m.data.observations[9].position.x() += 0.02; }});
+  all.push_back({"a joint 5 degrees off in one row", "gross_rows",
+                 [](Job& job) { job.m.data.joint_values(2, 11) += 5.0 * kDegree; }});
+  all.push_back({"a tenth of the poses off by 1 to 100 mm", "gross_rows", [](Job& job) {
+                   for (int c = 3; c < job.configurations(); c += 10) {
+                     job.displace(c, std::pow(10.0, job.random.uniform(-2.5, -1.0)));
+                   }
+                 }});
+  all.push_back({"joint 6 half a turn further in half of the file", "large_misfit", [](Job& job) {
+                   joint_values_of_rows(job, 5, [&](int c, double q) {
+                     return c < job.configurations() / 2 ? q : q + std::numbers::pi;
+                   });
+                 }});
+  all.push_back({"joint 5 with another sign in half of the file", "large_misfit", [](Job& job) {
+                   joint_values_of_rows(job, 4, [&](int c, double q) { return c < job.configurations() / 2 ? q : -q; });
+                 }});
+  for (const int j : {1, 3}) {
+    all.push_back({"joint " + std::to_string(j + 1) + " never moved", "joint_at_rest",
+                   [=](Job& job) { measured_with_joint_at_rest(job, j); }});
+  }
+  all.push_back({"names of targets cycled in half of the file", "large_misfit", [](Job& job) {
+                   const int count = static_cast<int>(job.m.data.targets.size());
+                   job.for_second_half([&](Observation& o) { o.target = (o.target + 1) % count; });
+                 }});
+  all.push_back({"joint values of the row before", "not_converged", [](Job& job) {
+                   Eigen::MatrixXd q = job.m.data.joint_values;
+                   q.rightCols(q.cols() - 1) = job.m.data.joint_values.leftCols(q.cols() - 1);
+                   job.m.data.joint_values = q;
+                 }});
+  all.push_back({"millimetres in half of the file", "large_misfit",
+                 [](Job& job) { job.for_second_half([](Observation& o) { o.position *= 1000.0; }); }});
+  all.push_back({"a tracker moved by 5 mm in the middle", "moved_base",
+                 [](Job& job) { job.for_second_half([](Observation& o) { o.position.y() += 0.005; }); }});
+  return all;
+}
+
+std::vector<Falsification> of_models() {
+  return {
+      {"a link 80 mm longer", "large_error",
+       [](Job& job) {
+         KDL::Vector& link = job.m.model.joints[2].origin.p;
+         link = (1.0 + 0.08 / link.Norm()) * link;
+       }},
+      {"an origin missing", "large_error", [](Job& job) { job.m.model.joints[2].origin.p = KDL::Vector::Zero(); }},
+      {"a joint shifted by half a radian", "large_error",
+       [](Job& job) { joint_values_of_rows(job, 1, [](int, double q) { return q + 0.5; }); }},
+      {"the known base a metre off", "known_base",
+       [](Job& job) {
+         job.options.known_base = job.m.truth.X_WB;
+         job.options.known_base->translation().x() += 1.0;
+       }},
+      {"the known base inverted", "known_base", [](Job& job) { job.options.known_base = job.m.truth.X_WB.inverse(); }},
+      {"test rows with targets exchanged", "test_rows_differ|worse_than_nominal",
+       [](Job& job) {
+         const int count = static_cast<int>(job.m.data.targets.size());
+         job.for_configurations([](int c) { return c % 4 == 0; },
+                                [&](Observation& o) {
+                                  o.split = Split::test;
+                                  o.target = (o.target + 1) % count;
+                                });
+       }},
+      {"test rows of another place", "test_rows_differ|worse_than_nominal", [](Job& job) {
+         job.for_configurations([](int c) { return c % 4 == 0; },
+                                [&](Observation& o) {
+                                  o.split = Split::test;
+                                  o.position.z() += 2.0;
+                                });
+       }}};
+}
+
+void for_orientations(Job& job, const std::function<bool(const Observation&)>& which,
+                      const std::function<Eigen::Quaterniond(const Eigen::Quaterniond&)>& change) {
+  for (std::size_t row = 0; row < job.m.data.observations.size(); ++row) {
+    if (which(job.m.data.observations[row])) {
+      job.m.data.orientations[row] = change(job.m.data.orientations[row]);
+    }
+  }
+}
+
+std::vector<Falsification> of_orientations() {
+  using Eigen::Quaterniond;
+  const auto all = [](const Observation&) { return true; };
+  const auto some = [](const Observation& o) { return o.configuration % 2 == 0; };
+  const auto one = [](const Observation& o) { return o.configuration == 4; };
+  const auto conjugate = [](const Quaterniond& q) { return q.conjugate(); };
+  const auto shifted = [](const Quaterniond& q) { return Quaterniond(q.x(), q.y(), q.z(), q.w()); };
+  const auto turned = [](const Quaterniond& q) {
+    return Quaterniond(rotation_exp({0.3, 0.2, 0.0}) * q.toRotationMatrix());
+  };
+  const auto make = [](const auto& which, const auto& change) {
+    return [=](Job& job) { for_orientations(job, which, change); };
+  };
+  return {{"orientations inverted", "orientations", make(all, conjugate), true},
+          {"orientations as x, y, z, w", "orientations", make(all, shifted), true},
+          {"half of the orientations inverted", "orientations", make(some, conjugate), true},
+          {"half of the orientations as x, y, z, w", "orientations", make(some, shifted), true},
+          {"constant orientations", "orientations",
+           make(all, [](const Quaterniond&) { return Quaterniond(0.8, 0.6, 0.0, 0.0); }), true},
+          {"one orientation off by 20 degrees", "orientations", make(one, turned), true}};
+}
+
+std::vector<Falsification> table() {
+  std::vector<Falsification> all = of_rows();
+  for (const std::vector<Falsification>& more : {of_models(), of_orientations()}) {
+    all.insert(all.end(), more.begin(), more.end());
+  }
+  return all;
+}
+
+Job job_of(const Falsification& falsification, const ErrorModel& model, std::uint64_t seed) {
+  Draw draw{.configurations = 24 + 6 * static_cast<int>(seed % 3)};
+  draw.effect = seed % 2 == 0 ? 0.0 : 0.0005;
+  draw.poses = falsification.orientations;
+  draw.targets = falsification.orientations ? 1 : 3;
+  Job job{.m = measured(model, seed, draw), .random = Random(seed, 5)};
+  falsification.make(job);
+  return job;
+}
+
+const ErrorModel& third_arm() {
+  static const ErrorModel model = [] {
+    Random random(11);
+    return random_arm(random);
+  }();
+  return model;
+}
+
+bool is_called(const Calibration& found, const std::string& causes) {
+  return std::any_of(found.doubts.begin(), found.doubts.end(), [&](const Doubt& doubt) {
+    return ("|" + causes + "|").find("|" + doubt.cause + "|") != std::string::npos;
+  });
+}
+
+// A slice of the table, as what it is.
+TEST(Falsified, FilesAreCalledWhatTheyAre) {
+  for (const Falsification& falsification : table()) {
+    const Calibration found = job_of(falsification, large_arm(), 1).run();
+    EXPECT_TRUE(is_called(found, falsification.cause))
+        << falsification.name << ": " << (found.trusted() ? "trusted" : found.doubts.front().message);
+  }
+}
+
+// A loss that leaves a row out leaves it out of the verdict as well.
+TEST(Falsified, ARowWithoutWeightIsNoReasonToDoubt) {
+  for (const double distance : {0.062, 1.0}) {
+    Job job{.m = measured(large_arm(), 3), .random = Random(3)};
+    job.displace(7, distance);
+    job.options.loss = Loss::tukey;
+    const Calibration found = job.run();
+    EXPECT_TRUE(found.trusted()) << found.doubts.front().message;
+    EXPECT_EQ(*std::min_element(found.weights.begin(), found.weights.end()), 0.0);
+  }
+}
+
+TEST(FalsifiedLongRun, FilesOfThreeRobotsAreDoubted) {
+  int tried = 0;
+  int doubted = 0;
+  for (const Falsification& falsification : table()) {
+    std::string causes;
+    for (const ErrorModel* model : {&large_arm(), &light_arm(), &third_arm()}) {
+      for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+        const Calibration found = job_of(falsification, *model, seed).run();
+        ++tried;
+        doubted += found.trusted() ? 0 : 1;
+        causes += std::string(" ") + (found.trusted()                         ? "NOT DOUBTED"
+                                      : is_called(found, falsification.cause) ? "named"
+                                                                              : "doubted");
+      }
+    }
+    std::printf("%-48s%s\n", falsification.name.c_str(), causes.c_str());
+  }
+  std::printf("%d of %d doubted\n", doubted, tried);
+  EXPECT_GE(tried, 180);
+  EXPECT_GE(doubted, 0.95 * tried);
+}
+
+// ---- files that are right ------------------------------------------------------------------------------------------
+
+// Joint values at which a target lies at a place, by Newton's method from random ones; nothing where it goes nowhere.
+std::optional<Eigen::VectorXd> touching(const Measured& m, std::size_t target, const Vector3d& place, Random& random) {
+  Estimate rigid = m.truth;
+  rigid.effects.resize(0);
+  const Vector3d p_F = rigid.targets[target].X_FT.translation();
+  const auto off = [&](const Eigen::VectorXd& q) {
+    return Eigen::VectorXd(rigid.X_WB * (flange_poses(m.model, rigid, q).front() * p_F) - place);
+  };
+  const auto count = static_cast<double>(m.data.joint_values.cols());
+  Eigen::VectorXd q = m.data.joint_values.col(static_cast<Eigen::Index>(random.uniform(0.0, count)));
+  q += 0.3 * Eigen::VectorXd::NullaryExpr(q.size(), [&] { return random.normal(); });
+  for (int i = 0; i < 50 && off(q).norm() > 1e-12; ++i) {
+    const Eigen::MatrixXd J = central_differences(q.size(), 1e-6, [&](const auto& d) { return off(q + d); });
+    Eigen::VectorXd step = -J.completeOrthogonalDecomposition().solve(off(q));
+    q += std::min(1.0, 0.5 / step.norm()) * step;
+  }
+  return off(q).norm() < 1e-10 && q.cwiseAbs().maxCoeff() < 3.0 ? std::optional(q) : std::nullopt;
+}
+
+// A ball that sits in one of three sockets after the other.
+void in_sockets(Job& job) {
+  Measured& m = job.m;
+  const Measurements before = m.data;
+  std::vector<Eigen::VectorXd> q;
+  m.data.observations.clear();
+  m.data.configurations.clear();
+  for (std::size_t socket = 0; socket < 3; ++socket) {
+    const Vector3d place = before.observations[5 + 7 * socket].position;
+    for (int tries = 0, found = 0; tries < 200 && found < 14; ++tries) {
+      if (const auto joints = touching(m, 0, place, job.random)) {
+        ++found;
+        Observation& touch = m.data.observations.emplace_back();
+        touch.configuration = static_cast<int>(q.size());
+        touch.position = place + 2e-5 * job.direction();
+        q.push_back(*joints);
+        m.data.configurations.push_back(std::to_string(q.size()));
+      }
+    }
+  }
+  m.data.targets.resize(1);
+  m.truth.targets.resize(1);
+  m.data.joint_values.resize(m.data.joint_values.rows(), static_cast<Eigen::Index>(q.size()));
+  for (std::size_t c = 0; c < q.size(); ++c) {
+    m.data.joint_values.col(static_cast<Eigen::Index>(c)) = q[c];
+  }
+}
+
+// Every pose four times, under labels of their own and with joint values as a controller reads them back.
+void read_back(Job& job) {
+  const Measurements once = job.m.data;
+  Measurements& data = job.m.data;
+  const Eigen::Index poses = once.joint_values.cols();
+  data.joint_values.conservativeResize(Eigen::NoChange, 4 * poses);
+  for (int time = 1; time < 4; ++time) {
+    for (Eigen::Index c = 0; c < poses; ++c) {
+      data.configurations.push_back(once.configurations[static_cast<std::size_t>(c)] + "." + std::to_string(time));
+      for (Eigen::Index j = 0; j < data.joint_values.rows(); ++j) {
+        data.joint_values(j, time * poses + c) = once.joint_values(j, c) + 1e-6 * job.random.normal();
+      }
+    }
+    for (Observation o : once.observations) {
+      o.configuration += static_cast<int>(time * poses);
+      o.position += 3e-5 * job.random.normal() * job.direction();
+      data.observations.push_back(o);
+    }
+  }
+}
+
+void with_a_joint_at_rest(Job& job, int j) {
+  job.m.data.joint_values.row(j).setConstant(0.3);
+  measured_with_joint_at_rest(job, j);
+}
+
+// One point of fifty by Student's t of two degrees of freedom.
+void heavy_tailed(Job& job) {
+  for_rows(job.m, [&](Observation& o) {
+    const double chi = std::hypot(job.random.normal(), job.random.normal()) / std::numbers::sqrt2;
+    o.position += 3e-5 * job.random.normal() / std::max(chi, 0.05) * job.direction();
+  });
+}
+
+Job right_job(std::uint64_t seed) {
+  if (seed % 8 < 3) {
+    return {.m = correct_data(seed), .random = Random(seed, 6)};
+  }
+  Random random(seed, 7);
+  const ErrorModel model = seed % 2 == 0 ? random_arm(random) : seed % 3 == 0 ? large_arm() : light_arm();
+  Draw draw{.configurations = 18 + static_cast<int>(random.uniform(0.0, 20.0))};
+  draw.effect = random.uniform(-0.0005, 0.0008);
+  draw.effect = std::max(draw.effect, 0.0);
+  draw.poses = seed % 8 == 7;
+  if (seed % 8 == 3) {
+    draw.configurations = 12 + static_cast<int>(seed % 4);
+  }
+  Job job{.m = measured(model, seed, draw), .random = random};
+  switch (seed % 8) {
+    case 4:
+      in_sockets(job);
+      break;
+    case 5:
+      read_back(job);
+      break;
+    case 6:
+      seed % 16 < 8 ? heavy_tailed(job) : with_a_joint_at_rest(job, static_cast<int>(seed / 16 % 6));
+      break;
+    default:
+      break;
+  }
+  return job;
+}
+
+int doubted_of(std::uint64_t first, std::uint64_t last) {
+  int doubted = 0;
+  for (std::uint64_t seed = first; seed <= last; ++seed) {
+    const Job job = right_job(seed);
+    const Calibration found = job.run();
+    doubted += found.trusted() ? 0 : 1;
+    for (const Doubt& doubt : found.doubts) {
+      std::printf("seed %d, kind %d: %s: %s\n", static_cast<int>(seed), static_cast<int>(seed % 16),
+                  doubt.cause.c_str(), doubt.message.c_str());
+    }
+  }
+  std::printf("%d of %d right files doubted\n", doubted, static_cast<int>(last - first + 1));
+  return doubted;
+}
+
+TEST(FalsifiedLongRun, RightFilesAreNotDoubted) { EXPECT_LE(doubted_of(1, 80), 1); }
+TEST(FalsifiedCampaign, RightFilesAreNotDoubted) { EXPECT_LE(doubted_of(1, 600), 2); }
+
+}  // namespace
+}  // namespace kdl_calibration::testing::falsified_test
