@@ -15,7 +15,9 @@ namespace kdl_calibration {
 
 /// Indices of the joints that follow none, base to tip.
 std::vector<std::size_t> independent_joints(const std::vector<MovingJoint>& joints);
-/// Their names, or those of the drives that move them.
+/// The joint's drive; itself, times 1 plus 0, if it has none.
+Drive drive_of(const MovingJoint& joint);
+/// Names of the drives of the independent joints.
 std::vector<std::string> independent_joint_names(const std::vector<MovingJoint>& joints);
 
 /// Sets the rows of the followers from those of their leaders; `q` is joints x N, [rad] or [m].

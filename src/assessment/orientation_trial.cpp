@@ -29,15 +29,15 @@ struct Reading {
 const std::array<Reading, 6>& readings() {
   static const std::array<Reading, 6> all = {
       Reading{[](const Quaterniond& q) { return q; }, ""},
-      Reading{[](const Quaterniond& q) { return q.conjugate(); }, "taken for their inverses (conjugates)"},
+      Reading{[](const Quaterniond& q) { return q.conjugate(); }, "as inverses (conjugates)"},
       Reading{[](const Quaterniond& q) { return Quaterniond(q.z(), q.w(), q.x(), q.y()); },
-              "as x, y, z, w where w, x, y, z was read"},
+              "with x, y, z, w in the columns qw, qx, qy, qz"},
       Reading{[](const Quaterniond& q) { return Quaterniond(q.z(), -q.w(), -q.x(), -q.y()); },
-              "as the inverses of x, y, z, w where w, x, y, z was read"},
+              "as inverses, with x, y, z, w in the columns qw, qx, qy, qz"},
       Reading{[](const Quaterniond& q) { return Quaterniond(q.x(), q.y(), q.z(), q.w()); },
-              "as w, x, y, z where x, y, z, w was read"},
+              "with w, x, y, z in the columns qx, qy, qz, qw"},
       Reading{[](const Quaterniond& q) { return Quaterniond(q.x(), -q.y(), -q.z(), -q.w()); },
-              "as the inverses of w, x, y, z where x, y, z, w was read"}};
+              "as inverses, with w, x, y, z in the columns qx, qy, qz, qw"}};
   return all;
 }
 
@@ -159,8 +159,8 @@ OrientationTrial judged(const Measurements& measurements, const Consensus& agree
           return off.row->of_target(reading).angularDistance(agreed.targets[off.target]) <= limit;
         })) {
       return {.explained = true,
-              .message = what + ", from " + label(measurements, outliers.front()) + " on; they do " + reading.words +
-                         kNothingSwitched};
+              .message = what + ", from " + label(measurements, outliers.front()) + " on; they do if they are read " +
+                         reading.words + kNothingSwitched};
     }
   }
   const Off& worst =
@@ -191,7 +191,8 @@ std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const 
   if (usual != &readings().front()) {
     return OrientationTrial{.explained = true,
                             .message = "the measured orientations do not turn with the arm; " +
-                                       of_rows(best.rows, count) + " do " + usual->words + kNothingSwitched};
+                                       of_rows(best.rows, count) + " do if they are read " + usual->words +
+                                       kNothingSwitched};
   }
   const double limit = limit_of(all);
   std::erase_if(all, [&](const Off& off) { return off.angle <= limit; });

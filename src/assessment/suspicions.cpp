@@ -181,13 +181,14 @@ public:
   std::vector<Suspicion> verdict() {
     // One cause at a time: what explains the data by a coarser mistake makes the finer ones meaningless.
     judge_scale();
-    if (suspicions_.empty()) {
+    const bool tried = !(fitted_ < options_.least_misfit);
+    if (tried && suspicions_.empty()) {
       judge_readings();
     }
-    if (suspicions_.empty()) {
+    if (tried && suspicions_.empty()) {
       judge_gains();
     }
-    if (suspicions_.empty()) {
+    if (tried && suspicions_.empty()) {
       judge_order();
     }
     judge_lengths();
@@ -199,7 +200,9 @@ public:
   // Of the joint values alone, where the points are those of poses.
   std::vector<Suspicion> verdict_of_poses() {
     remark_ += " (orientations as points " + in_mm(kLeverOfOrientations) + " away)";
-    judge_readings();
+    if (!(fitted_ < options_.least_misfit)) {
+      judge_readings();
+    }
     return std::move(suspicions_);
   }
 
@@ -270,7 +273,7 @@ private:
   }
 
   void judge_readings() {
-    if (!is_misfit(fitted_, sample_.freedom) || fitted_ < options_.least_misfit) {
+    if (!is_misfit(fitted_, sample_.freedom)) {
       return;
     }
     JointOptions other = trial_fits();
@@ -299,7 +302,7 @@ private:
       anywhere.known_base.reset();
       const Unknowns free = sample_.free.with_all(model_, UnknownGroup::base);
       const TrialFit fit{.model = model_, .free = free, .registration = anywhere, .joint = other};
-      consider("known_base", "the base anywhere but where it was said to be known",
+      consider("known_base", "the base fitted instead of taken as known",
                sample_.freedom < 6.0
                    ? kInfinity
                    : fitted_rms(fit, sample_.measurements, nominal_start(model_, sample_.measurements, anywhere)));
@@ -332,8 +335,7 @@ private:
     constexpr double kWorthALook = 1e-4;  // of the arm's length
     const auto joints = static_cast<double>(model_.joints.size());
     const double freedom = sample_.freedom - joints;
-    if (!(freedom >= 1.0) || fitted_ < options_.least_misfit ||
-        (!has_wrong_gain() && fitted_ < kWorthALook * arm_length(model_))) {
+    if (!(freedom >= 1.0) || (!has_wrong_gain() && fitted_ < kWorthALook * arm_length(model_))) {
       return;
     }
     const std::optional<GainTrial> found = try_gains(model_, sample_.measurements, nominal_, sample_.free);
@@ -352,9 +354,6 @@ private:
   }
 
   void judge_order() {
-    if (fitted_ < options_.least_misfit) {
-      return;
-    }
     const auto found = check_order(model_, sample_.measurements, fit_, sample_.free);
     if (!found || found->kind == OrderFinding::Kind::step_of_target) {
       return;

@@ -117,39 +117,29 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
   return result;
 }
 
-// For each configuration, whether there are train rows at its pose.
-std::vector<bool> at_fitted_poses(const Measurements& measurements) {
-  const std::vector<bool> trained = trained_configurations(measurements);
-  const std::vector<Eigen::Index> first = first_at_same_pose(measurements.joint_values);
-  std::vector<bool> fitted(trained.size(), false);  // of the first at each pose
-  const auto of = [&](std::size_t c) { return static_cast<std::size_t>(first[c]); };
-  for (std::size_t c = 0; c < trained.size(); ++c) {
-    fitted[of(c)] = fitted[of(c)] || trained[c];
-  }
-  std::vector<bool> result;
-  for (std::size_t c = 0; c < trained.size(); ++c) {
-    result.push_back(fitted[of(c)]);
-  }
-  return result;
-}
-
 // Test rows at fitted poses test the fit at what it has seen: their errors are kept apart.
 void tell_test_rows_apart(const Compared& compared, const std::vector<Eigen::Isometry3d>& X_BF, Comparison& result) {
-  const std::vector<bool> fitted = at_fitted_poses(compared.measurements);
-  const auto statistics = [&](bool at_fitted) {
-    Measurements part = compared.measurements;
-    for (Observation& observation : part.observations) {
-      if (fitted[static_cast<std::size_t>(observation.configuration)] != at_fitted) {
-        observation.split = Split::train;
-      }
+  const Measurements& measurements = compared.measurements;
+  const std::vector<bool> trained = trained_configurations(measurements);
+  const std::vector<Eigen::Index> first = first_at_same_pose(measurements.joint_values);
+  std::vector<bool> fitted(first.size(), false);  // of the first configuration at each pose
+  for (std::size_t c = 0; c < first.size(); ++c) {
+    fitted[static_cast<std::size_t>(first[c])] = fitted[static_cast<std::size_t>(first[c])] || trained[c];
+  }
+  const std::vector<double> distances =
+      position_errors(X_BF, compared.fit.identification.estimate, measurements, Rows::test);
+  std::vector<double> at_fitted;
+  std::vector<double> at_new;
+  auto distance = distances.begin();
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::test) {
+      const Eigen::Index pose = first[static_cast<std::size_t>(observation.configuration)];
+      (fitted[static_cast<std::size_t>(pose)] ? at_fitted : at_new).push_back(*distance++);
     }
-    const ErrorStatistics errors =
-        error_statistics(position_errors(X_BF, compared.fit.identification.estimate, part, Rows::test));
-    return errors.count > 0 ? std::optional(errors) : std::nullopt;
-  };
-  result.test_at_fitted_poses = statistics(true);
-  if (result.test_at_fitted_poses) {
-    result.test_at_new_poses = statistics(false);
+  }
+  if (!at_fitted.empty()) {
+    result.test_at_fitted_poses = error_statistics(at_fitted);
+    result.test_at_new_poses = at_new.empty() ? std::nullopt : std::optional(error_statistics(at_new));
   }
 }
 

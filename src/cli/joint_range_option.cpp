@@ -49,8 +49,7 @@ JointRanges joint_ranges(const ErrorModel& model, const std::vector<std::string>
   JointRanges ranges = limits_of(model.joints);
   for (std::size_t i = 0; i < joints.size(); ++i) {
     const MovingJoint& joint = model.joints[joints[i]];
-    const Drive direct;
-    const Drive& drive = joint.drive ? *joint.drive : direct;
+    const Drive drive = drive_of(joint);
     auto [lower, upper] = parsed_range(given[i], joint);
     lower = drive.multiplier * lower + drive.offset;
     upper = drive.multiplier * upper + drive.offset;

@@ -103,7 +103,7 @@ public:
       const std::vector<std::size_t> rows_of = independent_joints(joints.joints);
       for (std::size_t i = 0; i < header_.own_values.size(); ++i) {
         if (header_.own_values[i]) {
-          const Drive& drive = *joints.joints[rows_of[i]].drive;
+          const Drive drive = drive_of(joints.joints[rows_of[i]]);
           auto row = values.row(static_cast<Eigen::Index>(i)).array();
           row = (row - drive.offset) / drive.multiplier;
         }
@@ -231,17 +231,18 @@ private:
       if (!present(column)) continue;
       const MovingJoint& joint = joints.joints[joints.followers[i]];
       const auto expected = joint_values.row(static_cast<Eigen::Index>(joints.followers[i]));
-      const double multiplier = joint.mimic ? joint.mimic->multiplier : joint.drive->multiplier;
-      const double offset = joint.mimic ? joint.mimic->offset : joint.drive->offset;
-      const double tolerance = kRoundedJointValue * (1.0 + std::abs(multiplier));
+      const Drive leader = joint.mimic ? Drive{.name = joints.joints[joint.mimic->leader].name,
+                                               .multiplier = joint.mimic->multiplier,
+                                               .offset = joint.mimic->offset}
+                                       : drive_of(joint);
+      const double tolerance = kRoundedJointValue * (1.0 + std::abs(leader.multiplier));
       for (Eigen::Index c = 0; c < read.cols(); ++c) {
         if (std::abs(read(row, c) - expected[c]) <= tolerance) continue;
-        const std::string& leader = joint.mimic ? joints.joints[joint.mimic->leader].name : joint.drive->name;
         fail(Place{source_, lines_[first_rows_[static_cast<std::size_t>(c)]]},
              header_.names[column.index] + " " + shown(in_unit(read(row, c), column.unit)) +
-                 " contradicts the URDF, where the joint mimics " + shown(leader) + ": expected " +
-                 in_unit(expected[c], column.unit) + " (" + shortest(multiplier) + " times that of " + shown(leader) +
-                 " plus " + in_unit(offset, column.unit) + ")");
+                 " contradicts the URDF, where the joint mimics " + shown(leader.name) + ": expected " +
+                 in_unit(expected[c], column.unit) + " (" + shortest(leader.multiplier) + " times that of " +
+                 shown(leader.name) + " plus " + in_unit(leader.offset, column.unit) + ")");
       }
       ++row;
     }

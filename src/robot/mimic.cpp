@@ -14,10 +14,12 @@ std::vector<std::size_t> independent_joints(const std::vector<MovingJoint>& join
   return result;
 }
 
+Drive drive_of(const MovingJoint& joint) { return joint.drive.value_or(Drive{.name = joint.name}); }
+
 std::vector<std::string> independent_joint_names(const std::vector<MovingJoint>& joints) {
   std::vector<std::string> names;
   for (const std::size_t i : independent_joints(joints)) {
-    names.push_back(joints[i].drive ? joints[i].drive->name : joints[i].name);
+    names.push_back(drive_of(joints[i]).name);
   }
   return names;
 }
@@ -40,8 +42,7 @@ Eigen::MatrixXd all_joint_values(const std::vector<MovingJoint>& joints,
   Eigen::MatrixXd all(static_cast<Eigen::Index>(joints.size()), independent.cols());
   Eigen::Index row = 0;
   for (const std::size_t i : rows) {
-    const Drive direct;
-    const Drive& drive = joints[i].drive ? *joints[i].drive : direct;
+    const Drive drive = drive_of(joints[i]);
     all.row(static_cast<Eigen::Index>(i)) = (drive.multiplier * independent.row(row++)).array() + drive.offset;
   }
   follow(joints, all);
@@ -54,10 +55,9 @@ Eigen::MatrixXd independent_joint_values(const std::vector<MovingJoint>& joints,
   const std::vector<std::size_t> rows = independent_joints(joints);
   Eigen::MatrixXd result = all(rows, Eigen::all);
   for (std::size_t row = 0; row < rows.size(); ++row) {
-    if (const std::optional<Drive>& drive = joints[rows[row]].drive) {
-      auto values = result.row(static_cast<Eigen::Index>(row)).array();
-      values = (values - drive->offset) / drive->multiplier;
-    }
+    const Drive drive = drive_of(joints[rows[row]]);
+    auto values = result.row(static_cast<Eigen::Index>(row)).array();
+    values = (values - drive.offset) / drive.multiplier;
   }
   return result;
 }

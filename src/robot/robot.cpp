@@ -15,6 +15,7 @@
 #include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/mimic.hpp"
 #include "robot/urdf_reading.hpp"
 
 namespace kdl_calibration {
@@ -402,9 +403,7 @@ void resolve_mimics(const urdf::ModelInterface& model, Robot& robot) {
       set_drive(model, robot, own, joint);
       continue;
     }
-    const Drive none;
-    const std::optional<Drive>& drive = robot.joints[leader->second].drive;
-    const Drive& of_leader = drive ? *drive : none;
+    const Drive of_leader = drive_of(robot.joints[leader->second]);
     const double multiplier = own.multiplier / of_leader.multiplier;
     joint.mimic =
         Mimic{.leader = leader->second, .multiplier = multiplier, .offset = own.offset - multiplier * of_leader.offset};

@@ -72,13 +72,9 @@ void joint_values_of_rows(Job& job, int j, const std::function<double(int, doubl
 void measured_with_joint_at_rest(Job& job, int j) {
   Eigen::MatrixXd q = job.m.data.joint_values;
   q.row(j).setConstant(q(j, 0));
-  Estimate rigid = job.m.truth;
-  rigid.effects.resize(0);
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(job.m.model, rigid, q);
-  for_rows(job.m, [&](Observation& o) {
-    const Vector3d p_F = rigid.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
-    o.position = rigid.X_WB * X_BF[static_cast<std::size_t>(o.configuration)] * p_F + 3e-5 * job.direction();
-  });
+  VirtualRobot rigid{.model = job.m.model, .truth = job.m.truth};
+  rigid.truth.effects.resize(0);
+  job.m.data.observations = without_sigmas(measure(rigid, q, {.sigma = 3e-5}, job.random)).observations;
 }
 
 std::vector<Falsification> of_rows() {

@@ -54,39 +54,17 @@ struct Arm {
   }
 
   MatrixXd poses(int count) { return random_configurations(model.joints, ranges, count, random); }
-  Vector3d noise(double sigma) { return sigma * Vector3d{random.normal(), random.normal(), random.normal()}; }
 
   Measurements measure(const MatrixXd& q) {
-    Measurements result;
-    result.joints = joint_names(model);
+    MatrixXd moved = q;
+    for (Index j = 0; j < q.rows(); ++j) {
+      moved.row(j) = q.row(j).unaryExpr([&](double value) { return joints[static_cast<std::size_t>(j)](value); });
+    }
+    const MeasuringNoise noise{.sigma = kPointNoise, .common = Vector3d::Constant(kCommonNoise)};
+    Measurements result =
+        without_sigmas(kdl_calibration::measure({.model = model, .truth = truth}, moved, noise, random));
     result.joint_values = q;
-    for (const TargetFrame& target : truth.targets) {
-      result.targets.push_back(target.name);
-    }
-    for (Index c = 0; c < q.cols(); ++c) {
-      result.configurations.push_back(std::to_string(c + 1));
-      MatrixXd moved = q.col(c);
-      for (Index j = 0; j < q.rows(); ++j) {
-        moved(j, 0) = joints[static_cast<std::size_t>(j)](q(j, c));
-      }
-      const Eigen::Isometry3d X_WF = truth.X_WB * flange_poses(model, truth, moved).front();
-      const Vector3d common = noise(kCommonNoise);
-      for (std::size_t k = 0; k < truth.targets.size(); ++k) {
-        Observation& o = result.observations.emplace_back();
-        o.configuration = static_cast<int>(c);
-        o.target = static_cast<int>(k);
-        o.position = X_WF * truth.targets[k].X_FT.translation() + common + noise(kPointNoise);
-      }
-    }
     return result;
-  }
-
-  static std::vector<std::string> joint_names(const ErrorModel& model) {
-    std::vector<std::string> names;
-    for (const MovingJoint& joint : model.joints) {
-      names.push_back(joint.name);
-    }
-    return names;
   }
 };
 
