@@ -50,7 +50,7 @@ struct Measurements {
   /// Empty where nothing is known, else one per joint. The reader fills it from the header's units where the columns
   /// bear the URDF's joint names, and leaves it empty behind a joint convention.
   std::vector<JointUnit> joint_units;
-  std::string remark;    ///< what the reader made of rows, in one line; empty where each stands for itself
+  std::string remark;    ///< what the reader recognised and made of rows, in one line; empty where nothing
   DriveSignals signals;  ///< of the configurations; the reader fills them from the columns tau_<joint> and order
 };
 

@@ -89,13 +89,15 @@ bool next_record(LineReader& lines, std::string_view& line) {
 }
 
 char separator_of(std::string_view header) {
-  std::array<int, 2> count = {0, 0};
+  constexpr std::string_view kSeparators = ",;\t";
+  std::array<int, kSeparators.size()> count{};
   bool quoted = false;
   for (const char c : header) {
     if (c == '"') quoted = !quoted;
-    if (!quoted && (c == ',' || c == ';')) ++count[c == ';' ? 1 : 0];
+    const std::size_t which = kSeparators.find(c);
+    if (!quoted && which != std::string_view::npos) ++count[which];
   }
-  return count[1] > count[0] ? ';' : ',';
+  return kSeparators[static_cast<std::size_t>(std::max_element(count.begin(), count.end()) - count.begin())];
 }
 
 void Fields::split(std::string_view line, char separator, const Place& place) {
@@ -117,11 +119,15 @@ void Fields::add(std::string_view field, const Place& place) {
   fields_.push_back(field);
 }
 
+void Fields::skip_blanks(std::string_view& line, char separator) {
+  line.remove_prefix(std::min(line.find_first_not_of(separator == '\t' ? " " : " \t"), line.size()));
+}
+
 void Fields::split_quoted(std::string_view line, char separator, const Place& place) {
   unescaped_.clear();
   unescaped_.reserve(line.size());  // the views into it must stay valid
   while (true) {
-    line.remove_prefix(std::min(line.find_first_not_of(" \t"), line.size()));
+    skip_blanks(line, separator);
     add(line.starts_with('"') ? take_quoted(line, separator, place) : take_plain(line, separator, place), place);
     if (line.empty()) return;
     line.remove_prefix(1);
@@ -148,7 +154,7 @@ std::string_view Fields::take_quoted(std::string_view& line, char separator, con
     line.remove_prefix(end + 1);
     if (line.starts_with('"')) unescaped_ += '"';
   } while (line.starts_with('"'));
-  line.remove_prefix(std::min(line.find_first_not_of(" \t"), line.size()));
+  skip_blanks(line, separator);
   if (!line.empty() && line.front() != separator) fail(place, "text behind the closing quote of " + shown(whole));
   return std::string_view(unescaped_).substr(begin);
 }

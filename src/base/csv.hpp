@@ -56,7 +56,7 @@ private:
 /// The next line that is neither a comment nor empty. Spreadsheets write an empty row as separators alone.
 bool next_record(LineReader& lines, std::string_view& line);
 
-/// The separator of a header, comma or semicolon: whichever it has more of outside quotes.
+/// The separator of a header, comma, semicolon or tab: whichever it has most of outside quotes.
 char separator_of(std::string_view header);
 
 /// The fields of one line; views into the line or, for quoted fields, into a text of its own. Throws InputError for
@@ -71,6 +71,7 @@ public:
 private:
   void add(std::string_view field, const Place& place);
   void split_quoted(std::string_view line, char separator, const Place& place);
+  static void skip_blanks(std::string_view& line, char separator);
   static std::string_view take_plain(std::string_view& line, char separator, const Place& place);
   std::string_view take_quoted(std::string_view& line, char separator, const Place& place);
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
-#include <unordered_map>
+#include <span>
 #include <utility>
 
 #include "base/number_text.hpp"
@@ -16,37 +16,92 @@ namespace {
 
 constexpr std::string_view kTorquePrefix = "tau_";
 
+enum class Quantity : std::uint8_t { none, length, angle };
+
 struct FixedColumn {
   std::string_view name;
   Column* column;
-  bool is_length;
-  bool required;
+  Quantity quantity = Quantity::none;
+  bool required = false;
 };
 
 /// Every column that is no joint.
-std::array<FixedColumn, 13> fixed_columns(Header& header) {
+std::vector<FixedColumn> fixed_columns(Header& header) {
+  using enum Quantity;
   auto& [x, y, z] = header.position;
-  auto& [qw, qx, qy, qz] = header.quaternion;
-  return {{{"configuration", &header.configuration, false, true},
-           {"target", &header.target, false, true},
-           {"x", &x, true, true},
-           {"y", &y, true, true},
-           {"z", &z, true, true},
-           {"split", &header.split, false, false},
-           {"repeat", &header.repeat, false, false},
-           {"order", &header.order, false, false},
-           {"qw", &qw, false, false},
-           {"qx", &qx, false, false},
-           {"qy", &qy, false, false},
-           {"qz", &qz, false, false},
-           {"sigma", &header.sigma, true, false}}};
+  std::vector<FixedColumn> columns = {{"configuration", &header.configuration, none, true},
+                                      {"target", &header.target, none, true},
+                                      {"x", &x, length, true},
+                                      {"y", &y, length, true},
+                                      {"z", &z, length, true},
+                                      {"split", &header.split},
+                                      {"repeat", &header.repeat},
+                                      {"order", &header.order},
+                                      {"sigma", &header.sigma, length}};
+  for (std::size_t form = 0; form < kOrientationForms.size(); ++form) {
+    for (std::size_t i = 0; i < kOrientationForms[form].count(); ++i) {
+      columns.push_back(
+          {kOrientationForms[form].names[i], &header.orientations[form][i], form == kQuaternion ? none : angle});
+    }
+  }
+  return columns;
 }
 
-/// The header cell "name [unit]" cut in two. Without brackets at the end the unit is absent.
+/// A word in lower case as a file may have it, and what it stands for.
+using Word = std::pair<std::string_view, std::string_view>;
+
+constexpr std::array kOtherNames = {Word{"name", "target"}, Word{"point", "target"}, Word{"pose", "configuration"},
+                                    Word{"config", "configuration"}};
+
+/// The lone byte is the degree sign of Windows.
+constexpr std::array kUnitWords = {
+    Word{"rad", "rad"},  Word{"deg", "deg"}, Word{"degree", "deg"}, Word{"degrees", "deg"}, Word{"\xc2\xb0", "deg"},
+    Word{"\xb0", "deg"}, Word{"m", "m"},     Word{"mm", "mm"},      Word{"nm", "Nm"},       Word{"n", "N"}};
+
+std::string lower_case(std::string_view text) {
+  std::string result(text);
+  for (char& c : result) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  return result;
+}
+
+/// What the text stands for in any case, else the text.
+std::string_view translated(std::string_view text, std::span<const Word> words) {
+  const auto found =
+      std::find_if(words.begin(), words.end(), [lower = lower_case(text)](const Word& w) { return w.first == lower; });
+  return found == words.end() ? text : found->second;
+}
+
+bool alike(std::string_view a, std::string_view b, bool any_case) {
+  return any_case ? lower_case(a) == lower_case(b) : a == b;
+}
+
+/// Where the name is; in any case, where the only one is that is alike. Without one the number of names.
+std::size_t index_of(const std::vector<std::string>& names, std::string_view name, bool any_case) {
+  const auto same = [&](std::string_view other) { return alike(other, name, any_case); };
+  const auto first = std::find_if(names.begin(), names.end(), same);
+  const bool more = any_case && first != names.end() && std::find_if(first + 1, names.end(), same) != names.end();
+  return more ? names.size() : static_cast<std::size_t>(first - names.begin());
+}
+
+/// Where the bracket opens that closes at the end of the cell.
+std::size_t opening_bracket(std::string_view cell) {
+  if (cell.ends_with(']')) return cell.rfind('[');
+  return cell.ends_with(')') ? cell.rfind('(') : std::string_view::npos;
+}
+
+/// The header cell "name [unit]" or "name (unit)" cut in two. Without brackets at the end the unit is absent.
 std::pair<std::string_view, std::optional<std::string_view>> name_and_unit(std::string_view cell) {
-  const std::size_t open = cell.rfind('[');
-  if (!cell.ends_with(']') || open == std::string_view::npos) return {cell, std::nullopt};
+  const std::size_t open = opening_bracket(cell);
+  if (open == std::string_view::npos) return {cell, std::nullopt};
   return {trimmed(cell.substr(0, open)), trimmed(cell.substr(open + 1, cell.size() - open - 2))};
+}
+
+/// The unit of a cell that has nothing else, in brackets or not.
+std::string_view unit_alone(std::string_view cell) {
+  const auto [name, unit] = name_and_unit(trimmed(cell));
+  return unit && name.empty() ? *unit : trimmed(cell);
 }
 
 [[noreturn]] void fail_unknown_column(const Place& place, std::string_view cell, std::string_view name,
@@ -64,19 +119,16 @@ std::pair<std::string_view, std::optional<std::string_view>> name_and_unit(std::
 /// Fills a header from its cells.
 class HeaderParser {
 public:
-  HeaderParser(const ExpectedJoints& joints, const Place& place)
-      : joints_(joints), place_(place), fixed_(fixed_columns(header_)) {
+  HeaderParser(const ExpectedJoints& joints, const Place& place, const UnitRow* units)
+      : joints_(joints), place_(place), units_(units), fixed_(fixed_columns(header_)), joint_names_(joints.names) {
     header_.line = place.line;
     header_.joints.resize(joints.names.size());
     header_.followers.resize(joints.followers.size());
     header_.torques.resize(joints.names.size());
-    for (std::size_t i = 0; i < joints.names.size(); ++i) joint_columns_.emplace(joints.names[i], &header_.joints[i]);
-    for (std::size_t i = 0; i < joints.followers.size(); ++i) {
-      joint_columns_.emplace(joints.joints[joints.followers[i]].name, &header_.followers[i]);
-    }
-    for (const FixedColumn& column : fixed_) {
-      if (joint_columns_.contains(column.name)) {
-        fail(place.source, "joint " + shown(column.name) +
+    for (const std::size_t i : joints.followers) joint_names_.push_back(joints.joints[i].name);
+    for (const std::string& name : joint_names_) {
+      if (is_fixed_column(name)) {
+        fail(place.source, "joint " + shown(name) +
                                " is named like a column of the measurements: give a joint convention with other names");
       }
     }
@@ -84,6 +136,8 @@ public:
 
   Header parse(std::string_view line) {
     header_.separator = separator_of(line);
+    if (header_.separator == '\t') header_.notes.emplace_back("tabs");
+    if (units_ != nullptr) header_.notes.push_back("units in line " + std::to_string(units_->line));
     Fields cells;
     cells.split(line, header_.separator, place_);
     header_.fields = cells.size();
@@ -91,11 +145,19 @@ public:
     while (named > 0 && trimmed(cells[named - 1]).empty()) --named;
     for (std::size_t i = 0; i < named; ++i) add(i, trimmed(cells[i]));
     take_own_values();
+    find_orientation();
     check_complete();
     return std::move(header_);
   }
 
 private:
+  /// What a name in the header stands for. Without a column: nothing.
+  struct Meaning {
+    Column* column = nullptr;
+    std::string name;
+    std::vector<std::string_view> units;
+  };
+
   // Without the column of a drive, that of the joint which it moves takes its place.
   void take_own_values() {
     header_.own_values.assign(header_.joints.size(), false);
@@ -113,50 +175,63 @@ private:
     if (cell.empty()) fail(place_, "column " + std::to_string(index + 1) + " has no name");
     header_.names.emplace_back(printable(cell));
     auto [name, unit] = name_and_unit(cell);
-    if (joint_columns_.contains(cell)) {  // a joint's own name may end in brackets
+    if (index_of(joint_names_, cell, false) < joint_names_.size()) {  // a joint's own name may end in brackets
       name = cell;
       unit.reset();
     }
-    Column* column = nullptr;
-    std::vector<std::string_view> units;
-    if (const auto joint = joint_columns_.find(name); joint != joint_columns_.end()) {
-      column = joint->second;
-      units = units_of(*column);
+    const Meaning meaning = meaning_of(name);
+    if (meaning.column == nullptr) fail_unknown_column(place_, cell, name, joints_);
+    if (present(*meaning.column)) {
+      fail(place_, "column " + shown(cell) + " repeats '" + header_.names[meaning.column->index] + "'");
     }
-    if (const std::size_t joint = torque_of(name); column == nullptr && joint < header_.torques.size()) {
-      column = &header_.torques[joint];
-      units = units_of_torque(joint);
+    std::string_view word;
+    if (unit) word = known_unit(*unit, cell, meaning.units, place_);
+    const bool canonical = name == meaning.name && (!unit || (cell.ends_with(']') && *unit == word));
+    if (units_ != nullptr) word = unit_below(index, cell, word, meaning.units);
+    if (!canonical) {
+      header_.notes.push_back("\"" + printable(cell) + "\" as " + printable(meaning.name) +
+                              (word.empty() ? "" : " in " + std::string(word)));
     }
-    for (const FixedColumn& fixed : fixed_) {
-      if (fixed.name != name) continue;
-      column = fixed.column;
-      if (fixed.is_length) units = {"m", "mm"};
-    }
-    if (column == nullptr) fail_unknown_column(place_, cell, name, joints_);
-    if (present(*column)) {
-      fail(place_, "column " + shown(cell) + " repeats '" + header_.names[column->index] + "'");
-    }
-    *column = {index, unit ? parse_unit(*unit, cell, units) : Unit::none};
+    *meaning.column = {index, unit_named(word)};
   }
 
-  std::vector<std::string_view> units_of(const Column& joint) const {
-    ValueKind kind = ValueKind::unknown;
-    for (std::size_t i = 0; i < header_.joints.size(); ++i) {
-      if (&header_.joints[i] == &joint) kind = kind_of_value(joints_, i);
+  // Names as they stand come first, a joint's own before others.
+  Meaning meaning_of(std::string_view name) {
+    for (const bool any_case : {false, true}) {
+      const std::size_t joint = index_of(joint_names_, name, any_case);
+      if (joint < header_.joints.size()) {
+        return {&header_.joints[joint], joint_names_[joint], units_of(kind_of_value(joints_, joint))};
+      }
+      if (joint < joint_names_.size()) {
+        const std::size_t follower = joint - header_.joints.size();
+        return {&header_.followers[follower], joint_names_[joint],
+                units_of(kind_of_joint(joints_, joints_.followers[follower]))};
+      }
+      if (alike(name.substr(0, kTorquePrefix.size()), kTorquePrefix, any_case)) {
+        const std::size_t torque = index_of(joints_.names, name.substr(kTorquePrefix.size()), any_case);
+        if (torque < joints_.names.size()) {
+          return {&header_.torques[torque], std::string(kTorquePrefix) + joints_.names[torque],
+                  units_of_torque(torque)};
+        }
+      }
+      const std::string_view wanted = any_case ? translated(name, kOtherNames) : name;
+      for (const FixedColumn& fixed : fixed_) {
+        if (!alike(fixed.name, wanted, any_case)) continue;
+        return {fixed.column, std::string(fixed.name), units_of(fixed.quantity)};
+      }
     }
-    for (std::size_t i = 0; i < header_.followers.size(); ++i) {
-      if (&header_.followers[i] == &joint) kind = kind_of_joint(joints_, joints_.followers[i]);
-    }
+    return {};
+  }
+
+  static std::vector<std::string_view> units_of(ValueKind kind) {
     if (kind == ValueKind::angle) return {"rad", "deg"};
     if (kind == ValueKind::length) return {"m", "mm"};
     return {"rad", "deg", "m", "mm"};
   }
 
-  /// The number of the expected joint whose torque the column of this name holds; as many as there are: of none.
-  std::size_t torque_of(std::string_view name) const {
-    if (!name.starts_with(kTorquePrefix)) return joints_.names.size();
-    const auto joint = std::find(joints_.names.begin(), joints_.names.end(), name.substr(kTorquePrefix.size()));
-    return static_cast<std::size_t>(joint - joints_.names.begin());
+  static std::vector<std::string_view> units_of(Quantity quantity) {
+    if (quantity == Quantity::none) return {};
+    return units_of(quantity == Quantity::angle ? ValueKind::angle : ValueKind::length);
   }
 
   std::vector<std::string_view> units_of_torque(std::size_t joint) const {
@@ -166,16 +241,58 @@ private:
     return {"Nm", "N"};
   }
 
-  Unit parse_unit(std::string_view unit, std::string_view cell, const std::vector<std::string_view>& allowed) const {
-    if (std::find(allowed.begin(), allowed.end(), unit) == allowed.end()) {
+  /// The unit as it is written here.
+  static std::string_view known_unit(std::string_view unit, std::string_view cell,
+                                     const std::vector<std::string_view>& allowed, const Place& place) {
+    const std::string_view word = translated(unit, kUnitWords);
+    if (std::find(allowed.begin(), allowed.end(), word) == allowed.end()) {
       std::string rule = allowed.empty() ? "none" : "";
       for (const std::string_view name : allowed) rule += (rule.empty() ? "[" : ", [") + std::string(name) + "]";
-      fail(place_, "unknown unit " + shown(unit) + " in column " + shown(cell) + ": expected " + rule);
+      fail(place, "unknown unit " + shown(unit) + " in column " + shown(cell) + ": expected " + rule);
     }
-    if (unit == "rad") return Unit::rad;
-    if (unit == "deg") return Unit::deg;
-    if (unit == "Nm" || unit == "N") return Unit::none;
-    return unit == "m" ? Unit::m : Unit::mm;
+    return word;
+  }
+
+  /// The unit of a column whose header says `word`, from the row of units.
+  std::string_view unit_below(std::size_t index, std::string_view cell, std::string_view word,
+                              const std::vector<std::string_view>& allowed) const {
+    const std::string_view unit = unit_alone(units_->cells[index]);
+    if (unit.empty() || unit == "-") return word;
+    const Place place{place_.source, units_->line};
+    const std::string_view below = known_unit(unit, cell, allowed, place);
+    if (!word.empty() && word != below) {
+      fail(place, "unit " + shown(unit) + " contradicts column " + shown(cell) + ": expected one unit in header and " +
+                      "row of units");
+    }
+    return below;
+  }
+
+  static Unit unit_named(std::string_view word) {
+    if (word == "rad") return Unit::rad;
+    if (word == "deg") return Unit::deg;
+    if (word == "m") return Unit::m;
+    return word == "mm" ? Unit::mm : Unit::none;
+  }
+
+  const std::string& name_of_first(std::size_t form) const {
+    const auto& columns = header_.orientations[form];
+    return header_.names[std::find_if(columns.begin(), columns.end(), present)->index];
+  }
+
+  void find_orientation() {
+    for (std::size_t form = 0; form < kOrientationForms.size(); ++form) {
+      const auto& columns = header_.orientations[form];
+      if (std::none_of(columns.begin(), columns.end(), present)) continue;
+      if (has_orientation(header_)) {
+        fail(place_, "columns '" + name_of_first(header_.orientation) + "' and '" + name_of_first(form) +
+                         "' state orientations in two forms: expected either " +
+                         kOrientationForms[header_.orientation].words() + " or " + kOrientationForms[form].words());
+      }
+      header_.orientation = form;
+    }
+    if (has_orientation(header_) && header_.orientation != kQuaternion) {
+      header_.notes.push_back("orientations from " + kOrientationForms[header_.orientation].words());
+    }
   }
 
   void check_complete() const {
@@ -186,22 +303,21 @@ private:
     for (std::size_t i = 0; i < header_.joints.size(); ++i) {
       if (!present(header_.joints[i])) missing.push_back(joints_.names[i]);
     }
-    const auto& quaternion = header_.quaternion;
-    if (std::any_of(quaternion.begin(), quaternion.end(), present)) {
-      for (const FixedColumn& fixed : fixed_) {
-        if (fixed.name.starts_with('q') && !present(*fixed.column)) missing.emplace_back(fixed.name);
-      }
+    for (std::size_t i = 0; has_orientation(header_) && i < kOrientationForms[header_.orientation].count(); ++i) {
+      if (present(header_.orientations[header_.orientation][i])) continue;
+      missing.emplace_back(kOrientationForms[header_.orientation].names[i]);
     }
     if (missing.empty()) return;
     fail(place_, (missing.size() == 1 ? "missing column " : "missing columns ") + comma_separated(missing) + ": " +
-                     expected_columns(joints_) + " (the quaternion's four together)");
+                     expected_columns(joints_) + " (an orientation's columns together)");
   }
 
   const ExpectedJoints& joints_;
   Place place_;
+  const UnitRow* units_;
   Header header_;
-  std::array<FixedColumn, 13> fixed_;
-  std::unordered_map<std::string_view, Column*> joint_columns_;
+  std::vector<FixedColumn> fixed_;
+  std::vector<std::string> joint_names_;  ///< the expected ones, then the followers'
 };
 
 }  // namespace
@@ -231,24 +347,59 @@ ValueKind kind_of_value(const ExpectedJoints& joints, std::size_t i) {
   return kind.value_or(ValueKind::unknown);
 }
 
+std::string OrientationForm::words() const { return comma_separated({names.begin(), names.begin() + count()}); }
+
+// The angles of orientations are none: they give way to joints of their names.
 bool is_fixed_column(std::string_view name) {
   Header header;
   const auto fixed = fixed_columns(header);
-  return std::any_of(fixed.begin(), fixed.end(), [&](const FixedColumn& column) { return column.name == name; });
+  return std::any_of(fixed.begin(), fixed.end(), [&](const FixedColumn& column) {
+    return column.name == name && column.quantity != Quantity::angle;
+  });
 }
 
 std::string expected_columns(const ExpectedJoints& joints) {
   std::vector<std::string> followers;
   for (const std::size_t i : joints.followers) followers.push_back(joints.joints[i].name);
   const std::string points = "configuration, target, x, y, z";
+  std::string orientations;
+  for (const OrientationForm& form : kOrientationForms)
+    orientations += (orientations.empty() ? "" : "; ") + form.words();
   return "expected " + (joints.with_points ? points + " and " : "") + "the joints " + comma_separated(joints.names) +
-         ", optionally " + (joints.with_points ? "" : points + ", ") + "split, repeat, order, qw, qx, qy, qz, sigma, " +
-         std::string(kTorquePrefix) + "<joint>" +
+         ", optionally " + (joints.with_points ? "" : points + ", ") + "split, repeat, order, sigma, " +
+         std::string(kTorquePrefix) + "<joint>, an orientation (" + orientations + ")" +
          (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
 }
 
-Header parse_header(std::string_view line, const ExpectedJoints& joints, const Place& place) {
-  return HeaderParser(joints, place).parse(line);
+Header parse_header(std::string_view line, const ExpectedJoints& joints, const Place& place, const UnitRow* units) {
+  return HeaderParser(joints, place, units).parse(line);
+}
+
+bool is_unit_row(const Fields& cells) {
+  bool any = false;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    const std::string unit = lower_case(unit_alone(cells[i]));
+    if (unit.empty() || unit == "-") continue;
+    if (std::none_of(kUnitWords.begin(), kUnitWords.end(), [&](const Word& w) { return w.first == unit; }))
+      return false;
+    any = true;
+  }
+  return any;
+}
+
+void require_orientation_units(const Header& header, const std::string& source) {
+  if (!has_orientation(header) || kOrientationForms[header.orientation].degrees_by.empty()) return;
+  const OrientationForm& form = kOrientationForms[header.orientation];
+  std::vector<std::string> bare;
+  std::vector<std::string> cures;
+  for (std::size_t i = 0; i < form.count(); ++i) {
+    if (header.orientations[header.orientation][i].unit != Unit::none) continue;
+    bare.emplace_back(form.names[i]);
+    cures.push_back(bare.back() + "[deg]");
+  }
+  if (bare.empty()) return;
+  fail(Place{source, header.line}, "no unit of " + comma_separated(bare) + ": write " + comma_separated(cures) +
+                                       " as on pendants of " + std::string(form.degrees_by) + " (or [rad])");
 }
 
 }  // namespace kdl_calibration

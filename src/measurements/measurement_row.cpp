@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <system_error>
 
 #include "base/number_range.hpp"
@@ -15,23 +16,36 @@ namespace {
 
 constexpr double kQuaternionTolerance = 1e-3;
 
+bool has_commas_of_numbers(std::string_view text) {
+  return text.find(',') != std::string_view::npos &&
+         text.find_first_not_of("0123456789+-.,eE") == std::string_view::npos;
+}
+
 // Why a cell that should hold a number does not.
-std::string number_fault(std::string_view text, std::errc error, double value) {
+std::string number_fault(std::string_view text, std::errc error, double value, char separator) {
   if (text.empty()) return "is empty: expected a number";
   if (error == std::errc::result_out_of_range) return "is outside the range of a double";
   if (error == std::errc() && !std::isfinite(value)) return "is not finite: expected a finite number";
   if (error == std::errc()) return "is out of range: expected at most 1e12";
-  const bool comma = text.find(',') != std::string_view::npos;
-  if (comma && text.find_first_not_of("0123456789+-.,eE") == std::string_view::npos) {
-    return "has a decimal comma: expected a number with a decimal point";
+  if (separator == ',' && has_commas_of_numbers(text)) {
+    return "has a decimal comma: expected a number with a decimal point, or semicolons between the columns";
   }
   return "is not a number";
 }
 
+// The number that is the whole text.
+std::errc parse_number(std::string_view text, double& value) {
+  const char* first = text.data();
+  const char* last = first + text.size();
+  if (text.size() > 1 && text[0] == '+' && text[1] != '-') ++first;  // which from_chars does not take
+  const auto [end, error] = std::from_chars(first, last, value);
+  return end == last ? error : std::errc::invalid_argument;
+}
+
 }  // namespace
 
-Row::Row(const Header& header, const Fields& fields, const Place& place)
-    : header_(header), fields_(fields), place_(place) {
+Row::Row(const Header& header, const Fields& fields, const Place& place, DecimalMark& decimals)
+    : header_(header), fields_(fields), place_(place), decimals_(decimals) {
   if (fields.size() != header.fields) fail_ragged();
   for (std::size_t i = header.names.size(); i < fields.size(); ++i) {
     if (!trimmed(fields[i]).empty()) fail(place, "value " + shown(fields[i]) + " in a column without a name");
@@ -39,17 +53,39 @@ Row::Row(const Header& header, const Fields& fields, const Place& place)
 }
 
 bool Row::has(const Column& column) const { return present(column) && !trimmed(fields_[column.index]).empty(); }
+
 double Row::number(const Column& column) const {
   const std::string_view text = trimmed(fields_[column.index]);
-  const char* first = text.data();
-  const char* last = first + text.size();
-  if (text.size() > 1 && text[0] == '+' && text[1] != '-') ++first;  // which from_chars does not take
   double value = 0.0;
-  const auto [end, error] = std::from_chars(first, last, value);
-  if (error != std::errc() || end != last || !(std::abs(value) <= kLargestNumber)) {
-    fail_cell(column, number_fault(text, end == last ? error : std::errc::invalid_argument, value));
+  std::errc error = parse_number(text, value);
+  if (error != std::errc() && header_.separator != ',' && has_commas_of_numbers(text)) {
+    error = parse_number(with_point(column, text), value);
+    if (error == std::errc()) note_decimals(column, ',');
+  } else if (decimals_.mark != '.' && error == std::errc() && text.find('.') != std::string_view::npos) {
+    note_decimals(column, '.');
+  }
+  if (error != std::errc() || !(std::abs(value) <= kLargestNumber)) {
+    fail_cell(column, number_fault(text, error, value, header_.separator));
   }
   return to_si(value, column.unit);
+}
+
+std::string Row::with_point(const Column& column, std::string_view text) const {
+  const std::size_t comma = text.find(',');
+  if (text.find('.') != std::string_view::npos || text.rfind(',') != comma) {
+    fail_cell(column, "has more than a decimal comma: expected a number without separators of thousands");
+  }
+  std::string result(text);
+  result[comma] = '.';
+  return result;
+}
+
+void Row::note_decimals(const Column& column, char mark) const {
+  if (decimals_.mark == '\0') decimals_ = {.mark = mark, .line = place_.line};
+  if (decimals_.mark == mark) return;
+  const auto name = [](char of) { return std::string(of == ',' ? "comma" : "point"); };
+  fail_cell(column, "has a decimal " + name(mark) + ", but numbers have decimal " + name(decimals_.mark) +
+                        "s since line " + std::to_string(decimals_.line) + ": expected one of them in all numbers");
 }
 
 Split Row::split() const {
@@ -89,11 +125,39 @@ double Row::sigma() const {
   return value;
 }
 
-Eigen::Quaterniond Row::quaternion() const {
-  const auto& columns = header_.quaternion;
+Eigen::Quaterniond Row::orientation() const {
+  const OrientationForm& form = kOrientationForms[header_.orientation];
+  const auto& columns = header_.orientations[header_.orientation];
   const auto given = std::count_if(columns.begin(), columns.end(), [&](const Column& c) { return has(c); });
   if (given == 0) return point_alone();
-  if (given != 4) fail(place_, "the quaternion has an empty cell: expected all of qw, qx, qy, qz or none");
+  if (static_cast<std::size_t>(given) != form.count()) {
+    fail(place_, "the " + std::string(form.what) + " has an empty cell: expected all of " + form.words() + " or none");
+  }
+  if (header_.orientation == kQuaternion) return quaternion();
+  const Eigen::Vector3d angles(angle(columns[0]), angle(columns[1]), angle(columns[2]));
+  if (header_.orientation == kRotationVector) {
+    return Eigen::Quaterniond(Eigen::AngleAxisd(angles.norm(), angles.stableNormalized())).normalized();
+  }
+  // R = Rz(yaw) Ry(pitch) Rx(roll). KUKA counts A, B, C about z, y, x; FANUC W, P, R about x, y, z.
+  const bool z_first = header_.orientation == kKuka;
+  const Eigen::AngleAxisd about_z(angles[z_first ? 0 : 2], Eigen::Vector3d::UnitZ());
+  const Eigen::AngleAxisd about_y(angles[1], Eigen::Vector3d::UnitY());
+  const Eigen::AngleAxisd about_x(angles[z_first ? 2 : 0], Eigen::Vector3d::UnitX());
+  return (about_z * about_y * about_x).normalized();
+}
+
+double Row::angle(const Column& column) const {
+  constexpr double kTurn = 2.0 * std::numbers::pi + 1e-3;  // written with a few digits
+  const double value = number(column);
+  if (column.unit == Unit::none && std::abs(value) > kTurn) {
+    const std::string& name = header_.names[column.index];
+    fail_cell(column, "without a unit is no angle in radians: degrees? write " + name + "[deg] (or [rad])");
+  }
+  return value;
+}
+
+Eigen::Quaterniond Row::quaternion() const {
+  const auto& columns = header_.orientations[kQuaternion];
   const Eigen::Quaterniond q(number(columns[0]), number(columns[1]), number(columns[2]), number(columns[3]));
   const double norm = q.norm();
   if (!(std::abs(norm - 1.0) <= kQuaternionTolerance)) {
@@ -112,9 +176,10 @@ void Row::fail_row(const std::string& what) const { fail(place_, what); }
 
 void Row::fail_ragged() const {
   const bool more_commas = header_.separator == ',' && fields_.size() > header_.fields;
-  fail(place_, std::to_string(fields_.size()) + " fields, expected " + std::to_string(header_.fields) +
-                   " as in the header in line " + std::to_string(header_.line) +
-                   (more_commas ? " (decimal commas are not read)" : ""));
+  fail(place_,
+       std::to_string(fields_.size()) + " fields, expected " + std::to_string(header_.fields) +
+           " as in the header in line " + std::to_string(header_.line) +
+           (more_commas ? " (decimal commas are not read between commas: separate the columns by semicolons)" : ""));
 }
 
 }  // namespace kdl_calibration

@@ -58,12 +58,12 @@ public:
     observation.sigma = row.sigma();
     observations_.push_back(observation);
     lines_.push_back(line);
-    if (present(header_.quaternion[0])) orientations_.push_back(row.quaternion());
+    if (has_orientation(header_)) orientations_.push_back(row.orientation());
     if (present(header_.order)) order_.push_back(row.order());
     torques_.add(header_, row, observation.configuration);
   }
 
-  Measurements finish(const ExpectedJoints& joints) && {
+  Measurements finish(const ExpectedJoints& joints, const DecimalMark& decimals) && {
     if (observations_.empty()) {
       fail(source_, "no measurement behind the header in line " + std::to_string(header_.line));
     }
@@ -113,9 +113,11 @@ public:
     }
     result.signals.torques = torques_.means(header_, joints, result.configurations.size());
     result.signals.approach = approach_directions(result);
+    result.remark = recognised(decimals);
     if (!scatter_.empty()) {
-      result.remark = "joint values of " + std::to_string(scatter_.size()) + " configurations scatter by up to " +
-                      significant(largest_scatter_, 2) + " rad or m from row to row: their means are used";
+      result.remark += std::string(result.remark.empty() ? "" : "; ") + "joint values of " +
+                       std::to_string(scatter_.size()) + " configurations scatter by up to " +
+                       significant(largest_scatter_, 2) + " rad or m from row to row: their means are used";
     }
     return result;
   }
@@ -128,6 +130,13 @@ private:
     if (const std::string fault = label_fault(text); !fault.empty()) row.fail_cell(column, fault);
     table.add(text);
     return number;
+  }
+
+  /// How the file differs from one of measurements_csv, in words.
+  std::string recognised(const DecimalMark& decimals) const {
+    std::vector<std::string> notes = header_.notes;
+    if (decimals.mark == ',') notes.insert(notes.begin() + (header_.separator == '\t' ? 1 : 0), "decimal commas");
+    return notes.empty() ? "" : "read with " + comma_separated(notes);
   }
 
   /// Of a file of configurations that does not name its target.
@@ -304,16 +313,28 @@ Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, c
   }
   std::string_view line;
   if (!next_record(lines, line)) fail(lines.source(), "empty: " + expected_columns(joints));
-  const Header header = parse_header(line, joints, lines.place());
-  Collector collector(header, lines.source(), joints.with_points);
+  const std::string header_line(line);  // the next one may take its place in the buffer
+  Header header = parse_header(header_line, joints, lines.place());
+  // Where commas separate the columns, decimal commas are refused cell by cell.
+  DecimalMark decimals{.mark = header.separator == ',' ? '.' : '\0', .line = header.line};
   Fields fields;
-  for (bool first = true; next_record(lines, line); first = false) {
+  bool more = next_record(lines, line);
+  if (more) fields.split(line, header.separator, lines.place());
+  if (more && is_unit_row(fields)) {
+    const Row whole(header, fields, lines.place(), decimals);
+    const UnitRow units{.cells = fields, .line = lines.place().line};
+    header = parse_header(header_line, joints, {lines.source(), header.line}, &units);
+    more = next_record(lines, line);
+  }
+  require_orientation_units(header, lines.source());
+  Collector collector(header, lines.source(), joints.with_points);
+  for (bool first = true; more; first = false, more = next_record(lines, line)) {
     fields.split(line, header.separator, lines.place());
-    collector.add(Row(header, fields, lines.place()), lines.place().line);
+    collector.add(Row(header, fields, lines.place(), decimals), lines.place().line);
     // Rows are about equally long; what is reserved too much is never touched.
     if (first) collector.reserve(lines.size_hint() / line.size() + 1);
   }
-  return std::move(collector).finish(joints);
+  return std::move(collector).finish(joints, decimals);
 }
 
 /// Joints that follow none, of which only the names are known.

@@ -295,7 +295,7 @@ protected:
 TEST_F(BadTable, SpreadsheetsWithDecimalCommasAreRefusedAndNeverHalfRead) {
   std::string semicolons = header;
   std::replace(semicolons.begin(), semicolons.end(), ',', ';');
-  refuse("\xef\xbb\xbf" + semicolons + "\r\n1;A;0,5;0;0;0;0;0;1;1;1\r\n", {":2", "joint_1", "'0,5'", "decimal comma"});
+  refuse("\xef\xbb\xbf" + semicolons + "\r\n1;A;0,5;0;0;0;0;0;1;1;1.5\r\n", {":2", "z", "'1.5'", "decimal commas"});
   refuse(header + "\n1,A,0,5,0,0,0,0,0,1,1,1\n", {":2", "12 fields", "decimal commas are not read"});
   refuse(header + "\n1,A,\"0,5\",0,0,0,0,0,1,1,1\n", {":2", "joint_1", "'0,5'", "decimal comma"});
   refuse(semicolons + "\n1;A;1.234,5;0;0;0;0;0;1;1;1\n", {"'1.234,5'", "decimal comma"});

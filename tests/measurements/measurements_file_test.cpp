@@ -66,13 +66,16 @@ TEST(MeasurementsHeader, ColumnsThatAreNoLengthHaveNoUnit) {
 
 TEST(MeasurementsHeader, EveryMissingColumnIsNamedWithAllThatAreExpected) {
   const std::string rest =
-      ": expected configuration, target, x, y, z and the joints a, b, optionally split, repeat, order, qw, qx, qy, "
-      "qz, sigma, tau_<joint> (the quaternion's four together)";
+      ": expected configuration, target, x, y, z and the joints a, b, optionally split, repeat, order, sigma, "
+      "tau_<joint>, an orientation (qw, qx, qy, qz; rx, ry, rz; roll, pitch, yaw; A, B, C; W, P, R) (an orientation's "
+      "columns together)";
   EXPECT_EQ(fault("repeat\n"), "m.csv:1: missing columns configuration, target, x, y, z, a, b" + rest);
   EXPECT_EQ(fault("configuration,target,a,b,x,y,z,qy\n"), "m.csv:1: missing columns qw, qx, qz" + rest);
-  EXPECT_EQ(testing::refusal([] { parse_configurations("x\n", kTwo, nullptr, "c.csv"); }),
-            "c.csv:1: missing columns a, b: expected the joints a, b, optionally configuration, target, x, y, z, "
-            "split, repeat, order, qw, qx, qy, qz, sigma, tau_<joint> (the quaternion's four together)");
+  EXPECT_EQ(
+      testing::refusal([] { parse_configurations("x\n", kTwo, nullptr, "c.csv"); }),
+      "c.csv:1: missing columns a, b: expected the joints a, b, optionally configuration, target, x, y, z, "
+      "split, repeat, order, sigma, tau_<joint>, an orientation (qw, qx, qy, qz; rx, ry, rz; roll, pitch, yaw; A, "
+      "B, C; W, P, R) (an orientation's columns together)");
 }
 
 TEST(MeasurementsHeader, HalfAPairOfBracketsIsPartOfTheName) {
@@ -268,7 +271,7 @@ TEST(MeasurementsRows, DecimalCommasAreSuspectedWhereCommasSeparateAndFieldsAreT
   const auto ragged = [](const std::string& header, const std::string& row) {
     return fault(header + "\n" + row + "\n");
   };
-  const std::string hint = "(decimal commas are not read)";
+  const std::string hint = "(decimal commas are not read between commas: separate the columns by semicolons)";
   EXPECT_THAT(ragged("configuration,target,a,b,x,y,z", "c,A,1,2,3,4,5,6"), HasSubstr(hint));
   EXPECT_THAT(ragged("configuration,target,a,b,x,y,z", "c,A,1,2,3,4"), Not(HasSubstr(hint)));
   EXPECT_THAT(ragged("configuration;target;a;b;x;y;z", "c;A;1;2;3;4;5;6"), Not(HasSubstr(hint)));
