@@ -256,6 +256,9 @@ Words judged(const ValidateArguments& arguments, const ErrorModel& model, const 
 std::vector<std::string> warnings_of(const Measurements& measurements, const Registration& registration,
                                      const Freedom& freedom) {
   std::vector<std::string> warnings;
+  if (!measurements.remark.empty()) {
+    warnings.push_back("measurements: " + measurements.remark);
+  }
   if (only_test_rows(measurements)) {
     warnings.push_back(measurements.source + ": no train rows, base and targets are registered to the test rows");
   }
