@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
+#include <cmath>
 #include <cstring>
 #include <system_error>
 #include <utility>
@@ -16,6 +18,20 @@ constexpr std::uintmax_t kLargestCsvFile = std::uintmax_t{16} << 30U;
 constexpr std::size_t kLongestLine = std::size_t{1} << 20U;
 constexpr std::size_t kFileBuffer = 4 * kLongestLine;
 constexpr std::size_t kMostColumns = 10'000;
+
+bool is_number(std::string_view text) {
+  if (text.starts_with('+')) text.remove_prefix(1);
+  double value = 0.0;
+  const char* end = text.data() + text.size();
+  return std::from_chars(text.data(), end, value).ptr == end && std::isfinite(value);
+}
+
+// Apostrophes in front count as well, so that every name reads back.
+bool begins_a_formula(std::string_view name) {
+  const std::size_t first = name.find_first_not_of('\'');
+  return first != std::string_view::npos && std::string_view("=+-@").find(name[first]) != std::string_view::npos &&
+         !is_number(name);
+}
 
 }  // namespace
 
@@ -167,11 +183,16 @@ std::string label_fault(std::string_view label) {
 }
 
 std::string csv_field(const std::string& name) {
+  const std::string shielded = begins_a_formula(name) ? "'" + name : name;
   const bool plain = name.find_first_of(",;\"#") == std::string::npos && trimmed(name).size() == name.size();
-  if (plain) return name;
+  if (plain) return shielded;
   std::string field = "\"";
-  for (const char c : name) field += c == '"' ? "\"\"" : std::string(1, c);
+  for (const char c : shielded) field += c == '"' ? "\"\"" : std::string(1, c);
   return field + '"';
+}
+
+std::string_view name_in(std::string_view field) {
+  return field.starts_with('\'') && begins_a_formula(field) ? field.substr(1) : field;
 }
 
 }  // namespace kdl_calibration

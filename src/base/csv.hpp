@@ -83,6 +83,10 @@ private:
 std::string label_fault(std::string_view label);
 
 /// The name as a CSV field. A # is quoted as well: at the start of a line it would begin a comment.
+/// A name that a spreadsheet would run as a formula (=, +, - or @ first, behind any apostrophes, and no number) gets
+/// one more apostrophe in front.
 std::string csv_field(const std::string& name);
+/// The name that csv_field wrote: without that apostrophe.
+std::string_view name_in(std::string_view field);
 
 }  // namespace kdl_calibration

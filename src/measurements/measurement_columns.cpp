@@ -143,7 +143,7 @@ public:
     header_.fields = cells.size();
     std::size_t named = cells.size();
     while (named > 0 && trimmed(cells[named - 1]).empty()) --named;
-    for (std::size_t i = 0; i < named; ++i) add(i, trimmed(cells[i]));
+    for (std::size_t i = 0; i < named; ++i) add(i, name_in(trimmed(cells[i])));
     take_own_values();
     find_orientation();
     check_complete();

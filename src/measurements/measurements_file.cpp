@@ -124,7 +124,7 @@ public:
 
 private:
   static std::int32_t label(LabelTable& table, const Row& row, const Column& column) {
-    const std::string_view text = row.text(column);
+    const std::string_view text = name_in(row.text(column));
     const std::int32_t number = table.find(text);
     if (number < table.size()) return number;
     if (const std::string fault = label_fault(text); !fault.empty()) row.fail_cell(column, fault);

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/csv.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_file.hpp"
@@ -356,6 +357,38 @@ TEST(FilesAsTheyCome, SayAllThatIsUnusualOfThemInOneLine) {
             "up to 4e-05 rad or m from row to row: their means are used");
   EXPECT_EQ(parse_configurations("J 1 [deg];j2 (DEG)\n0,5;-90\n", {"J 1", "J2"}).remark,
             "read with decimal commas, \"j2 (DEG)\" as J2 in deg");
+}
+
+TEST(FilesAsTheyCome, ThatAreWrittenRunNoFormulaAndReadBack) {
+  const std::vector<std::pair<std::string, std::string>> fields = {
+      {"=1+2", "'=1+2"},
+      {"@A1", "'@A1"},
+      {"-HYPERLINK(1)", "'-HYPERLINK(1)"},
+      {"+cmd|' /C calc'!A0", "'+cmd|' /C calc'!A0"},
+      {"=SUM(A1,\"x\")", "\"'=SUM(A1,\"\"x\"\")\""},
+      {"'=1", "''=1"},
+      {"''@", "'''@"},
+      {"'-1", "''-1"},
+      {"-", "'-"},
+      {"-inf", "'-inf"},
+      {"-1", "-1"},
+      {"+2.5e-3", "+2.5e-3"},
+      {"'90s", "'90s"},
+      {"'", "'"},
+      {"A=1", "A=1"},
+  };
+  for (const auto& [name, field] : fields) {
+    EXPECT_EQ(csv_field(name), field);
+    Measurements m = parse_measurements("configuration,target,a,b,x,y,z\nc,A,1,2,3,4,5\n", {"a", "b"});
+    m.configurations[0] = m.targets[0] = m.joints[0] = name;
+    for (const JointUnit unit : {JointUnit::unstated, JointUnit::radian}) {
+      m.joint_units = unit == JointUnit::unstated ? std::vector<JointUnit>() : std::vector(2, unit);
+      const std::string csv = measurements_csv(m);
+      EXPECT_THAT(csv, HasSubstr("\n" + field + "," + field + ","));
+      expect_same(parse_measurements(csv, m.joints), m);
+    }
+  }
+  EXPECT_EQ(parse_measurements("configuration,target,a,x,y,z\n'-1,'A,1,3,4,5\n", {"a"}).configurations[0], "-1");
 }
 
 }  // namespace
