@@ -183,7 +183,7 @@ std::string label_fault(std::string_view label) {
 }
 
 std::string csv_field(const std::string& name) {
-  const std::string shielded = begins_a_formula(name) ? "'" + name : name;
+  std::string shielded = begins_a_formula(name) ? "'" + name : name;
   const bool plain = name.find_first_of(",;\"#") == std::string::npos && trimmed(name).size() == name.size();
   if (plain) return shielded;
   std::string field = "\"";

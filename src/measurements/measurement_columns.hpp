@@ -35,14 +35,13 @@ inline bool present(const Column& column) { return column.index != Column::kAbse
 struct OrientationForm {
   std::array<std::string_view, 4> names;  ///< the last one empty where there are three
   std::string_view what;
-  std::string_view degrees_by;  ///< whose pendants show degrees: columns without a unit are refused; else empty
+  std::string_view degrees_by;  ///< a maker whose pendants show degrees, so that the unit is required; else empty
 
   std::size_t count() const { return names.back().empty() ? 3 : 4; }
   std::string words() const;  ///< "rx, ry, rz"
 };
 inline constexpr std::size_t kQuaternion = 0;
 inline constexpr std::size_t kRotationVector = 1;
-inline constexpr std::size_t kRollPitchYaw = 2;
 inline constexpr std::size_t kKuka = 3;
 inline constexpr std::array<OrientationForm, 5> kOrientationForms = {
     {{.names = {"qw", "qx", "qy", "qz"}, .what = "quaternion", .degrees_by = {}},
@@ -51,7 +50,7 @@ inline constexpr std::array<OrientationForm, 5> kOrientationForms = {
      {.names = {"A", "B", "C", {}}, .what = "orientation", .degrees_by = "KUKA"},
      {.names = {"W", "P", "R", {}}, .what = "orientation", .degrees_by = "FANUC"}}};
 
-/// Of a second row that holds units alone.
+/// A row below the header that holds units alone.
 struct UnitRow {
   const Fields& cells;
   std::size_t line;
@@ -64,8 +63,9 @@ struct Header {
   std::size_t fields = 0;          ///< with the empty ones at the end
   Column configuration, split, repeat, target, sigma, order;
   std::array<Column, 3> position;
-  std::array<std::array<Column, 4>, kOrientationForms.size()> orientations;  ///< of at most one form
-  std::size_t orientation = kOrientationForms.size();                        ///< of which; without any, as many
+  /// The form of orientation that the file has, as a place in kOrientationForms; their number where it has none.
+  std::size_t orientation = kOrientationForms.size();
+  std::array<std::array<Column, 4>, kOrientationForms.size()> orientations;  ///< of each form
   std::vector<Column> joints;                                                ///< in the order of the expected names
   std::vector<Column> followers;   ///< in the order of ExpectedJoints::followers; absent ones as well
   std::vector<bool> own_values;    ///< for each of `joints`, whether the column is the joint's own, not its drive's
