@@ -26,7 +26,7 @@ struct SavedCalibration {
 /// Reads what calibrate wrote (result_json) for this robot. A file that names the hash of its URDF, its base or its tip
 /// is refused with another robot: the errors of a robot that was corrected already would be applied twice.
 /// Throws InputError: unreadable file, malformed JSON, a missing key or a value of another sort, a parameter that the
-/// robot does not have, another robot.
+/// robot does not have, another robot, a member that is not as its hash says.
 SavedCalibration load_calibration(const std::filesystem::path& result, const Robot& robot);
 SavedCalibration parse_calibration(std::string_view json, const Robot& robot, const std::string& source = "result");
 

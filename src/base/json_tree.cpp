@@ -1,9 +1,11 @@
 #include "base/json_tree.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/json_reading.hpp"
 #include "base/number_range.hpp"
+#include "base/sha256.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::tree {
@@ -63,8 +65,59 @@ Eigen::Quaterniond quaternion(const Node& node) {
   return Eigen::Quaterniond(wxyz[0], wxyz[1], wxyz[2], wxyz[3]).normalized();
 }
 
+namespace {
+
+void turn_numbers_into_doubles(nlohmann::json& value) {
+  if (value.is_structured()) {
+    std::for_each(value.begin(), value.end(), turn_numbers_into_doubles);
+  } else if (value.is_number()) {
+    value = value.get<double>() + 0.0;  // -0.0 becomes 0.0
+  }
+}
+
+void require_unchanged(const Json& json, const std::string& source) {
+  const Node top{.json = json, .where = source};
+  if (!has(top, "hashes")) {
+    const bool is_result = has(top, "parameters") && has(top, "software") && has(member(top, "software"), "version");
+    if (is_result && json["software"]["version"] != "0.1.0") {  // which wrote none
+      throw InputError(source + ": the key \"hashes\" is missing, expected the file as calibrate wrote it");
+    }
+    return;
+  }
+  const Json& written = json["hashes"];
+  if (!written.is_object()) {
+    fail(member(top, "hashes"), "an object");
+  }
+  const Json found = hashes(json);
+  for (const Json* keys : {&written, &found}) {
+    for (const auto& entry : keys->items()) {
+      const std::string& key = entry.key();
+      if (found.value(key, Json()) != written.value(key, Json())) {
+        throw InputError(source + ": " + key + ": was changed after calibrate wrote the file, expected the original " +
+                         "(only provenance may be edited)");
+      }
+    }
+  }
+}
+
+}  // namespace
+
+Json hashes(const Json& object) {
+  Json result = Json::object();
+  for (const auto& entry : object.items()) {
+    if (entry.key() != "hashes" && entry.key() != "provenance") {
+      nlohmann::json value = entry.value();  // its type sorts the keys
+      turn_numbers_into_doubles(value);
+      result[entry.key()] = sha256(value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    }
+  }
+  return result;
+}
+
 Json parsed(std::string_view text, const std::string& source) {
-  return parse_json<Json>(text, source, [](int, Json::parse_event_t, const Json&) {});
+  Json json = parse_json<Json>(text, source, [](int, Json::parse_event_t, const Json&) {});
+  require_unchanged(json, source);
+  return json;
 }
 
 }  // namespace kdl_calibration::tree

@@ -46,7 +46,12 @@ Eigen::Matrix<double, kSize, 1> numbers(const Node& node) {
 /// Of norm 1.
 Eigen::Quaterniond quaternion(const Node& node);
 
-/// JSON text; `source` names it in messages. Throws InputError naming source and line where it is no JSON.
+/// The SHA-256 of each member's value, but of `provenance`, which people may edit, and of `hashes` itself. It depends
+/// on values alone: editors and jq print the same value in other words, such as 1 for 1.0.
+Json hashes(const Json& object);
+
+/// JSON text; `source` names it in messages. Throws InputError: with the line where it is no JSON, with the member
+/// where that is not the one whose hash is in `hashes`.
 Json parsed(std::string_view text, const std::string& source);
 
 }  // namespace kdl_calibration::tree

@@ -240,7 +240,12 @@ std::string effects_json(const ErrorModel& model, const Eigen::VectorXd& coeffic
 
 SavedEffects read_effects(const Node& block, const ErrorModel& model) {
   SavedEffects saved;
-  const Eigen::Vector3d gravity = tree::numbers<3>(member(block, "gravity_direction"));
+  constexpr double kRounding = 1e-6;
+  const Node direction = member(block, "gravity_direction");
+  const Eigen::Vector3d gravity = tree::numbers<3>(direction);
+  if (!(std::abs(gravity.norm() - 1.0) <= kRounding)) {
+    tree::fail(direction, "a direction of norm 1");
+  }
   saved.gravity = {gravity.x(), gravity.y(), gravity.z()};
   const Node terms = member(block, "terms");
   if (!terms.json.is_array()) {

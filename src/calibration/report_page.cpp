@@ -154,6 +154,7 @@ Json calibration_data(const CalibrationPage& page, Json result) {
     }
   }
   result.erase("covariance");
+  result.erase("hashes");  // of blocks that are shortened here
   if (result.contains("residuals") && result["residuals"].is_object()) {
     shorten_residuals(shown_rows(distances_of_rows(result["residuals"])), result["residuals"]);
   }

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "base/json_tree.hpp"
 #include "base/sha256.hpp"
 #include "calibration/effects_json.hpp"
 #include "calibration/parameter_estimates.hpp"
@@ -336,6 +337,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["difference_to_kdl"] = calibration.difference_to_kdl;
   result["warnings"] = calibration.warnings;
   result["provenance"] = provenance_json(provenance);
+  result["hashes"] = tree::hashes(result);
   return result.dump(2) + "\n";
 }
 

@@ -1,8 +1,11 @@
 #include "kdl_calibration/saved_calibration.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <limits>
+#include <numbers>
+#include <set>
 #include <utility>
 
 #include "base/json_tree.hpp"
@@ -52,8 +55,22 @@ std::vector<TargetFrame> targets_of(const Node& top) {
   return targets;
 }
 
+// Files without hashes, such as a truth or one of version 0.1.0, have to agree with themselves.
+void require_sound(const Node& parameter, double error, bool is_angle) {
+  constexpr double kRounding = 1e-9;
+  constexpr double kTurn = 2.0 * std::numbers::pi;
+  if (is_angle && std::abs(error) > kTurn) {
+    fail(member(parameter, "error"), "an angle of at most a turn, in radians");
+  }
+  if (has(parameter, "value") && has(parameter, "nominal") &&
+      !(std::abs(number(member(parameter, "value")) - number(member(parameter, "nominal")) - error) <= kRounding)) {
+    fail(member(parameter, "value"), "the sum of \"nominal\" and \"error\"");
+  }
+}
+
 void read_parameters(const Node& top, SavedCalibration& saved) {
   saved.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.parameters.size()));
+  std::set<std::string> names;
   for (const Node& node : elements(member(top, "parameters"))) {
     const std::string name = tree::name(member(node, "name"));
     if (name.find('.') != std::string::npos) {  // of the base or a target, which stand in blocks of their own
@@ -61,12 +78,18 @@ void read_parameters(const Node& top, SavedCalibration& saved) {
     }
     const auto known = std::find_if(saved.model.parameters.begin(), saved.model.parameters.end(),
                                     [&](const ErrorParameter& parameter) { return parameter.name == name; });
-    if (known != saved.model.parameters.end()) {
-      saved.estimate.errors[known - saved.model.parameters.begin()] = number(member(node, "error"));
-    } else {
+    if (known == saved.model.parameters.end()) {
       throw InputError(node.where + ": this robot has no parameter '" + name +
                        "', expected the result of the same URDF, base and tip");
     }
+    if (!names.insert(name).second) {
+      throw InputError(node.where + ": parameter '" + name + "' is there twice, expected each once");
+    }
+    const double error = number(member(node, "error"));
+    if (!has(top, "hashes")) {
+      require_sound(node, error, !is_length(saved.model, *known));
+    }
+    saved.estimate.errors[known - saved.model.parameters.begin()] = error;
   }
   if (has(top, "effects")) {
     SavedEffects effects = read_effects(member(top, "effects"), saved.model);
@@ -100,6 +123,9 @@ void read_covariance(const Node& block, SavedCalibration& saved) {
     for (Eigen::Index c = 0; c <= r; ++c) {
       const Node& value = row[static_cast<std::size_t>(c)];
       const double read = value.json.is_null() ? std::numeric_limits<double>::infinity() : number(value);
+      if (r == c && read < 0.0) {
+        fail(value, "a variance, 0 or more");
+      }
       saved.covariance(r, c) = saved.covariance(c, r) = read;
     }
   }
@@ -130,6 +156,9 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
     for (const Node& doubt : elements(member(top, "doubts"))) {
       saved.doubts.push_back(
           {.cause = tree::name(member(doubt, "cause")), .message = tree::name(member(doubt, "message"))});
+    }
+    if (saved.trusted) {
+      fail(member(top, "trusted"), "false, as there are doubts");
     }
   }
   return saved;

@@ -9,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/json_tree.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
@@ -243,6 +244,7 @@ JudgedResult judged_result(std::string text, const std::vector<Requirement>& req
   Json json = json_of(text, "the result");
   const std::vector<Judged> outcomes = judged(requirements, json);
   json["requirements"] = judged_json(outcomes);
+  json["hashes"] = tree::hashes(json);
   return {.text = json.dump(2) + "\n", .missed = unfulfilled(outcomes)};
 }
 

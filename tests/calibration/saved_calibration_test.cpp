@@ -4,10 +4,19 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
 
+#include "base/json_tree.hpp"
+#include "base/sha256.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/result_json.hpp"
@@ -62,6 +71,22 @@ const Written& written() {
 std::string refusal(const std::string& json, const Robot& robot) {
   return testing::refusal([&] { parse_calibration(json, robot, "r.json"); });
 }
+
+/// The result with a change, for which it has no hashes or those it was written with.
+using Edit = std::function<void(Json&)>;
+std::string edited(const Edit& edit) {
+  Json json = Json::parse(written().json);
+  edit(json);
+  return json.dump();
+}
+std::string edited_without_hashes(const Edit& edit) {
+  return edited([&](Json& json) {
+    edit(json);
+    json.erase("hashes");
+  });
+}
+
+const std::string kTaken = "nothing was refused";
 
 TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
   const Estimate& wrote = written().calibration.identification.estimate;
@@ -145,16 +170,121 @@ TEST(SavedCalibration, NeedsNothingButParameters) {
 }
 
 TEST(SavedCalibration, WithACovarianceThatFitsNothingIsRefused) {
-  const auto spoilt = [](const std::function<void(Json&)>& spoil) {
-    Json json = Json::parse(written().json);
-    spoil(json["covariance"]);
-    return refusal(json.dump(), written().robot);
+  const auto spoilt = [](const Edit& spoil) {
+    return refusal(edited_without_hashes([&](Json& json) { spoil(json["covariance"]); }), written().robot);
   };
   EXPECT_THAT(spoilt([](Json& c) { std::swap(c["names"][0], c["names"][1]); }), HasSubstr("names: expected"));
   EXPECT_THAT(spoilt([](Json& c) { c["lower_triangle"].erase(0); }), HasSubstr("a row for each name"));
   EXPECT_THAT(spoilt([](Json& c) { c["lower_triangle"][2].push_back(1.0); }),
               HasSubstr("lower_triangle[2]: expected 3"));
   EXPECT_THAT(spoilt([](Json& c) { c["lower_triangle"][2][1] = "x"; }), HasSubstr("lower_triangle[2][1]: expected"));
+}
+
+std::size_t index_of(const Json& parameters, const std::string& name) {
+  std::size_t i = 0;
+  while (parameters.at(i)["name"] != name) {
+    ++i;
+  }
+  return i;
+}
+
+TEST(SavedCalibration, ThatWasEditedIsRefusedWithTheField) {
+  const std::vector<std::pair<std::string, Edit>> edits = {
+      {"parameters", [](Json& r) { r["parameters"].erase(index_of(r["parameters"], "dq2")); }},
+      {"parameters", [](Json& r) { r["parameters"].push_back(r["parameters"][index_of(r["parameters"], "dq2")]); }},
+      {"parameters", [](Json& r) { r["parameters"][7]["error"] = -r["parameters"][7]["error"].get<double>(); }},
+      {"parameters", [](Json& r) { r["parameters"][7]["value"] = 1.0; }},
+      {"effects",
+       [](Json& r) {
+         r["effects"]["gravity_direction"] = {0, 0, 0};
+       }},
+      {"covariance", [](Json& r) { r["covariance"]["lower_triangle"][3][3] = -1e-9; }},
+      {"covariance", [](Json& r) { r.erase("covariance"); }},
+      {"base", [](Json& r) { r["base"]["position"][0] = 2.0; }},
+      {"targets", [](Json& r) { std::swap(r["targets"][0], r["targets"][1]); }},
+      {"trusted", [](Json& r) { r["trusted"] = !r["trusted"]; }},
+      {"doubts",
+       [](Json& r) {
+         r["doubts"].push_back({{"cause", "a"}, {"message", "b"}});
+       }},
+      {"reservation",
+       [](Json& r) {
+         r["reservation"] = {{"cause", "a"}, {"message", "b"}};
+       }},
+      {"input", [](Json& r) { r["input"].erase("sha256"); }},
+      {"noise", [](Json& r) { r["noise"]["sigma"] = 1e-9; }},
+      {"software", [](Json& r) { r["software"]["version"] = "0.0.1"; }},
+      {"doubts", [](Json& r) { r["hashes"].erase("doubts"); }}};
+  for (const auto& [field, edit] : edits) {
+    EXPECT_EQ(refusal(edited(edit), written().robot),
+              "r.json: " + field + ": was changed after calibrate wrote the file, expected the original (only " +
+                  "provenance may be edited)");
+  }
+  EXPECT_EQ(refusal(edited([](Json& r) { r["hashes"] = "x"; }), written().robot), "r.json: hashes: expected an object");
+}
+
+TEST(SavedCalibration, OfALaterVersionHasHashes) {
+  const auto of_version = [](const Json& version) {
+    return refusal(edited_without_hashes([&](Json& r) { r["software"]["version"] = version; }), written().robot);
+  };
+  EXPECT_EQ(of_version("0.1.0"), kTaken);
+  for (const char* version : {"0.1.1", "0.2.0", "1.0.0", ""}) {
+    EXPECT_EQ(of_version(version), "r.json: the key \"hashes\" is missing, expected the file as calibrate wrote it");
+  }
+}
+
+// What jq, Python and browsers make of a file: keys in another order, no indentation, 1.0 as 1 and -0.0 as 0.
+void spell_otherwise(Json& value) {
+  if (value.is_structured()) {
+    std::for_each(value.begin(), value.end(), spell_otherwise);
+  } else if (value.is_number_float() && value == std::floor(value.get<double>())) {
+    value = static_cast<std::int64_t>(value.get<double>());
+  }
+}
+
+TEST(SavedCalibration, IsReadHoweverItIsSpeltAndAnnotated) {
+  EXPECT_EQ(refusal(edited(spell_otherwise), written().robot), kTaken);
+  EXPECT_EQ(refusal(edited([](Json& r) { r["provenance"]["notes"]["serial"] = "7"; }), written().robot), kTaken);
+  EXPECT_EQ(refusal(edited([](Json& r) { r.erase("provenance"); }), written().robot), kTaken);
+}
+
+// By hand, as RFC 8785 has it but for the numbers: those as nlohmann/json prints a double.
+TEST(SavedCalibration, HashesAreOfSortedCompactJson) {
+  const Json hashes = tree::hashes(tree::Json::parse(
+      R"({"b": [1, -0.0, 2.5E-5, true, null], "a": {"z": "\u00fc", "c": 18014398509481984}, "provenance": 1, "hashes": 2})"));
+  EXPECT_EQ(hashes, (Json{{"b", sha256("[1.0,0.0,2.5e-05,true,null]")},
+                          {"a", sha256("{\"c\":1.8014398509481984e+16,\"z\":\"\xc3\xbc\"}")}}));
+}
+
+TEST(SavedCalibration, WithoutHashesAgreesWithItself) {
+  const auto faults = [](const Edit& edit) { return refusal(edited_without_hashes(edit), written().robot); };
+  const auto parameter = [](Json& r, const std::string& name) -> Json& {
+    return r["parameters"][index_of(r["parameters"], name)];
+  };
+  EXPECT_EQ(faults([](Json&) {}), kTaken);
+  EXPECT_THAT(faults([&](Json& r) { r["parameters"].push_back(parameter(r, "dq2")); }),
+              HasSubstr("]: parameter 'dq2' is there twice, expected each once"));
+  EXPECT_THAT(faults([&](Json& r) { parameter(r, "dq2")["error"] = 0.1; }),
+              HasSubstr("]: value: expected the sum of \"nominal\" and \"error\""));
+  const auto turned = [&](double angle) {
+    return faults([&](Json& r) {
+      parameter(r, "dq3")["error"] = angle;
+      parameter(r, "dq3")["value"] = parameter(r, "dq3")["nominal"].get<double>() + angle;
+    });
+  };
+  EXPECT_EQ(turned(-6.2), kTaken);
+  EXPECT_THAT(turned(-100.0), HasSubstr("]: error: expected an angle of at most a turn, in radians"));
+  EXPECT_EQ(faults([](Json& r) {
+              r["effects"]["gravity_direction"] = {0, 0, 0};
+            }),
+            "r.json: effects: gravity_direction: expected a direction of norm 1");
+  EXPECT_EQ(faults([](Json& r) { r["covariance"]["lower_triangle"][3][3] = -1e-9; }),
+            "r.json: covariance: lower_triangle[3][3]: expected a variance, 0 or more");
+  EXPECT_EQ(faults([](Json& r) {
+              r["trusted"] = true;
+              r["doubts"] = {{{"cause", "a"}, {"message", "b"}}};
+            }),
+            "r.json: trusted: expected false, as there are doubts");
 }
 
 // Files are read up to 64 MiB.

@@ -894,7 +894,35 @@ TEST_F(CalibrateResult, SaysWhatBecameOfEveryRequirement) {
   EXPECT_EQ(judged["trusted"], true) << "which nothing was required of";
   ASSERT_EQ(run(calibrate({"--result", "plain.json"})).status, 0);
   judged.erase("requirements");
+  EXPECT_EQ(judged["hashes"].erase("requirements"), 1U);
   EXPECT_EQ(judged, json_of("plain.json"));
+}
+
+TEST_F(CalibrateResult, ThatWasEditedIsRefusedWhereverItIsRead) {
+  ASSERT_EQ(run(calibrate({"--result", "r.json", "--require", "rank==33", "--covariance", "v.csv", "--residuals",
+                           "e.csv", "--note", "serial=7", "--output", "c.urdf"}))
+                .status,
+            0);
+  const std::vector<Words> readers = {
+      {"fk", "--joints", "0,0,0,0,0,0", "--result", "r.json"},
+      {"jacobian", "--joints", "0,0,0,0,0,0", "--result", "r.json"},
+      {"validate", "--measurements", "m.csv", "--result", "r.json"},
+      {"validate", "--result", "r.json", "--truth", "r.json"},
+      {"plan", "--result", "r.json", "--configurations", "2", "--candidates", "50", "--workspace", "20", "--starts",
+       "1"},
+      {"report", "--result", "r.json", "--output", "p.html", "--force"},
+      calibrate({"--known-base", "r.json", "--known-targets", "r.json", "--effects", "none", "--prior", "none"})};
+  Json result = json_of("r.json");
+  result["provenance"]["notes"]["serial"] = "8";
+  write("r.json", result.dump());
+  for (const Words& reader : readers) {
+    EXPECT_LE(run(reader).status, 1) << ::testing::PrintToString(reader);
+  }
+  result["targets"][0]["position"][1] = 0.5;
+  write("r.json", result.dump());
+  for (const Words& reader : readers) {
+    expect_refused(reader, {"r.json: targets: was changed after calibrate wrote the file, expected the original"});
+  }
 }
 
 TEST_F(CalibrateResult, IsValidatedWithItsFullModel) {
