@@ -44,10 +44,7 @@ struct CalibratedArm {
 };
 
 CalibratedArm calibrated(const Robot& robot, const std::string& result, const Eigen::VectorXd& q) {
-  const SavedCalibration saved = load_calibration(result, robot);
-  if (!saved.trusted && !saved.doubts.empty()) {
-    warn(result + " is not to be trusted: " + saved.doubts.front().message);
-  }
+  const SavedCalibration saved = read_result(result, robot);
   const std::string urdf = calibrated_urdf(robot, saved.model, saved.estimate.errors);
   const Eigen::VectorXd moved = effective_joint_values(saved.model, saved.estimate.effects, q);
   CalibratedArm arm{.robot = parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result),

@@ -74,7 +74,7 @@ struct JacobianArguments {
 Eigen::VectorXd errors_at(const JacobianArguments& arguments, const Robot& robot, const ErrorModel& model) {
   return arguments.arm.result.empty()
              ? Eigen::VectorXd(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())))
-             : load_calibration(arguments.arm.result, robot).estimate.errors;
+             : read_result(arguments.arm.result, robot).estimate.errors;
 }
 
 // Base and targets as the result has them; else W is the base frame, and the targets are the published ones.

@@ -220,4 +220,12 @@ Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments
   return q;
 }
 
+SavedCalibration read_result(const std::string& file, const Robot& robot) {
+  SavedCalibration saved = load_calibration(file, robot);
+  if (!saved.trusted && !saved.doubts.empty()) {
+    warn(file + " is not to be trusted: " + saved.doubts.front().message);
+  }
+  return saved;
+}
+
 }  // namespace kdl_calibration::cli

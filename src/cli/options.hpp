@@ -15,6 +15,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
 
 namespace kdl_calibration::cli {
 
@@ -76,5 +77,7 @@ struct ArmAtJoints {
   bool json = false;
 };
 void add_arm_at_joints(CLI::App& app, ArmAtJoints& arguments);
+/// The result of --result; warns where it is not to be trusted.
+SavedCalibration read_result(const std::string& file, const Robot& robot);
 
 }  // namespace kdl_calibration::cli

@@ -137,7 +137,7 @@ Setting setting(const PlanArguments& arguments) {
     request.measured = read_measurements(request.robot, arguments.measured, convention);
   }
   if (!arguments.result.empty()) {
-    request.calibrated = load_calibration(arguments.result, request.robot);
+    request.calibrated = read_result(arguments.result, request.robot);
   }
   const FacingTargets facing = targets(arguments, model, request);
   request.targets = facing.targets;

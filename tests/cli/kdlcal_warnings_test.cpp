@@ -351,15 +351,22 @@ TEST_F(CommandLineWarnings, KinematicsNameTheJointsOutsideTheirLimits) {
   }
 }
 
-TEST_F(CommandLineWarnings, FkDoubtsAResultThatIsNotToBeTrusted) {
-  const auto result = [&](const std::string& judgement) {
-    write("r.json", R"({"parameters": [{"name": "dq2", "error": 0.002}])" + judgement + "}");
-    return run({"fk", "--joints", "0,0,0,0,0,0", "--result", "r.json"}).err;
-  };
-  const std::string doubts = R"(, "doubts": [{"cause": "a", "message": "first"}, {"cause": "b", "message": "second"}])";
-  EXPECT_EQ(result(R"(, "trusted": false)" + doubts), kWarning + "r.json is not to be trusted: first\n");
-  EXPECT_EQ(result(R"(, "trusted": true, "doubts": [])"), "");
-  EXPECT_EQ(result(""), "");
+TEST_F(CommandLineWarnings, AResultThatIsNotToBeTrustedIsDoubtedWhereItIsUsed) {
+  for (const Arguments& command : {Arguments{"fk", "--joints", "0,0,0,0,0,0", "--result", "r.json"},
+                                   Arguments{"jacobian", "--joints", "0,0,0,0,0,0", "--result", "r.json"},
+                                   Arguments{"plan", "--result", "r.json", "--configurations", "15", "--workspace",
+                                             "20", "--starts", "1", "--candidates", "60"}}) {
+    const auto result = [&](const std::string& judgement) {
+      write("r.json", R"({"parameters": [{"name": "dq2", "error": 0.002}])" + judgement + "}");
+      return run(command).err;
+    };
+    const std::string doubts =
+        R"(, "doubts": [{"cause": "a", "message": "first"}, {"cause": "b", "message": "second"}])";
+    const std::string without = result("");
+    EXPECT_EQ(result(R"(, "trusted": false)" + doubts), kWarning + "r.json is not to be trusted: first\n" + without);
+    EXPECT_EQ(result(R"(, "trusted": true, "doubts": [])"), without);
+    EXPECT_THAT(without, ::testing::Not(::testing::HasSubstr("trusted")));
+  }
 }
 
 TEST_F(CommandLineWarnings, PlanNamesTheLinksThatNothingIsKeptClearOf) {
