@@ -141,17 +141,6 @@ void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
   }
 }
 
-/// Throws InputError where macros are not expanded; `elements` are without comments.
-void refuse_xacro(std::string_view elements, const std::string& source) {
-  for (const char* mark : {"<xacro:", "${", "$(find "}) {
-    if (elements.find(mark) != std::string_view::npos) {
-      const std::string file = source.ends_with(".xacro") ? source.substr(0, source.size() - 6) : source;
-      throw InputError(source + ": this is a xacro file; expand it first: xacro " + source + " > " +
-                       (file.ends_with(".urdf") && file != source ? file : "robot.urdf"));
-    }
-  }
-}
-
 std::string replaced(std::string text, std::string_view from, std::string_view to) {
   for (std::size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size())) {
     text.replace(at, from.size(), to);
@@ -173,13 +162,13 @@ urdf::ModelInterfaceSharedPtr parse_model(std::string_view text, const std::stri
   }
   tinyxml2::XMLDocument document;
   parse_xml(document, text, source);
-  const tinyxml2::XMLElement* robot = document.FirstChildElement("robot");
+  tinyxml2::XMLElement* robot = document.FirstChildElement("robot");
   if (robot == nullptr) {
     throw InputError(source + ": no <robot> element, expected a URDF");
   }
+  refuse_xacro(*robot, source);
   ElementPrinter printer;
   robot->Accept(&printer);
-  refuse_xacro(printer.CStr(), source);
   check_tree(*robot, source);
 
   UrdfdomErrors errors;

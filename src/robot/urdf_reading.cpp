@@ -1,6 +1,8 @@
 #include "robot/urdf_reading.hpp"
 
 #include <cctype>
+#include <set>
+#include <string>
 
 #include "base/text.hpp"
 
@@ -32,6 +34,38 @@ std::string stated_encoding(std::string_view text) {
   return name;
 }
 
+bool is_macro(const tinyxml2::XMLElement& element) { return std::string_view(element.Name()).starts_with("xacro:"); }
+
+// The first macro in an element that is not expanded, with its line: "7: <xacro:include>"; empty where there is none.
+std::string macro_in(const tinyxml2::XMLElement& element) {
+  if (is_macro(element)) {
+    return std::to_string(element.GetLineNum()) + ": <" + element.Name() + ">";
+  }
+  for (const auto* attribute = element.FirstAttribute(); attribute != nullptr; attribute = attribute->Next()) {
+    const std::string_view value = attribute->Value();
+    if (value.find("${") != std::string_view::npos || value.find("$(") != std::string_view::npos) {
+      return std::to_string(attribute->GetLineNum()) + ": " + shown(value);
+    }
+  }
+  std::string macro;
+  for (auto* child = element.FirstChildElement(); child != nullptr && macro.empty();
+       child = child->NextSiblingElement()) {
+    macro = macro_in(*child);
+  }
+  return macro;
+}
+
+// Removes the children that hold macros, but macros themselves and the elements `kept`.
+void remove_with_macros(tinyxml2::XMLElement& parent, const std::set<std::string>& kept) {
+  for (auto* child = parent.FirstChildElement(); child != nullptr;) {
+    auto* const next = child->NextSiblingElement();
+    if (!is_macro(*child) && !kept.contains(child->Name()) && !macro_in(*child).empty()) {
+      parent.DeleteChild(child);
+    }
+    child = next;
+  }
+}
+
 }  // namespace
 
 void require_utf8(std::string_view text, const std::string& source) {
@@ -57,6 +91,18 @@ void require_utf8(std::string_view text, const std::string& source) {
       refuse(source, text.substr(0, start), "letters in another encoding, such as Latin-1");
     }
     start = end + 1;
+  }
+}
+
+void refuse_xacro(tinyxml2::XMLElement& robot, const std::string& source) {
+  remove_with_macros(robot, {"link", "joint"});
+  for (auto* link = robot.FirstChildElement("link"); link != nullptr; link = link->NextSiblingElement("link")) {
+    remove_with_macros(*link, {});
+  }
+  if (const std::string macro = macro_in(robot); !macro.empty()) {
+    const std::string file = source.ends_with(".xacro") ? source.substr(0, source.size() - 6) : source;
+    throw InputError(source + ":" + macro + " is xacro, expected a URDF; expand it first: xacro " + source + " > " +
+                     (file.ends_with(".urdf") && file != source ? file : "robot.urdf"));
   }
 }
 

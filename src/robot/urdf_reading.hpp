@@ -36,6 +36,11 @@ inline void parse_xml(tinyxml2::XMLDocument& document, std::string_view text, co
   throw InputError(source + ":" + std::to_string(document.ErrorLineNum()) + ": " + rule + " (" + name + ")");
 }
 
+/// Throws InputError, with the line and the cure, where macros of xacro are not expanded in links and joints. Those in
+/// the shapes and masses of links and in extensions, such as gazebo's, are removed with these elements: the calibrated
+/// geometry does not depend on them.
+void refuse_xacro(tinyxml2::XMLElement& robot, const std::string& source);
+
 inline KDL::Vector to_kdl(const urdf::Vector3& v) { return {v.x, v.y, v.z}; }
 
 /// Exact zeros and ones of a turn about x, y or z are kept. One Newton step towards the nearest orthogonal matrix takes

@@ -178,10 +178,12 @@ TEST_F(Files, AXacroFileIsNamedAsOne) {
         R"(<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="l" value="1"/>
 <link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>)");
   expect_refused({"model", "--urdf", "arm.urdf.xacro"},
-                 {"this is a xacro file; expand it first: xacro arm.urdf.xacro > arm.urdf"});
+                 {"arm.urdf.xacro:1: <xacro:property> is xacro, expected a URDF; expand it first: "
+                  "xacro arm.urdf.xacro > arm.urdf"});
   write("value.urdf", R"(<robot name="a"><link name="a"/><link name="b"/><joint name="j" type="continuous">
 <parent link="a"/><child link="b"/><origin xyz="${l} 0 0"/></joint></robot>)");
-  expect_refused({"model", "--urdf", "value.urdf"}, {"expand it first: xacro value.urdf > robot.urdf"});
+  expect_refused({"model", "--urdf", "value.urdf"},
+                 {"value.urdf:2: '${l} 0 0' is xacro", "expand it first: xacro value.urdf > robot.urdf"});
   write("expanded.urdf", R"(<!-- from ${file} --><robot name="a" xmlns:xacro="http://ros.org/wiki/xacro">
 <link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>)");
   EXPECT_EQ(run({"model", "--urdf", "expanded.urdf"}).status, 0);

@@ -491,19 +491,47 @@ TEST(RobotBadInput, FaultsOfOneJointAreSetApart) {
 }
 
 TEST(RobotBadInput, MacrosAreToBeExpandedFirst) {
-  const std::string plain = one_joint("continuous", "");
   const auto refused = [&](const std::string& content, const std::string& source) {
     return testing::refusal([&] { parse_robot(robot_of(kTwoLinks + content), {}, source); });
   };
-  for (const std::string mark : {"<xacro:include/>", "<gazebo a='${pi}'/>", "<gazebo a='$(find b)'/>"}) {
-    const auto expected = [](const std::string& source, const std::string& target) {
-      return source + ": this is a xacro file; expand it first: xacro " + source + " > " + target;
-    };
-    EXPECT_EQ(refused(mark, "arm.urdf.xacro"), expected("arm.urdf.xacro", "arm.urdf"));
-    EXPECT_EQ(refused(mark, "arm.xacro"), expected("arm.xacro", "robot.urdf"));
-    EXPECT_EQ(refused(mark, "arm.urdf"), expected("arm.urdf", "robot.urdf"));
+  const auto expected = [](const std::string& found, const std::string& source, const std::string& target) {
+    return source + ":" + found + " is xacro, expected a URDF; expand it first: xacro " + source + " > " + target;
+  };
+  const std::string include = "<xacro:include/>";
+  EXPECT_EQ(refused(include, "arm.urdf.xacro"), expected("1: <xacro:include>", "arm.urdf.xacro", "arm.urdf"));
+  EXPECT_EQ(refused(include, "arm.xacro"), expected("1: <xacro:include>", "arm.xacro", "robot.urdf"));
+  const auto in_joint = [&](const std::string& inside) {
+    return "\n\n<joint name='j' type='continuous'>\n<parent link='a'/><child link='b'/>" + inside + "</joint>";
+  };
+  const std::vector<std::pair<std::string, std::string>> read = {
+      {in_joint("<origin xyz='${l} 0 0'/>"), "4: '${l} 0 0'"},
+      {in_joint("<limit\nlower='$(arg low)'/>"), "5: '$(arg low)'"},
+      {in_joint("<mimic joint='$(find k)'/>"), "4: '$(find k)'"},
+      {in_joint("<xacro:axis_of/>"), "4: <xacro:axis_of>"},
+      {"\n<link name='${prefix}c'/>", "2: '${prefix}c'"},
+      {"\n<link name='c'>\n<xacro:inertia_of/></link>", "3: <xacro:inertia_of>"}};
+  for (const auto& [content, found] : read) {
+    EXPECT_EQ(refused(content, "arm.urdf"), expected(found, "arm.urdf", "robot.urdf"));
   }
-  EXPECT_EQ(message_of("<!-- ${pi} -->" + plain), "nothing was refused");
+}
+
+// What a chain is made of does not depend on them.
+TEST(Robot, MacrosInShapesMassesAndExtensionsAreNotRead) {
+  const auto read = [&](const std::string& inside, const std::string& beside) {
+    return parse_robot(robot_of("<link name='a'/><link name='b'>" + inside + "</link>" +
+                                joint("j", "continuous", "a", "b", "<origin xyz='1 2 3'/>") + beside));
+  };
+  for (const char* inside : {"<visual><xacro:arm_mesh/></visual>",
+                             "<visual><geometry><mesh filename='$(find arm)/b.stl'/></geometry></visual>",
+                             "<visual><geometry><sphere radius='${r}'/></geometry></visual>",
+                             "<collision><geometry><xacro:box_of a='1'/></geometry></collision>",
+                             "<inertial><xacro:cylinder/></inertial>", "<!-- <xacro:inertia_of/> ${m} -->"}) {
+    EXPECT_EQ(read(inside, "").joints.at(0).origin.p, KDL::Vector(1.0, 2.0, 3.0)) << inside;
+  }
+  for (const char* beside : {"<gazebo><xacro:plugin/></gazebo>", "<gazebo a='${pi}'/>",
+                             "<transmission name='${t}'><xacro:gear/></transmission>", "<!-- $(find b) -->"}) {
+    EXPECT_EQ(read("", beside).joints.size(), 1U) << beside;
+  }
 }
 
 TEST(RobotBadInput, MassesAreInRangeOnEveryAxis) {
