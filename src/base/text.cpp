@@ -62,9 +62,10 @@ std::string one_line(std::string text) {
 }
 
 std::string escaped(std::string_view text) {
+  const bool keep_unicode = is_utf8(text);
   std::string result;
   for (const char c : text) {
-    if (is_control(c) && c != '\n' && c != '\t') {
+    if ((is_control(c) && c != '\n' && c != '\t') || (!is_ascii(c) && !keep_unicode)) {
       append_code(c, result);
     } else {
       result += c;

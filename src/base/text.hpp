@@ -18,7 +18,8 @@ bool is_utf8(std::string_view text);
 
 /// The text with line breaks and tabs turned into blanks, so that a message stays on one line, and escaped.
 std::string one_line(std::string text);
-/// The text with every control character but line feeds and tabs written out, as \x1b, so that no terminal obeys it.
+/// The text with every control character but line feeds and tabs written out, as \x1b, so that no terminal obeys it. A
+/// text that is not UTF-8, such as the name of a file, has every byte beyond ASCII written out as well.
 std::string escaped(std::string_view text);
 /// The text if it has at most `longest` bytes, else its beginning and an ellipsis.
 std::string shortened(const std::string& text, std::size_t longest);

@@ -338,7 +338,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["warnings"] = calibration.warnings;
   result["provenance"] = provenance_json(provenance);
   result["hashes"] = tree::hashes(result);
-  return result.dump(2) + "\n";
+  return result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";  // names of files may not be UTF-8
 }
 
 std::string model_json(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Reduction& reduction) {

@@ -245,7 +245,7 @@ JudgedResult judged_result(std::string text, const std::vector<Requirement>& req
   const std::vector<Judged> outcomes = judged(requirements, json);
   json["requirements"] = judged_json(outcomes);
   json["hashes"] = tree::hashes(json);
-  return {.text = json.dump(2) + "\n", .missed = unfulfilled(outcomes)};
+  return {.text = json_text(json), .missed = unfulfilled(outcomes)};
 }
 
 bool shows_the_result(const OutputFile& file) { return file.option == "--result" || file.option == "--report"; }

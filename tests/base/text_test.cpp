@@ -41,6 +41,8 @@ TEST(Text, ShortensBetweenCharacters) {
 TEST(Text, OfALineHasNoBreaks) {
   EXPECT_EQ(one_line("a\nb\rc\td\x1b"), "a b c d\\x1b");
   EXPECT_EQ(escaped("a\nb\tc\rd"), "a\nb\tc\\x0dd");
+  EXPECT_EQ(escaped("\xc3\xa4"), "\xc3\xa4") << "UTF-8 stays";
+  EXPECT_EQ(one_line("\xe4.csv\n"), "\\xe4.csv ") << "Latin-1 is none";
 }
 
 TEST(NumberText, HasNoNegativeZero) {

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "base/sha256.hpp"
+#include "base/text.hpp"
 #include "cli_support.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "mistakes_support.hpp"
@@ -171,6 +172,53 @@ TEST_F(Files, ControlCharactersInNamesAreWrittenOut) {
   EXPECT_EQ(outcome.status, 2);
   EXPECT_THAT(outcome.err, HasSubstr("\\x1b[31mred.csv"));
   EXPECT_EQ(outcome.err.find('\x1b'), std::string::npos);
+}
+
+// Such as those that come from a disk of Windows: Latin-1, a lone byte, half a character.
+TEST_F(Files, NamesThatAreNotUtf8AreOpenedAsTheyStandAndShownEscaped) {
+  using Words = std::vector<std::string>;
+  for (const std::string odd : {"gr\xfc\xdf", "\xff", "\xe2\x82"}) {
+    const auto name = [&](const char* end) { return odd + end; };
+    const auto done = [&](const Words& words) {
+      const Outcome outcome = run(words);
+      EXPECT_EQ(outcome.status, 0) << ::testing::PrintToString(words) << outcome.err;
+      EXPECT_TRUE(is_utf8(outcome.out) && is_utf8(outcome.err)) << outcome.out << outcome.err;
+      return outcome.out;
+    };
+    write(name(".urdf"), kTwoJoints);
+    write(name(".toml"), "[calibrate]\neffects = \"none\"\nprior = \"none\"\n");
+    done({"simulate", "--urdf", name(".urdf"), "--configurations", "20", "--length-sigma", "0.001", "--angle-sigma",
+          "0.001", "--noise", "3e-5", "--output", name(".csv"), "--truth", name(".truth")});
+    const std::string printed =
+        done({"--config",       name(".toml"),       "calibrate",   "--urdf",        name(".urdf"),
+              "--measurements", name(".csv"),        "--output",    name(".out"),    "--result",
+              name(".json"),    "--report",          name(".html"), "--residuals",   name(".residuals"),
+              "--covariance",   name(".covariance"), "--require",   "train.rms<1mm", "--json"});
+    EXPECT_EQ(printed, text_of(name(".json")));
+    const nlohmann::json result = json_of(name(".json"));
+    EXPECT_EQ(result["exported_urdf"]["sha256"], sha256(text_of(name(".out"))));
+    const std::string shown_name = nlohmann::json::parse(
+        nlohmann::json(name(".csv")).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    EXPECT_EQ(result["input"]["measurements"], shown_name);
+    EXPECT_EQ(result["provenance"]["files_read"][1]["path"], shown_name);
+    done({"fk", "--urdf", name(".urdf"), "--joints", "0,0", "--result", name(".json"), "--json"});
+    done({"report", "--urdf", name(".urdf"), "--measurements", name(".csv"), "--result", name(".json"), "--output",
+          name(".again")});
+    EXPECT_EQ(text_of(name(".again")), text_of(name(".html")));
+    done({"validate", "--urdf", name(".urdf"), "--measurements", name(".csv"), "--result", name(".json"), "--report",
+          name(".valid"), "--json"});
+    done({"validate", "--urdf", name(".urdf"), "--result", name(".json"), "--truth", name(".truth"), "--json"});
+    done({"plan", "--urdf", name(".urdf"), "--result", name(".json"), "--configurations", "4", "--candidates", "50",
+          "--workspace", "20", "--starts", "1", "--output", name(".plan"), "--report", name(".page"), "--json"});
+    EXPECT_TRUE(is_utf8(text_of(name(".html"))) && is_utf8(text_of(name(".valid"))) && is_utf8(text_of(name(".page"))));
+    for (const Words& words :
+         {Words{"model", "--urdf", name(".none")},
+          Words{"calibrate", "--urdf", name(".urdf"), "--measurements", name(".none")},
+          Words{"calibrate", "--urdf", name(".urdf"), "--measurements", name(".csv"), "--result", name(".json")},
+          Words{"--config", name(".none"), "model"}}) {
+      expect_refused(words, {escaped(odd)});
+    }
+  }
 }
 
 TEST_F(Files, AXacroFileIsNamedAsOne) {
