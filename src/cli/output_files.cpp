@@ -46,7 +46,9 @@ void end_by_signal(int signal) {
   std::raise(signal);  // whoever waits sees what ended the process: status 130 for Ctrl-C
 }
 
-constexpr std::array kEndingSignals = {SIGHUP, SIGINT, SIGQUIT, SIGPIPE, SIGTERM};
+// All that end a program by default, and tell of no fault in it but SIGABRT. Batch systems send several of them.
+constexpr std::array kEndingSignals = {SIGHUP,  SIGINT,    SIGQUIT, SIGABRT, SIGPIPE, SIGALRM,   SIGTERM, SIGUSR1,
+                                       SIGUSR2, SIGSTKFLT, SIGPOLL, SIGPROF, SIGPWR,  SIGVTALRM, SIGXCPU};
 
 // While it lives, the signals that end the process have to wait.
 class SignalsHeld {

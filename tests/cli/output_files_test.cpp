@@ -5,6 +5,7 @@
 #include <pty.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include <array>
 #include <cerrno>
 #include <csignal>
 #include <regex>
@@ -50,6 +51,9 @@ protected:
   }
 };
 using WrittenFilesDeathTest = WrittenFiles;
+
+constexpr std::array kEndingSignals = {SIGHUP,  SIGINT,    SIGQUIT, SIGABRT, SIGPIPE, SIGALRM,   SIGTERM, SIGUSR1,
+                                       SIGUSR2, SIGSTKFLT, SIGPOLL, SIGPROF, SIGPWR,  SIGVTALRM, SIGXCPU};
 
 TEST_F(WrittenFiles, AreThereTogetherUnderTheirNames) {
   const mode_t mask = ::umask(027);
@@ -119,15 +123,22 @@ TEST_F(WrittenFiles, AreNeverTheInputOfAnotherOptionNorTheRobotOfKdlcal) {
 }
 
 TEST_F(WrittenFilesDeathTest, DisappearWithTheirTemporariesWhereASignalEndsTheProcess) {
-  EXPECT_EXIT(
-      {
-        cli::remove_temporaries_on_signals();
-        break_standard_output();
-        cli::write_whole({file("a"), file("b")}, false, "what nobody reads");
-        ::_exit(0);
-      },
-      KilledBySignal(SIGPIPE), "");
-  EXPECT_THAT(names(), IsEmpty());
+  static volatile int ending = 0;
+  for (const int signal : kEndingSignals) {
+    EXPECT_EXIT(
+        {
+          cli::remove_temporaries_on_signals();
+          ending = signal;
+          if (signal != SIGPIPE) {
+            std::signal(SIGPIPE, [](int) { std::raise(ending); });
+          }
+          break_standard_output();
+          cli::write_whole({file("a"), file("b")}, false, "what nobody reads");
+          ::_exit(0);
+        },
+        KilledBySignal(signal), "");
+    EXPECT_THAT(names(), IsEmpty()) << "signal " << signal;
+  }
   EXPECT_EXIT(
       {
         break_standard_output();
@@ -139,7 +150,7 @@ TEST_F(WrittenFilesDeathTest, DisappearWithTheirTemporariesWhereASignalEndsThePr
 }
 
 TEST_F(WrittenFilesDeathTest, LeaveSignalsIgnoredThatWereIgnored) {
-  for (const int signal : {SIGHUP, SIGINT, SIGQUIT, SIGPIPE, SIGTERM}) {
+  for (const int signal : kEndingSignals) {
     const auto raised = [=](void (*before)(int)) {
       std::signal(signal, before);
       cli::remove_temporaries_on_signals();
