@@ -206,16 +206,15 @@ Target checked_target(const OutputFile& file, bool force) {
 
 std::vector<InputFile> inputs_to_protect;
 
+// Whether both names lead to one file that exists, also through links of either kind.
+bool are_same_file(const fs::path& one, const fs::path& other) {
+  std::error_code error;
+  return fs::equivalent(one, other, error) && !error;
+}
+
 void require_no_input(const OutputFile& file, const Target& target) {
-  struct stat own = {};
-  if (::stat(target.path.c_str(), &own) != 0) {
-    return;
-  }
   for (const InputFile& input : inputs_to_protect) {
-    struct stat other = {};
-    const bool same = input.option != file.option && ::stat(input.path.c_str(), &other) == 0 &&
-                      own.st_dev == other.st_dev && own.st_ino == other.st_ino;
-    if (same) {
+    if (input.option != file.option && are_same_file(target.path, input.path)) {
       fail(file, "is the file that " + input.option + " reads, expected another one");
     }
   }
@@ -230,7 +229,8 @@ std::vector<Target> checked_targets(const std::vector<OutputFile>& files, bool f
   }
   for (std::size_t i = 0; i < files.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) {
-      if (fs::weakly_canonical(fs::absolute(targets[i].path)) == fs::weakly_canonical(fs::absolute(targets[j].path))) {
+      const auto whole = [](const Target& target) { return fs::weakly_canonical(fs::absolute(target.path)); };
+      if (are_same_file(targets[i].path, targets[j].path) || whole(targets[i]) == whole(targets[j])) {
         fail(files[i], "is the same file as that of " + files[j].option + ", expected another one");
       }
     }

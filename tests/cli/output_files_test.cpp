@@ -104,6 +104,12 @@ TEST_F(WrittenFiles, HaveNamesThatAFileCanHave) {
             }),
             "--truth: '" + all[3].path + "' is the same file as that of --output, expected another one");
   EXPECT_THAT(names(), UnorderedElementsAre("c"));
+  write("old", "old");
+  fs::create_hard_link(directory / "old", directory / "c" / "linked");
+  EXPECT_EQ(refusal([&] {
+              cli::require_writable({file("old"), file("c/linked", "", "--result")}, true);
+            }),
+            "--result: '" + file("c/linked").path + "' is the same file as that of --output, expected another one");
 }
 
 TEST_F(WrittenFiles, AreNeverTheInputOfAnotherOptionNorTheRobotOfKdlcal) {
