@@ -145,10 +145,17 @@ std::string point(const std::string& label, const Eigen::Vector3d& position) {
   return text + "\n";
 }
 
+// What the measurements place, as it is not known.
+std::string registered(const RegistrationOptions& known, const Registration& registration) {
+  const bool targets = known.known_targets.size() < registration.targets.size();
+  return known.known_base ? (targets ? "targets" : "") : targets ? "base and targets" : "base";
+}
+
 std::string table(const ValidateArguments& arguments, const Robot& robot, const Errors& errors,
-                  const Registration& registration) {
-  std::string text = "position error of " + (arguments.result.empty() ? robot.source : arguments.result) +
-                     ", base and targets registered\n" + statistics_heading("rows [mm]");
+                  const Registration& registration, const std::string& placed) {
+  std::string text = "position error of " + (arguments.result.empty() ? robot.source : arguments.result) + ", " +
+                     (placed.empty() ? "base and targets as given" : placed + " registered") + "\n" +
+                     statistics_heading("rows [mm]");
   text += line("all", errors.all) + line("train", errors.train) + line("test", errors.test);
   text += point("base, measured [mm]", registration.X_WB.translation());
   for (const TargetFrame& target : registration.targets) {
@@ -254,19 +261,19 @@ Words judged(const ValidateArguments& arguments, const ErrorModel& model, const 
 
 // Before that: what base and targets rest on.
 std::vector<std::string> warnings_of(const Measurements& measurements, const Registration& registration,
-                                     const Freedom& freedom) {
+                                     const Freedom& freedom, const std::string& placed) {
   std::vector<std::string> warnings;
   if (!measurements.remark.empty()) {
     warnings.push_back("measurements: " + measurements.remark);
   }
-  if (only_test_rows(measurements)) {
-    warnings.push_back(measurements.source + ": no train rows, base and targets are registered to the test rows");
+  if (only_test_rows(measurements) && !placed.empty()) {
+    warnings.push_back(measurements.source + ": no train rows, the test rows place " + placed);
   }
   if (registration.ambiguous) {
     warnings.push_back("registration: " + registration.message);
   }
   if (freedom.spent() > 0 && freedom.coordinates < kPlenty * freedom.spent()) {
-    warnings.push_back("base and targets took " + std::to_string(freedom.spent()) + " of " +
+    warnings.push_back(placed + " took " + std::to_string(freedom.spent()) + " of " +
                        std::to_string(freedom.coordinates) + " coordinates: corrected for that, the rms is " +
                        fixed(registration.rms * freedom.correction() * 1e3, 4) + " mm");
   }
@@ -337,7 +344,8 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
         "a misfit of " + fixed(registration.rms * 1e3, 1) +
         " mm is more than geometric errors explain; are units, signs and order of the joints right?");
   }
-  const std::vector<std::string> before = warnings_of(measurements, registration, freedom);
+  const std::string placed = registered(known, registration);
+  const std::vector<std::string> before = warnings_of(measurements, registration, freedom, placed);
   words.warnings.insert(words.warnings.begin(), before.begin(), before.end());
   const std::vector<std::string> missed = unfulfilled(judged(requirements, json_of(result, "the result")));
   for (OutputFile& file : files) {
@@ -352,7 +360,7 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
                          .requirements = arguments.requirements,
                          .doubts = doubts});
   }
-  write_whole(files, arguments.force, arguments.json ? result : table(arguments, robot, errors, registration));
+  write_whole(files, arguments.force, arguments.json ? result : table(arguments, robot, errors, registration, placed));
   for (const std::vector<std::string>& messages : {words.warnings, words.doubts}) {
     for (const std::string& message : messages) {
       warn(message);

@@ -226,8 +226,7 @@ TEST_F(CommandLineWarnings, ValidateSaysThatItRegistersToTestRows) {
     observation.split = Split::test;
   }
   write("m.csv", measurements_csv(tests));
-  expect({"validate", "--measurements", "m.csv"}, 0,
-         {"m\\.csv: no train rows, base and targets are registered to the test rows"});
+  expect({"validate", "--measurements", "m.csv"}, 0, {"m\\.csv: no train rows, the test rows place base and targets"});
   for (Observation& observation : tests.observations) {
     observation.split = observation.configuration < 2 ? Split::train : Split::test;
   }
@@ -278,22 +277,28 @@ TEST_F(CommandLineWarnings, ValidateStatesTheMisfitOfBothReadings) {
 
 TEST_F(CommandLineWarnings, ValidateSaysWhereBaseAndTargetsTookAQuarterOfTheCoordinates) {
   // Two targets and the base are 12 unknowns, six coordinates come with each configuration.
+  std::string heading;  // of the table
   const auto warned = [&](int configurations, const Arguments& more = {}) {
     write("m.csv", measurements_csv(subset(measured, [=](const Observation& o) {
             return o.configuration < configurations && o.target < 2;
           })));
     Arguments words = {"validate", "--measurements", "m.csv"};
     words.insert(words.end(), more.begin(), more.end());
-    const std::string err = run(words).err;
-    return err.substr(0, err.find(" coordinates"));
+    const Outcome outcome = run(words);
+    heading = lines_of(outcome.out).at(0);
+    heading.erase(0, heading.rfind(", ") + 2);
+    return outcome.err.substr(0, outcome.err.find(" coordinates"));
   };
   EXPECT_EQ(warned(7), kWarning + "base and targets took 12 of 42");
   EXPECT_EQ(warned(8), "");
   write("known.json", R"({"base": {"position": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]},
     "targets": [{"name": "A", "position": [0.1, 0, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})");
-  EXPECT_EQ(warned(3, {"--known-base", "known.json"}), kWarning + "base and targets took 6 of 18");
-  EXPECT_EQ(warned(3, {"--known-targets", "known.json"}), kWarning + "base and targets took 6 of 18");
+  EXPECT_EQ(warned(3, {"--known-base", "known.json"}), kWarning + "targets took 6 of 18");
+  EXPECT_EQ(heading, "targets registered");
+  EXPECT_EQ(warned(3, {"--known-targets", "known.json"}), kWarning + "base took 6 of 18");
+  EXPECT_EQ(heading, "base registered");
   EXPECT_EQ(warned(3, {"--known-base", "known.json", "--known-targets", "known.json"}), "");
+  EXPECT_EQ(heading, "base and targets as given");
 }
 
 TEST_F(CommandLineWarnings, ValidateDoubtsAMisfitOfATenthOfTheArm) {

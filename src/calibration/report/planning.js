@@ -136,7 +136,7 @@ function validationVerdict() {
   return [
     verdictBanner(!DATA.trusted ? "bad" : DATA.requirements.length ? "good" : "plain",
       !DATA.trusted ? "Not as it should be" : DATA.requirements.length ? "As required" : `${mm((ERRORS.all || {}).rms)} mm RMS, at most ${mm((ERRORS.all || {}).max)} mm`,
-      "Base and targets were registered to these measurements, the geometry is as given. Nothing of the geometry was fitted."),
+      "Base and targets were registered to these measurements, unless they were given. The geometry is as given: nothing of it was fitted."),
     messages("Doubts", missed, "bad"),
     el("div", { class: "tiles" }, tile("RMS", null, ERRORS.all && ERRORS.all.rms, `of ${plural(ERRORS.all ? ERRORS.all.count : 0, "point")}`), tile("95 % within", null, ERRORS.all && ERRORS.all.p95, "all rows"),
       tile("Maximum", null, ERRORS.all && ERRORS.all.max, "all rows"), test ? tile("RMS, test rows", null, test.rms, `of ${plural(test.count, "point")}`) : null),
