@@ -360,15 +360,13 @@ void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
   effect_words.insert(effect_words.end(), groups.begin(), groups.end());
   add_list(app, "--effects", arguments.effects,
            "Beyond geometry: none, auto (what cross-validation accepts), or groups: " + comma_separated(groups) +
-               " [auto, unless two-step, complete or with a loss]")
-      ->type_name("NAME,...")
-      ->check(one_of(effect_words));
-  app.add_option("--gravity-direction", arguments.gravity_direction, "Direction of gravity in the base frame, x,y,z")
+               " [auto, unless two-step, complete or with a loss]",
+           one_of(effect_words))
+      ->type_name("NAME,...");
+  add_list(app, "--gravity-direction", arguments.gravity_direction, "Direction of gravity in the base frame, x,y,z",
+           number_between(-1e6, 1e6, "a number from -1e6 to 1e6"))
       ->type_name("X,Y,Z")
-      ->delimiter(',')
-      ->expected(3)
-      ->check(number_between(-1e6, 1e6, "a number"))
-      ->capture_default_str();
+      ->default_str("0,0,-1");
   refuse_old_names(app);
 }
 
@@ -383,14 +381,13 @@ void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
       ->type_name("NAME")
       ->check(one_of({"auto", "equal", "repeats"}))
       ->capture_default_str();
-  app.add_option("--noise-independent", arguments.noise_independent, "1 sigma of a point by itself, m; one or x,y,z")
-      ->type_name("M,...")
-      ->delimiter(',')
-      ->check(number_from(0.0, "a length in metres, 0 or more"));
-  app.add_option("--noise-common", arguments.noise_common, "1 sigma shared by the points of a repeat, m; one or x,y,z")
-      ->type_name("M,...")
-      ->delimiter(',')
-      ->check(number_from(0.0, "a length in metres, 0 or more"));
+  const CLI::Validator length = number_from(0.0, "a length in metres, 0 or more");
+  add_list(app, "--noise-independent", arguments.noise_independent, "1 sigma of a point by itself, m; one or x,y,z",
+           length)
+      ->type_name("M,...");
+  add_list(app, "--noise-common", arguments.noise_common, "1 sigma shared by the points of a repeat, m; one or x,y,z",
+           length)
+      ->type_name("M,...");
   add_tracker_noise(app, arguments.tracker);
   app.add_option("--orientation-sigma", arguments.options.noise.orientation,
                  "1 sigma of a component of measured orientations, rad [from the repeats, or as 0.3 m of lever]")

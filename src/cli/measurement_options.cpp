@@ -37,11 +37,10 @@ Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
 }
 
 void add_tracker_noise(CLI::App& app, std::vector<double>& values) {
-  app.add_option("--noise-tracker", values,
-                 "A tracker's own 1 sigma: range [m], its growth [m/m], transverse [m], its growth [m/m]")
-      ->type_name("A,B,C,D")
-      ->delimiter(',')
-      ->check(number_from(0.0, "a number, 0 or more"));
+  add_list(app, "--noise-tracker", values,
+           "A tracker's own 1 sigma: range [m], its growth [m/m], transverse [m], its growth [m/m]",
+           number_from(0.0, "a number, 0 or more"))
+      ->type_name("A,B,C,D");
 }
 
 std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values) {

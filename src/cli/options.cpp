@@ -25,6 +25,25 @@ std::string refused(const std::string& value, const std::string& expected) {
   return "'" + value + "' is not accepted, expected " + expected;
 }
 
+// What stands between the commas. The parser's own splitting loses empty items without a word.
+std::vector<std::string> items(const std::string& option, const std::vector<std::string>& texts,
+                               const CLI::Validator& check) {
+  std::vector<std::string> result;
+  for (const std::string& text : texts) {
+    for (std::size_t start = 0, end = 0; end != std::string::npos; start = end + 1) {
+      end = text.find(',', start);
+      const std::string item = text.substr(start, end - start);
+      const std::string fault =
+          item.empty() ? "'" + text + "' has an empty item, expected a value on both sides of each comma" : check(item);
+      if (!fault.empty()) {
+        throw CLI::ValidationError(option, fault);
+      }
+      result.push_back(item);
+    }
+  }
+  return result;
+}
+
 Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments, const JointConvention* convention) {
   const std::vector<std::string> names =
       convention == nullptr ? independent_joint_names(robot.joints) : convention->controller_joints;
@@ -107,9 +126,23 @@ CLI::Validator one_of(const std::vector<std::string>& words) {
           "", "word"};
 }
 
-CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<std::string>& values,
-                      const std::string& help) {
-  return app.add_option(name, values, help)->delimiter(',')->allow_extra_args(false);
+CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<std::string>& values, const std::string& help,
+                      const CLI::Validator& check) {
+  const auto take = [&values, name, check](const std::vector<std::string>& texts) {
+    values = items(name, texts, check);
+  };
+  return app.add_option_function<std::vector<std::string>>(name, take, help)->allow_extra_args(false);
+}
+
+CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<double>& values, const std::string& help,
+                      const CLI::Validator& check) {
+  const auto take = [&values, name, check](const std::vector<std::string>& texts) {
+    values.clear();
+    for (const std::string& item : items(name, texts, check)) {
+      values.push_back(parsed_number(item).value());
+    }
+  };
+  return app.add_option_function<std::vector<std::string>>(name, take, help);
 }
 
 CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file, const std::string& help) {

@@ -28,9 +28,13 @@ CLI::Validator not_empty(const std::string& expected);
 /// One of a few words.
 CLI::Validator one_of(const std::vector<std::string>& words);
 
-/// An option that takes a list, separated by commas or given more than once.
-CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<std::string>& values,
-                      const std::string& help);
+/// An option that takes a list, separated by commas or given more than once. No item may be empty, and each has to
+/// pass `check`.
+CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<std::string>& values, const std::string& help,
+                      const CLI::Validator& check = {});
+/// The same of numbers, which may also follow each other as words.
+CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<double>& values, const std::string& help,
+                      const CLI::Validator& check);
 
 /// An option that names a file.
 CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file, const std::string& help);

@@ -363,7 +363,7 @@ void add_experiment(CLI::App& app, PlanArguments& arguments) {
            "Effects to learn as well, as found by --result where it is given: " +
                comma_separated(effect_group_names()) + "; none: geometry alone")
       ->type_name("LIST")
-      ->capture_default_str();
+      ->default_str("none");
   app.add_option("--prior-length", arguments.priors.length, "1 sigma of length errors beforehand, m; 0: none")
       ->type_name("M")
       ->check(number_from(0.0, "a length in metres, 0 or more"))

@@ -446,7 +446,7 @@ Subcommand add_simulate(CLI::App& parser) {
   add_list(*app, "--effects", arguments->effects,
            "What moves the arm besides its geometry: " + comma_separated(effect_group_names()) + "; none")
       ->type_name("LIST")
-      ->capture_default_str();
+      ->default_str("none");
   app->add_flag("--order", arguments->order,
                 "Number the rows in the order of driving: backlash then has a part by the direction of approach");
   add_size(*app, "--effect-sigma", arguments->effect_sigma, "radians",
@@ -458,7 +458,7 @@ Subcommand add_simulate(CLI::App& parser) {
   add_list(*app, "--joint-ranges", arguments->joint_ranges,
            "limits, published, or lower:upper of every joint in deg (mm for a prismatic one)")
       ->type_name("RANGES")
-      ->capture_default_str();
+      ->default_str("limits");
   add_count(*app, "--monte-carlo", arguments->monte_carlo, {0, 1'000'000},
             "Draw, measure and calibrate this many robots and state the held-out errors");
   add_count(*app, "--threads", arguments->threads, {0, 1'024}, "Threads for that; 0: one per core");

@@ -85,6 +85,16 @@ TEST_F(Usage, RefusesWhatTheParserDoesNotKnowOnOneLine) {
   expect_refused({"simulate", "--noise", "-0.1"}, {"--noise", "'-0.1'", "0 or more"});
   expect_refused({"simulate", "--noise", "0,1"}, {"--noise", "'0,1'", "metres"});
   expect_refused({"simulate", "--angle-sigma", "0.1", "--angle-sigma-deg", "3"}, {"--angle-sigma", "excludes"});
+  for (const std::vector<std::string>& list :
+       std::vector<std::vector<std::string>>{{"fk", "--joints", "0,,0,0,0,0,0"},
+                                             {"calibrate", "--fix", "a,,b"},
+                                             {"calibrate", "--exclude", ",1"},
+                                             {"calibrate", "--noise-independent", "1,"},
+                                             {"simulate", "--effects", ""}}) {
+    expect_refused(list, {list[1] + ": '" + list[2] + "' has an empty item, expected a value on both sides of each"});
+  }
+  write("list.toml", "joints = [0, , 0, 0, 0, 0, 0]\n");
+  expect_refused({"fk", "--config", "list.toml"}, {"--joints: '' has an empty item"});
   expect_refused({"simulate", "--json"}, {"--json", "--output"});
   expect_refused({"simulate", "--output", ""}, {"--output", "a file name"});
   expect_refused({"model", "--targets", "0"}, {"--targets", "'0'", "from 1"});
