@@ -89,6 +89,11 @@ ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<Tar
   std::erase_if(of_parameters, is_of_effects);
   const std::set<std::string> fixed = matching(of_parameters, names, "fix");
   const std::set<std::string> freed = matching(options.free, names, "free");
+  for (const std::string& name : freed) {
+    if (fixed.count(name) > 0) {
+      throw OptionError("free", name + " is fixed as well, expected one of the two", {"fix"});
+    }
+  }
   reduction.fixed = fixed_frames(targets, options, fixed, freed);
   ParameterChoice choice{.reduction = reduced_model(model, targets, reduction), .free = {}, .complete = {}};
   const std::set<std::string> kept(choice.reduction.kept.begin(), choice.reduction.kept.end());

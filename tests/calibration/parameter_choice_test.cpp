@@ -90,8 +90,8 @@ TEST(ParameterChoice, IsWhatIsKeptAndFreedLessWhatIsFixedAndKnown) {
   expect_choice(model, known, base);
   known.free = {"base.T?"};
   expect_choice(model, known, {"base.Rx", "base.Ry", "base.Rz"});
-  known.fix = {"base.Tx", "base.Rz"};
-  expect_choice(model, known, {"base.Tx", "base.Rx", "base.Ry", "base.Rz"});
+  known.fix = {"base.Rz"};
+  expect_choice(model, known, {"base.Rx", "base.Ry", "base.Rz"});
   CalibrationOptions frame{.known_targets = {a_point_and_a_frame()[1]}};
   expect_choice(model, frame, {"B.x", "B.y", "B.z", "B.Rx", "B.Ry", "B.Rz"});
   frame.free = {"B.?"};
@@ -119,6 +119,8 @@ TEST(ParameterChoice, RefusesPatternsThatNothingMatches) {
   EXPECT_THAT(refused({.free = {"Tz9"}}), HasSubstr("free: 'Tz9' matches no parameter; there are base.Tx"));
   EXPECT_THAT(refused({.free = {"gravity.*"}}), HasSubstr("free: 'gravity.*' matches no parameter"));
   EXPECT_THAT(refused({.fix = {"A.Rx"}}), HasSubstr("'A.Rx' matches no parameter"));
+  EXPECT_THAT(refused({.fix = {"dq2", "Ry1"}, .free = {"Ry?"}}), HasSubstr("free: Ry1 is fixed as well"));
+  EXPECT_THAT(refused({.fix = {"*4"}, .free = {"Tx4"}}), HasSubstr("free: Tx4 is fixed as well"));
   EXPECT_EQ(refused({.fix = {"gravity.*", "tables", "gain.2", "backlash?2"}}), "nothing was refused");
 }
 

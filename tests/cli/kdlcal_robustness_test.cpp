@@ -388,6 +388,7 @@ TEST_F(BadTable, OptionsOfCalibrateThatContradictEachOther) {
   refused({"--method", "two-step", "--fix", "base.Tx"}, {"--fix: ", "base.Tx", "see --known-base"});
   refused({"--method", "two-step"}, {"--method: ", "p.csv", "two-step", "orientations"}, "p.csv");
   refused({"--free", "Z*"}, {"--free", "'Z*'"});
+  refused({"--fix", "Ry1", "--free", "Ry1"}, {"--free: Ry1 is fixed as well", "see --fix"});
   for (const std::string method : {"joint", "two-step"}) {
     refused({"--fix", "*", "--known-base", "truth.json", "--known-targets", "truth.json", "--method", method},
             {"--fix: ", "nothing to estimate", "validation"});
