@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "base/degree.hpp"
+#include "base/number_range.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
@@ -219,24 +220,26 @@ void add_cell_options(CLI::App& app, CellArguments& arguments) {
   const auto repeated = [&](const std::string& name, std::vector<std::string>& values, const std::string& help) {
     return app.add_option(name, values, help)->allow_extra_args(false);
   };
-  const auto length = [&](const std::string& name, auto& value, double least, const std::string& help) {
-    return app.add_option(name, value, help)->type_name("M")->check(number_from(least, "a length in metres"));
+  const auto length = [&](const std::string& name, auto& value, const std::string& help) {
+    return app.add_option(name, value, help)->type_name("M")->check(number_from(0.0, "a length in metres"));
   };
   repeated("--joint-range", arguments.joint_ranges,
            "Range of a joint or of a sum of joints in deg (mm), NAME=lower:upper; more than once [the limits]")
       ->type_name("RANGE");
   app.add_option("--box", arguments.box, "Targets stay in xmin,ymin,zmin,xmax,ymax,zmax (m, base frame)")
       ->type_name("BOX");
-  length("--least-height", arguments.least_height, -1e6, "Least z of the targets");
-  length("--least-radius", arguments.least_radius, 0.0, "Least distance of the targets from the first joint's axis");
+  app.add_option("--least-height", arguments.least_height, "Least z of the targets")
+      ->type_name("M")
+      ->check(number_between(-1e6, kLargestNumber, "metres from -1e6 to 1e12"));
+  length("--least-radius", arguments.least_radius, "Least distance of the targets from the first joint's axis");
   repeated("--keep-out-sphere", arguments.out_spheres, "Arm and targets keep out of x,y,z,radius (m); more than once")
       ->type_name("SPHERE");
   repeated("--keep-out-box", arguments.out_boxes,
            "Arm and targets keep out of xmin,ymin,zmin,xmax,ymax,zmax (m); more than once")
       ->type_name("BOX");
-  length("--clearance", arguments.clearance, 0.0, "Least distance between parts of the arm and the tool");
-  length("--arm-radius", arguments.arm_radius, 0.0, "The arm is this thick [the shapes in the URDF]");
-  length("--tool-radius", arguments.tool_radius, 0.0, "What carries the targets is this thick")->capture_default_str();
+  length("--clearance", arguments.clearance, "Least distance between parts of the arm and the tool");
+  length("--arm-radius", arguments.arm_radius, "The arm is this thick [the shapes in the URDF]");
+  length("--tool-radius", arguments.tool_radius, "What carries the targets is this thick")->capture_default_str();
   app.add_option("--tracker", arguments.tracker, "The tracker stands at x,y,z (m, base frame) and sees every target")
       ->type_name("x,y,z");
   app.add_option("--distance-range", arguments.distance_range, "Distance of the targets from it, least:greatest in m")
@@ -304,7 +307,11 @@ Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& 
   cell.height = arguments.least_height;
   cell.radius = arguments.least_radius;
   for (const std::string& text : arguments.out_spheres) {
-    const std::vector<double> v = numbers("--keep-out-sphere", text, 4, "x,y,z,radius in metres");
+    const std::string expected = "x,y,z,radius in metres, the radius 0 or more";
+    const std::vector<double> v = numbers("--keep-out-sphere", text, 4, expected);
+    if (v[3] < 0.0) {
+      refuse("--keep-out-sphere", text, expected);
+    }
     cell.out_spheres.push_back({.center = {v[0], v[1], v[2]}, .radius = v[3]});
   }
   for (const std::string& text : arguments.out_boxes) {

@@ -29,7 +29,11 @@ std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& input) const 
     throw InputError(where + ": larger than the limit of 1 MiB");
   }
   constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
-  std::istringstream stream(text.starts_with(kByteOrderMark) ? text.substr(kByteOrderMark.size()) : text);
+  text.erase(0, text.starts_with(kByteOrderMark) ? kByteOrderMark.size() : 0);
+  if (text.find_first_not_of(" \t\r\n") == std::string::npos) {
+    throw InputError(where + ": is empty, expected options such as seed = 1");
+  }
+  std::istringstream stream(text);
   const auto all = app_.get_subcommands([](const CLI::App*) { return true; });
   std::vector<CLI::ConfigItem> result;
   for (CLI::ConfigItem& item : ConfigBase::from_config(stream)) {

@@ -15,6 +15,7 @@
 #include "base/text.hpp"
 #include "cli/config_file.hpp"
 #include "cli/help.hpp"
+#include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/own_stack.hpp"
 #include "cli/subcommands.hpp"
@@ -67,6 +68,11 @@ std::string in_plain_words(const CLI::App& parser, const CLI::ParseError& error)
   if (dynamic_cast<const CLI::ArgumentMismatch*>(&error) != nullptr && says("At Most")) {
     return option + ": is given more than once, expected once";
   }
+  const std::string excludes = " excludes ";
+  if (const std::size_t at = message.find(excludes);
+      at != std::string::npos && dynamic_cast<const CLI::ExcludesError*>(&error) != nullptr) {
+    return message.replace(at, excludes.size(), ": is given beside ") + ", expected one of the two";
+  }
   return message;
 }
 
@@ -108,7 +114,8 @@ int run(int argc, const char* const* argv) {
   parser.formatter(std::make_shared<HelpFormatter>());
   parser.set_version_flag("--version", "kdlcal " KDL_CALIBRATION_VERSION);
   parser.set_config("--config", "", "Options from a TOML or INI file, in a section named after the subcommand")
-      ->type_name("FILE");
+      ->type_name("FILE")
+      ->check(not_empty("a file name"));
   parser.config_formatter(std::make_shared<ConfigFile>(parser));
   parser.allow_config_extras(CLI::config_extras_mode::error);
   parser.require_subcommand(1);

@@ -155,9 +155,10 @@ void add_example(CLI::App& app, const std::string& command) {
   app.footer("Options may also stand in a TOML or INI file: --config FILE\nExample:\n  " + command);
 }
 
-void add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range, const std::string& help) {
+CLI::Option* add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range,
+                       const std::string& help) {
   const auto [least, most] = range;
-  app.add_option(name, value, help)
+  return app.add_option(name, value, help)
       ->type_name("N")
       ->check(whole_number_between(least, most,
                                    "a whole number from " + std::to_string(least) + " to " + std::to_string(most)))

@@ -43,7 +43,8 @@ void add_json_flag(CLI::App& app, bool& json);
 /// The command that ends the help.
 void add_example(CLI::App& app, const std::string& command);
 /// An option that takes a whole number from `least` to `most`.
-void add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range, const std::string& help);
+CLI::Option* add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range,
+                       const std::string& help);
 /// --seed
 void add_seed(CLI::App& app, std::uint64_t& seed);
 

@@ -329,7 +329,7 @@ void add_counts(CLI::App& app, PlanArguments& arguments) {
       ->check(whole_number_between(1, 2'000, "a whole number from 1 to 2000"));
   app.add_option("--accuracy", arguments.accuracy_mm, "As few configurations as promise this 1 sigma, mm")
       ->type_name("MM")
-      ->check(number_between(1e-6, 1e6, "millimetres above 0"));
+      ->check(number_between(1e-6, 1e6, "millimetres from 1e-6 to 1e6"));
   app.add_option("--accuracy-of", arguments.accuracy_of, "Which figure --accuracy means: mean, p95 or max")
       ->type_name("NAME")
       ->check(one_of({"mean", "p95", "max"}))
@@ -346,12 +346,13 @@ void add_counts(CLI::App& app, PlanArguments& arguments) {
 }
 
 void add_experiment(CLI::App& app, PlanArguments& arguments) {
-  add_count(app, "--targets", arguments.targets, {1, 100}, "Targets on the tool, the published ones");
-  add_file(app, "--target-file", arguments.target_file,
-           "Targets in the flange frame {\"targets\": [{\"name\", \"position\"[, \"facing\"]}]}");
+  CLI::Option* file = add_file(app, "--target-file", arguments.target_file,
+                               "Targets in the flange frame {\"targets\": [{\"name\", \"position\"[, \"facing\"]}]}");
+  add_count(app, "--targets", arguments.targets, {1, 100}, "Targets on the tool, the published ones")
+      ->excludes(file, app.get_option("--measured"), app.get_option("--result"));
   app.add_option("--noise", arguments.noise.sigma, "1 sigma of every measured coordinate, m")
       ->type_name("M")
-      ->check(number_between(1e-12, 1.0, "metres above 0"))
+      ->check(number_between(1e-12, 1.0, "metres from 1e-12 to 1"))
       ->capture_default_str();
   app.add_option("--configuration-noise", arguments.noise.configuration_sigma,
                  "1 sigma that all targets of a configuration share, m")

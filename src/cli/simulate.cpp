@@ -437,9 +437,9 @@ Subcommand add_simulate(CLI::App& parser) {
             "Further ones, marked as test");
   add_file(*app, "--plan", arguments->plan, "Fit the configurations of this plan (CSV) instead of random ones");
   add_file(*app, "--joint-convention", arguments->joint_convention, "The plan's joints are the controller's (JSON)");
-  add_count(*app, "--targets", arguments->targets, {1, 100}, "Targets on the tool");
-  add_file(*app, "--target-file", arguments->target_file,
-           "Targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} instead");
+  add_count(*app, "--targets", arguments->targets, {1, 100}, "Targets on the tool")
+      ->excludes(add_file(*app, "--target-file", arguments->target_file,
+                          "Targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} instead"));
   add_count(*app, "--repeats", arguments->noise.repeats, {1, 1'000}, "Times that each target is measured");
   app->add_flag("--poses", arguments->poses, "Measure the targets' orientation as well");
   add_sizes(*app, *arguments);

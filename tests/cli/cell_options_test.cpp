@@ -289,8 +289,11 @@ TEST(CellOptions, ListsOfNumbersHaveAsManyAsAreExpected) {
   EXPECT_EQ(refusal([&] { cell_of({.box = "1,1,1,0,2,2"}, robot); }), "--box: '1,1,1,0,2,2" + box);
   EXPECT_EQ(refusal([&] { cell_of({.box = "1,1,1,2,2,0"}, robot); }), "--box: '1,1,1,2,2,0" + box);
   EXPECT_EQ(refusal([&] { cell_of({.out_boxes = {"1,2"}}, robot); }), "--keep-out-box: '1,2" + box);
-  EXPECT_EQ(refusal([&] { cell_of({.out_spheres = {"1,2,3"}}, robot); }),
-            "--keep-out-sphere: '1,2,3' is out of place, expected x,y,z,radius in metres");
+  for (const std::string text : {"1,2,3", "1,2,3,-0.1"}) {
+    EXPECT_EQ(
+        refusal([&] { cell_of({.out_spheres = {text}}, robot); }),
+        "--keep-out-sphere: '" + text + "' is out of place, expected x,y,z,radius in metres, the radius 0 or more");
+  }
   EXPECT_EQ(refusal([&] { cell_of({.arm_radius = 0.1, .tracker = "1,2"}, robot); }),
             "--tracker: '1,2' is out of place, expected x,y,z in metres in the base frame");
   EXPECT_EQ(refusal([&] { cell_of({.arm_radius = 0.1, .tracker = "1,2,3", .distance_range = "5:1"}, robot); }),

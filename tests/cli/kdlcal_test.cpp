@@ -84,7 +84,12 @@ TEST_F(Usage, RefusesWhatTheParserDoesNotKnowOnOneLine) {
   expect_refused({"simulate", "--noise", "nan"}, {"--noise", "'nan'", "metres"});
   expect_refused({"simulate", "--noise", "-0.1"}, {"--noise", "'-0.1'", "0 or more"});
   expect_refused({"simulate", "--noise", "0,1"}, {"--noise", "'0,1'", "metres"});
-  expect_refused({"simulate", "--angle-sigma", "0.1", "--angle-sigma-deg", "3"}, {"--angle-sigma", "excludes"});
+  expect_refused({"simulate", "--angle-sigma", "0.1", "--angle-sigma-deg", "3"},
+                 {"--angle-sigma: is given beside --angle-sigma-deg, expected one of the two"});
+  for (const std::string given : {"--result", "--measured", "--target-file"}) {
+    expect_refused({"plan", given, "none", "--targets", "5"}, {given + ": is given beside --targets"});
+  }
+  expect_refused({"simulate", "--target-file", "none", "--targets", "5"}, {"--targets: is given beside --target-file"});
   for (const std::vector<std::string>& list :
        std::vector<std::vector<std::string>>{{"fk", "--joints", "0,,0,0,0,0,0"},
                                              {"calibrate", "--fix", "a,,b"},
@@ -179,6 +184,12 @@ TEST_F(Usage, TakesOptionsFromAFileAndLetsTheCommandLineWin) {
 TEST_F(Usage, RefusesAnOptionFileThatItDoesNotUnderstand) {
   write("key.toml", "jonts = [1]\n");
   write("section.toml", "[calibrat]\nmethod = \"joint\"\n");
+  write("blank.toml", "");
+  write("mark.toml", "\xef\xbb\xbf\n");
+  for (const std::string file : {"blank.toml", "mark.toml"}) {
+    expect_refused({"fk", "--config", file, "--joints", "0,0,0,0,0,0"}, {file + ": is empty, expected options"});
+  }
+  expect_refused({"fk", "--config", "", "--joints", "0,0,0,0,0,0"}, {"--config: '' is not accepted", "a file name"});
   expect_refused({"fk", "--config", "none.toml", "--joints", "0,0,0,0,0,0"}, {"--config", "'none.toml'"});
   expect_refused({"fk", "--config", "key.toml", "--joints", "0,0,0,0,0,0"}, {"key.toml", "'jonts'", "no option"});
   expect_refused({"fk", "--config", "section.toml", "--joints", "0,0,0,0,0,0"},

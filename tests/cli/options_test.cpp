@@ -324,6 +324,7 @@ TEST_F(ExactLimits, OfLengthsAndAnglesInPlans) {
   accepts(plan, {"--noise=1e-12", "--accuracy=1e-6", "--acceptance-angle=0", "--least-height=-1e6"});
   accepts(plan, {"--noise=1", "--accuracy=1e6", "--acceptance-angle=180", "--least-height=1e12"});
   refuses(plan, "--noise", {"0.99e-12", "1.001"});
+  expect_refused({"plan", "--noise", "1e9"}, {"--noise: '1e9' is not accepted, expected metres from 1e-12 to 1,"});
   refuses(plan, "--accuracy", {"0.99e-6", "1000001"});
   refuses(plan, "--acceptance-angle", {"-0.001", "180.001"});
   refuses(plan, "--least-height", {"-1000001", "1.000000000001e12"});
