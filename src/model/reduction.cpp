@@ -98,8 +98,9 @@ private:
   std::size_t first_geometric_ = 0;
 };
 
+// A tenth of a radian then moves a point by ten nanometres, which no device sees.
 bool without_effect(const Eigen::MatrixXd& columns, Eigen::Index column) {
-  return columns.col(column).cwiseAbs().maxCoeff() < 1e-12;  // [m] or [rad] per unit: rounding
+  return columns.col(column).cwiseAbs().maxCoeff() < 1e-7;  // [m] or [rad] per unit
 }
 
 using Combination = std::map<std::string, double>;
@@ -276,7 +277,8 @@ public:
       gauge_.push_back(column);
       return;
     }
-    reduction.dropped.push_back({.name = name, .replaced_by = replacement(column)});
+    const bool replaced = !without_effect(columns_, column);
+    reduction.dropped.push_back({.name = name, .replaced_by = replaced ? replacement(column) : Combination()});
   }
 
 private:
@@ -312,9 +314,13 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
   const Eigen::MatrixXd columns = triangular_factor(stack);
   const std::vector<std::string>& names = candidates.names();
   const std::vector<bool> candidate = not_fixed(names, options.fixed);
+  std::vector<bool> seen = candidate;
+  for (std::size_t c = 0; c < seen.size(); ++c) {
+    seen[c] = seen[c] && !without_effect(columns, static_cast<Eigen::Index>(c));
+  }
   std::vector<bool> faint;
   const std::vector<bool> raises =
-      independent_columns(columns, candidate, {.seen = visible_norms(model, stack, options.noise)}, &faint);
+      independent_columns(columns, seen, {.seen = visible_norms(model, stack, options.noise)}, &faint);
 
   Reduction reduction;
   reduction.candidates = static_cast<int>(std::count(candidate.begin(), candidate.end(), true));

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <tuple>
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/identification_jacobian.hpp"
@@ -161,6 +162,34 @@ TEST(Reduction, WithAKnownBaseAndKnownTargetsTheirLinksBecomeIdentifiable) {
   // Nothing but geometry is left: 4 per revolute joint and 6 for the frames at both ends.
   EXPECT_EQ(known.rank, 4 * 6 + 6);
   EXPECT_TRUE(known.gauge.empty());
+}
+
+TEST(Reduction, TargetsTenNanometresBesideALineAreOnTheLine) {
+  const ErrorModel model = complete_model(fanuc());
+  const auto reduced = [&](const Eigen::Vector3d& start, const Eigen::Vector3d& along, const Eigen::Vector3d& aside) {
+    std::vector<TargetFrame> targets = generic_targets(3);
+    ReductionOptions options{.fixed = base_parameter_names()};
+    for (std::size_t k = 0; k < targets.size(); ++k) {
+      targets[k].X_FT.translation() = start + static_cast<double>(k) * along + (k == 1 ? -1.0 : 1.0) * aside;
+      const std::vector<std::string> names = target_parameter_names(targets[k]);
+      options.fixed.insert(options.fixed.end(), names.begin(), names.end());
+    }
+    return reduced_model(model, targets, options);
+  };
+  const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
+  const Eigen::Vector3d x(0.1, 0.0, 0.0);
+  const Eigen::Vector3d y(0.0, 0.1, 0.0);  // the last joint's axis
+  const Eigen::Vector3d z(0.0, 0.0, 0.1);
+  const Eigen::Vector3d left = z - x;
+  for (const auto& [start, along, aside] : {std::tuple{y, y, x}, std::tuple{z, z, y}, std::tuple{left, x, y}}) {
+    const Reduction on_line = reduced(start, along, zero);
+    EXPECT_EQ(on_line.rank, 29);
+    for (const double offset : {1e-9, 1e-8}) {
+      const Reduction beside = reduced(start, along, offset / 0.1 * aside);
+      EXPECT_EQ(beside.kept, on_line.kept) << along.transpose() << ", " << offset;
+      EXPECT_EQ(gauge_names(beside), gauge_names(on_line));
+    }
+  }
 }
 
 TEST(Reduction, RankOfAGeneralChainIsWhatTheorySays) {
