@@ -67,6 +67,7 @@ void check(const Unknowns& free, const ErrorModel& model, const Measurements& me
 
 void check(const std::vector<std::vector<Eigen::Index>>& folds, const Measurements& measurements) {
   for (const std::vector<Eigen::Index>& fold : folds) {
+    require_at_least("configurations of a fold", fold.size(), 1);
     require_indices("the configuration of a fold", fold, measurements.configurations.size());
   }
 }

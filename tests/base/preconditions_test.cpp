@@ -251,6 +251,11 @@ TEST(Doors, OfTheAssessmentRefuseWhatDoesNotFit) {
       {"its target", [&] { predicted_covariance(predictor, C, s.q, 3); }, "the target 3"},
       {"pseudo_values", [&] { pseudo_values(model, s.data, s.estimate, Loss::huber, {1.0}); }, "1 weights of rows"},
       {"predict_folds", [&] { predict_folds({.problem = problem, .triangle = C, .noise = 1e-5}, folds); }, fold},
+      {"its empty fold",
+       [&] {
+         predict_folds({.problem = problem, .triangle = C, .noise = 1e-5}, {{0}, {}});
+       },
+       "0 configurations of a fold"},
       {"its triangle", [&] { predict_folds({.problem = problem, .triangle = square, .noise = 1e-5}, {{0}}); },
        "3 columns of a triangle"},
       {"its noise", [&] { predict_folds({.problem = problem, .triangle = C, .noise = kNaN}, {{0}}); }, "the noise"},
