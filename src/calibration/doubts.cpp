@@ -354,6 +354,15 @@ std::vector<std::string> warnings(const Calibration& found, const Measurements& 
   if (found.lack_of_fit && found.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");
   }
+  constexpr double kWorse = 1.0 / 0.98;  // as the choice among effects demands
+  if (const BeforeAfter* held_out = found.held_out(); held_out != nullptr && held_out->rigid &&
+                                                      held_out->rigid->count > 0 &&
+                                                      held_out->after.rms > kWorse * held_out->rigid->rms) {
+    result.push_back("the effects make predictions worse: configurations left out of the fit are missed by " +
+                     in_millimetres(held_out->after.rms) + " with the effects and by " +
+                     in_millimetres(held_out->rigid->rms) +
+                     " by the geometry alone; leave the effects out, or let --effects auto choose those that help");
+  }
   if (is_uncertain_elsewhere(found)) {
     result.push_back(
         "beyond the measured configurations a point may be predicted worse than by the nominal robot: 1 "

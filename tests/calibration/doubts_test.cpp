@@ -309,6 +309,22 @@ TEST(WarningsByHand, LackOfFitIsBelowOneInAThousand) {
               ElementsAre("lack of fit: the residuals are larger than the scatter of the repeats explains"));
 }
 
+TEST(WarningsByHand, EffectsMayPredictWorseThanTheGeometryAlone) {
+  Found found;
+  BeforeAfter& left_out = found.calibration.leave_one_out.emplace();
+  left_out = {.before = {.count = 9, .rms = 2e-3}, .after = {.count = 9, .rms = 1.02e-4}, .rigid = std::nullopt};
+  EXPECT_THAT(found.warned(), IsEmpty()) << "no effects";
+  left_out.rigid = {.count = 9, .rms = 1e-4};
+  EXPECT_THAT(found.warned(), IsEmpty()) << "by two per cent";
+  left_out.after.rms = 1.021e-4;
+  EXPECT_THAT(found.warned(),
+              ElementsAre("the effects make predictions worse: configurations left out of the fit are missed by 0.1021 "
+                          "mm with the effects and by 0.1 mm by the geometry alone; leave the effects out, or let "
+                          "--effects auto choose those that help"));
+  left_out.rigid->count = 0;
+  EXPECT_THAT(found.warned(), IsEmpty());
+}
+
 TEST(WarningsByHand, ElsewhereAPointMayBeWorseThanNominal) {
   Found found;
   ErrorStatistics& workspace = found.calibration.predicted.workspace;
