@@ -18,6 +18,7 @@
 #include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <string>
 #include <utility>
 #include <vector>
@@ -228,7 +229,8 @@ private:
 struct Outcome {
   int status = -1;
   std::string out;
-  std::string err;
+  std::string err;  ///< without lines of progress, as those depend on time
+  std::string progress;
 };
 
 /// A directory of its own for every test, in which kdlcal runs.
@@ -264,7 +266,13 @@ protected:
     const int status = process.wait();
     Outcome outcome{.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1,
                     .out = content(surroundings.out),
-                    .err = content(surroundings.err)};
+                    .err = content(surroundings.err),
+                    .progress = {}};
+    static const std::regex of_progress("kdlcal: [^\n]*[0-9]( %)? done\n");
+    for (std::smatch match; std::regex_search(outcome.err, match, of_progress);) {
+      outcome.progress += match.str();
+      outcome.err.erase(static_cast<std::size_t>(match.position()), match.str().size());
+    }
     process.expect_memory_sufficed(outcome.err);
     return outcome;
   }

@@ -74,6 +74,9 @@ std::optional<Equations> fitted(Search& search) {
   JointOptions joint;
   joint.residuals = residuals;
   const Identification found = identify_jointly(problem.model, search.means, search.estimate, problem.free, joint);
+  if (problem.options.after_fit) {
+    problem.options.after_fit();
+  }
   if (found.termination == Termination::diverged || !std::isfinite(found.rms)) {
     return std::nullopt;
   }

@@ -13,6 +13,7 @@ std::function<void()> counted_fits(const CalibrationOptions& options, const std:
     std::mutex mutex;
     std::size_t done = 0;
   };
+  options.progress(stage, 0, fits);
   return [count = std::make_shared<Count>(), stage, fits, progress = options.progress] {
     const std::lock_guard lock(count->mutex);
     ++count->done;

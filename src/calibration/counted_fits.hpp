@@ -9,8 +9,8 @@
 
 namespace kdl_calibration {
 
-/// To be called behind each fit of a stage with this many of them, from any thread: tells the options' progress. Empty
-/// where these have none.
+/// To be called behind each fit of a stage with this many of them, from any thread: tells the options' progress, which
+/// hears of the stage at once. Empty where these have none.
 std::function<void()> counted_fits(const CalibrationOptions& options, const std::string& stage, std::size_t fits);
 
 }  // namespace kdl_calibration

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/parallel.hpp"
+#include "calibration/counted_fits.hpp"
 #include "calibration/effect_candidates.hpp"
 #include "calibration/parameter_choice.hpp"
 #include "calibration/ripple_search.hpp"
@@ -220,6 +221,8 @@ private:
     if (!worth.determined) {
       return ripple;
     }
+    const std::function<void()> after_search =
+        place_ == Place::outermost ? counted_fits(task_.options, "looking for ripple", 1) : nullptr;
     const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
     const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
     const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
@@ -232,6 +235,9 @@ private:
                     .columns = std::move(known.columns),
                     .values = worth.sizes.values};
     ripple.terms = allowed(find_ripple(std::move(data), threads_));
+    if (after_search) {
+      after_search();
+    }
     return ripple;
   }
 

@@ -125,6 +125,8 @@ Worth Appraisal::worth_of(const ModelInQuestion& model, TriedModels& tried, doub
   if (static_cast<double>(rows.J.rows()) < kEquations * static_cast<double>(rows.J.cols())) {
     return worth;
   }
+  const std::function<void()> after_fold =
+      is_told_ ? counted_fits(task_.options, in_words(model), folds_.size()) : nullptr;
   const Index configurations = static_cast<Index>(rows.first.size()) - 1;
   LinearSums all = sums_of(rows, all_of(configurations));
   const std::vector<Index> columns = told_columns(candidate, all, all);
@@ -137,8 +139,7 @@ Worth Appraisal::worth_of(const ModelInQuestion& model, TriedModels& tried, doub
   worth.noise = worth.sizes.sigma * rows.unit;
   worth.motion = motion_of(candidate, worth.sizes.values);
   if (worth.sizes.evidence >= wanted) {
-    predict_folds(candidate, rows, all, worth,
-                  is_told_ ? counted_fits(task_.options, in_words(model), folds_.size()) : nullptr);
+    predict_folds(candidate, rows, all, worth, after_fold);
   }
   tried.add({.priors = priors_of(worth, model.sized),
              .effects = model.names,

@@ -1,15 +1,17 @@
 #pragma once
 
-#include <chrono>
 #include <cstddef>
+#include <functional>
 #include <string>
 
 namespace kdl_calibration::cli {
 
-/// A bar on standard error for work that takes more than a second, where that is a terminal. Cleared at the end.
+/// How far long work has got, on standard error. A terminal gets a bar after a second, which is cleared at the end.
+/// Anything else gets a line after ten seconds, and further ones at least ten seconds apart.
 class Progress {
 public:
-  explicit Progress(std::string label = {});
+  /// `elapsed`: seconds since the work began; empty: since now.
+  explicit Progress(std::string label = {}, std::function<double()> elapsed = {});
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
@@ -20,12 +22,12 @@ public:
   void operator()(const std::string& what, std::size_t done, std::size_t of);
 
 private:
-  std::string label_;
-  std::chrono::steady_clock::time_point start_;
-  bool terminal_ = false;
-  bool due() const;
-  void show(int percent, const std::string& behind);
+  void say(const std::string& what, int percent, const std::string& amount);
 
+  std::string label_;
+  std::function<double()> elapsed_;
+  bool terminal_ = false;
+  double next_;     // [s]
   int shown_ = -1;  // percent
 };
 

@@ -12,13 +12,15 @@ namespace {
 using ::testing::IsEmpty;
 
 // What is found in the fit of all rows.
-GrossRows found_in(const testing::VirtualExperiment& experiment, const Measurements& measured, const Unknowns& free) {
+GrossRows found_in(const testing::VirtualExperiment& experiment, const Measurements& measured, const Unknowns& free,
+                   const FitOptions& options = {}) {
   const Estimate start{.errors = Eigen::VectorXd::Zero(experiment.robot.truth.errors.size()),
                        .X_WB = experiment.robot.truth.X_WB,
                        .targets = experiment.robot.truth.targets,
                        .effects = {}};
   const Identification fit = identify_jointly(experiment.model, measured, start, free);
-  return find_gross_rows({.model = experiment.model, .measurements = measured, .start = fit.estimate, .free = free});
+  return find_gross_rows(
+      {.model = experiment.model, .measurements = measured, .start = fit.estimate, .free = free, .options = options});
 }
 
 void displace(Measurements& measured, std::int32_t configuration, std::int32_t target, const Eigen::Vector3d& by) {
@@ -47,7 +49,11 @@ TEST(GrossRows, NameASinglePoint) {
   testing::VirtualExperiment experiment;
   Measurements measured = experiment.measure(20, {.sigma = 2e-5, .repeats = 2});
   displace(measured, 3, 1, {0.0, 0.02, 0.0});
-  const GrossRows found = found_in(experiment, measured, experiment.free);
+  int fits = 0;
+  FitOptions counting;
+  counting.after_fit = [&] { ++fits; };
+  const GrossRows found = found_in(experiment, measured, experiment.free, counting);
+  EXPECT_GE(fits, 2) << "with the point and without it";
   ASSERT_EQ(found.rows.size(), 1U);
   EXPECT_EQ(found.rows[0].configuration, measured.configurations[3]);
   EXPECT_EQ(found.rows[0].target, measured.targets[1]);

@@ -22,7 +22,7 @@ TEST(CountedFits, TellHowManyOfAStageAreDone) {
   copy();
   second();
   const std::vector<std::tuple<std::string, std::size_t, std::size_t>> expected = {
-      {"leave-one-out", 1, 2}, {"leave-one-out", 2, 2}, {"5-fold", 1, 5}};
+      {"leave-one-out", 0, 2}, {"5-fold", 0, 5}, {"leave-one-out", 1, 2}, {"leave-one-out", 2, 2}, {"5-fold", 1, 5}};
   EXPECT_EQ(told, expected);
 }
 

@@ -4,6 +4,7 @@
 
 #include <memory>
 
+#include "cli/progress.hpp"
 #include "cli/text.hpp"
 #include "cli_support.hpp"
 
@@ -32,6 +33,22 @@ TEST(Help, EachSortOfMessageHasItsBeginning) {
   EXPECT_EQ(said_by([] { cli::warn("two\nlines"); }), "kdlcal: warning: two lines\n");
   EXPECT_EQ(said_by([] { cli::doubt_aloud("x"); }), "kdlcal: not to be trusted: x\n");
   EXPECT_EQ(said_by([] { cli::require_aloud("x"); }), "kdlcal: required: x\n");
+}
+
+TEST(Help, ProgressIsALineInTenSecondsAtMostWhereNobodyLooks) {
+  double now = 0.0;
+  const std::string said = said_by([&] {
+    cli::Progress stages({}, [&] { return now; });
+    cli::Progress share("choosing", [&] { return now; });
+    for (const double time : {0.0, 9.9, 10.0, 19.9, 21.0, 30.0, 31.0}) {
+      now = time;
+      stages(time < 20.0 ? "trying gain" : "leave-one-out", static_cast<std::size_t>(time), 40);
+    }
+    share(0.405);
+  });
+  EXPECT_EQ(said,
+            "kdlcal: trying gain: 10/40 done\nkdlcal: leave-one-out: 21/40 done\nkdlcal: leave-one-out: 31/40 done\n"
+            "kdlcal: choosing: 40 % done\n");
 }
 
 TEST(Help, TheNearestWordHasTheFewestLettersChanged) {
