@@ -23,7 +23,10 @@ const std::vector<std::string> kWings = {"base",       "robot",       "measureme
                                          "assessment", "calibration", "planning",     "cli"};
 
 /// Public headers without a source of their own.
-const std::map<std::string, std::string> kHeadersAlone = {{"input_error", "base"}, {"kdl_calibration", "cli"}};
+const std::map<std::string, std::string> kHeadersAlone = {{"input_error", "base"},
+                                                          {"calibration", "calibration"},
+                                                          {"calibration_options", "calibration"},
+                                                          {"kdl_calibration", "cli"}};
 
 /// The wing whose private headers are everybody's tools.
 constexpr const char* kToolbox = "base";

@@ -69,7 +69,7 @@ struct Shared {
   Estimate start = nominal_start(model, data);
   CalibrationOptions options = {.threads = 1};
   Calibration calibration = calibrate(model, data, options);
-  const Estimate& estimate = calibration.identification.estimate;
+  const Estimate& estimate = calibration.fit.identification.estimate;
   FitProblem fit_problem{.model = model, .measurements = data, .start = estimate, .free = free};
   TrainingRows rows{data};
   TrainingProblem training{fit_problem};
@@ -196,11 +196,11 @@ std::vector<Asked> other_methods() {
       {"TrainingRows::among_all",
        [&] { return number(s.rows.among_all(std::vector<double>((*s.rows).observations.size(), 2.0), 1.0)); }},
       {"TrainingProblem::rows", [&] { return number(*s.training.rows()) + number((*s.training).start); }},
-      {"NoiseModel::is_absolute", [&] { return s.options.noise.is_absolute() ? 1.0 : 0.0; }},
-      {"NoiseModel::has_misfit", [&] { return s.options.noise.has_misfit() ? 1.0 : 0.0; }},
-      {"NoiseModel::is_isotropic", [&] { return s.options.noise.is_isotropic() ? 1.0 : 0.0; }},
+      {"NoiseModel::is_absolute", [&] { return s.options.noise.stated.is_absolute() ? 1.0 : 0.0; }},
+      {"NoiseModel::has_misfit", [&] { return s.options.noise.stated.has_misfit() ? 1.0 : 0.0; }},
+      {"NoiseModel::is_isotropic", [&] { return s.options.noise.stated.is_isotropic() ? 1.0 : 0.0; }},
       {"NoiseModel::is_alike_in_every_direction",
-       [&] { return s.options.noise.is_alike_in_every_direction() ? 1.0 : 0.0; }},
+       [&] { return s.options.noise.stated.is_alike_in_every_direction() ? 1.0 : 0.0; }},
       {"ResidualOptions::row_weight", [&] { return s.residuals.row_weight(3); }},
       {"NoiseParts::estimates_misfit", [&] { return s.parts.estimates_misfit() ? 1.0 : 0.0; }},
       {"NoiseParts::misfit", [&] { return s.parts.misfit(); }},
@@ -214,7 +214,7 @@ std::vector<Asked> other_methods() {
       {"ResidualNoise::total", [&] { return noise_from_residuals(s.summary, 30, 1.0).total(); }},
       {"NoiseReport::freedom_of_covariance", [&] { return s.calibration.noise.freedom_of_covariance(); }},
       {"Calibration::trusted", [&] { return s.calibration.trusted() ? 1.0 : 0.0; }},
-      {"Calibration::held_out", [&] { return s.calibration.held_out()->after.rms; }},
+      {"Calibration::held_out", [&] { return s.calibration.accuracy.held_out()->after.rms; }},
       {"SizeEstimator::is_determined", [&] { return s.sizes.is_determined() ? 1.0 : 0.0; }},
       {"SizeEstimator::estimate", [&] { return s.sizes.estimate({}, {}, 1e-9).values.sum(); }},
       {"TruthComparison::comparable", [&] { return s.comparison.comparable() ? 1.0 : 0.0; }},
@@ -291,7 +291,7 @@ std::vector<Asked> functions_of_assessment() {
 std::vector<Asked> functions_of_whole_jobs() {
   const Shared& s = shared();
   return {
-      {"calibrate", [&] { return number(calibrate(s.model, s.data, {.threads = 2}).identification.estimate); }},
+      {"calibrate", [&] { return number(calibrate(s.model, s.data, {.threads = 2}).fit.identification.estimate); }},
       {"calibrated_urdf", [&] { return number(calibrated_urdf(s.robot, s.calibration)); }},
       {"result_json", [&] { return number(result_json(s.robot, s.data, s.options, s.calibration)); }},
       {"result_table", [&] { return number(result_table(s.data, s.calibration)); }},

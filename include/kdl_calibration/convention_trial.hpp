@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -15,9 +16,9 @@ namespace kdl_calibration {
 
 /// A way to read the joint values, and how well the model then fits.
 struct ConventionTrial {
-  std::string cause;        ///< joint_convention, joint_sign, joint_unit or joint_columns; empty for the present one
-  std::string description;  ///< "the convention fanuc_r2000ic_165f_pendant.json", "joint_3 with the opposite sign"
-  bool present = false;     ///< the way the measurements were read
+  std::optional<Cause> cause;  ///< none for the present one
+  std::string description;     ///< "the convention fanuc_r2000ic_165f_pendant.json", "joint_3 with the opposite sign"
+  bool present = false;        ///< the way the measurements were read
   /// [m] 3D, of the train rows with the nominal geometry, base and targets registered; where that leaves more than
   /// twice what the present reading does, it may be a bound that lies between (least_misfit).
   double registered = 0.0;

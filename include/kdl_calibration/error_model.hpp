@@ -17,7 +17,8 @@ Eigen::Vector3d to_eigen(const KDL::Vector& v);
 Eigen::Isometry3d to_eigen(const KDL::Frame& X_AB);
 KDL::Frame to_kdl(const Eigen::Isometry3d& X_AB);
 
-enum class ParameterKind { joint_offset, translation, rotation };
+/// An `effect` is a coefficient beside the geometry, no error parameter of an ErrorModel.
+enum class ParameterKind { joint_offset, translation, rotation, effect };
 
 const char* to_string(ParameterKind kind);
 

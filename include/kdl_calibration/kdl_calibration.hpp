@@ -5,13 +5,16 @@
 // functions that are empty, names that are unknown. See input_check.hpp.
 
 #include "kdl_calibration/arm_body.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/descent.hpp"
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/drive_signals.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/error_model.hpp"

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -12,10 +13,7 @@ namespace kdl_calibration {
 
 /// Something that would explain the measurements much better than what they were taken for.
 struct Suspicion {
-  /// joint_convention, joint_sign, joint_unit, joint_at_rest, joint_gain, joint_columns, known_base, length_unit,
-  /// scale, mirrored, tool_frame, exchanged_targets, moved_base, drift or orientations; as remarks joint_function,
-  /// same_configuration or copied_rows.
-  std::string cause;
+  Cause cause = Cause::joint_convention;
   std::string message;  ///< one line for people, with the figures
   bool doubt = true;    ///< whether the answer is not to be trusted; else a remark
 };

@@ -51,7 +51,7 @@ struct Reading {
   VectorXd offset;
 };
 
-ConventionTrial trial(const char* cause, std::string description, const MatrixXd& controller_values,
+ConventionTrial trial(std::optional<Cause> cause, std::string description, const MatrixXd& controller_values,
                       const Reading& reading) {
   return {.cause = cause,
           .description = std::move(description),
@@ -109,7 +109,7 @@ public:
     parallel_ = parallel_to_the_one_before(joints);
     controller_ = present_.matrix.partialPivLu().solve(joint_values.colwise() - present_.offset);
     trials_.push_back(
-        trial("", used != nullptr ? named(*used) : "the joint values as they are", controller_, present_));
+        trial(std::nullopt, used != nullptr ? named(*used) : "the joint values as they are", controller_, present_));
     trials_.front().present = true;
   }
 
@@ -155,13 +155,13 @@ private:
   }
 
   // The URDF's values, as they were read, changed by a matrix.
-  void consider(const char* cause, std::string description, const MatrixXd& change) {
+  void consider(Cause cause, std::string description, const MatrixXd& change) {
     consider(trial(cause, std::move(description), controller_,
                    {.matrix = change * present_.matrix, .offset = present_.offset}));
   }
 
   // The same with the controller's values, where a convention makes others of them.
-  void consider_columns(const char* cause, const std::string& description, const MatrixXd& change) {
+  void consider_columns(Cause cause, const std::string& description, const MatrixXd& change) {
     if (used_ != nullptr) {
       consider(trial(cause, "the controller's " + description, controller_,
                      {.matrix = present_.matrix * change, .offset = present_.offset}));
@@ -171,11 +171,11 @@ private:
   void add_conventions(const std::vector<JointConvention>& others) {
     for (const JointConvention& other : others) {
       if (const auto reading = reading_of(other, names_, used_)) {
-        consider(trial("joint_convention", named(other), controller_, *reading));
+        consider(trial(Cause::joint_convention, named(other), controller_, *reading));
       }
     }
     if (used_ != nullptr) {
-      consider(trial("joint_convention", "the joint values as they are", controller_, as_they_are()));
+      consider(trial(Cause::joint_convention, "the joint values as they are", controller_, as_they_are()));
     }
   }
 
@@ -183,8 +183,8 @@ private:
     for (Index j = 0; j < joint_count(); ++j) {
       MatrixXd change = as_they_are().matrix;
       change(j, j) = -1.0;
-      consider("joint_sign", name(j) + " with the opposite sign", change);
-      consider_columns("joint_sign", column(j) + " with the opposite sign", change);
+      consider(Cause::joint_sign, name(j) + " with the opposite sign", change);
+      consider_columns(Cause::joint_sign, column(j) + " with the opposite sign", change);
     }
   }
 
@@ -196,12 +196,12 @@ private:
           VectorXd one = VectorXd::Ones(joint_count());
           one[j] = unit.factor;
           every[j] = unit.factor;
-          consider("joint_unit", name(j) + " " + unit.words, one.asDiagonal());
-          consider_columns("joint_unit", column(j) + " " + unit.words, one.asDiagonal());
+          consider(Cause::joint_unit, name(j) + " " + unit.words, one.asDiagonal());
+          consider_columns(Cause::joint_unit, column(j) + " " + unit.words, one.asDiagonal());
         }
       }
       if (unit.angle) {
-        consider("joint_unit", std::string("all joint angles ") + unit.words, every.asDiagonal());
+        consider(Cause::joint_unit, std::string("all joint angles ") + unit.words, every.asDiagonal());
       }
     }
   }
@@ -213,7 +213,7 @@ private:
         if (parallel_[static_cast<std::size_t>(j)]) {
           MatrixXd change = as_they_are().matrix;
           change(j, j - 1) = sign;
-          consider("joint_convention", name(j) + (sign > 0.0 ? " + " : " - ") + name(j - 1) + " for " + name(j),
+          consider(Cause::joint_convention, name(j) + (sign > 0.0 ? " + " : " - ") + name(j - 1) + " for " + name(j),
                    change);
         }
       }
@@ -228,7 +228,7 @@ private:
         reading.matrix.row(j).setZero();
         reading.offset[j] += at;
         const std::string where = at == 0.0 ? " at rest at zero" : " at rest at its first value";
-        consider(trial("joint_at_rest", name(j) + where + " in every row", controller_, reading));
+        consider(trial(Cause::joint_at_rest, name(j) + where + " in every row", controller_, reading));
       }
     }
   }
@@ -239,13 +239,13 @@ private:
       for (Index k = j + 1; k < joint_count(); ++k) {
         MatrixXd change = as_they_are().matrix;
         change.row(j).swap(change.row(k));
-        consider("joint_columns", name(j) + " and " + name(k) + " exchanged", change);
-        consider_columns("joint_columns", column(j) + " and " + column(k) + " exchanged", change);
+        consider(Cause::joint_columns, name(j) + " and " + name(k) + " exchanged", change);
+        consider_columns(Cause::joint_columns, column(j) + " and " + column(k) + " exchanged", change);
       }
     }
     const MatrixXd reversed = as_they_are().matrix.rowwise().reverse();
-    consider("joint_columns", "the joints in reversed order", reversed);
-    consider_columns("joint_columns", "joints in reversed order", reversed);
+    consider(Cause::joint_columns, "the joints in reversed order", reversed);
+    consider_columns(Cause::joint_columns, "joints in reversed order", reversed);
   }
 
   std::vector<std::string> names_;

@@ -217,7 +217,7 @@ private:
                : rms_of(model_, reading, start);
   }
 
-  void suspect(const char* cause, const std::string& what, double left, double instead) {
+  void suspect(Cause cause, const std::string& what, double left, double instead) {
     suspicions_.push_back({.cause = cause,
                            .message = "as they were read the measurements leave a misfit of " + in_mm(instead) +
                                       remark_ + "; with " + what + " it is " + in_mm(left) + "; nothing was switched"});
@@ -241,7 +241,7 @@ private:
     // The points of a tip that touches one place hardly move either, but they fit the nominal robot.
     const Motion moved = motion(X_BF_, sample_.measurements);
     if (suspicions_.empty() && moved.share() < kStandsStill && registered_ > kStandsStill * moved.flange) {
-      suspicions_.push_back({.cause = "tool_frame",
+      suspicions_.push_back({.cause = Cause::tool_frame,
                              .message = "the measured points hardly move while the flange does: they seem to be "
                                         "coordinates in the frame of the tool"});
     }
@@ -259,7 +259,7 @@ private:
     if (!alike) {
       Index axis = 0;
       (factors / std::cbrt(factors.prod())).array().log().abs().maxCoeff(&axis);
-      suspect("length_unit",
+      suspect(Cause::length_unit,
               std::string(1, static_cast<char>('x' + axis)) +
                   " in another unit than the other coordinates (x, y and z are " + significant(factors[0], 3) + ", " +
                   significant(factors[1], 3) + " and " + significant(factors[2], 3) + " times too large)",
@@ -268,7 +268,7 @@ private:
     }
     const std::string units = units_of_factor(factors[0]);
     const std::string apart = "points that are " + significant(factors[0], 4) + " times too far apart (";
-    suspect(units.empty() ? "scale" : "length_unit",
+    suspect(units.empty() ? Cause::scale : Cause::length_unit,
             apart + (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) + ")", left, registered_);
   }
 
@@ -286,32 +286,32 @@ private:
                                                                  .threads = options_.threads});
     const double readings = 2.0 + static_cast<double>(trials.size());
     double best = fitted_;
-    const auto consider = [&](const std::string& cause, const std::string& what, double left) {
+    const auto consider = [&](Cause cause, const std::string& what, double left) {
       if (left < best && explains(left, fitted_, sample_.freedom, readings)) {
         best = left;
         suspicions_.clear();
-        suspect(cause.c_str(), what, left, fitted_);
+        suspect(cause, what, left, fitted_);
       }
     };
     const auto joints = std::find_if(trials.begin(), trials.end(), [](const auto& trial) { return !trial.present; });
     if (joints != trials.end()) {
-      consider(joints->cause, joints->description, joints->rms);
+      consider(*joints->cause, joints->description, joints->rms);
     }
     if (options_.registration.known_base) {
       RegistrationOptions anywhere = options_.registration;
       anywhere.known_base.reset();
       const Unknowns free = sample_.free.with_all(model_, UnknownGroup::base);
       const TrialFit fit{.model = model_, .free = free, .registration = anywhere, .joint = other};
-      consider("known_base", "the base fitted instead of taken as known",
+      consider(Cause::known_base, "the base fitted instead of taken as known",
                sample_.freedom < 6.0
                    ? kInfinity
                    : fitted_rms(fit, sample_.measurements, nominal_start(model_, sample_.measurements, anywhere)));
     }
-    consider("mirrored", "the points mirrored (a left-handed frame, a wrong sign or two coordinates exchanged)",
+    consider(Cause::mirrored, "the points mirrored (a left-handed frame, a wrong sign or two coordinates exchanged)",
              trial(mirrored(sample_.measurements), other));
     if (const auto exchange = exchanged_targets(X_BF_, sample_.measurements, options_.registration)) {
       const auto& names = sample_.measurements.targets;
-      consider("exchanged_targets",
+      consider(Cause::exchanged_targets,
                "targets " + names[static_cast<std::size_t>(exchange->first)] + " and " +
                    names[static_cast<std::size_t>(exchange->second)] + " exchanged from configuration " +
                    sample_.measurements.configurations[static_cast<std::size_t>(exchange->from)] + " on",
@@ -345,7 +345,7 @@ private:
     }
     const MovingJoint& joint = model_.joints[found->joint];
     const bool turns = joint.type != JointType::prismatic;
-    suspect("joint_gain",
+    suspect(Cause::joint_gain,
             joint.name + (turns ? " turning " : " moving ") + significant(found->factor, 4) +
                 " times as far as its values say" +
                 (found->others > 0 ? ", and " + std::to_string(found->others) + " more joints likewise" : "") +
@@ -362,10 +362,10 @@ private:
         in_mm(found->moved) + " (turned by " + significant(found->rotation.norm() * 1e3, 2) + " mrad)";
     const std::string order = sample_.measurements.order.empty() ? " if the file is in the order of measurement" : "";
     if (found->kind == OrderFinding::Kind::drift_of_base) {
-      suspect("drift", "a base that drifts against the measuring device, by " + how + " in all," + order, found->left,
-              fitted_);
+      suspect(Cause::drift, "a base that drifts against the measuring device, by " + how + " in all," + order,
+              found->left, fitted_);
     } else {
-      suspect("moved_base",
+      suspect(Cause::moved_base,
               "a base that moved against the measuring device by " + how + " after configuration " +
                   sample_.measurements.configurations[static_cast<std::size_t>(found->last_before)] + order,
               found->left, fitted_);
@@ -379,7 +379,7 @@ private:
       return;
     }
     const std::string units = units_of_factor(common.factor);
-    suspicions_.push_back({.cause = units.empty() ? "scale" : "length_unit",
+    suspicions_.push_back({.cause = units.empty() ? Cause::scale : Cause::length_unit,
                            .message = "all lengths of the arm are found " + significant(common.factor, 5) +
                                       " times as long as nominal (" +
                                       (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) +
@@ -396,7 +396,7 @@ private:
     for (std::size_t j = 0; j < shares.size(); ++j) {
       const double chance = f_upper_tail(shares[j] / 6.0 / std::max(1.0 - shares[j], 1e-12) * rest, 6.0, rest);
       if (shares[j] > 0.5 && chance < 1e-3) {
-        suspicions_.push_back({.cause = "joint_function",
+        suspicions_.push_back({.cause = Cause::joint_function,
                                .message = "a function of " + model_.joints[j].name + " alone explains " +
                                           significant(100.0 * shares[j], 2) +
                                           " % of the residuals' squares (p = " + significant(chance, 1) + ")",
@@ -414,7 +414,7 @@ private:
     const auto label = [&](Index c) { return measurements_.configurations[static_cast<std::size_t>(c)]; };
     const std::string more = twins.size() > 1 ? " (and " + std::to_string(twins.size() - 1) + " more)" : std::string();
     const bool tested = is_tested(twins.front().second);
-    suspicions_.push_back({.cause = "same_configuration",
+    suspicions_.push_back({.cause = Cause::same_configuration,
                            .message = tested ? "test configuration " + label(twins.front().second) +
                                                    " is at the pose of train configuration " +
                                                    label(twins.front().first) + more + ": it tests no new pose"
@@ -426,7 +426,7 @@ private:
     const auto end = twins.begin() + static_cast<std::ptrdiff_t>(std::min(twins.size(), kLookedAt));
     const auto copied = std::find_if(twins.begin(), end, [&](const auto& twin) { return is_copy(twin); });
     if (copied != end) {
-      suspicions_.push_back({.cause = "copied_rows",
+      suspicions_.push_back({.cause = Cause::copied_rows,
                              .message = "test configuration " + label(copied->second) +
                                         " has the very points of train configuration " + label(copied->first) +
                                         ": copied rows test nothing",
@@ -482,7 +482,7 @@ std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& m
   const bool doubted = std::any_of(found.begin(), found.end(), [](const Suspicion& one) { return one.doubt; });
   if (!doubted && !measurements.orientations.empty()) {
     const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
-    const auto of_orientations = [&] { return Suspicion{.cause = "orientations", .message = turned->message}; };
+    const auto of_orientations = [&] { return Suspicion{.cause = Cause::orientations, .message = turned->message}; };
     if (turned && turned->explained) {
       found.insert(found.begin(), of_orientations());
       return found;

@@ -14,20 +14,19 @@ bool has_effects(const Compared& compared) { return !compared.fit.free.effects()
 
 // The best that a URDF can carry: where effects were fitted, a fit without them.
 Estimate rigid_fit(const Compared& compared) {
-  const FitTask& task = compared.task;
-  return has_effects(compared) ? fit({.model = task.model,
-                                      .measurements = task.measurements,
-                                      .start = task.start,
-                                      .free = compared.fit.free.without(UnknownGroup::effects),
-                                      .options = compared.rigid_options})
-                                     .estimate
-                               : compared.fit.identification.estimate;
+  if (!has_effects(compared)) {
+    return compared.fit.identification.estimate;
+  }
+  FitProblem rigid = compared.problem;
+  rigid.free = compared.fit.free.without(UnknownGroup::effects);
+  rigid.options = compared.rigid_options;
+  return fit(rigid).estimate;
 }
 
 using Folds = std::vector<std::vector<Eigen::Index>>;
 
 FitOptions counting(FitOptions options, const Compared& compared, const std::string& stage, std::size_t fits) {
-  options.after_fit = counted_fits(compared.task.options, stage, fits);
+  options.after_fit = counted_fits(compared.choice.progress, stage, fits);
   return options;
 }
 
@@ -44,7 +43,7 @@ constexpr double kShareOfNominal = 1e-5;
 
 // The nominal robot, which leaves that much of all [m], with base and targets registered to the others.
 std::vector<double> nominal_folds(const Compared& compared, const Folds& folds, double nominal) {
-  const FitTask& task = compared.task;
+  const FitProblem& task = compared.problem;
   const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
   if (frames.size() == 0) {  // nothing is registered
     const Measurements means = averaged(task.measurements);
@@ -53,22 +52,28 @@ std::vector<double> nominal_folds(const Compared& compared, const Folds& folds, 
   // Nominal errors are large: where the noise is none they need not be as exact as it.
   const double noise = std::max(compared.noise, kShareOfNominal * nominal);
   FitOptions options;
-  options.joint.residuals.orientation_length = task.fit_options.joint.residuals.orientation_length;
+  options.joint.residuals.orientation_length = task.options.joint.residuals.orientation_length;
   const FitProblem registered{
       .model = task.model, .measurements = task.measurements, .start = task.start, .free = frames, .options = options};
   if (is_many(folds)) {
-    return cross_validate_by_sums(registered, folds, noise, task.options.threads).distances;
+    return cross_validate_by_sums(registered, folds, noise, compared.choice.threads).distances;
   }
   const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
   const Eigen::MatrixXd triangle = problem.whitened_summary(task.start).triangle;
   return distances_of(
-      predict_folds({.problem = registered, .triangle = triangle, .noise = noise}, folds, task.options.threads));
+      predict_folds({.problem = registered, .triangle = triangle, .noise = noise}, folds, compared.choice.threads));
 }
 
+// Left-out configurations and their predictions.
+struct PredictedFolds {
+  BeforeAfter errors;
+  std::vector<HeldOutPoint> points;  // empty where the folds were fitted again
+  std::vector<std::string> warnings;
+};
+
 // Each fold predicted by the nominal robot, by the calibrated one and by what a URDF can carry of it.
-BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const std::string& name, double nominal,
-                            HeldOutErrors& errors) {
-  const FitTask& task = compared.task;
+PredictedFolds predicted_folds(const Compared& compared, const Folds& folds, const std::string& name, double nominal) {
+  const FitProblem& task = compared.problem;
   const Estimate& estimate = compared.fit.identification.estimate;
   const auto left_out = [&](const ErrorModel& model, const Unknowns& free, const Estimate& start,
                             const FitOptions& options) {
@@ -77,48 +82,53 @@ BeforeAfter predicted_folds(const Compared& compared, const Folds& folds, const 
                            .start = start,
                            .free = free,
                            .options = counting(options, compared, name, folds.size())},
-                          folds, task.options.threads);
+                          folds, compared.choice.threads);
   };
+  PredictedFolds result;
   HoldOut after;
   const FitProblem fitted{.model = task.model,
                           .measurements = task.measurements,
                           .start = estimate,
                           .free = compared.fit.free,
-                          .options = counting(task.fit_options, compared, name, folds.size())};
-  if (compared.triangle != nullptr && is_many(folds)) {
-    after = cross_validate_by_sums(fitted, folds, compared.noise, task.options.threads);
-  } else if (compared.triangle != nullptr) {
-    errors.prediction = predict_folds({.problem = fitted, .triangle = *compared.triangle, .noise = compared.noise},
-                                      folds, task.options.threads);
-    for (HeldOutPoint& point : errors.prediction.points) {
+                          .options = counting(task.options, compared, name, folds.size())};
+  if (compared.root != nullptr && is_many(folds)) {
+    after = cross_validate_by_sums(fitted, folds, compared.noise, compared.choice.threads);
+  } else if (compared.root != nullptr) {
+    FoldPrediction prediction = predict_folds({.problem = fitted, .triangle = *compared.root, .noise = compared.noise},
+                                              folds, compared.choice.threads);
+    for (HeldOutPoint& point : prediction.points) {
       point.covariance *= compared.variance;
     }
-    after = {.distances = distances_of(errors.prediction),
+    after = {.distances = distances_of(prediction),
              .refits = static_cast<int>(folds.size()),
-             .not_converged = errors.prediction.not_converged};
+             .not_converged = prediction.not_converged};
+    result.points = std::move(prediction.points);
   } else {
-    after = left_out(task.model, compared.fit.free, estimate, task.fit_options);
+    after = left_out(task.model, compared.fit.free, estimate, task.options);
   }
   if (after.not_converged > 0) {
-    errors.warnings.push_back(std::to_string(after.not_converged) + " of " + std::to_string(after.refits) + " " + name +
+    result.warnings.push_back(std::to_string(after.not_converged) + " of " + std::to_string(after.refits) + " " + name +
                               " fits did not converge");
   }
-  BeforeAfter result;
-  result.before = error_statistics(nominal_folds(compared, folds, nominal));
-  result.after = error_statistics(after.distances);
+  result.errors.before = error_statistics(nominal_folds(compared, folds, nominal));
+  result.errors.after = error_statistics(after.distances);
   if (has_effects(compared)) {
     ErrorModel model = task.model;
     model.effects.clear();
     Estimate rigid = estimate;  // what is not free stays where it is
     rigid.effects.resize(0);
     const Unknowns free = compared.fit.free.without(UnknownGroup::effects);
-    result.rigid = error_statistics(left_out(model, free, rigid, compared.rigid_options).distances);
+    result.errors.rigid = error_statistics(left_out(model, free, rigid, compared.rigid_options).distances);
   }
   return result;
 }
 
 // Test rows at fitted poses test the fit at what it has seen: their errors are kept apart.
-void tell_test_rows_apart(const Compared& compared, const std::vector<Eigen::Isometry3d>& X_BF, Comparison& result) {
+struct TestRows {
+  std::optional<ErrorStatistics> at_fitted_poses;
+  std::optional<ErrorStatistics> at_new_poses;
+};
+TestRows test_rows_apart(const Compared& compared, const std::vector<Eigen::Isometry3d>& X_BF) {
   const Measurements& measurements = compared.measurements;
   const std::vector<bool> trained = trained_configurations(measurements);
   const std::vector<Eigen::Index> first = first_at_same_pose(measurements.joint_values);
@@ -137,24 +147,21 @@ void tell_test_rows_apart(const Compared& compared, const std::vector<Eigen::Iso
       (fitted[static_cast<std::size_t>(pose)] ? at_fitted : at_new).push_back(*distance++);
     }
   }
-  if (!at_fitted.empty()) {
-    result.test_at_fitted_poses = error_statistics(at_fitted);
-    result.test_at_new_poses = at_new.empty() ? std::nullopt : std::optional(error_statistics(at_new));
+  if (at_fitted.empty()) {
+    return {};
   }
+  return {.at_fitted_poses = error_statistics(at_fitted),
+          .at_new_poses = at_new.empty() ? std::nullopt : std::optional(error_statistics(at_new))};
 }
 
-}  // namespace
-
-Comparison compare(const Compared& compared) {
-  const FitTask& task = compared.task;
+// The errors at fitted and test rows. `rigid`: the robot that a URDF can carry.
+Accuracy compare_rows(const Compared& compared, const Estimate& rigid) {
+  const FitProblem& task = compared.problem;
   const Measurements& measurements = compared.measurements;
   const Estimate& estimate = compared.fit.identification.estimate;
-  Comparison result;
-  result.exported.estimate = rigid_fit(compared);
-  const Estimate& rigid = result.exported.estimate;
-  const auto poses_of = [&](const Estimate& e) { return flange_poses(task.model, e, measurements); };
-  const std::vector<Eigen::Isometry3d> X_BF_before = poses_of(task.start);
-  const std::vector<Eigen::Isometry3d> X_BF_after = poses_of(estimate);
+  Accuracy result;
+  const std::vector<Eigen::Isometry3d> X_BF_before = flange_poses(task.model, task.start, measurements);
+  const std::vector<Eigen::Isometry3d> X_BF_after = flange_poses(task.model, estimate, measurements);
   const auto statistics = [&](const Estimate& e, const std::vector<Eigen::Isometry3d>& X_BF, Rows rows) {
     return error_statistics(position_errors(X_BF, e, measurements, rows));
   };
@@ -166,39 +173,45 @@ Comparison compare(const Compared& compared) {
   result.train = pair_of(Rows::train);
   result.iso_before = iso_9283(X_BF_before, task.start, measurements);
   result.iso_after = iso_9283(X_BF_after, estimate, measurements);
-  if (compared.tested) {
+  const auto is_test = [](const Observation& o) { return o.split == Split::test; };
+  const bool tested = std::any_of(measurements.observations.begin(), measurements.observations.end(), is_test);
+  if (tested) {
     result.test = pair_of(Rows::test);
-    tell_test_rows_apart(compared, X_BF_after, result);
+    const TestRows apart = test_rows_apart(compared, X_BF_after);
+    result.test_at_fitted_poses = apart.at_fitted_poses;
+    result.test_at_new_poses = apart.at_new_poses;
     result.iso_test_before = iso_9283(X_BF_before, task.start, measurements, Rows::test);
     result.iso_test_after = iso_9283(X_BF_after, estimate, measurements, Rows::test);
   }
   if (has_effects(compared)) {
-    const std::vector<Eigen::Isometry3d> X_BF_rigid = poses_of(rigid);
+    const std::vector<Eigen::Isometry3d> X_BF_rigid = flange_poses(task.model, rigid, measurements);
     result.train.rigid = statistics(rigid, X_BF_rigid, Rows::train);
-    result.exported.iso = iso_9283(X_BF_rigid, rigid, measurements);
-    if (compared.tested) {
+    if (tested) {
       result.test->rigid = statistics(rigid, X_BF_rigid, Rows::test);
     }
-  } else {
-    result.exported.iso = result.iso_after;
   }
   return result;
 }
 
-HeldOutErrors hold_out(const Compared& compared, const Comparison& fitted) {
-  const FitTask& task = compared.task;
-  const CalibrationOptions& options = task.options;
-  const double nominal = fitted.train.before.rms;
-  HeldOutErrors result;
-  const Folds singly = make_folds(task.measurements, 0);
-  const std::vector<bool> trained = trained_configurations(task.measurements);
+std::vector<std::string> said_of_neighbours(const Folds& singly, const Measurements& training) {
+  const std::vector<bool> trained = trained_configurations(training);
   const auto together = std::count(trained.begin(), trained.end(), true) - static_cast<std::ptrdiff_t>(singly.size());
-  if (together > 0) {
-    result.warnings.push_back(
-        std::to_string(together) +
-        " configurations are neighbours of others (no joint differs by more than 3 degrees, 50 mm "
-        "or a twentieth of its range): they are left out together");
+  if (together <= 0) {
+    return {};
   }
+  return {std::to_string(together) +
+          " configurations are neighbours of others (no joint differs by more than 3 degrees, 50 mm or a twentieth of "
+          "its range): they are left out together"};
+}
+
+// `rows`: the errors at the rows, to which those at left-out configurations are added.
+Validation hold_out(const Compared& compared, Accuracy rows) {
+  const FitProblem& task = compared.problem;
+  const ValidationOptions& options = compared.options;
+  const Folds singly = make_folds(task.measurements, 0);
+  Validation result{
+      .accuracy = std::move(rows), .exported = {}, .warnings = said_of_neighbours(singly, task.measurements)};
+  Accuracy& accuracy = result.accuracy;
   const bool asked_singly = options.leave_one_out || options.nested;
   const bool by_default = options.held_out && !asked_singly && options.k_fold < 2;
   const bool many = singly.size() > kMostLeftOutSingly;
@@ -208,18 +221,56 @@ HeldOutErrors hold_out(const Compared& compared, const Comparison& fitted) {
         "too few measurements to predict some of them from the others: nothing is known of unseen configurations");
     return result;
   }
+  const auto predict = [&](const Folds& folds, const std::string& name) {
+    PredictedFolds predicted = predicted_folds(compared, folds, name, accuracy.train.before.rms);
+    accuracy.held_out_points = std::move(predicted.points);
+    result.warnings.insert(result.warnings.end(), predicted.warnings.begin(), predicted.warnings.end());
+    return predicted.errors;
+  };
   if (asked_singly || (by_default && !many)) {
-    result.leave_one_out = predicted_folds(compared, singly, "leave-one-out", nominal, result);
+    accuracy.leave_one_out = predict(singly, "leave-one-out");
   }
-  if (options.nested && choice_is_open(options)) {
-    result.nested_leave_one_out = error_statistics(
-        nested_distances(compared.choice, counted_fits(options, "nested leave-one-out", singly.size())));
+  if (options.nested && is_open(compared.choice.options)) {
+    accuracy.nested_leave_one_out = error_statistics(nested_distances(
+        compared.choice, counted_fits(compared.choice.progress, "nested leave-one-out", singly.size())));
   }
   if (options.k_fold > 1 || (by_default && many)) {
     const Folds folds = options.k_fold > 1 ? make_folds(task.measurements, options.k_fold) : default_folds;
-    result.folds = static_cast<int>(folds.size());
-    result.k_fold = predicted_folds(compared, folds, std::to_string(folds.size()) + "-fold", nominal, result);
+    accuracy.folds = static_cast<int>(folds.size());
+    accuracy.k_fold = predict(folds, std::to_string(folds.size()) + "-fold");
   }
+  return result;
+}
+
+// `rigid`: the robot that a URDF can carry.
+ExportedUrdf exported_urdf(const Compared& compared, const Accuracy& accuracy, const Estimate& rigid) {
+  const bool kept = is_no_help(accuracy);
+  const auto own = [&](const BeforeAfter& errors) {
+    return kept ? errors.before : errors.rigid.value_or(errors.after);
+  };
+  const BeforeAfter* held_out = accuracy.held_out();
+  return {.estimate = kept ? compared.problem.start : rigid,
+          .nominal_kept = kept,
+          .train = own(accuracy.train),
+          .iso = kept                    ? accuracy.iso_before
+                 : has_effects(compared) ? iso_9283(flange_poses(compared.problem.model, rigid, compared.measurements),
+                                                    rigid, compared.measurements)
+                                         : accuracy.iso_after,
+          .test = accuracy.test ? std::optional(own(*accuracy.test)) : std::nullopt,
+          .held_out = held_out != nullptr ? std::optional(own(*held_out)) : std::nullopt};
+}
+
+}  // namespace
+
+bool is_no_help(const Accuracy& accuracy) {
+  const BeforeAfter* errors = accuracy.held_out();
+  return errors != nullptr && errors->after.count > 0 && !(errors->after.rms < errors->before.rms);
+}
+
+Validation validate(const Compared& compared) {
+  const Estimate rigid = rigid_fit(compared);
+  Validation result = hold_out(compared, compare_rows(compared, rigid));
+  result.exported = exported_urdf(compared, result.accuracy, rigid);
   return result;
 }
 

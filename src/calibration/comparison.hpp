@@ -1,53 +1,37 @@
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "calibration/effect_choice.hpp"
-#include "calibration/whole_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/fold_prediction.hpp"
 
 namespace kdl_calibration {
 
-/// What is compared with the measurements. Keeps references.
+/// A fit and the measurements that it is compared with. Keeps references.
 struct Compared {
-  const FitTask& task;               ///< of the training rows
+  const FitProblem& problem;         ///< of the training rows; starts at the nominal robot, weighed as at the fit's end
   const Measurements& measurements;  ///< all rows
-  bool tested;                       ///< whether there are test rows
   const WholeFit& fit;
-  const RegistrationOptions& known;  ///< frames
-  const FitOptions& rigid_options;   ///< of a fit without effects
-  const Eigen::MatrixXd* triangle;   ///< of the whitened system at the fit; nullptr where folds must be fitted again
-  double noise;                      ///< [m] of a coordinate
-  double variance;                   ///< of unit weight, by which the triangle's covariances are multiplied
-  const ChoiceTask& choice;          ///< that the nested leave-one-out repeats
+  const FitOptions& rigid_options;  ///< of a fit without effects
+  const Eigen::MatrixXd* root;      ///< R of the whitened system at the fit; nullptr where folds must be fitted again
+  double noise;                     ///< [m] of a coordinate
+  double variance;                  ///< of unit weight, by which the covariances of R are multiplied
+  const ChoiceTask& choice;         ///< that the nested leave-one-out repeats
+  const ValidationOptions& options;
 };
 
-/// How far the fitted and the test rows are from the nominal and from the calibrated robot.
-struct Comparison {
-  BeforeAfter train;
-  std::optional<BeforeAfter> test;
-  std::optional<ErrorStatistics> test_at_fitted_poses;  ///< where there are any
-  std::optional<ErrorStatistics> test_at_new_poses;     ///< beside those
-  Iso9283 iso_before;
-  Iso9283 iso_after;
-  std::optional<Iso9283> iso_test_before;
-  std::optional<Iso9283> iso_test_after;
+struct Validation {
+  Accuracy accuracy;
   ExportedUrdf exported;
-};
-Comparison compare(const Compared& compared);
-
-/// How far they predict configurations that were not fitted; `fitted`: what they leave of those that were.
-struct HeldOutErrors {
-  std::optional<BeforeAfter> leave_one_out;
-  std::optional<ErrorStatistics> nested_leave_one_out;
-  std::optional<BeforeAfter> k_fold;
-  int folds = 0;
-  FoldPrediction prediction;  ///< point by point, where the folds were not all fitted again
   std::vector<std::string> warnings;
 };
-HeldOutErrors hold_out(const Compared& compared, const Comparison& fitted);
+
+/// How far the fitted and the test rows are from the nominal and from the calibrated robot, and how far both predict
+/// configurations that were not fitted. The exported robot is the one that was read if the calibration does not help.
+Validation validate(const Compared& compared);
+
+/// Whether the calibrated robot predicts what was not fitted no better than the nominal one.
+bool is_no_help(const Accuracy& accuracy);
 
 }  // namespace kdl_calibration

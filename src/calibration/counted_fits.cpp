@@ -5,16 +5,16 @@
 
 namespace kdl_calibration {
 
-std::function<void()> counted_fits(const CalibrationOptions& options, const std::string& stage, std::size_t fits) {
-  if (!options.progress) {
+std::function<void()> counted_fits(const ProgressFunction& progress, const std::string& stage, std::size_t fits) {
+  if (!progress) {
     return {};
   }
   struct Count {
     std::mutex mutex;
     std::size_t done = 0;
   };
-  options.progress(stage, 0, fits);
-  return [count = std::make_shared<Count>(), stage, fits, progress = options.progress] {
+  progress(stage, 0, fits);
+  return [count = std::make_shared<Count>(), stage, fits, progress] {
     const std::lock_guard lock(count->mutex);
     ++count->done;
     progress(stage, count->done, fits);

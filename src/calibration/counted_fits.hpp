@@ -5,12 +5,23 @@
 #include <functional>
 #include <string>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 
 namespace kdl_calibration {
 
-/// To be called behind each fit of a stage with this many of them, from any thread: tells the options' progress, which
-/// hears of the stage at once. Empty where these have none.
-std::function<void()> counted_fits(const CalibrationOptions& options, const std::string& stage, std::size_t fits);
+/// A function to be called after each of a stage's `fits`, from any thread. It passes the count on to `progress`, which
+/// hears of the stage at once. Empty if `progress` is.
+std::function<void()> counted_fits(const ProgressFunction& progress, const std::string& stage, std::size_t fits);
+
+/// The result of `work`, a stage whose fits are not counted.
+template <class Work>
+auto told(const ProgressFunction& progress, const std::string& stage, const Work& work) {
+  const std::function<void()> done = counted_fits(progress, stage, 1);
+  auto result = work();
+  if (done) {
+    done();
+  }
+  return result;
+}
 
 }  // namespace kdl_calibration

@@ -8,6 +8,7 @@
 
 #include "base/number_text.hpp"
 #include "base/text.hpp"
+#include "calibration/comparison.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/prior_check.hpp"
@@ -33,20 +34,22 @@ std::string some_of(const std::vector<std::string>& names) {
 }
 
 std::string held_out_name(const Calibration& found) {
-  return found.leave_one_out ? "leave-one-out" : std::to_string(found.folds) + "-fold";
+  return found.accuracy.leave_one_out ? "leave-one-out" : std::to_string(found.accuracy.folds) + "-fold";
 }
 
 const std::string kWrongInput =
     "check the robot, the joint values with their units, signs and order, and the names of the targets";
 
-void doubt_convergence(const Calibration& found, std::vector<Doubt>& doubts) {
-  const Identification& fit = found.identification;
-  const std::string misfit = in_millimetres(found.train.after.rms);
+using Doubts = std::vector<Doubt>;
+
+Doubts of_convergence(const Calibration& found) {
+  const Identification& fit = found.fit.identification;
+  const std::string misfit = in_millimetres(found.accuracy.train.after.rms);
   std::string message;
   switch (fit.termination) {
     case Termination::converged:
     case Termination::rank_deficient:
-      return;
+      return {};
     case Termination::iteration_limit:
       message = "the fit did not converge: the parameters were still changing after " + std::to_string(fit.iterations) +
                 " iterations; allow more of them";
@@ -59,7 +62,7 @@ void doubt_convergence(const Calibration& found, std::vector<Doubt>& doubts) {
       message = "the fit did not converge: it ran away to errors beyond any robot's; " + kWrongInput;
       break;
   }
-  doubts.push_back({.cause = "not_converged", .message = message});
+  return {{.cause = Cause::not_converged, .message = message}};
 }
 
 // The joints that stand still in all that was fitted.
@@ -76,25 +79,24 @@ std::vector<std::string> joints_at_rest(const Calibration& found, const Measurem
 }
 
 // What the targets could show and the measurements do not. Of the complete model much cannot be told apart anyway.
-std::vector<std::string> missing_parameters(const Calibration& found, const CalibrationOptions& options) {
-  if (options.model != ModelChoice::complete) {
-    return found.fixed_by_gauge;
+std::vector<std::string> missing_parameters(const Calibration& found, ModelChoice model) {
+  if (model != ModelChoice::complete) {
+    return found.uncertainty.fixed_by_gauge;
   }
-  const std::vector<std::string>& kept = found.reduction.kept;
-  const std::vector<std::string> candidates = found.candidates.names();
+  const std::vector<std::string>& kept = found.fit.reduction.kept;
+  const std::vector<std::string> candidates = found.fit.candidates.names();
   const auto told_apart = std::count_if(candidates.begin(), candidates.end(), [&](const std::string& name) {
     return std::find(kept.begin(), kept.end(), name) != kept.end();
   });
-  const auto estimated = static_cast<std::ptrdiff_t>(found.free.names().size() - found.free.effects().size());
-  return estimated < told_apart ? found.fixed_by_gauge : std::vector<std::string>();
+  const auto estimated = static_cast<std::ptrdiff_t>(found.fit.free.names().size() - found.fit.free.effects().size());
+  return estimated < told_apart ? found.uncertainty.fixed_by_gauge : std::vector<std::string>();
 }
 
-void doubt_determination(const Calibration& found, const Measurements& measurements, const CalibrationOptions& options,
-                         std::vector<Doubt>& doubts) {
-  const std::vector<std::string> missing = missing_parameters(found, options);
-  const bool open = found.identification.termination == Termination::rank_deficient;
-  if (missing.empty() && !open && found.predicted.measured.count > 0) {
-    return;
+Doubts of_determination(const Calibration& found, const Measurements& measurements, ModelChoice model) {
+  const std::vector<std::string> missing = missing_parameters(found, model);
+  const bool open = found.fit.identification.termination == Termination::rank_deficient;
+  if (missing.empty() && !open && found.uncertainty.predicted.measured.count > 0) {
+    return {};
   }
   std::string message = missing.empty()
                             ? "the measurements do not determine all parameters"
@@ -104,46 +106,47 @@ void doubt_determination(const Calibration& found, const Measurements& measureme
   if (!still.empty()) {
     message += ": " + comma_separated(still) + (still.size() == 1 ? " never moves" : " never move");
   }
-  doubts.push_back({.cause = "not_determined",
-                    .message = message +
-                               "; predictions hold where it was measured, single parameters do not; measure more "
-                               "configurations, in which every joint turns and the tool points elsewhere"});
+  return {{.cause = Cause::not_determined,
+           .message = message + "; predictions hold where it was measured, single parameters do not; measure more "
+                                "configurations, in which every joint turns and the tool points elsewhere"}};
 }
 
-void doubt_predictions(const Calibration& found, std::vector<Doubt>& doubts) {
+Doubts of_predictions(const Calibration& found) {
+  Doubts doubts;
   const auto worse = [&](const BeforeAfter& errors, const std::string& where) {
     return "the calibrated robot is no better than the nominal one " + where + ": " + in_millimetres(errors.after.rms) +
            " against " + in_millimetres(errors.before.rms);
   };
-  if (found.test && found.test->after.rms > found.test->before.rms) {
-    doubts.push_back({.cause = "worse_than_nominal",
-                      .message = worse(*found.test, "at the test rows") +
+  if (found.accuracy.test && found.accuracy.test->after.rms > found.accuracy.test->before.rms) {
+    doubts.push_back({.cause = Cause::worse_than_nominal,
+                      .message = worse(*found.accuracy.test, "at the test rows") +
                                  "; were they measured under the same conditions, and near the fitted ones?"});
   }
-  if (is_no_help(found)) {
-    doubts.push_back(
-        {.cause = "worse_than_nominal",
-         .message = worse(*found.held_out(), "at configurations that were not fitted (" + held_out_name(found) + ")") +
-                    "; either there is nothing to correct that these measurements could show, or they are "
-                    "too few, or some input is wrong: " +
-                    kWrongInput});
-    doubts.push_back({.cause = "nominal_kept",
+  if (is_no_help(found.accuracy)) {
+    doubts.push_back({.cause = Cause::worse_than_nominal,
+                      .message = worse(*found.accuracy.held_out(),
+                                       "at configurations that were not fitted (" + held_out_name(found) + ")") +
+                                 "; either there is nothing to correct that these measurements could show, or they are "
+                                 "too few, or some input is wrong: " +
+                                 kWrongInput});
+    doubts.push_back({.cause = Cause::nominal_kept,
                       .message = "the calibration does not help: the nominal robot is kept, and the URDF to write is "
                                  "the one that was read"});
   }
+  return doubts;
 }
 
 // [m] RMS of the fitted rows; with a loss of those that have a weight.
 double misfit_of(const Calibration& found, const Measurements& measurements) {
-  if (found.weights.empty()) {
-    return found.train.after.rms;
+  if (found.fit.robust.weights.empty()) {
+    return found.accuracy.train.after.rms;
   }
   const std::vector<double> distances =
-      position_errors(found.model, found.identification.estimate, measurements, Rows::all);
+      position_errors(found.model, found.fit.identification.estimate, measurements, Rows::all);
   double squares = 0.0;
   double count = 0.0;
   for (std::size_t row = 0; row < distances.size(); ++row) {
-    if (measurements.observations[row].split == Split::train && found.weights[row] > 0.0) {
+    if (measurements.observations[row].split == Split::train && found.fit.robust.weights[row] > 0.0) {
       squares += distances[row] * distances[row];
       count += 1.0;
     }
@@ -151,7 +154,8 @@ double misfit_of(const Calibration& found, const Measurements& measurements) {
   return std::sqrt(squares / std::max(count, 1.0));
 }
 
-void doubt_size(const Calibration& found, const Measurements& measurements, std::vector<Doubt>& doubts) {
+Doubts of_size(const Calibration& found, const Measurements& measurements) {
+  Doubts doubts;
   constexpr double kMostOfReach = 0.01;
   constexpr double kMostMisfit = 0.005;  // [m] of an arm with a reach of up to 3 m
   constexpr double kMostOfLongReach = kMostMisfit / 3.0;
@@ -159,77 +163,81 @@ void doubt_size(const Calibration& found, const Measurements& measurements, std:
   const double rigid = std::max(kMostMisfit, kMostOfLongReach * length);
   const double misfit = misfit_of(found, measurements);
   if (length > 0.0 && misfit > std::min(kMostOfReach * length, rigid)) {
-    doubts.push_back({.cause = "large_misfit",
+    doubts.push_back({.cause = Cause::large_misfit,
                       .message = "a misfit of " + in_millimetres(misfit) + " is left, and an arm with a reach of " +
                                  four_digits(length) +
                                  " m that is rigid and was measured well keeps at most 5 mm and 1 % of its reach; " +
                                  kWrongInput});
   }
   std::vector<std::string> unknown;
-  for (const ParameterEstimate& parameter : found.parameters) {
+  for (const ParameterEstimate& parameter : found.uncertainty.parameters) {
     if (std::isfinite(parameter.std) && is_unknown(found.model, parameter)) {
       unknown.push_back(parameter.name);
     }
   }
   if (!unknown.empty()) {
-    doubts.push_back({.cause = "unknown_length",
+    doubts.push_back({.cause = Cause::unknown_length,
                       .message = "the uncertainty exceeds the link itself for " + some_of(unknown) +
                                  "; measure more configurations, or hold what is known"});
   }
+  return doubts;
 }
 
 // What builders and mastering allow: 2 % of the reach, 20 degrees. On 18 arms of twelve makers the largest lengths were
 // 6.3 mm, the largest angles 3 degrees.
-void doubt_errors(const Calibration& found, std::vector<Doubt>& doubts) {
+Doubts of_errors(const Calibration& found) {
   constexpr double kMostOfReach = 0.02;
   constexpr double kMostAngle = 20.0 * std::numbers::pi / 180.0;
   constexpr double kSignificant = 3.0;  // sigma beyond that
   const double most_length = kMostOfReach * reach(found.model);
-  for (const ParameterEstimate& parameter : found.parameters) {
-    const bool offset = parameter.kind == to_string(ParameterKind::joint_offset);
-    if (parameter.joint.empty() || parameter.kind == "effect" || !std::isfinite(parameter.std) || parameter.gauge) {
+  for (const ParameterEstimate& parameter : found.uncertainty.parameters) {
+    const bool offset = parameter.kind == ParameterKind::joint_offset;
+    if (parameter.joint.empty() || parameter.kind == ParameterKind::effect || !std::isfinite(parameter.std) ||
+        parameter.gauge) {
       continue;
     }
     const auto joint = std::find_if(found.model.joints.begin(), found.model.joints.end(),
                                     [&](const MovingJoint& j) { return j.name == parameter.joint; });
     const bool slides = joint != found.model.joints.end() && joint->type == JointType::prismatic;
-    const bool length = offset ? slides : parameter.kind == to_string(ParameterKind::translation);
+    const bool length = offset ? slides : parameter.kind == ParameterKind::translation;
     const double size = std::abs(parameter.error);
     if (size - kSignificant * parameter.std > (length ? most_length : kMostAngle)) {
       const std::string amount =
           length ? in_millimetres(size) : four_digits(size * 180.0 / std::numbers::pi) + " degrees";
-      doubts.push_back({.cause = "large_error",
-                        .message = "an error of " + amount + " in " + parameter.name + " (" + parameter.joint +
-                                   ") is beyond what builders and mastering leave; check " +
-                                   (offset ? "the mastering of that joint and the joint values"
-                                           : "the URDF (another arm's, or an origin missing) and a known base")});
-      return;  // the others follow from it
+      return {{.cause = Cause::large_error,
+               .message = "an error of " + amount + " in " + parameter.name + " (" + parameter.joint +
+                          ") is beyond what builders and mastering leave; check " +
+                          (offset ? "the mastering of that joint and the joint values"
+                                  : "the URDF (another arm's, or an origin missing) and a known base")}};
     }
   }
+  return {};
 }
 
 // Test rows that the model misses much more than what it predicted without having seen it.
-void doubt_tests(const Calibration& found, std::vector<Doubt>& doubts) {
+Doubts of_tests(const Calibration& found) {
   constexpr double kTimes = 5.0;
   constexpr double kOfNominal = 0.5;
-  const BeforeAfter* held_out = found.held_out();
-  if (!found.test || held_out == nullptr || held_out->after.count == 0 ||
-      found.test->after.rms > found.test->before.rms) {  // said already
-    return;
+  const BeforeAfter* held_out = found.accuracy.held_out();
+  if (!found.accuracy.test || held_out == nullptr || held_out->after.count == 0 ||
+      found.accuracy.test->after.rms > found.accuracy.test->before.rms) {  // said already
+    return {};
   }
-  if (found.test->after.rms > std::max(kTimes * held_out->after.rms, kOfNominal * found.test->before.rms)) {
-    doubts.push_back({.cause = "test_rows_differ",
-                      .message = "the test rows are missed by " + in_millimetres(found.test->after.rms) +
-                                 ", configurations left out of the fit by " + in_millimetres(held_out->after.rms) +
-                                 "; check that both were measured in the same way, with the same names of targets"});
+  if (!(found.accuracy.test->after.rms >
+        std::max(kTimes * held_out->after.rms, kOfNominal * found.accuracy.test->before.rms))) {
+    return {};
   }
+  return {{.cause = Cause::test_rows_differ,
+           .message = "the test rows are missed by " + in_millimetres(found.accuracy.test->after.rms) +
+                      ", configurations left out of the fit by " + in_millimetres(held_out->after.rms) +
+                      "; check that both were measured in the same way, with the same names of targets"}};
 }
 
 // Rows that spoil the fit of all others.
-void doubt_rows(const Calibration& found, std::vector<Doubt>& doubts) {
-  const std::vector<GrossRow>& rows = found.gross_rows;
+Doubts of_rows(const Calibration& found, const GrossRows& gross) {
+  const std::vector<GrossRow>& rows = gross.rows;
   if (rows.empty()) {
-    return;
+    return {};
   }
   std::vector<std::string> names;
   std::vector<std::string> words;
@@ -242,20 +250,26 @@ void doubt_rows(const Calibration& found, std::vector<Doubt>& doubts) {
   for (const std::string& name : names) {
     list += (list.empty() ? "" : ",") + name;
   }
-  doubts.push_back({.cause = "gross_rows",
-                    .message = "not where all others put " + std::string(rows.size() == 1 ? "it" : "them") + ": " +
-                               some_of(words) + "; without that the misfit is " +
-                               in_millimetres(found.misfit_without_gross_rows) + ", with it " +
-                               in_millimetres(found.train.after.rms) +
-                               "; check joint values and coordinates, or leave it out with --exclude '" + list + "'"});
+  return {{.cause = Cause::gross_rows,
+           .message = "not where all others put " + std::string(rows.size() == 1 ? "it" : "them") + ": " +
+                      some_of(words) + "; without that the misfit is " + in_millimetres(gross.rms_without) +
+                      ", with it " + in_millimetres(found.accuracy.train.after.rms) +
+                      "; check joint values and coordinates, or leave it out with --exclude '" + list + "'"}};
 }
 
-void doubt_reading(const Calibration& found, std::vector<Doubt>& doubts) {
-  for (const Suspicion& suspicion : found.suspicions) {
-    if (suspicion.doubt) {
-      doubts.push_back({.cause = suspicion.cause, .message = suspicion.message});
+Doubts of_readings(const std::vector<Suspicion>& readings) {
+  Doubts doubts;
+  for (const Suspicion& reading : readings) {
+    if (reading.doubt) {
+      doubts.push_back({.cause = reading.cause, .message = reading.message});
     }
   }
+  return doubts;
+}
+
+bool is_worse_elsewhere(const Calibration& found) {
+  return found.uncertainty.predicted.workspace.count > 0 &&
+         found.uncertainty.predicted.workspace.rms > found.accuracy.train.before.rms;
 }
 
 }  // namespace
@@ -272,58 +286,52 @@ double reach(const ErrorModel& model) {
   return length;
 }
 
-bool is_no_help(const Calibration& found) {
-  const BeforeAfter* errors = found.held_out();
-  return errors != nullptr && errors->after.count > 0 && !(errors->after.rms < errors->before.rms);
-}
-
-std::vector<Doubt> doubts(const Calibration& found, const Measurements& measurements,
-                          const CalibrationOptions& options) {
-  std::vector<Doubt> result;
-  doubt_rows(found, result);
-  doubt_reading(found, result);
-  doubt_convergence(found, result);
-  doubt_determination(found, measurements, options, result);
-  doubt_predictions(found, result);
-  doubt_tests(found, result);
-  doubt_size(found, measurements, result);
-  doubt_errors(found, result);
+std::vector<Doubt> doubts(const Calibration& found, const Diagnosis& diagnosis, const Measurements& measurements,
+                          ModelChoice model) {
+  Doubts result;
+  for (const Doubts& some : {of_rows(found, diagnosis.gross_rows), of_readings(diagnosis.suspicions),
+                             of_convergence(found), of_determination(found, measurements, model), of_predictions(found),
+                             of_tests(found), of_size(found, measurements), of_errors(found)}) {
+    result.insert(result.end(), some.begin(), some.end());
+  }
   return result;
 }
 
-bool holds_where_measured(const Calibration& found, const std::string& ambiguity) {
+bool holds_where_measured(const Calibration& found, const std::vector<Doubt>& doubts, const std::string& ambiguity) {
   constexpr double kOfNominal = 0.5;
-  const BeforeAfter* held_out = found.held_out();
+  const BeforeAfter* held_out = found.accuracy.held_out();
   const auto is_of_frame = [](const std::string& name) { return name.find('.') != std::string::npos; };
-  return found.doubts.size() == 1 && found.doubts.front().cause == "not_determined" && !found.fixed_by_gauge.empty() &&
-         std::none_of(found.fixed_by_gauge.begin(), found.fixed_by_gauge.end(), is_of_frame) && ambiguity.empty() &&
-         found.predicted.measured.count > 0 && held_out != nullptr && held_out->after.count > 0 &&
-         held_out->after.rms < kOfNominal * held_out->before.rms;
+  return doubts.size() == 1 && doubts.front().cause == Cause::not_determined &&
+         !found.uncertainty.fixed_by_gauge.empty() &&
+         std::none_of(found.uncertainty.fixed_by_gauge.begin(), found.uncertainty.fixed_by_gauge.end(), is_of_frame) &&
+         ambiguity.empty() && found.uncertainty.predicted.measured.count > 0 && held_out != nullptr &&
+         held_out->after.count > 0 && held_out->after.rms < kOfNominal * held_out->before.rms;
 }
 
-std::vector<std::string> warnings(const Calibration& found, const Measurements& measurements,
-                                  const std::string& ambiguity) {
+std::vector<std::string> warnings(const Calibration& found, const Diagnosis& diagnosis,
+                                  const Measurements& measurements, const std::string& ambiguity) {
   std::vector<std::string> result;
-  const bool open = found.identification.termination == Termination::rank_deficient || !found.fixed_by_gauge.empty();
-  for (const std::vector<std::string>& group : found.identifiability.tied) {
-    if (!open || found.minimum_norm) {  // priors told them apart, or all are named below
+  const bool open =
+      found.fit.identification.termination == Termination::rank_deficient || !found.uncertainty.fixed_by_gauge.empty();
+  for (const std::vector<std::string>& group : found.uncertainty.identifiability.tied) {
+    if (!open || found.fit.minimum_norm) {  // priors told them apart, or all are named below
       break;
     }
     result.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
                                        : "the measurements cannot tell apart: " + comma_separated(group));
   }
-  if (found.minimum_norm) {
-    result.push_back("what the measurements cannot tell apart (" + some_of(found.fixed_by_gauge) +
+  if (found.fit.minimum_norm) {
+    result.push_back("what the measurements cannot tell apart (" + some_of(found.uncertainty.fixed_by_gauge) +
                      ") was shared out so that the errors are smallest; predictions hold, single parameters do not");
-  } else if (!found.fixed_by_gauge.empty()) {
-    result.push_back("fixed by gauge: " + comma_separated(found.fixed_by_gauge) +
+  } else if (!found.uncertainty.fixed_by_gauge.empty()) {
+    result.push_back("fixed by gauge: " + comma_separated(found.uncertainty.fixed_by_gauge) +
                      " (errors at zero, frames as registered); predictions hold where it was measured, single "
                      "parameters do not");
   }
-  for (const QualityFinding& finding : found.findings) {
+  for (const QualityFinding& finding : diagnosis.findings) {
     result.push_back("measurements: " + finding.message);
   }
-  for (const Suspicion& suspicion : found.suspicions) {
+  for (const Suspicion& suspicion : diagnosis.suspicions) {
     if (!suspicion.doubt) {
       result.push_back(suspicion.message);
     }
@@ -342,7 +350,7 @@ std::vector<std::string> warnings(const Calibration& found, const Measurements& 
                                         : "the uncertainties were scaled up by that"));
   }
   constexpr double kFew = 10.0;
-  if (found.noise.model != "stated" && found.noise.degrees_of_freedom < kFew) {
+  if (found.noise.source != NoiseSource::stated && found.noise.degrees_of_freedom < kFew) {
     result.push_back("few data: all uncertainties rest on " + four_digits(found.noise.degrees_of_freedom) +
                      " degrees of freedom; measure more configurations or state the noise");
   }
@@ -351,31 +359,30 @@ std::vector<std::string> warnings(const Calibration& found, const Measurements& 
                      " times as large as the priors expect and were held too close to nominal; state larger priors, or "
                      "none");
   }
-  if (found.lack_of_fit && found.lack_of_fit->p_value < kMisfitCertain) {
+  if (found.noise.lack_of_fit && found.noise.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");
   }
   constexpr double kWorse = 1.0 / 0.98;  // as the choice among effects demands
-  if (const BeforeAfter* held_out = found.held_out(); held_out != nullptr && held_out->rigid &&
-                                                      held_out->rigid->count > 0 &&
-                                                      held_out->after.rms > kWorse * held_out->rigid->rms) {
+  if (const BeforeAfter* held_out = found.accuracy.held_out(); held_out != nullptr && held_out->rigid &&
+                                                               held_out->rigid->count > 0 &&
+                                                               held_out->after.rms > kWorse * held_out->rigid->rms) {
     result.push_back("the effects make predictions worse: configurations left out of the fit are missed by " +
                      in_millimetres(held_out->after.rms) + " with the effects and by " +
                      in_millimetres(held_out->rigid->rms) +
                      " by the geometry alone; leave the effects out, or let --effects auto choose those that help");
   }
-  if (is_uncertain_elsewhere(found)) {
+  if (diagnosis.doubts.empty() && is_worse_elsewhere(found)) {
     result.push_back(
         "beyond the measured configurations a point may be predicted worse than by the nominal robot: 1 "
         "sigma of " +
-        in_millimetres(found.predicted.workspace.rms) + " over the whole workspace, nominal error " +
-        in_millimetres(found.train.before.rms) + "; use the calibrated robot where it was measured");
+        in_millimetres(found.uncertainty.predicted.workspace.rms) + " over the whole workspace, nominal error " +
+        in_millimetres(found.accuracy.train.before.rms) + "; use the calibrated robot where it was measured");
   }
   return result;
 }
 
 bool is_uncertain_elsewhere(const Calibration& calibration) {
-  return calibration.trusted() && calibration.predicted.workspace.count > 0 &&
-         calibration.predicted.workspace.rms > calibration.train.before.rms;
+  return calibration.trusted() && is_worse_elsewhere(calibration);
 }
 
 int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements) {

@@ -115,15 +115,15 @@ public:
 
   // `terms`: those of the choice and those whose size is zero, as the columns of `values` behind the rigid ones.
   struct Outcome {
-    Choice choice;
+    ModelSelection choice;
     std::vector<EffectTerm> terms;
     VectorXd values;
   };
 
   Outcome choose() const {
-    const CalibrationOptions& options = task_.options;
+    const ModelSelectionOptions& options = task_.options;
     Outcome outcome;
-    Choice& result = outcome.choice;
+    ModelSelection& result = outcome.choice;
     TriedModels tried;
     Route route;
     route.worth = appraisal_.worth_of(route.model, tried);
@@ -150,7 +150,7 @@ public:
     tried.put_first(route.model.names, route.model.sized);
     result.tried = tried.options();
     if (place_ == Place::outermost && options.effects.groups.empty()) {
-      result.price = tried.price_of_choosing();
+      result.optimism = tried.optimism();
     }
     outcome.terms = std::move(route.model.terms);
     outcome.values = route.worth.sizes.values;
@@ -161,7 +161,7 @@ private:
   Index configurations() const { return means_.joint_values.cols(); }
 
   std::vector<EffectTerm> allowed(std::vector<EffectTerm> terms) const {
-    std::erase_if(terms, [&](const EffectTerm& term) { return fixes_effect(task_.options, term); });
+    std::erase_if(terms, [&](const EffectTerm& term) { return fixes_effect(task_.fix, term); });
     return terms;
   }
 
@@ -222,7 +222,7 @@ private:
       return ripple;
     }
     const std::function<void()> after_search =
-        place_ == Place::outermost ? counted_fits(task_.options, "looking for ripple", 1) : nullptr;
+        place_ == Place::outermost ? counted_fits(task_.progress, "looking for ripple", 1) : nullptr;
     const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
     const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
     const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
@@ -443,20 +443,33 @@ Measurements means_of(const ChoiceTask& task) {
 
 }  // namespace
 
-bool choice_is_open(const CalibrationOptions& options) {
-  return options.automatic_priors || options.effects.automatic || !options.effects.groups.empty();
+ModelSelection choose_effects(const ChoiceTask& task) {
+  const Measurements means = means_of(task);
+  return Chooser(task, means, task.threads, Chooser::Place::outermost).choose().choice;
 }
 
-Choice choose_effects(const ChoiceTask& task) {
-  const Measurements means = means_of(task);
-  return Chooser(task, means, task.options.threads, Chooser::Place::outermost).choose().choice;
+ModelSelection select_model(const ChoiceTask& task, const WholeFit& rigid, Method method) {
+  constexpr double kNothingToLearn = 1e-10;  // [m] misfits below that differ by rounding alone
+  ModelSelection as_stated{.priors = task.options.priors, .rigid_priors = task.options.priors};
+  if (!is_open(task.options) || method != Method::joint || !(rigid.identification.rms > kNothingToLearn)) {
+    return as_stated;
+  }
+  const bool automatic = task.options.automatic_priors || task.options.effects.automatic;
+  if (!arrived(rigid.identification)) {
+    as_stated.not_tried = "priors and effects (the fit of the geometry alone did not converge)";
+  } else if (automatic && rigid.free != rigid.candidates) {
+    as_stated.not_tried = "priors and effects (the measurements do not determine all geometric errors)";
+  } else {
+    return choose_effects(task);
+  }
+  return as_stated;
 }
 
 std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold) {
   const Measurements means = means_of(task);
   const std::vector<std::vector<Index>> folds = make_folds(means, 0);
   std::vector<std::vector<double>> distances(folds.size());
-  parallel_for(folds.size(), task.options.threads, [&](std::size_t f) {
+  parallel_for(folds.size(), task.threads, [&](std::size_t f) {
     const auto is_left_out = [&](const Observation& o) {
       return std::find(folds[f].begin(), folds[f].end(), o.configuration) != folds[f].end();
     };

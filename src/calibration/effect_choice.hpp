@@ -3,28 +3,14 @@
 // Not installed.
 
 #include <functional>
-#include <string>
 #include <vector>
 
 #include "calibration/model_worth.hpp"
+#include "calibration/whole_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/noise_model.hpp"
 
 namespace kdl_calibration {
-
-struct Choice {
-  std::vector<EffectTerm> terms;  ///< with their sigmas
-  Priors priors;
-  Priors rigid_priors;  ///< that are best where there are no effects
-  double noise = 0.0;   ///< [m] 1 sigma of a coordinate of a mean, by the evidence of what is chosen
-  std::vector<ModelOption> tried;
-  std::string not_tried;         ///< groups of effects, and why
-  std::size_t not_compared = 0;  ///< points of targets that one fold alone has
-  double price = 1.0;            ///< of choosing, see TriedModels; 1 where effects were asked for by name
-};
-
-/// Whether there is anything to choose or to size.
-bool choice_is_open(const CalibrationOptions& options);
 
 /// Sizes by evidence (see SizeEstimator), the choice by cross-validation: leave-one-out below 40 configurations, else
 /// ten folds, of at most 2,000 configurations, evenly spaced. Repeats count as their mean. Sizes and noise are found
@@ -35,7 +21,11 @@ bool choice_is_open(const CalibrationOptions& options);
 /// behind them, stays if it is likelier and predicts better, or as well with fewer terms. Ripple is looked for again
 /// beside all that came after it. Throws InputError where effects are asked for by name and the measurements are too
 /// few for them.
-Choice choose_effects(const ChoiceTask& task);
+ModelSelection choose_effects(const ChoiceTask& task);
+
+/// The same where there is something to select, and where `rigid`, the fit of the geometry alone, allows it. It must
+/// have arrived and determine all geometric errors: priors would hide that the measurements leave some open.
+ModelSelection select_model(const ChoiceTask& task, const WholeFit& rigid, Method method);
 
 /// [m] of each left-out point from its prediction, where the choice is made anew without its configuration.
 std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold);

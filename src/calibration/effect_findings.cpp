@@ -34,7 +34,7 @@ std::string times_a_turn(const Calibration& calibration, const EffectMotion& mot
   std::map<double, double> squares;
   for (const Eigen::Index place : motion.terms) {
     const EffectTerm& term = calibration.model.effects[static_cast<std::size_t>(place)];
-    const double amplitude = calibration.identification.estimate.effects[place] / term.scale;
+    const double amplitude = calibration.fit.identification.estimate.effects[place] / term.scale;
     squares[std::abs(term.harmonic)] += amplitude * amplitude;
   }
   const auto strongest = std::max_element(squares.begin(), squares.end(),
@@ -48,7 +48,7 @@ bool is_mostly_of_approach(const Calibration& calibration, const EffectMotion& m
   double by_load = 0.0;
   for (const Eigen::Index place : motion.terms) {
     const bool approach = calibration.model.effects[static_cast<std::size_t>(place)].signal == DriveSignal::approach;
-    (approach ? by_approach : by_load) += std::abs(calibration.identification.estimate.effects[place]);
+    (approach ? by_approach : by_load) += std::abs(calibration.fit.identification.estimate.effects[place]);
   }
   return by_approach > by_load;
 }
@@ -64,7 +64,7 @@ std::string in_words(const Calibration& calibration, const EffectMotion& motion)
       return joint.name + " tilts by up to " + most + " across its axis under the arm's weight";
     case EffectGroup::gain: {
       const Eigen::Index term = motion.terms.front();
-      const double share = calibration.identification.estimate.effects[term] /
+      const double share = calibration.fit.identification.estimate.effects[term] /
                            calibration.model.effects[static_cast<std::size_t>(term)].scale;
       return joint.name + " moves " + in_digits(std::abs(share) * 100.0) + " % " +
              (share > 0.0 ? "further" : "less far") + " than it is told";
@@ -129,7 +129,7 @@ std::vector<EffectMotion> effect_motions(const Calibration& calibration, const M
     return result;
   }
   const Eigen::MatrixXd basis = effect_basis(calibration.model, measurements.joint_values, measurements.signals);
-  const Eigen::VectorXd& values = calibration.identification.estimate.effects;
+  const Eigen::VectorXd& values = calibration.fit.identification.estimate.effects;
   for (const auto& [key, terms] : terms_by_motion(calibration.model)) {
     const Eigen::RowVectorXd motion = values(terms).transpose() * basis(terms, Eigen::all);
     result.push_back({.by = key, .terms = terms, .lowest = motion.minCoeff(), .highest = motion.maxCoeff()});
@@ -151,7 +151,7 @@ std::vector<std::string> effect_findings(const Calibration& calibration, const s
   std::vector<std::string> result;
   result.reserve(most.size());
   for (const auto& [group, motion] : most) {
-    result.push_back(in_words(calibration, motion) + explained_by(calibration.tried, to_string(group)));
+    result.push_back(in_words(calibration, motion) + explained_by(calibration.selection.tried, to_string(group)));
   }
   return result;
 }

@@ -213,7 +213,7 @@ EffectTerm read_term(const Node& node, const ErrorModel& model) {
 Json effects_json(const Calibration& calibration, const Measurements& measurements) {
   const JointRanges ranges = trained_ranges(measurements);
   Json terms = Json::array();
-  for (const ParameterEstimate& parameter : calibration.parameters) {
+  for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
     const auto term = std::find_if(calibration.model.effects.begin(), calibration.model.effects.end(),
                                    [&](const EffectTerm& other) { return other.name == parameter.name; });
     if (term == calibration.model.effects.end()) {

@@ -25,13 +25,14 @@ VectorXd weights(const ErrorModel& model, const Unknowns& candidates) {
 
 }  // namespace
 
-bool take_smallest_errors(const FitTask& task, const ResidualOptions& residuals, WholeFit& fit) {
+std::optional<Identification> smallest_errors(const FitProblem& task, const WholeFit& fit) {
   constexpr int kMostRounds = 10;
   constexpr double kSettled = 1e-9;  // of a usual error
   constexpr double kWorse = 1e-9;    // of the misfit
   if (fit.free == fit.candidates || !arrived(fit.identification)) {
-    return false;
+    return std::nullopt;
   }
+  const ResidualOptions& residuals = task.options.joint.residuals;
   const LeastSquaresProblem problem(task.model, task.measurements, fit.candidates, residuals);
   const VectorXd S = weights(task.model, fit.candidates);
   Identification found = fit.identification;
@@ -46,7 +47,7 @@ bool take_smallest_errors(const FitTask& task, const ResidualOptions& residuals,
     const Identification next = identify_jointly(
         task.model, task.measurements, fit.candidates.moved(found.estimate, move), fit.free, {.residuals = residuals});
     if (!arrived(next) || next.rms > (1.0 + kWorse) * fit.identification.rms + 1e-10) {
-      return false;
+      return std::nullopt;
     }
     found.estimate = next.estimate;
     found.rms = next.rms;
@@ -54,8 +55,7 @@ bool take_smallest_errors(const FitTask& task, const ResidualOptions& residuals,
       break;
     }
   }
-  fit.identification = std::move(found);
-  return true;
+  return found;
 }
 
 }  // namespace kdl_calibration

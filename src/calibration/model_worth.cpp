@@ -126,7 +126,7 @@ Worth Appraisal::worth_of(const ModelInQuestion& model, TriedModels& tried, doub
     return worth;
   }
   const std::function<void()> after_fold =
-      is_told_ ? counted_fits(task_.options, in_words(model), folds_.size()) : nullptr;
+      is_told_ ? counted_fits(task_.progress, in_words(model), folds_.size()) : nullptr;
   const Index configurations = static_cast<Index>(rows.first.size()) - 1;
   LinearSums all = sums_of(rows, all_of(configurations));
   const std::vector<Index> columns = told_columns(candidate, all, all);

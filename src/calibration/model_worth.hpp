@@ -11,6 +11,7 @@
 #include "calibration/effect_candidates.hpp"
 #include "calibration/tried_models.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/group_sizes.hpp"
 
 namespace kdl_calibration {
@@ -21,8 +22,11 @@ struct ChoiceTask {
   const Measurements& measurements;
   const Estimate& optimum;  ///< of the rigid model: everything is linearised there
   const Unknowns& free;     ///< of the rigid model
-  const CalibrationOptions& options;
-  double orientation_length = 0.3;  ///< ResidualOptions::orientation_length
+  const ModelSelectionOptions& options;
+  const std::vector<std::string>& fix;  ///< patterns of effects that stay out
+  double orientation_length = 0.3;      ///< ResidualOptions::orientation_length
+  int threads = 0;
+  ProgressFunction progress = {};
 };
 
 /// What a model is worth beside others.

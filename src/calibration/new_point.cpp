@@ -41,13 +41,13 @@ bool MeasuredRegion::holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_p
   return of_parameters.trace() <= largest_variance;
 }
 
-MeasuredRegion measured_region(const Measurements& measurements, const FoldPrediction& held_out,
-                               const NoiseReport& noise, double price_of_choosing) {
+MeasuredRegion measured_region(const Measurements& measurements, const std::vector<HeldOutPoint>& held_out,
+                               const NoiseReport& noise, double optimism) {
   constexpr double kBeyond = 0.05;  // of the range
   constexpr std::size_t kFewest = 40;
   MeasuredRegion region;
   std::map<std::int32_t, std::vector<double>> ratios;
-  for (const HeldOutPoint& point : held_out.points) {
+  for (const HeldOutPoint& point : held_out) {
     const double radius =
         new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise).radius_95;
     ratios[point.configuration].push_back(point.residual.norm() / radius);
@@ -71,7 +71,7 @@ MeasuredRegion measured_region(const Measurements& measurements, const FoldPredi
     }
   }
   if (ratios.size() < kFewest) {
-    region.radius_factor = price_of_choosing;
+    region.radius_factor = optimism;
     return region;
   }
   std::sort(shares.begin(), shares.end());

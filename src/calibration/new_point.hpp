@@ -3,6 +3,7 @@
 // Not installed.
 
 #include <Eigen/Core>
+#include <vector>
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/fold_prediction.hpp"
@@ -30,14 +31,14 @@ NewPoint new_point(const PointPrediction& prediction, const NoiseReport& noise);
 struct MeasuredRegion {
   /// The radii's factor: with the distances of held-out points over the radii that the fit without them predicts, the
   /// smallest that leaves 95 % of n + 1 configurations inside (conformal prediction, Lei et al. 2018; each counts with
-  /// the share of its targets). Below 40 configurations the price of choosing the model.
+  /// the share of its targets). Below 40 configurations the optimism of selecting the model.
   double radius_factor = 1.0;
   double largest_variance = 0.0;  ///< [m^2] trace of the covariance of a held-out point by the parameters
   JointRanges joints;             ///< of the training rows, and 5 % beyond on both sides
 
   bool holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const;
 };
-MeasuredRegion measured_region(const Measurements& measurements, const FoldPrediction& held_out,
-                               const NoiseReport& noise, double price_of_choosing);
+MeasuredRegion measured_region(const Measurements& measurements, const std::vector<HeldOutPoint>& held_out,
+                               const NoiseReport& noise, double optimism);
 
 }  // namespace kdl_calibration

@@ -13,56 +13,18 @@
 #include "kdl_calibration/pseudo_values.hpp"
 
 namespace kdl_calibration {
-namespace {
-
-// Of the repeats' scatter, the least that is taken as the noise of single points along an axis.
-constexpr double kLeastShareOfRepeats = 1e-3;
-
-}  // namespace
-
-void require_repeats(const Measurements& measurements) {
-  const RepeatNoise repeats = noise_from_repeats(measurements);
-  if (repeats.degrees_of_freedom == 0.0) {
-    throw OptionError("weights", "noise by repeats needs configurations that were measured more than once, and " +
-                                     measurements.source + " has none");
-  }
-  if (!(repeats.independent.minCoeff() > kLeastShareOfRepeats * repeats.total.maxCoeff())) {
-    throw OptionError("weights",
-                      "the repeats of single points in " + measurements.source +
-                          " do not vary along every axis; state the noise of points by themselves",
-                      {"noise.independent"});
-  }
+bool noise_is_stated(const Measurements& measurements, const NoiseModel& stated) {
+  return stated.is_absolute() || std::any_of(measurements.observations.begin(), measurements.observations.end(),
+                                             [](const Observation& observation) { return observation.sigma > 0.0; });
 }
 
-void require_comparable_orientations(const Measurements& measurements, const CalibrationOptions& options) {
-  if (!(options.noise.orientation > 0.0)) {
-    return;
-  }
-  if (measurements.orientations.empty()) {
-    throw OptionError("noise.orientation", "no row of " + measurements.source + " has a quaternion");
-  }
-  const bool every_row = std::all_of(measurements.observations.begin(), measurements.observations.end(),
-                                     [](const Observation& observation) { return observation.sigma > 0.0; });
-  if (!options.noise.is_absolute() && options.weights != Weights::repeats && !every_row) {
-    throw OptionError("noise.orientation",
-                      "needs the noise of positions as well: of points by themselves, of the tracker, by repeats or a "
-                      "sigma in every row",
-                      {"noise.independent", "noise.tracker", "weights"});
-  }
-}
-
-bool noise_is_stated(const Measurements& measurements, const CalibrationOptions& options) {
-  return options.noise.is_absolute() ||
-         std::any_of(measurements.observations.begin(), measurements.observations.end(),
-                     [](const Observation& observation) { return observation.sigma > 0.0; });
-}
-
-void make_absolute(const FitTask& task, const Unknowns& free, FitOptions& options) {
-  const LeastSquaresProblem problem(task.model, task.measurements, free, options.joint.residuals);
-  const Identification plain = identify_jointly(task.model, task.measurements, task.start, free, options.joint);
+double sigma_of_residuals(const FitProblem& fit) {
+  const JointOptions& joint = fit.options.joint;
+  const LeastSquaresProblem problem(fit.model, fit.measurements, fit.free, joint.residuals);
+  const Identification plain = identify_jointly(fit.model, fit.measurements, fit.start, fit.free, joint);
   const double freedom = static_cast<double>(problem.equations() - problem.columns());
   const double variance = problem.linearise(plain.estimate).cost / std::max(freedom, 1.0);
-  options.joint.residuals.noise.independent.setConstant(std::max(std::sqrt(variance), 1e-9));
+  return std::max(std::sqrt(variance), 1e-9);
 }
 
 namespace {
@@ -75,7 +37,7 @@ double excess_over_stated(double variance, double degrees_of_freedom) {
 }
 
 void report_parts(const NoiseParts& parts, NoiseReport& noise) {
-  noise.model = "parts";
+  noise.source = NoiseSource::parts;
   noise.sigma = std::sqrt(parts.point().trace() / 3.0);
   noise.misfit = std::sqrt(parts.misfit());
   noise.target_misfit = std::sqrt(parts.target_misfit());
@@ -104,19 +66,19 @@ struct MeasuredScatter {
 };
 
 // The covariance and the report of noise that is stated, or else in the residuals of this system.
-NoiseAssessment without_parts(const FitTask& task, const FittedSystem& fitted, const MeasuredScatter& scatter,
-                              NoiseReport noise) {
+NoiseAssessment without_parts(const Measurements& measurements, const NoiseModel& stated, const FittedSystem& fitted,
+                              const MeasuredScatter& scatter, NoiseReport noise) {
   NoiseAssessment result;
   const auto [points, variance, factor] = scatter;
   const LeastSquaresProblem& problem = fitted.problem;
-  if (noise_is_stated(task.measurements, task.options)) {
-    noise.model = "stated";
-    noise.independent = stated_sigma_of_points(task.measurements, task.options.noise);
-    noise.common = task.options.noise.common;
+  if (noise_is_stated(measurements, stated)) {
+    noise.source = NoiseSource::stated;
+    noise.independent = stated_sigma_of_points(measurements, stated);
+    noise.common = stated.common;
     noise.sigma = std::sqrt(points / problem.total_weight());
     result.covariance = covariance(fitted.system.triangle, factor * noise.variance_factor);
   } else {
-    noise.model = "residuals";
+    noise.source = NoiseSource::residuals;
     noise.sigma = std::sqrt(variance * points / problem.total_weight());
     // Of the means: what repeats average out does not count, what a configuration has in common does.
     const double cells = static_cast<double>(fitted.system.measured_rows) / 3.0;
@@ -124,8 +86,8 @@ NoiseAssessment without_parts(const FitTask& task, const FittedSystem& fitted, c
     const ResidualNoise components = noise_from_residuals(fitted.system, fitted.rank, unit_weight);
     noise.independent.setConstant(components.independent / std::sqrt(factor));
     noise.misfit = components.common / std::sqrt(factor);
-    result.covariance = task.measurements.orientations.empty() ? covariance(fitted.system, components, unit_weight)
-                                                               : covariance(fitted.system.triangle, factor * variance);
+    result.covariance = measurements.orientations.empty() ? covariance(fitted.system, components, unit_weight)
+                                                          : covariance(fitted.system.triangle, factor * variance);
   }
   result.report = std::move(noise);
   return result;
@@ -133,24 +95,24 @@ NoiseAssessment without_parts(const FitTask& task, const FittedSystem& fitted, c
 
 // The robust fit as the plain one of its pseudo-values. The noise is that of the points that are not outlying: by the
 // median, which an outlier hardly moves, with what the fit has taken from it.
-NoiseAssessment assess_robust_noise(const FitTask& task, const FittedSystem& fitted, const RobustRows& robust,
-                                    NoiseReport noise) {
+NoiseAssessment assess_robust_noise(const FittedSystem& fitted, const FitProblem& fit, const NoiseModel& stated,
+                                    const RobustRows& robust, NoiseReport noise) {
   constexpr double kEfficiencyOfMedian = 0.53;  // of the scale of normal points in three dimensions
   const PseudoValues pseudo =
-      pseudo_values(task.model, task.measurements, fitted.estimate, task.fit_options.loss, robust.weights);
-  ResidualOptions residuals = task.fit_options.joint.residuals;
+      pseudo_values(fit.model, fit.measurements, fitted.estimate, fit.options.loss, robust.weights);
+  ResidualOptions residuals = fit.options.joint.residuals;
   residuals.row_weights = pseudo.row_weights;
-  const LeastSquaresProblem problem(task.model, pseudo.measurements, fitted.free, residuals);
+  const LeastSquaresProblem problem(fit.model, pseudo.measurements, fitted.free, residuals);
   const WhitenedSummary system = problem.whitened_summary(fitted.estimate);
   const double without_weight = static_cast<double>(problem.points()) - pseudo.rows;
   const double freedom = std::max(noise.degrees_of_freedom - 3.0 * without_weight, 1.0);
   const double left = freedom / (freedom + fitted.rank);
   const double variance = robust.scale * robust.scale / left;
   const double reduced = problem.linearise(fitted.estimate).cost / freedom;
-  if (noise_is_stated(task.measurements, task.options)) {
+  if (noise_is_stated(fit.measurements, stated)) {
     noise.variance_factor = excess_over_stated(variance, kEfficiencyOfMedian * freedom);
   }
-  return without_parts(task,
+  return without_parts(fit.measurements, stated,
                        {.problem = problem,
                         .estimate = fitted.estimate,
                         .free = fitted.free,
@@ -162,27 +124,27 @@ NoiseAssessment assess_robust_noise(const FitTask& task, const FittedSystem& fit
 
 }  // namespace
 
-NoiseAssessment assess_noise(const FitTask& task, const FittedSystem& fitted, const RobustRows& robust,
-                             const EstimatedNoise& estimated) {
+NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, const NoiseModel& stated,
+                             const RobustRows& robust, const EstimatedNoise& estimated) {
   NoiseReport noise;
   noise.degrees_of_freedom = static_cast<double>(fitted.problem.equations() - fitted.rank);
-  const RepeatNoise repeats = noise_from_repeats(task.measurements);
+  const RepeatNoise repeats = noise_from_repeats(fit.measurements);
   if (repeats.degrees_of_freedom > 0.0) {
     noise.repeats = repeats;
   }
   const auto own_sigma = [](const Observation& o) { return o.sigma > 0.0; };
-  const std::vector<Observation>& rows = task.measurements.observations;
+  const std::vector<Observation>& rows = fit.measurements.observations;
   if (std::none_of(rows.begin(), rows.end(), own_sigma)) {
-    noise.tracker = task.options.noise.tracker;
+    noise.tracker = stated.tracker;
   }
   if (!robust.weights.empty()) {
-    return assess_robust_noise(task, fitted, robust, std::move(noise));
+    return assess_robust_noise(fitted, fit, stated, robust, std::move(noise));
   }
   const double freedom = std::max(noise.degrees_of_freedom, 1.0);
-  if (noise_is_stated(task.measurements, task.options)) {
+  if (noise_is_stated(fit.measurements, stated)) {
     ResidualOptions as_stated = estimated.as_stated;
     as_stated.row_weights = fitted.row_weights;
-    const LeastSquaresProblem problem(task.model, task.measurements, fitted.free, as_stated);
+    const LeastSquaresProblem problem(fit.model, fit.measurements, fitted.free, as_stated);
     noise.variance_factor =
         excess_over_stated(problem.linearise(fitted.estimate).cost / freedom, noise.degrees_of_freedom);
   }
@@ -197,7 +159,8 @@ NoiseAssessment assess_noise(const FitTask& task, const FittedSystem& fitted, co
   }
   const double variance =
       noise.degrees_of_freedom > 0.0 ? fitted.problem.linearise(fitted.estimate).cost / freedom : 0.0;
-  return without_parts(task, fitted, {.points = static_cast<double>(fitted.problem.points()), .variance = variance},
+  return without_parts(fit.measurements, stated, fitted,
+                       {.points = static_cast<double>(fitted.problem.points()), .variance = variance},
                        std::move(noise));
 }
 
@@ -208,13 +171,19 @@ double variance_of_unit_weight(const Eigen::MatrixXd& triangle, const Eigen::Mat
 }
 
 double NoiseReport::freedom_of_covariance() const {
-  return model == "stated" && variance_factor == 1.0 ? std::numeric_limits<double>::infinity() : degrees_of_freedom;
+  return source == NoiseSource::stated && variance_factor == 1.0 ? std::numeric_limits<double>::infinity()
+                                                                 : degrees_of_freedom;
 }
 
-std::optional<LackOfFit> lack_of_fit(const FitTask& task, const Estimate& estimate, const Unknowns& free) {
-  std::optional<LackOfFit> result = test_lack_of_fit(task.model, task.measurements, estimate, free);
+const char* to_string(NoiseSource source) {
+  return source == NoiseSource::parts ? "parts" : source == NoiseSource::stated ? "stated" : "residuals";
+}
+
+std::optional<LackOfFit> lack_of_fit(const ErrorModel& model, const Measurements& measurements,
+                                     const Estimate& estimate, const Unknowns& free) {
+  std::optional<LackOfFit> result = test_lack_of_fit(model, measurements, estimate, free);
   if (result) {
-    result->explained_by_joint = explained_by_joints(task.model, estimate, task.measurements);
+    result->explained_by_joint = explained_by_joints(model, estimate, measurements);
   }
   return result;
 }

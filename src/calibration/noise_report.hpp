@@ -12,18 +12,12 @@ namespace kdl_calibration {
 /// p-value below which a misfit counts as more than noise.
 constexpr double kMisfitCertain = 1e-3;
 
-/// Throws InputError where there are no repeats, or none that vary along every axis.
-void require_repeats(const Measurements& measurements);
-
-/// Throws InputError for a sigma of orientations [rad] that has no sigma of positions [m] beside it, or no orientation.
-void require_comparable_orientations(const Measurements& measurements, const CalibrationOptions& options);
-
 /// Whether the noise is known before the fit: stated for all rows or for some.
-bool noise_is_stated(const Measurements& measurements, const CalibrationOptions& options);
+bool noise_is_stated(const Measurements& measurements, const NoiseModel& stated);
 
-/// Priors and residuals must be on one scale. Where nothing states the noise, the residuals of the fit without priors
-/// do, the drift and the misfit of the model included.
-void make_absolute(const FitTask& task, const Unknowns& free, FitOptions& options);
+/// [m] 1 sigma of a coordinate by the residuals of the problem's fit without priors, the drift and the misfit of the
+/// model included. Priors and residuals must be on one scale where nothing states the noise.
+double sigma_of_residuals(const FitProblem& problem);
 
 struct NoiseAssessment {
   NoiseReport report;
@@ -44,11 +38,12 @@ struct FittedSystem {
   int rank;  ///< how many of the columns the system determines
 };
 
-/// Noise and covariance at the end of a fit.
-NoiseAssessment assess_noise(const FitTask& task, const FittedSystem& fitted, const RobustRows& robust,
-                             const EstimatedNoise& estimated);
+/// Noise and covariance at the end of a fit, whose estimate and unknowns `fitted` has. `fit` says how rows are weighed.
+NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, const NoiseModel& stated,
+                             const RobustRows& robust, const EstimatedNoise& estimated);
 
-/// The residuals of a fit against the scatter of the repeats; none where there are no repeats.
-std::optional<LackOfFit> lack_of_fit(const FitTask& task, const Estimate& estimate, const Unknowns& free);
+/// The residuals of an estimate against the scatter of the repeats; none where there are no repeats.
+std::optional<LackOfFit> lack_of_fit(const ErrorModel& model, const Measurements& measurements,
+                                     const Estimate& estimate, const Unknowns& free);
 
 }  // namespace kdl_calibration

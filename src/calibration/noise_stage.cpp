@@ -61,10 +61,6 @@ std::array<int, 6> base_columns(const Unknowns& free) {
   return result;
 }
 
-bool is_estimated(const CalibrationOptions& options) {
-  return options.weights != Weights::equal && options.method == Method::joint && options.loss == Loss::none;
-}
-
 // RMS distance [m] of left-out configurations, at most 500 evenly spaced ones, from their prediction by all others;
 // infinite where these are too few. `noise`: [m] 1 sigma of a coordinate.
 double held_out_rms(const FitProblem& problem, double noise) {
@@ -109,63 +105,68 @@ std::optional<FitProblem> weighed_by(const NoiseModel& noise, const FitProblem& 
 
 }  // namespace
 
-bool weigh_by_estimated_noise(const FitTask& task, const Unknowns& free, ResidualOptions& residuals) {
-  if (!is_estimated(task.options)) {
-    return false;
+std::optional<NoiseModel> weights_by_estimated_noise(const FitProblem& problem, const NoiseBeforehand& noise) {
+  if (!noise.estimated) {
+    return std::nullopt;
   }
-  const JointOptions joint{.residuals = residuals};
-  const Identification plain = identify_jointly(task.model, task.measurements, task.start, free, joint);
-  if (!arrived(plain)) {
-    return false;
+  FitProblem plain = problem;
+  plain.options = {.joint = {.residuals = problem.options.joint.residuals}};
+  const Identification found = kdl_calibration::fit(plain);
+  if (!arrived(found)) {
+    return std::nullopt;
   }
-  const NoiseParts parts = estimate_noise(task.model, task.measurements, plain.estimate, free, residuals);
+  plain.start = found.estimate;
+  const NoiseParts parts =
+      estimate_noise(plain.model, plain.measurements, plain.start, plain.free, plain.options.joint.residuals);
   if (!parts.converged) {
-    return false;
+    return std::nullopt;
   }
-  const FitProblem problem{.model = task.model,
-                           .measurements = task.measurements,
-                           .start = plain.estimate,
-                           .free = free,
-                           .options = {.joint = joint}};
-  const NoiseModel noise = parts.model(task.options.noise);
-  if (!noise.is_isotropic()) {
-    const std::optional<FitProblem> weighed = weighed_by(noise, problem);
-    if (!weighed || do_harm(*weighed, problem, parts, 1.0)) {
-      return false;
+  NoiseModel weights = parts.model(noise.stated);
+  if (!weights.is_isotropic()) {
+    const std::optional<FitProblem> weighed = weighed_by(weights, plain);
+    if (!weighed || do_harm(*weighed, plain, parts, 1.0)) {
+      return std::nullopt;
     }
   }
-  residuals.noise = noise;
-  return true;
+  return weights;
 }
 
-EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals) {
-  EstimatedNoise result{.parts = std::nullopt, .as_stated = residuals};
-  const CalibrationOptions& options = task.options;
-  result.as_stated.noise = options.noise;
+FitOptions absolute_weights(const FitProblem& problem, const NoiseBeforehand& noise) {
+  FitOptions options = problem.options;
+  NoiseModel& weights = options.joint.residuals.noise;
+  if (const std::optional<NoiseModel> estimated = weights_by_estimated_noise(problem, noise)) {
+    weights = *estimated;
+  } else if (!noise_is_stated(problem.measurements, noise.stated)) {
+    weights.independent.setConstant(sigma_of_residuals(problem));
+  }
+  return options;
+}
+
+EstimatedNoise fit_with_estimated_noise(const FitProblem& problem, const NoiseBeforehand& noise, double rms) {
   constexpr double kRounding = 1e-10;  // [m] residuals that tell nothing
-  if (!is_estimated(options) || !arrived(fit.identification) || fit.identification.rms < kRounding) {
+  const ResidualOptions& residuals = problem.options.joint.residuals;
+  EstimatedNoise result{
+      .parts = std::nullopt, .as_stated = residuals, .weights = residuals.noise, .estimate = problem.start};
+  result.as_stated.noise = noise.stated;
+  if (!noise.estimated || rms < kRounding) {
     return result;
   }
-  FitProblem plain{.model = task.model,
-                   .measurements = task.measurements,
-                   .start = fit.identification.estimate,
-                   .free = fit.free,
-                   .options = task.fit_options};
+  FitProblem plain = problem;
   plain.options.after_fit = nullptr;
-  NoiseParts parts = estimate_noise(task.model, task.measurements, plain.start, fit.free, result.as_stated);
-  if (!parts.converged && noise_is_stated(task.measurements, options)) {
+  NoiseParts parts = estimate_noise(plain.model, plain.measurements, plain.start, plain.free, result.as_stated);
+  if (!parts.converged && noise_is_stated(plain.measurements, noise.stated)) {
     return result;
   }
   // Beside priors the plain weights are those of earlier parts already, and better or worse by chance.
-  const bool with_priors = fit.free.prior_information(residuals.priors).any();
+  const bool with_priors = plain.free.prior_information(residuals.priors).any();
   const std::optional<FitProblem> weighed =
-      parts.converged ? weighed_by(parts.model(options.noise), plain) : std::nullopt;
+      parts.converged ? weighed_by(parts.model(noise.stated), plain) : std::nullopt;
   if (!weighed || do_harm(*weighed, plain, parts, with_priors ? kChanceRatio : 1.0)) {
     const bool misfits = !parts.converged || parts.estimates_misfit();
-    parts = noise_beside_weights(plain, options.noise, misfits);
+    parts = noise_beside_weights(plain, noise.stated, misfits);
   } else {
-    residuals = weighed->options.joint.residuals;
-    fit.identification.estimate = weighed->start;
+    result.weights = weighed->options.joint.residuals.noise;
+    result.estimate = weighed->start;
   }
   if (parts.converged) {
     result.parts = std::move(parts);
@@ -173,9 +174,9 @@ EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, Resi
   return result;
 }
 
-NoiseModel noise_of_means(const Measurements& measurements, const CalibrationOptions& options, double sigma) {
+NoiseModel noise_of_means(const Measurements& measurements, const NoiseBeforehand& beforehand, double sigma) {
   constexpr double kBeyond = 0.5;  // of the stated variance; less may be chance
-  NoiseModel noise = options.noise;
+  NoiseModel noise = beforehand.stated;
   double variance = 0.0;
   double rows = 0.0;
   std::set<std::pair<std::int32_t, std::int32_t>> means;
@@ -185,13 +186,13 @@ NoiseModel noise_of_means(const Measurements& measurements, const CalibrationOpt
     rows += 1.0;
   }
   const double repeats = rows / std::max(static_cast<double>(means.size()), 1.0);
-  if (!noise_is_stated(measurements, options)) {
+  if (!noise_is_stated(measurements, noise)) {
     noise.independent.setConstant(sigma * std::sqrt(repeats));
     return noise;
   }
   const double stated = variance / std::max(rows, 1.0) / repeats;
   const double excess = sigma * sigma - stated;
-  if (is_estimated(options) && excess > kBeyond * stated) {
+  if (beforehand.estimated && excess > kBeyond * stated) {
     noise.target_misfit = std::hypot(noise.target_misfit, std::sqrt(excess));
   }
   return noise;

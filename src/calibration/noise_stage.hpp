@@ -9,25 +9,37 @@
 
 namespace kdl_calibration {
 
+/// What is known of the noise beforehand.
+struct NoiseBeforehand {
+  NoiseModel stated;
+  bool estimated = true;  ///< whether parts that are not stated are estimated
+};
+
+/// The end of a fit with estimated noise.
 struct EstimatedNoise {
   std::optional<NoiseParts> parts;
   ResidualOptions as_stated;  ///< what the rows were whitened with before
+  NoiseModel weights;         ///< what they are whitened with at `estimate`
+  Estimate estimate;
 };
 
-/// Estimates the parts of the noise that nobody stated at the end of `fit`, and fits the same parameters again with the
-/// weights that follow. `residuals`, those of the task's options, get these weights. Where these weights predict
-/// left-out configurations worse the fit stays, and the parts are those that its residuals show. Nothing happens, and
-/// nothing is estimated, where plain least squares were asked for, where rows are down-weighted, and where the fit did
-/// not arrive.
-EstimatedNoise fit_with_estimated_noise(const FitTask& task, WholeFit& fit, ResidualOptions& residuals);
+/// Estimates the parts of the noise that nobody stated at an optimum, the start of `problem`, and fits its unknowns
+/// again with the weights that follow. Where these weights predict left-out configurations worse the estimate and its
+/// weights stay, and the parts are those that its residuals show. Nothing is estimated where `noise` says so, and where
+/// the residuals are rounding. `rms`: [m] of the fit.
+EstimatedNoise fit_with_estimated_noise(const FitProblem& problem, const NoiseBeforehand& noise, double rms);
 
-/// The same for a choice between models: the parts at the fit of `free` without priors, from the task's start. False
-/// where they are not to be estimated, or could not be; `residuals` is left as it was then.
-bool weigh_by_estimated_noise(const FitTask& task, const Unknowns& free, ResidualOptions& residuals);
+/// The same for a selection between models: the weights by the parts at the fit of the problem without priors. None
+/// where they are not to be estimated, or could not be.
+std::optional<NoiseModel> weights_by_estimated_noise(const FitProblem& problem, const NoiseBeforehand& noise);
+
+/// The problem's options, with weights that priors can be compared with: those weights or, where nothing states the
+/// noise, a sigma for all rows by the residuals.
+FitOptions absolute_weights(const FitProblem& problem, const NoiseBeforehand& noise);
 
 /// Weights until the parts are estimated, where the mean of a point's repeats is off by `sigma` [m]: that, or the
 /// stated noise, and a misfit beside it where it is to be estimated and the rest is clearly larger.
-NoiseModel noise_of_means(const Measurements& measurements, const CalibrationOptions& options, double sigma);
+NoiseModel noise_of_means(const Measurements& measurements, const NoiseBeforehand& noise, double sigma);
 
 /// 1 sigma of a printed value and the degrees of freedom that it rests on.
 struct ValueUncertainty {

@@ -46,13 +46,13 @@ std::vector<std::string> all_names(const ErrorModel& model, const std::vector<Ta
   return names;
 }
 
-bool is_known_target(const CalibrationOptions& options, const std::string& name) {
+bool is_known_target(const ParameterOptions& options, const std::string& name) {
   return std::any_of(options.known_targets.begin(), options.known_targets.end(),
                      [&](const TargetFrame& target) { return target.name == name; });
 }
 
 // Base and target coordinates that are not estimated because they are known or fixed by choice.
-std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, const CalibrationOptions& options,
+std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, const ParameterOptions& options,
                                       const std::set<std::string>& fixed, const std::set<std::string>& freed) {
   std::vector<std::string> result;
   const auto consider = [&](const std::string& name, bool known, const std::string& option) {
@@ -76,14 +76,14 @@ std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, c
 
 }  // namespace
 
-bool fixes_effect(const CalibrationOptions& options, const EffectTerm& term) {
-  return std::any_of(options.fix.begin(), options.fix.end(), [&](const std::string& pattern) {
+bool fixes_effect(const std::vector<std::string>& fix, const EffectTerm& term) {
+  return std::any_of(fix.begin(), fix.end(), [&](const std::string& pattern) {
     return is_of_effects(pattern) && matches_pattern(pattern, term.name);
   });
 }
 
 ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                                  const CalibrationOptions& options, ReductionOptions reduction) {
+                                  const ParameterOptions& options, ReductionOptions reduction) {
   const std::vector<std::string> names = all_names(model, targets);
   std::vector<std::string> of_parameters = options.fix;
   std::erase_if(of_parameters, is_of_effects);

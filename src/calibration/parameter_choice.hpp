@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/reduction.hpp"
 
 namespace kdl_calibration {
@@ -15,14 +15,14 @@ struct ParameterChoice {
   std::vector<std::string> complete;  ///< those and every geometric error that is neither fixed nor a gauge freedom
 };
 
-/// Whether a pattern of CalibrationOptions::fix leaves the term out. Patterns are about effects where they begin with
+/// Whether a pattern of ParameterOptions::fix leaves the term out. Patterns are about effects where they begin with
 /// the name of one of their groups, else about parameters.
-bool fixes_effect(const CalibrationOptions& options, const EffectTerm& term);
+bool fixes_effect(const std::vector<std::string>& fix, const EffectTerm& term);
 
 /// The irreducible or complete model with the patterns of --fix and --free and the known frames applied. `reduction`
 /// says at which geometry and noise; what is fixed is added to it.
 /// Throws InputError for a pattern that matches nothing and for a fixed coordinate of a frame that is not known.
 ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                                  const CalibrationOptions& options, ReductionOptions reduction = {});
+                                  const ParameterOptions& options, ReductionOptions reduction = {});
 
 }  // namespace kdl_calibration

@@ -26,7 +26,7 @@ void add_frame_parameters(const std::vector<std::string>& names, const Eigen::Is
     const double before = i < 3 ? nominal.translation()[axis] : nominal_turn[axis];
     parameters.push_back({.name = names[i],
                           .joint = {},
-                          .kind = i < 3 ? "translation" : "rotation",
+                          .kind = i < 3 ? ParameterKind::translation : ParameterKind::rotation,
                           .axis = std::string(1, static_cast<char>('x' + axis)),
                           .nominal = before,
                           .value = value,
@@ -63,7 +63,7 @@ std::vector<ParameterEstimate> all_parameters(const ErrorModel& model, const Est
     const double error = estimate.errors[static_cast<Eigen::Index>(p)];
     all.push_back({.name = parameter.name,
                    .joint = parameter.joint,
-                   .kind = to_string(parameter.kind),
+                   .kind = parameter.kind,
                    .axis = parameter.axis == 'q' ? "" : std::string(1, parameter.axis),
                    .nominal = parameter.nominal,
                    .value = parameter.nominal + error,
@@ -73,7 +73,7 @@ std::vector<ParameterEstimate> all_parameters(const ErrorModel& model, const Est
     const double value = estimate.effects[static_cast<Eigen::Index>(d)];
     all.push_back({.name = model.effects[d].name,
                    .joint = model.effects[d].joint,
-                   .kind = "effect",
+                   .kind = ParameterKind::effect,
                    .axis = {},
                    .value = value,
                    .error = value});
@@ -91,9 +91,8 @@ bool is_unknown(const ErrorModel& model, const ParameterEstimate& estimate) {
          estimate.std > (is_length(model, *found) ? link_length(model, *found) : kAngle);
 }
 
-std::vector<ParameterEstimate> parameter_estimates(const FitTask& task, const WholeFit& fit,
-                                                   const KnownOfParameters& known) {
-  const ErrorModel& model = task.model;
+std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, const Estimate& nominal,
+                                                   const WholeFit& fit, const KnownOfParameters& known) {
   const Estimate& estimate = fit.identification.estimate;
   const std::vector<ValueUncertainty> uncertain = uncertainties(estimate, fit.free, known.covariance, known.noise);
   std::set<std::string> biased;  // by what the gauge holds
@@ -107,7 +106,7 @@ std::vector<ParameterEstimate> parameter_estimates(const FitTask& task, const Wh
   const std::set<std::string> held(known.fixed_by_gauge.begin(), known.fixed_by_gauge.end());
   const std::set<std::string> kept(fit.reduction.kept.begin(), fit.reduction.kept.end());
   std::vector<ParameterEstimate> parameters;
-  for (ParameterEstimate& parameter : all_parameters(model, task.start, estimate)) {
+  for (ParameterEstimate& parameter : all_parameters(model, nominal, estimate)) {
     const std::optional<Eigen::Index> column = fit.free.column(parameter.name);
     const bool estimated = column.has_value();
     parameter.gauge = gauge.count(parameter.name) > 0 || held.count(parameter.name) > 0;

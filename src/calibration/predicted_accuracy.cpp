@@ -29,7 +29,7 @@ public:
   explicit UncertainPredictor(const UncertainEstimate& uncertain)
       : uncertain_(uncertain),
         estimate_(uncertain.fit.identification.estimate),
-        undetermined_(undetermined_directions(uncertain.triangle_of_candidates)),
+        undetermined_(undetermined_directions(uncertain.root_of_candidates)),
         free_(uncertain.model, estimate_, uncertain.fit.free),
         candidates_(uncertain.model, estimate_, uncertain.fit.candidates),
         offsets_(joint_offsets(uncertain.model, estimate_.targets)),
@@ -190,8 +190,7 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
       random_configurations(model.joints, limits_of(model.joints), kWorkspaceSamples, random);
   PredictedAccuracy result;
   const UncertainPredictor predictor(uncertain);
-  const MeasuredRegion region =
-      measured_region(measurements, uncertain.held_out, uncertain.noise, uncertain.price_of_choosing);
+  const MeasuredRegion region = measured_region(measurements, uncertain.held_out, uncertain.noise, uncertain.optimism);
   result.radius_factor = region.radius_factor;
   result.asked = predictor.points(asked, region);
   if (!uncertain.covariance.diagonal().allFinite()) {

@@ -12,11 +12,11 @@ namespace kdl_calibration {
 struct UncertainEstimate {
   const ErrorModel& model;
   const WholeFit& fit;
-  const Eigen::MatrixXd& covariance;              ///< of what is free
-  const Eigen::MatrixXd& triangle_of_candidates;  ///< of the whitened system
+  const Eigen::MatrixXd& covariance;          ///< of what is free
+  const Eigen::MatrixXd& root_of_candidates;  ///< R of the whitened system, see WhitenedSummary::triangle
   const NoiseReport& noise;
-  const FoldPrediction& held_out;
-  double price_of_choosing = 1.0;  ///< see TriedModels
+  const std::vector<HeldOutPoint>& held_out;
+  double optimism = 1.0;  ///< of the selection, see TriedModels
 };
 
 /// At the measured configurations, over the workspace and where it was asked for.

@@ -9,15 +9,15 @@
 namespace kdl_calibration {
 
 double excess_over_priors(const Calibration& found) {
-  const Eigen::VectorXd information = found.free.prior_information(found.priors);
+  const Eigen::VectorXd information = found.fit.free.prior_information(found.selection.priors);
   double squares = 0.0;
   double expected = 0.0;
   for (Eigen::Index c = 0; c < information.size(); ++c) {
-    if (information[c] > 0.0 && std::isfinite(found.covariance(c, c))) {
+    if (information[c] > 0.0 && std::isfinite(found.uncertainty.covariance(c, c))) {
       const double value =
-          Unknowns::value(found.identification.estimate, found.free.columns()[static_cast<std::size_t>(c)]);
+          Unknowns::value(found.fit.identification.estimate, found.fit.free.columns()[static_cast<std::size_t>(c)]);
       squares += information[c] * value * value;
-      expected += std::max(1.0 - information[c] * found.covariance(c, c), 0.0);
+      expected += std::max(1.0 - information[c] * found.uncertainty.covariance(c, c), 0.0);
     }
   }
   const double ratio = expected > 0.0 ? squares / expected : 1.0;

@@ -18,7 +18,7 @@ namespace {
 
 // Measured minus predicted, one for each observation.
 std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const Calibration& calibration) {
-  const Estimate& estimate = calibration.identification.estimate;
+  const Estimate& estimate = calibration.fit.identification.estimate;
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(calibration.model, estimate, measurements);
   std::vector<Eigen::Vector3d> result;
   result.reserve(measurements.observations.size());
@@ -73,15 +73,16 @@ Json statistics_json(const ErrorStatistics& statistics) {
 }
 
 Json covariance_json(const Calibration& calibration) {
-  const std::vector<std::string> names = calibration.free.names();
-  if (names.size() > kMostColumns || static_cast<std::size_t>(calibration.covariance.rows()) != names.size()) {
+  const std::vector<std::string> names = calibration.fit.free.names();
+  if (names.size() > kMostColumns ||
+      static_cast<std::size_t>(calibration.uncertainty.covariance.rows()) != names.size()) {
     return nullptr;
   }
   Json triangle = Json::array();
-  for (Eigen::Index r = 0; r < calibration.covariance.rows(); ++r) {
+  for (Eigen::Index r = 0; r < calibration.uncertainty.covariance.rows(); ++r) {
     Json row = Json::array();
     for (Eigen::Index c = 0; c <= r; ++c) {
-      row.push_back(finite_or_null(calibration.covariance(r, c)));
+      row.push_back(finite_or_null(calibration.uncertainty.covariance(r, c)));
     }
     triangle.push_back(row);
   }
@@ -116,7 +117,7 @@ Json residuals_json(const Measurements& measurements, const Calibration& calibra
 }
 
 Json held_out_points_json(const Measurements& measurements, const Calibration& calibration) {
-  const std::vector<HeldOutPoint>& points = calibration.held_out_points;
+  const std::vector<HeldOutPoint>& points = calibration.accuracy.held_out_points;
   if (points.empty() || points.size() > kMostRows) {
     return nullptr;
   }
@@ -132,7 +133,7 @@ Json held_out_points_json(const Measurements& measurements, const Calibration& c
 
 std::string residuals_csv(const Measurements& measurements, const Calibration& calibration) {
   check(measurements, calibration.model);
-  check(calibration.identification.estimate, calibration.model, measurements);
+  check(calibration.fit.identification.estimate, calibration.model, measurements);
   const std::vector<Eigen::Vector3d> all = residuals(measurements, calibration);
   std::string csv = "configuration,repeat,target,split,dx[m],dy[m],dz[m],distance[m]\n";
   for (std::size_t i = 0; i < all.size(); ++i) {
@@ -150,7 +151,7 @@ std::string residuals_csv(const Measurements& measurements, const Calibration& c
 }
 
 std::string covariance_csv(const Calibration& calibration) {
-  const std::vector<std::string> names = calibration.free.names();
+  const std::vector<std::string> names = calibration.fit.free.names();
   std::string csv = "parameter";
   for (const std::string& name : names) {
     csv += "," + csv_field(name);
@@ -158,8 +159,8 @@ std::string covariance_csv(const Calibration& calibration) {
   csv += "\n";
   for (std::size_t r = 0; r < names.size(); ++r) {
     csv += csv_field(names[r]);
-    for (Eigen::Index c = 0; c < calibration.covariance.cols(); ++c) {
-      csv += "," + csv_number(calibration.covariance(static_cast<Eigen::Index>(r), c));
+    for (Eigen::Index c = 0; c < calibration.uncertainty.covariance.cols(); ++c) {
+      csv += "," + csv_number(calibration.uncertainty.covariance(static_cast<Eigen::Index>(r), c));
     }
     csv += "\n";
   }

@@ -24,7 +24,7 @@ Json before_after_json(const BeforeAfter& pair) {
 }
 
 Json noise_json(const NoiseReport& noise) {
-  Json result = {{"model", noise.model},
+  Json result = {{"model", to_string(noise.source)},
                  {"sigma", noise.sigma},
                  {"independent", array(noise.independent)},
                  {"common", array(noise.common)},
@@ -121,7 +121,7 @@ Json influence_json(const Influence& influence, const Measurements& measurements
 Json doubts_json(const std::vector<Doubt>& doubts) {
   Json result = Json::array();
   for (const Doubt& doubt : doubts) {
-    result.push_back({{"cause", doubt.cause}, {"message", doubt.message}});
+    result.push_back({{"cause", to_string(doubt.cause)}, {"message", doubt.message}});
   }
   return result;
 }
@@ -140,24 +140,24 @@ Json tried_json(const std::vector<ModelOption>& options) {
 
 // What goes beyond the fit: choice of model, lack of fit, predicted accuracy, down-weighted rows.
 void add_details(const Calibration& calibration, const Measurements& measurements, Json& result) {
-  result["priors"] = priors_json(calibration.priors);
-  result["tried"] = tried_json(calibration.tried);
-  if (!calibration.not_tried.empty()) {
-    result["not_tried"] = calibration.not_tried;
+  result["priors"] = priors_json(calibration.selection.priors);
+  result["tried"] = tried_json(calibration.selection.tried);
+  if (!calibration.selection.not_tried.empty()) {
+    result["not_tried"] = calibration.selection.not_tried;
   }
-  const ObservabilityIndices& o = calibration.observability;
+  const ObservabilityIndices& o = calibration.uncertainty.observability;
   result["observability"] = {{"O1", o.O1}, {"O2", o.O2}, {"O3", o.O3}, {"O4", o.O4}, {"O5", o.O5}};
   Json singular_values = Json::array();
-  for (const double value : calibration.identifiability.singular_values) {
+  for (const double value : calibration.uncertainty.identifiability.singular_values) {
     singular_values.push_back(value);
   }
   result["singular_values"] = singular_values;
-  result["tied"] = calibration.identifiability.tied;
-  result["fixed_by_gauge"] = calibration.fixed_by_gauge;
-  result["minimum_norm"] = calibration.minimum_norm;
-  result["weak"] = calibration.identifiability.weak;
+  result["tied"] = calibration.uncertainty.identifiability.tied;
+  result["fixed_by_gauge"] = calibration.uncertainty.fixed_by_gauge;
+  result["minimum_norm"] = calibration.fit.minimum_norm;
+  result["weak"] = calibration.uncertainty.identifiability.weak;
   Json findings = Json::array();
-  for (const QualityFinding& finding : calibration.findings) {
+  for (const QualityFinding& finding : calibration.diagnosis.findings) {
     findings.push_back({{"kind", to_string(finding.kind)},
                         {"configuration", finding.configuration},
                         {"repeat", finding.repeat},
@@ -167,32 +167,33 @@ void add_details(const Calibration& calibration, const Measurements& measurement
                         {"message", finding.message}});
   }
   result["findings"] = findings;
-  result["iso_9283"] = {{"before", iso_json(calibration.iso_before)}, {"after", iso_json(calibration.iso_after)}};
-  if (calibration.iso_test_before && calibration.iso_test_after) {
-    result["iso_9283"]["test"] = {{"before", iso_json(*calibration.iso_test_before)},
-                                  {"after", iso_json(*calibration.iso_test_after)}};
+  result["iso_9283"] = {{"before", iso_json(calibration.accuracy.iso_before)},
+                        {"after", iso_json(calibration.accuracy.iso_after)}};
+  if (calibration.accuracy.iso_test_before && calibration.accuracy.iso_test_after) {
+    result["iso_9283"]["test"] = {{"before", iso_json(*calibration.accuracy.iso_test_before)},
+                                  {"after", iso_json(*calibration.accuracy.iso_test_after)}};
   }
-  if (calibration.lack_of_fit) {
-    const LackOfFit& lack = *calibration.lack_of_fit;
+  if (calibration.noise.lack_of_fit) {
+    const LackOfFit& lack = *calibration.noise.lack_of_fit;
     result["lack_of_fit"] = {{"F", lack.f},
                              {"degrees_of_freedom", lack.degrees_of_freedom},
                              {"repeat_degrees_of_freedom", lack.repeat_degrees_of_freedom},
                              {"p_value", lack.p_value},
                              {"explained_by_joint", lack.explained_by_joint}};
   }
-  result["predicted_accuracy"] = {{"measured", statistics_json(calibration.predicted.measured)},
-                                  {"workspace", statistics_json(calibration.predicted.workspace)},
-                                  {"cell", calibration.predicted.cell},
-                                  {"radius_factor", calibration.predicted.radius_factor},
-                                  {"cells", cells_json(calibration.predicted.cells)}};
-  if (!calibration.predicted.asked.empty()) {
-    result["predicted_accuracy"]["asked"] = asked_json(calibration.predicted.asked);
+  result["predicted_accuracy"] = {{"measured", statistics_json(calibration.uncertainty.predicted.measured)},
+                                  {"workspace", statistics_json(calibration.uncertainty.predicted.workspace)},
+                                  {"cell", calibration.uncertainty.predicted.cell},
+                                  {"radius_factor", calibration.uncertainty.predicted.radius_factor},
+                                  {"cells", cells_json(calibration.uncertainty.predicted.cells)}};
+  if (!calibration.uncertainty.predicted.asked.empty()) {
+    result["predicted_accuracy"]["asked"] = asked_json(calibration.uncertainty.predicted.asked);
   }
-  if (!calibration.influence.configurations.empty()) {
-    result["influence"] = influence_json(calibration.influence, measurements);
+  if (!calibration.uncertainty.influence.configurations.empty()) {
+    result["influence"] = influence_json(calibration.uncertainty.influence, measurements);
   }
-  if (!calibration.weights.empty()) {
-    result["weights"] = calibration.weights;
+  if (!calibration.fit.robust.weights.empty()) {
+    result["weights"] = calibration.fit.robust.weights;
   }
 }
 
@@ -204,19 +205,19 @@ Json input_json(const Robot& robot, const Measurements& measurements, const Cali
           {"measurements", measurements.source},
           {"configurations", measurements.joint_values.cols()},
           {"observations", measurements.observations.size()},
-          {"method", options.method == Method::joint ? "joint" : "two-step"},
-          {"model", options.model == ModelChoice::irreducible ? "irreducible" : "complete"}};
+          {"method", options.estimator.method == Method::joint ? "joint" : "two-step"},
+          {"model", options.parameters.model == ModelChoice::irreducible ? "irreducible" : "complete"}};
 }
 
 Json parameters_json(const std::vector<ParameterEstimate>& parameters) {
   Json result = Json::array();
   for (const ParameterEstimate& parameter : parameters) {
-    if (parameter.kind == "effect") {  // has a block of its own
+    if (parameter.kind == ParameterKind::effect) {  // has a block of its own
       continue;
     }
     result.push_back({{"name", parameter.name},
                       {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
-                      {"kind", parameter.kind},
+                      {"kind", to_string(parameter.kind)},
                       {"axis", parameter.axis},
                       {"nominal", parameter.nominal},
                       {"value", parameter.value},
@@ -255,14 +256,14 @@ double std_of(const std::vector<ParameterEstimate>& parameters, const std::strin
 
 Json targets_json(const Calibration& calibration) {
   Json targets = Json::array();
-  for (const TargetFrame& target : calibration.identification.estimate.targets) {
+  for (const TargetFrame& target : calibration.fit.identification.estimate.targets) {
     Json entry = {{"name", target.name}, {"position", array(target.X_FT.translation())}};
     if (target.with_orientation) {
       entry["quaternion_wxyz"] = quaternion(target.X_FT.linear());
     }
     Json std = Json::array();
     for (const std::string& name : target_parameter_names(target)) {
-      std.push_back(finite_or_null(std_of(calibration.parameters, name)));
+      std.push_back(finite_or_null(std_of(calibration.uncertainty.parameters, name)));
     }
     entry["std"] = std;
     targets.push_back(entry);
@@ -271,10 +272,10 @@ Json targets_json(const Calibration& calibration) {
 }
 
 Json base_json(const Calibration& calibration) {
-  const Eigen::Isometry3d& X_WB = calibration.identification.estimate.X_WB;
+  const Eigen::Isometry3d& X_WB = calibration.fit.identification.estimate.X_WB;
   Json std = Json::array();
   for (const std::string& name : base_parameter_names()) {
-    std.push_back(finite_or_null(std_of(calibration.parameters, name)));
+    std.push_back(finite_or_null(std_of(calibration.uncertainty.parameters, name)));
   }
   return {{"position", array(X_WB.translation())}, {"quaternion_wxyz", quaternion(X_WB.linear())}, {"std", std}};
 }
@@ -284,47 +285,47 @@ Json base_json(const Calibration& calibration) {
 std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options,
                         const Calibration& calibration, const Provenance& provenance) {
   check(measurements, calibration.model);
-  check(calibration.identification.estimate, calibration.model, measurements);
-  const Identification& found = calibration.identification;
-  Json position_error = {{"train", before_after_json(calibration.train)}};
-  if (calibration.test) {
-    position_error["test"] = before_after_json(*calibration.test);
+  check(calibration.fit.identification.estimate, calibration.model, measurements);
+  const Identification& found = calibration.fit.identification;
+  Json position_error = {{"train", before_after_json(calibration.accuracy.train)}};
+  if (calibration.accuracy.test) {
+    position_error["test"] = before_after_json(*calibration.accuracy.test);
   }
-  for (const auto& [name, part] : {std::pair{"test_at_fitted_poses", &calibration.test_at_fitted_poses},
-                                   std::pair{"test_at_new_poses", &calibration.test_at_new_poses}}) {
+  for (const auto& [name, part] : {std::pair{"test_at_fitted_poses", &calibration.accuracy.test_at_fitted_poses},
+                                   std::pair{"test_at_new_poses", &calibration.accuracy.test_at_new_poses}}) {
     if (*part) {
       position_error[name] = statistics_json(**part);
     }
   }
-  if (calibration.leave_one_out) {
-    position_error["leave_one_out"] = before_after_json(*calibration.leave_one_out);
+  if (calibration.accuracy.leave_one_out) {
+    position_error["leave_one_out"] = before_after_json(*calibration.accuracy.leave_one_out);
   }
-  if (calibration.nested_leave_one_out) {
-    position_error["nested_leave_one_out"] = statistics_json(*calibration.nested_leave_one_out);
+  if (calibration.accuracy.nested_leave_one_out) {
+    position_error["nested_leave_one_out"] = statistics_json(*calibration.accuracy.nested_leave_one_out);
   }
-  if (calibration.k_fold) {
-    position_error["k_fold"] = before_after_json(*calibration.k_fold);
-    position_error["k_fold"]["folds"] = calibration.folds;
+  if (calibration.accuracy.k_fold) {
+    position_error["k_fold"] = before_after_json(*calibration.accuracy.k_fold);
+    position_error["k_fold"]["folds"] = calibration.accuracy.folds;
   }
   Json result = {{"software", {{"name", "kdl_calibration"}, {"version", KDL_CALIBRATION_VERSION}}},
                  {"input", input_json(robot, measurements, options)},
                  {"termination", to_string(found.termination)},
                  {"message", found.message},
                  {"trusted", calibration.trusted()},
-                 {"doubts", doubts_json(calibration.doubts)},
+                 {"doubts", doubts_json(calibration.diagnosis.doubts)},
                  {"iterations", found.iterations},
                  {"history", found.rms_history},
-                 {"rank", calibration.identifiability.rank},
-                 {"condition", finite_or_null(calibration.identifiability.condition)}};
-  if (calibration.reservation) {
-    result["reservation"] = doubts_json({*calibration.reservation}).front();
+                 {"rank", calibration.uncertainty.identifiability.rank},
+                 {"condition", finite_or_null(calibration.uncertainty.identifiability.condition)}};
+  if (calibration.diagnosis.reservation) {
+    result["reservation"] = doubts_json({*calibration.diagnosis.reservation}).front();
   }
-  if (options.method == Method::two_step) {
+  if (options.estimator.method == Method::two_step) {
     result["convergence_factor"] = found.convergence_factor;
   }
-  result["parameters"] = parameters_json(calibration.parameters);
+  result["parameters"] = parameters_json(calibration.uncertainty.parameters);
   result["effects"] = effects_json(calibration, measurements);
-  result["model"] = reduction_json(calibration.reduction);
+  result["model"] = reduction_json(calibration.fit.reduction);
   result["base"] = base_json(calibration);
   result["targets"] = targets_json(calibration);
   result["position_error"] = position_error;
@@ -335,7 +336,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["residuals"] = residuals_json(measurements, calibration);
   result["held_out_points"] = held_out_points_json(measurements, calibration);
   result["difference_to_kdl"] = calibration.difference_to_kdl;
-  result["warnings"] = calibration.warnings;
+  result["warnings"] = calibration.diagnosis.warnings;
   result["provenance"] = provenance_json(provenance);
   result["hashes"] = tree::hashes(result);
   return result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";  // names of files may not be UTF-8

@@ -43,19 +43,19 @@ void add_errors(const Calibration& calibration, std::string& text) {
   const auto add = [&](const std::string& what, const ErrorStatistics& before, const ErrorStatistics& after) {
     text += statistics_row(what + ", nominal", before) + statistics_row(what + ", calibrated", after);
   };
-  const bool has_effects = calibration.train.rigid.has_value();
-  add("fitted", calibration.iso_before.accuracy, calibration.iso_after.accuracy);
+  const bool has_effects = calibration.accuracy.train.rigid.has_value();
+  add("fitted", calibration.accuracy.iso_before.accuracy, calibration.accuracy.iso_after.accuracy);
   if (has_effects) {
     text += statistics_row("fitted, URDF alone", calibration.exported.iso.accuracy);
   }
-  if (calibration.iso_test_before && calibration.iso_test_after) {
-    add("test", calibration.iso_test_before->accuracy, calibration.iso_test_after->accuracy);
+  if (calibration.accuracy.iso_test_before && calibration.accuracy.iso_test_after) {
+    add("test", calibration.accuracy.iso_test_before->accuracy, calibration.accuracy.iso_test_after->accuracy);
   }
-  if (calibration.test_at_fitted_poses) {
-    text += statistics_row("  at fitted poses", *calibration.test_at_fitted_poses);
+  if (calibration.accuracy.test_at_fitted_poses) {
+    text += statistics_row("  at fitted poses", *calibration.accuracy.test_at_fitted_poses);
   }
-  if (calibration.test_at_new_poses) {
-    text += statistics_row("  at new poses", *calibration.test_at_new_poses);
+  if (calibration.accuracy.test_at_new_poses) {
+    text += statistics_row("  at new poses", *calibration.accuracy.test_at_new_poses);
   }
   const auto add_held_out = [&](const std::string& what, const BeforeAfter& pair) {
     add(what, pair.before, pair.after);
@@ -63,21 +63,21 @@ void add_errors(const Calibration& calibration, std::string& text) {
       text += statistics_row(what + ", URDF alone", *pair.rigid);
     }
   };
-  if (calibration.leave_one_out) {
-    add_held_out("left out", *calibration.leave_one_out);
+  if (calibration.accuracy.leave_one_out) {
+    add_held_out("left out", *calibration.accuracy.leave_one_out);
   }
-  if (calibration.nested_leave_one_out) {
-    text += statistics_row("left out, choice anew", *calibration.nested_leave_one_out);
+  if (calibration.accuracy.nested_leave_one_out) {
+    text += statistics_row("left out, choice anew", *calibration.accuracy.nested_leave_one_out);
   }
-  if (calibration.k_fold) {
-    add_held_out(std::to_string(calibration.folds) + "-fold", *calibration.k_fold);
+  if (calibration.accuracy.k_fold) {
+    add_held_out(std::to_string(calibration.accuracy.folds) + "-fold", *calibration.accuracy.k_fold);
   }
-  const ErrorStatistics& repeatability = calibration.iso_after.repeatability;
+  const ErrorStatistics& repeatability = calibration.accuracy.iso_after.repeatability;
   if (repeatability.count > 0) {
     text += "AP and RP by the formulas of ISO 9283 (not its test cycle), largest:\n  AP nominal " +
-            fixed(calibration.iso_before.accuracy.max * 1e3, 3) + " mm, calibrated " +
-            fixed(calibration.iso_after.accuracy.max * 1e3, 3) + " mm; RP " + fixed(repeatability.max * 1e3, 3) +
-            " mm\n";
+            fixed(calibration.accuracy.iso_before.accuracy.max * 1e3, 3) + " mm, calibrated " +
+            fixed(calibration.accuracy.iso_after.accuracy.max * 1e3, 3) + " mm; RP " +
+            fixed(repeatability.max * 1e3, 3) + " mm\n";
   }
 }
 
@@ -105,7 +105,7 @@ std::string noise_line(const NoiseReport& noise) {
       line += ", " + per_axis(Eigen::Vector3d::Constant(noise.target_misfit)) + " of a target in a configuration";
     }
   }
-  if (noise.model == "stated" || (noise.parts && !noise.parts->estimated[NoiseParts::kIndependent])) {
+  if (noise.source == NoiseSource::stated || (noise.parts && !noise.parts->estimated[NoiseParts::kIndependent])) {
     const bool more = noise.misfit > 0.0 || noise.target_misfit > 0.0;
     return line + (more ? " (as stated, the misfits from the residuals)" : " (as stated)");
   }
@@ -113,27 +113,28 @@ std::string noise_line(const NoiseReport& noise) {
 }
 
 void add_figures(const Calibration& calibration, std::string& text) {
-  const Identification& found = calibration.identification;
+  const Identification& found = calibration.fit.identification;
   text += "\n" + wrapped(noise_line(calibration.noise), 0, 2);
-  text += "rank " + std::to_string(calibration.identifiability.rank) + " of " +
-          std::to_string(calibration.identifiability.columns) + " parameters, condition number " +
-          fixed(calibration.identifiability.condition, 0) + ", " + std::to_string(found.iterations) + " iterations\n";
+  text += "rank " + std::to_string(calibration.uncertainty.identifiability.rank) + " of " +
+          std::to_string(calibration.uncertainty.identifiability.columns) + " parameters, condition number " +
+          fixed(calibration.uncertainty.identifiability.condition, 0) + ", " + std::to_string(found.iterations) +
+          " iterations\n";
   if (found.convergence_factor > 0.0) {
     text += "each round left " + fixed(found.convergence_factor, 3) + " of the error of the round before\n";
   }
-  if (calibration.predicted.workspace.count > 0) {
+  if (calibration.uncertainty.predicted.workspace.count > 0) {
     text += "1 sigma of a predicted point, from the uncertainty of the parameters alone:\n  " +
-            fixed(calibration.predicted.measured.rms * 1e3, 3) + " mm at the measured configurations, " +
-            fixed(calibration.predicted.workspace.rms * 1e3, 3) + " mm over the whole workspace\n";
+            fixed(calibration.uncertainty.predicted.measured.rms * 1e3, 3) + " mm at the measured configurations, " +
+            fixed(calibration.uncertainty.predicted.workspace.rms * 1e3, 3) + " mm over the whole workspace\n";
   }
-  if (!calibration.tried.empty()) {
-    const ModelOption& chosen = calibration.tried.front();
+  if (!calibration.selection.tried.empty()) {
+    const ModelOption& chosen = calibration.selection.tried.front();
     text += wrapped("chosen by cross-validation: " + priors_in_words(chosen.priors) + ", beyond geometry " +
                         (chosen.effects.empty() ? "nothing" : comma_separated(chosen.effects)),
                     0, 2);
   }
-  if (!calibration.not_tried.empty()) {
-    text += wrapped("not tried: " + calibration.not_tried, 0, 2);
+  if (!calibration.selection.not_tried.empty()) {
+    text += wrapped("not tried: " + calibration.selection.not_tried, 0, 2);
   }
 }
 
@@ -192,11 +193,11 @@ const DisplayUnit& unit_of(const ErrorModel& model, const std::string& name) {
 
 // "x shift of link 1 (origin of joint_2)"
 std::string in_words(const ErrorModel& model, const ParameterEstimate& parameter) {
-  if (parameter.kind == "joint_offset") {
+  if (parameter.kind == ParameterKind::joint_offset) {
     return "zero offset of " + parameter.joint;
   }
   const ErrorParameter& error = model.parameters[parameter_index(model, parameter.name)];
-  return parameter.axis + (parameter.kind == "translation" ? " shift" : " turn") + " of link " +
+  return parameter.axis + (parameter.kind == ParameterKind::translation ? " shift" : " turn") + " of link " +
          std::to_string(error.frame) + (parameter.joint.empty() ? "" : " (origin of " + parameter.joint + ")");
 }
 
@@ -240,9 +241,9 @@ std::string parameter_line(const ErrorModel& model, const Reduction& reduction, 
 
 void add_parameters(const Calibration& calibration, const std::string& held, std::string& text) {
   text += "\ngeometric errors, +- half of the 95 % interval\n";
-  for (const ParameterEstimate& parameter : calibration.parameters) {
+  for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
     if (parameter.name.find('.') == std::string::npos) {  // no frame's and no effect's
-      text += parameter_line(calibration.model, calibration.reduction, parameter, held);
+      text += parameter_line(calibration.model, calibration.fit.reduction, parameter, held);
     }
   }
 }
@@ -271,9 +272,9 @@ void add_effects(const Calibration& calibration, const Measurements& measurement
 void add_controller_offsets(const Calibration& calibration, const JointConvention& convention, std::string& text) {
   const ErrorModel& model = calibration.model;
   Eigen::VectorXd offsets = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(convention.urdf_joints.size()));
-  for (const ParameterEstimate& parameter : calibration.parameters) {
+  for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
     const auto joint = std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), parameter.joint);
-    if (parameter.kind == "joint_offset" && joint != convention.urdf_joints.end()) {
+    if (parameter.kind == ParameterKind::joint_offset && joint != convention.urdf_joints.end()) {
       offsets[joint - convention.urdf_joints.begin()] = parameter.error;
     }
   }
@@ -321,41 +322,43 @@ long fitted_configurations(const Measurements& measurements) {
 
 std::string sizes(const Measurements& measurements, const Calibration& calibration) {
   return std::to_string(fitted_configurations(measurements)) + " configurations, " +
-         std::to_string(calibration.train.after.count) + " points, " + std::to_string(calibration.free.size()) +
-         " parameters";
+         std::to_string(calibration.accuracy.train.after.count) + " points, " +
+         std::to_string(calibration.fit.free.size()) + " parameters";
 }
 
 // What holds, before any figure.
 std::string verdict(const Measurements& measurements, const Calibration& calibration) {
   if (calibration.trusted()) {
     const std::string converged = "Calibration converged: " + sizes(measurements, calibration) + ".\n";
-    return calibration.reservation
-               ? wrapped("Trusted where it was measured: " + calibration.reservation->message + ".", 0, 4) + converged
+    return calibration.diagnosis.reservation
+               ? wrapped("Trusted where it was measured: " + calibration.diagnosis.reservation->message + ".", 0, 4) +
+                     converged
                : converged;
   }
   std::string text;
-  for (const Doubt& doubt : calibration.doubts) {
+  for (const Doubt& doubt : calibration.diagnosis.doubts) {
     text += wrapped((text.empty() ? "NOT TO BE TRUSTED: " : "Also: ") + doubt.message + ".", 0, 4);
   }
-  for (const QualityFinding& finding : calibration.findings) {
+  for (const QualityFinding& finding : calibration.diagnosis.findings) {
     text += wrapped("Measurements: " + finding.message + ".", 0, 4);
   }
   return text + "\nCalibration of " + sizes(measurements, calibration) + ".\n";
 }
 
 void add_main_figures(const Calibration& calibration, std::string& text) {
-  text += "Position error, rms:  nominal " + fixed(calibration.iso_before.accuracy.rms * 1e3, 3) +
-          " mm -> calibrated " + fixed(calibration.iso_after.accuracy.rms * 1e3, 3) + " mm  (fitted)\n";
-  if (calibration.test && calibration.iso_test_after) {
-    text +=
-        "                      at the test rows " + fixed(calibration.iso_test_after->accuracy.rms * 1e3, 3) + " mm\n";
+  text += "Position error, rms:  nominal " + fixed(calibration.accuracy.iso_before.accuracy.rms * 1e3, 3) +
+          " mm -> calibrated " + fixed(calibration.accuracy.iso_after.accuracy.rms * 1e3, 3) + " mm  (fitted)\n";
+  if (calibration.accuracy.test && calibration.accuracy.iso_test_after) {
+    text += "                      at the test rows " +
+            fixed(calibration.accuracy.iso_test_after->accuracy.rms * 1e3, 3) + " mm\n";
   }
-  const BeforeAfter* held_out = calibration.held_out();
+  const BeforeAfter* held_out = calibration.accuracy.held_out();
   if (held_out == nullptr) {
     text += "                      at unseen configurations: not known\n";
   } else {
     text += "                      at unseen configurations " + fixed(held_out->after.rms * 1e3, 3) + " mm  (" +
-            (calibration.leave_one_out ? std::string("leave-one-out") : std::to_string(calibration.folds) + "-fold") +
+            (calibration.accuracy.leave_one_out ? std::string("leave-one-out")
+                                                : std::to_string(calibration.accuracy.folds) + "-fold") +
             ")\n";
     if (held_out->rigid) {
       text +=
@@ -381,7 +384,7 @@ std::string statistics_row(const std::string& label, const ErrorStatistics& stat
 std::string result_table(const Measurements& measurements, const Calibration& calibration,
                          const TableOptions& options) {
   check(measurements, calibration.model);
-  check(calibration.identification.estimate, calibration.model, measurements);
+  check(calibration.fit.identification.estimate, calibration.model, measurements);
   std::string text = verdict(measurements, calibration);
   add_main_figures(calibration, text);
   if (!options.written.empty()) {
@@ -395,9 +398,9 @@ std::string result_table(const Measurements& measurements, const Calibration& ca
     if (options.convention != nullptr) {
       add_controller_offsets(calibration, *options.convention, text);
     }
-    add_most_influential(measurements, calibration.influence, text);
-    add_predictions(calibration.predicted.asked, text);
-    add_frames(calibration.identification.estimate, text);
+    add_most_influential(measurements, calibration.uncertainty.influence, text);
+    add_predictions(calibration.uncertainty.predicted.asked, text);
+    add_frames(calibration.fit.identification.estimate, text);
   }
   return text;
 }

@@ -10,6 +10,7 @@
 
 #include "base/json_tree.hpp"
 #include "base/sha256.hpp"
+#include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "calibration/effects_json.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -154,8 +155,12 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
   saved.trusted = has(top, "trusted") && tree::truth(member(top, "trusted"));
   if (has(top, "doubts") && !member(top, "doubts").json.empty()) {
     for (const Node& doubt : elements(member(top, "doubts"))) {
-      saved.doubts.push_back(
-          {.cause = tree::name(member(doubt, "cause")), .message = tree::name(member(doubt, "message"))});
+      const std::string name = tree::name(member(doubt, "cause"));
+      const std::optional<Cause> cause = cause_named(name);
+      if (!cause) {
+        throw InputError(doubt.where + ": cause: " + shown(name) + " is unknown, expected one that calibrate writes");
+      }
+      saved.doubts.push_back({.cause = *cause, .message = tree::name(member(doubt, "message"))});
     }
     if (saved.trusted) {
       fail(member(top, "trusted"), "false, as there are doubts");

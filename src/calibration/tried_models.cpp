@@ -43,7 +43,7 @@ void TriedModels::put_first(const std::vector<std::string>& effects, bool sized)
   }
 }
 
-double TriedModels::price_of_choosing() const {
+double TriedModels::optimism() const {
   std::vector<const VectorXd*> comparable;
   for (const Tried& tried : tried_) {
     if (std::isfinite(tried.option.held_out_rms)) {

@@ -22,7 +22,7 @@ public:
   /// times larger the held-out RMS becomes where the best is chosen without the configurations that judge it. At
   /// least 1. 2,000 seeded drawings of configurations choose, those that were not drawn judge (bootstrap bias corrected
   /// cross-validation, Tsamardinos, Greasidou and Borboudakis 2018).
-  double price_of_choosing() const;
+  double optimism() const;
 
   std::vector<ModelOption> options() const;
 

@@ -16,12 +16,12 @@ constexpr double kLongest = 100.0;                // [m]
 constexpr double kShortest = 1e-3;
 
 // u of the orientations over u of the positions, at one fit.
-std::optional<double> ratio_of_variances(const FitTask& task, const Unknowns& free, const ResidualOptions& both,
+std::optional<double> ratio_of_variances(const FitProblem& problem, const ResidualOptions& both,
                                          const Estimate& estimate) {
   ResidualOptions positions_only = both;
   positions_only.orientation_length = 0.0;
-  const LeastSquaresProblem all(task.model, task.measurements, free, both);
-  const LeastSquaresProblem positions(task.model, task.measurements, free, positions_only);
+  const LeastSquaresProblem all(problem.model, problem.measurements, problem.free, both);
+  const LeastSquaresProblem positions(problem.model, problem.measurements, problem.free, positions_only);
   const NormalEquations N = all.linearise(estimate);
   const NormalEquations N_p = positions.linearise(estimate);
   const auto rows = static_cast<double>(all.whitened_summary(estimate).measured_rows);
@@ -45,19 +45,20 @@ std::optional<double> ratio_of_variances(const FitTask& task, const Unknowns& fr
 
 }  // namespace
 
-double orientation_length_of_residuals(const FitTask& task, const Unknowns& free) {
-  JointOptions joint = task.fit_options.joint;
+double orientation_length_of_residuals(const FitProblem& problem) {
+  const double present = problem.options.joint.residuals.orientation_length;
+  JointOptions joint = problem.options.joint;
   double& length = joint.residuals.orientation_length;
-  Estimate estimate = task.start;
-  for (int round = 0; round < kLengthRounds && !task.measurements.orientations.empty(); ++round) {
-    const Identification found = identify_jointly(task.model, task.measurements, estimate, free, joint);
+  Estimate estimate = problem.start;
+  for (int round = 0; round < kLengthRounds && !problem.measurements.orientations.empty(); ++round) {
+    const Identification found = identify_jointly(problem.model, problem.measurements, estimate, problem.free, joint);
     if (found.rms < kExactFit || found.termination == Termination::diverged) {
-      return task.fit_options.joint.residuals.orientation_length;
+      return present;
     }
     estimate = found.estimate;
-    const std::optional<double> ratio = ratio_of_variances(task, free, joint.residuals, estimate);
+    const std::optional<double> ratio = ratio_of_variances(problem, joint.residuals, estimate);
     if (!ratio) {
-      return task.fit_options.joint.residuals.orientation_length;
+      return present;
     }
     const double next = std::clamp(length / std::sqrt(*ratio), kShortest, kLongest);
     const bool settled = std::abs(next - length) < kSettledLength * length;

@@ -1,7 +1,6 @@
 #pragma once
 
-#include "calibration/whole_fit.hpp"
-#include "kdl_calibration/unknowns.hpp"
+#include "kdl_calibration/identification.hpp"
 
 namespace kdl_calibration {
 
@@ -12,6 +11,6 @@ namespace kdl_calibration {
 ///   u_i = e_i^T e_i / (n_i - tr(N^-1 N_i)),
 /// and the weights are corrected by u_i until these are equal. The present length where there is nothing to tell it:
 /// no orientations, residuals that are rounding, or as many unknowns as equations.
-double orientation_length_of_residuals(const FitTask& task, const Unknowns& free);
+double orientation_length_of_residuals(const FitProblem& problem);
 
 }  // namespace kdl_calibration

@@ -14,52 +14,38 @@ namespace {
 
 constexpr int kTwoStepRounds = 1000;
 
-void require_two_step_data(const Unknowns& free, const Measurements& measurements, const CalibrationOptions& options) {
-  const std::size_t targets = measurements.targets.size();
-  const bool free_base = free.range(UnknownGroup::base).count == 6;
-  const bool free_targets = free.range(UnknownGroup::targets).count >= static_cast<Eigen::Index>(3 * targets);
-  if (!free_base || !free_targets) {
-    throw OptionError("method", "the two-step procedure finds base and targets, which cannot be known or fixed");
-  }
-  if (!measurements.orientations.empty()) {
-    throw OptionError("method", "the two-step procedure fits points; the measured orientations of " +
-                                    measurements.source + " need the joint estimate");
-  }
-  const bool priors = options.automatic_priors || options.priors.length > 0.0 || options.priors.angle > 0.0;
-  const bool effects = options.effects.automatic || !options.effects.groups.empty();
-  if (priors || effects || options.loss != Loss::none || options.weights == Weights::repeats) {
-    throw OptionError("method", "the published two-step procedure has no priors, effects, losses or noise model");
-  }
-}
-
 struct Fitted {
   Identification identification;
   RobustRows robust;
 };
 
-Fitted identify(const FitTask& task, const Unknowns& free, Steps steps) {
-  const CalibrationOptions& options = task.options;
-  if (options.method == Method::two_step) {
-    require_two_step_data(free, task.measurements, options);
-    const TwoStepOptions two_step{.rounds = options.iterations > 0 ? options.iterations : kTwoStepRounds};
+FitProblem with_free(FitProblem problem, const Unknowns& free) {
+  problem.free = free;
+  return problem;
+}
+
+LeastSquaresProblem equations_of(const FitProblem& problem) {
+  return {problem.model, problem.measurements, problem.free, problem.options.joint.residuals};
+}
+
+Fitted identify(const FitProblem& problem, const EstimatorOptions& estimator, Steps steps) {
+  if (estimator.method == Method::two_step) {
+    const TwoStepOptions two_step{.rounds = estimator.iterations > 0 ? estimator.iterations : kTwoStepRounds};
     return {identify_in_two_steps(
-                task.model, [&](int) { return task.measurements; }, task.start, free.geometric(), two_step),
+                problem.model, [&](int) { return problem.measurements; }, problem.start, problem.free.geometric(),
+                two_step),
             {}};
   }
-  const JointOptions& joint = task.fit_options.joint;
-  if (task.fit_options.loss != Loss::none) {
-    RobustIdentification robust = identify_robustly({.model = task.model,
-                                                     .measurements = task.measurements,
-                                                     .start = task.start,
-                                                     .free = free,
-                                                     .options = task.fit_options});
+  const JointOptions& joint = problem.options.joint;
+  if (problem.options.loss != Loss::none) {
+    RobustIdentification robust = identify_robustly(problem);
     return {std::move(robust.fit), {.weights = std::move(robust.weights), .scale = robust.scale}};
   }
-  const LeastSquaresProblem problem(task.model, task.measurements, free, joint.residuals);
-  if (steps == Steps::any || problem.equations() < problem.columns()) {
-    return {identify_jointly(task.model, task.measurements, task.start, free, joint), {}};
+  const LeastSquaresProblem equations = equations_of(problem);
+  if (steps == Steps::any || equations.equations() < equations.columns()) {
+    return {identify_jointly(problem.model, problem.measurements, problem.start, problem.free, joint), {}};
   }
-  return {descend(problem, task.start, joint, steps), {}};
+  return {descend(equations, problem.start, joint, steps), {}};
 }
 
 // Of the columns those that raise the rank: those of `kept`, then the others in the order of choice. Where something is
@@ -96,26 +82,32 @@ void put_before(const Identification& earlier, Identification& later) {
 
 constexpr int kGaugeRounds = 3;
 
+struct FittedInGauge {
+  Fitted fitted;
+  Unknowns free;
+};
+
 // Fits what the measurements determine of the candidates, as judged by the start. What the solution shows to be
 // otherwise is taken out or, unless it is weak, added.
-Fitted identify_in_gauge(const FitTask& task, const Unknowns& candidates, Unknowns& free, Steps steps) {
-  const LeastSquaresProblem problem(task.model, task.measurements, candidates, task.fit_options.joint.residuals);
-  free = candidates;
-  if (task.options.method == Method::two_step || problem.equations() < problem.columns()) {
-    return identify(task, candidates, steps);
+FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOptions& estimator, Steps steps) {
+  const Unknowns& candidates = problem.free;
+  const LeastSquaresProblem equations = equations_of(problem);
+  if (estimator.method == Method::two_step || equations.equations() < equations.columns()) {
+    return {.fitted = identify(problem, estimator, steps), .free = candidates};
   }
+  Unknowns free = candidates;
   const auto determined_at = [&](const Estimate& estimate, const Unknowns& kept) {
-    if (well_conditioned_root(problem.linearise(estimate).hessian)) {
+    if (well_conditioned_root(equations.linearise(estimate).hessian)) {
       return candidates;
     }
-    const Eigen::MatrixXd triangle = problem.whitened_summary(estimate).triangle;
+    const Eigen::MatrixXd triangle = equations.whitened_summary(estimate).triangle;
     return triangle.allFinite() ? determined(candidates, kept, triangle) : free;
   };
-  free = determined_at(task.start, Unknowns());
+  free = determined_at(problem.start, Unknowns());
   Fitted fitted;
   for (int round = 0; round < kGaugeRounds; ++round) {
     const Identification earlier = std::move(fitted.identification);
-    fitted = identify(task, free, steps);
+    fitted = identify(with_free(problem, free), estimator, steps);
     put_before(earlier, fitted.identification);
     const Unknowns there = determined_at(fitted.identification.estimate, free);
     if (there == free || round + 1 == kGaugeRounds) {
@@ -123,49 +115,52 @@ Fitted identify_in_gauge(const FitTask& task, const Unknowns& candidates, Unknow
     }
     free = there;
   }
-  return fitted;
+  return {.fitted = std::move(fitted), .free = std::move(free)};
 }
 
-Unknowns parameters_of(const FitTask& task, const std::vector<std::string>& names, const Unknowns& effects) {
-  return Unknowns(task.model, task.start.targets, names).with(task.model, UnknownGroup::effects, effects.effects());
+// The named parameters and the effects of the problem.
+Unknowns parameters_of(const FitProblem& problem, const std::vector<std::string>& names) {
+  return Unknowns(problem.model, problem.start.targets, names)
+      .with(problem.model, UnknownGroup::effects, problem.free.effects());
+}
+
+WholeFit whole_fit(FittedInGauge found, Reduction reduction, Unknowns candidates) {
+  return {.identification = std::move(found.fitted.identification),
+          .robust = std::move(found.fitted.robust),
+          .reduction = std::move(reduction),
+          .candidates = std::move(candidates),
+          .free = std::move(found.free)};
 }
 
 constexpr double kEqualMisfits = 1e-10;  // [m] misfits below that differ by rounding alone
 
 // Whether the complete set would explain most of a misfit that is more than rounding.
-bool has_more_to_explain(const FitTask& task, const Unknowns& complete, const WholeFit& fit) {
+bool has_more_to_explain(const FitProblem& complete, const Identification& found) {
   constexpr double kMost = 0.5;  // of the cost
   constexpr long kFreedom = 20;  // fewer equations than that beyond the unknowns leave nothing to explain
   constexpr Eigen::Index kMany = 20000;
-  const LeastSquaresProblem problem(task.model, task.measurements, complete, task.fit_options.joint.residuals);
-  if (fit.identification.rms < kEqualMisfits || problem.equations() < problem.columns() + kFreedom ||
-      task.measurements.joint_values.cols() > kMany) {
+  const LeastSquaresProblem problem = equations_of(complete);
+  if (found.rms < kEqualMisfits || problem.equations() < problem.columns() + kFreedom ||
+      complete.measurements.joint_values.cols() > kMany) {
     return false;
   }
-  return promised_share(problem, fit.identification.estimate) > kMost;
+  return promised_share(problem, found.estimate) > kMost;
 }
 
 constexpr double kBeyondGeometry = 0.005;  // [m] a misfit beyond that is not one of the geometry
 
 // The complete set from the start, then what the measurements determine there.
-WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, const Unknowns& candidates) {
-  const LeastSquaresProblem problem(task.model, task.measurements, complete, task.fit_options.joint.residuals);
-  const Identification wide = descend(problem, task.start, task.fit_options.joint, Steps::prior);
+WholeFit go_on_in_complete_set(const FitProblem& complete, const FitRules& rules) {
+  const Identification wide = descend(equations_of(complete), complete.start, complete.options.joint, Steps::prior);
   ParameterChoice choice =
-      choose_parameters(task.model, wide.estimate.targets, task.options, {.errors = wide.estimate.errors});
-  WholeFit result{.identification = wide,
-                  .robust = {},
-                  .reduction = std::move(choice.reduction),
-                  .candidates = parameters_of(task, choice.free, candidates),
-                  .free = {}};
-  const FitTask from_there{.model = task.model,
-                           .measurements = task.measurements,
-                           .start = wide.estimate,
-                           .options = task.options,
-                           .fit_options = task.fit_options};
-  const Fitted narrow = identify_in_gauge(from_there, result.candidates, result.free, Steps::plain);
-  if (arrived(narrow.identification) && narrow.identification.rms <= std::max(wide.rms, kEqualMisfits)) {
-    result.identification = narrow.identification;
+      choose_parameters(complete.model, wide.estimate.targets, rules.parameters, {.errors = wide.estimate.errors});
+  FitProblem from_there = with_free(complete, parameters_of(complete, choice.free));
+  from_there.start = wide.estimate;
+  WholeFit result = whole_fit(identify_in_gauge(from_there, rules.estimator, Steps::plain), std::move(choice.reduction),
+                              from_there.free);
+  const Identification narrow = std::exchange(result.identification, wide);
+  if (arrived(narrow) && narrow.rms <= std::max(wide.rms, kEqualMisfits)) {
+    result.identification = narrow;
   } else if (wide.termination == Termination::converged) {
     const bool explained = wide.rms < kBeyondGeometry;
     result.identification.termination = explained ? Termination::rank_deficient : Termination::stalled;
@@ -175,50 +170,48 @@ WholeFit go_on_in_complete_set(const FitTask& task, const Unknowns& complete, co
               "nominal"
             : "no arm near the nominal one explains the measurements";
   }
-  result.identification.iterations = wide.iterations + narrow.identification.iterations;
+  result.identification.iterations = wide.iterations + narrow.iterations;
   std::vector<double>& history = result.identification.rms_history;
   history = wide.rms_history;
-  history.insert(history.end(), narrow.identification.rms_history.begin(), narrow.identification.rms_history.end());
+  history.insert(history.end(), narrow.rms_history.begin(), narrow.rms_history.end());
   return result;
 }
 
-// Through the complete set or, where that does not arrive, with the first set and every means.
-void take_the_long_way(const FitTask& task, const Unknowns& complete, WholeFit& fit) {
-  const auto follow = [&](WholeFit next) {
-    Identification& now = next.identification;
-    const Identification& before = fit.identification;
-    put_before(before, now);
-    const bool better = arrived(now) != arrived(before) ? arrived(now) : now.rms < before.rms;
-    if (better) {
-      fit = std::move(next);
-    }
-  };
-  const WholeFit first = fit;
-  follow(go_on_in_complete_set(task, complete, fit.candidates));
-  if (!arrived(fit.identification)) {
-    WholeFit next{.reduction = first.reduction, .candidates = first.candidates};
-    next.identification = identify_in_gauge(task, next.candidates, next.free, Steps::any).identification;
-    follow(std::move(next));
-  }
+// The fit that arrived or else has the smaller misfit. `next` went on from where `before` had ended.
+WholeFit better_of(WholeFit before, WholeFit next) {
+  put_before(before.identification, next.identification);
+  const Identification& now = next.identification;
+  const bool same = arrived(now) == arrived(before.identification);
+  return (same ? now.rms < before.identification.rms : arrived(now)) ? std::move(next) : std::move(before);
 }
 
-// What the noise hides beside the others is held, unless that costs a misfit.
-void hide_in_noise(const FitTask& task, WholeFit& fit) {
+// Through the complete set or, where that does not arrive, with the first set and every means.
+WholeFit take_the_long_way(const FitProblem& problem, const FitProblem& complete, const FitRules& rules,
+                           const WholeFit& first) {
+  WholeFit result = better_of(first, go_on_in_complete_set(complete, rules));
+  if (!arrived(result.identification)) {
+    result = better_of(std::move(result), whole_fit(identify_in_gauge(problem, rules.estimator, Steps::any),
+                                                    first.reduction, first.candidates));
+  }
+  return result;
+}
+
+// Holds what the noise hides beside the others, unless that costs a misfit.
+WholeFit hide_in_noise(const FitProblem& problem, const FitRules& rules, WholeFit fit) {
   constexpr double kCost = 1.05;
-  ParameterChoice choice = choose_parameters(task.model, task.start.targets, task.options,
+  ParameterChoice choice = choose_parameters(problem.model, problem.start.targets, rules.parameters,
                                              {.noise = fit.identification.rms / std::sqrt(3.0)});
-  const Unknowns candidates = parameters_of(task, choice.free, fit.candidates);
-  if (candidates == fit.candidates) {
-    return;
+  const FitProblem seen = with_free(problem, parameters_of(problem, choice.free));
+  if (seen.free == fit.candidates) {
+    return fit;
   }
-  WholeFit seen{.reduction = std::move(choice.reduction), .candidates = candidates};
-  Fitted fitted = identify_in_gauge(task, candidates, seen.free, Steps::any);
-  seen.identification = std::move(fitted.identification);
-  seen.robust = std::move(fitted.robust);
-  if (arrived(seen.identification) && seen.identification.rms <= kCost * fit.identification.rms) {
-    put_before(fit.identification, seen.identification);
-    fit = std::move(seen);
+  WholeFit result =
+      whole_fit(identify_in_gauge(seen, rules.estimator, Steps::any), std::move(choice.reduction), seen.free);
+  if (!arrived(result.identification) || result.identification.rms > kCost * fit.identification.rms) {
+    return fit;
   }
+  put_before(fit.identification, result.identification);
+  return result;
 }
 
 }  // namespace
@@ -227,23 +220,22 @@ bool arrived(const Identification& found) {
   return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
 }
 
-WholeFit fit_whole(const FitTask& task, const ParameterChoice& choice, const Unknowns& candidates) {
-  WholeFit result{.reduction = choice.reduction, .candidates = candidates};
-  const bool chosen = task.options.method == Method::joint && task.options.model == ModelChoice::irreducible;
+WholeFit fit_whole(const FitProblem& problem, const ParameterChoice& choice, const FitRules& rules) {
+  const auto& [estimator, parameters] = rules;
+  const bool chosen = estimator.method == Method::joint && parameters.model == ModelChoice::irreducible;
   // What the user fixed must not come back under other names, and a limit that the user set is one.
-  const bool as_asked = task.options.fix.empty() && task.options.iterations == 0;
-  const bool may_go_on = chosen && task.fit_options.loss == Loss::none && as_asked;
-  Fitted fitted = identify_in_gauge(task, candidates, result.free, may_go_on ? Steps::plain : Steps::any);
-  result.identification = std::move(fitted.identification);
-  result.robust = std::move(fitted.robust);
+  const bool as_asked = parameters.fix.empty() && estimator.iterations == 0;
+  const bool may_go_on = chosen && problem.options.loss == Loss::none && as_asked;
+  WholeFit result = whole_fit(identify_in_gauge(problem, estimator, may_go_on ? Steps::plain : Steps::any),
+                              choice.reduction, problem.free);
   if (may_go_on) {
-    const Unknowns complete = parameters_of(task, choice.complete, candidates);
-    if (!arrived(result.identification) || has_more_to_explain(task, complete, result)) {
-      take_the_long_way(task, complete, result);
+    const FitProblem complete = with_free(problem, parameters_of(problem, choice.complete));
+    if (!arrived(result.identification) || has_more_to_explain(complete, result.identification)) {
+      result = take_the_long_way(problem, complete, rules, result);
     }
   }
   if (chosen && arrived(result.identification) && !result.reduction.faint.empty()) {
-    hide_in_noise(task, result);
+    result = hide_in_noise(problem, rules, std::move(result));
   }
   return result;
 }

@@ -1,4 +1,5 @@
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 
 #include <unistd.h>
@@ -117,7 +118,7 @@ Eigen::Vector3d axis_values(const std::vector<double>& values, const std::string
 }
 
 NoiseModel noise_model(const CalibrateArguments& arguments) {
-  NoiseModel noise = arguments.options.noise;
+  NoiseModel noise = arguments.options.noise.stated;
   noise.independent = axis_values(arguments.noise_independent, "--noise-independent");
   if (!noise.independent.isZero(0.0) && noise.independent.minCoeff() == 0.0) {
     throw InputError("--noise-independent: is 0 along one axis and not along another, expected above 0 along each");
@@ -140,24 +141,26 @@ KDL::Vector gravity_of(const std::vector<double>& direction) {
 
 CalibrationOptions calibration_options(const CalibrateArguments& arguments, const Measurements& measurements) {
   CalibrationOptions options = arguments.options;
-  options.method = arguments.method == "joint" ? Method::joint : Method::two_step;
-  options.model = arguments.model == "irreducible" ? ModelChoice::irreducible : ModelChoice::complete;
-  options.loss = arguments.loss == "huber" ? Loss::huber : arguments.loss == "tukey" ? Loss::tukey : Loss::none;
+  options.estimator.method = arguments.method == "joint" ? Method::joint : Method::two_step;
+  options.parameters.model = arguments.model == "irreducible" ? ModelChoice::irreducible : ModelChoice::complete;
+  options.estimator.loss = arguments.loss == "huber"   ? Loss::huber
+                           : arguments.loss == "tukey" ? Loss::tukey
+                                                       : Loss::none;
   // What nobody asked for is chosen by the data, but for fits that are plain by what they are.
-  const bool plain =
-      options.method == Method::two_step || options.model == ModelChoice::complete || options.loss != Loss::none;
-  const bool stated = options.priors.length > 0.0 || options.priors.angle > 0.0;
-  options.automatic_priors = arguments.prior.empty() ? !plain && !stated : arguments.prior == "auto";
-  options.effects = {.groups = effect_groups(arguments.effects, {"auto", "none"}),
-                     .automatic = arguments.effects == std::vector<std::string>{"auto"}};
-  options.effects.automatic = arguments.effects.empty() ? !plain : options.effects.automatic;
-  options.noise = noise_model(arguments);
-  options.weights = arguments.noise == "repeats" ? Weights::repeats
-                    : arguments.noise == "equal" ? Weights::equal
-                                                 : Weights::automatic;
+  const bool plain = options.estimator.method == Method::two_step ||
+                     options.parameters.model == ModelChoice::complete || options.estimator.loss != Loss::none;
+  const bool stated = options.selection.priors.length > 0.0 || options.selection.priors.angle > 0.0;
+  options.selection.automatic_priors = arguments.prior.empty() ? !plain && !stated : arguments.prior == "auto";
+  options.selection.effects = {.groups = effect_groups(arguments.effects, {"auto", "none"}),
+                               .automatic = arguments.effects == std::vector<std::string>{"auto"}};
+  options.selection.effects.automatic = arguments.effects.empty() ? !plain : options.selection.effects.automatic;
+  options.noise.stated = noise_model(arguments);
+  options.noise.weights = arguments.noise == "repeats" ? Weights::repeats
+                          : arguments.noise == "equal" ? Weights::equal
+                                                       : Weights::automatic;
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
-  options.known_base = known.known_base;
-  options.known_targets = known.known_targets;
+  options.parameters.known_base = known.known_base;
+  options.parameters.known_targets = known.known_targets;
   return options;
 }
 
@@ -173,14 +176,14 @@ Configurations configurations_of(const std::string& file, const MeasurementArgum
 
 // The options that help, which the library does not know.
 void name_options(Doubt& doubt) {
-  const std::map<std::string, std::string> help = {
-      {"not_converged", "--iterations sets their number"},
-      {"not_determined", "kdlcal plan --measured FILE --add N chooses them"},
-      {"unknown_length", "kdlcal plan --measured FILE --add N chooses them, --fix and --prior-length hold"},
-      {"joint_convention", "--joint-convention says how to read the joint values"},
-      {"joint_sign", "--joint-convention says how to read the joint values"},
-      {"joint_unit", "--joint-convention says how to read the joint values"},
-      {"joint_columns", "--joint-convention says how to read the joint values"}};
+  const std::map<Cause, std::string> help = {
+      {Cause::not_converged, "--iterations sets their number"},
+      {Cause::not_determined, "kdlcal plan --measured FILE --add N chooses them"},
+      {Cause::unknown_length, "kdlcal plan --measured FILE --add N chooses them, --fix and --prior-length hold"},
+      {Cause::joint_convention, "--joint-convention says how to read the joint values"},
+      {Cause::joint_sign, "--joint-convention says how to read the joint values"},
+      {Cause::joint_unit, "--joint-convention says how to read the joint values"},
+      {Cause::joint_columns, "--joint-convention says how to read the joint values"}};
   const auto found = help.find(doubt.cause);
   doubt.message += found != help.end() ? " (" + found->second + ")" : "";
 }
@@ -204,14 +207,14 @@ std::string table(const CalibrateArguments& arguments, const Robot& robot, const
 void say_what_is_doubted(const CalibrateArguments& arguments, const Calibration& calibration) {
   const bool just_said = !arguments.json && ::isatty(STDOUT_FILENO) == 1 && ::isatty(STDERR_FILENO) == 1;
   if (!just_said) {
-    for (const Doubt& doubt : calibration.doubts) {
+    for (const Doubt& doubt : calibration.diagnosis.doubts) {
       doubt_aloud(doubt.message);
     }
-    if (calibration.reservation) {
-      warn("trusted where it was measured: " + calibration.reservation->message);
+    if (calibration.diagnosis.reservation) {
+      warn("trusted where it was measured: " + calibration.diagnosis.reservation->message);
     }
   }
-  for (const std::string& warning : calibration.warnings) {
+  for (const std::string& warning : calibration.diagnosis.warnings) {
     warn(warning);
   }
   if (is_uncertain_elsewhere(calibration)) {
@@ -224,12 +227,13 @@ void say_what_is_doubted(const CalibrateArguments& arguments, const Calibration&
 
 std::string page_of(const std::string& result, const Robot& robot, const Measurements& measurements,
                     const CalibrationOptions& options) {
-  return calibration_page({.result = result,
-                           .source = "the result",
-                           .robot = &robot,
-                           .measurements = &measurements,
-                           .known = {.known_base = options.known_base, .known_targets = options.known_targets},
-                           .plan_command = plan_command(json_of(result, "the result"))});
+  return calibration_page(
+      {.result = result,
+       .source = "the result",
+       .robot = &robot,
+       .measurements = &measurements,
+       .known = {.known_base = options.parameters.known_base, .known_targets = options.parameters.known_targets},
+       .plan_command = plan_command(json_of(result, "the result"))});
 }
 
 // The result and what came of what was required of it, which the result then holds as well.
@@ -277,8 +281,8 @@ ExitStatus run(const CalibrateArguments& arguments) {
   model.gravity = gravity_of(arguments.gravity_direction);
   const Measurements measurements = read(arguments.measurements, robot);
   CalibrationOptions options = calibration_options(arguments, measurements);
-  options.convention = convention_of(arguments.measurements);
-  options.other_conventions = conventions_at_hand(arguments.measurements);
+  options.diagnosis.convention = convention_of(arguments.measurements);
+  options.diagnosis.other_conventions = conventions_at_hand(arguments.measurements);
   if (!arguments.predict_at.empty()) {
     options.predict_at = configurations_of(arguments.predict_at, arguments.measurements, robot);
   }
@@ -297,9 +301,9 @@ ExitStatus run(const CalibrateArguments& arguments) {
       file.text = file.option == "--result" ? result.text : page_of(result.text, robot, measurements, options);
     }
   }
-  std::for_each(calibration.doubts.begin(), calibration.doubts.end(), name_options);
-  if (calibration.reservation) {
-    name_options(*calibration.reservation);
+  std::for_each(calibration.diagnosis.doubts.begin(), calibration.diagnosis.doubts.end(), name_options);
+  if (calibration.diagnosis.reservation) {
+    name_options(*calibration.diagnosis.reservation);
   }
   write_whole(files, arguments.force,
               arguments.json ? result.text : table(arguments, robot, measurements, calibration));
@@ -331,21 +335,25 @@ void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
       ->type_name("NAME")
       ->check(one_of({"joint", "two-step"}))
       ->capture_default_str();
-  app.add_option("--iterations", arguments.options.iterations, "Limit [50, or 1000 rounds of two-step]")
+  app.add_option("--iterations", arguments.options.estimator.iterations, "Limit [50, or 1000 rounds of two-step]")
       ->type_name("N")
       ->check(whole_number_between(1, 1'000'000, "a whole number from 1 to 1000000"));
   app.add_option("--model", arguments.model, "Parameters: irreducible or complete")
       ->type_name("NAME")
       ->check(one_of({"irreducible", "complete"}))
       ->capture_default_str();
-  add_list(app, "--fix", arguments.options.fix, "Parameters not to estimate, names or patterns such as *4, base.*")
+  add_list(app, "--fix", arguments.options.parameters.fix,
+           "Parameters not to estimate, names or patterns such as *4, base.*")
       ->type_name("NAME,...");
-  add_list(app, "--free", arguments.options.free, "Parameters to estimate in addition")->type_name("NAME,...");
-  app.add_option("--prior-length", arguments.options.priors.length, "1 sigma of length errors beforehand, m; 0: none")
+  add_list(app, "--free", arguments.options.parameters.free, "Parameters to estimate in addition")
+      ->type_name("NAME,...");
+  app.add_option("--prior-length", arguments.options.selection.priors.length,
+                 "1 sigma of length errors beforehand, m; 0: none")
       ->type_name("M")
       ->check(number_from(0.0, "a length in metres, 0 or more"))
       ->capture_default_str();
-  app.add_option("--prior-angle", arguments.options.priors.angle, "1 sigma of angle errors beforehand, rad; 0: none")
+  app.add_option("--prior-angle", arguments.options.selection.priors.angle,
+                 "1 sigma of angle errors beforehand, rad; 0: none")
       ->type_name("RAD")
       ->check(number_from(0.0, "an angle in radians, 0 or more"))
       ->capture_default_str();
@@ -389,15 +397,16 @@ void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
            length)
       ->type_name("M,...");
   add_tracker_noise(app, arguments.tracker);
-  app.add_option("--orientation-sigma", arguments.options.noise.orientation,
+  app.add_option("--orientation-sigma", arguments.options.noise.stated.orientation,
                  "1 sigma of a component of measured orientations, rad [from the repeats, or as 0.3 m of lever]")
       ->type_name("RAD")
       ->check(number_from(0.0, "an angle in radians, 0 or more"));
-  app.add_flag("--leave-one-out", arguments.options.leave_one_out,
+  app.add_flag("--leave-one-out", arguments.options.validation.leave_one_out,
                "Predict each configuration from all the others as well");
-  app.add_flag("--nested", arguments.options.nested,
+  app.add_flag("--nested", arguments.options.validation.nested,
                "Leave-one-out, with automatic choices made anew without each configuration as well");
-  app.add_option("--k-fold", arguments.options.k_fold, "Predict each of K groups of configurations from the others")
+  app.add_option("--k-fold", arguments.options.validation.k_fold,
+                 "Predict each of K groups of configurations from the others")
       ->type_name("K")
       ->check(whole_number_between(2, 1000, "a whole number from 2 to 1000"));
   app.add_option("--threads", arguments.options.threads,

@@ -8,6 +8,7 @@
 #include "cli/options.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/saved_calibration.hpp"
 
 namespace kdl_calibration::cli {

@@ -252,7 +252,7 @@ Words judged(const ValidateArguments& arguments, const ErrorModel& model, const 
                                                           {.registration = known,
                                                           .used = convention ? &*convention : nullptr,
                                                           .others = conventions_at_hand(arguments.measurements)})) {
-    if (suspicion.cause != "joint_function") {  // which the errors of a nominal robot are
+    if (suspicion.cause != Cause::joint_function) {  // which the errors of a nominal robot are
       (suspicion.doubt ? words.doubts : words.warnings).push_back(suspicion.message);
     }
   }

@@ -138,6 +138,8 @@ const char* to_string(ParameterKind kind) {
       return "translation";
     case ParameterKind::rotation:
       return "rotation";
+    case ParameterKind::effect:
+      return "effect";
   }
   return "unknown";
 }

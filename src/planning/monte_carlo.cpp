@@ -8,6 +8,7 @@
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
 #include "base/thinned.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/experiment.hpp"
 #include "kdl_calibration/input_check.hpp"
 
@@ -37,11 +38,11 @@ Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
   const Eigen::MatrixXd test = experiment.test(random);
   const Measurements measurements = measure(robot, train, experiment.noise, random);
   CalibrationOptions options = experiment.calibration;
-  options.held_out = false;      // what it would tell, the truth tells
-  options.try_readings = false;  // what was simulated is read as it is
+  options.validation.held_out = false;     // what it would tell, the truth tells
+  options.diagnosis.try_readings = false;  // what was simulated is read as it is
   const Calibration calibration = calibrate(experiment.model, measurements, options);
   const Measurements truth = measure(robot, test, {}, random, Split::test);
-  return {.distances = position_errors(experiment.model, calibration.identification.estimate, truth, Rows::test),
+  return {.distances = position_errors(experiment.model, calibration.fit.identification.estimate, truth, Rows::test),
           .trusted = calibration.trusted()};
 }
 

@@ -199,7 +199,7 @@ MonteCarloResult try_out(const PlanRequest& request, const Experiment& experimen
                         .X_WB = Eigen::Isometry3d(Eigen::Translation3d(-noise.tracker_position)),
                         .train = [&](Random&) { return joint_values; },
                         .test = [&](Random&) { return tasks; },
-                        .calibration = {.priors = request.priors, .noise = model},
+                        .calibration = {.noise = {.stated = model}, .selection = {.priors = request.priors}},
                         .runs = request.monte_carlo,
                         .seed = request.seed,
                         .threads = request.threads,

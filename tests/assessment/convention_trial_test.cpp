@@ -66,7 +66,7 @@ TEST(ConventionTrial, TheReadingThatUndoesAMistakeIsTheFirst) {
     const std::vector<ConventionTrial> trials = try_conventions(m.model, wrong, m.free);
     ASSERT_FALSE(trials.empty());
     EXPECT_EQ(trials.front().description, mistake.right);
-    EXPECT_EQ(trials.front().cause, mistake.cause) << mistake.right;
+    EXPECT_EQ(trials.front().cause, cause_named(mistake.cause)) << mistake.right;
     EXPECT_LT((trials.front().joint_values - m.data.joint_values).cwiseAbs().maxCoeff(), 1e-10) << mistake.right;
     ASSERT_TRUE(better_convention(trials)) << mistake.right;
     EXPECT_TRUE(
@@ -99,7 +99,7 @@ TEST(ConventionTrial, TheFilesColumnsAreThoseOfTheConventionInUse) {
   };
   const std::optional<ConventionTrial> trial = found(other);
   ASSERT_TRUE(trial);
-  EXPECT_EQ(trial->cause, "joint_convention");
+  EXPECT_EQ(trial->cause, Cause::joint_convention);
   EXPECT_LT((trial->joint_values - expected).cwiseAbs().maxCoeff(), 1e-10);
   JointConvention strange = other;
   strange.controller_joints[2] = "E1";

@@ -41,7 +41,7 @@ std::vector<Suspicion> suspicions_of(const Measured& m) {
 std::vector<std::string> causes(const std::vector<Suspicion>& all) {
   std::vector<std::string> result;
   for (const Suspicion& suspicion : all) {
-    result.push_back(suspicion.cause);
+    result.push_back(to_string(suspicion.cause));
   }
   return result;
 }
@@ -252,7 +252,7 @@ void disturb(Measured& m, double size) {
 }
 
 bool has(const std::vector<Suspicion>& found, const std::string& cause) {
-  return std::any_of(found.begin(), found.end(), [&](const Suspicion& one) { return one.cause == cause; });
+  return std::any_of(found.begin(), found.end(), [&](const Suspicion& one) { return to_string(one.cause) == cause; });
 }
 
 // Fitted lengths take a small factor up, and show it.

@@ -279,7 +279,7 @@ TEST(Doors, OfTheCalibrationRefuseWhatDoesNotFit) {
   SavedCalibration saved{.model = s.model, .estimate = short_one};
   Calibration calibration;
   calibration.model = s.model;
-  calibration.identification.estimate = short_one;
+  calibration.fit.identification.estimate = short_one;
   expect_refused({
       {"calibrate", [&] { calibrate(s.model, s.data, elsewhere); }, "3 joint values to predict at"},
       {"its names", [&] { calibrate(s.model, s.data, unnamed); }, "1 names of configurations to predict at"},

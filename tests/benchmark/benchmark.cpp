@@ -6,7 +6,7 @@
 
 #include "base/parallel.hpp"
 #include "experiment.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements_file.hpp"
@@ -195,10 +195,10 @@ BENCHMARK(calibrate_library)->Arg(30)->Arg(300000)->Unit(benchmark::kMillisecond
 // What calibrate() tries of other readings of the data, and all the rest that it does with one model.
 void hypotheses_library(benchmark::State& state) {
   const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)), 1, 0.00003);
-  const Calibration found = calibrate(experiment().model, measured, {.try_readings = false});
+  const Calibration found = calibrate(experiment().model, measured, {.diagnosis = {.try_readings = false}});
   for (auto _ : state) {
     benchmark::DoNotOptimize(
-        suspicions(experiment().model, measured, found.identification.estimate, found.free, {.threads = 0}));
+        suspicions(experiment().model, measured, found.fit.identification.estimate, found.fit.free, {.threads = 0}));
   }
 }
 BENCHMARK(hypotheses_library)->Arg(1000)->UseRealTime()->Unit(benchmark::kMillisecond);
@@ -206,7 +206,7 @@ BENCHMARK(hypotheses_library)->Arg(1000)->UseRealTime()->Unit(benchmark::kMillis
 void one_model_library(benchmark::State& state) {
   const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)), 1, 0.00003);
   for (auto _ : state) {
-    benchmark::DoNotOptimize(calibrate(experiment().model, measured, {.try_readings = false}));
+    benchmark::DoNotOptimize(calibrate(experiment().model, measured, {.diagnosis = {.try_readings = false}}));
   }
 }
 BENCHMARK(one_model_library)->Arg(1000)->UseRealTime()->Unit(benchmark::kMillisecond);

@@ -1,4 +1,4 @@
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
@@ -43,7 +43,7 @@ struct Simulated : VirtualExperiment {
 
 std::vector<std::string> identifiable_names(const Calibration& calibration) {
   std::vector<std::string> names;
-  for (const ParameterEstimate& parameter : calibration.parameters) {
+  for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
     if (parameter.identifiable) {
       names.push_back(parameter.name);
     }
@@ -54,8 +54,8 @@ std::vector<std::string> identifiable_names(const Calibration& calibration) {
 TEST(Calibration, ExportedUrdfIsTheCalibratedRobot) {
   const Simulated s(1, 0.0);
   const Calibration found = calibrate(s.model, s.measured);
-  ASSERT_TRUE(found.trusted()) << found.identification.message;
-  const Eigen::VectorXd& errors = found.identification.estimate.errors;
+  ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
+  const Eigen::VectorXd& errors = found.fit.identification.estimate.errors;
   const Robot exported = parse_robot(calibrated_urdf(fanuc(), s.model, errors));
   const KDL::Chain chain = error_chain(s.model, errors);
   const KDL::Chain nominal_of_exported = exported.chain;
@@ -93,9 +93,9 @@ TEST(Calibration, GivesThirtyThreeOfThirtyFiveParametersWithTheirUncertainty) {
   const Simulated s(4, 0.00003);
   const Calibration found = calibrate(s.model, s.measured);
   EXPECT_EQ(identifiable_names(found).size(), 33U);
-  EXPECT_EQ(found.parameters.size(), 35U);
-  EXPECT_EQ(found.identifiability.rank, 33);
-  for (const ParameterEstimate& parameter : found.parameters) {
+  EXPECT_EQ(found.uncertainty.parameters.size(), 35U);
+  EXPECT_EQ(found.uncertainty.identifiability.rank, 33);
+  for (const ParameterEstimate& parameter : found.uncertainty.parameters) {
     if (!parameter.identifiable) {
       EXPECT_TRUE(parameter.gauge) << parameter.name;
       EXPECT_EQ(parameter.error, 0.0) << parameter.name;
@@ -112,44 +112,45 @@ TEST(Calibration, GivesThirtyThreeOfThirtyFiveParametersWithTheirUncertainty) {
 TEST(Calibration, FixesAndFreesByPattern) {
   const Simulated s(5, 0.00003);
   CalibrationOptions options;
-  options.fix = {"*4", "Rz?"};
+  options.parameters.fix = {"*4", "Rz?"};
   const Calibration found = calibrate(s.model, s.measured, options);
   EXPECT_THAT(identifiable_names(found), Not(Contains("Tz4")));
   EXPECT_THAT(identifiable_names(found), Not(Contains("dq4")));
   EXPECT_THAT(identifiable_names(found), Not(Contains("Rz5")));
-  EXPECT_EQ(found.identifiability.rank, 33 - 4 - 3);  // Tz4 Tx4 Rz4 dq4, then Rz2 Rz3 Rz5
+  EXPECT_EQ(found.uncertainty.identifiability.rank, 33 - 4 - 3);  // Tz4 Tx4 Rz4 dq4, then Rz2 Rz3 Rz5
   options = {};
-  options.free = {"dq1"};
+  options.parameters.free = {"dq1"};
   const Calibration tied = calibrate(s.model, s.measured, options);
-  EXPECT_EQ(tied.identification.termination, Termination::rank_deficient);
-  EXPECT_THAT(tied.warnings, Contains(::testing::AllOf(HasSubstr("base.Rz"), HasSubstr("dq1"))));
-  options.free = {"Q7"};
+  EXPECT_EQ(tied.fit.identification.termination, Termination::rank_deficient);
+  EXPECT_THAT(tied.diagnosis.warnings, Contains(::testing::AllOf(HasSubstr("base.Rz"), HasSubstr("dq1"))));
+  options.parameters.free = {"Q7"};
   EXPECT_THROW(calibrate(s.model, s.measured, options), InputError);
   options = {};
-  options.fix = {"base.*"};
+  options.parameters.fix = {"base.*"};
   EXPECT_THROW(calibrate(s.model, s.measured, options), InputError);
 }
 
 TEST(Calibration, WithKnownFramesTheGaugeIsIdentified) {
   const Simulated s(6, 0.0);
   CalibrationOptions options;
-  options.known_base = s.robot.truth.X_WB;
-  options.known_targets = s.robot.truth.targets;
+  options.parameters.known_base = s.robot.truth.X_WB;
+  options.parameters.known_targets = s.robot.truth.targets;
   const Calibration found = calibrate(s.model, s.measured, options);
-  ASSERT_TRUE(found.trusted()) << found.identification.message;
-  EXPECT_EQ(found.identifiability.rank, 30);
+  ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
+  EXPECT_EQ(found.uncertainty.identifiability.rank, 30);
   EXPECT_THAT(identifiable_names(found), Contains("dq1"));
-  EXPECT_LT(found.train.after.max, 1e-12);
+  EXPECT_LT(found.accuracy.train.after.max, 1e-12);
 }
 
 TEST(Calibration, CompleteModelFitsAsWellAndNamesItsGauge) {
   const Simulated s(7, 0.00003);
   const Calibration irreducible = calibrate(s.model, s.measured);
-  const Calibration complete = calibrate(s.model, s.measured, {.model = ModelChoice::complete});
+  const Calibration complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
   EXPECT_TRUE(complete.trusted());
-  EXPECT_EQ(complete.identifiability.rank, 33);
-  EXPECT_EQ(static_cast<int>(complete.fixed_by_gauge.size()), complete.identifiability.columns - 33);
-  EXPECT_NEAR(complete.train.after.rms, irreducible.train.after.rms, 1e-9);
+  EXPECT_EQ(complete.uncertainty.identifiability.rank, 33);
+  EXPECT_EQ(static_cast<int>(complete.uncertainty.fixed_by_gauge.size()),
+            complete.uncertainty.identifiability.columns - 33);
+  EXPECT_NEAR(complete.accuracy.train.after.rms, irreducible.accuracy.train.after.rms, 1e-9);
 }
 
 // Errors in units of the usual ones, and the directions in which nothing is seen, in the same units.
@@ -158,7 +159,7 @@ struct OpenErrors {
   Eigen::MatrixXd open;
 
   OpenErrors(const Calibration& found, const Measurements& measured, const Unknowns& columns) {
-    const Estimate& estimate = found.identification.estimate;
+    const Estimate& estimate = found.fit.identification.estimate;
     const LeastSquaresProblem problem(found.model, measured, columns);
     open = undetermined_directions(problem.whitened_summary(estimate).triangle);
     errors = Eigen::VectorXd::Zero(columns.size());
@@ -176,20 +177,20 @@ TEST(Calibration, CompleteModelHasTheSmallestErrorsOfAllThatAreAsGood) {
   for (const double sigma : {0.0, 3e-5}) {
     const Simulated s(7, sigma);
     const Calibration irreducible = calibrate(s.model, s.measured);
-    const Calibration complete = calibrate(s.model, s.measured, {.model = ModelChoice::complete});
-    EXPECT_TRUE(complete.minimum_norm);
-    EXPECT_FALSE(irreducible.minimum_norm);
-    EXPECT_THAT(complete.warnings, Contains(HasSubstr("so that the errors are smallest")));
-    const OpenErrors smallest(complete, s.measured, complete.candidates);
-    const OpenErrors other(irreducible, s.measured, complete.candidates);
-    EXPECT_EQ(smallest.open.cols(), complete.identifiability.columns - 33);
+    const Calibration complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
+    EXPECT_TRUE(complete.fit.minimum_norm);
+    EXPECT_FALSE(irreducible.fit.minimum_norm);
+    EXPECT_THAT(complete.diagnosis.warnings, Contains(HasSubstr("so that the errors are smallest")));
+    const OpenErrors smallest(complete, s.measured, complete.fit.candidates);
+    const OpenErrors other(irreducible, s.measured, complete.fit.candidates);
+    EXPECT_EQ(smallest.open.cols(), complete.uncertainty.identifiability.columns - 33);
     // At the smallest sum of squares it does not change along what is open.
     const Eigen::VectorXd slope = smallest.open.transpose() * smallest.errors;
     EXPECT_LT(slope.cwiseAbs().maxCoeff(), 1e-6 * smallest.open.norm() * smallest.errors.norm());
     EXPECT_GT((other.open.transpose() * other.errors).cwiseAbs().maxCoeff(),
               1e-3 * other.open.norm() * other.errors.norm());
     EXPECT_LT(smallest.errors.norm(), 0.99 * other.errors.norm());
-    EXPECT_LT(complete.train.after.rms, (1.0 + 1e-9) * irreducible.train.after.rms + 1e-12);
+    EXPECT_LT(complete.accuracy.train.after.rms, (1.0 + 1e-9) * irreducible.accuracy.train.after.rms + 1e-12);
   }
 }
 
@@ -200,8 +201,8 @@ TEST(Calibration, NamesTiedParametersWhenAllConfigurationsAreAlike) {
   s.measured = measure(s.robot, s.measured.joint_values, {.sigma = 0.00003}, random);
   const Calibration found = calibrate(s.model, s.measured);
   EXPECT_FALSE(found.trusted());
-  EXPECT_EQ(found.identification.termination, Termination::rank_deficient);
-  EXPECT_THAT(found.warnings, Contains(HasSubstr("cannot tell apart")));
+  EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient);
+  EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr("cannot tell apart")));
 }
 
 // Measurements without noise in configurations of which some joints never move.
@@ -236,34 +237,36 @@ TEST(Calibration, WhatTheDataCannotTellIsHeldAtZeroAndPredictionsHold) {
   for (const std::vector<int>& moving : cases) {
     SCOPED_TRACE(::testing::PrintToString(moving));
     const PartlyMoved s(40, moving);
-    const Calibration found = calibrate(s.model, joined(s.train, s.test), {.held_out = false, .try_readings = false});
-    EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
-    EXPECT_LT(found.train.after.max, 1e-10);
-    EXPECT_LT(found.test->after.max, 1e-10);
-    const Identifiability& data = found.identifiability;
+    const Calibration found = calibrate(s.model, joined(s.train, s.test),
+                                        {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
+    EXPECT_LT(found.accuracy.train.after.max, 1e-10);
+    EXPECT_LT(found.accuracy.test->after.max, 1e-10);
+    const Identifiability& data = found.uncertainty.identifiability;
     EXPECT_LT(data.rank, data.columns);
-    EXPECT_EQ(static_cast<int>(found.fixed_by_gauge.size()), data.columns - data.rank);
-    ASSERT_FALSE(found.fixed_by_gauge.empty());
-    EXPECT_THAT(found.warnings,
-                Contains(::testing::AllOf(HasSubstr("fixed by gauge"), HasSubstr(found.fixed_by_gauge.front()))));
-    for (const std::string& name : found.fixed_by_gauge) {
-      const auto parameter = std::find_if(found.parameters.begin(), found.parameters.end(),
+    EXPECT_EQ(static_cast<int>(found.uncertainty.fixed_by_gauge.size()), data.columns - data.rank);
+    ASSERT_FALSE(found.uncertainty.fixed_by_gauge.empty());
+    EXPECT_THAT(
+        found.diagnosis.warnings,
+        Contains(::testing::AllOf(HasSubstr("fixed by gauge"), HasSubstr(found.uncertainty.fixed_by_gauge.front()))));
+    for (const std::string& name : found.uncertainty.fixed_by_gauge) {
+      const auto parameter = std::find_if(found.uncertainty.parameters.begin(), found.uncertainty.parameters.end(),
                                           [&](const ParameterEstimate& p) { return p.name == name; });
-      ASSERT_NE(parameter, found.parameters.end()) << name;
+      ASSERT_NE(parameter, found.uncertainty.parameters.end()) << name;
       EXPECT_TRUE(parameter->gauge) << name;
       EXPECT_FALSE(parameter->identifiable) << name;
       EXPECT_EQ(parameter->error, 0.0) << name;
     }
     // What is kept comes first in the declared order: base, targets, joint offsets, links.
-    EXPECT_THAT(found.fixed_by_gauge, Not(Contains(HasSubstr("base."))));
+    EXPECT_THAT(found.uncertainty.fixed_by_gauge, Not(Contains(HasSubstr("base."))));
     // The answer does not depend on where the fit starts.
-    Estimate start = found.identification.estimate;
+    Estimate start = found.fit.identification.estimate;
     Random random(41);
-    for (const std::size_t p : found.free.geometric()) {
+    for (const std::size_t p : found.fit.free.geometric()) {
       start.errors[static_cast<Eigen::Index>(p)] += 0.002 * random.normal();
     }
-    const Identification again = identify_jointly(s.model, s.train, start, found.free);
-    EXPECT_LT((again.estimate.errors - found.identification.estimate.errors).cwiseAbs().maxCoeff(), 1e-7);
+    const Identification again = identify_jointly(s.model, s.train, start, found.fit.free);
+    EXPECT_LT((again.estimate.errors - found.fit.identification.estimate.errors).cwiseAbs().maxCoeff(), 1e-7);
   }
 }
 
@@ -275,11 +278,11 @@ TEST(Calibration, PredictionsAreUncertainOnlyWhereTheGaugeMatters) {
   options.predict_at = {.names = {"as measured", "elsewhere"}, .joint_values = s.test.joint_values.leftCols(2)};
   options.predict_at.joint_values(4, 1) += 0.5;
   const Calibration found = calibrate(s.model, measured, options);
-  ASSERT_EQ(found.predicted.asked.size(), 6U);
-  EXPECT_GT(found.predicted.measured.rms, 0.0);
-  EXPECT_LT(found.predicted.measured.rms, 0.0001);
-  EXPECT_EQ(found.predicted.workspace.count, 0);
-  for (const PredictedPoint& point : found.predicted.asked) {
+  ASSERT_EQ(found.uncertainty.predicted.asked.size(), 6U);
+  EXPECT_GT(found.uncertainty.predicted.measured.rms, 0.0);
+  EXPECT_LT(found.uncertainty.predicted.measured.rms, 0.0001);
+  EXPECT_EQ(found.uncertainty.predicted.workspace.count, 0);
+  for (const PredictedPoint& point : found.uncertainty.predicted.asked) {
     EXPECT_EQ(std::isfinite(point.sigma), point.configuration == "as measured") << point.configuration;
   }
 }
@@ -287,11 +290,11 @@ TEST(Calibration, PredictionsAreUncertainOnlyWhereTheGaugeMatters) {
 TEST(Calibration, WithPriorsOnEveryErrorOnlyFramesAreFixed) {
   const PartlyMoved s(44, {1, 2, 3, 4, 6});
   CalibrationOptions options;
-  options.priors = {.length = 0.001, .angle = 0.001};
-  options.noise.independent.setConstant(0.00003);
+  options.selection.priors = {.length = 0.001, .angle = 0.001};
+  options.noise.stated.independent.setConstant(0.00003);
   const Calibration found = calibrate(s.model, s.train, options);
-  EXPECT_EQ(found.identification.termination, Termination::converged);
-  EXPECT_TRUE(found.fixed_by_gauge.empty());
+  EXPECT_EQ(found.fit.identification.termination, Termination::converged);
+  EXPECT_TRUE(found.uncertainty.fixed_by_gauge.empty());
 }
 
 // Position errors of asked points over their predicted sigmas.
@@ -309,18 +312,18 @@ void add_asked_errors(std::uint64_t seed, int configurations, AskedErrors& sums)
   for (int c = 0; c < configurations; ++c) {
     options.predict_at.names.push_back("p" + std::to_string(c));
   }
-  options.noise.independent.setConstant(0.00003);
+  options.noise.stated.independent.setConstant(0.00003);
   const Calibration found = calibrate(s.model, s.measured, options);
   const KDL::Chain real = error_chain(s.robot.model, s.robot.truth.errors);
-  ASSERT_EQ(found.predicted.asked.size(), static_cast<std::size_t>(3 * configurations));
-  for (std::size_t i = 0; i < found.predicted.asked.size(); ++i) {
-    const PredictedPoint& point = found.predicted.asked[i];
+  ASSERT_EQ(found.uncertainty.predicted.asked.size(), static_cast<std::size_t>(3 * configurations));
+  for (std::size_t i = 0; i < found.uncertainty.predicted.asked.size(); ++i) {
+    const PredictedPoint& point = found.uncertainty.predicted.asked[i];
     EXPECT_EQ(point.configuration, "p" + std::to_string(i / 3));
     const auto q = options.predict_at.joint_values.col(static_cast<Eigen::Index>(i / 3));
     const Eigen::Isometry3d X_BF = to_eigen(kdl_pose(real, q));
     const Eigen::Vector3d truth = s.robot.truth.X_WB * (X_BF * s.robot.truth.targets[i % 3].X_FT.translation());
     const Eigen::Vector3d error = point.position_W - truth;
-    EXPECT_LT((found.identification.estimate.X_WB * point.position - point.position_W).norm(), 1e-12);
+    EXPECT_LT((found.fit.identification.estimate.X_WB * point.position - point.position_W).norm(), 1e-12);
     EXPECT_NEAR(point.sigma, point.std.norm(), 1e-12);
     sums.squares += error.cwiseQuotient(point.std).squaredNorm();
     sums.inside += error.norm() < point.radius_95 ? 1.0 : 0.0;
@@ -350,8 +353,8 @@ TEST(CalibrationLongRun, PredictsPositionsAtAskedConfigurations) {
 TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
   const Simulated s(11, 0.00003);
   const Calibration found = calibrate(s.model, s.measured);
-  const Estimate& estimate = found.identification.estimate;
-  const PositionPredictor predictor(s.model, estimate, found.free);
+  const Estimate& estimate = found.fit.identification.estimate;
+  const PositionPredictor predictor(s.model, estimate, found.fit.free);
   const KDL::Chain chain = folded_chain(s.model, estimate.errors);
   Random random(1);
   const Eigen::MatrixXd workspace = random_configurations(limits_of(s.model.joints), 1000, random);
@@ -363,13 +366,13 @@ TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
       centre.push_back(0.5 * std::floor(X_BF.p[axis] / 0.5) + 0.25);
     }
     for (std::size_t t = 0; t < 3; ++t) {
-      const Eigen::Matrix3d P = predicted_covariance(predictor, found.covariance, q, t);
+      const Eigen::Matrix3d P = predicted_covariance(predictor, found.uncertainty.covariance, q, t);
       sigmas_of_cube[centre].push_back(std::sqrt(P.trace()));
     }
   }
-  EXPECT_EQ(found.predicted.workspace.count, 3000);
-  ASSERT_EQ(found.predicted.cells.size(), sigmas_of_cube.size());
-  for (const WorkspaceCell& cell : found.predicted.cells) {
+  EXPECT_EQ(found.uncertainty.predicted.workspace.count, 3000);
+  ASSERT_EQ(found.uncertainty.predicted.cells.size(), sigmas_of_cube.size());
+  for (const WorkspaceCell& cell : found.uncertainty.predicted.cells) {
     const std::vector<double>& sigmas = sigmas_of_cube[{cell.centre.begin(), cell.centre.end()}];
     ASSERT_FALSE(sigmas.empty()) << cell.centre.transpose();
     EXPECT_EQ(3 * static_cast<std::size_t>(cell.count), sigmas.size()) << cell.centre.transpose();
@@ -388,17 +391,17 @@ TEST(Calibration, OrientationsHaveASigmaOfTheirOwn) {
   EXPECT_EQ(repeats.orientation_degrees_of_freedom, 40 * 4);
   EXPECT_NEAR(repeats.orientation, 0.0002, 0.00002);
   CalibrationOptions options;
-  options.weights = Weights::repeats;
+  options.noise.weights = Weights::repeats;
   const Calibration estimated = calibrate(model, measured, options);
   EXPECT_EQ(estimated.noise.variance_factor, 1.0);  // the fit is as good as the noise says
   options = {};
-  options.noise.orientation = 0.0002;
+  options.noise.stated.orientation = 0.0002;
   EXPECT_THROW(calibrate(model, measured, options), InputError);  // radians beside nothing
-  options.noise.independent.setConstant(0.00003);
+  options.noise.stated.independent.setConstant(0.00003);
   const Calibration stated = calibrate(model, measured, options);
   EXPECT_EQ(stated.noise.variance_factor, 1.0);
-  EXPECT_LT((stated.identification.estimate.errors - estimated.identification.estimate.errors).norm(), 0.0001);
-  options.noise.orientation = 0.00002;
+  EXPECT_LT((stated.fit.identification.estimate.errors - estimated.fit.identification.estimate.errors).norm(), 0.0001);
+  options.noise.stated.orientation = 0.00002;
   EXPECT_GT(calibrate(model, measured, options).noise.variance_factor, 10.0);
   EXPECT_THROW(calibrate(model, Simulated(46, 0.00003).measured, options), InputError);
 }
@@ -409,11 +412,11 @@ TEST(Calibration, PredictsHeldOutRows) {
     observation.split = observation.configuration >= 24 ? Split::test : Split::train;
   }
   const Calibration found = calibrate(s.model, s.measured);
-  ASSERT_TRUE(found.test.has_value());
-  EXPECT_EQ(found.test->after.count, 18);
-  EXPECT_EQ(found.train.after.count, 72);
-  EXPECT_LT(found.test->after.rms, 0.0002);
-  EXPECT_GT(found.test->before.rms, 0.001);
+  ASSERT_TRUE(found.accuracy.test.has_value());
+  EXPECT_EQ(found.accuracy.test->after.count, 18);
+  EXPECT_EQ(found.accuracy.train.after.count, 72);
+  EXPECT_LT(found.accuracy.test->after.rms, 0.0002);
+  EXPECT_GT(found.accuracy.test->before.rms, 0.001);
   for (Observation& observation : s.measured.observations) {
     observation.split = Split::test;
   }
@@ -422,16 +425,17 @@ TEST(Calibration, PredictsHeldOutRows) {
 
 TEST(Calibration, PointsLeftOutAreThoseOfAFitWithoutTheirConfiguration) {
   Simulated s(9, 0.00003);
-  const Calibration all = calibrate(s.model, s.measured, {.weights = Weights::equal, .leave_one_out = true});
+  const Calibration all =
+      calibrate(s.model, s.measured, {.noise = {.weights = Weights::equal}, .validation = {.leave_one_out = true}});
   for (const std::int32_t left_out : {3, 22}) {
     Measurements rest = s.measured;
     for (Observation& observation : rest.observations) {
       observation.split = observation.configuration == left_out ? Split::test : Split::train;
     }
-    const Estimate found = calibrate(s.model, rest, {.weights = Weights::equal}).identification.estimate;
+    const Estimate found = calibrate(s.model, rest, {.noise = {.weights = Weights::equal}}).fit.identification.estimate;
     const KDL::Chain chain = error_chain(s.model, found.errors);
     int points = 0;
-    for (const HeldOutPoint& point : all.held_out_points) {
+    for (const HeldOutPoint& point : all.accuracy.held_out_points) {
       if (point.configuration != left_out) {
         continue;
       }
@@ -449,31 +453,37 @@ TEST(Calibration, PointsLeftOutAreThoseOfAFitWithoutTheirConfiguration) {
 
 TEST(Calibration, TwoStepAgreesWithTheJointEstimate) {
   const Simulated s(10, 0.0);
-  const Calibration found = calibrate(s.model, s.measured, {.method = Method::two_step});
-  EXPECT_TRUE(found.trusted()) << found.identification.message;
-  EXPECT_LT(found.train.after.max, 1e-9);
-  EXPECT_GT(found.identification.convergence_factor, 0.0);
+  const Calibration found = calibrate(s.model, s.measured, {.estimator = {.method = Method::two_step}});
+  EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
+  EXPECT_LT(found.accuracy.train.after.max, 1e-9);
+  EXPECT_GT(found.fit.identification.convergence_factor, 0.0);
 }
 
 TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
   Simulated s(12, 0.00003);
-  const Calibration clean = calibrate(s.model, s.measured, {.held_out = false, .try_readings = false});
+  const Calibration clean =
+      calibrate(s.model, s.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
   s.measured.observations[40].position.y() += 0.01;
-  const Calibration spoilt = calibrate(s.model, s.measured, {.held_out = false, .try_readings = false});
+  const Calibration spoilt =
+      calibrate(s.model, s.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
   for (const Loss loss : {Loss::huber, Loss::tukey}) {
-    const Calibration robust = calibrate(s.model, s.measured, {.loss = loss, .held_out = false, .try_readings = false});
-    ASSERT_EQ(robust.weights.size(), 90U);
-    EXPECT_LT(robust.weights[40], 0.02);
-    EXPECT_EQ(std::min_element(robust.weights.begin(), robust.weights.end()) - robust.weights.begin(), 40);
-    const double off = (robust.identification.estimate.errors - clean.identification.estimate.errors).norm();
-    EXPECT_LT(off, 0.2 * (spoilt.identification.estimate.errors - clean.identification.estimate.errors).norm());
+    const Calibration robust = calibrate(
+        s.model, s.measured,
+        {.estimator = {.loss = loss}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    ASSERT_EQ(robust.fit.robust.weights.size(), 90U);
+    EXPECT_LT(robust.fit.robust.weights[40], 0.02);
+    EXPECT_EQ(std::min_element(robust.fit.robust.weights.begin(), robust.fit.robust.weights.end()) -
+                  robust.fit.robust.weights.begin(),
+              40);
+    const double off = (robust.fit.identification.estimate.errors - clean.fit.identification.estimate.errors).norm();
+    EXPECT_LT(off, 0.2 * (spoilt.fit.identification.estimate.errors - clean.fit.identification.estimate.errors).norm());
   }
 }
 
 // 3D RMS of what the calibration predicts at fresh configurations against the truth.
 double held_out_rms(const VirtualRobot& truth, const Calibration& found, Random& random) {
   const Eigen::MatrixXd q = random_configurations(limits_of(truth.model.joints), 200, random);
-  const Estimate& estimate = found.identification.estimate;
+  const Estimate& estimate = found.fit.identification.estimate;
   const auto real = flange_poses(truth.model, truth.truth, q);
   const auto ours = flange_poses(truth.model, estimate, q);
   double sum = 0.0;
@@ -507,8 +517,9 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
   std::array<double, 3> robust_squares = {};
   for (std::uint64_t seed = 101; seed <= 100 + seeds; ++seed) {
     Simulated s(seed, 0.00003);
-    const Calibration clean = calibrate(s.model, s.measured, {.held_out = false, .try_readings = false});
-    EXPECT_TRUE(clean.findings.empty()) << clean.findings.front().message;
+    const Calibration clean =
+        calibrate(s.model, s.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    EXPECT_TRUE(clean.diagnosis.findings.empty()) << clean.diagnosis.findings.front().message;
     Random random(seed + 1000);
     clean_squares += std::pow(held_out_rms(s.robot, clean, random), 2);
     for (std::size_t defect = 0; defect < 3; ++defect) {
@@ -518,9 +529,11 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
       } else {
         defect == 1 ? swapped(spoilt) : mistyped(spoilt);
       }
-      const Calibration found =
-          calibrate(s.model, spoilt, {.loss = Loss::tukey, .held_out = false, .try_readings = false});
-      EXPECT_THAT(found.warnings, Contains(HasSubstr(expected[defect]))) << seed;
+      const Calibration found = calibrate(s.model, spoilt,
+                                          {.estimator = {.loss = Loss::tukey},
+                                           .validation = {.held_out = false},
+                                           .diagnosis = {.try_readings = false}});
+      EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr(expected[defect]))) << seed;
       VirtualRobot truth = s.robot;
       if (defect == 0) {  // what is measured from now on is where the target sits now
         truth.truth.targets[2].X_FT.translation() += slip;
@@ -554,7 +567,9 @@ void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_b
     experiment.restart(Random(300, static_cast<std::uint64_t>(run)));
     const Eigen::MatrixXd q = experiment.configurations(30);
     const auto tested = [&](const Measurements& measured) {
-      return *calibrate(experiment.model, measured, {.held_out = false, .try_readings = false}).lack_of_fit;
+      return *calibrate(experiment.model, measured,
+                        {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}})
+                  .noise.lack_of_fit;
     };
     const LackOfFit clean = tested(experiment.measure(q, noise));
     EXPECT_NEAR(clean.degrees_of_freedom, 270 - 33, 1e-6);
@@ -589,9 +604,9 @@ TEST(Calibration, OneOrTwoTargetsAreEnough) {
   for (const int targets : {1, 2}) {
     const Simulated s(47, 0.0, targets);
     const Calibration found = calibrate(s.model, s.measured);
-    ASSERT_TRUE(found.trusted()) << found.identification.message;
-    EXPECT_EQ(found.identifiability.rank, s.reduction.rank);
-    EXPECT_LT(found.train.after.max, 1e-12);
+    ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
+    EXPECT_EQ(found.uncertainty.identifiability.rank, s.reduction.rank);
+    EXPECT_LT(found.accuracy.train.after.max, 1e-12);
     Random random(48);
     EXPECT_LT(held_out_rms(s.robot, found, random), 1e-11);
   }
@@ -600,42 +615,43 @@ TEST(Calibration, OneOrTwoTargetsAreEnough) {
 TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {
   const Simulated s(15, 0.00003);
   CalibrationOptions options;
-  options.automatic_priors = true;
-  options.effects.automatic = true;
-  options.leave_one_out = true;
+  options.selection.automatic_priors = true;
+  options.selection.effects.automatic = true;
+  options.validation.leave_one_out = true;
   options.threads = 1;
   const Calibration one = calibrate(s.model, s.measured, options);
   options.threads = 3;
   const Calibration three = calibrate(s.model, s.measured, options);
-  EXPECT_EQ(one.leave_one_out->after.rms, three.leave_one_out->after.rms);
-  ASSERT_EQ(one.tried.size(), three.tried.size());
-  for (std::size_t i = 0; i < one.tried.size(); ++i) {
-    EXPECT_EQ(one.tried[i].held_out_rms, three.tried[i].held_out_rms);
+  EXPECT_EQ(one.accuracy.leave_one_out->after.rms, three.accuracy.leave_one_out->after.rms);
+  ASSERT_EQ(one.selection.tried.size(), three.selection.tried.size());
+  for (std::size_t i = 0; i < one.selection.tried.size(); ++i) {
+    EXPECT_EQ(one.selection.tried[i].held_out_rms, three.selection.tried[i].held_out_rms);
   }
-  EXPECT_THAT(one.tried.front().effects, ::testing::IsEmpty());  // there is none in the simulation
+  EXPECT_THAT(one.selection.tried.front().effects, ::testing::IsEmpty());  // there is none in the simulation
 }
 
 // ---- what the parts of a result are ---------------------------------------------------------------------------------
 
-const CalibrationOptions kFitAlone{.weights = Weights::equal, .held_out = false, .try_readings = false};
+const CalibrationOptions kFitAlone{
+    .noise = {.weights = Weights::equal}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
 
 // The points of the other configurations alone, all as exact as the residuals say.
 TEST(Calibration, HeldOutPointsAreAsUncertainAsTheOthersLeaveThem) {
   const Simulated s(8, 4e-5);
   CalibrationOptions options = kFitAlone;
-  options.held_out = true;
+  options.validation.held_out = true;
   const Calibration found = calibrate(s.model, testing::without_sigmas(s.measured), options);
-  ASSERT_EQ(found.held_out_points.size(), s.measured.observations.size());
-  const PositionPredictor predictor(s.model, found.identification.estimate, found.free);
+  ASSERT_EQ(found.accuracy.held_out_points.size(), s.measured.observations.size());
+  const PositionPredictor predictor(s.model, found.fit.identification.estimate, found.fit.free);
   std::vector<std::vector<Matrix3Xd>> jacobians;
-  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(found.free.size(), found.free.size());
+  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(found.fit.free.size(), found.fit.free.size());
   for (Eigen::Index c = 0; c < s.measured.joint_values.cols(); ++c) {
     jacobians.push_back(predictor.jacobians(s.measured, c));
     for (const Matrix3Xd& J : jacobians.back()) {
       information += J.transpose() * J;
     }
   }
-  for (const HeldOutPoint& point : found.held_out_points) {
+  for (const HeldOutPoint& point : found.accuracy.held_out_points) {
     const std::vector<Matrix3Xd>& own = jacobians[static_cast<std::size_t>(point.configuration)];
     Eigen::MatrixXd rest = information;
     for (const Matrix3Xd& J : own) {
@@ -652,11 +668,11 @@ TEST(Calibration, WeighsOrientationsByTheirResidualsUnlessTheirSigmaIsStated) {
   const Measurements measured =
       testing::without_sigmas(experiment.measure(25, {.sigma = 3e-5, .orientation_sigma = 1e-3}));
   CalibrationOptions options = kFitAlone;
-  options.noise.independent.setConstant(3e-5);
+  options.noise.stated.independent.setConstant(3e-5);
   const Calibration unstated = calibrate(experiment.model, measured, options);
   ASSERT_TRUE(unstated.noise.orientation_length.has_value());
   EXPECT_NEAR(*unstated.noise.orientation_length / 0.03, 1.0, 0.3);
-  options.noise.orientation = 1e-3;
+  options.noise.stated.orientation = 1e-3;
   EXPECT_FALSE(calibrate(experiment.model, measured, options).noise.orientation_length.has_value());
 }
 
@@ -666,19 +682,20 @@ TEST(Calibration, PriorsOfOneKindAloneStandBesideTheNoiseOfThePlainFit) {
   const Calibration plain = calibrate(experiment.model, measured, kFitAlone);
   for (const Priors& priors : {Priors{.length = 2e-4}, Priors{.angle = 2e-4}}) {
     CalibrationOptions options = kFitAlone;
-    options.priors = priors;
+    options.selection.priors = priors;
     const Calibration unstated = calibrate(experiment.model, measured, options);
-    options.noise.independent.setConstant(plain.noise.sigma);
+    options.noise.stated.independent.setConstant(plain.noise.sigma);
     const Calibration stated = calibrate(experiment.model, measured, options);
     const auto from_stated = [&](const Calibration& other) {
-      return (other.identification.estimate.errors - stated.identification.estimate.errors).norm();
+      return (other.fit.identification.estimate.errors - stated.fit.identification.estimate.errors).norm();
     };
     EXPECT_LT(from_stated(unstated), 1e-7) << priors.length;
     EXPECT_GT(from_stated(plain), 1e-5) << priors.length;
-    EXPECT_EQ(stated.priors.length, priors.length);
-    EXPECT_EQ(stated.priors.angle, priors.angle);
+    EXPECT_EQ(stated.selection.priors.length, priors.length);
+    EXPECT_EQ(stated.selection.priors.angle, priors.angle);
     // What the measurements tell by themselves, at nearly the same place.
-    EXPECT_NEAR(stated.identifiability.condition / plain.identifiability.condition, 1.0, 0.01) << priors.length;
+    EXPECT_NEAR(stated.uncertainty.identifiability.condition / plain.uncertainty.identifiability.condition, 1.0, 0.01)
+        << priors.length;
   }
 }
 
@@ -689,13 +706,14 @@ TEST(Calibration, RowsThatAreNotFittedHaveFullWeightInARobustFit) {
   }
   s.measured.observations[0].position.x() += 0.01;
   s.measured.observations[6].position.x() += 0.01;  // a test row
-  const Calibration found =
-      calibrate(s.model, s.measured, {.loss = Loss::tukey, .held_out = false, .try_readings = false});
-  ASSERT_EQ(found.weights.size(), 90U);
-  EXPECT_LT(found.weights[0], 0.01);
+  const Calibration found = calibrate(
+      s.model, s.measured,
+      {.estimator = {.loss = Loss::tukey}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+  ASSERT_EQ(found.fit.robust.weights.size(), 90U);
+  EXPECT_LT(found.fit.robust.weights[0], 0.01);
   for (std::size_t row = 0; row < 90; ++row) {
     if (s.measured.observations[row].split == Split::test) {
-      EXPECT_EQ(found.weights[row], 1.0) << row;
+      EXPECT_EQ(found.fit.robust.weights[row], 1.0) << row;
     }
   }
 }
@@ -711,20 +729,20 @@ TEST(Calibration, NothingBecomesUndeterminedByAWeight) {
     }
   }
   CalibrationOptions options = kFitAlone;
-  options.loss = Loss::tukey;
+  options.estimator.loss = Loss::tukey;
   const Calibration found = calibrate(experiment.model, measured, options);
-  ResidualOptions residuals{.row_weights = found.weights};
+  ResidualOptions residuals{.row_weights = found.fit.robust.weights};
   int none = 0;
   for (double& weight : residuals.row_weights) {
     none += weight < 1e-12 ? 1 : 0;
     weight = std::max(weight, 1e-9);
   }
   ASSERT_EQ(none, 4);
-  const LeastSquaresProblem problem(found.model, measured, found.free, residuals);
+  const LeastSquaresProblem problem(found.model, measured, found.fit.free, residuals);
   const Identifiability expected =
-      identifiability(problem.whitened_summary(found.identification.estimate).triangle, found.free.names());
-  EXPECT_EQ(found.identifiability.rank, 36);
-  EXPECT_NEAR(found.identifiability.condition / expected.condition, 1.0, 1e-6);
+      identifiability(problem.whitened_summary(found.fit.identification.estimate).triangle, found.fit.free.names());
+  EXPECT_EQ(found.uncertainty.identifiability.rank, 36);
+  EXPECT_NEAR(found.uncertainty.identifiability.condition / expected.condition, 1.0, 1e-6);
 }
 
 std::string refused(const ErrorModel& model, const Measurements& measured, const CalibrationOptions& options) {
@@ -742,9 +760,9 @@ TEST(Calibration, RefusesPredictionsThatDoNotHoldTogetherAndFitsOfNothing) {
   options.predict_at.joint_values(3, 0) = std::nan("");
   EXPECT_THAT(refused(s.model, s.measured, options), HasSubstr("where to predict"));
   options = kFitAlone;
-  options.known_base = s.robot.truth.X_WB;
-  options.known_targets = s.robot.truth.targets;
-  options.fix = {"*"};
+  options.parameters.known_base = s.robot.truth.X_WB;
+  options.parameters.known_targets = s.robot.truth.targets;
+  options.parameters.fix = {"*"};
   EXPECT_THAT(refused(s.model, s.measured, options),
               HasSubstr("fix: leaves nothing to estimate of base, targets and geometric errors; validation predicts"));
 }
@@ -753,12 +771,12 @@ TEST(Calibration, TakesAsManyIterationsAsItMay) {
   const Simulated s(22, 3e-5);
   for (const int iterations : {1, 2}) {
     CalibrationOptions options = kFitAlone;
-    options.iterations = iterations;
+    options.estimator.iterations = iterations;
     const Calibration found = calibrate(s.model, s.measured, options);
-    EXPECT_EQ(found.identification.termination, Termination::iteration_limit);
-    EXPECT_EQ(found.identification.iterations, iterations);
+    EXPECT_EQ(found.fit.identification.termination, Termination::iteration_limit);
+    EXPECT_EQ(found.fit.identification.iterations, iterations);
   }
-  EXPECT_EQ(calibrate(s.model, s.measured, kFitAlone).identification.termination, Termination::converged);
+  EXPECT_EQ(calibrate(s.model, s.measured, kFitAlone).fit.identification.termination, Termination::converged);
 }
 
 // ---- findings beside what the whole of the data may be taken for ----------------------------------------------------
@@ -773,9 +791,9 @@ std::vector<std::pair<QualityKind, std::vector<std::string>>> kinds_of(const std
 
 std::vector<std::string> doubted(const Calibration& found) {
   std::vector<std::string> causes;
-  for (const Suspicion& suspicion : found.suspicions) {
+  for (const Suspicion& suspicion : found.diagnosis.suspicions) {
     if (suspicion.doubt) {
-      causes.push_back(suspicion.cause);
+      causes.push_back(to_string(suspicion.cause));
     }
   }
   return causes;
@@ -786,8 +804,8 @@ struct Beside {
   Calibration found;
 
   Beside(const ErrorModel& model, const Measurements& measured)
-      : alone(calibrate(model, measured, {.held_out = false, .try_readings = false})),
-        found(calibrate(model, measured, {.held_out = false})) {}
+      : alone(calibrate(model, measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}})),
+        found(calibrate(model, measured, {.validation = {.held_out = false}})) {}
 };
 
 // The third target slipped when the tripod was knocked.
@@ -804,11 +822,11 @@ TEST(Calibration, AccusesNoTargetWhereTheBaseMoved) {
   }
   const Beside beside(s.model, s.measured);
   const auto is_slip = [](const QualityFinding& f) { return f.kind == QualityKind::slipped_target; };
-  std::vector<QualityFinding> expected = beside.alone.findings;
+  std::vector<QualityFinding> expected = beside.alone.diagnosis.findings;
   std::erase_if(expected, is_slip);
   EXPECT_THAT(doubted(beside.found), Contains("moved_base"));
-  EXPECT_EQ(kinds_of(beside.found.findings), kinds_of(expected));
-  EXPECT_TRUE(std::any_of(beside.alone.findings.begin(), beside.alone.findings.end(), is_slip));
+  EXPECT_EQ(kinds_of(beside.found.diagnosis.findings), kinds_of(expected));
+  EXPECT_TRUE(std::any_of(beside.alone.diagnosis.findings.begin(), beside.alone.diagnosis.findings.end(), is_slip));
 }
 
 TEST(Calibration, NamesNoRowsWhereTargetsWereExchanged) {
@@ -818,8 +836,8 @@ TEST(Calibration, NamesNoRowsWhereTargetsWereExchanged) {
   }
   const Beside beside(s.model, s.measured);
   EXPECT_THAT(doubted(beside.found), Contains("exchanged_targets"));
-  EXPECT_THAT(beside.found.findings, ::testing::IsEmpty());
-  EXPECT_THAT(beside.alone.findings, Not(::testing::IsEmpty()));
+  EXPECT_THAT(beside.found.diagnosis.findings, ::testing::IsEmpty());
+  EXPECT_THAT(beside.alone.diagnosis.findings, Not(::testing::IsEmpty()));
 }
 
 TEST(Calibration, TrustsDistancesAloneWhereJointValuesWereReadWrongly) {
@@ -828,8 +846,8 @@ TEST(Calibration, TrustsDistancesAloneWhereJointValuesWereReadWrongly) {
   s.measured.observations[9].position.y() += 0.01;
   const Beside beside(s.model, s.measured);
   EXPECT_THAT(doubted(beside.found), Contains("joint_gain"));
-  EXPECT_EQ(kinds_of(beside.found.findings), kinds_of(check_distances(s.measured)));
-  EXPECT_NE(kinds_of(beside.alone.findings), kinds_of(beside.found.findings));
+  EXPECT_EQ(kinds_of(beside.found.diagnosis.findings), kinds_of(check_distances(s.measured)));
+  EXPECT_NE(kinds_of(beside.alone.diagnosis.findings), kinds_of(beside.found.diagnosis.findings));
 }
 
 Measurements real_measurements() {
@@ -841,45 +859,47 @@ Measurements real_measurements() {
 
 TEST(CalibrationOnRealData, R2000iCFitsAsIndependentFitsDid) {
   const ErrorModel model = complete_model(fanuc());
-  const Calibration found = calibrate(model, real_measurements(), {.weights = Weights::equal, .leave_one_out = true});
-  ASSERT_TRUE(found.trusted()) << found.identification.message;
-  EXPECT_EQ(found.identifiability.rank, 33);
-  EXPECT_NEAR(found.train.after.rms, 0.000161, 0.000001);
-  EXPECT_NEAR(found.train.after.max, 0.000327, 0.000001);
-  EXPECT_NEAR(found.train.before.rms, 0.00062, 0.00001);
-  EXPECT_LE(found.leave_one_out->after.rms, 0.000235);
-  EXPECT_NEAR(found.leave_one_out->before.rms, 0.00072, 0.00001);
-  testing::record("leave-one-out [m]", found.leave_one_out->after.rms);
-  testing::record("condition", found.identifiability.condition);
+  const Calibration found = calibrate(model, real_measurements(),
+                                      {.noise = {.weights = Weights::equal}, .validation = {.leave_one_out = true}});
+  ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
+  EXPECT_EQ(found.uncertainty.identifiability.rank, 33);
+  EXPECT_NEAR(found.accuracy.train.after.rms, 0.000161, 0.000001);
+  EXPECT_NEAR(found.accuracy.train.after.max, 0.000327, 0.000001);
+  EXPECT_NEAR(found.accuracy.train.before.rms, 0.00062, 0.00001);
+  EXPECT_LE(found.accuracy.leave_one_out->after.rms, 0.000235);
+  EXPECT_NEAR(found.accuracy.leave_one_out->before.rms, 0.00072, 0.00001);
+  testing::record("leave-one-out [m]", found.accuracy.leave_one_out->after.rms);
+  testing::record("condition", found.uncertainty.identifiability.condition);
 }
 
 Calibration chosen_by_itself(bool nested) {
   CalibrationOptions options;
-  options.automatic_priors = true;
-  options.effects.automatic = true;
-  options.leave_one_out = true;
-  options.nested = nested;
+  options.selection.automatic_priors = true;
+  options.selection.effects.automatic = true;
+  options.validation.leave_one_out = true;
+  options.validation.nested = nested;
   return calibrate(complete_model(fanuc()), real_measurements(), options);
 }
 
 TEST(CalibrationOnRealData, R2000iCChoosesPriorsAndGravityByItself) {
   const Calibration found = chosen_by_itself(false);
-  ASSERT_TRUE(found.trusted()) << found.identification.message;
-  testing::record("prior of lengths [m]", found.priors.length);
+  ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
+  testing::record("prior of lengths [m]", found.selection.priors.length);
   testing::record("effects", found.model.effects.size());
-  testing::record("leave-one-out [m]", found.leave_one_out->after.rms);
-  EXPECT_LE(found.leave_one_out->after.rms, 0.00019);
-  EXPECT_THAT(found.tried.front().effects, ::testing::Contains("gravity"));
-  EXPECT_LT(found.train.rigid->rms, 0.0002);  // the exported URDF alone
-  EXPECT_LT(found.train.after.rms, found.train.rigid->rms);
-  EXPECT_GT(found.leave_one_out->rigid->rms, found.train.rigid->rms) << "fitted again without the effects' values";
+  testing::record("leave-one-out [m]", found.accuracy.leave_one_out->after.rms);
+  EXPECT_LE(found.accuracy.leave_one_out->after.rms, 0.00019);
+  EXPECT_THAT(found.selection.tried.front().effects, ::testing::Contains("gravity"));
+  EXPECT_LT(found.accuracy.train.rigid->rms, 0.0002);  // the exported URDF alone
+  EXPECT_LT(found.accuracy.train.after.rms, found.accuracy.train.rigid->rms);
+  EXPECT_GT(found.accuracy.leave_one_out->rigid->rms, found.accuracy.train.rigid->rms)
+      << "fitted again without the effects' values";
 }
 
 TEST(CalibrationOnRealDataLongRun, R2000iCPredictsWhatItsChoicesDidNotSee) {
   const Calibration found = chosen_by_itself(true);
-  testing::record("nested leave-one-out [m]", found.nested_leave_one_out->rms);
-  EXPECT_LE(found.nested_leave_one_out->rms, 0.000185);
-  EXPECT_GT(found.nested_leave_one_out->rms, found.leave_one_out->after.rms);
+  testing::record("nested leave-one-out [m]", found.accuracy.nested_leave_one_out->rms);
+  EXPECT_LE(found.accuracy.nested_leave_one_out->rms, 0.000185);
+  EXPECT_GT(found.accuracy.nested_leave_one_out->rms, found.accuracy.leave_one_out->after.rms);
 }
 
 // Each configuration is measured by those who have never seen it: every choice is made without it.
@@ -889,17 +909,17 @@ TEST(CalibrationOnRealDataLongRun, R2000iCRadiusHoldsWhatNothingHasSeen) {
   int inside = 0;
   for (Eigen::Index left = 0; left < all.joint_values.cols(); ++left) {
     CalibrationOptions options;
-    options.automatic_priors = true;
-    options.effects.automatic = true;
-    options.try_readings = false;
+    options.selection.automatic_priors = true;
+    options.selection.effects.automatic = true;
+    options.diagnosis.try_readings = false;
     options.predict_at = {.names = {"left out"}, .joint_values = all.joint_values.col(left), .signals = {}};
     const Measurements rest = subset(all, [&](const Observation& o) { return o.configuration != left; });
     const Calibration found = calibrate(model, rest, options);
-    EXPECT_GE(found.predicted.radius_factor, 1.0);
-    EXPECT_LE(found.predicted.radius_factor, 1.3);
+    EXPECT_GE(found.uncertainty.predicted.radius_factor, 1.0);
+    EXPECT_LE(found.uncertainty.predicted.radius_factor, 1.3);
     for (const Observation& o : all.observations) {
       if (o.configuration == left) {
-        const PredictedPoint& point = found.predicted.asked[static_cast<std::size_t>(o.target)];
+        const PredictedPoint& point = found.uncertainty.predicted.asked[static_cast<std::size_t>(o.target)];
         inside += (o.position - point.position_W).norm() <= point.radius_95 ? 1 : 0;
       }
     }
@@ -919,10 +939,10 @@ TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies
     EXPECT_GT(found.noise.repeats->independent[axis], 0.000009);
     EXPECT_LT(found.noise.repeats->independent[axis], 0.0000132);
   }
-  ASSERT_TRUE(found.lack_of_fit.has_value());
-  EXPECT_LT(found.lack_of_fit->p_value, 1e-10);
-  EXPECT_THAT(found.warnings, Contains(HasSubstr("lack of fit")));
-  EXPECT_EQ(found.noise.model, "parts");
+  ASSERT_TRUE(found.noise.lack_of_fit.has_value());
+  EXPECT_LT(found.noise.lack_of_fit->p_value, 1e-10);
+  EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr("lack of fit")));
+  EXPECT_EQ(found.noise.source, NoiseSource::parts);
   for (int axis = 0; axis < 3; ++axis) {
     EXPECT_NEAR(found.noise.common[axis], common[axis], 0.1 * common[axis]);
     EXPECT_NEAR(found.noise.independent[axis], found.noise.repeats->independent[axis], 0.000001);
@@ -934,20 +954,20 @@ TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies
 
 TEST(CalibrationOnRealData, R2000iCIsPredictedBetterWithWeightsByThePartsOfTheNoise) {
   const Calibration found = calibrate(complete_model(fanuc()), real_measurements());
-  testing::record("leave-one-out [m]", found.leave_one_out->after.rms);
-  EXPECT_LT(found.leave_one_out->after.rms, 0.0002);
+  testing::record("leave-one-out [m]", found.accuracy.leave_one_out->after.rms);
+  EXPECT_LT(found.accuracy.leave_one_out->after.rms, 0.0002);
 }
 
 TEST(CalibrationOnRealData, R2000iCMeansFitAsIndependentFitsDid) {
   const ErrorModel model = complete_model(fanuc());
-  const Calibration found =
-      calibrate(model, averaged(real_measurements()), {.weights = Weights::equal, .leave_one_out = true});
-  EXPECT_NEAR(found.train.after.rms, 0.000136, 0.000001);
-  EXPECT_NEAR(found.train.after.max, 0.000267, 0.000001);
-  EXPECT_NEAR(found.train.before.rms, 0.000615, 0.000001);
-  EXPECT_NEAR(found.train.before.max, 0.001344, 0.000001);
-  EXPECT_NEAR(found.leave_one_out->after.rms, 0.000234, 0.000001);
-  EXPECT_NEAR(found.leave_one_out->before.rms, 0.000717, 0.000001);
+  const Calibration found = calibrate(model, averaged(real_measurements()),
+                                      {.noise = {.weights = Weights::equal}, .validation = {.leave_one_out = true}});
+  EXPECT_NEAR(found.accuracy.train.after.rms, 0.000136, 0.000001);
+  EXPECT_NEAR(found.accuracy.train.after.max, 0.000267, 0.000001);
+  EXPECT_NEAR(found.accuracy.train.before.rms, 0.000615, 0.000001);
+  EXPECT_NEAR(found.accuracy.train.before.max, 0.001344, 0.000001);
+  EXPECT_NEAR(found.accuracy.leave_one_out->after.rms, 0.000234, 0.000001);
+  EXPECT_NEAR(found.accuracy.leave_one_out->before.rms, 0.000717, 0.000001);
 }
 
 TEST(CalibrationOnRealData, Ur10PosesPredictBetterThanTheNominalRobot) {
@@ -955,13 +975,13 @@ TEST(CalibrationOnRealData, Ur10PosesPredictBetterThanTheNominalRobot) {
   const Robot robot = load_robot(folder + "/ur10.urdf", {.base = "base_link", .tip = "tool0"});
   const Calibration found =
       calibrate(complete_model(robot), read_measurements(folder + "/measurements.csv", joint_names(robot)));
-  EXPECT_TRUE(found.trusted()) << found.identification.message;
-  ASSERT_TRUE(found.test.has_value());
-  testing::record("held out by the nominal robot [m]", found.test->before.rms);
-  testing::record("held out [m]", found.test->after.rms);
-  testing::record("rank", found.identifiability.rank);
-  EXPECT_NEAR(found.test->before.rms, 0.00095, 0.00005);
-  EXPECT_LE(found.test->after.rms, 0.00047);
+  EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
+  ASSERT_TRUE(found.accuracy.test.has_value());
+  testing::record("held out by the nominal robot [m]", found.accuracy.test->before.rms);
+  testing::record("held out [m]", found.accuracy.test->after.rms);
+  testing::record("rank", found.uncertainty.identifiability.rank);
+  EXPECT_NEAR(found.accuracy.test->before.rms, 0.00095, 0.00005);
+  EXPECT_LE(found.accuracy.test->after.rms, 0.00047);
 }
 
 }  // namespace

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <string>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/same_poses.hpp"
 #include "support.hpp"
@@ -22,8 +22,8 @@ const std::string kCases = std::string(SHARED_DATA_DIR) + "/cases/";
 
 // As kdlcal does without an option.
 Calibration calibrated(const Measurements& measured, CalibrationOptions options = {}) {
-  options.automatic_priors = true;
-  options.effects.automatic = true;
+  options.selection.automatic_priors = true;
+  options.selection.effects.automatic = true;
   return calibrate(complete_model(testing::fanuc()), measured, options);
 }
 
@@ -34,28 +34,28 @@ Calibration calibrated(const std::string& name, const CalibrationOptions& option
 TEST(CasesOnRealData, ABlunderIsNamedAndWhatTheRestGivesWithoutIt) {
   const Calibration found = calibrated("blunder_pose_12.csv");
   ASSERT_FALSE(found.trusted());
-  EXPECT_EQ(found.doubts.front().cause, "gross_rows");
-  EXPECT_THAT(found.gross_rows, ElementsAre(Field(&GrossRow::configuration, "12")));
-  EXPECT_NEAR(found.gross_rows.front().distance, 0.062, 0.003);
-  EXPECT_LT(found.misfit_without_gross_rows, 5e-5);
+  EXPECT_EQ(found.diagnosis.doubts.front().cause, Cause::gross_rows);
+  EXPECT_THAT(found.diagnosis.gross_rows.rows, ElementsAre(Field(&GrossRow::configuration, "12")));
+  EXPECT_NEAR(found.diagnosis.gross_rows.rows.front().distance, 0.062, 0.003);
+  EXPECT_LT(found.diagnosis.gross_rows.rms_without, 5e-5);
   const Measurements measured = read_measurements(testing::fanuc(), kCases + "blunder_pose_12.csv");
   const Calibration without = calibrated(without_rows(measured, {"12"}));
   EXPECT_TRUE(without.trusted());
-  EXPECT_LT(without.train.after.rms, 5e-5);
+  EXPECT_LT(without.accuracy.train.after.rms, 5e-5);
 }
 
 TEST(CasesOnRealData, ReadBacksOfOnePoseAreRepeats) {
   const Calibration found = calibrated("jittered_repeats.csv");
-  ASSERT_TRUE(found.test.has_value());
-  ASSERT_NE(found.held_out(), nullptr);
-  EXPECT_EQ(found.influence.configurations.size(), 16U);
+  ASSERT_TRUE(found.accuracy.test.has_value());
+  ASSERT_NE(found.accuracy.held_out(), nullptr);
+  EXPECT_EQ(found.uncertainty.influence.configurations.size(), 16U);
   // Sixteen poses tell of new ones what they tell: within a factor of two of the test rows, not a hundredth.
-  EXPECT_GT(found.held_out()->after.rms, 0.5 * found.test->after.rms);
+  EXPECT_GT(found.accuracy.held_out()->after.rms, 0.5 * found.accuracy.test->after.rms);
 }
 
 TEST(CasesOnRealData, NoiseAgreesWithTheResiduals) {
-  const Calibration found = calibrated("offsets_only.csv", {.fix = {"T*", "R*"}});
-  const double of_coordinates = found.train.after.rms / std::sqrt(3.0);
+  const Calibration found = calibrated("offsets_only.csv", {.parameters = {.fix = {"T*", "R*"}}});
+  const double of_coordinates = found.accuracy.train.after.rms / std::sqrt(3.0);
   EXPECT_GT(found.noise.sigma, of_coordinates / 1.5);
   EXPECT_LT(found.noise.sigma, of_coordinates * 1.5);
   EXPECT_LE(found.noise.degrees_of_freedom, 270.0);
@@ -63,23 +63,23 @@ TEST(CasesOnRealData, NoiseAgreesWithTheResiduals) {
 
 TEST(CasesOnRealData, ALonelyRowHidesNoEffect) {
   const Calibration found = calibrated("lone_target.csv");
-  ASSERT_TRUE(found.test.has_value());
-  EXPECT_LT(found.test->after.rms, 8e-5);
+  ASSERT_TRUE(found.accuracy.test.has_value());
+  EXPECT_LT(found.accuracy.test->after.rms, 8e-5);
   EXPECT_TRUE(found.trusted());
-  EXPECT_THAT(found.warnings, ::testing::Contains(HasSubstr("models were compared without 1 point")));
+  EXPECT_THAT(found.diagnosis.warnings, ::testing::Contains(HasSubstr("models were compared without 1 point")));
 }
 
 TEST(CasesOnRealData, ADriveBesideTheChainIsAJointOfTheFile) {
   const Robot lift = load_robot(kCases + "leader_elsewhere.urdf", {.base = "", .tip = "tool0"});
   const Calibration found = calibrate(complete_model(lift), read_measurements(lift, kCases + "leader_elsewhere.csv"));
   EXPECT_TRUE(found.trusted());
-  EXPECT_LT(found.train.after.rms, 1e-9);
+  EXPECT_LT(found.accuracy.train.after.rms, 1e-9);
 }
 
 TEST(CasesOnRealData, SocketsOneAfterTheOtherAreRight) {
   const Calibration found = calibrated("three_sockets.csv");
   EXPECT_TRUE(found.trusted());
-  EXPECT_THAT(found.gross_rows, IsEmpty());
+  EXPECT_THAT(found.diagnosis.gross_rows.rows, IsEmpty());
 }
 
 }  // namespace

@@ -11,7 +11,7 @@
 #include <numeric>
 #include <set>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -56,22 +56,21 @@ void expect_equal(const Iso9283& found, const Iso9283& expected, const std::stri
 
 struct Gained {
   WithGains arm = WithGains({.sigma = kNoise, .repeats = 2});
-  CalibrationOptions options{.effects = {.groups = {EffectGroup::gain}},
-                             .weights = Weights::equal,
-                             .leave_one_out = true,
-                             .k_fold = 4,
-                             .threads = 1,
-                             .try_readings = false};
+  CalibrationOptions options{.noise = {.weights = Weights::equal},
+                             .selection = {.effects = {.groups = {EffectGroup::gain}}},
+                             .validation = {.leave_one_out = true, .k_fold = 4},
+                             .diagnosis = {.try_readings = false},
+                             .threads = 1};
   Calibration found;
 
   Gained() {
-    options.noise.independent.setConstant(kNoise);
+    options.noise.stated.independent.setConstant(kNoise);
     found = calibrate(arm.model, arm.all, options);
   }
 
   FitProblem problem(const ErrorModel& model, const Estimate& start, const Unknowns& free) const {
     FitProblem result{.model = model, .measurements = arm.train, .start = start, .free = free};
-    result.options.joint.residuals.noise = options.noise;
+    result.options.joint.residuals.noise = options.noise.stated;
     return result;
   }
 };
@@ -84,39 +83,39 @@ const Gained& gained() {
 TEST(Comparison, PredictsEveryFoldByEachRobotWithoutIt) {
   const Calibration& found = gained().found;
   const WithGains& arm = gained().arm;
-  const Estimate& calibrated = found.identification.estimate;
+  const Estimate& calibrated = found.fit.identification.estimate;
   Estimate without_gains = calibrated;
   without_gains.effects.setZero();
-  EXPECT_EQ(found.folds, 4);
+  EXPECT_EQ(found.accuracy.folds, 4);
   for (const int folds : {0, 4}) {
     const Folds groups = make_folds(arm.train, folds);
-    const BeforeAfter& errors = folds == 0 ? *found.leave_one_out : *found.k_fold;
+    const BeforeAfter& errors = folds == 0 ? *found.accuracy.leave_one_out : *found.accuracy.k_fold;
     const std::string which = std::to_string(folds) + " folds, ";
     const auto refitted = [&](const Estimate& start, const Unknowns& free) {
       return error_statistics(cross_validate(gained().problem(found.model, start, free), groups, 1).distances);
     };
-    expect_equal(errors.after, refitted(calibrated, found.free), 0.1 * kNoise, which + "after");
-    expect_equal(*errors.rigid, refitted(without_gains, found.free.without(UnknownGroup::effects)), 1e-9,
+    expect_equal(errors.after, refitted(calibrated, found.fit.free), 0.1 * kNoise, which + "after");
+    expect_equal(*errors.rigid, refitted(without_gains, found.fit.free.without(UnknownGroup::effects)), 1e-9,
                  which + "rigid");
     expect_equal(errors.before, error_statistics(cross_validate_nominal(arm.model, arm.train, groups).distances),
                  0.1 * kNoise, which + "before");
   }
-  EXPECT_EQ(found.held_out(), &*found.leave_one_out);
+  EXPECT_EQ(found.accuracy.held_out(), &*found.accuracy.leave_one_out);
 }
 
 // What a URDF can carry is worth as much beside effects as without them: the weights are its own.
 TEST(Comparison, TheExportedRobotIsTheOneThatIsFittedWithoutEffects) {
   const WithGains arm({.sigma = kNoise, .repeats = 2});
   const auto calibrated = [&](const std::set<EffectGroup>& groups) {
-    CalibrationOptions options{.threads = 1, .try_readings = false};
-    options.effects.groups.assign(groups.begin(), groups.end());
+    CalibrationOptions options{.diagnosis = {.try_readings = false}, .threads = 1};
+    options.selection.effects.groups.assign(groups.begin(), groups.end());
     return calibrate(arm.model, arm.all, options);
   };
   const Calibration with = calibrated({EffectGroup::gain});
   const Calibration without = calibrated({});
-  EXPECT_LT(with.leave_one_out->after.rms, 0.5 * without.leave_one_out->after.rms);
-  EXPECT_NEAR(with.leave_one_out->rigid->rms / without.leave_one_out->after.rms, 1.0, 1e-3);
-  EXPECT_NEAR(with.exported.test->rms / without.test->after.rms, 1.0, 1e-3);
+  EXPECT_LT(with.accuracy.leave_one_out->after.rms, 0.5 * without.accuracy.leave_one_out->after.rms);
+  EXPECT_NEAR(with.accuracy.leave_one_out->rigid->rms / without.accuracy.leave_one_out->after.rms, 1.0, 1e-3);
+  EXPECT_NEAR(with.exported.test->rms / without.accuracy.test->after.rms, 1.0, 1e-3);
 }
 
 // Rows that are predicted at poses that the fit has seen are told apart, in number and in error.
@@ -127,51 +126,58 @@ TEST(Comparison, TellsTestRowsAtFittedPosesApart) {
   const Measurements again = testing::without_sigmas(experiment.measure(q.leftCols(4), {.sigma = kNoise}, Split::test));
   const Measurements elsewhere = testing::without_sigmas(experiment.measure(3, {.sigma = kNoise}, Split::test));
   const auto calibrated = [&](const Measurements& measured) {
-    return calibrate(experiment.model, measured, {.held_out = false, .try_readings = false});
+    return calibrate(experiment.model, measured,
+                     {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
   };
   const Calibration both = calibrated(joined(joined(train, again), elsewhere));
-  expect_equal(*both.test_at_fitted_poses, calibrated(joined(train, again)).test->after, 1e-12, "at fitted poses");
-  expect_equal(*both.test_at_new_poses, calibrated(joined(train, elsewhere)).test->after, 1e-12, "at new poses");
-  EXPECT_FALSE(calibrated(joined(train, elsewhere)).test_at_fitted_poses.has_value());
+  expect_equal(*both.accuracy.test_at_fitted_poses, calibrated(joined(train, again)).accuracy.test->after, 1e-12,
+               "at fitted poses");
+  expect_equal(*both.accuracy.test_at_new_poses, calibrated(joined(train, elsewhere)).accuracy.test->after, 1e-12,
+               "at new poses");
+  EXPECT_FALSE(calibrated(joined(train, elsewhere)).accuracy.test_at_fitted_poses.has_value());
 }
 
 TEST(Comparison, WithoutEffectsTheExportedRobotIsTheCalibratedOne) {
   testing::VirtualExperiment experiment({.random = Random(3)});
   const Measurements measured = testing::without_sigmas(experiment.measure(20, {.sigma = kNoise}));
-  const Calibration found = calibrate(experiment.model, measured, {.k_fold = 5, .try_readings = false});
-  EXPECT_EQ(found.exported.estimate.errors, found.identification.estimate.errors);
-  expect_equal(found.exported.iso, found.iso_after, "exported");
-  expect_equal(found.exported.train, found.train.after, 0.0, "exported");
-  expect_equal(*found.exported.held_out, found.k_fold->after, 0.0, "exported");
+  const Calibration found =
+      calibrate(experiment.model, measured, {.validation = {.k_fold = 5}, .diagnosis = {.try_readings = false}});
+  EXPECT_EQ(found.exported.estimate.errors, found.fit.identification.estimate.errors);
+  expect_equal(found.exported.iso, found.accuracy.iso_after, "exported");
+  expect_equal(found.exported.train, found.accuracy.train.after, 0.0, "exported");
+  expect_equal(*found.exported.held_out, found.accuracy.k_fold->after, 0.0, "exported");
   EXPECT_FALSE(found.exported.test.has_value());
-  EXPECT_FALSE(found.test || found.iso_test_before || found.iso_test_after || found.train.rigid);
-  EXPECT_FALSE(found.k_fold->rigid.has_value());
+  EXPECT_FALSE(found.accuracy.test || found.accuracy.iso_test_before || found.accuracy.iso_test_after ||
+               found.accuracy.train.rigid);
+  EXPECT_FALSE(found.accuracy.k_fold->rigid.has_value());
 }
 
 // Of measurements without noise the nominal robot is still predicted to a thousandth of a micrometre.
 TEST(Comparison, TheNominalRobotIsPredictedAsExactlyAsItsErrorsAreLarge) {
   testing::VirtualExperiment experiment({.random = Random(8)});
   const Measurements measured = experiment.measure(20);
-  const Calibration found = calibrate(experiment.model, measured, {.leave_one_out = true, .try_readings = false});
+  const Calibration found = calibrate(experiment.model, measured,
+                                      {.validation = {.leave_one_out = true}, .diagnosis = {.try_readings = false}});
   const Folds singly = make_folds(measured, 0);
   const ErrorStatistics expected =
       error_statistics(cross_validate_nominal(experiment.model, measured, singly).distances);
   EXPECT_GT(expected.rms, 1e-3);
-  expect_equal(found.leave_one_out->before, expected, 1e-5 * expected.rms, "before");
-  EXPECT_LT(found.leave_one_out->after.max, 1e-9);
+  expect_equal(found.accuracy.leave_one_out->before, expected, 1e-5 * expected.rms, "before");
+  EXPECT_LT(found.accuracy.leave_one_out->after.max, 1e-9);
 }
 
 TEST(Comparison, NothingIsRegisteredWhereAllFramesAreKnown) {
   testing::VirtualExperiment experiment({.random = Random(9)});
   const Measurements measured = testing::without_sigmas(experiment.measure(20, {.sigma = kNoise, .repeats = 2}));
   const Estimate& truth = experiment.robot.truth;
-  const Calibration found = calibrate(
-      experiment.model, measured,
-      {.known_base = truth.X_WB, .known_targets = truth.targets, .leave_one_out = true, .try_readings = false});
+  const Calibration found = calibrate(experiment.model, measured,
+                                      {.parameters = {.known_base = truth.X_WB, .known_targets = truth.targets},
+                                       .validation = {.leave_one_out = true},
+                                       .diagnosis = {.try_readings = false}});
   Estimate nominal = truth;
   nominal.errors.setZero();
   const ErrorStatistics expected = error_statistics(position_errors(experiment.model, nominal, averaged(measured)));
-  expect_equal(found.leave_one_out->before, expected, 1e-12, "before");
+  expect_equal(found.accuracy.leave_one_out->before, expected, 1e-12, "before");
 }
 
 TEST(Comparison, HoldsOutWhatIsAskedForAndNothingElse) {
@@ -180,10 +186,11 @@ TEST(Comparison, HoldsOutWhatIsAskedForAndNothingElse) {
   const auto held_out = [&](bool leave_one_out, int k_fold, bool by_default) {
     const Calibration found =
         calibrate(experiment.model, measured,
-                  {.leave_one_out = leave_one_out, .k_fold = k_fold, .held_out = by_default, .try_readings = false});
-    EXPECT_FALSE(found.nested_leave_one_out.has_value());
-    EXPECT_EQ(found.held_out_points.size(), found.leave_one_out || found.k_fold ? 48U : 0U);
-    return std::pair(found.leave_one_out.has_value(), found.k_fold ? found.folds : 0);
+                  {.validation = {.leave_one_out = leave_one_out, .k_fold = k_fold, .held_out = by_default},
+                   .diagnosis = {.try_readings = false}});
+    EXPECT_FALSE(found.accuracy.nested_leave_one_out.has_value());
+    EXPECT_EQ(found.accuracy.held_out_points.size(), found.accuracy.leave_one_out || found.accuracy.k_fold ? 48U : 0U);
+    return std::pair(found.accuracy.leave_one_out.has_value(), found.accuracy.k_fold ? found.accuracy.folds : 0);
   };
   EXPECT_EQ(held_out(false, 1, true), std::pair(true, 0)) << "one fold is none";
   EXPECT_EQ(held_out(false, 2, true), std::pair(false, 2));
@@ -194,12 +201,12 @@ TEST(Comparison, HoldsOutWhatIsAskedForAndNothingElse) {
 TEST(Comparison, NestedIsLeaveOneOutAndNestedWhereThereIsAChoice) {
   testing::VirtualExperiment experiment({.random = Random(11)});
   const Measurements measured = testing::without_sigmas(experiment.measure(16, {.sigma = kNoise}));
-  CalibrationOptions options{.nested = true, .held_out = false, .try_readings = false};
+  CalibrationOptions options{.validation = {.nested = true, .held_out = false}, .diagnosis = {.try_readings = false}};
   const Calibration without_choice = calibrate(experiment.model, measured, options);
-  EXPECT_TRUE(without_choice.leave_one_out.has_value());
-  EXPECT_FALSE(without_choice.nested_leave_one_out.has_value());
+  EXPECT_TRUE(without_choice.accuracy.leave_one_out.has_value());
+  EXPECT_FALSE(without_choice.accuracy.nested_leave_one_out.has_value());
   std::vector<std::size_t> told;
-  options.automatic_priors = true;
+  options.selection.automatic_priors = true;
   options.threads = 1;
   options.progress = [&](const std::string& what, std::size_t done, std::size_t of) {
     if (what == "nested leave-one-out") {
@@ -207,8 +214,8 @@ TEST(Comparison, NestedIsLeaveOneOutAndNestedWhereThereIsAChoice) {
     }
   };
   const Calibration chosen = calibrate(experiment.model, measured, options);
-  ASSERT_TRUE(chosen.nested_leave_one_out.has_value());
-  EXPECT_EQ(chosen.nested_leave_one_out->count, 48);
+  ASSERT_TRUE(chosen.accuracy.nested_leave_one_out.has_value());
+  EXPECT_EQ(chosen.accuracy.nested_leave_one_out->count, 48);
   ASSERT_EQ(told.size(), 17U);
   EXPECT_EQ(told.back(), 1616U);
 }
@@ -229,33 +236,34 @@ struct Series : testing::VirtualExperiment {
 
 TEST(HeldOut, IsLeaveOneOutAndTenFoldsOfMany) {
   Series s(published_targets(2));
-  const Calibration asked = s.calibrated({.leave_one_out = true, .try_readings = false});
-  const Calibration not_asked = s.calibrated({.try_readings = false});
-  ASSERT_TRUE(asked.leave_one_out && not_asked.leave_one_out);
-  EXPECT_EQ(not_asked.leave_one_out->after.rms, asked.leave_one_out->after.rms);
-  EXPECT_FALSE(not_asked.k_fold);
-  EXPECT_EQ(not_asked.held_out()->after.count, 50);
+  const Calibration asked = s.calibrated({.validation = {.leave_one_out = true}, .diagnosis = {.try_readings = false}});
+  const Calibration not_asked = s.calibrated({.diagnosis = {.try_readings = false}});
+  ASSERT_TRUE(asked.accuracy.leave_one_out && not_asked.accuracy.leave_one_out);
+  EXPECT_EQ(not_asked.accuracy.leave_one_out->after.rms, asked.accuracy.leave_one_out->after.rms);
+  EXPECT_FALSE(not_asked.accuracy.k_fold);
+  EXPECT_EQ(not_asked.accuracy.held_out()->after.count, 50);
   s = Series(published_targets(1));
   constexpr int kMost = static_cast<int>(kMostLeftOutSingly);
   for (const auto& [count, singly] : {std::pair{kMost, true}, std::pair{kMost + 1, false}}) {
     s.measure_at(s.configurations(count));
-    const Calibration found = s.calibrated({.try_readings = false});
-    EXPECT_EQ(found.leave_one_out.has_value(), singly) << count;
-    EXPECT_EQ(found.k_fold.has_value(), !singly) << count;
-    EXPECT_EQ(found.folds, singly ? 0 : 10) << count;
-    EXPECT_EQ(found.held_out()->after.count, count) << count;
-    EXPECT_EQ(found.influence.configurations.size(), singly ? static_cast<std::size_t>(count) : 0U) << "one by one";
+    const Calibration found = s.calibrated({.diagnosis = {.try_readings = false}});
+    EXPECT_EQ(found.accuracy.leave_one_out.has_value(), singly) << count;
+    EXPECT_EQ(found.accuracy.k_fold.has_value(), !singly) << count;
+    EXPECT_EQ(found.accuracy.folds, singly ? 0 : 10) << count;
+    EXPECT_EQ(found.accuracy.held_out()->after.count, count) << count;
+    EXPECT_EQ(found.uncertainty.influence.configurations.size(), singly ? static_cast<std::size_t>(count) : 0U)
+        << "one by one";
   }
 }
 
 TEST(HeldOut, IsKFoldAloneWhereThatIsAskedFor) {
-  const Calibration found = Series().calibrated({.k_fold = 5});
-  EXPECT_FALSE(found.leave_one_out);
-  ASSERT_TRUE(found.k_fold);
-  EXPECT_EQ(found.folds, 5);
-  EXPECT_EQ(found.k_fold->before.count, 75);
-  EXPECT_EQ(found.held_out(), &*found.k_fold);
-  EXPECT_EQ(Series().calibrated({.held_out = false}).held_out(), nullptr);
+  const Calibration found = Series().calibrated({.validation = {.k_fold = 5}});
+  EXPECT_FALSE(found.accuracy.leave_one_out);
+  ASSERT_TRUE(found.accuracy.k_fold);
+  EXPECT_EQ(found.accuracy.folds, 5);
+  EXPECT_EQ(found.accuracy.k_fold->before.count, 75);
+  EXPECT_EQ(found.accuracy.held_out(), &*found.accuracy.k_fold);
+  EXPECT_EQ(Series().calibrated({.validation = {.held_out = false}}).accuracy.held_out(), nullptr);
 }
 
 // Nine points determine 27 parameters and leave nothing to tell whether they are right.
@@ -265,8 +273,8 @@ TEST(HeldOut, IsNothingWhereTheRestWouldNotSuffice) {
   for (const auto& [count, enough] : {std::pair{9, false}, std::pair{10, true}}) {
     s.measure_at(q.leftCols(count));
     const Calibration found = s.calibrated();
-    EXPECT_EQ(found.held_out() != nullptr, enough) << count;
-    EXPECT_EQ(std::count_if(found.warnings.begin(), found.warnings.end(),
+    EXPECT_EQ(found.accuracy.held_out() != nullptr, enough) << count;
+    EXPECT_EQ(std::count_if(found.diagnosis.warnings.begin(), found.diagnosis.warnings.end(),
                             [](const std::string& warning) { return warning.rfind("too few measurements", 0) == 0; }),
               enough ? 0 : 1)
         << count;
@@ -275,8 +283,8 @@ TEST(HeldOut, IsNothingWhereTheRestWouldNotSuffice) {
 
 TEST(HeldOut, ReportsEachFitAndWhatItIsFor) {
   std::vector<std::string> reported;
-  CalibrationOptions options{.k_fold = 3, .threads = 1};
-  options.leave_one_out = true;
+  CalibrationOptions options{.validation = {.k_fold = 3}, .threads = 1};
+  options.validation.leave_one_out = true;
   options.progress = [&](const std::string& what, std::size_t done, std::size_t of) {
     reported.push_back(what + " " + std::to_string(done) + "/" + std::to_string(of));
   };
@@ -332,42 +340,45 @@ Measurements without(const Measurements& measurements, const std::vector<Index>&
 // linear and weighs means alike, so that it is not the same to the last digit.
 TEST(Comparison, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts) {
   const InDoubt arm;
-  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
-  options.automatic_priors = true;
-  options.leave_one_out = true;
-  options.nested = true;
+  CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
+  options.selection.automatic_priors = true;
+  options.validation.leave_one_out = true;
+  options.validation.nested = true;
   const Calibration found = calibrate(arm.model, arm.measured, options);
   std::vector<double> expected;
   std::set<double> chosen;
   for (Index c = 0; c < 11; ++c) {
-    const Calibration others =
-        calibrate(arm.model, without(arm.measured, {c}),
-                  {.automatic_priors = true, .weights = Weights::equal, .held_out = false, .try_readings = false});
-    chosen.insert(others.priors.length);
-    const auto own = distances_to_means(arm, others.identification.estimate, c);
+    const Calibration others = calibrate(arm.model, without(arm.measured, {c}),
+                                         {.noise = {.weights = Weights::equal},
+                                          .selection = {.automatic_priors = true},
+                                          .validation = {.held_out = false},
+                                          .diagnosis = {.try_readings = false}});
+    chosen.insert(others.selection.priors.length);
+    const auto own = distances_to_means(arm, others.fit.identification.estimate, c);
     expected.insert(expected.end(), own.begin(), own.end());
   }
   EXPECT_GT(chosen.size(), 1U) << "the choice is the same without any of them: a leak would not show";
   const ErrorStatistics statistics = error_statistics(expected);
-  ASSERT_TRUE(found.nested_leave_one_out.has_value());
-  EXPECT_EQ(found.nested_leave_one_out->count, 33);
-  EXPECT_NEAR(found.nested_leave_one_out->rms, statistics.rms, 0.02 * statistics.rms);
-  EXPECT_NEAR(found.nested_leave_one_out->max, statistics.max, 0.05 * statistics.max);
-  EXPECT_GT(std::abs(found.nested_leave_one_out->rms - found.leave_one_out->after.rms), 0.02 * statistics.rms);
+  ASSERT_TRUE(found.accuracy.nested_leave_one_out.has_value());
+  EXPECT_EQ(found.accuracy.nested_leave_one_out->count, 33);
+  EXPECT_NEAR(found.accuracy.nested_leave_one_out->rms, statistics.rms, 0.02 * statistics.rms);
+  EXPECT_NEAR(found.accuracy.nested_leave_one_out->max, statistics.max, 0.05 * statistics.max);
+  EXPECT_GT(std::abs(found.accuracy.nested_leave_one_out->rms - found.accuracy.leave_one_out->after.rms),
+            0.02 * statistics.rms);
 }
 
 TEST(Comparison, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
   InDoubt arm;
   arm.measured.observations[20].position.x() += 0.01;  // an outlier
-  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
-  options.priors = {.length = 1e-3, .angle = 1e-3};
-  options.noise.independent = Vector3d(3e-4, 4e-4, 5e-4);
-  options.noise.common.setConstant(1e-4);
-  options.loss = Loss::tukey;
-  options.leave_one_out = true;
+  CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
+  options.selection.priors = {.length = 1e-3, .angle = 1e-3};
+  options.noise.stated.independent = Vector3d(3e-4, 4e-4, 5e-4);
+  options.noise.stated.common.setConstant(1e-4);
+  options.estimator.loss = Loss::tukey;
+  options.validation.leave_one_out = true;
   const Calibration found = calibrate(arm.model, arm.measured, options);
-  const JointOptions joint{.residuals = {.priors = options.priors, .noise = options.noise}};
-  const Estimate& start = found.identification.estimate;
+  const JointOptions joint{.residuals = {.priors = options.selection.priors, .noise = options.noise.stated}};
+  const Estimate& start = found.fit.identification.estimate;
   std::vector<double> after;
   std::vector<double> before;
   for (Index c = 0; c < 11; ++c) {
@@ -375,7 +386,7 @@ TEST(Comparison, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
     const Estimate refit = identify_robustly({.model = arm.model,
                                               .measurements = others,
                                               .start = start,
-                                              .free = found.free,
+                                              .free = found.fit.free,
                                               .options = {.loss = Loss::tukey, .joint = joint}})
                                .fit.estimate;
     const auto own = distances_to_means(arm, refit, c);
@@ -383,13 +394,13 @@ TEST(Comparison, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
     const auto nominal = distances_to_means(arm, nominal_start(arm.model, others), c);
     before.insert(before.end(), nominal.begin(), nominal.end());
   }
-  ASSERT_TRUE(found.leave_one_out.has_value());
-  EXPECT_EQ(found.leave_one_out->after.count, 33);
+  ASSERT_TRUE(found.accuracy.leave_one_out.has_value());
+  EXPECT_EQ(found.accuracy.leave_one_out->after.count, 33);
   const ErrorStatistics expected = error_statistics(after);
-  EXPECT_NEAR(found.leave_one_out->after.rms, expected.rms, 1e-5 * expected.rms);
-  EXPECT_NEAR(found.leave_one_out->after.p95, expected.p95, 1e-5 * expected.p95);
+  EXPECT_NEAR(found.accuracy.leave_one_out->after.rms, expected.rms, 1e-5 * expected.rms);
+  EXPECT_NEAR(found.accuracy.leave_one_out->after.p95, expected.p95, 1e-5 * expected.p95);
   // Without a fit of its own a fold is predicted to a tenth of the noise.
-  EXPECT_NEAR(found.leave_one_out->before.rms, error_statistics(before).rms, 0.1 * found.noise.sigma);
+  EXPECT_NEAR(found.accuracy.leave_one_out->before.rms, error_statistics(before).rms, 0.1 * found.noise.sigma);
 }
 
 TEST(Comparison, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
@@ -408,29 +419,29 @@ TEST(Comparison, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
     std::vector<Index> expected(11);
     std::iota(expected.begin(), expected.end(), Index{0});
     EXPECT_EQ(all, expected);
-    CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
-    options.priors = {.length = 1e-3, .angle = 1e-3};  // so that half of the configurations suffice
-    options.noise.independent.setConstant(4e-4);
-    options.k_fold = folds;
+    CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
+    options.selection.priors = {.length = 1e-3, .angle = 1e-3};  // so that half of the configurations suffice
+    options.noise.stated.independent.setConstant(4e-4);
+    options.validation.k_fold = folds;
     const Calibration found = calibrate(arm.model, arm.measured, options);
-    const JointOptions joint{.residuals = {.priors = options.priors, .noise = options.noise}};
+    const JointOptions joint{.residuals = {.priors = options.selection.priors, .noise = options.noise.stated}};
     std::vector<double> distances;
     for (const auto& group : groups) {
-      const Estimate refit =
-          identify_jointly(arm.model, without(arm.measured, group), found.identification.estimate, found.free, joint)
-              .estimate;
+      const Estimate refit = identify_jointly(arm.model, without(arm.measured, group),
+                                              found.fit.identification.estimate, found.fit.free, joint)
+                                 .estimate;
       for (const Index c : group) {
         const auto own = distances_to_means(arm, refit, c);
         distances.insert(distances.end(), own.begin(), own.end());
       }
     }
     const ErrorStatistics statistics = error_statistics(distances);
-    ASSERT_TRUE(found.k_fold.has_value());
-    EXPECT_EQ(found.k_fold->after.count, 33);
+    ASSERT_TRUE(found.accuracy.k_fold.has_value());
+    EXPECT_EQ(found.accuracy.k_fold->after.count, 33);
     // Without a fit of its own a fold is predicted to a tenth of the noise.
-    EXPECT_NEAR(found.k_fold->after.rms, statistics.rms, 0.1 * found.noise.sigma);
-    EXPECT_NEAR(found.k_fold->after.mean, statistics.mean, 0.1 * found.noise.sigma);
-    EXPECT_NEAR(found.k_fold->after.max, statistics.max, 0.1 * found.noise.sigma);
+    EXPECT_NEAR(found.accuracy.k_fold->after.rms, statistics.rms, 0.1 * found.noise.sigma);
+    EXPECT_NEAR(found.accuracy.k_fold->after.mean, statistics.mean, 0.1 * found.noise.sigma);
+    EXPECT_NEAR(found.accuracy.k_fold->after.max, statistics.max, 0.1 * found.noise.sigma);
   }
 }
 

@@ -11,12 +11,11 @@ namespace {
 
 TEST(CountedFits, TellHowManyOfAStageAreDone) {
   std::vector<std::tuple<std::string, std::size_t, std::size_t>> told;
-  CalibrationOptions options;
-  options.progress = [&](const std::string& what, std::size_t done, std::size_t of) {
+  const ProgressFunction progress = [&](const std::string& what, std::size_t done, std::size_t of) {
     told.emplace_back(what, done, of);
   };
-  const std::function<void()> first = counted_fits(options, "leave-one-out", 2);
-  const std::function<void()> second = counted_fits(options, "5-fold", 5);
+  const std::function<void()> first = counted_fits(progress, "leave-one-out", 2);
+  const std::function<void()> second = counted_fits(progress, "5-fold", 5);
   first();
   const std::function<void()> copy = first;  // goes on with the same count
   copy();

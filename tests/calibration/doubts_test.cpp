@@ -13,7 +13,8 @@
 #include <string>
 #include <tuple>
 
-#include "kdl_calibration/calibration.hpp"
+#include "calibration/comparison.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -48,12 +49,12 @@ struct Found {
 
   Found() {
     calibration.model = complete_model(testing::fanuc());
-    calibration.identification.termination = Termination::converged;
-    calibration.identification.estimate.errors =
+    calibration.fit.identification.termination = Termination::converged;
+    calibration.fit.identification.estimate.errors =
         Eigen::VectorXd::Zero(static_cast<Eigen::Index>(calibration.model.parameters.size()));
-    calibration.train = {.before = {.count = 9, .rms = 2e-3}, .after = {.count = 9, .rms = 1e-4}};
-    calibration.predicted.measured.count = 3;
-    calibration.noise.model = "parts";
+    calibration.accuracy.train = {.before = {.count = 9, .rms = 2e-3}, .after = {.count = 9, .rms = 1e-4}};
+    calibration.uncertainty.predicted.measured.count = 3;
+    calibration.noise.source = NoiseSource::parts;
     calibration.noise.degrees_of_freedom = 100.0;
     measured.joints = {"joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"};
     measured.joint_values = Eigen::MatrixXd::Zero(6, 3);
@@ -67,13 +68,13 @@ struct Found {
 
   std::vector<std::string> doubted() const {
     std::vector<std::string> result;
-    for (const Doubt& doubt : doubts(calibration, measured, options)) {
-      result.push_back(doubt.cause + ": " + doubt.message);
+    for (const Doubt& doubt : doubts(calibration, calibration.diagnosis, measured, options.parameters.model)) {
+      result.push_back(std::string(to_string(doubt.cause)) + ": " + doubt.message);
     }
     return result;
   }
   std::vector<std::string> warned(const std::string& ambiguity = {}) const {
-    return warnings(calibration, measured, ambiguity);
+    return warnings(calibration, calibration.diagnosis, measured, ambiguity);
   }
 };
 
@@ -85,7 +86,7 @@ TEST(DoubtsByHand, OfNothingThereAreNone) {
 
 TEST(DoubtsByHand, AStalledFitStatesItsMisfit) {
   Found found;
-  found.calibration.identification.termination = Termination::stalled;
+  found.calibration.fit.identification.termination = Termination::stalled;
   EXPECT_THAT(found.doubted(),
               ElementsAre("not_converged: the fit did not converge: it stands at a misfit of 0.1 mm and no arm near "
                           "the nominal one explains the measurements better; " +
@@ -106,7 +107,7 @@ TEST(DoubtsByHand, WhatIsNotDeterminedIsNamedUpToSevenNames) {
       continue;
     }
     Found found;
-    found.calibration.fixed_by_gauge = names;
+    found.calibration.uncertainty.fixed_by_gauge = names;
     EXPECT_THAT(found.doubted(),
                 ElementsAre("not_determined: the measurements do not determine " + list + kMeasureMore));
   }
@@ -115,17 +116,17 @@ TEST(DoubtsByHand, WhatIsNotDeterminedIsNamedUpToSevenNames) {
 TEST(DoubtsByHand, NothingThatIsPredictedOrARankThatIsLackingIsADoubtOfItsOwn) {
   const std::string message = "not_determined: the measurements do not determine all parameters" + kMeasureMore;
   Found unpredicted;
-  unpredicted.calibration.predicted.measured.count = 0;
+  unpredicted.calibration.uncertainty.predicted.measured.count = 0;
   EXPECT_THAT(unpredicted.doubted(), ElementsAre(message));
   Found open;
-  open.calibration.identification.termination = Termination::rank_deficient;
+  open.calibration.fit.identification.termination = Termination::rank_deficient;
   EXPECT_THAT(open.doubted(), ElementsAre(message));
 }
 
 TEST(DoubtsByHand, JointsStandStillBelowATenthOfAMilliradian) {
   const auto said = [](double range, int joints) {
     Found found;
-    found.calibration.fixed_by_gauge = {"p"};
+    found.calibration.uncertainty.fixed_by_gauge = {"p"};
     for (int joint = 0; joint < joints; ++joint) {
       found.measured.joint_values.row(joint + 2) << 0.3, 0.3 + range, 0.3;
     }
@@ -135,7 +136,7 @@ TEST(DoubtsByHand, JointsStandStillBelowATenthOfAMilliradian) {
   EXPECT_THAT(said(0.99e-4, 2), HasSubstr("(p): joint_3, joint_4 never move; predictions"));
   EXPECT_THAT(said(1.01e-4, 1), HasSubstr("(p); predictions"));
   Found tested;  // it moves in test rows alone
-  tested.calibration.fixed_by_gauge = {"p"};
+  tested.calibration.uncertainty.fixed_by_gauge = {"p"};
   tested.measured.joint_values.row(0) << 0.2, 0.2, 1.0;
   tested.measured.observations[2].split = Split::test;
   EXPECT_THAT(tested.doubted().at(0), HasSubstr("(p): joint_1 never moves; predictions"));
@@ -145,19 +146,19 @@ TEST(DoubtsByHand, JointsStandStillBelowATenthOfAMilliradian) {
 TEST(DoubtsByHand, OfTheCompleteModelOnlyWhatTheTargetsCouldShowCounts) {
   Found found;
   const ErrorModel& model = found.calibration.model;
-  found.calibration.candidates = Unknowns(model, {}, {"dq2", "dq3", "Tx1", "Ty1"});
-  found.calibration.reduction.kept = {"dq2", "dq3", "Tx1", "Rz3"};
-  found.calibration.fixed_by_gauge = {"Ty1"};
-  found.options.model = ModelChoice::complete;
-  found.calibration.free = Unknowns(model, {}, {"dq2", "dq3", "Ty1"});
+  found.calibration.fit.candidates = Unknowns(model, {}, {"dq2", "dq3", "Tx1", "Ty1"});
+  found.calibration.fit.reduction.kept = {"dq2", "dq3", "Tx1", "Rz3"};
+  found.calibration.uncertainty.fixed_by_gauge = {"Ty1"};
+  found.options.parameters.model = ModelChoice::complete;
+  found.calibration.fit.free = Unknowns(model, {}, {"dq2", "dq3", "Ty1"});
   EXPECT_THAT(found.doubted(), IsEmpty()) << "three of three";
-  found.calibration.free = Unknowns(model, {}, {"dq2", "Ty1"});
+  found.calibration.fit.free = Unknowns(model, {}, {"dq2", "Ty1"});
   EXPECT_THAT(found.doubted(), SizeIs(1)) << "two of three";
   found.calibration.model.effects.resize(2);
-  found.calibration.free = found.calibration.free.with_all(found.calibration.model, UnknownGroup::effects);
+  found.calibration.fit.free = found.calibration.fit.free.with_all(found.calibration.model, UnknownGroup::effects);
   EXPECT_THAT(found.doubted(), SizeIs(1)) << "effects are none of them";
-  found.calibration.free = Unknowns(model, {}, {"dq2", "dq3", "Ty1"});
-  found.options.model = ModelChoice::irreducible;
+  found.calibration.fit.free = Unknowns(model, {}, {"dq2", "dq3", "Ty1"});
+  found.options.parameters.model = ModelChoice::irreducible;
   EXPECT_THAT(found.doubted(), SizeIs(1));
 }
 
@@ -166,18 +167,18 @@ TEST(DoubtsByHand, TestRowsMayBeAsGoodAsNominalAndHeldOutRowsMayNot) {
     return BeforeAfter{.before = {.count = 5, .rms = before}, .after = {.count = 5, .rms = after}};
   };
   Found tested;
-  tested.calibration.test = pair(1e-3, 1e-3);
+  tested.calibration.accuracy.test = pair(1e-3, 1e-3);
   EXPECT_THAT(tested.doubted(), IsEmpty());
-  tested.calibration.test = pair(1e-3, 1.001e-3);
+  tested.calibration.accuracy.test = pair(1e-3, 1.001e-3);
   EXPECT_THAT(tested.doubted(),
               ElementsAre("worse_than_nominal: the calibrated robot is no better than the nominal one at the test "
                           "rows: 1.001 mm against 1 mm; were they measured under the same conditions, and near the "
                           "fitted ones?"));
   Found held_out;
-  held_out.calibration.leave_one_out = pair(1.001e-3, 1e-3);
-  EXPECT_FALSE(is_no_help(held_out.calibration));
-  held_out.calibration.leave_one_out = pair(1e-3, 1e-3);
-  EXPECT_TRUE(is_no_help(held_out.calibration));
+  held_out.calibration.accuracy.leave_one_out = pair(1.001e-3, 1e-3);
+  EXPECT_FALSE(is_no_help(held_out.calibration.accuracy));
+  held_out.calibration.accuracy.leave_one_out = pair(1e-3, 1e-3);
+  EXPECT_TRUE(is_no_help(held_out.calibration.accuracy));
   EXPECT_THAT(
       held_out.doubted(),
       ElementsAre("worse_than_nominal: the calibrated robot is no better than the nominal one at configurations that "
@@ -186,16 +187,16 @@ TEST(DoubtsByHand, TestRowsMayBeAsGoodAsNominalAndHeldOutRowsMayNot) {
                       kWrongInput,
                   "nominal_kept: the calibration does not help: the nominal robot is kept, and the URDF to write is "
                   "the one that was read"));
-  held_out.calibration.leave_one_out->after.rms = kInfinity;
-  EXPECT_TRUE(is_no_help(held_out.calibration));
-  held_out.calibration.leave_one_out->after.count = 0;
-  EXPECT_FALSE(is_no_help(held_out.calibration));
-  EXPECT_FALSE(is_no_help(Found().calibration));
+  held_out.calibration.accuracy.leave_one_out->after.rms = kInfinity;
+  EXPECT_TRUE(is_no_help(held_out.calibration.accuracy));
+  held_out.calibration.accuracy.leave_one_out->after.count = 0;
+  EXPECT_FALSE(is_no_help(held_out.calibration.accuracy));
+  EXPECT_FALSE(is_no_help(Found().calibration.accuracy));
 }
 
 TEST(DoubtsByHand, ARobotWithoutAReachHasNoLargeMisfit) {
   Found found;
-  found.calibration.train.after.rms = 10.0;
+  found.calibration.accuracy.train.after.rms = 10.0;
   EXPECT_THAT(found.doubted(), SizeIs(1));
   found.calibration.model.tip_origin.p = KDL::Vector::Zero();
   for (MovingJoint& joint : found.calibration.model.joints) {
@@ -221,10 +222,10 @@ TEST(DoubtsByHand, OnlySlidesWithBothLimitsAddToTheReach) {
 
 TEST(DoubtsByHand, WhatIsInfinitelyUncertainIsNamedElsewhere) {
   Found found;
-  found.calibration.parameters = {{.name = "Tz2", .kind = "translation", .std = 2.0},
-                                  {.name = "Rz3", .kind = "rotation", .std = 0.6},
-                                  {.name = "Ry2", .kind = "rotation", .std = 0.4},
-                                  {.name = "Tx1", .kind = "translation", .std = kInfinity}};
+  found.calibration.uncertainty.parameters = {{.name = "Tz2", .kind = ParameterKind::translation, .std = 2.0},
+                                              {.name = "Rz3", .kind = ParameterKind::rotation, .std = 0.6},
+                                              {.name = "Ry2", .kind = ParameterKind::rotation, .std = 0.4},
+                                              {.name = "Tx1", .kind = ParameterKind::translation, .std = kInfinity}};
   EXPECT_THAT(found.doubted(),
               ElementsAre("unknown_length: the uncertainty exceeds the link itself for Tz2, Rz3; measure more "
                           "configurations, or hold what is known"));
@@ -232,8 +233,9 @@ TEST(DoubtsByHand, WhatIsInfinitelyUncertainIsNamedElsewhere) {
 
 TEST(DoubtsByHand, SuspicionsAreDoubtsOrRemarks) {
   Found found;
-  found.calibration.suspicions = {{.cause = "length_unit", .message = "they are feet", .doubt = true},
-                                  {.cause = "copied_rows", .message = "they are copies", .doubt = false}};
+  found.calibration.diagnosis.suspicions = {
+      {.cause = Cause::length_unit, .message = "they are feet", .doubt = true},
+      {.cause = Cause::copied_rows, .message = "they are copies", .doubt = false}};
   EXPECT_THAT(found.doubted(), ElementsAre("length_unit: they are feet"));
   EXPECT_THAT(found.warned(), ElementsAre("they are copies"));
 }
@@ -242,19 +244,19 @@ TEST(DoubtsByHand, SuspicionsAreDoubtsOrRemarks) {
 
 TEST(WarningsByHand, WhatIsTiedIsNamedWhereNoPriorsToldItApart) {
   Found found;
-  found.calibration.identifiability.tied = {{"dq2"}, {"Tx1", "Ry1"}};
+  found.calibration.uncertainty.identifiability.tied = {{"dq2"}, {"Tx1", "Ry1"}};
   EXPECT_THAT(found.warned(), IsEmpty());
   const auto tied =
       ElementsAre("the measurements do not depend on dq2", "the measurements cannot tell apart: Tx1, Ry1");
-  found.calibration.identification.termination = Termination::rank_deficient;
+  found.calibration.fit.identification.termination = Termination::rank_deficient;
   EXPECT_THAT(found.warned(), tied);
-  found.calibration.identification.termination = Termination::converged;
-  found.calibration.fixed_by_gauge = {"Ry1", "dq2"};
+  found.calibration.fit.identification.termination = Termination::converged;
+  found.calibration.uncertainty.fixed_by_gauge = {"Ry1", "dq2"};
   EXPECT_THAT(found.warned(), SizeIs(3));
   EXPECT_EQ(found.warned().at(2),
             "fixed by gauge: Ry1, dq2 (errors at zero, frames as registered); predictions hold where it was measured, "
             "single parameters do not");
-  found.calibration.minimum_norm = true;
+  found.calibration.fit.minimum_norm = true;
   EXPECT_THAT(found.warned(),
               ElementsAre("what the measurements cannot tell apart (Ry1, dq2) was shared out so that the errors are "
                           "smallest; predictions hold, single parameters do not"));
@@ -262,7 +264,7 @@ TEST(WarningsByHand, WhatIsTiedIsNamedWhereNoPriorsToldItApart) {
 
 TEST(WarningsByHand, FindingsAndTheRegistrationAreHandedOn) {
   Found found;
-  found.calibration.findings = {{.message = "A slipped"}};
+  found.calibration.diagnosis.findings = {{.message = "A slipped"}};
   EXPECT_THAT(found.warned("two answers"), ElementsAre("measurements: A slipped", "registration: two answers"));
 }
 
@@ -296,15 +298,15 @@ TEST(WarningsByHand, FewDataAreLessThanTenDegreesOfFreedom) {
   found.calibration.noise.degrees_of_freedom = 9.96;
   EXPECT_THAT(found.warned(), ElementsAre("few data: all uncertainties rest on 9.96 degrees of freedom; measure more "
                                           "configurations or state the noise"));
-  found.calibration.noise.model = "stated";
+  found.calibration.noise.source = NoiseSource::stated;
   EXPECT_THAT(found.warned(), IsEmpty());
 }
 
 TEST(WarningsByHand, LackOfFitIsBelowOneInAThousand) {
   Found found;
-  found.calibration.lack_of_fit.emplace().p_value = 1e-3;
+  found.calibration.noise.lack_of_fit.emplace().p_value = 1e-3;
   EXPECT_THAT(found.warned(), IsEmpty());
-  found.calibration.lack_of_fit->p_value = 0.99e-3;
+  found.calibration.noise.lack_of_fit->p_value = 0.99e-3;
   EXPECT_THAT(found.warned(),
               ElementsAre("lack of fit: the residuals are larger than the scatter of the repeats explains"));
 }
@@ -327,7 +329,7 @@ TEST(WarningsByHand, EffectsMayPredictWorseThanTheGeometryAlone) {
 
 TEST(WarningsByHand, ElsewhereAPointMayBeWorseThanNominal) {
   Found found;
-  ErrorStatistics& workspace = found.calibration.predicted.workspace;
+  ErrorStatistics& workspace = found.calibration.uncertainty.predicted.workspace;
   workspace = {.count = 100, .rms = 2e-3};
   EXPECT_THAT(found.warned(), IsEmpty()) << "as good";
   workspace.rms = 2.5e-3;
@@ -341,7 +343,7 @@ TEST(WarningsByHand, ElsewhereAPointMayBeWorseThanNominal) {
   workspace.count = 0;
   EXPECT_FALSE(is_uncertain_elsewhere(found.calibration));
   workspace.count = 100;
-  found.calibration.doubts.push_back({.cause = "not_determined", .message = ""});
+  found.calibration.diagnosis.doubts.push_back({.cause = Cause::not_determined, .message = ""});
   EXPECT_FALSE(is_uncertain_elsewhere(found.calibration));
 }
 
@@ -417,7 +419,7 @@ const Calibration& clean() {
   return found;
 }
 
-Calibration with_too_few_iterations() { return Series().calibrated({.iterations = 1}); }
+Calibration with_too_few_iterations() { return Series().calibrated({.estimator = {.iterations = 1}}); }
 
 const Calibration& with_a_held_joint() {
   static const Calibration found = [] {
@@ -436,7 +438,7 @@ Calibration without_effect_of_joint_6() {
   Series s(2, {.sigma = kNoise}, targets);
   s.robot.truth.targets = targets;
   s.measure_at(s.measured.joint_values);
-  return s.calibrated({.fix = {"?x6", "?z6"}, .free = {"dq6"}, .known_targets = targets});
+  return s.calibrated({.parameters = {.fix = {"?x6", "?z6"}, .free = {"dq6"}, .known_targets = targets}});
 }
 
 // The only target moves on a circle.
@@ -508,7 +510,9 @@ Calibration with_test_rows_of_another_robot() {
   return s.calibrated();
 }
 
-Calibration with_priors(double size) { return Series().calibrated({.priors = {.length = size, .angle = size}}); }
+Calibration with_priors(double size) {
+  return Series().calibrated({.selection = {.priors = {.length = size, .angle = size}}});
+}
 
 Calibration with_few_rows(int configurations) {
   Series s(4, {.sigma = kNoise}, published_targets(1));
@@ -539,7 +543,7 @@ std::vector<Scenario> scenarios() {
        {"not_converged"},
        {"25 of 25 leave-one-out fits did not converge"}},
       {"too few iterations, asked for the fitted rows alone",
-       [] { return Series().calibrated({.iterations = 1, .held_out = false}); },
+       [] { return Series().calibrated({.estimator = {.iterations = 1}, .validation = {.held_out = false}}); },
        Termination::iteration_limit,
        {"not_converged"},
        {}},
@@ -588,8 +592,8 @@ std::vector<Scenario> scenarios() {
 
 std::vector<std::string> causes_of(const Calibration& found) {
   std::vector<std::string> causes;
-  for (const Doubt& doubt : found.doubts) {
-    causes.push_back(doubt.cause);
+  for (const Doubt& doubt : found.diagnosis.doubts) {
+    causes.push_back(to_string(doubt.cause));
   }
   return causes;
 }
@@ -601,32 +605,37 @@ TEST(WarningsOfCalibrations, AreExactlyThoseOfTheCause) {
     for (const std::string& pattern : scenario.warnings) {
       expected.push_back(MatchesRegex(pattern));
     }
-    EXPECT_THAT(found.warnings, ElementsAreArray(expected)) << scenario.name;
+    EXPECT_THAT(found.diagnosis.warnings, ElementsAreArray(expected)) << scenario.name;
     EXPECT_THAT(causes_of(found), ElementsAreArray(scenario.causes)) << scenario.name;
-    EXPECT_EQ(found.identification.termination, scenario.termination) << scenario.name;
+    EXPECT_EQ(found.fit.identification.termination, scenario.termination) << scenario.name;
     EXPECT_EQ(found.trusted(), scenario.causes.empty()) << scenario.name;
-    EXPECT_EQ(found.reservation.has_value(), found.trusted() && scenario.termination == Termination::rank_deficient)
+    EXPECT_EQ(found.diagnosis.reservation.has_value(),
+              found.trusted() && scenario.termination == Termination::rank_deficient)
         << scenario.name;
   }
 }
 
 TEST(WarningsOfCalibrations, OfTheRegistrationAreHandedOn) {
   for (const double noise : {0.0, kNoise}) {
-    EXPECT_THAT(with_one_moving_joint(noise).warnings,
+    EXPECT_THAT(with_one_moving_joint(noise).diagnosis.warnings,
                 Contains("registration: the configurations leave a rotation of the base undetermined"))
         << noise;
   }
-  EXPECT_THAT(clean().warnings, Not(Contains(HasSubstr("registration"))));
+  EXPECT_THAT(clean().diagnosis.warnings, Not(Contains(HasSubstr("registration"))));
 }
 
 // ---- doubts --------------------------------------------------------------------------------------------------------
 
+std::vector<Doubt> doubts_of(const Calibration& found) {
+  return doubts(found, found.diagnosis, clean_series().measured, ModelChoice::irreducible);
+}
+
 /// The only doubt that `spoil` raises in a calibration that had none.
 Doubt doubt_of(const std::function<void(Calibration&)>& spoil) {
   Calibration found = clean();
-  EXPECT_THAT(doubts(found, clean_series().measured, {}), IsEmpty());
+  EXPECT_THAT(doubts_of(found), IsEmpty());
   spoil(found);
-  const std::vector<Doubt> raised = doubts(found, clean_series().measured, {});
+  const std::vector<Doubt> raised = doubts_of(found);
   EXPECT_EQ(raised.size(), 1U);
   return raised.empty() ? Doubt{} : raised.front();
 }
@@ -635,58 +644,58 @@ Doubt doubt_of(const std::function<void(Calibration&)>& spoil) {
 TEST(DoubtsOfCalibrations, AMisfitIsLargeAboveFiveMillimetres) {
   const double length = 0.312 + 1.075 + std::hypot(0.225, 1.28) + 0.215;
   EXPECT_NEAR(reach(clean_series().model), length, 1e-12);
-  const auto with_rms = [](double rms) { return [rms](Calibration& found) { found.train.after.rms = rms; }; };
+  const auto with_rms = [](double rms) { return [rms](Calibration& found) { found.accuracy.train.after.rms = rms; }; };
   const Doubt doubt = doubt_of(with_rms(0.005001));
-  EXPECT_EQ(doubt.cause, "large_misfit");
+  EXPECT_EQ(doubt.cause, Cause::large_misfit);
   EXPECT_THAT(doubt.message, HasSubstr("a misfit of 5.001 mm is left, and an arm with a reach of 2.902 m"));
   Calibration below = clean();
   with_rms(0.004999)(below);
-  EXPECT_THAT(doubts(below, clean_series().measured, {}), IsEmpty());
+  EXPECT_THAT(doubts_of(below), IsEmpty());
 }
 
 TEST(DoubtsOfCalibrations, NameAnErrorThatNoBuilderLeaves) {
-  const auto with_error = [](const std::string& kind, double error, double std) {
+  const auto with_error = [](ParameterKind kind, double error, double std) {
     return [=](Calibration& found) {
-      const auto parameter = std::find_if(found.parameters.begin(), found.parameters.end(), [&](const auto& p) {
-        return p.kind == kind && !p.joint.empty() && !p.gauge;
-      });
-      ASSERT_NE(parameter, found.parameters.end());
+      const auto parameter =
+          std::find_if(found.uncertainty.parameters.begin(), found.uncertainty.parameters.end(),
+                       [&](const auto& p) { return p.kind == kind && !p.joint.empty() && !p.gauge; });
+      ASSERT_NE(parameter, found.uncertainty.parameters.end());
       parameter->error = error;
       parameter->std = std;
     };
   };
   const double most = 0.02 * reach(clean_series().model);
-  const Doubt length = doubt_of(with_error("translation", -1.01 * most, 1e-5));
-  EXPECT_EQ(length.cause, "large_error");
+  const Doubt length = doubt_of(with_error(ParameterKind::translation, -1.01 * most, 1e-5));
+  EXPECT_EQ(length.cause, Cause::large_error);
   EXPECT_THAT(length.message, HasSubstr("check the URDF"));
-  const Doubt offset = doubt_of(with_error("joint_offset", 20.1 * testing::kDegree, 1e-5));
-  EXPECT_EQ(offset.cause, "large_error");
+  const Doubt offset = doubt_of(with_error(ParameterKind::joint_offset, 20.1 * testing::kDegree, 1e-5));
+  EXPECT_EQ(offset.cause, Cause::large_error);
   EXPECT_THAT(offset.message, HasSubstr("check the mastering"));
-  for (const auto& change :
-       {with_error("translation", 0.99 * most, 1e-5), with_error("translation", 1.1 * most, 0.05 * most),
-        with_error("rotation", 19.9 * testing::kDegree, 1e-5)}) {
+  for (const auto& change : {with_error(ParameterKind::translation, 0.99 * most, 1e-5),
+                             with_error(ParameterKind::translation, 1.1 * most, 0.05 * most),
+                             with_error(ParameterKind::rotation, 19.9 * testing::kDegree, 1e-5)}) {
     Calibration found = clean();
     change(found);
-    EXPECT_THAT(doubts(found, clean_series().measured, {}), IsEmpty());
+    EXPECT_THAT(doubts_of(found), IsEmpty());
   }
 }
 
 TEST(DoubtsOfCalibrations, CompareTestRowsWithWhatWasHeldOut) {
   const auto with_test = [](double before, double after) {
     return [=](Calibration& found) {
-      found.leave_one_out = BeforeAfter{};
-      found.leave_one_out->before = {.count = 30, .rms = 0.001};
-      found.leave_one_out->after = {.count = 30, .rms = 0.0001};
-      found.test = BeforeAfter{};
-      found.test->before = {.count = 30, .rms = before};
-      found.test->after = {.count = 30, .rms = after};
+      found.accuracy.leave_one_out = BeforeAfter{};
+      found.accuracy.leave_one_out->before = {.count = 30, .rms = 0.001};
+      found.accuracy.leave_one_out->after = {.count = 30, .rms = 0.0001};
+      found.accuracy.test = BeforeAfter{};
+      found.accuracy.test->before = {.count = 30, .rms = before};
+      found.accuracy.test->after = {.count = 30, .rms = after};
     };
   };
-  EXPECT_EQ(doubt_of(with_test(2.000079, 2.000044)).cause, "test_rows_differ");
+  EXPECT_EQ(doubt_of(with_test(2.000079, 2.000044)).cause, Cause::test_rows_differ);
   for (const auto& change : {with_test(0.001, 0.0004), with_test(0.0011, 0.0001), with_test(0.0005, 0.00045)}) {
     Calibration found = clean();
     change(found);
-    EXPECT_THAT(doubts(found, clean_series().measured, {}), IsEmpty());
+    EXPECT_THAT(doubts_of(found), IsEmpty());
   }
 }
 
@@ -695,10 +704,10 @@ TEST(DoubtsOfCalibrations, AreRaisedByTestRowsOfAnotherRobot) {
 }
 
 TEST(DoubtsOfCalibrations, AreNotRaisedByTheCompleteModelOfGoodData) {
-  const Calibration found = Series().calibrated({.model = ModelChoice::complete});
+  const Calibration found = Series().calibrated({.parameters = {.model = ModelChoice::complete}});
   EXPECT_THAT(causes_of(found), IsEmpty());
-  EXPECT_EQ(found.identification.termination, Termination::converged);
-  EXPECT_THAT(found.fixed_by_gauge, Not(IsEmpty()));
+  EXPECT_EQ(found.fit.identification.termination, Termination::converged);
+  EXPECT_THAT(found.uncertainty.fixed_by_gauge, Not(IsEmpty()));
 }
 
 TEST(DoubtsOfCalibrations, WhereNothingIsGainedTheUrdfIsTheOneThatWasRead) {
@@ -706,15 +715,15 @@ TEST(DoubtsOfCalibrations, WhereNothingIsGainedTheUrdfIsTheOneThatWasRead) {
   const Calibration& found = without_errors();
   EXPECT_TRUE(found.exported.nominal_kept);
   EXPECT_TRUE(calibrated_urdf(robot, found) == robot.urdf);
-  EXPECT_EQ(found.exported.train.rms, found.train.before.rms);
-  EXPECT_EQ(found.exported.held_out->rms, found.leave_one_out->before.rms);
-  EXPECT_EQ(found.exported.iso.accuracy.rms, found.iso_before.accuracy.rms);
+  EXPECT_EQ(found.exported.train.rms, found.accuracy.train.before.rms);
+  EXPECT_EQ(found.exported.held_out->rms, found.accuracy.leave_one_out->before.rms);
+  EXPECT_EQ(found.exported.iso.accuracy.rms, found.accuracy.iso_before.accuracy.rms);
   EXPECT_TRUE(found.exported.estimate.errors.isZero(0.0));
   const Calibration& gained = clean();
   EXPECT_FALSE(gained.exported.nominal_kept);
   EXPECT_TRUE(calibrated_urdf(robot, gained) ==
-              calibrated_urdf(robot, gained.model, gained.identification.estimate.errors));
-  EXPECT_EQ(gained.exported.train.rms, gained.train.after.rms);
+              calibrated_urdf(robot, gained.model, gained.fit.identification.estimate.errors));
+  EXPECT_EQ(gained.exported.train.rms, gained.accuracy.train.after.rms);
 }
 
 // ---- findings ------------------------------------------------------------------------------------------------------
@@ -748,17 +757,17 @@ std::vector<Defect> defects() {
 }
 
 TEST(WarningsOfCalibrations, NameEachKindOfDefectOfTheMeasurements) {
-  EXPECT_THAT(clean().findings, IsEmpty());
+  EXPECT_THAT(clean().diagnosis.findings, IsEmpty());
   for (const Defect& defect : defects()) {
     Series s;
     defect.put_into(s);
-    const Calibration found = s.calibrated({.loss = Loss::tukey, .held_out = false});
+    const Calibration found = s.calibrated({.estimator = {.loss = Loss::tukey}, .validation = {.held_out = false}});
     std::vector<::testing::Matcher<std::string>> expected = {
         MatchesRegex(std::string("measurements: ") + defect.message)};
-    EXPECT_THAT(found.warnings, ElementsAreArray(expected)) << to_string(defect.kind);
-    ASSERT_EQ(found.findings.size(), 1U) << to_string(defect.kind);
-    EXPECT_EQ(found.findings[0].kind, defect.kind) << to_string(defect.kind);
-    EXPECT_THAT(found.findings[0].message, MatchesRegex(defect.message));
+    EXPECT_THAT(found.diagnosis.warnings, ElementsAreArray(expected)) << to_string(defect.kind);
+    ASSERT_EQ(found.diagnosis.findings.size(), 1U) << to_string(defect.kind);
+    EXPECT_EQ(found.diagnosis.findings[0].kind, defect.kind) << to_string(defect.kind);
+    EXPECT_THAT(found.diagnosis.findings[0].message, MatchesRegex(defect.message));
     // A loss keeps the row from the fit, and what it leaves of the row is no misfit of the arm.
     EXPECT_THAT(causes_of(found), IsEmpty()) << to_string(defect.kind);
   }
@@ -775,9 +784,9 @@ TEST(WarningsOfCalibrations, OfMoreThanTwentyThousandRowsComeFromDistancesAlone)
       more.repeat = 201;
       s.measured.observations.push_back(more);
     }
-    const Calibration found = s.calibrated({.held_out = false, .try_readings = false});
-    ASSERT_EQ(found.findings.size(), 1U);
-    EXPECT_EQ(found.findings[0].kind, many ? QualityKind::displaced_point : QualityKind::mistyped_coordinate);
+    const Calibration found = s.calibrated({.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    ASSERT_EQ(found.diagnosis.findings.size(), 1U);
+    EXPECT_EQ(found.diagnosis.findings[0].kind, many ? QualityKind::displaced_point : QualityKind::mistyped_coordinate);
   }
 }
 
@@ -794,22 +803,23 @@ using ::testing::HasSubstr;
 /// One line for each doubt and each finding about the data themselves.
 std::string said(const Calibration& found) {
   std::string text;
-  for (const Doubt& doubt : found.doubts) {
-    text += doubt.cause + ": " + doubt.message + "\n";
+  for (const Doubt& doubt : found.diagnosis.doubts) {
+    text += std::string(to_string(doubt.cause)) + ": " + doubt.message + "\n";
   }
-  for (const QualityFinding& finding : found.findings) {
+  for (const QualityFinding& finding : found.diagnosis.findings) {
     text += "finding: " + finding.message + "\n";
   }
   return text;
 }
 
 bool doubts_for(const Calibration& found, const std::string& cause, const std::string& words) {
-  return std::any_of(found.doubts.begin(), found.doubts.end(), [&](const Doubt& doubt) {
-    return doubt.cause == cause && doubt.message.find(words) != std::string::npos;
+  return std::any_of(found.diagnosis.doubts.begin(), found.diagnosis.doubts.end(), [&](const Doubt& doubt) {
+    return to_string(doubt.cause) == cause && doubt.message.find(words) != std::string::npos;
   });
 }
 
-const CalibrationOptions kNothingHeldOut{.held_out = false};  // which says nothing of the readings of the data
+const CalibrationOptions kNothingHeldOut{
+    .validation = {.held_out = false}};  // which says nothing of the readings of the data
 
 // No more than one explanation of the data, the right one.
 void expect_named(const Mistake& mistake, const ErrorModel& model, std::uint64_t seed,
@@ -820,7 +830,9 @@ void expect_named(const Mistake& mistake, const ErrorModel& model, std::uint64_t
   const std::string where = mistake.name + ", " + model.joints.front().name + ", seed " + std::to_string(seed);
   EXPECT_FALSE(found.trusted()) << where;
   EXPECT_TRUE(doubts_for(found, mistake.cause, mistake.words)) << where << "\n" << said(found);
-  EXPECT_EQ(std::count_if(found.suspicions.begin(), found.suspicions.end(), [](const auto& s) { return s.doubt; }), 1)
+  EXPECT_EQ(std::count_if(found.diagnosis.suspicions.begin(), found.diagnosis.suspicions.end(),
+                          [](const auto& s) { return s.doubt; }),
+            1)
       << where << "\n"
       << said(found);
 }
@@ -843,7 +855,8 @@ void expect_cross_section_named(std::size_t first, std::size_t step,
 }
 
 const CalibrationOptions kAutomatic{
-    .automatic_priors = true, .effects = {.groups = {}, .automatic = true}, .held_out = false};
+    .selection = {.automatic_priors = true, .effects = {.groups = {}, .automatic = true}},
+    .validation = {.held_out = false}};
 
 TEST(Mistakes, ACrossSectionOfTheTableIsDoubted) { expect_cross_section_named(0, 15); }
 TEST(MistakesLongRun, ACrossSectionOfTheTableIsDoubted) { expect_cross_section_named(0, 5); }
@@ -874,12 +887,12 @@ int false_alarms(std::uint64_t first, std::uint64_t last) {
   for (std::uint64_t seed = first; seed <= last; ++seed) {
     const Measured m = correct_data(seed);
     const Calibration found = calibrate(m.model, m.data, kNothingHeldOut);
-    for (const Suspicion& suspicion : found.suspicions) {
-      EXPECT_EQ(never.count(suspicion.cause), 0U) << seed << ": " << suspicion.message;
+    for (const Suspicion& suspicion : found.diagnosis.suspicions) {
+      EXPECT_EQ(never.count(to_string(suspicion.cause)), 0U) << seed << ": " << suspicion.message;
     }
-    const bool doubted = std::any_of(found.suspicions.begin(), found.suspicions.end(),
+    const bool doubted = std::any_of(found.diagnosis.suspicions.begin(), found.diagnosis.suspicions.end(),
                                      [](const Suspicion& suspicion) { return suspicion.doubt; });
-    alarms += doubted || !found.findings.empty() ? 1 : 0;
+    alarms += doubted || !found.diagnosis.findings.empty() ? 1 : 0;
     EXPECT_LE(alarms, 1) << seed << "\n" << said(found);
   }
   return alarms;
@@ -977,7 +990,7 @@ std::uint64_t findings_of(std::uint64_t seeds, QualityKind kind,
     Measured m = measured(seed % 2 == 0 ? large_arm() : light_arm(), 2000 + seed);
     spoil(m, seed);
     const Calibration found = calibrate(m.model, m.data, kNothingHeldOut);
-    const bool right = found.findings.size() == 1 && found.findings.front().kind == kind;
+    const bool right = found.diagnosis.findings.size() == 1 && found.diagnosis.findings.front().kind == kind;
     named += right ? 1U : 0U;
     if (!right) {
       std::printf("seed %d: %s\n", static_cast<int>(seed), said(found).c_str());
@@ -1025,9 +1038,9 @@ struct RealSet {
 RealSet fanuc_series() {
   const Robot robot = fanuc();
   RealSet set{.model = complete_model(robot), .data = {}, .options = kNothingHeldOut};
-  set.options.convention = read_joint_convention(std::string(URDF_DIR) + "/fanuc_r2000ic_165f_serial.json");
+  set.options.diagnosis.convention = read_joint_convention(std::string(URDF_DIR) + "/fanuc_r2000ic_165f_serial.json");
   set.data = read_measurements(robot, std::string(SHARED_DATA_DIR) + "/r2000ic_165f_tracker/measurements.csv",
-                               &*set.options.convention);
+                               &*set.options.diagnosis.convention);
   return set;
 }
 
@@ -1042,10 +1055,10 @@ RealSet ur10_poses() {
 std::vector<std::string> causes_of(const RealSet& set) {
   std::vector<std::string> causes;
   const Calibration found = calibrate(set.model, set.data, set.options);
-  for (const Suspicion& suspicion : found.suspicions) {
-    causes.push_back(suspicion.cause + ": " + suspicion.message);
+  for (const Suspicion& suspicion : found.diagnosis.suspicions) {
+    causes.push_back(std::string(to_string(suspicion.cause)) + ": " + suspicion.message);
   }
-  for (const QualityFinding& finding : found.findings) {
+  for (const QualityFinding& finding : found.diagnosis.findings) {
     causes.push_back("finding: " + finding.message);
   }
   return causes;
@@ -1059,8 +1072,8 @@ TEST(MistakesOnRealData, NothingIsSaidOfWhatIsRight) {
 
 TEST(MistakesOnRealDataLongRun, NothingIsSaidOfWhatIsRightBesideAutomaticChoices) {
   for (RealSet set : {fanuc_series(), ur10_poses()}) {
-    set.options.effects.automatic = true;
-    set.options.automatic_priors = true;
+    set.options.selection.effects.automatic = true;
+    set.options.selection.automatic_priors = true;
     EXPECT_THAT(causes_of(set), ::testing::IsEmpty());
   }
 }
@@ -1068,7 +1081,7 @@ TEST(MistakesOnRealDataLongRun, NothingIsSaidOfWhatIsRightBesideAutomaticChoices
 // Of a controller whose joints a convention makes others of, the controller's columns are what is exchanged.
 TEST(MistakesOnRealData, ColumnsOfTheControllerThatWereExchangedAreNamed) {
   RealSet set = fanuc_series();
-  const Eigen::MatrixXd matrix = set.options.convention->matrix;
+  const Eigen::MatrixXd matrix = set.options.diagnosis.convention->matrix;
   Eigen::MatrixXd controller = matrix.inverse() * set.data.joint_values;
   controller.row(0).swap(controller.row(1));
   set.data.joint_values = matrix * controller;

@@ -9,7 +9,7 @@
 
 #include "calibration/effect_choice.hpp"
 #include "calibration/parameter_estimates.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
@@ -62,33 +62,35 @@ struct Arm : testing::VirtualExperiment {
   double error_at_unseen(const Calibration& found) const {
     Random none(1);
     const Measurements exact = kdl_calibration::measure(robot, unseen, {}, none);
-    return error_statistics(position_errors(found.model, found.identification.estimate, exact)).rms;
+    return error_statistics(position_errors(found.model, found.fit.identification.estimate, exact)).rms;
   }
 };
 
 CalibrationOptions automatic() {
-  return {.automatic_priors = true, .effects = {.automatic = true}, .held_out = false, .try_readings = false};
+  return {.selection = {.automatic_priors = true, .effects = {.automatic = true}},
+          .validation = {.held_out = false},
+          .diagnosis = {.try_readings = false}};
 }
 
 /// The same without the groups of many terms.
 CalibrationOptions automatic_of_few_terms() {
   CalibrationOptions options = automatic();
-  options.fix = {"tables.*", "transverse.*"};
+  options.parameters.fix = {"tables.*", "transverse.*"};
   return options;
 }
 
-const CalibrationOptions kGeometry{.held_out = false, .try_readings = false};
+const CalibrationOptions kGeometry{.validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
 
 void expect_found_and_predicted_by(const std::vector<EffectGroup>& groups) {
   for (const EffectGroup group : groups) {
     const Arm arm(fanuc(), 10 + static_cast<unsigned>(group), 60, {{group, 3e-4}});
     const Calibration found = calibrate(arm.model, arm.measured, automatic());
-    ASSERT_FALSE(found.tried.empty());
-    EXPECT_FALSE(found.tried.front().effects.empty()) << to_string(group);
+    ASSERT_FALSE(found.selection.tried.empty());
+    EXPECT_FALSE(found.selection.tried.front().effects.empty()) << to_string(group);
     const double with = arm.error_at_unseen(found);
     const double without = arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry));
     const std::string of_group = to_string(group);
-    testing::record(of_group + ", chosen", ::testing::PrintToString(found.tried.front().effects));
+    testing::record(of_group + ", chosen", ::testing::PrintToString(found.selection.tried.front().effects));
     testing::record(of_group + ", unseen [m]", with);
     testing::record(of_group + ", unseen by geometry [m]", without);
     EXPECT_LT(with, 0.6 * without) << to_string(group);
@@ -106,13 +108,13 @@ TEST(EffectChoiceLongRun, FindsEachEffectAndPredictsByIt) {
 TEST(EffectChoice, FindsHowOftenGearsRipple) {
   const Arm arm(fanuc(), 21, 120, {{EffectGroup::ripple, 2e-4}});
   const Calibration found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
-  ASSERT_THAT(found.tried.front().effects, Contains("ripple"));
+  ASSERT_THAT(found.selection.tried.front().effects, Contains("ripple"));
   std::map<int, std::pair<double, double>> strongest;  // of each joint: amplitude, times a turn
   for (std::size_t e = 0; e < found.model.effects.size(); ++e) {
     const EffectTerm& term = found.model.effects[e];
     if (term.group == EffectGroup::ripple) {
       const double amplitude =
-          std::abs(found.identification.estimate.effects[static_cast<Eigen::Index>(e)]) / term.scale;
+          std::abs(found.fit.identification.estimate.effects[static_cast<Eigen::Index>(e)]) / term.scale;
       strongest[term.index] = std::max(strongest[term.index], std::pair(amplitude, std::abs(term.harmonic)));
     }
   }
@@ -134,7 +136,7 @@ TEST(EffectChoice, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
   Random random(5);
   arm.measured = measure(arm.robot, q, {.sigma = 5e-5}, random);
   const Calibration found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
-  ASSERT_THAT(found.tried.front().effects, Contains("ripple"));
+  ASSERT_THAT(found.selection.tried.front().effects, Contains("ripple"));
   for (const EffectTerm& term : found.model.effects) {
     if (term.group == EffectGroup::ripple) {
       EXPECT_NEAR(std::abs(term.harmonic), 60.0, 0.5) << term.name;
@@ -145,7 +147,7 @@ TEST(EffectChoice, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
 void expect_no_ripple_in_rigid_arms(unsigned count) {
   for (unsigned seed = 0; seed < count; ++seed) {
     const Arm arm(seed % 2 == 0 ? fanuc() : parse_robot(kOddArm), 70 + seed, 110, {});
-    for (const ModelOption& option : calibrate(arm.model, arm.measured, automatic()).tried) {
+    for (const ModelOption& option : calibrate(arm.model, arm.measured, automatic()).selection.tried) {
       EXPECT_THAT(option.effects, ::testing::Not(Contains("ripple"))) << "seed " << seed;
     }
   }
@@ -178,8 +180,8 @@ TEST(EffectChoice, TablesAreWithheldInGaps) {
     asked.col(c) = gapped.joint_values.col(7);
   }
   asked(2, 0) = middle;  // where nothing was measured
-  options.effects = {.groups = {EffectGroup::tables}};
-  options.fix = {"tables.1.*", "tables.2.*", "tables.5.*", "tables.6.*"};
+  options.selection.effects = {.groups = {EffectGroup::tables}};
+  options.parameters.fix = {"tables.1.*", "tables.2.*", "tables.5.*", "tables.6.*"};
   options.predict_at = {{"in the gap", "measured there"}, asked};
   const Calibration found = calibrate(arm.model, gapped, options);
   int tables = 0;
@@ -198,30 +200,30 @@ TEST(EffectChoice, TablesAreWithheldInGaps) {
     EXPECT_EQ(basis(static_cast<Eigen::Index>(e), 0), 0.0);
   }
   EXPECT_GT(tables, 0);
-  ASSERT_FALSE(found.predicted.asked.empty());
-  for (const PredictedPoint& point : found.predicted.asked) {
+  ASSERT_FALSE(found.uncertainty.predicted.asked.empty());
+  for (const PredictedPoint& point : found.uncertainty.predicted.asked) {
     EXPECT_EQ(point.outside, point.configuration == "in the gap") << point.configuration;
   }
   // What a table may be there is part of the uncertainty: a joint that moves by that much.
-  const auto& points = found.predicted.asked;
+  const auto& points = found.uncertainty.predicted.asked;
   EXPECT_GT(points.front().sigma, 3.0 * points.back().sigma);
 }
 
 TEST(EffectChoice, FindsTheSizeOfWhatIsThere) {
   const Arm arm(fanuc(), 3, 100, {{EffectGroup::gravity, 2e-4}});
   CalibrationOptions options = kGeometry;
-  options.effects.groups = {EffectGroup::gravity};
+  options.selection.effects.groups = {EffectGroup::gravity};
   const Calibration found = calibrate(arm.model, arm.measured, options);
   ASSERT_EQ(found.model.effects.size(), arm.robot.model.effects.size());
   EXPECT_GT(found.model.effects.front().sigma, 1e-4);
   EXPECT_LT(found.model.effects.front().sigma, 4e-4);
   // What is true of the values lies where their covariance says.
-  const ColumnRange columns = found.free.range(UnknownGroup::effects);
+  const ColumnRange columns = found.fit.free.range(UnknownGroup::effects);
   ASSERT_EQ(columns.count, static_cast<Eigen::Index>(found.model.effects.size()));
   int inside = 0;
   for (Eigen::Index e = 0; e < columns.count; ++e) {
-    const double error = found.identification.estimate.effects[e] - arm.robot.truth.effects[e];
-    const double sigma = std::sqrt(found.covariance(columns.first + e, columns.first + e));
+    const double error = found.fit.identification.estimate.effects[e] - arm.robot.truth.effects[e];
+    const double sigma = std::sqrt(found.uncertainty.covariance(columns.first + e, columns.first + e));
     inside += std::abs(error) < 2.0 * sigma ? 1 : 0;
   }
   EXPECT_GE(inside, static_cast<int>(0.8 * static_cast<double>(columns.count)));
@@ -246,7 +248,7 @@ TEST(EffectChoice, NothingIsChosenWhereNothingIsLeft) {
   const Calibration found = calibrate(arm.model, arm.measured, automatic());
   EXPECT_THAT(found.model.effects, IsEmpty());
   EXPECT_LT(arm.error_at_unseen(found), 1e-12);
-  EXPECT_LE(found.identification.iterations, 8);
+  EXPECT_LE(found.fit.identification.iterations, 8);
 }
 
 // Of an arm that is as drawn, where priors leave the geometry nearly nominal.
@@ -257,7 +259,7 @@ TEST(EffectChoice, TheNoiseIsInPartsBesideChosenPriors) {
   const MeasuringNoise noise{.sigma = 1e-5, .repeats = 5, .common = Eigen::Vector3d::Constant(5e-5)};
   arm.measured = testing::without_sigmas(measure(arm.robot, arm.measured.joint_values, noise, random));
   const Calibration found = calibrate(arm.model, arm.measured, automatic());
-  ASSERT_TRUE(found.tried.front().sized);
+  ASSERT_TRUE(found.selection.tried.front().sized);
   ASSERT_TRUE(found.noise.parts.has_value());
   EXPECT_NEAR(found.noise.sigma, std::hypot(1e-5, 5e-5), 1e-5);
   EXPECT_NEAR(found.noise.independent.norm() / std::sqrt(3.0), 1e-5, 2e-6);
@@ -267,7 +269,7 @@ TEST(EffectChoice, TheNoiseIsInPartsBesideChosenPriors) {
 TEST(EffectChoice, TooFewMeasurementsForWhatIsAskedAreRefused) {
   const Arm arm(fanuc(), 9, 9, {});  // 81 equations
   CalibrationOptions options = kGeometry;
-  options.effects.groups = {EffectGroup::gravity, EffectGroup::harmonics};
+  options.selection.effects.groups = {EffectGroup::gravity, EffectGroup::harmonics};
   EXPECT_THAT(testing::refusal([&] { calibrate(arm.model, arm.measured, options); }),
               ::testing::HasSubstr("simulation: too few measurements for the effects asked for"));
 }
@@ -275,13 +277,13 @@ TEST(EffectChoice, TooFewMeasurementsForWhatIsAskedAreRefused) {
 TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
   const Arm arm(fanuc(), 5, 13, {{EffectGroup::gravity, 3e-4}});
   CalibrationOptions options = automatic();
-  options.leave_one_out = true;
-  options.nested = true;
+  options.validation.leave_one_out = true;
+  options.validation.nested = true;
   const Calibration found = calibrate(arm.model, arm.measured, options);
-  ASSERT_TRUE(found.nested_leave_one_out.has_value());
-  EXPECT_EQ(found.nested_leave_one_out->count, 39);
-  EXPECT_GT(found.nested_leave_one_out->rms, 0.9 * found.leave_one_out->after.rms);
-  EXPECT_LT(found.nested_leave_one_out->rms, 2.0 * found.leave_one_out->after.rms);
+  ASSERT_TRUE(found.accuracy.nested_leave_one_out.has_value());
+  EXPECT_EQ(found.accuracy.nested_leave_one_out->count, 39);
+  EXPECT_GT(found.accuracy.nested_leave_one_out->rms, 0.9 * found.accuracy.leave_one_out->after.rms);
+  EXPECT_LT(found.accuracy.nested_leave_one_out->rms, 2.0 * found.accuracy.leave_one_out->after.rms);
   // Spoiling a configuration changes what is predicted of it by just that, as nothing was learnt from it.
   Measurements spoilt = arm.measured;
   for (Observation& o : spoilt.observations) {
@@ -290,14 +292,14 @@ TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
     }
   }
   const Calibration other = calibrate(arm.model, spoilt, options);
-  EXPECT_GT(other.nested_leave_one_out->max, 0.5e-3);
+  EXPECT_GT(other.accuracy.nested_leave_one_out->max, 0.5e-3);
 }
 
 TEST(EffectChoice, HeldTermsTakeNoPart) {
   const Arm arm(fanuc(), 6, 40, {{EffectGroup::gravity, 3e-4}});
   CalibrationOptions options = kGeometry;
-  options.effects.groups = {EffectGroup::gravity, EffectGroup::gain};
-  options.fix = {"gravity.2.*", "gain.4"};
+  options.selection.effects.groups = {EffectGroup::gravity, EffectGroup::gain};
+  options.parameters.fix = {"gravity.2.*", "gain.4"};
   const Calibration found = calibrate(arm.model, arm.measured, options);
   ASSERT_FALSE(found.model.effects.empty());
   for (const EffectTerm& term : found.model.effects) {
@@ -305,9 +307,9 @@ TEST(EffectChoice, HeldTermsTakeNoPart) {
     EXPECT_NE(term.name, "gain.4");
   }
   // A pattern that says nothing of effects is about parameters.
-  options.fix = {"*4"};
+  options.parameters.fix = {"*4"};
   const Calibration other = calibrate(arm.model, arm.measured, options);
-  EXPECT_FALSE(other.free.column("Tz4").has_value());
+  EXPECT_FALSE(other.fit.free.column("Tz4").has_value());
 }
 
 TEST(EffectChoice, AnArmOnAWallSagsAlongItsOwnDirection) {
@@ -319,7 +321,7 @@ TEST(EffectChoice, AnArmOnAWallSagsAlongItsOwnDirection) {
                                                          [&](Eigen::Index) { return 3e-4 * random.normal(); });
   arm.measured = measure(arm.robot, arm.measured.joint_values, {.sigma = 5e-5}, random);
   CalibrationOptions options = kGeometry;
-  options.effects.groups = {EffectGroup::gravity};
+  options.selection.effects.groups = {EffectGroup::gravity};
   const double upright = arm.error_at_unseen(calibrate(arm.model, arm.measured, options));
   ErrorModel on_wall = arm.model;
   on_wall.gravity = arm.robot.model.gravity;
@@ -330,7 +332,7 @@ TEST(EffectChoice, AnArmOnAWallSagsAlongItsOwnDirection) {
 TEST(EffectChoice, OfFewConfigurationsOnlyWhatTheyCanTell) {
   const Arm arm(fanuc(), 9, 13, {{EffectGroup::gravity, 3e-4}});
   const Calibration found = calibrate(arm.model, arm.measured, automatic());
-  for (const ModelOption& option : found.tried) {
+  for (const ModelOption& option : found.selection.tried) {
     EXPECT_THAT(option.effects, ::testing::AnyOf(IsEmpty(), ::testing::ElementsAre("gravity")));
   }
 }
@@ -380,9 +382,15 @@ struct Open : testing::VirtualExperiment {
 
   void fit() { optimum = identify_jointly(model, measured, nominal_start(model, measured), free).estimate; }
 
-  Choice choice() const {
-    return choose_effects(
-        {.model = model, .measurements = measured, .optimum = optimum, .free = free, .options = options});
+  ModelSelection choice() const {
+    return choose_effects({.model = model,
+                           .measurements = measured,
+                           .optimum = optimum,
+                           .free = free,
+                           .options = options.selection,
+                           .fix = options.parameters.fix,
+                           .threads = options.threads,
+                           .progress = options.progress});
   }
 };
 
@@ -396,8 +404,8 @@ Open of_four_effects(unsigned seed) {
                         {EffectGroup::harmonics, size}},
             .noise = seed % 4 < 2 ? 2e-5 : 2e-4,
             .range = seed % 3 == 0 ? 1.0 : 0.4});
-  arm.options.effects.automatic = true;
-  arm.options.fix = {"tables.1.*", "transverse.*"};
+  arm.options.selection.effects.automatic = true;
+  arm.options.parameters.fix = {"tables.1.*", "transverse.*"};
   return arm;
 }
 
@@ -423,13 +431,13 @@ TEST(EffectChoice, RippleIsFoundBesideOtherEffects) {
               .configurations = 100,
               .effects = {{EffectGroup::ripple, 2e-3}, {EffectGroup::gravity, 4e-4}, {EffectGroup::harmonics, 4e-4}},
               .range = 0.5});
-    arm.options.effects.automatic = true;
-    arm.options.fix = {"tables.*", "transverse.*"};
+    arm.options.selection.effects.automatic = true;
+    arm.options.parameters.fix = {"tables.*", "transverse.*"};
     EXPECT_THAT(arm.choice().tried.front().effects, ::testing::UnorderedElementsAre("ripple", "gravity", "harmonics"));
   }
 }
 
-void expect_same_choice(const Choice& found, const Choice& expected, const std::string& what) {
+void expect_same_choice(const ModelSelection& found, const ModelSelection& expected, const std::string& what) {
   ASSERT_EQ(found.terms.size(), expected.terms.size()) << what;
   for (std::size_t e = 0; e < expected.terms.size(); ++e) {
     EXPECT_EQ(found.terms[e].name, expected.terms[e].name) << what;
@@ -452,9 +460,9 @@ void expect_same_choice(const Choice& found, const Choice& expected, const std::
 // The frame of measurement, a second copy of each row, and rows that are not fitted.
 TEST(EffectChoice, DoesNotDependOnTheFrameOnCopiesNorOnTestRows) {
   Open arm({.seed = 6, .configurations = 24, .effects = {{EffectGroup::gravity, 3e-4}}});
-  arm.options.effects.automatic = true;
-  arm.options.automatic_priors = true;
-  const Choice expected = arm.choice();
+  arm.options.selection.effects.automatic = true;
+  arm.options.selection.automatic_priors = true;
+  const ModelSelection expected = arm.choice();
   ASSERT_THAT(expected.tried.front().effects, Contains("gravity"));
 
   Open elsewhere = arm;
@@ -486,13 +494,13 @@ TEST(EffectChoice, DoesNotDependOnTheFrameOnCopiesNorOnTestRows) {
 // Of four configurations three do not determine the geometry without priors. Three are too few for anything.
 TEST(EffectChoice, WhatAFoldDoesNotDetermineIsNotCompared) {
   Open arm({.seed = 11, .configurations = 5});
-  arm.options.effects.automatic = true;
+  arm.options.selection.effects.automatic = true;
   for (const bool priors : {false, true}) {
-    arm.options.automatic_priors = priors;
+    arm.options.selection.automatic_priors = priors;
     EXPECT_EQ(std::isfinite(arm.choice().tried.front().held_out_rms), priors);
   }
-  arm.options.automatic_priors = false;
-  arm.options.effects = {.groups = {EffectGroup::ripple}};
+  arm.options.selection.automatic_priors = false;
+  arm.options.selection.effects = {.groups = {EffectGroup::ripple}};
   arm.measured = subset(arm.measured, [](const Observation& o) { return o.configuration < 3; });
   EXPECT_THAT(arm.choice().terms, IsEmpty());
   EXPECT_THAT(arm.choice().tried, IsEmpty());
@@ -500,9 +508,9 @@ TEST(EffectChoice, WhatAFoldDoesNotDetermineIsNotCompared) {
 
 TEST(EffectChoice, ReportsWhichModelIsTried) {
   Open arm({.seed = 5, .configurations = 50, .effects = {{EffectGroup::tables, 1e-3}}, .range = 0.15});
-  arm.options.effects.groups = {EffectGroup::gain, EffectGroup::tables};
-  arm.options.automatic_priors = true;
-  arm.options.fix = {"tables.1.*", "tables.2.*", "tables.4.*"};
+  arm.options.selection.effects.groups = {EffectGroup::gain, EffectGroup::tables};
+  arm.options.selection.automatic_priors = true;
+  arm.options.parameters.fix = {"tables.1.*", "tables.2.*", "tables.4.*"};
   Names said;
   arm.options.progress = [&](const std::string& what, std::size_t done, std::size_t of) {
     if (done == of) {
@@ -527,9 +535,9 @@ struct Coverage {
   void add(const Calibration& found, const testing::VirtualExperiment& arm) {
     for (std::size_t p = 0; p < arm.model.parameters.size(); ++p) {
       const auto parameter =
-          std::find_if(found.parameters.begin(), found.parameters.end(),
+          std::find_if(found.uncertainty.parameters.begin(), found.uncertainty.parameters.end(),
                        [&](const ParameterEstimate& e) { return e.name == arm.model.parameters[p].name; });
-      if (parameter == found.parameters.end() || !parameter->identifiable) {
+      if (parameter == found.uncertainty.parameters.end() || !parameter->identifiable) {
         continue;
       }
       const double error = parameter->error - arm.robot.truth.errors[static_cast<Eigen::Index>(p)];
@@ -610,11 +618,11 @@ Rigid of_rigid_arms(unsigned first, unsigned count) {
         testing::measured(model, seed, {.configurations = 300, .targets = draw.targets, .noise = 0.0});
     const auto error_of = [&](const Calibration& found) {
       const auto truly = flange_poses(m.model, m.truth, unseen.data.joint_values);
-      const auto predicted = flange_poses(found.model, found.identification.estimate, unseen.data.joint_values);
+      const auto predicted = flange_poses(found.model, found.fit.identification.estimate, unseen.data.joint_values);
       double squares = 0.0;
       for (std::size_t c = 0; c < truly.size(); ++c) {
         for (std::size_t k = 0; k < m.truth.targets.size(); ++k) {
-          const Estimate& estimate = found.identification.estimate;
+          const Estimate& estimate = found.fit.identification.estimate;
           squares += (m.truth.X_WB * truly[c] * m.truth.targets[k].X_FT.translation() -
                       estimate.X_WB * predicted[c] * estimate.targets[k].X_FT.translation())
                          .squaredNorm();
@@ -683,12 +691,14 @@ struct DrivenArm : testing::VirtualExperiment {
   }
 
   double error_at_unseen(const Calibration& found) const {
-    return error_statistics(position_errors(found.model, found.identification.estimate, unseen)).rms;
+    return error_statistics(position_errors(found.model, found.fit.identification.estimate, unseen)).rms;
   }
 };
 
 CalibrationOptions named(EffectGroup group) {
-  return {.automatic_priors = true, .effects = {.groups = {group}}, .held_out = false, .try_readings = false};
+  return {.selection = {.automatic_priors = true, .effects = {.groups = {group}}},
+          .validation = {.held_out = false},
+          .diagnosis = {.try_readings = false}};
 }
 
 const DrivenArm& with_play() {
@@ -723,9 +733,9 @@ const Calibration& found_by_torques() {
 void expect_coefficients(const Calibration& found, const DrivenArm& arm) {
   for (std::size_t e = 0; e < arm.robot.model.effects.size(); ++e) {
     const std::string& name = arm.robot.model.effects[e].name;
-    const auto parameter = std::find_if(found.parameters.begin(), found.parameters.end(),
+    const auto parameter = std::find_if(found.uncertainty.parameters.begin(), found.uncertainty.parameters.end(),
                                         [&](const ParameterEstimate& p) { return p.name == name; });
-    ASSERT_NE(parameter, found.parameters.end()) << name;
+    ASSERT_NE(parameter, found.uncertainty.parameters.end()) << name;
     EXPECT_LT(parameter->std, 0.3 * kSize) << name;
     EXPECT_NEAR(parameter->value, arm.robot.truth.effects[static_cast<Eigen::Index>(e)], 4.0 * parameter->std) << name;
   }
@@ -733,7 +743,7 @@ void expect_coefficients(const Calibration& found, const DrivenArm& arm) {
 
 TEST(DriveEffects, WhereTheOrderIsKnownBacklashHasADirection) {
   const Calibration& found = found_with_play();
-  ASSERT_THAT(found.tried.front().effects, Contains("backlash"));
+  ASSERT_THAT(found.selection.tried.front().effects, Contains("backlash"));
   expect_coefficients(found, with_play());
   Measurements of_no_order = with_play().measured;
   of_no_order.signals = {};
@@ -747,11 +757,11 @@ TEST(DriveEffects, WhereItIsNotKnownPredictionsAreAsUncertainAsThePlayIsWide) {
   options.predict_at = {.names = unseen.configurations, .joint_values = unseen.joint_values, .signals = {}};
   const Calibration unknown = calibrate(with_play().model, with_play().measured, options);
   const Calibration& known = found_with_play();
-  ASSERT_EQ(known.predicted.asked.size(), 3U * unseen.configurations.size());
+  ASSERT_EQ(known.uncertainty.predicted.asked.size(), 3U * unseen.configurations.size());
   double normalised = 0.0;
-  for (std::size_t i = 0; i < known.predicted.asked.size(); i += 3) {
-    const PredictedPoint& with = known.predicted.asked[i];
-    const PredictedPoint& without = unknown.predicted.asked[i];
+  for (std::size_t i = 0; i < known.uncertainty.predicted.asked.size(); i += 3) {
+    const PredictedPoint& with = known.uncertainty.predicted.asked[i];
+    const PredictedPoint& without = unknown.uncertainty.predicted.asked[i];
     EXPECT_GT(without.radius_95, with.radius_95);
     const Eigen::Vector3d error = unseen.observations[i].position - without.position_W;
     normalised += error.squaredNorm() / (without.sigma * without.sigma);
@@ -763,10 +773,10 @@ TEST(DriveEffects, WhereItIsNotKnownPredictionsAreAsUncertainAsThePlayIsWide) {
       if (term.signal != DriveSignal::approach) {
         continue;
       }
-      const double play = known.identification.estimate.effects[static_cast<Eigen::Index>(e)];
+      const double play = known.fit.identification.estimate.effects[static_cast<Eigen::Index>(e)];
       Eigen::MatrixXd beside = unseen.joint_values.col(c).replicate(1, 2);
       beside(term.index, 0) += play;
-      Estimate rigid = known.identification.estimate;
+      Estimate rigid = known.fit.identification.estimate;
       rigid.effects.setZero();
       const auto X_BF = flange_poses(known.model, rigid, beside);
       const Eigen::Vector3d target = rigid.targets[0].X_FT.translation();
@@ -782,16 +792,17 @@ TEST(DriveEffects, WhereItIsNotKnownPredictionsAreAsUncertainAsThePlayIsWide) {
 TEST(DriveEffects, APlayOfMillimetresIsNoDefectOfTheMeasurements) {
   for (unsigned seed = 1; seed <= 2; ++seed) {
     const DrivenArm arm(DriveSignal::approach, seed, 10.0 * kSize);
-    EXPECT_THAT(calibrate(arm.model, arm.measured, automatic()).findings, ::testing::IsEmpty()) << "seed " << seed;
+    EXPECT_THAT(calibrate(arm.model, arm.measured, automatic()).diagnosis.findings, ::testing::IsEmpty())
+        << "seed " << seed;
   }
 }
 
 TEST(DriveEffects, EveryStageOfACalibrationKnowsThem) {
   for (const DrivenArm* arm : {&with_play(), &that_gives_way()}) {
     CalibrationOptions options = named(arm == &with_play() ? EffectGroup::backlash : EffectGroup::torque);
-    options.held_out = true;
-    options.nested = true;
-    options.try_readings = true;
+    options.validation.held_out = true;
+    options.validation.nested = true;
+    options.diagnosis.try_readings = true;
     Measurements unseen = arm->unseen;
     Random random(8);
     for (Observation& o : unseen.observations) {
@@ -802,27 +813,27 @@ TEST(DriveEffects, EveryStageOfACalibrationKnowsThem) {
     }
     const Calibration found = calibrate(arm->model, joined(arm->measured, unseen), options);
     EXPECT_TRUE(found.trusted());
-    EXPECT_TRUE(found.findings.empty());
-    EXPECT_TRUE(found.suspicions.empty());
+    EXPECT_TRUE(found.diagnosis.findings.empty());
+    EXPECT_TRUE(found.diagnosis.suspicions.empty());
     // What is left is noise: of a point 1.7 sigma, and what 33 parameters and the effects cost.
-    EXPECT_LT(found.train.after.rms, 1.8 * kNoise);
-    EXPECT_LT(found.test->after.rms, 2.5 * kNoise);
-    EXPECT_LT(found.held_out()->after.rms, 2.5 * kNoise);
-    EXPECT_LT(found.nested_leave_one_out->rms, 2.5 * kNoise);
+    EXPECT_LT(found.accuracy.train.after.rms, 1.8 * kNoise);
+    EXPECT_LT(found.accuracy.test->after.rms, 2.5 * kNoise);
+    EXPECT_LT(found.accuracy.held_out()->after.rms, 2.5 * kNoise);
+    EXPECT_LT(found.accuracy.nested_leave_one_out->rms, 2.5 * kNoise);
     EXPECT_GT(found.exported.train.rms, 5.0 * kNoise) << "a URDF knows neither";
   }
 }
 
 TEST(DriveEffects, MeasuredTorquesAreUsedWhereTheyAreNamed) {
   const Calibration unnamed = calibrate(that_gives_way().model, that_gives_way().measured, automatic());
-  for (const ModelOption& option : unnamed.tried) {
+  for (const ModelOption& option : unnamed.selection.tried) {
     EXPECT_THAT(option.effects, Not(Contains("torque")));
   }
   const Calibration& found = found_by_torques();
   expect_coefficients(found, that_gives_way());
   EXPECT_LT(that_gives_way().error_at_unseen(found), 0.3 * that_gives_way().error_at_unseen(unnamed));
-  EXPECT_EQ(found.predicted.workspace.count, 0U) << "where nobody measured a torque";
-  EXPECT_GT(found.predicted.measured.count, 0U);
+  EXPECT_EQ(found.uncertainty.predicted.workspace.count, 0U) << "where nobody measured a torque";
+  EXPECT_GT(found.uncertainty.predicted.measured.count, 0U);
 }
 
 TEST(DriveEffects, TorquesThatAreMissingAreRefused) {
@@ -849,7 +860,7 @@ TEST(DriveEffects, AResultThatIsReadBackPredictsTheSame) {
     const SavedCalibration read = parse_calibration(result_json(robot, arm->measured, options, wrote), robot);
     ASSERT_EQ(read.model.effects.size(), wrote.model.effects.size());
     const auto X_BF = flange_poses(read, arm->unseen.joint_values, arm->unseen.signals);
-    const auto expected = flange_poses(wrote.model, wrote.identification.estimate, arm->unseen);
+    const auto expected = flange_poses(wrote.model, wrote.fit.identification.estimate, arm->unseen);
     for (std::size_t c = 0; c < X_BF.size(); ++c) {
       EXPECT_LT((X_BF[c].matrix() - expected[c].matrix()).norm(), 1e-12);
     }

@@ -31,7 +31,7 @@ struct Found {
     measurements.joint_values = random_configurations(limits_of(model.joints), 40, random);
     calibration.model = model;
     calibration.model.effects = effect_terms(model, group, measurements.joint_values);
-    calibration.identification.estimate.effects =
+    calibration.fit.identification.estimate.effects =
         Eigen::VectorXd::Zero(static_cast<Eigen::Index>(calibration.model.effects.size()));
   }
 
@@ -43,7 +43,7 @@ struct Found {
   }
   /// Gives it this factor of its function.
   void set(const EffectTerm& term, double factor) {
-    calibration.identification.estimate.effects[&term - calibration.model.effects.data()] = factor * term.scale;
+    calibration.fit.identification.estimate.effects[&term - calibration.model.effects.data()] = factor * term.scale;
   }
   std::vector<std::string> words() const {
     return effect_findings(calibration, effect_motions(calibration, measurements));
@@ -83,7 +83,7 @@ TEST(EffectFindings, StateTheRangeOfAPlayAndTheLargestMotionUnderGravity) {
   Found weight(EffectGroup::gravity);
   const EffectTerm& term = weight.term(1, any);
   weight.set(term, 0.05 * kDegree);
-  const Eigen::VectorXd values = weight.calibration.identification.estimate.effects;
+  const Eigen::VectorXd values = weight.calibration.fit.identification.estimate.effects;
   const Eigen::MatrixXd moved =
       effective_joint_values(weight.calibration.model, values, weight.measurements.joint_values) -
       weight.measurements.joint_values;
@@ -125,7 +125,7 @@ TEST(EffectFindings, StateWhatEachGroupExplainsOfTheSquaredErrors) {
   const auto option = [](const std::vector<std::string>& effects, double rms, bool sized = true) {
     return ModelOption{.priors = {}, .effects = effects, .sized = sized, .held_out_rms = rms, .evidence = 0.0};
   };
-  std::vector<ModelOption>& tried = found.calibration.tried;
+  std::vector<ModelOption>& tried = found.calibration.selection.tried;
   tried = {option({"gravity", "gain"}, 0.6e-3), option({"gravity"}, 0.8e-3), option({"gain"}, 0.7e-3), option({}, 1e-3),
            option({}, 3e-3, false)};
   EXPECT_THAT(found.words(), ElementsAre("joint_2 moves 0.03 % further than it is told; that explains 28 % of what "
@@ -141,7 +141,7 @@ TEST(EffectFindings, StateWhatEachGroupExplainsOfTheSquaredErrors) {
 TEST(EffectFindings, AreNoneWithoutEffects) {
   Found found(EffectGroup::gain);
   found.calibration.model.effects.clear();
-  found.calibration.identification.estimate.effects.resize(0);
+  found.calibration.fit.identification.estimate.effects.resize(0);
   EXPECT_THAT(found.words(), IsEmpty());
 }
 
@@ -203,7 +203,7 @@ TEST(EffectFindings, APlayIsOfTheSideThatMostOfItGoesWith) {
     }
   }
   ASSERT_EQ(found.calibration.model.effects.size(), 2U);
-  Eigen::VectorXd& values = found.calibration.identification.estimate.effects;
+  Eigen::VectorXd& values = found.calibration.fit.identification.estimate.effects;
   values.resize(2);
   const auto of_approach = [](const EffectTerm& t) { return t.signal == DriveSignal::approach; };
   const Eigen::Index approach = &found.term(1, of_approach) - found.calibration.model.effects.data();
@@ -229,7 +229,7 @@ TEST(EffectFindings, SayHowFarMeasuredTorquesBendAJoint) {
   found.measurements.signals.torques = 1e3 * found.measurements.joint_values;
   found.calibration.model.effects = effect_terms(found.calibration.model, EffectGroup::torque,
                                                  found.measurements.joint_values, found.measurements.signals);
-  found.calibration.identification.estimate.effects =
+  found.calibration.fit.identification.estimate.effects =
       Eigen::VectorXd::Zero(static_cast<Eigen::Index>(found.calibration.model.effects.size()));
   found.set(found.term(3, any), 1e-6);
   EXPECT_THAT(found.words().at(0),
@@ -240,7 +240,8 @@ TEST(EffectFindings, OfTheFirstGroupIsWhatItTakesOffGeometryAlone) {
   Found found(EffectGroup::gain);
   found.set(found.term(1, any), 3e-4);
   const auto said = [&](double all, double after) {
-    found.calibration.tried = {{.effects = {"gain"}, .held_out_rms = after}, {.effects = {}, .held_out_rms = all}};
+    found.calibration.selection.tried = {{.effects = {"gain"}, .held_out_rms = after},
+                                         {.effects = {}, .held_out_rms = all}};
     const std::string words = found.words().at(0);
     const std::size_t place = words.find(';');
     return place == std::string::npos ? std::string() : words.substr(place);
@@ -259,7 +260,7 @@ TEST(EffectFindings, AreOneOfEachGroupInTheirOrder) {
   const ErrorModel rigid = complete_model(fanuc());
   const auto more = effect_terms(rigid, EffectGroup::tables, found.measurements.joint_values);
   found.calibration.model.effects.insert(found.calibration.model.effects.begin(), more.begin(), more.end());
-  found.calibration.identification.estimate.effects =
+  found.calibration.fit.identification.estimate.effects =
       Eigen::VectorXd::Zero(static_cast<Eigen::Index>(found.calibration.model.effects.size()));
   const auto is = [](EffectGroup group) { return [group](const EffectTerm& t) { return t.group == group; }; };
   found.set(found.term(0, is(EffectGroup::tables)), 1e-3);

@@ -178,10 +178,11 @@ TEST(EffectsJson, OfACalibrationOnlyItsOwnTermsWithTheRangesOfTheFittedRows) {
   Calibration calibration;
   calibration.model = s.model;
   calibration.model.gravity = KDL::Vector(0.0, 0.6, -0.8);
-  calibration.identification.estimate.effects = s.values;
-  calibration.parameters = {{.name = "Tx1", .kind = "translation"},
-                            {.name = "gain.2", .kind = "effect", .value = 0.25, .std = 0.5},
-                            {.name = "gain.3", .kind = "effect", .value = 0.75, .std = INFINITY}};
+  calibration.fit.identification.estimate.effects = s.values;
+  calibration.uncertainty.parameters = {
+      {.name = "Tx1", .kind = ParameterKind::translation},
+      {.name = "gain.2", .kind = ParameterKind::effect, .value = 0.25, .std = 0.5},
+      {.name = "gain.3", .kind = ParameterKind::effect, .value = 0.75, .std = INFINITY}};
   Measurements measured;
   measured.joint_values = s.driven.joint_values;
   measured.signals = s.driven.signals;

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/same_poses.hpp"
 #include "mistake_table.hpp"
 
@@ -23,8 +23,8 @@ using Eigen::Vector3d;
 
 CalibrationOptions by_default() {
   CalibrationOptions options;
-  options.automatic_priors = true;
-  options.effects.automatic = true;
+  options.selection.automatic_priors = true;
+  options.selection.effects.automatic = true;
   return options;
 }
 
@@ -121,37 +121,37 @@ std::vector<Falsification> of_rows() {
 }
 
 std::vector<Falsification> of_models() {
-  return {
-      {"a link 80 mm longer", "large_error",
-       [](Job& job) {
-         KDL::Vector& link = job.m.model.joints[2].origin.p;
-         link = (1.0 + 0.08 / link.Norm()) * link;
-       }},
-      {"an origin missing", "large_error", [](Job& job) { job.m.model.joints[2].origin.p = KDL::Vector::Zero(); }},
-      {"a joint shifted by half a radian", "large_error",
-       [](Job& job) { joint_values_of_rows(job, 1, [](int, double q) { return q + 0.5; }); }},
-      {"the known base a metre off", "known_base",
-       [](Job& job) {
-         job.options.known_base = job.m.truth.X_WB;
-         job.options.known_base->translation().x() += 1.0;
-       }},
-      {"the known base inverted", "known_base", [](Job& job) { job.options.known_base = job.m.truth.X_WB.inverse(); }},
-      {"test rows with targets exchanged", "test_rows_differ|worse_than_nominal",
-       [](Job& job) {
-         const int count = static_cast<int>(job.m.data.targets.size());
-         job.for_configurations([](int c) { return c % 4 == 0; },
-                                [&](Observation& o) {
-                                  o.split = Split::test;
-                                  o.target = (o.target + 1) % count;
-                                });
-       }},
-      {"test rows of another place", "test_rows_differ|worse_than_nominal", [](Job& job) {
-         job.for_configurations([](int c) { return c % 4 == 0; },
-                                [&](Observation& o) {
-                                  o.split = Split::test;
-                                  o.position.z() += 2.0;
-                                });
-       }}};
+  return {{"a link 80 mm longer", "large_error",
+           [](Job& job) {
+             KDL::Vector& link = job.m.model.joints[2].origin.p;
+             link = (1.0 + 0.08 / link.Norm()) * link;
+           }},
+          {"an origin missing", "large_error", [](Job& job) { job.m.model.joints[2].origin.p = KDL::Vector::Zero(); }},
+          {"a joint shifted by half a radian", "large_error",
+           [](Job& job) { joint_values_of_rows(job, 1, [](int, double q) { return q + 0.5; }); }},
+          {"the known base a metre off", "known_base",
+           [](Job& job) {
+             job.options.parameters.known_base = job.m.truth.X_WB;
+             job.options.parameters.known_base->translation().x() += 1.0;
+           }},
+          {"the known base inverted", "known_base",
+           [](Job& job) { job.options.parameters.known_base = job.m.truth.X_WB.inverse(); }},
+          {"test rows with targets exchanged", "test_rows_differ|worse_than_nominal",
+           [](Job& job) {
+             const int count = static_cast<int>(job.m.data.targets.size());
+             job.for_configurations([](int c) { return c % 4 == 0; },
+                                    [&](Observation& o) {
+                                      o.split = Split::test;
+                                      o.target = (o.target + 1) % count;
+                                    });
+           }},
+          {"test rows of another place", "test_rows_differ|worse_than_nominal", [](Job& job) {
+             job.for_configurations([](int c) { return c % 4 == 0; },
+                                    [&](Observation& o) {
+                                      o.split = Split::test;
+                                      o.position.z() += 2.0;
+                                    });
+           }}};
 }
 
 void for_orientations(Job& job, const std::function<bool(const Observation&)>& which,
@@ -212,8 +212,8 @@ const ErrorModel& third_arm() {
 }
 
 bool is_called(const Calibration& found, const std::string& causes) {
-  return std::any_of(found.doubts.begin(), found.doubts.end(), [&](const Doubt& doubt) {
-    return ("|" + causes + "|").find("|" + doubt.cause + "|") != std::string::npos;
+  return std::any_of(found.diagnosis.doubts.begin(), found.diagnosis.doubts.end(), [&](const Doubt& doubt) {
+    return ("|" + causes + "|").find("|" + std::string(to_string(doubt.cause)) + "|") != std::string::npos;
   });
 }
 
@@ -222,7 +222,7 @@ TEST(Falsified, FilesAreCalledWhatTheyAre) {
   for (const Falsification& falsification : table()) {
     const Calibration found = job_of(falsification, large_arm(), 1).run();
     EXPECT_TRUE(is_called(found, falsification.cause))
-        << falsification.name << ": " << (found.trusted() ? "trusted" : found.doubts.front().message);
+        << falsification.name << ": " << (found.trusted() ? "trusted" : found.diagnosis.doubts.front().message);
   }
 }
 
@@ -231,10 +231,10 @@ TEST(Falsified, ARowWithoutWeightIsNoReasonToDoubt) {
   for (const double distance : {0.062, 1.0}) {
     Job job{.m = measured(large_arm(), 3), .random = Random(3)};
     job.displace(7, distance);
-    job.options.loss = Loss::tukey;
+    job.options.estimator.loss = Loss::tukey;
     const Calibration found = job.run();
-    EXPECT_TRUE(found.trusted()) << found.doubts.front().message;
-    EXPECT_EQ(*std::min_element(found.weights.begin(), found.weights.end()), 0.0);
+    EXPECT_TRUE(found.trusted()) << found.diagnosis.doubts.front().message;
+    EXPECT_EQ(*std::min_element(found.fit.robust.weights.begin(), found.fit.robust.weights.end()), 0.0);
   }
 }
 
@@ -379,9 +379,9 @@ int doubted_of(std::uint64_t first, std::uint64_t last) {
     const Job job = right_job(seed);
     const Calibration found = job.run();
     doubted += found.trusted() ? 0 : 1;
-    for (const Doubt& doubt : found.doubts) {
+    for (const Doubt& doubt : found.diagnosis.doubts) {
       std::printf("seed %d, kind %d: %s: %s\n", static_cast<int>(seed), static_cast<int>(seed % 16),
-                  doubt.cause.c_str(), doubt.message.c_str());
+                  to_string(doubt.cause), doubt.message.c_str());
     }
   }
   std::printf("%d of %d right files doubted\n", doubted, static_cast<int>(last - first + 1));

@@ -26,7 +26,7 @@ Matrix3d some_covariance() {
 
 NoiseReport some_noise() {
   NoiseReport noise;
-  noise.model = "residuals";
+  noise.source = NoiseSource::residuals;
   noise.independent = Vector3d(2e-5, 3e-5, 4e-5);
   noise.common = Vector3d(5e-5, 1e-5, 6e-5);
   noise.misfit = 7e-5;
@@ -88,7 +88,7 @@ TEST(NewPoint, HasNoRadiusWhereItIsNotDeterminedAndNoneWithoutNoise) {
   EXPECT_EQ(unknown.radius_95, kInfinity);
   EXPECT_EQ(unknown.degrees_of_freedom, some_noise().freedom_of_covariance());
   NoiseReport none;
-  none.model = "residuals";
+  none.source = NoiseSource::residuals;
   none.degrees_of_freedom = 5.0;
   EXPECT_EQ(new_point({.covariance = Matrix3d::Zero(), .place = Vector3d::Zero()}, none).radius_95, 0.0);
 }
@@ -107,8 +107,8 @@ TEST(NewPoint, RestsOnOneDegreeOfFreedomAtLeast) {
 // ---- the measured region -------------------------------------------------------------------------------------------
 
 // Configurations whose held-out points lie at these shares of their radius, one list for each.
-FoldPrediction held_out(const std::vector<std::vector<double>>& ratios, const NoiseReport& noise) {
-  FoldPrediction result;
+std::vector<HeldOutPoint> held_out(const std::vector<std::vector<double>>& ratios, const NoiseReport& noise) {
+  std::vector<HeldOutPoint> result;
   for (std::size_t c = 0; c < ratios.size(); ++c) {
     for (std::size_t k = 0; k < ratios[c].size(); ++k) {
       HeldOutPoint point{.configuration = static_cast<std::int32_t>(c), .target = static_cast<std::int32_t>(k)};
@@ -119,7 +119,7 @@ FoldPrediction held_out(const std::vector<std::vector<double>>& ratios, const No
           new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise)
               .radius_95;
       point.residual = ratios[c][k] * radius * Vector3d(0.6, 0.0, -0.8);
-      result.points.push_back(point);
+      result.push_back(point);
     }
   }
   return result;
@@ -136,9 +136,9 @@ Measurements measured_at(const Eigen::MatrixXd& joint_values) {
   return measurements;
 }
 
-double factor_of(const std::vector<std::vector<double>>& ratios, double price = 1.23) {
+double factor_of(const std::vector<std::vector<double>>& ratios, double optimism = 1.23) {
   const Measurements none = measured_at(Eigen::MatrixXd::Zero(1, 1));
-  return measured_region(none, held_out(ratios, some_noise()), some_noise(), price).radius_factor;
+  return measured_region(none, held_out(ratios, some_noise()), some_noise(), optimism).radius_factor;
 }
 
 // The smallest ratio that leaves 95 % of n + 1 configurations inside.
@@ -161,7 +161,7 @@ TEST(MeasuredRegion, CountsEachTargetAsItsShareOfTheConfiguration) {
   EXPECT_NEAR(factor_of(ratios), 1.1, 1e-9);
 }
 
-TEST(MeasuredRegion, OfFewConfigurationsPaysThePriceOfChoosing) {
+TEST(MeasuredRegion, OfFewConfigurationsPaysForTheOptimismOfSelection) {
   const std::vector<std::vector<double>> few(39, {0.5, 0.7});
   const std::vector<std::vector<double>> enough(40, {0.5, 0.7});
   EXPECT_EQ(factor_of(few), 1.23);
@@ -174,11 +174,11 @@ TEST(MeasuredRegion, ReachesFivePercentBeyondTheJointValuesAndAsFarAsTheParamete
   q << 0.0, 2.0, 1.0, 5.0, -1.0, 0.5, 0.7, 9.0;
   Measurements measurements = measured_at(q);
   measurements.observations.back().split = Split::test;
-  FoldPrediction predicted = held_out(std::vector<std::vector<double>>(12, {0.5}), some_noise());
-  predicted.points[3].covariance.setConstant(kInfinity);  // tells nothing of how far
+  std::vector<HeldOutPoint> predicted = held_out(std::vector<std::vector<double>>(12, {0.5}), some_noise());
+  predicted[3].covariance.setConstant(kInfinity);  // tells nothing of how far
   double largest = 0.0;
-  for (std::size_t i = 0; i < predicted.points.size(); ++i) {
-    largest = std::max(largest, i == 3 ? 0.0 : predicted.points[i].covariance.trace());
+  for (std::size_t i = 0; i < predicted.size(); ++i) {
+    largest = std::max(largest, i == 3 ? 0.0 : predicted[i].covariance.trace());
   }
   const MeasuredRegion region = measured_region(measurements, predicted, some_noise(), 1.0);
   EXPECT_EQ(region.largest_variance, largest);

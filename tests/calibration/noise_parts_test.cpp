@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "base/f_distribution.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -282,7 +282,8 @@ void expect_no_misfit(int configurations, int draws, double freedom) {
   testing::VirtualExperiment experiment;
   for (int draw = 0; draw < draws; ++draw) {
     const Measurements measured = testing::without_sigmas(experiment.measure(configurations, {.sigma = 3e-5}));
-    const Calibration found = calibrate(experiment.model, measured, {.held_out = false, .try_readings = false});
+    const Calibration found = calibrate(experiment.model, measured,
+                                        {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
     EXPECT_EQ(found.noise.misfit, 0.0) << draw;
     EXPECT_NEAR(found.noise.sigma, 3e-5, 2.5e-5) << draw;
     EXPECT_NEAR(found.noise.degrees_of_freedom, freedom, 0.1) << draw;
@@ -364,14 +365,15 @@ TEST(NoisePartsLongRun, BesideEqualWeightsAreRightOnAverage) {
 TEST(NoiseParts, AndEqualWeightsGiveOneKindOfNoiseTheSameRadius) {
   const ErrorModel model = complete_model(testing::fanuc());
   const Trial t = trial(model, {.configurations = 50}, 7);
-  CalibrationOptions options{.try_readings = false};
+  CalibrationOptions options{.diagnosis = {.try_readings = false}};
   options.predict_at = {.names = {"there"}, .joint_values = t.measured.joint_values.leftCols(1)};
   const Calibration by_parts = calibrate(model, t.measured, options);
-  options.weights = Weights::equal;
+  options.noise.weights = Weights::equal;
   const Calibration equal = calibrate(model, t.measured, options);
-  EXPECT_NEAR(equal.predicted.radius_factor / by_parts.predicted.radius_factor, 1.0, 0.02);
-  EXPECT_NEAR(equal.predicted.asked[0].radius_95 / by_parts.predicted.asked[0].radius_95, 1.0, 0.02);
-  EXPECT_EQ(equal.predicted.asked[0].outside, by_parts.predicted.asked[0].outside);
+  EXPECT_NEAR(equal.uncertainty.predicted.radius_factor / by_parts.uncertainty.predicted.radius_factor, 1.0, 0.02);
+  EXPECT_NEAR(equal.uncertainty.predicted.asked[0].radius_95 / by_parts.uncertainty.predicted.asked[0].radius_95, 1.0,
+              0.02);
+  EXPECT_EQ(equal.uncertainty.predicted.asked[0].outside, by_parts.uncertainty.predicted.asked[0].outside);
 }
 
 // What 95 % intervals and radii hold, over runs with a truth of their own.
@@ -390,7 +392,7 @@ double truly(const ParameterEstimate& p, const ErrorModel& model, const Estimate
   }
   const bool base = p.name.rfind("base.", 0) == 0;
   const Eigen::Isometry3d& X = base ? truth.X_WB : truth.targets[static_cast<std::size_t>(p.name[0] - 'A')].X_FT;
-  return (p.kind == "translation" ? Vector3d(X.translation()) : rotation_log(X.linear()))[p.axis[0] - 'x'];
+  return (p.kind == ParameterKind::translation ? Vector3d(X.translation()) : rotation_log(X.linear()))[p.axis[0] - 'x'];
 }
 
 Vector3d measured_at(const Vector3d& place, const Truth& truth, Random& random) {
@@ -412,14 +414,14 @@ Coverage coverage(const Truth& truth, int runs) {
   for (int run = 0; run < runs; ++run) {
     const Trial t = trial(model, truth, static_cast<std::uint64_t>(run));
     CalibrationOptions options;
-    options.noise = truth.stated;
-    options.priors = truth.priors;
-    options.automatic_priors = truth.automatic;
-    options.effects.automatic = truth.automatic;
-    options.loss = truth.loss;
+    options.noise.stated = truth.stated;
+    options.selection.priors = truth.priors;
+    options.selection.automatic_priors = truth.automatic;
+    options.selection.effects.automatic = truth.automatic;
+    options.estimator.loss = truth.loss;
     options.threads = 1;
-    options.held_out = truth.automatic;
-    options.try_readings = false;
+    options.validation.held_out = truth.automatic;
+    options.diagnosis.try_readings = false;
     Random random(41, static_cast<std::uint64_t>(run));
     const MatrixXd fresh = random_configurations(t.ranges, 10, random);
     options.predict_at.joint_values = fresh;
@@ -427,7 +429,7 @@ Coverage coverage(const Truth& truth, int runs) {
       options.predict_at.names.push_back(std::to_string(i));
     }
     const Calibration found = calibrate(model, t.measured, options);
-    for (const ParameterEstimate& p : found.parameters) {
+    for (const ParameterEstimate& p : found.uncertainty.parameters) {
       if (!p.identifiable) {
         continue;
       }
@@ -436,8 +438,8 @@ Coverage coverage(const Truth& truth, int runs) {
       intervals += 1.0;
     }
     const auto X_BF = flange_poses(model, t.robot.truth, fresh);
-    for (std::size_t i = 0; i < found.predicted.asked.size(); ++i) {
-      const PredictedPoint& point = found.predicted.asked[i];
+    for (std::size_t i = 0; i < found.uncertainty.predicted.asked.size(); ++i) {
+      const PredictedPoint& point = found.uncertainty.predicted.asked[i];
       const auto count = static_cast<std::size_t>(truth.targets);
       const Vector3d place = t.robot.truth.targets[i % count].X_FT.translation();
       const Vector3d real = measured_at(t.robot.truth.X_WB * (X_BF[i / count] * place), truth, random);

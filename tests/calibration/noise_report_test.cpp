@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 
+#include "calibration/option_check.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
 #include "refusal.hpp"
@@ -29,7 +30,7 @@ constexpr const char* kNothing = "nothing was refused";
 /// The odd arm, fitted at equal weights or at those of the options.
 struct Fitted : testing::VirtualExperiment {
   Measurements measured;
-  CalibrationOptions options;
+  NoiseModel stated;
   FitOptions fit_options;
   Estimate start;
   Estimate optimum;
@@ -46,13 +47,13 @@ struct Fitted : testing::VirtualExperiment {
   }
 
   void fit() {
-    fit_options.joint.residuals.noise = options.noise;
+    fit_options.joint.residuals.noise = stated;
     estimated.as_stated = fit_options.joint.residuals;
     optimum = identify_jointly(model, measured, start, free, fit_options.joint).estimate;
   }
 
-  FitTask task() const {
-    return {.model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options};
+  FitProblem fit_problem() const {
+    return {.model = model, .measurements = measured, .start = start, .free = free, .options = fit_options};
   }
 
   ResidualOptions residuals() const {
@@ -66,14 +67,13 @@ struct Fitted : testing::VirtualExperiment {
   NoiseAssessment assessed(const RobustRows& robust = {}) const {
     const LeastSquaresProblem fitted = problem();
     const WhitenedSummary system = fitted.whitened_summary(optimum);
-    return assess_noise(task(),
-                        {.problem = fitted,
+    return assess_noise({.problem = fitted,
                          .estimate = optimum,
                          .free = free,
                          .system = system,
                          .row_weights = row_weights,
                          .rank = rank()},
-                        robust, estimated);
+                        fit_problem(), stated, robust, estimated);
   }
 
   double freedom() const { return 3.0 * static_cast<double>(measured.observations.size()) - rank(); }
@@ -124,19 +124,19 @@ TEST(NoiseReport, OneRepeatIsARepeatAndNoneIsNone) {
 
 TEST(NoiseReport, OrientationsWithASigmaNeedOneOfPositions) {
   Measurements measured = repeated(1.0);
-  CalibrationOptions options;
+  NoiseOptions options;
   const auto said = [&] { return refusal([&] { require_comparable_orientations(measured, options); }); };
   EXPECT_EQ(said(), kNothing) << "nothing is stated";
-  options.noise.orientation = 1e-4;
+  options.stated.orientation = 1e-4;
   EXPECT_THAT(said(), HasSubstr("no row of points.csv has a quaternion"));
   measured.orientations.assign(measured.observations.size(), Eigen::Quaterniond::Identity());
   EXPECT_THAT(said(), HasSubstr("needs the noise of positions as well"));
   options.weights = Weights::repeats;
   EXPECT_EQ(said(), kNothing);
   options.weights = Weights::automatic;
-  options.noise.independent.setConstant(1e-5);
+  options.stated.independent.setConstant(1e-5);
   EXPECT_EQ(said(), kNothing);
-  options.noise.independent.setZero();
+  options.stated.independent.setZero();
   for (Observation& o : measured.observations) {
     EXPECT_THAT(said(), HasSubstr("or a sigma in every row")) << "a row has none";
     o.sigma = 1e-5;
@@ -146,39 +146,31 @@ TEST(NoiseReport, OrientationsWithASigmaNeedOneOfPositions) {
 
 TEST(NoiseReport, NoiseIsStatedByOptionsOrARow) {
   Measurements measured = repeated(1.0);
-  CalibrationOptions options;
-  EXPECT_FALSE(noise_is_stated(measured, options));
+  NoiseModel stated;
+  EXPECT_FALSE(noise_is_stated(measured, stated));
   measured.observations[7].sigma = 1e-6;
-  EXPECT_TRUE(noise_is_stated(measured, options));
+  EXPECT_TRUE(noise_is_stated(measured, stated));
   measured.observations[7].sigma = 0.0;
-  options.noise.common.x() = 1e-6;
-  EXPECT_TRUE(noise_is_stated(measured, options));
+  stated.common.x() = 1e-6;
+  EXPECT_TRUE(noise_is_stated(measured, stated));
 }
 
 TEST(NoiseReport, WhatTheFitLeavesIsTheScaleOfPriors) {
   Fitted f;
-  FitOptions scaled;
-  make_absolute(f.task(), f.free, scaled);
   const double sigma = std::sqrt(f.problem().cost(f.optimum) / f.freedom());
   EXPECT_NEAR(sigma, 1e-4, 2e-5);
-  EXPECT_LT((scaled.joint.residuals.noise.independent - Vector3d::Constant(sigma)).norm(), 1e-6 * sigma);
-  FitOptions prior;  // the rest of the options counts as well
-  prior.joint.residuals.priors = {.length = 1e-6, .angle = 1e-6};
-  make_absolute(f.task(), f.free, prior);
-  EXPECT_NE(prior.joint.residuals.noise.independent.x(), scaled.joint.residuals.noise.independent.x());
-  Fitted exact({.sigma = 0.0});
-  FitOptions least;
-  make_absolute(exact.task(), exact.free, least);
-  EXPECT_TRUE(least.joint.residuals.noise.independent == Vector3d::Constant(1e-9));
+  const double found = sigma_of_residuals(f.fit_problem());
+  EXPECT_NEAR(found, sigma, 1e-6 * sigma);
+  f.fit_options.joint.residuals.priors = {.length = 1e-6, .angle = 1e-6};  // the rest of the options counts as well
+  EXPECT_NE(sigma_of_residuals(f.fit_problem()), found);
+  EXPECT_EQ(sigma_of_residuals(Fitted({.sigma = 0.0}).fit_problem()), 1e-9);
 }
 
 TEST(NoiseReport, AFitThatLeavesNoFreedomHasTheLeastScale) {
   Fitted f;
   f.measured.observations.resize(1);
-  const Unknowns place(f.model, f.targets, {"base.Tx", "base.Ty", "base.Tz"});
-  FitOptions exact;
-  make_absolute(f.task(), place, exact);
-  EXPECT_TRUE(exact.joint.residuals.noise.independent == Vector3d::Constant(1e-9));
+  f.free = Unknowns(f.model, f.targets, {"base.Tx", "base.Ty", "base.Tz"});
+  EXPECT_EQ(sigma_of_residuals(f.fit_problem()), 1e-9);
 }
 
 // ---- of plain fits -------------------------------------------------------------------------------------------------
@@ -187,7 +179,7 @@ TEST(NoiseReport, OfNothingStatedIsWhatResidualsAndRepeatsShow) {
   for (const int repeats : {1, 3}) {
     const Fitted f({.sigma = 1e-4, .repeats = repeats, .common = Vector3d::Constant(2e-4)});
     const NoiseAssessment got = f.assessed();
-    EXPECT_EQ(got.report.model, "residuals");
+    EXPECT_EQ(got.report.source, NoiseSource::residuals);
     EXPECT_NEAR(got.report.sigma, std::sqrt(f.problem().cost(f.optimum) / f.freedom()), 1e-12);
     EXPECT_EQ(got.report.degrees_of_freedom, f.freedom());
     EXPECT_EQ(got.report.variance_factor, 1.0);
@@ -242,34 +234,34 @@ TEST(NoiseReport, OfStatedNoiseIsWhatIsStatedUnlessTheResidualsAreLarger) {
       const double middle = 0.5 * (below + above);
       (chi_square_tail(static_cast<int>(f.freedom()), middle) > chance ? below : above) = middle;
     }
-    f.options.noise.independent.setConstant(std::sqrt(f.problem().cost(f.optimum) / above));
+    f.stated.independent.setConstant(std::sqrt(f.problem().cost(f.optimum) / above));
     f.fit();
     const NoiseAssessment got = f.assessed();
     const double factor = chance < 1e-3 ? above / f.freedom() : 1.0;
-    EXPECT_EQ(got.report.model, "stated");
+    EXPECT_EQ(got.report.source, NoiseSource::stated);
     EXPECT_NEAR(got.report.variance_factor, factor, 1e-6 * factor) << chance;
-    EXPECT_LT((got.report.independent - f.options.noise.independent).norm(), 1e-12);
+    EXPECT_LT((got.report.independent - f.stated.independent).norm(), 1e-12);
     expect_close(got.covariance, covariance(f.problem().whitened_summary(f.optimum).triangle, factor), "stated");
   }
 }
 
 TEST(NoiseReport, OfSigmasOfRowsIsTheirMeanSquare) {
   Fitted f({.sigma = 1e-4, .repeats = 2});
-  f.options.noise.independent = Vector3d(1.0, 1.2, 0.9) * 2e-4;
-  f.options.noise.common = Vector3d(2e-5, 4e-5, 6e-5);
+  f.stated.independent = Vector3d(1.0, 1.2, 0.9) * 2e-4;
+  f.stated.common = Vector3d(2e-5, 4e-5, 6e-5);
   f.measured.observations[3].sigma = 2.6e-4;
   f.fit();
   const NoiseReport report = f.assessed().report;
   const double rows = static_cast<double>(f.measured.observations.size());
-  const Vector3d squares = (rows - 1.0) * f.options.noise.independent.cwiseAbs2() + Vector3d::Constant(2.6e-4 * 2.6e-4);
+  const Vector3d squares = (rows - 1.0) * f.stated.independent.cwiseAbs2() + Vector3d::Constant(2.6e-4 * 2.6e-4);
   EXPECT_LT((report.independent - (squares / rows).cwiseSqrt()).norm(), 1e-12);
-  EXPECT_TRUE(report.common == f.options.noise.common);
+  EXPECT_TRUE(report.common == f.stated.common);
   EXPECT_EQ(report.variance_factor, 1.0);
 }
 
 TEST(NoiseReport, NamesTheTrackerWhereNoRowHasASigmaOfItsOwn) {
   Fitted f;
-  f.options.noise.tracker = TrackerNoise{.range = 1e-4, .transverse = 1e-4};
+  f.stated.tracker = TrackerNoise{.range = 1e-4, .transverse = 1e-4};
   f.fit();
   EXPECT_TRUE(f.assessed().report.tracker.has_value());
   f.measured.observations[4].sigma = 1e-4;
@@ -278,7 +270,7 @@ TEST(NoiseReport, NamesTheTrackerWhereNoRowHasASigmaOfItsOwn) {
 
 TEST(NoiseReport, RowsWithoutWeightAreNoneOfTheStatedNoise) {
   Fitted f;
-  f.options.noise.independent.setConstant(1e-5);
+  f.stated.independent.setConstant(1e-5);
   f.fit();
   f.row_weights.assign(f.measured.observations.size(), 0.25);
   EXPECT_NEAR(f.assessed().report.variance_factor, f.problem().cost(f.optimum) / f.freedom(), 1e-6);
@@ -288,14 +280,13 @@ TEST(NoiseReport, AsManyEquationsAsUnknownsLeaveNoNoise) {
   Fitted f({.sigma = 1e-4}, 14);
   const LeastSquaresProblem problem = f.problem();
   const WhitenedSummary system = problem.whitened_summary(f.optimum);
-  const NoiseAssessment got = assess_noise(f.task(),
-                                           {.problem = problem,
+  const NoiseAssessment got = assess_noise({.problem = problem,
                                             .estimate = f.optimum,
                                             .free = f.free,
                                             .system = system,
                                             .row_weights = f.row_weights,
                                             .rank = static_cast<int>(problem.equations())},
-                                           {}, f.estimated);
+                                           f.fit_problem(), f.stated, {}, f.estimated);
   EXPECT_EQ(got.report.degrees_of_freedom, 0.0);
   EXPECT_EQ(got.report.sigma, 0.0);
 }
@@ -318,7 +309,7 @@ TEST(NoiseReport, PartsAreReportedAsTheyWereEstimated) {
   parts.sensitivity[5] = drawn();
   const MatrixXd promised = covariance(f.problem().whitened_summary(f.optimum).triangle, 1.0);
   NoiseAssessment got = f.assessed();
-  EXPECT_EQ(got.report.model, "parts");
+  EXPECT_EQ(got.report.source, NoiseSource::parts);
   EXPECT_NEAR(got.report.misfit, std::sqrt(1e-10), 1e-15);
   EXPECT_NEAR(got.report.target_misfit, std::sqrt(2e-10), 1e-15);
   EXPECT_LT((got.report.common - Vector3d(3e-10, 4e-10, 5e-10).cwiseSqrt()).norm(), 1e-15);
@@ -348,14 +339,14 @@ TEST(NoiseReport, OfARobustFitIsThatOfTheRowsThatAreNotOutliers) {
     for (const std::size_t row : {4U, 17U, 33U}) {
       f.measured.observations[row].position.x() += 0.01;
     }
-    f.options.noise.independent.setConstant(stated);
-    f.fit_options.joint.residuals.noise = f.options.noise;
-    f.fit_options.loss = f.options.loss = Loss::tukey;
+    f.stated.independent.setConstant(stated);
+    f.fit_options.joint.residuals.noise = f.stated;
+    f.fit_options.loss = Loss::tukey;
     const RobustIdentification found = identify_robustly(
         {.model = f.model, .measurements = f.measured, .start = f.start, .free = f.free, .options = f.fit_options});
     f.optimum = found.fit.estimate;
     const NoiseReport report = f.assessed({.weights = found.weights, .scale = found.scale}).report;
-    EXPECT_EQ(report.model, stated > 0.0 ? "stated" : "residuals");
+    EXPECT_EQ(report.source, stated > 0.0 ? NoiseSource::stated : NoiseSource::residuals);
     const double sigma = report.sigma * std::sqrt(report.variance_factor);
     EXPECT_NEAR(sigma, stated > 1e-4 ? stated : 1e-4, 2e-5) << stated;
     EXPECT_EQ(report.variance_factor > 1.0, stated == 0.5e-4) << stated;
@@ -382,19 +373,20 @@ TEST(NoiseReport, VarianceOfUnitWeightIsTheMeanOverWhatWasMeasured) {
 TEST(NoiseReport, OnlyStatedNoiseThatHoldsIsKnownForSure) {
   NoiseReport noise;
   noise.degrees_of_freedom = 12.0;
-  for (const auto& [model, factor, freedom] : {std::tuple{"stated", 1.0, kInfinity}, std::tuple{"stated", 1.5, 12.0},
-                                               std::tuple{"residuals", 1.0, 12.0}, std::tuple{"parts", 1.5, 12.0}}) {
-    noise.model = model;
+  for (const auto& [source, factor, freedom] :
+       {std::tuple{NoiseSource::stated, 1.0, kInfinity}, std::tuple{NoiseSource::stated, 1.5, 12.0},
+        std::tuple{NoiseSource::residuals, 1.0, 12.0}, std::tuple{NoiseSource::parts, 1.5, 12.0}}) {
+    noise.source = source;
     noise.variance_factor = factor;
-    EXPECT_EQ(noise.freedom_of_covariance(), freedom) << model << factor;
+    EXPECT_EQ(noise.freedom_of_covariance(), freedom) << to_string(source) << factor;
   }
 }
 
 TEST(NoiseReport, LackOfFitSaysWhichJointExplainsIt) {
   const Fitted once;
-  EXPECT_FALSE(lack_of_fit(once.task(), once.optimum, once.free).has_value());
+  EXPECT_FALSE(lack_of_fit(once.model, once.measured, once.optimum, once.free).has_value());
   const Fitted f({.sigma = 1e-4, .repeats = 3});
-  const std::optional<LackOfFit> lack = lack_of_fit(f.task(), f.optimum, f.free);
+  const std::optional<LackOfFit> lack = lack_of_fit(f.model, f.measured, f.optimum, f.free);
   ASSERT_TRUE(lack.has_value());
   EXPECT_EQ(lack->f, test_lack_of_fit(f.model, f.measured, f.optimum, f.free)->f);
   EXPECT_EQ(lack->explained_by_joint, explained_by_joints(f.model, f.optimum, f.measured));

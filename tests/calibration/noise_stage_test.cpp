@@ -78,7 +78,7 @@ const std::vector<std::string> kSomeNames = {"base.Ty", "base.Tz", "base.Rx", "b
 
 NoiseReport unstated(double freedom) {
   NoiseReport noise;
-  noise.model = "residuals";
+  noise.source = NoiseSource::residuals;
   noise.degrees_of_freedom = freedom;
   return noise;
 }
@@ -177,17 +177,17 @@ TEST(NoiseOfMeans, IsOfARowWhatItsMeanIsOffByWhereNothingIsStated) {
 
 // What is left of three times the stated variance is a misfit of twice that.
 TEST(NoiseOfMeans, IsTheStatedOneAndAMisfitWhereTheRestIsClearlyLarger) {
-  CalibrationOptions options;
-  options.noise.independent.setConstant(2e-5);
+  NoiseBeforehand options;
+  options.stated.independent.setConstant(2e-5);
   for (const int repeats : {1, 4}) {
     const Measurements measured = of_repeats(repeats, 0.0);
     const double sigma = 2e-5 / std::sqrt(repeats);
     const NoiseModel below = noise_of_means(measured, options, 1.05 * sigma);
     EXPECT_EQ(below.target_misfit, 0.0);
-    EXPECT_EQ(below.independent, options.noise.independent);
+    EXPECT_EQ(below.independent, options.stated.independent);
     const NoiseModel above = noise_of_means(measured, options, std::sqrt(3.0) * sigma);
     EXPECT_NEAR(above.target_misfit, std::sqrt(2.0) * sigma, 1e-12);
-    EXPECT_EQ(above.independent, options.noise.independent);
+    EXPECT_EQ(above.independent, options.stated.independent);
   }
   const Measurements of_rows = of_repeats(2, 5e-5);
   EXPECT_NEAR(noise_of_means(of_rows, {}, 1e-4).target_misfit, std::sqrt(1e-8 - 25e-10 / 2.0), 1e-12);
@@ -195,16 +195,9 @@ TEST(NoiseOfMeans, IsTheStatedOneAndAMisfitWhereTheRestIsClearlyLarger) {
 
 TEST(NoiseOfMeans, HasNoMisfitWhereNoneIsToBeEstimated) {
   const Measurements measured = of_repeats(1, 1e-5);
-  std::array<CalibrationOptions, 4> all;
-  all[1].weights = Weights::equal;
-  all[2].loss = Loss::huber;
-  all[3].method = Method::two_step;
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    EXPECT_EQ(noise_of_means(measured, all[i], 1e-3).target_misfit > 0.0, i == 0) << i;
+  for (const bool estimated : {true, false}) {
+    EXPECT_EQ(noise_of_means(measured, {.stated = {}, .estimated = estimated}, 1e-3).target_misfit > 0.0, estimated);
   }
-  CalibrationOptions repeats;
-  repeats.weights = Weights::repeats;
-  EXPECT_GT(noise_of_means(measured, repeats, 1e-3).target_misfit, 0.0);
 }
 
 // ---- weights by the estimated parts --------------------------------------------------------------------------------
@@ -212,7 +205,7 @@ TEST(NoiseOfMeans, HasNoMisfitWhereNoneIsToBeEstimated) {
 // What all targets of a repeat share, and what no geometry explains: joint 3 is off by this [rad] times sin(2 q3).
 struct Noisy : testing::VirtualExperiment {
   Measurements measured;
-  CalibrationOptions options;
+  NoiseBeforehand beforehand;
   FitOptions fit_options;
   Estimate start;
 
@@ -232,12 +225,12 @@ struct Noisy : testing::VirtualExperiment {
     return experiment;
   }
 
-  FitTask task() const {
-    return {.model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options};
+  FitProblem nominal() const {
+    return {.model = model, .measurements = measured, .start = start, .free = free, .options = fit_options};
   }
 
   FitProblem problem(const NoiseModel& noise) const {
-    FitProblem result{.model = model, .measurements = measured, .start = start, .free = free, .options = fit_options};
+    FitProblem result = nominal();
     result.options.joint.residuals.noise = noise;
     result.start = kdl_calibration::fit(result).estimate;
     return result;
@@ -261,12 +254,18 @@ void expect_same(const NoiseModel& found, const NoiseModel& expected) {
   EXPECT_NEAR(found.target_misfit, expected.target_misfit, 1e-3 * expected.target_misfit + 1e-9);
 }
 
-WholeFit plain_fit(const Noisy& noisy) {
-  WholeFit fit{.identification = identify_jointly(noisy.model, noisy.measured, noisy.start, noisy.free),
-               .candidates = noisy.free,
-               .free = noisy.free};
-  return fit;
-}
+// The plain fit, and the fit with the noise that its residuals show.
+struct TwoFits {
+  Identification plain;
+  EstimatedNoise found;
+
+  explicit TwoFits(const Noisy& noisy) {
+    plain = identify_jointly(noisy.model, noisy.measured, noisy.start, noisy.free);
+    FitProblem problem = noisy.nominal();
+    problem.start = plain.estimate;
+    found = fit_with_estimated_noise(problem, noisy.beforehand, plain.rms);
+  }
+};
 
 // Seeds of which some are helped by the weights and some are harmed.
 TEST(EstimatedNoise, WeighsRowsUnlessThatPredictsLeftOutConfigurationsWorse) {
@@ -278,26 +277,22 @@ TEST(EstimatedNoise, WeighsRowsUnlessThatPredictsLeftOutConfigurationsWorse) {
     SCOPED_TRACE("seed " + std::to_string(seed) + ", harm " + std::to_string(harm));
     ASSERT_GT(std::abs(harm - 1.0), 0.02);
     (harm > 1.0 ? harmed : helped) += 1;
-    ResidualOptions for_choice;
-    EXPECT_EQ(weigh_by_estimated_noise(noisy.task(), noisy.free, for_choice), harm < 1.0);
-    WholeFit fit = plain_fit(noisy);
-    const Estimate plain = fit.identification.estimate;
-    ResidualOptions residuals;
-    const EstimatedNoise found = fit_with_estimated_noise(noisy.task(), fit, residuals);
+    const std::optional<NoiseModel> for_choice = weights_by_estimated_noise(noisy.nominal(), noisy.beforehand);
+    ASSERT_EQ(for_choice.has_value(), harm < 1.0);
+    const auto [plain, found] = TwoFits(noisy);
     ASSERT_TRUE(found.parts.has_value());
     EXPECT_TRUE(found.as_stated.noise.independent.isZero(0.0));
     if (harm < 1.0) {
       const NoiseModel expected = noisy.parts().model({});
-      expect_same(for_choice.noise, expected);
-      expect_same(residuals.noise, expected);
-      const Estimate weighed = noisy.problem(residuals.noise).start;
-      EXPECT_LT((fit.identification.estimate.errors - weighed.errors).norm(), 1e-8);
-      EXPECT_GT((plain.errors - weighed.errors).norm(), 1e-6);
+      expect_same(*for_choice, expected);
+      expect_same(found.weights, expected);
+      const Estimate weighed = noisy.problem(found.weights).start;
+      EXPECT_LT((found.estimate.errors - weighed.errors).norm(), 1e-8);
+      EXPECT_GT((plain.estimate.errors - weighed.errors).norm(), 1e-6);
       EXPECT_EQ(found.parts->scatter.size(), 0);
     } else {
-      EXPECT_FALSE(for_choice.noise.is_absolute());
-      EXPECT_FALSE(residuals.noise.is_absolute());
-      EXPECT_EQ(fit.identification.estimate.errors, plain.errors);
+      EXPECT_FALSE(found.weights.is_absolute());
+      EXPECT_EQ(found.estimate.errors, plain.estimate.errors);
       const NoiseParts beside = noise_beside_weights(noisy.problem({}), {}, true);
       EXPECT_LT((found.parts->variances - beside.variances).norm(), 1e-3 * beside.variances.norm());
       EXPECT_GT(found.parts->scatter.size(), 0);
@@ -315,70 +310,34 @@ TEST(EstimatedNoise, MayHarmALittleBesidePriors) {
   ASSERT_LT(harm, 1.08);
   ResidualOptions& residuals = noisy.fit_options.joint.residuals;
   residuals.priors = {.length = 10.0, .angle = 10.0};
-  WholeFit fit = plain_fit(noisy);
-  ResidualOptions found = residuals;
-  ASSERT_TRUE(fit_with_estimated_noise(noisy.task(), fit, found).parts.has_value());
-  EXPECT_TRUE(found.noise.is_absolute());
+  const EstimatedNoise found = TwoFits(noisy).found;
+  ASSERT_TRUE(found.parts.has_value());
+  EXPECT_TRUE(found.weights.is_absolute());
   residuals.priors = {};
-  found = residuals;
-  fit = plain_fit(noisy);
-  fit_with_estimated_noise(noisy.task(), fit, found);
-  EXPECT_FALSE(found.noise.is_absolute());
+  EXPECT_FALSE(TwoFits(noisy).found.weights.is_absolute());
 }
 
-TEST(EstimatedNoise, IsNotAskedForBesideEqualWeightsLossesAndTheTwoStepProcedure) {
+TEST(EstimatedNoise, IsNoneWhereItIsNotAskedForOrTheFitLeavesRounding) {
   Noisy noisy(1, 1e-4, 0.0);
-  const auto expect_estimated = [&](bool expected, const std::string& what) {
-    ResidualOptions residuals;
-    EXPECT_EQ(weigh_by_estimated_noise(noisy.task(), noisy.free, residuals), expected) << what;
-    EXPECT_EQ(residuals.noise.is_absolute(), expected) << what;
-    WholeFit fit = plain_fit(noisy);
-    ResidualOptions of_fit;
-    EXPECT_EQ(fit_with_estimated_noise(noisy.task(), fit, of_fit).parts.has_value(), expected) << what;
-  };
-  expect_estimated(true, "automatic");
-  noisy.options.weights = Weights::repeats;
-  expect_estimated(true, "repeats");
-  noisy.options.weights = Weights::equal;
-  expect_estimated(false, "equal");
-  noisy.options = {};
-  noisy.options.loss = Loss::huber;
-  expect_estimated(false, "loss");
-  noisy.options = {};
-  noisy.options.method = Method::two_step;
-  expect_estimated(false, "two-step");
-}
-
-TEST(EstimatedNoise, IsNoneOfFitsThatDidNotArriveOrLeaveRounding) {
-  const Noisy noisy(2, 1e-4, 0.0);
-  for (const Termination termination : {Termination::converged, Termination::rank_deficient, Termination::stalled,
-                                        Termination::iteration_limit, Termination::diverged}) {
-    WholeFit fit = plain_fit(noisy);
-    fit.identification.termination = termination;
-    ResidualOptions residuals;
-    const bool arrived = termination == Termination::converged || termination == Termination::rank_deficient;
-    EXPECT_EQ(fit_with_estimated_noise(noisy.task(), fit, residuals).parts.has_value(), arrived)
-        << to_string(termination);
+  for (const bool asked : {true, false}) {
+    noisy.beforehand.estimated = asked;
+    EXPECT_EQ(weights_by_estimated_noise(noisy.nominal(), noisy.beforehand).has_value(), asked);
+    EXPECT_EQ(TwoFits(noisy).found.parts.has_value(), asked);
   }
-  WholeFit exact = plain_fit(noisy);
-  exact.identification.rms = 1e-13;
-  ResidualOptions residuals;
-  EXPECT_FALSE(fit_with_estimated_noise(noisy.task(), exact, residuals).parts.has_value());
+  EXPECT_FALSE(fit_with_estimated_noise(noisy.problem({}), {}, 1e-13).parts.has_value());
 }
 
 // Nothing is left to estimate where residuals are as small as the stated noise.
 TEST(EstimatedNoise, IsNothingWhereWhatIsStatedHolds) {
   Noisy noisy(3, 0.0, 0.0);
   noisy.measured = subset(noisy.measured, [](const Observation& o) { return o.repeat == 1; });
-  noisy.options.noise.independent.setConstant(2e-5);
-  noisy.fit_options.joint.residuals.noise = noisy.options.noise;
-  ResidualOptions residuals = noisy.fit_options.joint.residuals;
-  EXPECT_FALSE(weigh_by_estimated_noise(noisy.task(), noisy.free, residuals));
-  WholeFit fit = plain_fit(noisy);
-  const EstimatedNoise found = fit_with_estimated_noise(noisy.task(), fit, residuals);
+  noisy.beforehand.stated.independent.setConstant(2e-5);
+  noisy.fit_options.joint.residuals.noise = noisy.beforehand.stated;
+  EXPECT_FALSE(weights_by_estimated_noise(noisy.nominal(), noisy.beforehand).has_value());
+  const EstimatedNoise found = TwoFits(noisy).found;
   EXPECT_FALSE(found.parts.has_value());
-  EXPECT_EQ(found.as_stated.noise.independent, noisy.options.noise.independent);
-  EXPECT_EQ(residuals.noise.independent, noisy.options.noise.independent);
+  EXPECT_EQ(found.as_stated.noise.independent, noisy.beforehand.stated.independent);
+  EXPECT_EQ(found.weights.independent, noisy.beforehand.stated.independent);
 }
 
 }  // namespace

@@ -9,7 +9,7 @@
 #include <sstream>
 
 #include "base/name_pattern.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -52,7 +52,7 @@ bool matches_any(const std::vector<std::string>& patterns, const std::string& na
 }
 
 // `held`: coordinates of known frames that nobody frees, or that are fixed.
-void expect_choice(const ErrorModel& model, const CalibrationOptions& options, const std::vector<std::string>& held) {
+void expect_choice(const ErrorModel& model, const ParameterOptions& options, const std::vector<std::string>& held) {
   const std::vector<TargetFrame> targets = a_point_and_a_frame();
   constexpr int kConfigurations = 15;
   const ParameterChoice found = choose_parameters(model, targets, options, {.configurations = kConfigurations});
@@ -86,13 +86,13 @@ TEST(ParameterChoice, IsWhatIsKeptAndFreedLessWhatIsFixedAndKnown) {
   expect_choice(model, {.free = {"dq1", "T?6"}}, {});
   expect_choice(model, {.model = ModelChoice::complete, .fix = {"Tx*"}, .free = {"dq1"}}, {});
   const std::vector<std::string> base = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
-  CalibrationOptions known{.known_base = Eigen::Isometry3d::Identity()};
+  ParameterOptions known{.known_base = Eigen::Isometry3d::Identity()};
   expect_choice(model, known, base);
   known.free = {"base.T?"};
   expect_choice(model, known, {"base.Rx", "base.Ry", "base.Rz"});
   known.fix = {"base.Rz"};
   expect_choice(model, known, {"base.Rx", "base.Ry", "base.Rz"});
-  CalibrationOptions frame{.known_targets = {a_point_and_a_frame()[1]}};
+  ParameterOptions frame{.known_targets = {a_point_and_a_frame()[1]}};
   expect_choice(model, frame, {"B.x", "B.y", "B.z", "B.Rx", "B.Ry", "B.Rz"});
   frame.free = {"B.?"};
   expect_choice(model, frame, {"B.Rx", "B.Ry", "B.Rz"});
@@ -112,7 +112,7 @@ TEST(ParameterChoice, IsMadeAtTheGeometryThatIsStated) {
 
 TEST(ParameterChoice, RefusesPatternsThatNothingMatches) {
   const ErrorModel model = complete_model(testing::fanuc());
-  const auto refused = [&](const CalibrationOptions& options) {
+  const auto refused = [&](const ParameterOptions& options) {
     return refusal([&] { choose_parameters(model, a_point_and_a_frame(), options); });
   };
   EXPECT_THAT(refused({.fix = {"dq2", "dq7"}}), HasSubstr("fix: 'dq7' matches no parameter; there are base.Tx, base"));
@@ -126,7 +126,7 @@ TEST(ParameterChoice, RefusesPatternsThatNothingMatches) {
 
 TEST(ParameterChoice, RefusesToFixFramesThatAreNotKnown) {
   const ErrorModel model = complete_model(testing::fanuc());
-  const auto refused = [&](const CalibrationOptions& options) -> std::vector<std::string> {
+  const auto refused = [&](const ParameterOptions& options) -> std::vector<std::string> {
     try {
       choose_parameters(model, a_point_and_a_frame(), options);
     } catch (const OptionError& error) {
@@ -149,7 +149,7 @@ TEST(ParameterChoice, PatternsOfEffectsLeaveOutTheTermsThatTheyMatch) {
   const auto fixed = [&](const std::vector<std::string>& patterns) {
     std::vector<std::string> names;
     for (const EffectTerm& term : gains) {
-      if (fixes_effect({.fix = patterns}, term)) {
+      if (fixes_effect(patterns, term)) {
         names.push_back(term.name);
       }
     }
@@ -248,11 +248,13 @@ struct Simulated {
 constexpr double kNoise = 0.00003;
 
 // sigma sqrt(p / (3 N)) of a coordinate, in three dimensions
-double floor_of(const Calibration& found) { return kNoise * std::sqrt(3.0 * found.identifiability.rank / 360.0); }
+double floor_of(const Calibration& found) {
+  return kNoise * std::sqrt(3.0 * found.uncertainty.identifiability.rank / 360.0);
+}
 
 // However many fits lead to the answer.
 void expect_a_misfit_before_each_iteration(const Calibration& found) {
-  const Identification& fit = found.identification;
+  const Identification& fit = found.fit.identification;
   EXPECT_EQ(fit.rms_history.size(), static_cast<std::size_t>(fit.iterations));
   if (!fit.rms_history.empty()) {
     EXPECT_GE(fit.rms_history.front(), fit.rms);
@@ -264,17 +266,17 @@ constexpr std::array kTilts = {0.0, 1e-9, 1e-6, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 3.1
 void expect_no_difference_to_parallel_axes(int style, double tilt) {
   SCOPED_TRACE("style " + std::to_string(style) + ", tilt " + std::to_string(tilt));
   const Simulated exact(six_joints(style, tilt), 7, 0.0);
-  const Calibration clean = calibrate(exact.model, exact.measured, {.held_out = false});
-  EXPECT_TRUE(clean.trusted()) << clean.identification.message;
+  const Calibration clean = calibrate(exact.model, exact.measured, {.validation = {.held_out = false}});
+  EXPECT_TRUE(clean.trusted()) << clean.fit.identification.message;
   expect_a_misfit_before_each_iteration(clean);
-  EXPECT_LT(clean.test->after.rms, 1e-9);
-  EXPECT_LT(clean.identifiability.condition, 200.0);
+  EXPECT_LT(clean.accuracy.test->after.rms, 1e-9);
+  EXPECT_LT(clean.uncertainty.identifiability.condition, 200.0);
   const Simulated noisy(six_joints(style, tilt), 8, kNoise);
   const Calibration found = calibrate(noisy.model, noisy.measured);
-  EXPECT_TRUE(found.trusted()) << found.identification.message;
+  EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
   expect_a_misfit_before_each_iteration(found);
-  EXPECT_EQ(found.identifiability.rank, 33);
-  EXPECT_LT(found.test->after.rms, 2.0 * floor_of(found));
+  EXPECT_EQ(found.uncertainty.identifiability.rank, 33);
+  EXPECT_LT(found.accuracy.test->after.rms, 2.0 * floor_of(found));
 }
 
 TEST(ParametersOfRealArms, NearlyParallelAxesAreTreatedAsWellAsParallelOnes) {
@@ -295,18 +297,20 @@ TEST(ParametersOfRealArms, AnExportedRobotIsCalibratedAgain) {
   for (const std::uint64_t seed : {1U, 4U, 5U, 6U}) {
     const std::string nominal = seed <= 3 ? fanuc().urdf : six_joints(static_cast<int>(seed) - 4, 0.0);
     const Simulated first(nominal, seed, kNoise);
-    const std::string exported = calibrated_urdf(
-        first.robot, first.model,
-        calibrate(first.model, first.measured, {.held_out = false, .try_readings = false}).exported.estimate.errors);
+    const std::string exported =
+        calibrated_urdf(first.robot, first.model,
+                        calibrate(first.model, first.measured,
+                                  {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}})
+                            .exported.estimate.errors);
     const Simulated exact(exported, 100 + seed, 0.0);
-    const Calibration clean = calibrate(exact.model, exact.measured, {.held_out = false});
-    EXPECT_TRUE(clean.trusted()) << seed << ": " << clean.identification.message;
-    EXPECT_LT(clean.test->after.rms, 1e-9) << seed;
+    const Calibration clean = calibrate(exact.model, exact.measured, {.validation = {.held_out = false}});
+    EXPECT_TRUE(clean.trusted()) << seed << ": " << clean.fit.identification.message;
+    EXPECT_LT(clean.accuracy.test->after.rms, 1e-9) << seed;
     const Simulated noisy(exported, 200 + seed, kNoise);
     const Calibration found = calibrate(noisy.model, noisy.measured);
-    EXPECT_TRUE(found.trusted()) << seed << ": " << found.identification.message;
-    EXPECT_EQ(found.identifiability.rank, 33) << seed;
-    EXPECT_LT(found.test->after.rms, 2.0 * floor_of(found)) << seed;
+    EXPECT_TRUE(found.trusted()) << seed << ": " << found.fit.identification.message;
+    EXPECT_EQ(found.uncertainty.identifiability.rank, 33) << seed;
+    EXPECT_LT(found.accuracy.test->after.rms, 2.0 * floor_of(found)) << seed;
   }
 }
 
@@ -354,11 +358,13 @@ struct SkewChain {
 // Iterations that the noise-free calibration of this chain takes.
 int iterations_to_rounding(std::uint64_t seed) {
   const SkewChain chain(seed);
-  const Calibration found = calibrate(chain.model, chain.measured, {.held_out = false, .try_readings = false});
-  EXPECT_EQ(found.identification.termination, Termination::converged) << seed << ": " << found.identification.message;
-  EXPECT_LT(found.test->after.rms, 1e-9) << seed;
+  const Calibration found =
+      calibrate(chain.model, chain.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+  EXPECT_EQ(found.fit.identification.termination, Termination::converged)
+      << seed << ": " << found.fit.identification.message;
+  EXPECT_LT(found.accuracy.test->after.rms, 1e-9) << seed;
   expect_a_misfit_before_each_iteration(found);
-  return found.identification.iterations;
+  return found.fit.identification.iterations;
 }
 
 TEST(ParametersOfRealArms, SkewChainsArriveAtRounding) {
@@ -381,9 +387,9 @@ double mean_held_out(int style, double tilt) {
   for (std::uint64_t seed = 1; seed <= kSeeds; ++seed) {
     const Simulated noisy(six_joints(style, tilt), 1000 + seed, kNoise);
     const Calibration found = calibrate(noisy.model, noisy.measured);
-    EXPECT_TRUE(found.trusted()) << seed << ": " << found.identification.message;
-    EXPECT_LT(found.test->after.rms, 2.0 * floor_of(found)) << seed;
-    sum += found.test->after.rms;
+    EXPECT_TRUE(found.trusted()) << seed << ": " << found.fit.identification.message;
+    EXPECT_LT(found.accuracy.test->after.rms, 2.0 * floor_of(found)) << seed;
+    sum += found.accuracy.test->after.rms;
   }
   return sum / kSeeds;
 }
@@ -415,8 +421,8 @@ TEST(ParametersOfRealArms, CoincidentAxesRoundedAnglesAndKilometresAreNothingSpe
                                       at(0.1, 0, 0.2));
     const Simulated s(urdf, 3, 0.0);
     const Calibration found = calibrate(s.model, s.measured);
-    EXPECT_TRUE(found.trusted()) << scale << ": " << found.identification.message;
-    EXPECT_LT(found.test->after.rms, 1e-9 * scale) << scale;
+    EXPECT_TRUE(found.trusted()) << scale << ": " << found.fit.identification.message;
+    EXPECT_LT(found.accuracy.test->after.rms, 1e-9 * scale) << scale;
   }
 }
 
@@ -445,9 +451,9 @@ TEST(ParametersOfRealArms, TheLastColumnOfTwoThatAreNearlyTheSameIsLeftToBetterO
 TEST(ParametersOfRealArms, ATargetAtTheWristCentreKeepsTheHistoryOfEveryFit) {
   testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.0, -0.215, 0.0}})});
   const Calibration found = calibrate(experiment.model, experiment.measure(40));
-  EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
-  EXPECT_GT(found.identification.rms_history.front(), 1e-5) << "of the nominal robot";
-  EXPECT_LT(found.train.after.max, 1e-9);
+  EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
+  EXPECT_GT(found.fit.identification.rms_history.front(), 1e-5) << "of the nominal robot";
+  EXPECT_LT(found.accuracy.train.after.max, 1e-9);
   expect_a_misfit_before_each_iteration(found);
 }
 
@@ -462,11 +468,11 @@ Calibration case_of(const std::string& name) {
 TEST(ParametersOfRealArmsOnRealData, CasesWithoutNoiseAreExact) {
   for (const std::string name : {"nearly_parallel", "div_RRRRRRRF11", "fail_g", "s148"}) {
     const Calibration found = case_of(name);
-    EXPECT_TRUE(found.trusted()) << name << ": " << found.identification.message;
-    EXPECT_LE(found.identification.iterations, 12) << name;
-    EXPECT_LT(found.train.after.max, 1e-9) << name;
-    if (found.test) {
-      EXPECT_LT(found.test->after.max, 1e-9) << name;
+    EXPECT_TRUE(found.trusted()) << name << ": " << found.fit.identification.message;
+    EXPECT_LE(found.fit.identification.iterations, 12) << name;
+    EXPECT_LT(found.accuracy.train.after.max, 1e-9) << name;
+    if (found.accuracy.test) {
+      EXPECT_LT(found.accuracy.test->after.max, 1e-9) << name;
     }
   }
 }
@@ -474,10 +480,10 @@ TEST(ParametersOfRealArmsOnRealData, CasesWithoutNoiseAreExact) {
 TEST(ParametersOfRealArmsOnRealData, ATargetAtTheWristCentreDoesNotTellTheWrist) {
   const Calibration found = case_of("wristcentre");
   expect_a_misfit_before_each_iteration(found);
-  EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
-  EXPECT_LT(found.train.after.max, 1e-9);
-  for (const ParameterEstimate& parameter : found.parameters) {
-    if (parameter.kind != "translation" && !parameter.joint.empty()) {
+  EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
+  EXPECT_LT(found.accuracy.train.after.max, 1e-9);
+  for (const ParameterEstimate& parameter : found.uncertainty.parameters) {
+    if (parameter.kind != ParameterKind::translation && !parameter.joint.empty()) {
       EXPECT_LT(std::abs(parameter.error), 0.1) << parameter.name;
     }
   }
@@ -485,12 +491,12 @@ TEST(ParametersOfRealArmsOnRealData, ATargetAtTheWristCentreDoesNotTellTheWrist)
 
 TEST(ParametersOfRealArmsOnRealData, AToolThatHardlyTurnsIsFittedInFewIterationsAndDoubted) {
   const Calibration found = case_of("constant_orientation");
-  EXPECT_EQ(found.identification.termination, Termination::rank_deficient) << found.identification.message;
-  EXPECT_LT(found.identification.iterations, 30);
-  EXPECT_LT(found.train.after.rms, 0.00014);
-  EXPECT_LT(found.identification.estimate.targets[0].X_FT.translation().norm(), 0.3);
-  for (std::size_t i = 1; i < found.identification.rms_history.size(); ++i) {
-    EXPECT_LE(found.identification.rms_history[i], found.identification.rms_history[i - 1]) << i;
+  EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
+  EXPECT_LT(found.fit.identification.iterations, 30);
+  EXPECT_LT(found.accuracy.train.after.rms, 0.00014);
+  EXPECT_LT(found.fit.identification.estimate.targets[0].X_FT.translation().norm(), 0.3);
+  for (std::size_t i = 1; i < found.fit.identification.rms_history.size(); ++i) {
+    EXPECT_LE(found.fit.identification.rms_history[i], found.fit.identification.rms_history[i - 1]) << i;
   }
 }
 

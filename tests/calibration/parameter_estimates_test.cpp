@@ -33,10 +33,7 @@ std::vector<TargetFrame> a_point_and_a_frame() {
 // An answer of which everything is made up.
 struct Answer {
   ErrorModel model = complete_model(parse_robot(testing::kOddArm));
-  Measurements measurements;
   Estimate start;
-  CalibrationOptions options;
-  FitOptions fit_options;
   WholeFit fit;
   std::vector<std::string> fixed_by_gauge = {"B.Rz", "Rz1"};
   std::vector<std::vector<std::string>> tied = {{"dq4", "Tx2"}};
@@ -67,14 +64,13 @@ struct Answer {
     for (Index c = 0; c < fit.free.size(); ++c) {
       covariance(c, c) = 1e-6 * static_cast<double>(c + 1);
     }
-    noise.model = "residuals";
+    noise.source = NoiseSource::residuals;
     noise.degrees_of_freedom = 12.0;
   }
 
   std::vector<ParameterEstimate> estimates() const {
     return parameter_estimates(
-        {.model = model, .measurements = measurements, .start = start, .options = options, .fit_options = fit_options},
-        fit, {.fixed_by_gauge = fixed_by_gauge, .tied = tied, .covariance = covariance, .noise = noise});
+        model, start, fit, {.fixed_by_gauge = fixed_by_gauge, .tied = tied, .covariance = covariance, .noise = noise});
   }
 };
 
@@ -88,7 +84,7 @@ void add_frame(const std::string& name, const std::vector<std::string>& places, 
     };
     all.push_back({.name = name + "." + places[i],
                    .joint = "",
-                   .kind = i < 3 ? "translation" : "rotation",
+                   .kind = i < 3 ? ParameterKind::translation : ParameterKind::rotation,
                    .axis = std::string(1, "xyz"[axis]),
                    .nominal = value_of(before),
                    .value = value_of(after),
@@ -108,7 +104,7 @@ std::vector<ParameterEstimate> lines_of(const Answer& answer) {
     const double error = estimate.errors[static_cast<Index>(p)];
     all.push_back({.name = parameter.name,
                    .joint = parameter.joint,
-                   .kind = to_string(parameter.kind),
+                   .kind = parameter.kind,
                    .axis = parameter.axis == 'q' ? std::string() : std::string{parameter.axis},
                    .nominal = parameter.nominal,
                    .value = parameter.nominal + error,
@@ -118,7 +114,7 @@ std::vector<ParameterEstimate> lines_of(const Answer& answer) {
     const double value = estimate.effects[static_cast<Index>(e)];
     all.push_back({.name = answer.model.effects[e].name,
                    .joint = answer.model.effects[e].joint,
-                   .kind = "effect",
+                   .kind = ParameterKind::effect,
                    .axis = "",
                    .nominal = 0.0,
                    .value = value,
@@ -175,7 +171,7 @@ TEST(ParameterEstimates, OfAnEstimateWithoutEffectsHaveNone) {
   answer.fit.free = answer.fit.free.without(UnknownGroup::effects);
   answer.covariance = MatrixXd::Identity(answer.fit.free.size(), answer.fit.free.size());
   for (const ParameterEstimate& parameter : answer.estimates()) {
-    EXPECT_NE(parameter.kind, "effect") << parameter.name;
+    EXPECT_NE(parameter.kind, ParameterKind::effect) << parameter.name;
   }
 }
 

@@ -29,8 +29,8 @@ struct Uncertain : testing::VirtualExperiment {
   MatrixXd covariance;
   MatrixXd triangle;  // of the candidates
   NoiseReport noise;
-  FoldPrediction held_out;
-  double price = 1.0;
+  std::vector<HeldOutPoint> held_out;
+  double optimism = 1.0;
   Configurations asked;
 
   explicit Uncertain(int count_of_targets)
@@ -42,7 +42,7 @@ struct Uncertain : testing::VirtualExperiment {
     const MatrixXd root = MatrixXd::NullaryExpr(free.size(), free.size(), [&] { return 1e-5 * numbers.normal(); });
     covariance = root * root.transpose();
     triangle = MatrixXd::Identity(free.size(), free.size());
-    noise.model = "residuals";
+    noise.source = NoiseSource::residuals;
     noise.degrees_of_freedom = 20.0;
     noise.independent.setConstant(3e-5);
     noise.misfit = 2e-5;
@@ -52,10 +52,10 @@ struct Uncertain : testing::VirtualExperiment {
     return predicted_accuracy({.model = model,
                                .fit = fit,
                                .covariance = covariance,
-                               .triangle_of_candidates = triangle,
+                               .root_of_candidates = triangle,
                                .noise = noise,
                                .held_out = held_out,
-                               .price_of_choosing = price},
+                               .optimism = optimism},
                               measured, asked);
   }
 
@@ -69,7 +69,7 @@ struct Uncertain : testing::VirtualExperiment {
 
 TEST(PredictedAccuracy, OfAskedPointsIsThatOfTheirColumnsAndOfANewPoint) {
   Uncertain u(3);
-  u.price = 1.4;
+  u.optimism = 1.4;
   const Measurements measured = u.measure(12);
   MatrixXd asked(6, 3);
   asked << measured.joint_values.leftCols(2), measured.joint_values.col(2);

@@ -17,22 +17,22 @@ namespace {
 Calibration with_errors(double length, double second_length, double angle) {
   Calibration found;
   found.model = complete_model(testing::fanuc());
-  found.identification.estimate.errors =
+  found.fit.identification.estimate.errors =
       Eigen::VectorXd::Zero(static_cast<Eigen::Index>(found.model.parameters.size()));
-  found.identification.estimate.targets = published_targets();
-  found.free = Unknowns(found.model, published_targets(), {"base.Tx", "Tx1", "Ty1", "Rz2"});
+  found.fit.identification.estimate.targets = published_targets();
+  found.fit.free = Unknowns(found.model, published_targets(), {"base.Tx", "Tx1", "Ty1", "Rz2"});
   const auto set = [&](const std::string& name, double error) {
     const auto p = std::find_if(found.model.parameters.begin(), found.model.parameters.end(),
                                 [&](const ErrorParameter& parameter) { return parameter.name == name; });
-    found.identification.estimate.errors[p - found.model.parameters.begin()] = error;
+    found.fit.identification.estimate.errors[p - found.model.parameters.begin()] = error;
   };
   set("Tx1", length);
   set("Ty1", second_length);
   set("Rz2", angle);
-  found.identification.estimate.X_WB.translation().x() = 5.0;
-  found.priors = {.length = 1e-3, .angle = 2e-3};
-  found.covariance = Eigen::MatrixXd::Zero(4, 4);
-  found.covariance.diagonal() << 1e-8, 1e-7, 4e-7, 1e-6;
+  found.fit.identification.estimate.X_WB.translation().x() = 5.0;
+  found.selection.priors = {.length = 1e-3, .angle = 2e-3};
+  found.uncertainty.covariance = Eigen::MatrixXd::Zero(4, 4);
+  found.uncertainty.covariance.diagonal() << 1e-8, 1e-7, 4e-7, 1e-6;
   return found;
 }
 
@@ -62,16 +62,16 @@ TEST(PriorCheck, ContradictsFromAChanceOfOneInAThousandOn) {
 TEST(PriorCheck, SmallEstimatesAndNoneContradictNothing) {
   EXPECT_EQ(excess_over_priors(with_errors(1e-9, 0.0, 0.0)), 1.0);
   Calibration without = with_errors(1.0, 1.0, 1.0);
-  without.priors = {};
+  without.selection.priors = {};
   EXPECT_EQ(excess_over_priors(without), 1.0);
 }
 
 TEST(PriorCheck, WhatIsNotDeterminedOrTellsNothingBeyondItsPriorDoesNotCount) {
   Calibration found = with_errors(8e-3, 1.0, 0.0);
-  found.covariance(2, 2) = std::numeric_limits<double>::infinity();
+  found.uncertainty.covariance(2, 2) = std::numeric_limits<double>::infinity();
   EXPECT_NEAR(excess_over_priors(found), std::sqrt(64.0 / (0.9 + 0.75)), 1e-12);
   found = with_errors(8e-3, 0.0, 0.0);
-  found.covariance(3, 3) = 5e-6;  // more than its prior says
+  found.uncertainty.covariance(3, 3) = 5e-6;  // more than its prior says
   EXPECT_NEAR(excess_over_priors(found), std::sqrt(64.0 / (0.9 + 0.6)), 1e-12);
 }
 

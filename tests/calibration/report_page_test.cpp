@@ -11,7 +11,7 @@
 #include "base/thinned.hpp"
 #include "calibration/report_blocks.hpp"
 #include "german_locale.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/prediction.hpp"
 #include "kdl_calibration/result_json.hpp"
@@ -48,7 +48,7 @@ Measured measured(int configurations, const std::vector<std::string>& targets = 
 }
 
 std::string result_of(const Measured& measured, const Provenance& provenance = {}) {
-  const CalibrationOptions options{.try_readings = false};  // a page shows none
+  const CalibrationOptions options{.diagnosis = {.try_readings = false}};  // a page shows none
   return result_json(measured.robot, measured.measurements, options,
                      calibrate(measured.model, measured.measurements, options), provenance);
 }
@@ -208,10 +208,11 @@ TEST(ReportPage, ResidualsArePredictedByTheChain) {
   const CalibrationOptions options;
   const Calibration found = calibrate(setting.model, setting.measurements, options);
   const Json block = Json::parse(reported_measurements({.model = found.model,
-                                                        .estimate = found.identification.estimate,
+                                                        .estimate = found.fit.identification.estimate,
                                                         .measurements = setting.measurements,
                                                         .before = nullptr}));
-  const std::vector<double> errors = position_errors(found.model, found.identification.estimate, setting.measurements);
+  const std::vector<double> errors =
+      position_errors(found.model, found.fit.identification.estimate, setting.measurements);
   ASSERT_EQ(block["points"].size(), errors.size());
   for (std::size_t i = 0; i < errors.size(); ++i) {
     const Json& residual = block["points"][i]["residual"];

@@ -22,7 +22,7 @@ struct Rows {
 
   explicit Rows(const std::vector<double>& off) {
     calibration.model = complete_model(testing::fanuc());
-    Estimate& estimate = calibration.identification.estimate;
+    Estimate& estimate = calibration.fit.identification.estimate;
     estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(calibration.model.parameters.size()));
     estimate.targets = testing::targets_at({{0.0, 0.0, 0.0}, {0.0, 0.0, 0.1}});
     measured.joint_values = Eigen::MatrixXd::Zero(6, 2);
@@ -96,11 +96,11 @@ TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
     Calibration calibration;
     calibration.model = complete_model(testing::fanuc());
     calibration.model.effects.resize(count);
-    calibration.free = Unknowns().with_all(calibration.model, UnknownGroup::effects);
+    calibration.fit.free = Unknowns().with_all(calibration.model, UnknownGroup::effects);
     const auto size = static_cast<Eigen::Index>(count);
-    calibration.covariance = Eigen::MatrixXd::NullaryExpr(
+    calibration.uncertainty.covariance = Eigen::MatrixXd::NullaryExpr(
         size, size, [](Eigen::Index r, Eigen::Index c) { return static_cast<double>(1000 * r + c); });
-    calibration.covariance(0, 0) = kInfinity;
+    calibration.uncertainty.covariance(0, 0) = kInfinity;
     const Json json = covariance_json(calibration);
     EXPECT_EQ(json.is_null(), count > 300) << count;
     if (!json.is_null()) {
@@ -111,7 +111,7 @@ TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
                 count == 1 ? Json(nullptr) : Json(1001.0 * static_cast<double>(count - 1)));
       EXPECT_EQ(json["names"].size(), count);
     }
-    calibration.covariance.resize(0, 0);  // of a fit that did not arrive
+    calibration.uncertainty.covariance.resize(0, 0);  // of a fit that did not arrive
     EXPECT_TRUE(covariance_json(calibration).is_null());
   }
 }
@@ -119,7 +119,7 @@ TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
 TEST(ResultBlocks, HeldOutPointsAreWrittenUpTo5000) {
   Rows rows({0.0});
   EXPECT_TRUE(held_out_points_json(rows.measured, rows.calibration).is_null());
-  std::vector<HeldOutPoint>& points = rows.calibration.held_out_points;
+  std::vector<HeldOutPoint>& points = rows.calibration.accuracy.held_out_points;
   points.assign(5000, {.configuration = 1, .target = 1, .residual = Eigen::Vector3d(2.0, 3.0, 6.0)});
   points[1].residual.y() = std::nan("");
   const Json json = held_out_points_json(rows.measured, rows.calibration);
@@ -170,8 +170,8 @@ TEST(ResultBlocks, TablesOfFilesHaveARowForEach) {
   calibration.model.effects.resize(2);
   calibration.model.effects[0].name = "a";
   calibration.model.effects[1].name = "b,c";
-  calibration.free = Unknowns().with_all(calibration.model, UnknownGroup::effects);
-  calibration.covariance = (Eigen::Matrix2d() << 1.0, 0.5, 0.25, kInfinity).finished();
+  calibration.fit.free = Unknowns().with_all(calibration.model, UnknownGroup::effects);
+  calibration.uncertainty.covariance = (Eigen::Matrix2d() << 1.0, 0.5, 0.25, kInfinity).finished();
   EXPECT_EQ(covariance_csv(calibration), "parameter,a,\"b,c\"\na,1,0.5\n\"b,c\",0.25,\n");
 }
 

@@ -19,7 +19,7 @@
 
 #include "base/sha256.hpp"
 #include "german_locale.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
@@ -77,7 +77,7 @@ struct Setup : testing::VirtualExperiment {
 
   /// Without other readings, of which a report shows nothing but warnings.
   Case calibrated(const std::string& name, const Measurements& measurements, CalibrationOptions options = {}) {
-    options.try_readings = false;
+    options.diagnosis.try_readings = false;
     Case result{name, nominal, measurements, options, calibrate(model, measurements, options), {}};
     result.result = rendered(result);
     return result;
@@ -101,18 +101,19 @@ void add_cases_of_points(std::vector<Case>& cases) {
   const Measurements plain = s.measured(q, kPoints);
   const Measurements with_test = joined(plain, s.measured(s.configurations(6), kPoints, Split::test));
   cases.push_back(s.calibrated("plain", plain));
-  cases.push_back(s.calibrated("test rows, leave-one-out, k-fold", with_test, {.leave_one_out = true, .k_fold = 5}));
-  cases.push_back(s.calibrated("two-step", plain, {.method = Method::two_step}));
-  cases.push_back(s.calibrated("complete model", plain, {.model = ModelChoice::complete}));
-  cases.push_back(s.calibrated("known base", plain, {.known_base = s.robot.truth.X_WB}));
-  cases.push_back(s.calibrated("known targets", plain, {.known_targets = s.robot.truth.targets}));
+  cases.push_back(s.calibrated("test rows, leave-one-out, k-fold", with_test,
+                               {.validation = {.leave_one_out = true, .k_fold = 5}}));
+  cases.push_back(s.calibrated("two-step", plain, {.estimator = {.method = Method::two_step}}));
+  cases.push_back(s.calibrated("complete model", plain, {.parameters = {.model = ModelChoice::complete}}));
+  cases.push_back(s.calibrated("known base", plain, {.parameters = {.known_base = s.robot.truth.X_WB}}));
+  cases.push_back(s.calibrated("known targets", plain, {.parameters = {.known_targets = s.robot.truth.targets}}));
   cases.push_back(s.calibrated("hardly enough", s.measured(s.configurations(5), kPoints)));
   Measurements mistyped = plain;
   mistyped.observations[40].position.y() += 0.01;
-  cases.push_back(s.calibrated("robust loss", mistyped, {.loss = Loss::tukey}));
+  cases.push_back(s.calibrated("robust loss", mistyped, {.estimator = {.loss = Loss::tukey}}));
   CalibrationOptions stated{.predict_at = {{"first", "second"}, s.configurations(2)}};
-  stated.noise.independent = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
-  stated.noise.common = Eigen::Vector3d(3e-5, 2e-5, 1e-5);
+  stated.noise.stated.independent = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
+  stated.noise.stated.common = Eigen::Vector3d(3e-5, 2e-5, 1e-5);
   cases.push_back(s.calibrated("noise that is stated, predictions", with_test, stated));
   Eigen::MatrixXd held = q;
   held.row(3).setConstant(0.6);
@@ -127,12 +128,12 @@ void add_cases_of_repeats(std::vector<Case>& cases) {
   const Measurements repeats =
       joined(s.measured(s.configurations(20), kRepeats), s.measured(s.configurations(4), kRepeats, Split::test));
   cases.push_back(s.calibrated("repeats", repeats));
-  cases.push_back(s.calibrated("noise from repeats", repeats, {.weights = Weights::repeats}));
+  cases.push_back(s.calibrated("noise from repeats", repeats, {.noise = {.weights = Weights::repeats}}));
   Setup poses(fanuc(), with_orientation(published_targets(2)), 3);
   MeasuringNoise noise = kRepeats;
   noise.orientation_sigma = 1e-4;
-  cases.push_back(
-      poses.calibrated("orientations", poses.measured(poses.configurations(15), noise), {.weights = Weights::repeats}));
+  cases.push_back(poses.calibrated("orientations", poses.measured(poses.configurations(15), noise),
+                                   {.noise = {.weights = Weights::repeats}}));
 }
 
 void add_cases_of_effects(std::vector<Case>& cases) {
@@ -143,23 +144,22 @@ void add_cases_of_effects(std::vector<Case>& cases) {
   const Measurements sagging =
       joined(s.measured(s.configurations(24), kPoints), s.measured(s.configurations(5), kPoints, Split::test));
   cases.push_back(s.calibrated("gravity and gains", sagging,
-                               {.priors = {.length = 1e-3, .angle = 2e-3},
-                                .effects = {.groups = {EffectGroup::gravity, EffectGroup::gain}},
-                                .leave_one_out = true}));
+                               {.selection = {.priors = {.length = 1e-3, .angle = 2e-3},
+                                              .effects = {.groups = {EffectGroup::gravity, EffectGroup::gain}}},
+                                .validation = {.leave_one_out = true}}));
   const Measurements few = subset(sagging, [](const Observation& o) { return o.configuration < 14; });
-  cases.push_back(s.calibrated("automatic choice, nested", few,
-                               {.priors = {.length = 1e-3, .angle = 2e-3},
-                                .effects = {.automatic = true},
-                                .leave_one_out = true,
-                                .nested = true}));
+  cases.push_back(
+      s.calibrated("automatic choice, nested", few,
+                   {.selection = {.priors = {.length = 1e-3, .angle = 2e-3}, .effects = {.automatic = true}},
+                    .validation = {.leave_one_out = true, .nested = true}}));
   Setup odd(parse_robot(kOddArm), testing::targets_at({{0.1, 0.0, 0.05}, {0.0, 0.12, 0.0}}), 5);
   const Eigen::MatrixXd q = odd.configurations(45);
-  cases.push_back(
-      odd.calibrated("odd arm", odd.measured(q, kPoints),
-                     {.effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
-                                             EffectGroup::harmonics, EffectGroup::tables}},
-                      .weights = Weights::equal,
-                      .predict_at = {{"here"}, odd.configurations(1)}}));
+  cases.push_back(odd.calibrated(
+      "odd arm", odd.measured(q, kPoints),
+      {.noise = {.weights = Weights::equal},
+       .selection = {.effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
+                                            EffectGroup::harmonics, EffectGroup::tables}}},
+       .predict_at = {{"here"}, odd.configurations(1)}}));
 }
 
 const std::vector<Case>& cases() {
@@ -205,41 +205,41 @@ Case made_up() {
   Calibration& found = c.calibration;
   found.model = complete_model(parse_robot(kOddArm));
   const auto count = static_cast<Eigen::Index>(found.model.parameters.size());
-  found.identification = {.termination = Termination::stalled, .message = "stands", .iterations = 7};
-  found.identification.rms_history = {0.5, 0.25};
-  Estimate& estimate = found.identification.estimate;
+  found.fit.identification = {.termination = Termination::stalled, .message = "stands", .iterations = 7};
+  found.fit.identification.rms_history = {0.5, 0.25};
+  Estimate& estimate = found.fit.identification.estimate;
   estimate.errors = Eigen::VectorXd::Zero(count);
   estimate.targets = testing::targets_at({{0.1, 0.2, 0.3}, {0.4, 0.5, 0.6}});
   estimate.X_WB = Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(-0.6, 0.0, 0.0, 0.8);
   found.exported.estimate = estimate;
-  found.identifiability.rank = 21;
-  found.identifiability.condition = 55.5;
-  found.identifiability.singular_values = Eigen::Vector2d(4.0, 2.0);
-  found.identifiability.tied = {{"dq2"}, {"Tx1", "Ry1"}};
-  found.identifiability.weak = {{"Rz3", "A.x"}};
-  found.fixed_by_gauge = {"Tz3"};
-  found.observability = {.O1 = 1.5, .O2 = 2.5, .O3 = 3.5, .O4 = 4.5, .O5 = 5.5};
-  found.priors = {.length = 0.01, .angle = 0.02};
-  found.tried = {{.priors = {.length = 0.03, .angle = 0.04},
-                  .effects = {"gravity", "gain"},
-                  .sized = true,
-                  .held_out_rms = 0.05,
-                  .evidence = -6.5},
-                 {.held_out_rms = kInfinity, .evidence = 0.07}};
-  found.train = {.before = made(1), .after = made(2), .rigid = made(3)};
-  found.test = {.before = made(4), .after = made(5)};
-  found.leave_one_out = {.before = made(6), .after = made(7)};
-  found.nested_leave_one_out = made(8);
-  found.k_fold = {.before = made(9), .after = made(10)};
-  found.folds = 11;
-  found.iso_before = {.accuracy = made(12), .repeatability = made(13)};
-  found.iso_after = {.accuracy = made(14), .repeatability = {}};
-  found.iso_test_before = {.accuracy = made(16), .repeatability = made(17)};
-  found.iso_test_after = {.accuracy = made(18), .repeatability = made(19)};
+  found.uncertainty.identifiability.rank = 21;
+  found.uncertainty.identifiability.condition = 55.5;
+  found.uncertainty.identifiability.singular_values = Eigen::Vector2d(4.0, 2.0);
+  found.uncertainty.identifiability.tied = {{"dq2"}, {"Tx1", "Ry1"}};
+  found.uncertainty.identifiability.weak = {{"Rz3", "A.x"}};
+  found.uncertainty.fixed_by_gauge = {"Tz3"};
+  found.uncertainty.observability = {.O1 = 1.5, .O2 = 2.5, .O3 = 3.5, .O4 = 4.5, .O5 = 5.5};
+  found.selection.priors = {.length = 0.01, .angle = 0.02};
+  found.selection.tried = {{.priors = {.length = 0.03, .angle = 0.04},
+                            .effects = {"gravity", "gain"},
+                            .sized = true,
+                            .held_out_rms = 0.05,
+                            .evidence = -6.5},
+                           {.held_out_rms = kInfinity, .evidence = 0.07}};
+  found.accuracy.train = {.before = made(1), .after = made(2), .rigid = made(3)};
+  found.accuracy.test = {.before = made(4), .after = made(5)};
+  found.accuracy.leave_one_out = {.before = made(6), .after = made(7)};
+  found.accuracy.nested_leave_one_out = made(8);
+  found.accuracy.k_fold = {.before = made(9), .after = made(10)};
+  found.accuracy.folds = 11;
+  found.accuracy.iso_before = {.accuracy = made(12), .repeatability = made(13)};
+  found.accuracy.iso_after = {.accuracy = made(14), .repeatability = {}};
+  found.accuracy.iso_test_before = {.accuracy = made(16), .repeatability = made(17)};
+  found.accuracy.iso_test_after = {.accuracy = made(18), .repeatability = made(19)};
   found.exported.train = made(20);
   found.exported.test = made(21);
   found.exported.held_out = made(22);
-  found.noise = {.model = "parts", .sigma = 0.1, .independent = {0.2, 0.3, 0.4}, .common = {0.5, 0.6, 0.7}};
+  found.noise = {.source = NoiseSource::parts, .sigma = 0.1, .independent = {0.2, 0.3, 0.4}, .common = {0.5, 0.6, 0.7}};
   found.noise.misfit = 0.8;
   found.noise.target_misfit = 0.9;
   found.noise.degrees_of_freedom = 12.5;
@@ -252,68 +252,70 @@ Case made_up() {
   repeats.degrees_of_freedom = 33.0;
   repeats.orientation = 0.44;
   repeats.orientation_degrees_of_freedom = 5.0;
-  LackOfFit& lack = found.lack_of_fit.emplace();
+  LackOfFit& lack = found.noise.lack_of_fit.emplace();
   lack.f = 2.25;
   lack.degrees_of_freedom = 10.0;
   lack.repeat_degrees_of_freedom = 20.0;
   lack.p_value = 0.015;
   lack.explained_by_joint = {0.1, 0.2, 0.3};
-  found.findings = {{.kind = QualityKind::mistyped_coordinate,
-                     .configuration = "second",
-                     .repeat = 2,
-                     .targets = {"B"},
-                     .axis = 'y',
-                     .amount = 0.01,
-                     .message = "mistyped"},
-                    {.kind = QualityKind::swapped_targets,
-                     .configuration = "first",
-                     .targets = {"A", "B"},
-                     .amount = 0.1,
-                     .message = "swapped"}};
-  found.doubts = {{.cause = "not_converged", .message = "doubted"}};
-  found.warnings = {"one", "another"};
-  found.weights = {0.25, 0.5};
+  found.diagnosis.findings = {{.kind = QualityKind::mistyped_coordinate,
+                               .configuration = "second",
+                               .repeat = 2,
+                               .targets = {"B"},
+                               .axis = 'y',
+                               .amount = 0.01,
+                               .message = "mistyped"},
+                              {.kind = QualityKind::swapped_targets,
+                               .configuration = "first",
+                               .targets = {"A", "B"},
+                               .amount = 0.1,
+                               .message = "swapped"}};
+  found.diagnosis.doubts = {{.cause = Cause::not_converged, .message = "doubted"}};
+  found.diagnosis.warnings = {"one", "another"};
+  found.fit.robust.weights = {0.25, 0.5};
   found.difference_to_kdl = 1e-15;
-  found.predicted.measured = made(23);
-  found.predicted.workspace = made(24);
-  found.predicted.cell = 0.5;
-  found.predicted.radius_factor = 1.75;
-  found.predicted.cells = {{.centre = {1.0, 2.0, 3.0}, .count = 4, .mean = 5.0, .max = 6.0}};
-  found.predicted.asked = {{.configuration = "there",
-                            .target = "A",
-                            .position = {1.0, 2.0, 3.0},
-                            .position_W = {4.0, 5.0, 6.0},
-                            .std = {0.5, 1.0, kInfinity},
-                            .sigma = 0.75,
-                            .radius_95 = kInfinity,
-                            .outside = true,
-                            .degrees_of_freedom = 10.0}};
-  found.influence = {.leverage_limit = 0.5, .cook_limit = 0.6, .point_cook_limit = 0.7};
-  found.influence.configurations = {{.configuration = 1, .leverage = 0.8, .cook = kInfinity, .high_leverage = true}};
-  found.influence.configurations[0].points = {{.target = 1, .leverage = 0.9, .cook = 1.1, .influential = true}};
-  found.parameters = {{.name = "base.Ty",
-                       .kind = "translation",
-                       .axis = "y",
-                       .nominal = 1.0,
-                       .value = 3.0,
-                       .error = 2.0,
-                       .std = 0.5,
-                       .degrees_of_freedom = 10.0,
-                       .identifiable = true},
-                      {.name = "B.z", .kind = "translation", .axis = "z", .std = 0.0625},
-                      {.name = "dq4",
-                       .joint = "elbow",
-                       .kind = "joint_offset",
-                       .nominal = 4.0,
-                       .value = 4.5,
-                       .error = 0.5,
-                       .std = kInfinity,
-                       .degrees_of_freedom = kInfinity,
-                       .gauge = true}};
-  found.reduction.candidates = 40;
-  found.reduction.rank = 33;
-  found.reduction.dropped = {{.name = "Tz1", .replaced_by = {{"Tz2", -1.0}}}};
-  found.reduction.gauge = {{.name = "dq1", .tied_to = {"base.Rz"}}};
+  found.uncertainty.predicted.measured = made(23);
+  found.uncertainty.predicted.workspace = made(24);
+  found.uncertainty.predicted.cell = 0.5;
+  found.uncertainty.predicted.radius_factor = 1.75;
+  found.uncertainty.predicted.cells = {{.centre = {1.0, 2.0, 3.0}, .count = 4, .mean = 5.0, .max = 6.0}};
+  found.uncertainty.predicted.asked = {{.configuration = "there",
+                                        .target = "A",
+                                        .position = {1.0, 2.0, 3.0},
+                                        .position_W = {4.0, 5.0, 6.0},
+                                        .std = {0.5, 1.0, kInfinity},
+                                        .sigma = 0.75,
+                                        .radius_95 = kInfinity,
+                                        .outside = true,
+                                        .degrees_of_freedom = 10.0}};
+  found.uncertainty.influence = {.leverage_limit = 0.5, .cook_limit = 0.6, .point_cook_limit = 0.7};
+  found.uncertainty.influence.configurations = {
+      {.configuration = 1, .leverage = 0.8, .cook = kInfinity, .high_leverage = true}};
+  found.uncertainty.influence.configurations[0].points = {
+      {.target = 1, .leverage = 0.9, .cook = 1.1, .influential = true}};
+  found.uncertainty.parameters = {{.name = "base.Ty",
+                                   .kind = ParameterKind::translation,
+                                   .axis = "y",
+                                   .nominal = 1.0,
+                                   .value = 3.0,
+                                   .error = 2.0,
+                                   .std = 0.5,
+                                   .degrees_of_freedom = 10.0,
+                                   .identifiable = true},
+                                  {.name = "B.z", .kind = ParameterKind::translation, .axis = "z", .std = 0.0625},
+                                  {.name = "dq4",
+                                   .joint = "elbow",
+                                   .kind = ParameterKind::joint_offset,
+                                   .nominal = 4.0,
+                                   .value = 4.5,
+                                   .error = 0.5,
+                                   .std = kInfinity,
+                                   .degrees_of_freedom = kInfinity,
+                                   .gauge = true}};
+  found.fit.reduction.candidates = 40;
+  found.fit.reduction.rank = 33;
+  found.fit.reduction.dropped = {{.name = "Tz1", .replaced_by = {{"Tz2", -1.0}}}};
+  found.fit.reduction.gauge = {{.name = "dq1", .tied_to = {"base.Rz"}}};
   c.result = rendered(c);
   return c;
 }
@@ -466,7 +468,7 @@ TEST(ResultJson, ACalibrationOfEachSortHasTheFieldsOfThatSort) {
     EXPECT_TRUE(has(c.name, "/position_error/leave_one_out")) << c.name;
     for (const char* rows : {"train", "leave_one_out"}) {
       EXPECT_EQ(has(c.name, ("/position_error/" + std::string(rows) + "/exported_urdf").c_str()),
-                !c.calibration.free.effects().empty())
+                !c.calibration.fit.free.effects().empty())
           << c.name;
     }
   }
@@ -494,7 +496,7 @@ KDL::Vector predicted_point(const KDL::Frame& X_BF, const Estimate& estimate, in
 
 TEST(ResultJson, ResidualsAreMeasuredMinusKdlsPrediction) {
   for (const Case& c : cases()) {
-    const Estimate& estimate = c.calibration.identification.estimate;
+    const Estimate& estimate = c.calibration.fit.identification.estimate;
     const std::vector<KDL::Frame> poses = kdl_poses(c.calibration.model, estimate, c.measurements.joint_values);
     const Json& rows = c.result["residuals"]["rows"];
     ASSERT_EQ(rows.size(), c.measurements.observations.size()) << c.name;
@@ -558,8 +560,9 @@ void expect_statistics(const Json& got, const std::vector<double>& distances, co
 }
 
 Estimate start_of(const Case& c) {
-  return nominal_start(c.calibration.model, c.measurements,
-                       {.known_base = c.options.known_base, .known_targets = c.options.known_targets});
+  return nominal_start(
+      c.calibration.model, c.measurements,
+      {.known_base = c.options.parameters.known_base, .known_targets = c.options.parameters.known_targets});
 }
 
 TEST(ResultJson, PositionErrorsAreTheDistancesToKdlsPrediction) {
@@ -572,7 +575,8 @@ TEST(ResultJson, PositionErrorsAreTheDistancesToKdlsPrediction) {
           return distances_by_hand(model, e, c.measurements, of);
         };
         expect_statistics(errors[key]["before"], distances(start_of(c)), c.name + ", before");
-        expect_statistics(errors[key]["after"], distances(c.calibration.identification.estimate), c.name + ", after");
+        expect_statistics(errors[key]["after"], distances(c.calibration.fit.identification.estimate),
+                          c.name + ", after");
       }
     }
   }
@@ -589,7 +593,7 @@ TEST(ResultJson, TheExportedUrdfIsJudgedWithItsOwnBaseAndTargets) {
     const ErrorModel& model = c.calibration.model;
     Estimate start = start_of(c);
     start.errors = c.calibration.exported.estimate.errors;
-    const Unknowns frames = c.calibration.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
+    const Unknowns frames = c.calibration.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
     const Estimate rigid = identify_jointly(model, c.measurements, start, frames).estimate;
     for (const auto& [key, split] : {std::pair{"train", Split::train}, std::pair{"test", Split::test}}) {
       if (errors.contains(key)) {
@@ -648,10 +652,10 @@ TEST(ResultJson, FiguresOfIso9283AreThoseOfTheMeansAndTheirRepeats) {
       }
     };
     check(iso["before"], start_of(c), Split::train);
-    check(iso["after"], c.calibration.identification.estimate, Split::train);
+    check(iso["after"], c.calibration.fit.identification.estimate, Split::train);
     if (iso.contains("test")) {
       check(iso["test"]["before"], start_of(c), Split::test);
-      check(iso["test"]["after"], c.calibration.identification.estimate, Split::test);
+      check(iso["test"]["after"], c.calibration.fit.identification.estimate, Split::test);
     }
   }
 }
@@ -659,7 +663,7 @@ TEST(ResultJson, FiguresOfIso9283AreThoseOfTheMeansAndTheirRepeats) {
 TEST(ResultJson, PredictionsAreThoseOfKdl) {
   for (const char* name : {"noise that is stated, predictions", "odd arm"}) {
     const Case& c = case_of(name);
-    const Estimate& estimate = c.calibration.identification.estimate;
+    const Estimate& estimate = c.calibration.fit.identification.estimate;
     const std::vector<KDL::Frame> poses = kdl_poses(c.calibration.model, estimate, c.options.predict_at.joint_values);
     const Json& asked = c.result["predicted_accuracy"]["asked"];
     const std::size_t targets = estimate.targets.size();
@@ -718,7 +722,7 @@ TEST(ResultTableOfCalibrations, BeginsWithTheVerdictAndWhereTheAnswerIs) {
   const std::string doubted = result_table(bad.measurements, bad.calibration);
   EXPECT_EQ(doubted.rfind("Trusted where it was measured: the measurements do not determine", 0), 0U) << doubted;
   Calibration worse = bad.calibration;
-  worse.doubts.push_back({.cause = "not_converged", .message = "the fit did not converge"});
+  worse.diagnosis.doubts.push_back({.cause = Cause::not_converged, .message = "the fit did not converge"});
   const std::string table = result_table(bad.measurements, worse);
   EXPECT_EQ(table.rfind("NOT TO BE TRUSTED: the fit did not converge", 0), 0U) << table;
   EXPECT_EQ(table.find("geometric errors"), std::string::npos) << table;

@@ -38,7 +38,7 @@ struct Made {
                         .group = EffectGroup::transverse,
                         .axis = EffectAxis::across_y,
                         .gravity = {.link = 3, .axis = 0}}};
-    Estimate& estimate = c.identification.estimate;
+    Estimate& estimate = c.fit.identification.estimate;
     estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(c.model.parameters.size()));
     estimate.effects = Eigen::Vector2d(0.002, 0.0);
     estimate.X_WB = Eigen::Translation3d(1.5, -2.25, 0.125) *
@@ -54,15 +54,15 @@ struct Made {
     }
     measured.observations.back().split = Split::test;
     measured.targets = {"A", "B"};
-    c.identification.iterations = 5;
-    c.identifiability.rank = 20;
-    c.identifiability.columns = 21;
-    c.identifiability.condition = 123.4;
-    c.train.after.count = 12;
-    c.free = Unknowns(c.model, estimate.targets, {"dq2", "dq3", "Tx1"});
-    c.iso_before.accuracy = {.count = 12, .mean = 1.1e-3, .rms = 1.2e-3, .p95 = 1.9e-3, .max = 2.0e-3};
-    c.iso_after.accuracy = {.count = 12, .mean = 0.11e-3, .rms = 0.12e-3, .p95 = 0.19e-3, .max = 0.2e-3};
-    c.noise = {.model = "residuals", .sigma = 1e-4, .independent = Eigen::Vector3d::Constant(3e-5)};
+    c.fit.identification.iterations = 5;
+    c.uncertainty.identifiability.rank = 20;
+    c.uncertainty.identifiability.columns = 21;
+    c.uncertainty.identifiability.condition = 123.4;
+    c.accuracy.train.after.count = 12;
+    c.fit.free = Unknowns(c.model, estimate.targets, {"dq2", "dq3", "Tx1"});
+    c.accuracy.iso_before.accuracy = {.count = 12, .mean = 1.1e-3, .rms = 1.2e-3, .p95 = 1.9e-3, .max = 2.0e-3};
+    c.accuracy.iso_after.accuracy = {.count = 12, .mean = 0.11e-3, .rms = 0.12e-3, .p95 = 0.19e-3, .max = 0.2e-3};
+    c.noise = {.source = NoiseSource::residuals, .sigma = 1e-4, .independent = Eigen::Vector3d::Constant(3e-5)};
     add_parameters();
     add_influence();
     add_predictions();
@@ -76,32 +76,44 @@ struct Made {
   }
 
   void add_parameters() {
-    const auto add = [&](const ParameterEstimate& parameter) { calibration.parameters.push_back(parameter); };
-    add({.name = "base.Tx", .kind = "translation"});
+    const auto add = [&](const ParameterEstimate& parameter) {
+      calibration.uncertainty.parameters.push_back(parameter);
+    };
+    add({.name = "base.Tx", .kind = ParameterKind::translation});
     add({.name = "dq2",
          .joint = "slide",
-         .kind = "joint_offset",
+         .kind = ParameterKind::joint_offset,
          .error = 0.00125,
          .std = 1e-4,
          .degrees_of_freedom = kInfinity,
          .identifiable = true});
     add({.name = "dq4",
          .joint = "elbow",
-         .kind = "joint_offset",
+         .kind = ParameterKind::joint_offset,
          .error = 0.5 * kDegree,
          .std = 0.01 * kDegree,
          .degrees_of_freedom = kInfinity,
          .identifiable = true});
-    add({.name = "Tx1", .joint = "slide", .kind = "translation", .axis = "x", .error = -0.002, .gauge = true});
-    add({.name = "Ry1", .joint = "slide", .kind = "rotation", .axis = "y", .error = 0.0, .gauge = true});
-    add({.name = "Rz3", .joint = "elbow", .kind = "rotation", .axis = "z", .error = 0.1 * kDegree, .std = kInfinity});
-    add({.name = "Tx5", .joint = "", .kind = "translation", .axis = "x", .error = 0.003});
-    add({.name = "Ty5", .joint = "", .kind = "translation", .axis = "y", .error = 0.001});
-    calibration.reduction.dropped = {{.name = "Ty5", .replaced_by = {{"A.x", 0.2}, {"A.y", -0.9}}}};
+    add({.name = "Tx1",
+         .joint = "slide",
+         .kind = ParameterKind::translation,
+         .axis = "x",
+         .error = -0.002,
+         .gauge = true});
+    add({.name = "Ry1", .joint = "slide", .kind = ParameterKind::rotation, .axis = "y", .error = 0.0, .gauge = true});
+    add({.name = "Rz3",
+         .joint = "elbow",
+         .kind = ParameterKind::rotation,
+         .axis = "z",
+         .error = 0.1 * kDegree,
+         .std = kInfinity});
+    add({.name = "Tx5", .joint = "", .kind = ParameterKind::translation, .axis = "x", .error = 0.003});
+    add({.name = "Ty5", .joint = "", .kind = ParameterKind::translation, .axis = "y", .error = 0.001});
+    calibration.fit.reduction.dropped = {{.name = "Ty5", .replaced_by = {{"A.x", 0.2}, {"A.y", -0.9}}}};
   }
 
   void add_influence() {
-    Influence& influence = calibration.influence;
+    Influence& influence = calibration.uncertainty.influence;
     influence.cook_limit = 0.667;
     const std::vector<std::pair<double, bool>> cooks = {{0.25, false}, {kInfinity, true}, {0.5, false},
                                                         {0.75, true},  {0.5, true},       {0.125, false}};
@@ -116,7 +128,7 @@ struct Made {
 
   void add_predictions() {
     const Eigen::Vector3d position(1.2345678, -0.5, 0.25);
-    calibration.predicted.asked = {
+    calibration.uncertainty.predicted.asked = {
         {.configuration = "there", .target = "A", .position = position, .sigma = 1.25e-4, .radius_95 = 2.5e-4},
         {.configuration = "far", .target = "B", .position = position, .sigma = kInfinity, .radius_95 = kInfinity}};
   }
@@ -196,7 +208,7 @@ std::string noise_of(const NoiseReport& noise) {
 }
 
 TEST(ResultTable, NamesTheNoiseInItsParts) {
-  NoiseReport noise{.model = "residuals", .sigma = 1e-4};
+  NoiseReport noise{.source = NoiseSource::residuals, .sigma = 1e-4};
   EXPECT_EQ(noise_of(noise), "noise per coordinate: 0.100 mm in all (from the residuals)");
   noise.independent = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
   EXPECT_EQ(noise_of(noise), "noise per coordinate: 0.010, 0.020, 0.030 mm per point (from the residuals)");
@@ -207,7 +219,7 @@ TEST(ResultTable, NamesTheNoiseInItsParts) {
   noise.repeats.emplace();
   EXPECT_THAT(noise_of(noise), ::testing::MatchesRegex("noise per coordinate: 0.010 mm per point, 0.000, 0.000, 0.020 "
                                                        "mm common to a[ \n]+repeat \\(from residuals and repeats\\)"));
-  noise = {.model = "stated", .independent = Eigen::Vector3d::Constant(1e-5)};
+  noise = {.source = NoiseSource::stated, .independent = Eigen::Vector3d::Constant(1e-5)};
   EXPECT_THAT(noise_of(noise), EndsWith("per point (as stated)"));
   noise.misfit = 2e-5;
   EXPECT_THAT(noise_of(noise), HasSubstr("per point, 0.020 mm common to a"));
@@ -216,7 +228,7 @@ TEST(ResultTable, NamesTheNoiseInItsParts) {
   noise.target_misfit = 3e-5;
   EXPECT_THAT(noise_of(noise), HasSubstr("per point, 0.030 mm of a target in a"));
   EXPECT_THAT(noise_of(noise), EndsWith("the misfits from the residuals)"));
-  noise.model = "parts";
+  noise.source = NoiseSource::parts;
   EXPECT_THAT(noise_of(noise), EndsWith("(from the residuals)"));
   noise.parts.emplace();
   EXPECT_THAT(noise_of(noise), EndsWith("the misfits from the residuals)")) << "the points' own part is stated";
@@ -236,7 +248,7 @@ TEST(ResultTable, LongLinesGoOnIndented) {
   made.options.written = {std::string(50, 'a'), std::string(50, 'b')};
   c.noise.common = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
   c.noise.misfit = 1e-5;
-  c.tried = {{.effects = {"gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables"}}};
+  c.selection.tried = {{.effects = {"gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables"}}};
   const std::string text = made.printed();
   EXPECT_EQ(goes_on(text, "Written: "), "         b");
   EXPECT_THAT(goes_on(text, "noise per coordinate"), ::testing::MatchesRegex("  [a-z(]"));
@@ -245,8 +257,8 @@ TEST(ResultTable, LongLinesGoOnIndented) {
   c.model.effects[0].joint = c.model.joints[1].name = std::string(70, 's');
   c.model.effects[0].table = {.number = 1, .length = 0.2, .lower = -0.4, .upper = 0.5};
   EXPECT_THAT(goes_on(made.printed(), std::string(70, 's') + " is"), ::testing::MatchesRegex("    [a-z]"));
-  c.doubts = {{.cause = "a", .message = std::string(50, 'c') + " " + std::string(50, 'd')}};
-  c.findings = {{.message = std::string(50, 'e') + " " + std::string(50, 'f')}};
+  c.diagnosis.doubts = {{.message = std::string(50, 'c') + " " + std::string(50, 'd')}};
+  c.diagnosis.findings = {{.message = std::string(50, 'e') + " " + std::string(50, 'f')}};
   EXPECT_EQ(goes_on(made.printed(), "NOT TO BE TRUSTED"), "    d");
   EXPECT_EQ(goes_on(made.printed(), "Measurements: "), "    f");
 }
@@ -254,7 +266,7 @@ TEST(ResultTable, LongLinesGoOnIndented) {
 TEST(ResultTable, NamesPriorsOfLengthsOrAnglesAlone) {
   Made made;
   const auto chosen = [&](const Priors& priors) {
-    made.calibration.tried = {{.priors = priors}};
+    made.calibration.selection.tried = {{.priors = priors}};
     const std::string text = made.printed();
     const std::size_t start = text.find("chosen by cross-validation: ");
     return testing::squeezed(text.substr(start + 28, text.find(", beyond", start) - start - 28));
@@ -274,29 +286,29 @@ TEST(ResultTable, SaysNothingOfWhatIsNot) {
   EXPECT_THAT(made.printed(), Not(HasSubstr("for mastering")));
   made.options.written.clear();
   EXPECT_THAT(made.printed(), Not(HasSubstr("Written")));
-  made.calibration.influence.configurations.clear();
+  made.calibration.uncertainty.influence.configurations.clear();
   EXPECT_THAT(made.printed(), Not(HasSubstr("influential")));
-  made.calibration.predicted.asked.clear();
+  made.calibration.uncertainty.predicted.asked.clear();
   EXPECT_THAT(made.printed(), Not(HasSubstr("predicted, in the base")));
   made.calibration.model.effects.clear();
-  made.calibration.identification.estimate.effects.resize(0);
+  made.calibration.fit.identification.estimate.effects.resize(0);
   EXPECT_THAT(made.printed(), Not(HasSubstr("effects beyond")));
-  made.calibration.test.emplace();  // of which nobody knows the accuracy
+  made.calibration.accuracy.test.emplace();  // of which nobody knows the accuracy
   EXPECT_THAT(made.printed(), Not(HasSubstr("at the test rows")));
-  made.calibration.iso_test_after.emplace().accuracy = {.count = 3, .rms = 5e-4};
+  made.calibration.accuracy.iso_test_after.emplace().accuracy = {.count = 3, .rms = 5e-4};
   EXPECT_THAT(made.printed(), HasSubstr("\n                      at the test rows 0.500 mm\n"));
   EXPECT_THAT(made.printed(), Not(HasSubstr("test, nominal")));
-  made.calibration.iso_test_before.emplace().accuracy = {.count = 3, .rms = 7e-4};
+  made.calibration.accuracy.iso_test_before.emplace().accuracy = {.count = 3, .rms = 7e-4};
   EXPECT_THAT(made.printed(), HasSubstr("\ntest, nominal                  0.700"));
 }
 
 TEST(ResultTable, FiguresThatAreThereAreShown) {
   Made made;
   Calibration& c = made.calibration;
-  c.identification.convergence_factor = 0.625;
-  c.predicted.workspace = {.count = 1, .rms = 2e-3};
-  c.predicted.measured = {.count = 1, .rms = 1e-3};
-  c.iso_after.repeatability = {.count = 1, .max = 3e-4};
+  c.fit.identification.convergence_factor = 0.625;
+  c.uncertainty.predicted.workspace = {.count = 1, .rms = 2e-3};
+  c.uncertainty.predicted.measured = {.count = 1, .rms = 1e-3};
+  c.accuracy.iso_after.repeatability = {.count = 1, .max = 3e-4};
   const std::string text = made.printed();
   EXPECT_THAT(text, HasSubstr("\neach round left 0.625 of the error of the round before\n"));
   EXPECT_THAT(text, HasSubstr("\n  1.000 mm at the measured configurations, 2.000 mm over the whole workspace\n"));
@@ -305,8 +317,8 @@ TEST(ResultTable, FiguresThatAreThereAreShown) {
 
 TEST(ResultTable, DoubtsAndFindingsComeFirst) {
   Made made;
-  made.calibration.doubts = {{.cause = "a", .message = "one"}, {.cause = "b", .message = "two"}};
-  made.calibration.findings = {{.message = "three"}};
+  made.calibration.diagnosis.doubts = {{.message = "one"}, {.message = "two"}};
+  made.calibration.diagnosis.findings = {{.message = "three"}};
   const std::string text = made.printed();
   EXPECT_EQ(
       text.substr(0, text.find("Position")),

@@ -17,6 +17,7 @@
 
 #include "base/json_tree.hpp"
 #include "base/sha256.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/result_json.hpp"
@@ -36,11 +37,11 @@ struct Written {
   Robot robot = parse_robot(kOddArm);
   Measurements measured;
   CalibrationOptions options{
-      .fix = {"tables.1.*", "tables.2.*", "tables.4.*", "tables.5.*"},
-      .effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
-                             EffectGroup::harmonics, EffectGroup::tables}},
-      .held_out = false,
-      .try_readings = false};
+      .parameters = {.fix = {"tables.1.*", "tables.2.*", "tables.4.*", "tables.5.*"}},
+      .selection = {.effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
+                                           EffectGroup::harmonics, EffectGroup::tables}}},
+      .validation = {.held_out = false},
+      .diagnosis = {.try_readings = false}};
   Calibration calibration;
   std::string json;
 
@@ -89,7 +90,7 @@ std::string edited_without_hashes(const Edit& edit) {
 const std::string kTaken = "nothing was refused";
 
 TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
-  const Estimate& wrote = written().calibration.identification.estimate;
+  const Estimate& wrote = written().calibration.fit.identification.estimate;
   const SavedCalibration read = parse_calibration(written().json, written().robot);
   EXPECT_TRUE(read.estimate.errors == wrote.errors);
   ASSERT_EQ(read.model.effects.size(), written().calibration.model.effects.size());
@@ -109,10 +110,10 @@ TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
 TEST(SavedCalibration, HasTheCovarianceAndWhatItIsOf) {
   const Calibration& wrote = written().calibration;
   const SavedCalibration read = parse_calibration(written().json, written().robot);
-  EXPECT_EQ(read.free.names(), wrote.free.names());
-  ASSERT_EQ(read.covariance.rows(), wrote.covariance.rows());
+  EXPECT_EQ(read.free.names(), wrote.fit.free.names());
+  ASSERT_EQ(read.covariance.rows(), wrote.uncertainty.covariance.rows());
   EXPECT_TRUE(read.covariance.triangularView<Eigen::Lower>().toDenseMatrix() ==
-              wrote.covariance.triangularView<Eigen::Lower>().toDenseMatrix());
+              wrote.uncertainty.covariance.triangularView<Eigen::Lower>().toDenseMatrix());
   EXPECT_TRUE(read.covariance == read.covariance.transpose());
 }
 
@@ -120,28 +121,28 @@ TEST(SavedCalibration, PredictsAsTheCalibrationDid) {
   const Calibration& wrote = written().calibration;
   const SavedCalibration read = parse_calibration(written().json, written().robot);
   const auto X_BF = flange_poses(read, written().measured.joint_values);
-  const auto expected = flange_poses(wrote.model, wrote.identification.estimate, written().measured.joint_values);
+  const auto expected = flange_poses(wrote.model, wrote.fit.identification.estimate, written().measured.joint_values);
   for (std::size_t c = 0; c < X_BF.size(); ++c) {
     EXPECT_LT((X_BF[c].matrix() - expected[c].matrix()).norm(), 1e-12);
   }
-  EXPECT_NEAR(error_statistics(position_errors(X_BF, read.estimate, written().measured)).rms, wrote.train.after.rms,
-              1e-12);
+  EXPECT_NEAR(error_statistics(position_errors(X_BF, read.estimate, written().measured)).rms,
+              wrote.accuracy.train.after.rms, 1e-12);
 }
 
 TEST(SavedCalibration, KeepsTheDoubts) {
   Calibration doubted = written().calibration;
-  doubted.doubts = {{.cause = "not_converged", .message = "it moves"}};
+  doubted.diagnosis.doubts = {{.cause = Cause::not_converged, .message = "it moves"}};
   const SavedCalibration read =
       parse_calibration(result_json(written().robot, written().measured, written().options, doubted), written().robot);
   EXPECT_FALSE(read.trusted);
   ASSERT_EQ(read.doubts.size(), 1U);
-  EXPECT_EQ(read.doubts[0].cause, "not_converged");
+  EXPECT_EQ(read.doubts[0].cause, Cause::not_converged);
   EXPECT_EQ(read.doubts[0].message, "it moves");
 }
 
 TEST(SavedCalibration, WhatIsNotDeterminedIsInfinite) {
   Calibration open = written().calibration;
-  open.covariance(3, 3) = std::numeric_limits<double>::infinity();
+  open.uncertainty.covariance(3, 3) = std::numeric_limits<double>::infinity();
   const SavedCalibration read =
       parse_calibration(result_json(written().robot, written().measured, written().options, open), written().robot);
   EXPECT_TRUE(std::isinf(read.covariance(3, 3)));
@@ -298,12 +299,12 @@ TEST(SavedCalibrationLongRun, OfNineHundredThousandRowsIsRead) {
     many.measured.observations.insert(many.measured.observations.end(), again.begin(), again.end());
   }
   many.measured.orientations.resize(900000, many.measured.orientations.front());
-  many.calibration.weights.assign(900000, 0.12345678901234567);
+  many.calibration.fit.robust.weights.assign(900000, 0.12345678901234567);
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "kdl_calibration_saved_test.json";
   std::ofstream(file, std::ios::binary) << result_json(many.robot, many.measured, many.options, many.calibration);
   const SavedCalibration read = load_calibration(file, many.robot);
   std::filesystem::remove(file);
-  EXPECT_TRUE(read.estimate.errors == many.calibration.identification.estimate.errors);
+  EXPECT_TRUE(read.estimate.errors == many.calibration.fit.identification.estimate.errors);
 }
 
 // Written by hand, so that nothing is the identity.

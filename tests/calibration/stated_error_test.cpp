@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/same_poses.hpp"
 #include "mistake_table.hpp"
 
@@ -83,14 +83,14 @@ MatrixXd poses_of(Arm& arm, double spread) {
 double stated_over_true(std::uint64_t seed, double spread) {
   Arm arm(seed);
   CalibrationOptions options;
-  options.automatic_priors = true;
-  options.effects.automatic = true;
+  options.selection.automatic_priors = true;
+  options.selection.effects.automatic = true;
   const Calibration found = calibrate(arm.model, with_poses_joined(arm.measure(poses_of(arm, spread))), options);
   const Measurements fresh = arm.measure(arm.poses(200));
   const ErrorStatistics at_new =
-      error_statistics(position_errors(flange_poses(found.model, found.identification.estimate, fresh),
-                                       found.identification.estimate, fresh, Rows::all));
-  return found.held_out()->after.rms / at_new.rms;
+      error_statistics(position_errors(flange_poses(found.model, found.fit.identification.estimate, fresh),
+                                       found.fit.identification.estimate, fresh, Rows::all));
+  return found.accuracy.held_out()->after.rms / at_new.rms;
 }
 
 void expect_stated_errors_hold(std::uint64_t arms) {

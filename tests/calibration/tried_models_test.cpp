@@ -50,7 +50,7 @@ TEST(TriedModels, ChoosingAmongEquallyGoodModelsCostsWhatTheBestHasByLuck) {
       }
     }
     tried.put_first({name}, false);
-    const double price = tried.price_of_choosing();
+    const double price = tried.optimism();
     EXPECT_GE(price, 1.0);
     claimed += best / kRuns;
     priced += price * price * best / kRuns;
@@ -67,7 +67,7 @@ TEST(TriedModels, AModelThatIsBestEverywhereCostsNothing) {
   tried.add(option_of(worse, "worse"), worse);
   tried.add(option_of(best, "best"), best);
   tried.put_first({"best"}, false);
-  EXPECT_EQ(tried.price_of_choosing(), 1.0);
+  EXPECT_EQ(tried.optimism(), 1.0);
 }
 
 TEST(TriedModels, WhatCannotPredictEveryFoldIsNoRival) {
@@ -80,7 +80,7 @@ TEST(TriedModels, WhatCannotPredictEveryFoldIsNoRival) {
   tried.add(undetermined, VectorXd::Zero(kConfigurations));
   tried.add(undetermined, VectorXd());
   tried.put_first({"chosen"}, false);
-  EXPECT_EQ(tried.price_of_choosing(), 1.0);
+  EXPECT_EQ(tried.optimism(), 1.0);
 }
 
 TEST(TriedModels, TheChosenOneComesFirstAndTheOthersByWhatTheyPredict) {
@@ -105,7 +105,7 @@ TEST(TriedModels, ThePriceIsWhatTheBestOfADrawingLosesWhereItWasNotDrawn) {
   for (const Eigen::Vector2d& squares : {Eigen::Vector2d(0.0, 3.0), Eigen::Vector2d(2.0, 2.0)}) {
     tried.add(option_of(squares, std::to_string(squares[0])), squares);
   }
-  EXPECT_NEAR(tried.price_of_choosing(), std::sqrt((3.0 + 2.0) / 3.0), 0.05);  // three sigma of 2,000 drawings
+  EXPECT_NEAR(tried.optimism(), std::sqrt((3.0 + 2.0) / 3.0), 0.05);  // three sigma of 2,000 drawings
 }
 
 TEST(TriedModels, ThePriceIsARatio) {
@@ -116,7 +116,7 @@ TEST(TriedModels, ThePriceIsARatio) {
     TriedModels tried;
     tried.add(option_of(unit * first, "first"), unit * first);
     tried.add(option_of(unit * second, "second"), unit * second);
-    return tried.price_of_choosing();
+    return tried.optimism();
   };
   EXPECT_GT(price(1.0), 1.01);
   EXPECT_NEAR(price(1e-10), price(1.0), 1e-12);
@@ -127,7 +127,7 @@ TEST(TriedModels, AModelAloneOrOneThatPredictsNoFoldHasNoPrice) {
   const VectorXd squares = squared_normals(random);
   TriedModels tried;
   tried.add(option_of(squares, "alone"), squares);
-  EXPECT_EQ(tried.price_of_choosing(), 1.0);
+  EXPECT_EQ(tried.optimism(), 1.0);
   const VectorXd other = squared_normals(random);
   tried.add(option_of(other, "other"), other);
   const VectorXd third = squared_normals(random);
@@ -137,7 +137,7 @@ TEST(TriedModels, AModelAloneOrOneThatPredictsNoFoldHasNoPrice) {
   tried.add(unknown, VectorXd());
   tried.put_first({"unknown"}, false);
   EXPECT_EQ(tried.options().front().effects, std::vector<std::string>{"unknown"});
-  EXPECT_EQ(tried.price_of_choosing(), 1.0);
+  EXPECT_EQ(tried.optimism(), 1.0);
 }
 
 TEST(TriedModels, TheChosenOneIsThatOfItsEffectsAndSizes) {

@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "record.hpp"
 #include "virtual_experiment.hpp"
@@ -37,12 +37,12 @@ HeldOut held_out(double orientation_sigma, std::uint64_t seeds) {
       const double rms = error_statistics(position_errors(model, estimate, joined(train, test), Rows::test)).rms;
       return rms * rms;
     };
-    const CalibrationOptions fit_alone{.held_out = false, .try_readings = false};
+    const CalibrationOptions fit_alone{.validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
     CalibrationOptions stated = fit_alone;
-    stated.noise.independent.setConstant(kSigma);
-    stated.noise.orientation = orientation_sigma;
-    sums.stated += square(calibrate(model, train, stated).identification.estimate);
-    sums.estimated += square(calibrate(model, train, fit_alone).identification.estimate);
+    stated.noise.stated.independent.setConstant(kSigma);
+    stated.noise.stated.orientation = orientation_sigma;
+    sums.stated += square(calibrate(model, train, stated).fit.identification.estimate);
+    sums.estimated += square(calibrate(model, train, fit_alone).fit.identification.estimate);
     sums.lever += square(identify_jointly(model, train, nominal_start(model, train), experiment.free).estimate);
   }
   return sums;
@@ -68,14 +68,13 @@ TEST(VarianceComponentsLongRun, AreAsGoodAsStatedSigmas) { expect_as_good_as_sta
 TEST(VarianceComponents, LeaveExactPosesExact) {
   testing::VirtualExperiment experiment({.targets = testing::as_frames(published_targets(1))});
   const Calibration found = calibrate(experiment.model, experiment.measure(30));
-  EXPECT_TRUE(found.trusted()) << found.identification.message;
-  EXPECT_LT(found.train.after.max, 1e-12);
+  EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
+  EXPECT_LT(found.accuracy.train.after.max, 1e-12);
 }
 
 // Poses of one target with these sigmas, and what a fit needs to know.
 struct Poses : testing::VirtualExperiment {
   Measurements measured;
-  CalibrationOptions options;
   FitOptions fit_options;
   Estimate start;
 
@@ -91,9 +90,8 @@ struct Poses : testing::VirtualExperiment {
   }
 
   double length() const {
-    const FitTask task{
-        .model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options};
-    return orientation_length_of_residuals(task, free);
+    return orientation_length_of_residuals(
+        {.model = model, .measurements = measured, .start = start, .free = free, .options = fit_options});
   }
 };
 

@@ -12,8 +12,9 @@
 #include <string>
 #include <vector>
 
+#include "calibration/option_check.hpp"
 #include "dense_fit.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/noise_components.hpp"
@@ -37,7 +38,6 @@ using testing::refusal;
 struct Arm : testing::VirtualExperiment {
   Measurements measured;
   CalibrationOptions options;
-  FitOptions fit_options;
   Estimate start;
 
   explicit Arm(const testing::VirtualExperimentOptions& of = {}, int count = 20, const MeasuringNoise& noise = {})
@@ -46,14 +46,18 @@ struct Arm : testing::VirtualExperiment {
         start(nominal_start(model, measured)) {}
 
   WholeFit fitted(const std::vector<std::string>& without = {}) const {
-    const ParameterChoice choice = choose_parameters(model, start.targets, options, {.configurations = 20});
+    const ParameterChoice choice = choose_parameters(model, start.targets, options.parameters, {.configurations = 20});
     std::vector<std::string> names = choice.free;
     for (const std::string& name : without) {
       std::erase(names, name);
     }
-    return fit_whole(
-        {.model = model, .measurements = measured, .start = start, .options = options, .fit_options = fit_options},
-        choice, Unknowns(model, start.targets, names));
+    const FitProblem problem{.model = model,
+                             .measurements = measured,
+                             .start = start,
+                             .free = Unknowns(model, start.targets, names),
+                             .options = {.loss = options.estimator.loss}};
+    require_two_step_data(problem.free, measured, options);
+    return fit_whole(problem, choice, {.estimator = options.estimator, .parameters = options.parameters});
   }
 };
 
@@ -61,16 +65,19 @@ TEST(WholeFit, TheTwoStepProcedureRefusesWhatItWasNotPublishedFor) {
   const Arm arm({}, 12, {.sigma = 1e-5, .repeats = 2});
   const auto refused = [&](const std::function<void(Arm&)>& change) {
     Arm changed = arm;
-    changed.options.method = Method::two_step;
-    changed.options.iterations = 2;
+    changed.options.estimator.method = Method::two_step;
+    changed.options.estimator.iterations = 2;
     change(changed);
     return refusal([&] { changed.fitted(); });
   };
   EXPECT_EQ(refused([](Arm&) {}), "nothing was refused");
   const std::string frames = "method: the two-step procedure finds base and targets, which cannot be known or fixed";
-  EXPECT_EQ(refused([](Arm& a) { a.options.known_base = a.start.X_WB; }), frames);
-  EXPECT_EQ(refused([](Arm& a) { a.options.known_targets = a.start.targets; }), frames);
-  EXPECT_EQ(refused([](Arm& a) { a.options.known_targets = {a.start.targets[0], a.start.targets[2]}; }), frames);
+  EXPECT_EQ(refused([](Arm& a) { a.options.parameters.known_base = a.start.X_WB; }), frames);
+  EXPECT_EQ(refused([](Arm& a) { a.options.parameters.known_targets = a.start.targets; }), frames);
+  EXPECT_EQ(refused([](Arm& a) {
+              a.options.parameters.known_targets = {a.start.targets[0], a.start.targets[2]};
+            }),
+            frames);
   EXPECT_EQ(refused([](Arm& a) {
               a.measured.orientations.assign(a.measured.observations.size(), Eigen::Quaterniond::Identity());
               a.measured.source = "poses.csv";
@@ -78,25 +85,25 @@ TEST(WholeFit, TheTwoStepProcedureRefusesWhatItWasNotPublishedFor) {
             "method: the two-step procedure fits points; the measured orientations of poses.csv need the joint "
             "estimate");
   const std::string more = "method: the published two-step procedure has no priors, effects, losses or noise model";
-  EXPECT_EQ(refused([](Arm& a) { a.options.automatic_priors = true; }), more);
-  EXPECT_EQ(refused([](Arm& a) { a.options.priors.length = 1e-3; }), more);
-  EXPECT_EQ(refused([](Arm& a) { a.options.priors.angle = 1e-3; }), more);
-  EXPECT_EQ(refused([](Arm& a) { a.options.effects.automatic = true; }), more);
-  EXPECT_EQ(refused([](Arm& a) { a.options.effects.groups = {EffectGroup::gain}; }), more);
-  EXPECT_EQ(refused([](Arm& a) { a.options.loss = Loss::huber; }), more);
-  EXPECT_EQ(refused([](Arm& a) { a.options.weights = Weights::repeats; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.selection.automatic_priors = true; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.selection.priors.length = 1e-3; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.selection.priors.angle = 1e-3; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.selection.effects.automatic = true; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.selection.effects.groups = {EffectGroup::gain}; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.estimator.loss = Loss::huber; }), more);
+  EXPECT_EQ(refused([](Arm& a) { a.options.noise.weights = Weights::repeats; }), more);
 }
 
 // Joints that hardly move tell so little that the two steps go on and on.
 TEST(WholeFit, TheTwoStepProcedureTakesAThousandRoundsUnlessToldOtherwise) {
   const auto a_little = [](const std::vector<MovingJoint>& joints) { return JointRanges(joints.size(), {0.1, 0.4}); };
   Arm arm({.targets = published_targets(1), .ranges = a_little}, 10);
-  arm.options.method = Method::two_step;
+  arm.options.estimator.method = Method::two_step;
   const Identification found = arm.fitted().identification;
   EXPECT_EQ(found.termination, Termination::iteration_limit) << found.message;
   EXPECT_EQ(found.iterations, 1000);
   for (const int rounds : {1, 3}) {
-    arm.options.iterations = rounds;
+    arm.options.estimator.iterations = rounds;
     EXPECT_EQ(arm.fitted().identification.iterations, rounds);
   }
 }
@@ -104,20 +111,19 @@ TEST(WholeFit, TheTwoStepProcedureTakesAThousandRoundsUnlessToldOtherwise) {
 TEST(WholeFit, OfRobustLossesHasTheirWeightsAndScale) {
   Arm arm({}, 16, {.sigma = 1e-4});
   arm.measured.observations[5].position.x() += 0.02;
-  arm.fit_options.loss = Loss::tukey;
-  arm.options.loss = Loss::tukey;
+  arm.options.estimator.loss = Loss::tukey;
   const WholeFit found = arm.fitted();
   const RobustIdentification expected = identify_robustly({.model = arm.model,
                                                            .measurements = arm.measured,
                                                            .start = arm.start,
                                                            .free = arm.free,
-                                                           .options = arm.fit_options});
+                                                           .options = {.loss = Loss::tukey}});
   EXPECT_EQ(found.robust.weights, expected.weights);
   EXPECT_EQ(found.robust.scale, expected.scale);
   EXPECT_EQ(found.identification.estimate.errors, expected.fit.estimate.errors);
   EXPECT_EQ(found.free, arm.free);
   EXPECT_EQ(found.candidates, arm.free);
-  arm.fit_options.loss = Loss::none;
+  arm.options.estimator.loss = Loss::none;
   EXPECT_TRUE(arm.fitted().robust.weights.empty());
 }
 
@@ -131,10 +137,10 @@ TEST(WholeFit, GoesOnInTheCompleteSetWhereThatExplainsMoreUnlessSomethingIsAsked
   };
   constexpr double kLeft = 1e-5;
   EXPECT_LT(misfit([](Arm&) {}), 1e-10);
-  EXPECT_GT(misfit([](Arm& a) { a.options.fix = {"dq3"}; }), kLeft);
-  EXPECT_GT(misfit([](Arm& a) { a.options.iterations = 50; }), kLeft);
-  EXPECT_GT(misfit([](Arm& a) { a.options.method = Method::two_step; }), kLeft);
-  EXPECT_GT(misfit([](Arm& a) { a.options.loss = a.fit_options.loss = Loss::huber; }), kLeft);
+  EXPECT_GT(misfit([](Arm& a) { a.options.parameters.fix = {"dq3"}; }), kLeft);
+  EXPECT_GT(misfit([](Arm& a) { a.options.estimator.iterations = 50; }), kLeft);
+  EXPECT_GT(misfit([](Arm& a) { a.options.estimator.method = Method::two_step; }), kLeft);
+  EXPECT_GT(misfit([](Arm& a) { a.options.estimator.loss = Loss::huber; }), kLeft);
 }
 
 TEST(WholeFit, ArrivedWhereItsGradientVanishes) {
@@ -250,7 +256,8 @@ struct Statement {
 };
 
 // Of the fit alone: nothing is held out, no other reading is tried.
-const CalibrationOptions kFitAlone{.weights = Weights::equal, .held_out = false, .try_readings = false};
+const CalibrationOptions kFitAlone{
+    .noise = {.weights = Weights::equal}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
 
 std::vector<Statement> statements() {
   std::vector<Statement> all;
@@ -262,8 +269,8 @@ std::vector<Statement> statements() {
     const auto add = [&](const std::string& name, const NoiseModel& noise, const DenseNoise& dense) {
       Statement& statement = all.emplace_back(Statement{name, kFitAlone, dense});
       statement.name += orientation > 0.0 ? " and a sigma of orientations" : "";
-      statement.options.noise = noise;
-      statement.options.noise.orientation = orientation;
+      statement.options.noise.stated = noise;
+      statement.options.noise.stated.orientation = orientation;
     };
     const auto by_axis = [=](const Observation&) { return Matrix3d(per_axis.cwiseAbs2().asDiagonal()); };
     const auto by_tracker = [=](const Observation& o) {
@@ -316,14 +323,14 @@ DenseNoise weighed_as_by(const Calibration& found, const DenseNoise& noise) {
 
 // Estimate, variance factor and covariance of a calibration are those of the dense problem.
 void expect_dense_fit(const Measured& arm, const Calibration& found, const DenseNoise& noise) {
-  ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
-  const Estimate& estimate = found.identification.estimate;
-  const DenseFit dense(arm.model, arm.measured, found.free, weighed_as_by(found, noise));
+  ASSERT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
+  const Estimate& estimate = found.fit.identification.estimate;
+  const DenseFit dense(arm.model, arm.measured, found.fit.free, weighed_as_by(found, noise));
   const Estimate expected = dense.fit(estimate);
   const double freedom = static_cast<double>(dense.equations() - dense.columns());
   const double reduced = dense.cost(expected) / freedom;
   EXPECT_EQ(found.noise.degrees_of_freedom, freedom);
-  const bool stated = found.noise.model != "residuals";
+  const bool stated = found.noise.source != NoiseSource::residuals;
   if (stated && found.noise.variance_factor == 1.0) {
     EXPECT_LT(reduced, 1.0 + 4.0 * std::sqrt(2.0 / freedom));
   } else if (stated) {
@@ -331,11 +338,11 @@ void expect_dense_fit(const Measured& arm, const Calibration& found, const Dense
   }
   const double factor = stated ? found.noise.variance_factor : reduced;
   const MatrixXd covariance = factor * dense.inverse_information(expected);
-  EXPECT_LT(difference_in_sigmas(estimate, expected, found.free, covariance), 1e-4);
+  EXPECT_LT(difference_in_sigmas(estimate, expected, found.fit.free, covariance), 1e-4);
   expect_same_frames(estimate, expected);
-  ASSERT_EQ(found.covariance.rows(), covariance.rows());
+  ASSERT_EQ(found.uncertainty.covariance.rows(), covariance.rows());
   const VectorXd std = covariance.diagonal().cwiseSqrt();
-  const MatrixXd relative = (found.covariance - covariance).cwiseQuotient(std * std.transpose());
+  const MatrixXd relative = (found.uncertainty.covariance - covariance).cwiseQuotient(std * std.transpose());
   EXPECT_LT(relative.cwiseAbs().maxCoeff(), 2e-3);
 }
 
@@ -343,7 +350,7 @@ TEST(WholeFitOfEveryKind, MeasuredOrientationsWithEveryNoiseAreTheDenseFit) {
   for (const int repeats : {1, 3}) {
     const Measured arm = posed_arm(1, repeats);
     for (const Statement& statement : statements()) {
-      if (repeats == 1 && statement.options.noise.orientation > 0.0) {
+      if (repeats == 1 && statement.options.noise.stated.orientation > 0.0) {
         continue;  // repeats make no difference there
       }
       SCOPED_TRACE(statement.name + ", repeats " + std::to_string(repeats));
@@ -361,18 +368,18 @@ TEST(WholeFitOfEveryKind, KnownFramesWithEveryNoiseAreTheDenseFit) {
   targets[0].X_FT.rotate(testing::turned_by({3e-4, 0.0, -2e-4}));
   for (Statement& statement : statements()) {
     // Every noise beside both: once with a stated sigma of orientations, once without.
-    const bool stated = statement.options.noise.orientation > 0.0;
+    const bool stated = statement.options.noise.stated.orientation > 0.0;
     for (const bool known_base : statement.dense.common.isZero() ? std::set{stated} : std::set{true, false}) {
       SCOPED_TRACE(statement.name + (known_base ? ", known base" : ", known targets"));
       CalibrationOptions options = statement.options;
       if (known_base) {
-        options.known_base = base;
+        options.parameters.known_base = base;
       } else {
-        options.known_targets = targets;
+        options.parameters.known_targets = targets;
       }
       const Calibration calibration = calibrate(arm.model, arm.measured, options);
       expect_dense_fit(arm, calibration, statement.dense);
-      const Estimate& found = calibration.identification.estimate;
+      const Estimate& found = calibration.fit.identification.estimate;
       if (known_base) {
         EXPECT_EQ(found.X_WB.matrix(), base.matrix());
       } else {
@@ -398,7 +405,7 @@ TEST(WholeFitOfEveryKind, SigmasOfRowsStandBeforeWhatIsStatedForAll) {
     SCOPED_TRACE(statement.name);
     const auto stated = statement.dense.position;
     const auto position = [=](const Observation& o) { return o.sigma > 0.0 ? isotropic(o.sigma) : stated(o); };
-    const double orientation = statement.options.noise.orientation;
+    const double orientation = statement.options.noise.stated.orientation;
     expect_dense_fit(arm, calibrate(arm.model, arm.measured, statement.options),
                      dense_noise(position, orientation, statement.dense.common));
   }
@@ -414,7 +421,7 @@ TEST(WholeFitOfEveryKind, WeightsOfRowsAreSharesOfTheirOwnInformation) {
   const Unknowns free = Unknowns(arm.model, start.targets, reduced_model(arm.model, start.targets).kept);
   for (Statement& statement : statements()) {
     SCOPED_TRACE(statement.name);
-    const JointOptions options{.residuals = {.noise = statement.options.noise, .row_weights = weights}};
+    const JointOptions options{.residuals = {.noise = statement.options.noise.stated, .row_weights = weights}};
     const Identification found = identify_jointly(arm.model, arm.measured, start, free, options);
     ASSERT_EQ(found.termination, Termination::converged) << found.message;
     statement.dense.weights = weights;
@@ -438,46 +445,50 @@ TEST(WholeFitOfEveryKind, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePla
   for (const Measured* arm : {&points, &repeated, &poses, &repeated_poses}) {
     const Calibration plain = calibrate(arm->model, arm->measured, kFitAlone);
     const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
-    const DenseFit dense(arm->model, arm->measured, plain.free, equal);
+    const DenseFit dense(arm->model, arm->measured, plain.fit.free, equal);
     const double freedom = static_cast<double>(dense.equations() - dense.columns());
-    const double sigma = std::sqrt(dense.cost(plain.identification.estimate) / freedom);
+    const double sigma = std::sqrt(dense.cost(plain.fit.identification.estimate) / freedom);
     EXPECT_NEAR(sigma, 1e-4, 4e-4 / std::sqrt(2.0 * freedom));
     CalibrationOptions options = kFitAlone;
-    options.priors = {.length = 2e-4, .angle = 2e-4};
+    options.selection.priors = {.length = 2e-4, .angle = 2e-4};
     const Calibration unstated = calibrate(arm->model, arm->measured, options);
-    options.noise.independent.setConstant(sigma);
+    options.noise.stated.independent.setConstant(sigma);
     const Calibration stated = calibrate(arm->model, arm->measured, options);
     const auto difference = [&](const Calibration& other) {
-      return difference_in_sigmas(unstated.identification.estimate, other.identification.estimate, stated.free,
-                                  stated.covariance);
+      return difference_in_sigmas(unstated.fit.identification.estimate, other.fit.identification.estimate,
+                                  stated.fit.free, stated.uncertainty.covariance);
     };
     EXPECT_LT(difference(stated), 1e-4);
     EXPECT_GT(difference(plain), 0.1) << "the priors change nothing";
     const DenseNoise found =
         weighed_as_by(stated, dense_noise([=](const Observation&) { return isotropic(sigma); }, 0.0));
-    const DenseFit with_priors(arm->model, arm->measured, stated.free, found, options.priors);
-    const Estimate expected = with_priors.fit(stated.identification.estimate);
-    EXPECT_LT(difference_in_sigmas(stated.identification.estimate, expected, stated.free, stated.covariance), 1e-4);
+    const DenseFit with_priors(arm->model, arm->measured, stated.fit.free, found, options.selection.priors);
+    const Estimate expected = with_priors.fit(stated.fit.identification.estimate);
+    EXPECT_LT(difference_in_sigmas(stated.fit.identification.estimate, expected, stated.fit.free,
+                                   stated.uncertainty.covariance),
+              1e-4);
   }
 }
 
 // Sizes are found beside noise that is estimated with them: what was stated of it changes nothing.
 TEST(WholeFitOfEveryKind, SizesOfPriorsAreThoseOfTheResidualsWhateverNoiseIsStated) {
   const Measured arm(8, published_targets(), 14, {.sigma = 2e-4});
-  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
-  options.automatic_priors = true;
+  CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
+  options.selection.automatic_priors = true;
   const Calibration unstated = calibrate(arm.model, arm.measured, options);
-  options.noise.independent.setConstant(1e-4);
+  options.noise.stated.independent.setConstant(1e-4);
   const Calibration stated = calibrate(arm.model, arm.measured, options);
-  ASSERT_EQ(unstated.tried.size(), 2U);  // none, and of these sizes
+  ASSERT_EQ(unstated.selection.tried.size(), 2U);  // none, and of these sizes
   for (std::size_t i = 0; i < 2; ++i) {
-    EXPECT_NEAR(unstated.tried[i].priors.length, stated.tried[i].priors.length, 1e-3 * stated.tried[i].priors.length);
-    EXPECT_NEAR(unstated.tried[i].held_out_rms, stated.tried[i].held_out_rms, 1e-3 * stated.tried[i].held_out_rms);
+    EXPECT_NEAR(unstated.selection.tried[i].priors.length, stated.selection.tried[i].priors.length,
+                1e-3 * stated.selection.tried[i].priors.length);
+    EXPECT_NEAR(unstated.selection.tried[i].held_out_rms, stated.selection.tried[i].held_out_rms,
+                1e-3 * stated.selection.tried[i].held_out_rms);
   }
-  EXPECT_TRUE(unstated.tried.front().sized);
-  EXPECT_GT(unstated.priors.length, 1e-4);
-  EXPECT_LT(unstated.priors.length, 3e-3);
-  EXPECT_EQ(unstated.priors.length, unstated.tried.front().priors.length);
+  EXPECT_TRUE(unstated.selection.tried.front().sized);
+  EXPECT_GT(unstated.selection.priors.length, 1e-4);
+  EXPECT_LT(unstated.selection.priors.length, 3e-3);
+  EXPECT_EQ(unstated.selection.priors.length, unstated.selection.tried.front().priors.length);
 }
 
 // ---- Robust losses -------------------------------------------------------------------------------------------------
@@ -492,37 +503,37 @@ TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights
     outliers.insert(row);
   }
   for (const Statement& statement : statements()) {
-    if (statement.options.noise.orientation > 0.0) {
+    if (statement.options.noise.stated.orientation > 0.0) {
       continue;  // points alone
     }
     for (const Loss loss : {Loss::huber, Loss::tukey}) {
       SCOPED_TRACE(statement.name + (loss == Loss::huber ? ", Huber" : ", Tukey"));
       CalibrationOptions options = statement.options;
-      options.loss = loss;
+      options.estimator.loss = loss;
       const Calibration found = calibrate(arm.model, arm.measured, options);
-      ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
-      const Estimate& estimate = found.identification.estimate;
+      ASSERT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
+      const Estimate& estimate = found.fit.identification.estimate;
       DenseNoise weighed = statement.dense;
       weighed.weights.clear();
-      for (const double weight : found.weights) {
+      for (const double weight : found.fit.robust.weights) {
         weighed.weights.push_back(std::max(weight, 1e-9));
       }
-      const Estimate expected = DenseFit(arm.model, arm.measured, found.free, weighed).fit(estimate, 1);
-      EXPECT_LT(difference_in_sigmas(estimate, expected, found.free, found.covariance), 1e-3);
+      const Estimate expected = DenseFit(arm.model, arm.measured, found.fit.free, weighed).fit(estimate, 1);
+      EXPECT_LT(difference_in_sigmas(estimate, expected, found.fit.free, found.uncertainty.covariance), 1e-3);
 
       const KDL::Chain chain = error_chain(arm.model, estimate.errors);
       const Matrix3d common = statement.dense.common.cwiseAbs2().asDiagonal();
       std::vector<std::pair<double, double>> by_distance;  // with the weight
-      for (std::size_t row = 0; row < found.weights.size(); ++row) {
+      for (std::size_t row = 0; row < found.fit.robust.weights.size(); ++row) {
         const Observation& o = arm.measured.observations[row];
         const Eigen::Isometry3d X_BF =
             to_eigen(testing::kdl_pose(chain, arm.measured.joint_values.col(o.configuration)));
         const Vector3d target = estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
         const Vector3d e = o.position - estimate.X_WB * (X_BF * target);
         by_distance.emplace_back(std::sqrt(e.dot((statement.dense.position(o) + common).ldlt().solve(e))),
-                                 found.weights[row]);
+                                 found.fit.robust.weights[row]);
         if (outliers.count(row) > 0) {
-          EXPECT_LT(found.weights[row], 0.7) << "row " << row;
+          EXPECT_LT(found.fit.robust.weights[row], 0.7) << "row " << row;
         }
       }
       std::sort(by_distance.begin(), by_distance.end());
@@ -539,7 +550,7 @@ TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights
 // One point in so many configurations that as many degrees of freedom are left; some parameters are fixed for that.
 struct Tight {
   Measured arm;
-  CalibrationOptions options{.weights = Weights::equal, .try_readings = false};
+  CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
 
   explicit Tight(int freedom, int configurations = 11)
       : arm(40 + static_cast<std::uint64_t>(freedom), published_targets(1), configurations, {.sigma = 1e-4}) {
@@ -547,7 +558,7 @@ struct Tight {
     const std::size_t unknowns = static_cast<std::size_t>(3 * configurations - freedom);
     std::size_t count = reduction.kept.size();
     for (auto name = reduction.kept.rbegin(); name != reduction.kept.rend() && count > unknowns; ++name, --count) {
-      options.fix.push_back(*name);
+      options.parameters.fix.push_back(*name);
     }
   }
 };
@@ -557,19 +568,19 @@ TEST(WholeFitOfEveryKind, FewDegreesOfFreedomGiveTheVarianceOfTheTextbook) {
     SCOPED_TRACE(freedom);
     const Tight tight(freedom, 9);
     const Calibration found = calibrate(tight.arm.model, tight.arm.measured, tight.options);
-    ASSERT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
+    ASSERT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
     EXPECT_EQ(found.noise.degrees_of_freedom, freedom);
     const DenseNoise equal = dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0);
-    const DenseFit dense(tight.arm.model, tight.arm.measured, found.free, equal);
+    const DenseFit dense(tight.arm.model, tight.arm.measured, found.fit.free, equal);
     ASSERT_EQ(dense.equations() - dense.columns(), freedom);
-    const Estimate expected = dense.fit(found.identification.estimate);
+    const Estimate expected = dense.fit(found.fit.identification.estimate);
     const double variance = dense.cost(expected) / freedom;
     EXPECT_NEAR(found.noise.sigma, std::sqrt(variance), 1e-6 * std::sqrt(variance));
     EXPECT_NEAR(found.noise.independent.x(), std::sqrt(variance), 1e-6 * std::sqrt(variance));
     EXPECT_EQ(found.noise.common, Vector3d::Zero());
     const MatrixXd covariance = variance * dense.inverse_information(expected);
     const VectorXd std = covariance.diagonal().cwiseSqrt();
-    const MatrixXd relative = (found.covariance - covariance).cwiseQuotient(std * std.transpose());
+    const MatrixXd relative = (found.uncertainty.covariance - covariance).cwiseQuotient(std * std.transpose());
     EXPECT_LT(relative.cwiseAbs().maxCoeff(), 1e-3);
   }
 }
@@ -590,21 +601,22 @@ void append(std::vector<double>& all, const ErrorStatistics& s) {
 // Every number that is fitted, chosen or judged by the training rows.
 std::vector<double> fitted_numbers(const Calibration& c, const std::vector<Observation>& rows) {
   std::vector<double> all;
-  const Estimate& estimate = c.identification.estimate;
+  const Estimate& estimate = c.fit.identification.estimate;
   append(all, estimate.errors);
   append(all, estimate.X_WB.matrix());
   for (const TargetFrame& target : estimate.targets) {
     append(all, target.X_FT.matrix());
   }
   append(all, estimate.effects);
-  append(all, c.covariance);
+  append(all, c.uncertainty.covariance);
   append(all, c.exported.estimate.errors);
-  for (const ParameterEstimate& parameter : c.parameters) {
+  for (const ParameterEstimate& parameter : c.uncertainty.parameters) {
     all.insert(all.end(), {parameter.value, parameter.error, parameter.std});
   }
-  all.insert(all.end(), {c.identification.rms, static_cast<double>(c.identification.iterations), c.noise.sigma,
-                         c.noise.degrees_of_freedom, c.noise.variance_factor, c.identifiability.condition,
-                         c.observability.O1, c.observability.O5, c.priors.length, c.priors.angle});
+  all.insert(all.end(), {c.fit.identification.rms, static_cast<double>(c.fit.identification.iterations), c.noise.sigma,
+                         c.noise.degrees_of_freedom, c.noise.variance_factor, c.uncertainty.identifiability.condition,
+                         c.uncertainty.observability.O1, c.uncertainty.observability.O5, c.selection.priors.length,
+                         c.selection.priors.angle});
   append(all, c.noise.independent);
   append(all, c.noise.common);
   if (c.noise.repeats) {
@@ -612,28 +624,30 @@ std::vector<double> fitted_numbers(const Calibration& c, const std::vector<Obser
     append(all, c.noise.repeats->common);
     all.push_back(c.noise.repeats->orientation);
   }
-  for (const ModelOption& option : c.tried) {
+  for (const ModelOption& option : c.selection.tried) {
     all.insert(all.end(), {option.priors.length, static_cast<double>(option.effects.size()), option.held_out_rms});
   }
-  for (const ErrorStatistics& s : {c.train.before, c.train.after, c.iso_before.accuracy, c.iso_after.accuracy,
-                                   c.iso_after.repeatability, c.predicted.workspace}) {
+  for (const ErrorStatistics& s :
+       {c.accuracy.train.before, c.accuracy.train.after, c.accuracy.iso_before.accuracy, c.accuracy.iso_after.accuracy,
+        c.accuracy.iso_after.repeatability, c.uncertainty.predicted.workspace}) {
     append(all, s);
   }
-  if (c.leave_one_out) {
-    append(all, c.leave_one_out->before);
-    append(all, c.leave_one_out->after);
+  if (c.accuracy.leave_one_out) {
+    append(all, c.accuracy.leave_one_out->before);
+    append(all, c.accuracy.leave_one_out->after);
   }
-  append(all, c.nested_leave_one_out.value_or(ErrorStatistics{}));
-  append(all, c.k_fold ? c.k_fold->after : ErrorStatistics{});
-  if (c.lack_of_fit) {
-    all.insert(all.end(), {c.lack_of_fit->f, c.lack_of_fit->p_value});
-    all.insert(all.end(), c.lack_of_fit->explained_by_joint.begin(), c.lack_of_fit->explained_by_joint.end());
+  append(all, c.accuracy.nested_leave_one_out.value_or(ErrorStatistics{}));
+  append(all, c.accuracy.k_fold ? c.accuracy.k_fold->after : ErrorStatistics{});
+  if (c.noise.lack_of_fit) {
+    all.insert(all.end(), {c.noise.lack_of_fit->f, c.noise.lack_of_fit->p_value});
+    all.insert(all.end(), c.noise.lack_of_fit->explained_by_joint.begin(),
+               c.noise.lack_of_fit->explained_by_joint.end());
   }
-  for (const ConfigurationInfluence& configuration : c.influence.configurations) {
+  for (const ConfigurationInfluence& configuration : c.uncertainty.influence.configurations) {
     all.insert(all.end(), {configuration.leverage, configuration.cook});
   }
-  for (std::size_t row = 0; row < c.weights.size(); ++row) {
-    all.push_back(rows[row].split == Split::train ? c.weights[row] : 0.0);
+  for (std::size_t row = 0; row < c.fit.robust.weights.size(); ++row) {
+    all.push_back(rows[row].split == Split::train ? c.fit.robust.weights[row] : 0.0);
   }
   return all;
 }
@@ -646,20 +660,20 @@ TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
   std::vector<std::pair<std::string, CalibrationOptions>> cases(5);
   cases[0].first = "equal weights";
   cases[1].first = "chosen priors and effects, nested and folds";
-  cases[1].second.automatic_priors = true;
-  cases[1].second.effects.automatic = true;
-  cases[1].second.leave_one_out = true;
-  cases[1].second.nested = true;
-  cases[1].second.k_fold = 3;
+  cases[1].second.selection.automatic_priors = true;
+  cases[1].second.selection.effects.automatic = true;
+  cases[1].second.validation.leave_one_out = true;
+  cases[1].second.validation.nested = true;
+  cases[1].second.validation.k_fold = 3;
   cases[2].first = "repeats";
-  cases[2].second.weights = Weights::repeats;
+  cases[2].second.noise.weights = Weights::repeats;
   cases[3].first = "Tukey and common noise";
-  cases[3].second.loss = Loss::tukey;
-  cases[3].second.noise = {.independent = Vector3d::Constant(1e-4), .common = Vector3d::Constant(1e-4)};
+  cases[3].second.estimator.loss = Loss::tukey;
+  cases[3].second.noise.stated = {.independent = Vector3d::Constant(1e-4), .common = Vector3d::Constant(1e-4)};
   cases[4].first = "tracker";
-  cases[4].second.noise.tracker = TrackerNoise{.range = 1e-4, .transverse_per_metre = 1e-4};
+  cases[4].second.noise.stated.tracker = TrackerNoise{.range = 1e-4, .transverse_per_metre = 1e-4};
   for (auto& entry : cases) {
-    entry.second.try_readings = false;
+    entry.second.diagnosis.try_readings = false;
   }
   Measured arm = posed_arm(10, 2, 16);
   for (Observation& o : arm.measured.observations) {
@@ -681,9 +695,9 @@ TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
     const Calibration after = calibrate(arm.model, spoilt, options);
     const std::vector<double> expected = fitted_numbers(found, arm.measured.observations);
     EXPECT_TRUE(same_bytes(fitted_numbers(after, spoilt.observations), expected)) << "spoilt test rows";
-    ASSERT_TRUE(found.test.has_value() && after.test.has_value());
-    EXPECT_GT(after.test->after.rms, found.test->after.rms + 0.1);
-    if (options.loss == Loss::none) {  // the weights of rows that are not there cannot be compared
+    ASSERT_TRUE(found.accuracy.test.has_value() && after.accuracy.test.has_value());
+    EXPECT_GT(after.accuracy.test->after.rms, found.accuracy.test->after.rms + 0.1);
+    if (options.estimator.loss == Loss::none) {  // the weights of rows that are not there cannot be compared
       const Calibration alone = calibrate(arm.model, absent, options);
       EXPECT_TRUE(same_bytes(fitted_numbers(alone, absent.observations), expected)) << "no test rows";
     }

@@ -11,8 +11,8 @@
 #include "base/sha256.hpp"
 #include "cli_options_support.hpp"
 #include "cli_support.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
-#include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measurements_file.hpp"
@@ -100,14 +100,14 @@ std::vector<OptionCase> geometry_options() {
       {"MethodTwoStepIsTheOther",
        {"--method", "two-step"},
        both_checks(is_library([](auto& o) {
-                     o.method = Method::two_step;
-                     o.iterations = 5;
+                     o.estimator.method = Method::two_step;
+                     o.estimator.iterations = 5;
                    }),
                    [](const Effect& effect) { EXPECT_EQ(effect.with.json["iterations"], 5); }),
        kMeasured + Words{"--iterations", "5"}},
       {"IterationsAreTheLimit",
        {"--iterations", "2"},
-       both_checks(is_library([](auto& o) { o.iterations = 2; }),
+       both_checks(is_library([](auto& o) { o.estimator.iterations = 2; }),
                    [](const Effect& effect) {
                      EXPECT_EQ(effect.with.json["iterations"], 2);
                      EXPECT_EQ(effect.with.json["termination"], "iteration_limit");
@@ -117,12 +117,12 @@ std::vector<OptionCase> geometry_options() {
        kMeasured},
       {"ModelCompleteHasEveryParameter",
        {"--model", "complete"},
-       is_library([](auto& o) { o.model = ModelChoice::complete; }),
+       is_library([](auto& o) { o.parameters.model = ModelChoice::complete; }),
        kMeasured},
       {"FixHoldsParametersAtZero",
        {"--fix", "dq2,*2"},
        both_checks(is_library([](auto& o) {
-                     o.fix = {"dq2", "*2"};
+                     o.parameters.fix = {"dq2", "*2"};
                    }),
                    [=](const Effect& effect) {
                      for (const char* name : {"dq2", "Tz2", "Rz2", "Ry2"}) {
@@ -133,29 +133,30 @@ std::vector<OptionCase> geometry_options() {
                      EXPECT_NE(error_of(effect.with, "Ty1"), 0.0);
                    }),
        kMeasured},
-      {"FreeAddsParameters", {"--free", "Rx1"}, is_library([](auto& o) { o.free = {"Rx1"}; }), kMeasured},
+      {"FreeAddsParameters", {"--free", "Rx1"}, is_library([](auto& o) { o.parameters.free = {"Rx1"}; }), kMeasured},
       {"PriorLengthIsOfLengths",
        {"--prior-length", "0.0005"},
-       both_checks(is_library([](auto& o) { o.priors.length = 5e-4; }),
+       both_checks(is_library([](auto& o) { o.selection.priors.length = 5e-4; }),
                    changes({"priors/length"}, {"priors/angle", "input"})),
        kMeasured},
       {"PriorAngleIsOfAngles",
        {"--prior-angle", "0.0007"},
-       both_checks(is_library([](auto& o) { o.priors.angle = 7e-4; }),
+       both_checks(is_library([](auto& o) { o.selection.priors.angle = 7e-4; }),
                    changes({"priors/angle"}, {"priors/length", "input"})),
        kMeasured},
       {"AutoIsWhatIsDoneWhereNothingIsSaid", {"--prior", "auto", "--effects", "auto"}, changes_nothing(), kOfM},
       {"NothingSaidIsAllAutomatic",
        {"--threads", "1"},
        [](const Effect& effect) {
-         CalibrationOptions options{.automatic_priors = true, .effects = {.groups = {}, .automatic = true}};
+         CalibrationOptions options{
+             .selection = {.automatic_priors = true, .effects = {.groups = {}, .automatic = true}}};
          const Json expected = Json::parse(library_result(effect.directory, "m.csv", options));
          EXPECT_EQ(without_provenance(expected), without_provenance(effect.with.json));
        },
        kOfM},
       {"EffectsOfAGroup",
        {"--effects", "gravity"},
-       is_library([](auto& o) { o.effects.groups = {EffectGroup::gravity}; }),
+       is_library([](auto& o) { o.selection.effects.groups = {EffectGroup::gravity}; }),
        kOfM + kNoPriors},
       {"GravityDirectionIsThatOfTheSag",
        {"--gravity-direction", "1,2,-2"},
@@ -169,12 +170,12 @@ std::vector<OptionCase> geometry_options() {
        kOfM + kNoPriors + Words{"--effects", "gravity"}},
       {"KnownBaseIsHeld",
        {"--known-base", "known.json"},
-       is_library([](auto& o) { o.known_base = known_base(); }),
+       is_library([](auto& o) { o.parameters.known_base = known_base(); }),
        kMeasured},
       {"KnownTargetsAreHeldAndOthersFree",
        {"--known-targets", "known.json"},
        is_library([](auto& o) {
-         o.known_targets = targets_at({Eigen::Vector3d(0.1, 0.001, 0.0), Eigen::Vector3d(0.0, 0.0, 0.1)});
+         o.parameters.known_targets = targets_at({Eigen::Vector3d(0.1, 0.001, 0.0), Eigen::Vector3d(0.0, 0.0, 0.1)});
        }),
        kMeasured},
   };
@@ -182,20 +183,20 @@ std::vector<OptionCase> geometry_options() {
 
 // NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> noise_options() {
-  const auto stated = [](auto& o) { o.noise.independent = Eigen::Vector3d::Constant(2e-5); };
+  const auto stated = [](auto& o) { o.noise.stated.independent = Eigen::Vector3d::Constant(2e-5); };
   return {
       {"LossHuberWeighsOutliersDown",
        {"--loss", "huber"},
-       is_library([](auto& o) { o.loss = Loss::huber; }),
+       is_library([](auto& o) { o.estimator.loss = Loss::huber; }),
        kMeasured},
-      {"LossIsPlainByItself", {"--loss", "huber"}, is_library([](auto& o) { o.loss = Loss::huber; }), kOfM},
+      {"LossIsPlainByItself", {"--loss", "huber"}, is_library([](auto& o) { o.estimator.loss = Loss::huber; }), kOfM},
       {"NoiseEqualIsPlainLeastSquares",
        {"--noise", "equal"},
-       is_library([](auto& o) { o.weights = Weights::equal; }, "poses.csv"),
+       is_library([](auto& o) { o.noise.weights = Weights::equal; }, "poses.csv"),
        kPoses},
       {"NoiseIndependentIsOneSigmaOfEveryAxis",
        {"--noise-independent", "3e-5"},
-       both_checks(is_library([](auto& o) { o.noise.independent = Eigen::Vector3d::Constant(3e-5); }),
+       both_checks(is_library([](auto& o) { o.noise.stated.independent = Eigen::Vector3d::Constant(3e-5); }),
                    [](const Effect& effect) {
                      EXPECT_NEAR(effect.with.json["noise"]["independent"][1].get<double>(), 3e-5, 1e-15);
                    }),
@@ -203,7 +204,7 @@ std::vector<OptionCase> noise_options() {
       {"NoiseIndependentIsOneSigmaForEachAxis",
        {"--noise-independent", "1e-5,2e-5,4e-5"},
        both_checks(is_library([](auto& o) {
-                     o.noise.independent = {1e-5, 2e-5, 4e-5};
+                     o.noise.stated.independent = {1e-5, 2e-5, 4e-5};
                    }),
                    [](const Effect& effect) {
                      const Json ratio = effect.with.json["noise"]["independent"];
@@ -215,13 +216,13 @@ std::vector<OptionCase> noise_options() {
        {"--noise-common", "1e-5,2e-5,3e-5"},
        is_library([=](auto& o) {
          stated(o);
-         o.noise.common = {1e-5, 2e-5, 3e-5};
+         o.noise.stated.common = {1e-5, 2e-5, 3e-5};
        }),
        kStated},
       {"NoiseTrackerIsRangeThenTransverse",
        {"--noise-tracker", "1e-5,1e-6,2e-5,3e-6"},
        is_library([](auto& o) {
-         o.noise.tracker =
+         o.noise.stated.tracker =
              TrackerNoise{.range = 1e-5, .range_per_metre = 1e-6, .transverse = 2e-5, .transverse_per_metre = 3e-6};
        }),
        kMeasured},
@@ -230,7 +231,7 @@ std::vector<OptionCase> noise_options() {
        is_library(
            [=](auto& o) {
              stated(o);
-             o.noise.orientation = 3e-4;
+             o.noise.stated.orientation = 3e-4;
            },
            "poses.csv"),
        kPoses + Words{"--noise-independent", "2e-5"}},
@@ -247,8 +248,8 @@ std::vector<OptionCase> noise_options() {
        {"--leave-one-out"},
        both_checks(
            is_library([](auto& o) {
-             o.leave_one_out = true;
-             o.k_fold = 3;
+             o.validation.leave_one_out = true;
+             o.validation.k_fold = 3;
            }),
            changes({"position_error/leave_one_out", "exported_urdf/position_error/held_out/rms"},
                    {"parameters", "position_error/train", "position_error/k_fold", "exported_urdf/parameters"})),
@@ -256,17 +257,17 @@ std::vector<OptionCase> noise_options() {
       {"NestedAddsOneWithTheChoicesMadeAnew",
        {"--nested"},
        both_checks(is_library([](auto& o) {
-                     o.leave_one_out = true;
-                     o.nested = true;
-                     o.automatic_priors = true;
+                     o.validation.leave_one_out = true;
+                     o.validation.nested = true;
+                     o.selection.automatic_priors = true;
                    }),
                    changes_only({"position_error/nested_leave_one_out"})),
        kOfM + kNoEffects + Words{"--leave-one-out", "--prior", "auto"}},
       {"KFoldAddsAPrediction",
        {"--k-fold", "2"},
        both_checks(is_library([](auto& o) {
-                     o.leave_one_out = true;
-                     o.k_fold = 2;
+                     o.validation.leave_one_out = true;
+                     o.validation.k_fold = 2;
                    }),
                    changes_only({"position_error/k_fold", "held_out_points/*/configuration",
                                  "held_out_points/*/residual/*", "held_out_points/*/distance"})),

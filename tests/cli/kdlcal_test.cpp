@@ -2,7 +2,7 @@
 #include <sstream>
 
 #include "cli_support.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "support.hpp"
 

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/experiment.hpp"
@@ -133,7 +133,7 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   const Experiment experiment = nominal_experiment(m.model, m.truth.targets);
   Calibration calibration;
   calibration.model = m.model;
-  calibration.identification.estimate = estimate;
+  calibration.fit.identification.estimate = estimate;
   expect_all_refuse({
       {"calibrate", [&](const Measurements& d) { calibrate(m.model, d); }},
       {"nominal_start", [&](const Measurements& d) { nominal_start(m.model, d); }},
@@ -238,14 +238,14 @@ TEST(InputCheck, RefusesEstimatesAndParametersThatDoNotFit) {
 TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
   for (const double value : {-1.0, kNaN, std::numeric_limits<double>::infinity()}) {
     const std::vector<std::function<void(CalibrationOptions&)>> changes = {
-        [&](CalibrationOptions& o) { o.priors.length = value; },
-        [&](CalibrationOptions& o) { o.priors.angle = value; },
-        [&](CalibrationOptions& o) { o.noise.independent.y() = value; },
-        [&](CalibrationOptions& o) { o.noise.common.z() = value; },
-        [&](CalibrationOptions& o) { o.noise.orientation = value; },
-        [&](CalibrationOptions& o) { o.noise.misfit = value; },
-        [&](CalibrationOptions& o) { o.noise.target_misfit = value; },
-        [&](CalibrationOptions& o) { o.noise.tracker = TrackerNoise{.range = value}; }};
+        [&](CalibrationOptions& o) { o.selection.priors.length = value; },
+        [&](CalibrationOptions& o) { o.selection.priors.angle = value; },
+        [&](CalibrationOptions& o) { o.noise.stated.independent.y() = value; },
+        [&](CalibrationOptions& o) { o.noise.stated.common.z() = value; },
+        [&](CalibrationOptions& o) { o.noise.stated.orientation = value; },
+        [&](CalibrationOptions& o) { o.noise.stated.misfit = value; },
+        [&](CalibrationOptions& o) { o.noise.stated.target_misfit = value; },
+        [&](CalibrationOptions& o) { o.noise.stated.tracker = TrackerNoise{.range = value}; }};
     for (std::size_t i = 0; i < changes.size(); ++i) {
       CalibrationOptions options;
       changes[i](options);

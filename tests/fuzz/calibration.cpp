@@ -1,4 +1,4 @@
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 
 #include <cmath>
@@ -102,24 +102,24 @@ CalibrationOptions options_from(Reader& reader) {
   const unsigned second = reader.byte();
   CalibrationOptions options;
   options.threads = 1;
-  options.iterations = 20;
-  options.method = (first & 1U) != 0 ? Method::two_step : Method::joint;
-  options.model = (first & 2U) != 0 ? ModelChoice::complete : ModelChoice::irreducible;
-  options.loss = kLosses.at((first >> 2U) % kLosses.size());
+  options.estimator.iterations = 20;
+  options.estimator.method = (first & 1U) != 0 ? Method::two_step : Method::joint;
+  options.parameters.model = (first & 2U) != 0 ? ModelChoice::complete : ModelChoice::irreducible;
+  options.estimator.loss = kLosses.at((first >> 2U) % kLosses.size());
   if ((first & 64U) != 0) {
-    options.effects.groups = (first & 32U) != 0 ? std::vector{EffectGroup::transverse, EffectGroup::ripple}
-                                                : std::vector{EffectGroup::gravity, EffectGroup::tables};
+    options.selection.effects.groups = (first & 32U) != 0 ? std::vector{EffectGroup::transverse, EffectGroup::ripple}
+                                                          : std::vector{EffectGroup::gravity, EffectGroup::tables};
   }
-  options.effects.automatic = (first & 128U) != 0;
-  options.leave_one_out = (second & 7U) == 1;
-  options.k_fold = (second & 7U) == 2 ? 3 : 0;
-  options.weights = (second & 8U) != 0 ? Weights::repeats : Weights::automatic;
-  options.automatic_priors = (second & 0xf0U) == 0xf0U;
+  options.selection.effects.automatic = (first & 128U) != 0;
+  options.validation.leave_one_out = (second & 7U) == 1;
+  options.validation.k_fold = (second & 7U) == 2 ? 3 : 0;
+  options.noise.weights = (second & 8U) != 0 ? Weights::repeats : Weights::automatic;
+  options.selection.automatic_priors = (second & 0xf0U) == 0xf0U;
   if ((second & 16U) != 0) {
-    options.fix = {"dq*", "?x1"};
+    options.parameters.fix = {"dq*", "?x1"};
   }
   if ((second & 32U) != 0) {
-    options.priors = {.length = std::abs(reader.number()), .angle = std::abs(reader.number())};
+    options.selection.priors = {.length = std::abs(reader.number()), .angle = std::abs(reader.number())};
   }
   return options;
 }

@@ -7,7 +7,7 @@
 #include <map>
 #include <tuple>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/identification_jacobian.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -294,8 +294,8 @@ TEST_P(AnyChain, IsRecoveredToRounding) {
     const Measurements train = experiment.measure(60);
     const Measurements test = experiment.measure(100, {}, Split::test);
     const Calibration found = calibrate(model, joined(train, test));
-    ASSERT_TRUE(found.trusted()) << found.identification.message;
-    ASSERT_LE(found.test->after.rms, 1e-12);
+    ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
+    ASSERT_LE(found.accuracy.test->after.rms, 1e-12);
     ASSERT_LE(found.difference_to_kdl, 1e-12);
     const Robot exported = parse_robot(calibrated_urdf(robot, model, found.exported.estimate.errors));
     const Eigen::VectorXd q = experiment.configurations(1).col(0);
@@ -316,9 +316,9 @@ TEST(Reduction, MissingTargetsAndManyTargetsAreNormal) {
   const Measurements all = experiment.measure(30);
   const Measurements some = subset(all, [](const Observation& o) { return (o.configuration + 3 * o.target) % 4 != 0; });
   const Calibration found = calibrate(experiment.model, some);
-  ASSERT_TRUE(found.trusted()) << found.identification.message;
-  EXPECT_EQ(found.identifiability.rank, 24 + 36);
-  EXPECT_LE(found.train.after.max, 1e-12);
+  ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
+  EXPECT_EQ(found.uncertainty.identifiability.rank, 24 + 36);
+  EXPECT_LE(found.accuracy.train.after.max, 1e-12);
 }
 TEST(ReductionOnRealData, TheRosIndustrialDescriptionHasTheSameCountWithItsOwnLetters) {
   const Robot robot = load_robot(std::string(SHARED_DATA_DIR) + "/ros_industrial/fanuc_r2000ic165f.urdf");

@@ -10,7 +10,7 @@
 #include <limits>
 #include <set>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/observability.hpp"
@@ -85,8 +85,9 @@ TEST(Planner, OnTopOfACalibrationItsTermsAreTheOnesItFound) {
   const MatrixXd q = arm.configurations(60);
   add_effects(arm.robot, {EffectGroup::gravity}, q, 3e-4, arm.random);
   const Measurements measured = arm.measure(q, {.sigma = 3e-5});
-  const CalibrationOptions options{
-      .effects = {.groups = {EffectGroup::gravity}}, .held_out = false, .try_readings = false};
+  const CalibrationOptions options{.selection = {.effects = {.groups = {EffectGroup::gravity}}},
+                                   .validation = {.held_out = false},
+                                   .diagnosis = {.try_readings = false}};
   const Calibration found = calibrate(model, measured, options);
   PlanRequest request = request_with({EffectGroup::gravity});
   request.calibrated = parse_calibration(result_json(robot, measured, options, found), robot);
@@ -99,7 +100,7 @@ TEST(Planner, OnTopOfACalibrationItsTermsAreTheOnesItFound) {
     EXPECT_EQ(plan.experiment.model.effects[e].scale, found.model.effects[e].scale);
   }
   // Five configurations more than sixty: somewhat better than what the calibration knows, which is all that is known.
-  const double before = found.predicted.measured.mean;
+  const double before = found.uncertainty.predicted.measured.mean;
   EXPECT_LT(plan.planned.sigma.mean, 1.3 * before);
   EXPECT_GT(plan.planned.sigma.mean, 0.5 * before);
 }

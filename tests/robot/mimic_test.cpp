@@ -10,7 +10,7 @@
 #include <Eigen/SVD>
 #include <fstream>
 
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
@@ -296,14 +296,14 @@ TEST(Mimic, CalibratesAndExportsARobotThatStillMimics) {
   VirtualExperiment arm({.model = model, .sizes = {.length = 0.001, .angle = 0.005}, .random = Random(5)});
   const Measurements measured = arm.measure(40);
   const Calibration found = calibrate(model, measured);
-  EXPECT_EQ(found.identification.termination, Termination::converged) << found.identification.message;
+  EXPECT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
   const MatrixXd fresh = arm.configurations(100);
   const Measurements held_out = arm.measure(fresh);
-  EXPECT_LT(error_statistics(position_errors(model, found.identification.estimate, held_out)).max, 1e-9);
+  EXPECT_LT(error_statistics(position_errors(model, found.fit.identification.estimate, held_out)).max, 1e-9);
 
-  const Robot exported = parse_robot(calibrated_urdf(robot, model, found.identification.estimate.errors));
+  const Robot exported = parse_robot(calibrated_urdf(robot, model, found.fit.identification.estimate.errors));
   ASSERT_TRUE(exported.joints[5].mimic);
-  const FoldedChain chain = folded(model, found.identification.estimate.errors);
+  const FoldedChain chain = folded(model, found.fit.identification.estimate.errors);
   for (const auto& q : fresh.colwise()) {
     const VectorXd own = all_joint_values(exported.joints, independent_joint_values(robot.joints, q));
     EXPECT_LT(testing::difference(testing::kdl_pose(exported.chain, own), to_kdl(flange_pose(chain, q))), 1e-12);

@@ -1,4 +1,4 @@
-#include "calibration/signal_check.hpp"
+#include "calibration/option_check.hpp"
 
 #include <gmock/gmock.h>
 
@@ -6,7 +6,7 @@
 
 #include "refusal.hpp"
 
-namespace kdl_calibration::signal_check_test {
+namespace kdl_calibration::option_check_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -24,7 +24,7 @@ struct Setting {
     measured.configurations = {"a", "b", "c"};
     measured.joint_values = Eigen::MatrixXd::Zero(2, 3);
     measured.signals.torques = Eigen::MatrixXd::Ones(2, 3);
-    options.effects.groups = {EffectGroup::gravity, EffectGroup::torque};
+    options.selection.effects.groups = {EffectGroup::gravity, EffectGroup::torque};
     options.predict_at = {.names = {"p", "q"}, .joint_values = Eigen::MatrixXd::Zero(2, 2), .signals = {}};
     options.predict_at.signals.torques = Eigen::MatrixXd::Ones(2, 2);
   }
@@ -34,7 +34,7 @@ struct Setting {
   }
 };
 
-TEST(SignalCheck, EveryConfigurationHasTheTorquesThatAnyHas) {
+TEST(OptionCheck, EveryConfigurationHasTheTorquesThatAnyHas) {
   EXPECT_EQ(Setting().refused(), "nothing was refused");
   for (const auto& [joint, name] : {std::pair{0, "shoulder"}, std::pair{1, "elbow"}}) {
     for (const auto& [column, configuration] : {std::pair{0, "a"}, std::pair{2, "c"}}) {
@@ -60,17 +60,17 @@ TEST(SignalCheck, EveryConfigurationHasTheTorquesThatAnyHas) {
   EXPECT_THAT(without.refused(), HasSubstr("configuration 'p' has no torque of shoulder"));
 }
 
-TEST(SignalCheck, TorquesAreNeededOnlyForTheirEffect) {
+TEST(OptionCheck, TorquesAreNeededOnlyForTheirEffect) {
   Setting s;
   s.measured.signals.torques.setConstant(kNone);
   EXPECT_THAT(s.refused(), HasSubstr("effects: torque needs measured torques, expected columns tau_<joint>"));
   s.measured.signals.torques.resize(0, 0);
   EXPECT_THAT(s.refused(), HasSubstr("effects: torque needs measured torques"));
-  s.options.effects.groups = {EffectGroup::gravity};
+  s.options.selection.effects.groups = {EffectGroup::gravity};
   EXPECT_EQ(s.refused(), "nothing was refused");
   s.options.predict_at.signals.torques.resize(1, 2);
   EXPECT_THAT(s.refused(), HasSubstr("to predict at"));
 }
 
 }  // namespace
-}  // namespace kdl_calibration::signal_check_test
+}  // namespace kdl_calibration::option_check_test

@@ -1,0 +1,114 @@
+#pragma once
+
+// What a calibration is asked for.
+//
+//     CalibrationOptions options;
+//     options.parameters.fix = {"Tx*"};
+//     const Calibration found = calibrate(model, measurements, options);
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/drive_signals.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "kdl_calibration/registration.hpp"
+#include "kdl_calibration/unknowns.hpp"
+
+namespace kdl_calibration {
+
+enum class Method { joint, two_step };
+enum class ModelChoice { irreducible, complete };
+/// How rows are weighed: by the parts of the noise, estimated where not stated; all alike, or as stated; or by the
+/// parts with repeats demanded.
+enum class Weights { automatic, equal, repeats };
+
+struct EstimatorOptions {
+  Method method = Method::joint;
+  int iterations = 0;  ///< limit; 0: 50 for the joint estimator, 1000 rounds for the two-step one
+  Loss loss = Loss::none;
+};
+/// Whether least squares are minimised jointly, without a loss.
+inline bool is_plain(const EstimatorOptions& options) {
+  return options.method == Method::joint && options.loss == Loss::none;
+}
+
+struct ParameterOptions {
+  ModelChoice model = ModelChoice::irreducible;
+  std::vector<std::string> fix;                 ///< names or patterns with * and ? that are not estimated
+  std::vector<std::string> free;                ///< names or patterns that are estimated in addition
+  std::optional<Eigen::Isometry3d> known_base;  ///< X_WB
+  std::vector<TargetFrame> known_targets;
+};
+RegistrationOptions known_frames(const ParameterOptions& options);
+
+struct NoiseOptions {
+  NoiseModel stated;  ///< by the user; the default weighs all rows alike
+  Weights weights = Weights::automatic;
+};
+
+/// Joint effects that the model is to have beside the geometry.
+struct Effects {
+  std::vector<EffectGroup> groups;  ///< these
+  bool automatic = false;           ///< or those that cross-validation accepts
+};
+
+struct ModelSelectionOptions {
+  Priors priors;
+  bool automatic_priors = false;  ///< their sizes by evidence, or none, as cross-validation says
+  Effects effects;
+};
+/// Whether priors or effects are to be selected or sized.
+bool is_open(const ModelSelectionOptions& options);
+
+struct ValidationOptions {
+  bool leave_one_out = false;
+  bool nested = false;  ///< leave_one_out, and beside it every automatic choice made anew without each configuration
+  int k_fold = 0;       ///< 0: none
+  /// Where neither is asked for: leave-one-out or, above kMostLeftOutSingly configurations, ten folds. Without it the
+  /// answer cannot be doubted for what it does at unseen configurations.
+  bool held_out = true;
+};
+
+/// Configurations up to which each is left out singly unless the options say otherwise. Exact refits take a time that
+/// grows with the square of that number.
+constexpr std::size_t kMostLeftOutSingly = 5000;
+constexpr int kFoldsOfMany = 10;
+
+struct DiagnosisOptions {
+  bool try_readings = true;  ///< whether other readings of the data are tried
+  /// That made the joint values the URDF's, and others that may have been meant: other readings use them.
+  std::optional<JointConvention> convention;
+  std::vector<JointConvention> other_conventions;
+};
+
+struct Configurations {
+  std::vector<std::string> names;
+  Eigen::MatrixXd joint_values;  ///< joints x names, in the URDF's convention [rad] or [m]
+  DriveSignals signals;
+};
+
+/// Called with the name of a stage ("leave-one-out"), how many of its fits are done and how many there are. Calls come
+/// from any thread, one at a time.
+using ProgressFunction = std::function<void(const std::string& what, std::size_t done, std::size_t of)>;
+
+struct CalibrationOptions {
+  EstimatorOptions estimator;
+  ParameterOptions parameters;
+  NoiseOptions noise;
+  ModelSelectionOptions selection;
+  ValidationOptions validation;
+  DiagnosisOptions diagnosis;
+  Configurations predict_at;  ///< where the predicted accuracy is asked for
+  int threads = 0;            ///< 0: all
+  ProgressFunction progress;
+};
+
+}  // namespace kdl_calibration

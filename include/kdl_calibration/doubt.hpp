@@ -1,0 +1,54 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace kdl_calibration {
+
+/// Why an answer is doubted. The first group are other readings of the data, the second are remarks about readings, the
+/// third concern the answer itself.
+enum class Cause {
+  joint_convention,
+  joint_sign,
+  joint_unit,
+  joint_at_rest,
+  joint_gain,
+  joint_columns,
+  known_base,
+  length_unit,
+  scale,
+  mirrored,
+  tool_frame,
+  exchanged_targets,
+  moved_base,
+  drift,
+  orientations,
+
+  joint_function,
+  same_configuration,
+  copied_rows,
+
+  gross_rows,
+  not_converged,
+  not_determined,
+  worse_than_nominal,
+  nominal_kept,
+  test_rows_differ,
+  large_misfit,
+  unknown_length,
+  large_error
+};
+
+/// The name of the enumerator, as in the result file.
+const char* to_string(Cause cause);
+/// Empty where no cause has this name.
+std::optional<Cause> cause_named(std::string_view name);
+
+/// Why an answer is not to be trusted.
+struct Doubt {
+  Cause cause = Cause::not_converged;
+  std::string message;  ///< what was found and what to do, in words
+};
+
+}  // namespace kdl_calibration

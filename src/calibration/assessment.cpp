@@ -1,0 +1,92 @@
+#include "calibration/assessment.hpp"
+
+#include <algorithm>
+#include <iterator>
+#include <optional>
+
+#include "calibration/noise_report.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+constexpr double kLeastRobustWeight = 1e-9;  // as identify_robustly, so that nothing becomes undetermined by a weight
+constexpr Eigen::Index kMostConfigurationsAssessed = 5000;  // one by one
+
+// Of base, targets and geometry without priors, where the fit had those or effects.
+std::optional<Identifiability> rigid_identifiability(const FitProblem& task, const WholeFit& fitted,
+                                                     ResidualOptions residuals) {
+  const Priors& priors = residuals.priors;
+  const bool with_priors = priors.length > 0.0 || priors.angle > 0.0;
+  if (!with_priors && fitted.candidates.effects().empty()) {
+    return std::nullopt;
+  }
+  residuals.priors = {};
+  const Unknowns rigid = fitted.candidates.without(UnknownGroup::effects);
+  const Estimate& estimate = fitted.identification.estimate;
+  const LeastSquaresProblem problem(task.model, task.measurements, rigid, residuals);
+  return identifiability(problem.whitened_summary(estimate).triangle, rigid.names());
+}
+
+}  // namespace
+
+Assessment assess(const FitProblem& fit, const WholeFit& fitted, const NoiseModel& stated,
+                  const EstimatedNoise& estimated) {
+  const Estimate& estimate = fitted.identification.estimate;
+  ResidualOptions residuals = fit.options.joint.residuals;
+  residuals.row_weights = fitted.robust.weights;
+  for (double& weight : residuals.row_weights) {
+    weight = std::max(weight, kLeastRobustWeight);
+  }
+  const LeastSquaresProblem problem(fit.model, fit.measurements, fitted.free, residuals);
+  const WhitenedSummary system = problem.whitened_summary(estimate);
+  const std::vector<std::string> candidates = fitted.candidates.names();
+  Assessment result;
+  result.root = system.triangle;
+  result.root_of_candidates = system.triangle;
+  if (fitted.free != fitted.candidates) {
+    const std::vector<std::string> kept = fitted.free.names();
+    std::copy_if(candidates.begin(), candidates.end(), std::back_inserter(result.fixed_by_gauge),
+                 [&](const std::string& name) { return std::find(kept.begin(), kept.end(), name) == kept.end(); });
+    result.root_of_candidates = LeastSquaresProblem(fit.model, fit.measurements, fitted.candidates, residuals)
+                                    .whitened_summary(estimate)
+                                    .triangle;
+  }
+  result.identifiability = identifiability(result.root_of_candidates, candidates);
+  const int rank = result.identifiability.rank;
+  result.determined = result.identifiability.columns == rank;
+  if (const std::optional<Identifiability> rigid = rigid_identifiability(fit, fitted, residuals)) {
+    result.identifiability = *rigid;
+  }
+  result.observability =
+      observability_indices(system.triangle, static_cast<Eigen::Index>(make_folds(fit.measurements, 0).size()));
+  NoiseAssessment noise = assess_noise({.problem = problem,
+                                        .estimate = estimate,
+                                        .free = fitted.free,
+                                        .system = system,
+                                        .row_weights = residuals.row_weights,
+                                        .rank = rank},
+                                       fit, stated, fitted.robust, estimated);
+  result.noise = std::move(noise.report);
+  result.covariance = std::move(noise.covariance);
+  result.noise.lack_of_fit = lack_of_fit(fit.model, fit.measurements, estimate, fitted.free);
+  if (fit.measurements.joint_values.cols() <= kMostConfigurationsAssessed) {
+    result.influence = influence(problem, fit.measurements, residuals, estimate, system.triangle);
+  }
+  return result;
+}
+
+Identification with_open_directions(const Identification& found, const Assessment& assessed, ModelChoice model) {
+  Identification result = found;
+  const bool gauge = !assessed.fixed_by_gauge.empty() && model == ModelChoice::irreducible;
+  const bool open = assessed.fixed_by_gauge.empty() && !assessed.determined;
+  if (found.termination == Termination::converged && (gauge || open)) {
+    result.termination = Termination::rank_deficient;
+    result.message = "converged, but the measurements do not determine all parameters";
+    if (gauge) {
+      result.message += ": " + std::to_string(assessed.fixed_by_gauge.size()) + " were fixed by gauge";
+    }
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,300 @@
+#include "kdl_calibration/calibrate.hpp"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "calibration/assessment.hpp"
+#include "calibration/comparison.hpp"
+#include "calibration/counted_fits.hpp"
+#include "calibration/diagnosis.hpp"
+#include "calibration/effect_choice.hpp"
+#include "calibration/minimum_norm.hpp"
+#include "calibration/noise_report.hpp"
+#include "calibration/noise_stage.hpp"
+#include "calibration/option_check.hpp"
+#include "calibration/parameter_choice.hpp"
+#include "calibration/parameter_estimates.hpp"
+#include "calibration/predicted_accuracy.hpp"
+#include "calibration/screening.hpp"
+#include "calibration/variance_components.hpp"
+#include "calibration/whole_fit.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+ErrorModel with_effects(ErrorModel model, std::vector<EffectTerm> effects) {
+  model.effects = std::move(effects);
+  return model;
+}
+
+// The rigid robot as it is registered, and the parameters that its targets could show.
+struct RegisteredRobot {
+  ErrorModel model;
+  Estimate nominal;
+  std::string ambiguity;
+  ParameterChoice parameters;
+};
+
+RegisteredRobot register_robot(const ErrorModel& model, const Measurements& training, const ParameterOptions& options) {
+  RegisteredRobot robot{.model = with_effects(model, {})};
+  const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  Registration registration = register_base_and_targets(
+      flange_poses(folded(robot.model, nominal), training.joint_values), training, known_frames(options));
+  robot.nominal = {
+      .errors = nominal, .X_WB = registration.X_WB, .targets = std::move(registration.targets), .effects = {}};
+  robot.ambiguity = std::move(registration.message);
+  robot.parameters = choose_parameters(robot.model, robot.nominal.targets, options);
+  if (robot.parameters.free.empty()) {
+    throw OptionError("fix",
+                      "leaves nothing to estimate of base, targets and geometric errors; validation predicts without a "
+                      "fit");
+  }
+  return robot;
+}
+
+// The geometry from nominal, weighed by the noise that is stated.
+FitProblem rigid_problem(const RegisteredRobot& robot, const Measurements& training,
+                         const CalibrationOptions& options) {
+  FitProblem problem{.model = robot.model,
+                     .measurements = training,
+                     .start = robot.nominal,
+                     .free = Unknowns(robot.model, robot.nominal.targets, robot.parameters.free),
+                     .options = {.loss = options.estimator.loss}};
+  JointOptions& joint = problem.options.joint;
+  joint.residuals.noise = options.noise.stated;
+  joint.residuals.threads = options.threads;
+  joint.max_iterations = options.estimator.iterations > 0 ? options.estimator.iterations : joint.max_iterations;
+  return problem;
+}
+
+NoiseBeforehand noise_beforehand(const CalibrationOptions& options) {
+  return {.stated = options.noise.stated,
+          .estimated = is_plain(options.estimator) && options.noise.weights != Weights::equal};
+}
+
+bool weighs_orientations(const Measurements& training, const CalibrationOptions& options) {
+  return options.estimator.method == Method::joint && !training.orientations.empty() &&
+         !(options.noise.stated.orientation > 0.0);
+}
+
+// The same problem, weighed for a selection of priors and effects: orientations beside positions, then by the noise
+// that a first fit shows.
+FitProblem weighed_for_selection(FitProblem problem, const CalibrationOptions& options) {
+  const ModelSelectionOptions& selection = options.selection;
+  ResidualOptions& residuals = problem.options.joint.residuals;
+  if (weighs_orientations(problem.measurements, options)) {
+    residuals.orientation_length = orientation_length_of_residuals(problem);
+  }
+  if (options.estimator.method == Method::joint) {
+    if (selection.priors.length > 0.0 || selection.priors.angle > 0.0 || is_open(selection)) {
+      problem.options = absolute_weights(problem, noise_beforehand(options));
+    }
+  }
+  residuals.priors = selection.priors;
+  return problem;
+}
+
+// The problem with the selected effects, which `model` has, and priors. Weights by what geometry alone leaves would
+// hold effects near zero.
+FitProblem selected_problem(const FitProblem& rigid, const ErrorModel& model, const ModelSelection& selection,
+                            const NoiseBeforehand& noise) {
+  FitProblem problem{.model = model,
+                     .measurements = rigid.measurements,
+                     .start = rigid.start,
+                     .free = rigid.free.with_all(model, UnknownGroup::effects),
+                     .options = rigid.options};
+  problem.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.effects.size()));
+  ResidualOptions& residuals = problem.options.joint.residuals;
+  residuals.priors = selection.priors;
+  if (!model.effects.empty()) {
+    residuals.noise = noise_of_means(rigid.measurements, noise, selection.noise);
+  }
+  return problem;
+}
+
+bool is_as_stated(const ModelSelection& selection, const Priors& stated) {
+  return selection.terms.empty() && selection.priors.length == stated.length && selection.priors.angle == stated.angle;
+}
+
+ChoiceTask choice_task(const FitProblem& rigid, const WholeFit& fit, const CalibrationOptions& options) {
+  return {.model = rigid.model,
+          .measurements = rigid.measurements,
+          .optimum = fit.identification.estimate,
+          .free = fit.free,
+          .options = options.selection,
+          .fix = options.parameters.fix,
+          .orientation_length = rigid.options.joint.residuals.orientation_length,
+          .threads = options.threads,
+          .progress = options.progress};
+}
+
+// A fit by the noise that it shows.
+struct WeighedFit {
+  FitProblem problem;  // with the weights of the end
+  WholeFit fit;
+  EstimatedNoise noise;
+};
+
+WeighedFit weigh_by_residuals(FitProblem problem, WholeFit fit, NoiseBeforehand noise) {
+  noise.estimated = noise.estimated && arrived(fit.identification);
+  FitProblem at_optimum = problem;
+  at_optimum.start = fit.identification.estimate;
+  at_optimum.free = fit.free;
+  EstimatedNoise estimated = fit_with_estimated_noise(at_optimum, noise, fit.identification.rms);
+  problem.options.joint.residuals.noise = estimated.weights;
+  fit.identification.estimate = estimated.estimate;
+  return {.problem = std::move(problem), .fit = std::move(fit), .noise = std::move(estimated)};
+}
+
+// How the robot without effects is fitted, for comparison. The misfit that effects would explain is part of its noise.
+FitOptions rigid_options(const FitProblem& rigid, const WholeFit& rigid_fit, const WeighedFit& selected,
+                         const ModelSelection& selection, const NoiseBeforehand& noise) {
+  FitOptions options = rigid.options;
+  options.joint.residuals.priors = selection.rigid_priors;
+  NoiseModel& weights = options.joint.residuals.noise;
+  if (selected.fit.free.effects().empty()) {
+    weights = selected.noise.parts ? selected.noise.weights : weights;
+    return options;
+  }
+  FitProblem own{.model = rigid.model,
+                 .measurements = rigid.measurements,
+                 .start = rigid_fit.identification.estimate,
+                 .free = rigid_fit.free,
+                 .options = options};
+  WholeFit again = rigid_fit;
+  again.identification = fit(own);
+  weights = weigh_by_residuals(std::move(own), std::move(again), noise).noise.weights;
+  return options;
+}
+
+WeighedFit with_smallest_errors(WeighedFit fitted, const CalibrationOptions& options) {
+  if (is_plain(options.estimator) && options.parameters.model == ModelChoice::complete) {
+    if (std::optional<Identification> smallest = smallest_errors(fitted.problem, fitted.fit)) {
+      fitted.fit.identification = std::move(*smallest);
+      fitted.fit.minimum_norm = true;
+    }
+  }
+  return fitted;
+}
+
+// The fit of the selected model by its own noise. A selection that changes nothing has the fit of the rigid robot.
+WeighedFit fit_selected(const FitProblem& problem, const WholeFit& rigid_fit, const ModelSelection& selection,
+                        const ParameterChoice& parameters, const CalibrationOptions& options) {
+  const FitRules rules{.estimator = options.estimator, .parameters = options.parameters};
+  const WholeFit fit =
+      is_as_stated(selection, options.selection.priors) ? rigid_fit : fit_whole(problem, parameters, rules);
+  return with_smallest_errors(weigh_by_residuals(problem, fit, noise_beforehand(options)), options);
+}
+
+// What is validated. The folds of a plain fit can be predicted from its linear system.
+Compared compared(const WeighedFit& fitted, const Assessment& assessed, const FitOptions& rigid,
+                  const Measurements& measurements, const ChoiceTask& choice, const CalibrationOptions& options) {
+  const bool linear = is_plain(options.estimator) && arrived(fitted.fit.identification);
+  return {.problem = fitted.problem,
+          .measurements = measurements,
+          .fit = fitted.fit,
+          .rigid_options = rigid,
+          .root = linear ? &assessed.root : nullptr,
+          .noise = assessed.noise.sigma,
+          .variance = variance_of_unit_weight(assessed.root, assessed.covariance),
+          .choice = choice,
+          .options = options.validation};
+}
+
+GrossRows gross_rows(const WeighedFit& fitted, const CalibrationOptions& options) {
+  if (!is_plain(options.estimator) || fitted.fit.identification.termination == Termination::diverged) {
+    return {};
+  }
+  constexpr std::size_t kMostFits = 21;
+  FitProblem problem = fitted.problem;
+  problem.start = fitted.fit.identification.estimate;
+  problem.free = fitted.fit.free;
+  problem.options.after_fit = counted_fits(options.progress, "looking for gross rows", kMostFits);
+  return find_gross_rows_beside_effects(problem);
+}
+
+NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const CalibrationOptions& options) {
+  if (weighs_orientations(problem.measurements, options)) {
+    assessed.orientation_length = problem.options.joint.residuals.orientation_length;
+  }
+  return assessed;
+}
+
+// The base, targets and errors with their uncertainty, and how well points are predicted.
+Uncertainty uncertainty(const FitProblem& problem, const WholeFit& fit, const Assessment& assessed,
+                        const std::vector<HeldOutPoint>& held_out, double optimism, const Configurations& asked) {
+  Uncertainty result;
+  result.predicted = predicted_accuracy({.model = problem.model,
+                                         .fit = fit,
+                                         .covariance = assessed.covariance,
+                                         .root_of_candidates = assessed.root_of_candidates,
+                                         .noise = assessed.noise,
+                                         .held_out = held_out,
+                                         .optimism = optimism},
+                                        problem.measurements, asked);
+  result.parameters = parameter_estimates(problem.model, problem.start, fit,
+                                          {.fixed_by_gauge = assessed.fixed_by_gauge,
+                                           .tied = assessed.identifiability.tied,
+                                           .covariance = assessed.covariance,
+                                           .noise = assessed.noise});
+  result.identifiability = assessed.identifiability;
+  result.fixed_by_gauge = assessed.fixed_by_gauge;
+  result.observability = assessed.observability;
+  result.covariance = assessed.covariance;
+  result.influence = assessed.influence;
+  return result;
+}
+
+WholeFit with_weights_of_all(WholeFit fit, const TrainingRows& rows) {
+  fit.robust.weights = rows.among_all(std::move(fit.robust.weights), 1.0);
+  return fit;
+}
+
+std::vector<QualityFinding> screened(const FitProblem& problem, const Measurements& measurements,
+                                     const ProgressFunction& progress) {
+  return told(progress, "screening the measurements", [&] { return screen(with_measurements(problem, measurements)); });
+}
+
+}  // namespace
+
+Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
+  const TrainingRows rows(measurements);
+  check_options(model, measurements, *rows, options);
+  const RegisteredRobot robot = register_robot(model, *rows, options.parameters);
+  const FitProblem stated = rigid_problem(robot, *rows, options);
+  require_two_step_data(stated.free, *rows, options);
+  std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
+
+  const FitProblem rigid = weighed_for_selection(stated, options);
+  const WholeFit rigid_fit = fit_whole(rigid, robot.parameters, {options.estimator, options.parameters});
+  const ChoiceTask choice = choice_task(rigid, rigid_fit, options);
+  const ModelSelection selection = select_model(choice, rigid_fit, options.estimator.method);
+
+  const NoiseBeforehand noise = noise_beforehand(options);
+  Calibration result{.model = with_effects(robot.model, selection.terms), .selection = selection};
+  const FitProblem selected = selected_problem(rigid, result.model, selection, noise);
+  WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
+  const Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
+  fitted.fit.identification = with_open_directions(fitted.fit.identification, assessed, options.parameters.model);
+
+  const FitOptions without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
+  Validation validated = validate(compared(fitted, assessed, without_effects, measurements, choice, options));
+  GrossRows gross = gross_rows(fitted, options);
+  result.noise = noise_report(assessed.noise, fitted.problem, options);
+  result.uncertainty = uncertainty(fitted.problem, fitted.fit, assessed, validated.accuracy.held_out_points,
+                                   selection.optimism, options.predict_at);
+  result.difference_to_kdl =
+      difference_to_kdl(model, fitted.fit.identification.estimate.errors, measurements.joint_values);
+  result.fit = with_weights_of_all(std::move(fitted.fit), rows);
+  result.accuracy = std::move(validated.accuracy);
+  result.exported = std::move(validated.exported);
+  result.diagnosis =
+      diagnose(result, measurements, std::move(findings), std::move(gross), validated.warnings,
+               {options.diagnosis, options.parameters, robot.ambiguity, options.threads, options.progress});
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,77 @@
+#include "calibration/diagnosis.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "calibration/counted_fits.hpp"
+#include "calibration/doubts.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+std::vector<Suspicion> readings(const Calibration& found, const Measurements& measurements, const DiagnosisTask& task) {
+  if (!task.options.try_readings) {
+    return {};
+  }
+  return suspicions(found.model, measurements, found.fit.identification.estimate, found.fit.free,
+                    {.registration = known_frames(task.parameters),
+                     .used = task.options.convention ? &*task.options.convention : nullptr,
+                     .others = task.options.other_conventions,
+                     .threads = task.threads});
+}
+
+// The findings that remain beside other readings of the data. Where the base moved no target is accused of it, and the
+// residuals of data that were read wrongly say nothing of single rows.
+std::vector<QualityFinding> beside_readings(const std::vector<Suspicion>& readings, const Measurements& measurements,
+                                            std::vector<QualityFinding> findings) {
+  const auto any = [&](const auto& matches) {
+    return std::any_of(readings.begin(), readings.end(),
+                       [&](const Suspicion& reading) { return reading.doubt && matches(reading.cause); });
+  };
+  if (any([](Cause cause) { return cause == Cause::exchanged_targets; })) {
+    return {};
+  }
+  if (any([](Cause cause) { return cause == Cause::moved_base || cause == Cause::drift; })) {
+    std::erase_if(findings, [](const QualityFinding& finding) { return finding.kind == QualityKind::slipped_target; });
+    return findings;
+  }
+  return any([](Cause) { return true; }) ? check_distances(measurements) : findings;
+}
+
+// The warnings of the stages before.
+std::vector<std::string> earlier_warnings(const ModelSelection& selection, const Measurements& measurements,
+                                          const std::vector<std::string>& of_validation) {
+  std::vector<std::string> result;
+  if (const std::size_t points = selection.not_compared; points > 0) {
+    result.push_back("models were compared without " + std::to_string(points) +
+                     (points == 1 ? " point, whose target" : " points, whose targets") +
+                     " no other fold of the cross-validation has");
+  }
+  result.insert(result.end(), of_validation.begin(), of_validation.end());
+  if (!measurements.remark.empty()) {
+    result.push_back("measurements: " + measurements.remark);
+  }
+  return result;
+}
+
+}  // namespace
+
+Diagnosis diagnose(const Calibration& found, const Measurements& measurements, std::vector<QualityFinding> findings,
+                   GrossRows gross_rows, const std::vector<std::string>& of_validation, const DiagnosisTask& task) {
+  Diagnosis result;
+  result.gross_rows = std::move(gross_rows);
+  result.suspicions =
+      told(task.progress, "trying other readings of the data", [&] { return readings(found, measurements, task); });
+  result.findings = beside_readings(result.suspicions, measurements, std::move(findings));
+  result.doubts = doubts(found, result, measurements, task.parameters.model);
+  if (holds_where_measured(found, result.doubts, task.ambiguity)) {
+    result.reservation = std::move(result.doubts.front());
+    result.doubts.clear();
+  }
+  result.warnings = earlier_warnings(found.selection, measurements, of_validation);
+  const std::vector<std::string> more = warnings(found, result, measurements, task.ambiguity);
+  result.warnings.insert(result.warnings.end(), more.begin(), more.end());
+  return result;
+}
+
+}  // namespace kdl_calibration
