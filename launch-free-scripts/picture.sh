@@ -7,5 +7,5 @@ read_options "Runs the demo and takes the picture of its page that the README sh
 install_missing "${build_packages[@]}" "${browser_packages[@]}"
 "$root/launch-free-scripts/demo.sh" >/dev/null
 /usr/bin/python3 -B "$root/tests/browser/picture.py" "$root/build/demo/report.html" \
-  "$root/src/calibration/report/report.png"
-ls -l "$root/src/calibration/report/report.png"
+  "$root/src/results/report/report.png"
+ls -l "$root/src/results/report/report.png"

@@ -21,6 +21,7 @@
 #include "kdl_calibration/influence.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/model_selection.hpp"
 #include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/noise_parts.hpp"
 #include "kdl_calibration/observability.hpp"
@@ -45,15 +46,6 @@ struct WholeFit {
   Unknowns candidates;        ///< unknowns that the targets could show
   Unknowns free;              ///< those of them that the measurements determine, and that were estimated
   bool minimum_norm = false;  ///< of all answers that are as good, the one with the smallest errors
-};
-
-/// A choice of effects and of priors, and what cross-validation said of it.
-struct ModelOption {
-  Priors priors;
-  std::vector<std::string> effects;  ///< groups, in the order in which they were added
-  bool sized = false;                ///< whether the priors' sizes were estimated with it
-  double held_out_rms = 0.0;         ///< [m]; infinite where the rest does not determine what was left out
-  double evidence = 0.0;             ///< log of the likelihood of the sizes, comparable among options alike in `sized`
 };
 
 /// One line of the result: a geometric, base or target parameter, or an effect. SI units.
@@ -149,19 +141,6 @@ struct PredictedAccuracy {
   /// by how many times larger the held-out RMS is where the model is chosen without what is held out.
   double radius_factor = 1.0;
   std::vector<PredictedPoint> asked;  ///< CalibrationOptions::predict_at, every target
-};
-
-/// Which effects and priors were selected.
-struct ModelSelection {
-  std::vector<EffectTerm> terms;  ///< with their sigmas
-  Priors priors;
-  Priors rigid_priors;             ///< best where the model has no effects
-  double noise = 0.0;              ///< [m] 1 sigma of a coordinate of a mean, by the evidence of the selected model
-  std::vector<ModelOption> tried;  ///< best first, where something was selected
-  std::string not_tried;           ///< which priors and effects were not tried, and why; empty if all were
-  std::size_t not_compared = 0;    ///< points of targets that only one fold has
-  /// Optimism of the held-out error by the selection, see TriedModels; 1 where effects were asked for by name.
-  double optimism = 1.0;
 };
 
 /// Position errors of the fitted rows, the test rows and configurations left out of the fit.

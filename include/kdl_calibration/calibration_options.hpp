@@ -17,10 +17,9 @@
 #include "kdl_calibration/drive_signals.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/model_selection.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "kdl_calibration/registration.hpp"
-#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 
@@ -47,26 +46,14 @@ struct ParameterOptions {
   std::optional<Eigen::Isometry3d> known_base;  ///< X_WB
   std::vector<TargetFrame> known_targets;
 };
-RegistrationOptions known_frames(const ParameterOptions& options);
+inline RegistrationOptions known_frames(const ParameterOptions& options) {
+  return {.known_base = options.known_base, .known_targets = options.known_targets};
+}
 
 struct NoiseOptions {
   NoiseModel stated;  ///< by the user; the default weighs all rows alike
   Weights weights = Weights::automatic;
 };
-
-/// Joint effects that the model is to have beside the geometry.
-struct Effects {
-  std::vector<EffectGroup> groups;  ///< these
-  bool automatic = false;           ///< or those that cross-validation accepts
-};
-
-struct ModelSelectionOptions {
-  Priors priors;
-  bool automatic_priors = false;  ///< their sizes by evidence, or none, as cross-validation says
-  Effects effects;
-};
-/// Whether priors or effects are to be selected or sized.
-bool is_open(const ModelSelectionOptions& options);
 
 struct ValidationOptions {
   bool leave_one_out = false;

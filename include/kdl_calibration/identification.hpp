@@ -37,6 +37,9 @@ struct Identification {
   double convergence_factor = 0.0;
 };
 
+/// Whether a fit ended where its gradient vanishes.
+bool arrived(const Identification& found);
+
 /// Zero errors, with base and targets registered to them.
 Estimate nominal_start(const ErrorModel& model, const Measurements& measurements,
                        const RegistrationOptions& options = {});

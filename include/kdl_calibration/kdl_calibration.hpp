@@ -42,6 +42,7 @@
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/model_selection.hpp"
 #include "kdl_calibration/monte_carlo.hpp"
 #include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/noise_model.hpp"

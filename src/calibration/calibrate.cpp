@@ -4,23 +4,23 @@
 #include <optional>
 #include <utility>
 
+#include "base/counted_fits.hpp"
 #include "calibration/assessment.hpp"
 #include "calibration/comparison.hpp"
-#include "calibration/counted_fits.hpp"
 #include "calibration/diagnosis.hpp"
-#include "calibration/effect_choice.hpp"
 #include "calibration/minimum_norm.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/noise_stage.hpp"
 #include "calibration/option_check.hpp"
-#include "calibration/parameter_choice.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/predicted_accuracy.hpp"
-#include "calibration/screening.hpp"
-#include "calibration/variance_components.hpp"
 #include "calibration/whole_fit.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "noise/variance_components.hpp"
+#include "screening/screening.hpp"
+#include "selection/effect_choice.hpp"
+#include "selection/parameter_choice.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -271,7 +271,8 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   const FitProblem rigid = weighed_for_selection(stated, options);
   const WholeFit rigid_fit = fit_whole(rigid, robot.parameters, {options.estimator, options.parameters});
   const ChoiceTask choice = choice_task(rigid, rigid_fit, options);
-  const ModelSelection selection = select_model(choice, rigid_fit, options.estimator.method);
+  const ModelSelection selection =
+      select_model(choice, rigid_fit.identification, rigid_fit.free == rigid_fit.candidates, options.estimator.method);
 
   const NoiseBeforehand noise = noise_beforehand(options);
   Calibration result{.model = with_effects(robot.model, selection.terms), .selection = selection};

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 
-#include "calibration/counted_fits.hpp"
+#include "base/counted_fits.hpp"
 #include "kdl_calibration/fold_sums.hpp"
 #include "kdl_calibration/same_poses.hpp"
 

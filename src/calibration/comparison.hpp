@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "calibration/effect_choice.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "selection/effect_choice.hpp"
 
 namespace kdl_calibration {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "calibration/counted_fits.hpp"
+#include "base/counted_fits.hpp"
 #include "calibration/doubts.hpp"
 
 namespace kdl_calibration {

@@ -48,14 +48,6 @@ void require_predictable(const Configurations& asked, const ErrorModel& model) {
 
 }  // namespace
 
-RegistrationOptions known_frames(const ParameterOptions& options) {
-  return {.known_base = options.known_base, .known_targets = options.known_targets};
-}
-
-bool is_open(const ModelSelectionOptions& options) {
-  return options.automatic_priors || options.effects.automatic || !options.effects.groups.empty();
-}
-
 void require_repeats(const Measurements& measurements) {
   const RepeatNoise repeats = noise_from_repeats(measurements);
   if (repeats.degrees_of_freedom == 0.0) {

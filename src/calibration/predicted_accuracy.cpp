@@ -8,13 +8,13 @@
 #include <map>
 #include <vector>
 
-#include "calibration/effect_candidates.hpp"
 #include "calibration/new_point.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/random.hpp"
+#include "selection/effect_candidates.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -216,10 +216,6 @@ WholeFit hide_in_noise(const FitProblem& problem, const FitRules& rules, WholeFi
 
 }  // namespace
 
-bool arrived(const Identification& found) {
-  return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
-}
-
 WholeFit fit_whole(const FitProblem& problem, const ParameterChoice& choice, const FitRules& rules) {
   const auto& [estimator, parameters] = rules;
   const bool chosen = estimator.method == Method::joint && parameters.model == ModelChoice::irreducible;

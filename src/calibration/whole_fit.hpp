@@ -2,14 +2,11 @@
 
 // Not installed.
 
-#include "calibration/parameter_choice.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/unknowns.hpp"
+#include "selection/parameter_choice.hpp"
 
 namespace kdl_calibration {
-
-/// Whether a fit ended where its gradient vanishes.
-bool arrived(const Identification& found);
 
 /// How the set of parameters and their estimate may be found. Keeps references.
 struct FitRules {

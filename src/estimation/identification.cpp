@@ -126,6 +126,10 @@ TrainingProblem::TrainingProblem(const FitProblem& problem)
   weights = rows_.values_of(std::move(weights));
 }
 
+bool arrived(const Identification& found) {
+  return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
+}
+
 Identification fit(const FitProblem& problem) {
   Identification found =
       problem.options.loss == Loss::none

@@ -1,0 +1,316 @@
+#include "kdl_calibration/convention_trial.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+#include <utility>
+
+#include "base/degree.hpp"
+#include "base/number_range.hpp"
+#include "base/parallel.hpp"
+#include "diagnosis/trial_fit.hpp"
+#include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/registration.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// What a joint value may have been meant in, and its factor where it was read as something else.
+struct Unit {
+  bool angle;
+  double factor;
+  const char* words;
+};
+
+constexpr std::array kUnits = {Unit{true, kDegree, "in degrees, read as radians"},
+                               Unit{true, 1.0 / kDegree, "in radians, read as degrees"},
+                               Unit{true, 0.9, "in gradians, read as degrees"},
+                               Unit{true, 0.9 * kDegree, "in gradians, read as radians"},
+                               Unit{true, 0.001, "in milliradians, read as radians"},
+                               Unit{true, 2.0 * std::numbers::pi, "in turns, read as radians"},
+                               Unit{true, 360.0, "in turns, read as degrees"},
+                               Unit{false, 0.001, "in millimetres, read as metres"},
+                               Unit{false, 1000.0, "in metres, read as millimetres"},
+                               Unit{false, 0.01, "in centimetres, read as metres"},
+                               Unit{false, 10.0, "in centimetres, read as millimetres"},
+                               Unit{false, 0.0254, "in inches, read as metres"},
+                               Unit{false, 25.4, "in inches, read as millimetres"}};
+
+// The joint values of the file, and the convention that made them the URDF's.
+struct Reading {
+  MatrixXd matrix;
+  VectorXd offset;
+};
+
+ConventionTrial trial(std::optional<Cause> cause, std::string description, const MatrixXd& controller_values,
+                      const Reading& reading) {
+  return {.cause = cause,
+          .description = std::move(description),
+          .registered = kInfinity,
+          .rms = kInfinity,
+          .joint_values = (reading.matrix * controller_values).colwise() + reading.offset};
+}
+
+std::string named(const JointConvention& convention) {
+  return "the convention " + std::filesystem::path(convention.name).filename().string();
+}
+
+bool same_reading(const ConventionTrial& a, const ConventionTrial& b) {
+  return (a.joint_values - b.joint_values).isZero(1e-12);
+}
+
+// The convention's rows as the independent joints, its columns as those of `used`; nothing for other joints.
+std::optional<Reading> reading_of(const JointConvention& convention, const std::vector<std::string>& joints,
+                                  const JointConvention* used) {
+  const auto known = [&](const std::string& name) {
+    return std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), name) !=
+           convention.urdf_joints.end();
+  };
+  if (convention.urdf_joints.size() != joints.size() || !std::all_of(joints.begin(), joints.end(), known)) {
+    return std::nullopt;
+  }
+  const JointConvention ordered = matched_convention(convention, joints);
+  Reading reading{.matrix = ordered.matrix, .offset = ordered.offset};
+  if (used != nullptr) {
+    for (std::size_t j = 0; j < used->controller_joints.size(); ++j) {
+      const auto found =
+          std::find(ordered.controller_joints.begin(), ordered.controller_joints.end(), used->controller_joints[j]);
+      if (found == ordered.controller_joints.end()) {
+        return std::nullopt;
+      }
+      reading.matrix.col(static_cast<Index>(j)) = ordered.matrix.col(found - ordered.controller_joints.begin());
+    }
+  }
+  return reading;
+}
+
+// Collects readings of the controller's joint values that differ from each other.
+class Readings {
+public:
+  Readings(const std::vector<MovingJoint>& joints, const MatrixXd& joint_values, const JointConvention* used)
+      : names_(independent_joint_names(joints)), used_(used) {
+    for (const std::size_t i : independent_joints(joints)) {
+      joints_.push_back(joints[i]);
+    }
+    present_ = as_they_are();
+    if (used != nullptr) {
+      const JointConvention ordered = matched_convention(*used, names_);
+      present_ = {.matrix = ordered.matrix, .offset = ordered.offset};
+    }
+    parallel_ = parallel_to_the_one_before(joints);
+    controller_ = present_.matrix.partialPivLu().solve(joint_values.colwise() - present_.offset);
+    trials_.push_back(
+        trial(std::nullopt, used != nullptr ? named(*used) : "the joint values as they are", controller_, present_));
+    trials_.front().present = true;
+  }
+
+  std::vector<ConventionTrial> all(const std::vector<JointConvention>& others) && {
+    add_conventions(others);
+    add_signs();
+    add_units();
+    add_couplings();
+    add_exchanges();
+    add_rest();
+    return std::move(trials_);
+  }
+
+private:
+  Index joint_count() const { return static_cast<Index>(names_.size()); }
+  const std::string& name(Index j) const { return names_[static_cast<std::size_t>(j)]; }
+  // That the convention in use makes joints of.
+  std::string column(Index j) const {
+    return used_ != nullptr ? used_->controller_joints[static_cast<std::size_t>(j)] : std::string();
+  }
+  bool turns(Index j) const { return joints_[static_cast<std::size_t>(j)].type != JointType::prismatic; }
+  Reading as_they_are() const {
+    return {.matrix = MatrixXd::Identity(joint_count(), joint_count()), .offset = VectorXd::Zero(joint_count())};
+  }
+
+  // Of each independent joint, whether the joint in front of it is one, too, and both turn about parallel axes.
+  static std::vector<bool> parallel_to_the_one_before(const std::vector<MovingJoint>& joints) {
+    constexpr double kParallel = 1e-3;  // [rad]
+    std::vector<bool> result;
+    for (const std::size_t i : independent_joints(joints)) {
+      const bool pair = i > 0 && !joints[i - 1].mimic && joints[i].type != JointType::prismatic &&
+                        joints[i - 1].type != JointType::prismatic;
+      result.push_back(pair && (joints[i - 1].axis * (joints[i].origin.M * joints[i].axis)).Norm() < kParallel);
+    }
+    return result;
+  }
+
+  void consider(ConventionTrial candidate) {
+    if (std::none_of(trials_.begin(), trials_.end(),
+                     [&](const ConventionTrial& other) { return same_reading(other, candidate); })) {
+      trials_.push_back(std::move(candidate));
+    }
+  }
+
+  // The URDF's values, as they were read, changed by a matrix.
+  void consider(Cause cause, std::string description, const MatrixXd& change) {
+    consider(trial(cause, std::move(description), controller_,
+                   {.matrix = change * present_.matrix, .offset = present_.offset}));
+  }
+
+  // The same with the controller's values, where a convention makes others of them.
+  void consider_columns(Cause cause, const std::string& description, const MatrixXd& change) {
+    if (used_ != nullptr) {
+      consider(trial(cause, "the controller's " + description, controller_,
+                     {.matrix = present_.matrix * change, .offset = present_.offset}));
+    }
+  }
+
+  void add_conventions(const std::vector<JointConvention>& others) {
+    for (const JointConvention& other : others) {
+      if (const auto reading = reading_of(other, names_, used_)) {
+        consider(trial(Cause::joint_convention, named(other), controller_, *reading));
+      }
+    }
+    if (used_ != nullptr) {
+      consider(trial(Cause::joint_convention, "the joint values as they are", controller_, as_they_are()));
+    }
+  }
+
+  void add_signs() {
+    for (Index j = 0; j < joint_count(); ++j) {
+      MatrixXd change = as_they_are().matrix;
+      change(j, j) = -1.0;
+      consider(Cause::joint_sign, name(j) + " with the opposite sign", change);
+      consider_columns(Cause::joint_sign, column(j) + " with the opposite sign", change);
+    }
+  }
+
+  void add_units() {
+    for (const Unit& unit : kUnits) {
+      VectorXd every = VectorXd::Ones(joint_count());
+      for (Index j = 0; j < joint_count(); ++j) {
+        if (turns(j) == unit.angle) {
+          VectorXd one = VectorXd::Ones(joint_count());
+          one[j] = unit.factor;
+          every[j] = unit.factor;
+          consider(Cause::joint_unit, name(j) + " " + unit.words, one.asDiagonal());
+          consider_columns(Cause::joint_unit, column(j) + " " + unit.words, one.asDiagonal());
+        }
+      }
+      if (unit.angle) {
+        consider(Cause::joint_unit, std::string("all joint angles ") + unit.words, every.asDiagonal());
+      }
+    }
+  }
+
+  // A joint counted against the horizontal, as teach pendants do behind a parallelogram.
+  void add_couplings() {
+    for (Index j = 1; j < joint_count(); ++j) {
+      for (const double sign : {1.0, -1.0}) {
+        if (parallel_[static_cast<std::size_t>(j)]) {
+          MatrixXd change = as_they_are().matrix;
+          change(j, j - 1) = sign;
+          consider(Cause::joint_convention, name(j) + (sign > 0.0 ? " + " : " - ") + name(j - 1) + " for " + name(j),
+                   change);
+        }
+      }
+    }
+  }
+
+  // The arm was measured with this joint at rest, at zero or at its first value, although the file's values change.
+  void add_rest() {
+    for (Index j = 0; j < joint_count(); ++j) {
+      for (const double at : {0.0, controller_.cols() > 0 ? (present_.matrix * controller_.col(0))[j] : 0.0}) {
+        Reading reading = present_;
+        reading.matrix.row(j).setZero();
+        reading.offset[j] += at;
+        const std::string where = at == 0.0 ? " at rest at zero" : " at rest at its first value";
+        consider(trial(Cause::joint_at_rest, name(j) + where + " in every row", controller_, reading));
+      }
+    }
+  }
+
+  void add_exchanges() {
+    constexpr Index kMostJoints = 10;  // of which all pairs are tried
+    for (Index j = 0; joint_count() <= kMostJoints && j < joint_count(); ++j) {
+      for (Index k = j + 1; k < joint_count(); ++k) {
+        MatrixXd change = as_they_are().matrix;
+        change.row(j).swap(change.row(k));
+        consider(Cause::joint_columns, name(j) + " and " + name(k) + " exchanged", change);
+        consider_columns(Cause::joint_columns, column(j) + " and " + column(k) + " exchanged", change);
+      }
+    }
+    const MatrixXd reversed = as_they_are().matrix.rowwise().reverse();
+    consider(Cause::joint_columns, "the joints in reversed order", reversed);
+    consider_columns(Cause::joint_columns, "joints in reversed order", reversed);
+  }
+
+  std::vector<std::string> names_;
+  std::vector<MovingJoint> joints_;
+  std::vector<bool> parallel_;
+  const JointConvention* used_;
+  Reading present_;
+  MatrixXd controller_;
+  std::vector<ConventionTrial> trials_;
+};
+
+}  // namespace
+
+std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
+                                             const Unknowns& free, const ConventionOptions& options) {
+  check(measurements, model);
+  check(free, model, measurements);
+  std::vector<ConventionTrial> trials =
+      Readings(model.joints, independent_joint_values(model.joints, measurements.joint_values), options.used)
+          .all(options.others);
+  const TrialFit fit{.model = model, .free = free, .registration = options.registration, .joint = options.joint};
+  const TrainingRows training(measurements);
+  const auto reread = [&](std::size_t i) {
+    Measurements result = *training;
+    result.joint_values = trials[i].joint_values;
+    return result;
+  };
+  std::vector<Estimate> starts(trials.size());
+  const auto registered = [&](std::size_t i, const Measurements& as_read) {
+    starts[i] = nominal_start(model, as_read, options.registration);
+    return rms_of(model, as_read, starts[i]);
+  };
+  for (ConventionTrial& one : trials) {
+    one.joint_values = all_joint_values(model.joints, one.joint_values);
+  }
+  trials.front().registered = registered(0, reread(0));  // the present reading stands in front
+  const double hopeless = kWorthAFit * trials.front().registered;
+  const FoldedChain nominal = folded(model, VectorXd::Zero(static_cast<Index>(model.parameters.size())));
+  parallel_for(trials.size() - 1, options.threads, [&](std::size_t others) {
+    const std::size_t i = others + 1;
+    const Measurements as_read = reread(i);
+    const double least = least_misfit(flange_poses(nominal, as_read.joint_values), as_read);
+    trials[i].registered = least > hopeless ? least : registered(i, as_read);
+  });
+  const auto nearest = std::min_element(trials.begin(), trials.end(),
+                                        [](const auto& a, const auto& b) { return a.registered < b.registered; });
+  const double limit = std::min(hopeless, kWorthAFitBesideTheNearest * nearest->registered);
+  parallel_for(trials.size(), options.threads, [&](std::size_t i) {
+    trials[i].rms = trials[i].registered;
+    if (trials[i].present || trials[i].registered < limit) {
+      trials[i].rms = fitted_rms(fit, reread(i), starts[i]);
+    }
+  });
+  std::stable_sort(trials.begin(), trials.end(),
+                   [](const ConventionTrial& a, const ConventionTrial& b) { return a.rms < b.rms; });
+  return trials;
+}
+
+std::optional<ConventionTrial> better_convention(const std::vector<ConventionTrial>& trials, double factor) {
+  const auto present =
+      std::find_if(trials.begin(), trials.end(), [](const ConventionTrial& trial) { return trial.present; });
+  if (present == trials.end() || trials.front().present || !(trials.front().rms < factor * present->rms)) {
+    return std::nullopt;
+  }
+  return trials.front();
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,202 @@
+#include "diagnosis/orientation_trial.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <iterator>
+#include <vector>
+
+#include "base/degree.hpp"
+#include "base/number_text.hpp"
+#include "base/robust_statistics.hpp"
+#include "kdl_calibration/prediction.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Quaterniond;
+
+constexpr double kAgree = 0.1;           // [rad]
+constexpr std::size_t kMostTried = 300;  // candidates for a target's orientation
+
+struct Reading {
+  Quaterniond (*meant)(const Quaterniond& read);
+  const char* words;
+};
+
+const std::array<Reading, 6>& readings() {
+  static const std::array<Reading, 6> all = {
+      Reading{[](const Quaterniond& q) { return q; }, ""},
+      Reading{[](const Quaterniond& q) { return q.conjugate(); }, "as inverses (conjugates)"},
+      Reading{[](const Quaterniond& q) { return Quaterniond(q.z(), q.w(), q.x(), q.y()); },
+              "with x, y, z, w in the columns qw, qx, qy, qz"},
+      Reading{[](const Quaterniond& q) { return Quaterniond(q.z(), -q.w(), -q.x(), -q.y()); },
+              "as inverses, with x, y, z, w in the columns qw, qx, qy, qz"},
+      Reading{[](const Quaterniond& q) { return Quaterniond(q.x(), q.y(), q.z(), q.w()); },
+              "with w, x, y, z in the columns qx, qy, qz, qw"},
+      Reading{[](const Quaterniond& q) { return Quaterniond(q.x(), -q.y(), -q.z(), -q.w()); },
+              "as inverses, with w, x, y, z in the columns qx, qy, qz, qw"}};
+  return all;
+}
+
+// A measured orientation beside the flange's.
+struct Row {
+  std::size_t row = 0;
+  Quaterniond flange;    // in W
+  Quaterniond measured;  // as it was read
+
+  Quaterniond of_target(const Reading& reading) const { return flange.conjugate() * reading.meant(measured); }
+};
+
+// By target.
+using Rows = std::vector<std::vector<Row>>;
+
+Rows rows_of(const ErrorModel& model, const Measurements& measurements, const Estimate& fit) {
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, fit, measurements);
+  Rows result(measurements.targets.size());
+  for (std::size_t row = 0; row < measurements.orientations.size(); ++row) {
+    const Observation& observation = measurements.observations[row];
+    if (observation.split == Split::train && !std::isnan(measurements.orientations[row].w())) {
+      const auto& pose = X_BF[static_cast<std::size_t>(observation.configuration)];
+      result[static_cast<std::size_t>(observation.target)].push_back(
+          {.row = row,
+           .flange = Quaterniond(fit.X_WB.linear() * pose.linear()),
+           .measured = measurements.orientations[row]});
+    }
+  }
+  return result;
+}
+
+struct Consensus {
+  std::vector<Quaterniond> targets;  // in the flange's frame
+  std::size_t rows = 0;              // that agree
+};
+
+Consensus consensus(const Rows& rows, const Reading& reading) {
+  Consensus result;
+  for (const std::vector<Row>& own : rows) {
+    std::vector<Quaterniond> said;
+    std::transform(own.begin(), own.end(), std::back_inserter(said),
+                   [&](const Row& row) { return row.of_target(reading); });
+    Quaterniond best = Quaterniond::Identity();
+    std::size_t most = 0;
+    const std::size_t step = said.size() / kMostTried + 1;
+    for (std::size_t i = 0; i < said.size(); i += step) {
+      const auto agree = static_cast<std::size_t>(std::count_if(
+          said.begin(), said.end(), [&](const Quaterniond& q) { return q.angularDistance(said[i]) < kAgree; }));
+      best = agree > most ? said[i] : best;
+      most = std::max(most, agree);
+    }
+    result.targets.push_back(best);
+    result.rows += most;
+  }
+  return result;
+}
+
+// Whether all measured orientations of a target are equal although the flange turns.
+bool is_constant(const Rows& rows) {
+  constexpr double kStill = 1e-6;  // [rad]
+  bool turns = false;
+  for (const std::vector<Row>& own : rows) {
+    for (const Row& row : own) {
+      if (row.measured.angularDistance(own.front().measured) > kStill) {
+        return false;
+      }
+      turns = turns || row.flange.angularDistance(own.front().flange) > kAgree;
+    }
+  }
+  return turns;
+}
+
+std::string of_rows(std::size_t some, std::size_t all) { return std::to_string(some) + " of " + std::to_string(all); }
+
+// A row and how far its orientation is from that of its target.
+struct Off {
+  const Row* row;
+  std::size_t target;
+  double angle;  // [rad]
+};
+
+std::vector<Off> all_off(const Rows& rows, const Consensus& agreed, const Reading& reading) {
+  std::vector<Off> all;
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    for (const Row& row : rows[k]) {
+      all.push_back({&row, k, row.of_target(reading).angularDistance(agreed.targets[k])});
+    }
+  }
+  return all;
+}
+
+// [rad] beyond which a row is an outlier.
+double limit_of(const std::vector<Off>& all) {
+  constexpr double kTimes = 10.0;
+  std::vector<double> agreeing;
+  for (const Off& off : all) {
+    if (off.angle < kAgree) {
+      agreeing.push_back(off.angle);
+    }
+  }
+  return std::max(kTimes * median(std::move(agreeing)), kDegree);
+}
+
+std::string label(const Measurements& measurements, const Off& off) {
+  const Observation& observation = measurements.observations[off.row->row];
+  return "configuration " + measurements.configurations[static_cast<std::size_t>(observation.configuration)] +
+         ", target " + measurements.targets[off.target];
+}
+
+const std::string kNothingSwitched = "; nothing was switched";
+
+// `outliers` of `count` rows: another reading that all of them fit, or the worst of them.
+OrientationTrial judged(const Measurements& measurements, const Consensus& agreed, const std::vector<Off>& outliers,
+                        std::size_t count, double limit) {
+  const std::string what =
+      "the measured orientations of " + of_rows(outliers.size(), count) + " rows do not turn with " + "the arm";
+  for (const Reading& reading : readings()) {
+    if (std::all_of(outliers.begin(), outliers.end(), [&](const Off& off) {
+          return off.row->of_target(reading).angularDistance(agreed.targets[off.target]) <= limit;
+        })) {
+      return {.explained = true,
+              .message = what + ", from " + label(measurements, outliers.front()) + " on; they do if they are read " +
+                         reading.words + kNothingSwitched};
+    }
+  }
+  const Off& worst =
+      *std::max_element(outliers.begin(), outliers.end(), [](const Off& a, const Off& b) { return a.angle < b.angle; });
+  return {.message = what + ": " + label(measurements, worst) + " is off by " + significant(worst.angle / kDegree, 3) +
+                     " degrees"};
+}
+
+}  // namespace
+
+std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const Measurements& measurements,
+                                                 const Estimate& fit) {
+  const Rows rows = rows_of(model, measurements, fit);
+  if (is_constant(rows)) {
+    return OrientationTrial{.message = "the measured orientations never change while the flange turns"};
+  }
+  const Reading* usual = &readings().front();
+  Consensus best = consensus(rows, *usual);
+  for (const Reading& reading : readings()) {
+    Consensus other = consensus(rows, reading);
+    if (other.rows > best.rows) {
+      best = std::move(other);
+      usual = &reading;
+    }
+  }
+  std::vector<Off> all = all_off(rows, best, *usual);
+  const std::size_t count = all.size();
+  if (usual != &readings().front()) {
+    return OrientationTrial{.explained = true,
+                            .message = "the measured orientations do not turn with the arm; " +
+                                       of_rows(best.rows, count) + " do if they are read " + usual->words +
+                                       kNothingSwitched};
+  }
+  const double limit = limit_of(all);
+  std::erase_if(all, [&](const Off& off) { return off.angle <= limit; });
+  return all.empty() ? std::nullopt : std::optional(judged(measurements, best, all, count, limit));
+}
+
+}  // namespace kdl_calibration

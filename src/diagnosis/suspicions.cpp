@@ -1,0 +1,541 @@
+#include "kdl_calibration/suspicions.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "base/f_distribution.hpp"
+#include "base/number_range.hpp"
+#include "base/number_text.hpp"
+#include "diagnosis/gain_trial.hpp"
+#include "diagnosis/order_check.hpp"
+#include "diagnosis/orientation_trial.hpp"
+#include "diagnosis/point_trial.hpp"
+#include "diagnosis/trial_fit.hpp"
+#include "diagnosis/trial_sample.hpp"
+#include "kdl_calibration/convention_trial.hpp"
+#include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/lack_of_fit.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/same_poses.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr std::size_t kMostSampled = 300;
+constexpr std::size_t kMostPoses = 75;  // which are four points each
+constexpr int kSteps = 20;              // of a trial's fit
+constexpr double kThird = 1.0 / 3.0;
+constexpr double kFalseAlarmRate = 1e-4;      // of all readings together
+constexpr double kNoMisfit = 1e-7;            // [m]
+constexpr double kLeastFactor = 0.02;         // of points beside the nominal robot
+constexpr double kLeastCommonLength = 0.005;  // of fitted lengths that agree
+constexpr double kStandsStill = 0.05;         // of how far the flange moves
+
+std::string in_mm(double metres) {
+  const double value = metres * 1e3;
+  const int decimals = value >= 99.95 ? 0 : value >= 0.995 ? 1 : 3;
+  return fixed(value, decimals) + " mm";
+}
+
+// Pairs of configurations with the same joint values, one behind the other; where one is for tests it is the second.
+std::vector<std::pair<Index, Index>> twins_of(const Measurements& measurements) {
+  const std::vector<Index> first = first_at_same_pose(measurements.joint_values);
+  std::vector<bool> test(first.size(), false);
+  for (const Observation& observation : measurements.observations) {
+    test[static_cast<std::size_t>(observation.configuration)] = observation.split == Split::test;
+  }
+  std::vector<std::pair<Index, Index>> twins;
+  std::vector<Index> last = first;  // so far, of those that the first one stands for
+  for (std::size_t c = 0; c < first.size(); ++c) {
+    const auto own = static_cast<Index>(c);
+    if (first[c] == own) {
+      continue;
+    }
+    Index& before = last[static_cast<std::size_t>(first[c])];
+    const bool exchanged = test[static_cast<std::size_t>(before)] && !test[c];
+    twins.emplace_back(exchanged ? own : before, exchanged ? before : own);
+    before = own;
+  }
+  return twins;
+}
+
+// A factor on all lengths, as the fitted ones show it.
+struct CommonScale {
+  double factor = 1.0;
+  double chance = 1.0;  // of errors that agree as well
+};
+
+// Sums over all points: of the columns of what is free (k) and of every error of the model (c), and of the points z.
+struct ScaleSums {
+  MatrixXd kk;
+  MatrixXd kc;
+  VectorXd kz;
+};
+
+ScaleSums scale_sums(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                     const Unknowns& free) {
+  const Unknowns complete = Unknowns(model, fit.targets, {}).with_all(model, UnknownGroup::geometric);
+  const PositionPredictor of_free(model, fit, free);
+  const PositionPredictor of_all(model, fit, complete);
+  std::vector<std::vector<Matrix3Xd>> k;
+  std::vector<std::vector<Matrix3Xd>> c;
+  for (Index i = 0; i < measurements.joint_values.cols(); ++i) {
+    k.push_back(of_free.jacobians(measurements, i));
+    c.push_back(of_all.jacobians(measurements, i));
+  }
+  const Index columns = k.front().front().cols();
+  ScaleSums sums{.kk = MatrixXd::Zero(columns, columns),
+                 .kc = MatrixXd::Zero(columns, static_cast<Index>(model.parameters.size())),
+                 .kz = VectorXd::Zero(columns)};
+  for (const Observation& observation : measurements.observations) {
+    const auto i = static_cast<std::size_t>(observation.configuration);
+    const auto t = static_cast<std::size_t>(observation.target);
+    sums.kk += k[i][t].transpose() * k[i][t];
+    sums.kc += k[i][t].transpose() * c[i][t];
+    sums.kz += k[i][t].transpose() * observation.position;
+  }
+  return sums;
+}
+
+// The errors e of the fit beside what a scale f of the points would make of them, (f - 1) / f x with J x = points in
+// the least squares sense. Errors of the complete model, of usual size each, come out as M of them in what was fitted;
+// the common factor on their size is left open (F test).
+CommonScale common_scale(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                         const Unknowns& free) {
+  constexpr Index kFewest = 6;  // errors
+  constexpr Index kBase = 6;    // columns
+  const bool base_free = free.range(UnknownGroup::base).count == kBase;
+  const auto [first, count] = free.range(UnknownGroup::geometric);
+  if (!base_free || count < kFewest || measurements.observations.empty()) {
+    return {};
+  }
+  const ScaleSums sums = scale_sums(model, measurements, fit, free);
+  const Eigen::LDLT<MatrixXd> decomposed(sums.kk);
+  const VectorXd x = decomposed.solve(sums.kz).segment(first, count);
+  MatrixXd M = decomposed.solve(sums.kc).middleRows(first, count);
+  VectorXd e(count);
+  for (Index i = 0; i < count; ++i) {
+    e[i] = fit.errors[static_cast<Index>(free.geometric()[static_cast<std::size_t>(i)])];
+  }
+  for (Index p = 0; p < M.cols(); ++p) {
+    M.col(p) *= usual_error(model, model.parameters[static_cast<std::size_t>(p)]);
+  }
+  const double variance = std::pow(rms_of(model, measurements, fit), 2) / 3.0;
+  const MatrixXd of_fit = decomposed.solve(MatrixXd::Identity(sums.kk.rows(), sums.kk.cols()));
+  const Eigen::LDLT<MatrixXd> C(M * M.transpose() + variance * of_fit.block(first, first, count, count));
+  const VectorXd Cx = C.solve(x);
+  const double ee = e.dot(C.solve(e));
+  const double share = Cx.dot(e) / Cx.dot(x);
+  const double left = std::max(ee - share * Cx.dot(e), 1e-12 * ee);
+  CommonScale result;
+  if (std::isfinite(share) && left > 0.0) {
+    const auto freedom = static_cast<double>(count - 1);
+    result.factor = 1.0 / (1.0 - share);
+    result.chance = f_upper_tail((ee - left) / left * freedom, 1.0, freedom);
+  }
+  return result;
+}
+
+// Whether there is a misfit that something else could explain.
+bool is_misfit(double present, double freedom) { return present > kNoMisfit && freedom >= 1.0; }
+
+// Whether a misfit that another reading leaves is less than a third, and that is no chance among `readings` of them.
+bool explains(double other, double present, double freedom, double readings) {
+  if (!is_misfit(present, freedom) || !(other < kThird * present)) {
+    return false;
+  }
+  const double ratio = present / std::max(other, kNoMisfit * 1e-3);
+  return readings * f_upper_tail(ratio * ratio, freedom, freedom) < kFalseAlarmRate;
+}
+
+// Of any reading, without a goal.
+JointOptions trial_fits() { return {.max_iterations = kSteps, .residuals = {}}; }
+
+// Puts one question after the other.
+class Inquiry {
+public:
+  Inquiry(const ErrorModel& model, const Measurements& measurements, const Estimate& fit, TrialSample sample,
+          const SuspicionOptions& options)
+      : model_(model),
+        measurements_(measurements),
+        fit_(fit),
+        options_(options),
+        sample_(std::move(sample)),
+        nominal_(nominal_start(model, sample_.measurements, options.registration)),
+        X_BF_(flange_poses(model, nominal_, sample_.measurements)),
+        registered_(rms_of(model, sample_.measurements, nominal_)),
+        remark_(options.remark),
+        fitted_(std::min(plausible(model, fit.errors) ? rms_of(model, sample_.measurements, fit) : registered_,
+                         trial(sample_.measurements, trial_fits()))) {}
+
+  std::vector<Suspicion> verdict() {
+    // One cause at a time: what explains the data by a coarser mistake makes the finer ones meaningless.
+    judge_scale();
+    const bool tried = !(fitted_ < options_.least_misfit);
+    if (tried && suspicions_.empty()) {
+      judge_readings();
+    }
+    if (tried && suspicions_.empty()) {
+      judge_gains();
+    }
+    if (tried && suspicions_.empty()) {
+      judge_order();
+    }
+    judge_lengths();
+    judge_joint_functions();
+    note_copies();
+    return std::move(suspicions_);
+  }
+
+  // Of the joint values alone, where the points are those of poses.
+  std::vector<Suspicion> verdict_of_poses() {
+    remark_ += " (orientations as points " + in_mm(kLeverOfOrientations) + " away)";
+    if (!(fitted_ < options_.least_misfit)) {
+      judge_readings();
+    }
+    return std::move(suspicions_);
+  }
+
+private:
+  bool enough_equations() const { return sample_.freedom >= 0.0; }
+
+  double trial(const Measurements& reading, const JointOptions& joint) const {
+    const TrialFit fit{.model = model_, .free = sample_.free, .registration = options_.registration, .joint = joint};
+    const Estimate start = nominal_start(model_, reading, options_.registration);
+    return rms_of(model_, reading, start) < kWorthAFit * registered_ && enough_equations()
+               ? fitted_rms(fit, reading, start)
+               : rms_of(model_, reading, start);
+  }
+
+  void suspect(Cause cause, const std::string& what, double left, double instead) {
+    suspicions_.push_back({.cause = cause,
+                           .message = "as they were read the measurements leave a misfit of " + in_mm(instead) +
+                                      remark_ + "; with " + what + " it is " + in_mm(left) + "; nothing was switched"});
+  }
+
+  // Points that are too far apart, or hardly move, beside the nominal robot.
+  void judge_scale() {
+    if (options_.registration.known_base || !options_.registration.known_targets.empty()) {
+      return;
+    }
+    // Lengths that are not fitted cannot take it up, see judge_lengths.
+    const double least = sample_.free.geometric().empty() ? kLeastCommonLength : kLeastFactor;
+    const std::optional<Vector3d> scales = coordinate_scales(X_BF_, sample_.measurements);
+    if (scales) {
+      const double common = std::cbrt(scales->prod());
+      const bool alike = scales->maxCoeff() < 2.0 * scales->minCoeff();
+      if (!alike || std::abs(common - 1.0) > least) {
+        judge_scale(alike ? Vector3d::Constant(common) : *scales, alike);
+      }
+    }
+    // The points of a tip that touches one place hardly move either, but they fit the nominal robot.
+    const Motion moved = motion(X_BF_, sample_.measurements);
+    if (suspicions_.empty() && moved.share() < kStandsStill && registered_ > kStandsStill * moved.flange) {
+      suspicions_.push_back({.cause = Cause::tool_frame,
+                             .message = "the measured points hardly move while the flange does: they seem to be "
+                                        "coordinates in the frame of the tool"});
+    }
+  }
+
+  void judge_scale(const Vector3d& factors, bool alike) {
+    const Measurements reading = divided(sample_.measurements, factors);
+    const double left = rms_of(model_, reading, nominal_start(model_, reading));
+    const double freedom = 3.0 * static_cast<double>(X_BF_.size()) - 9.0;
+    // In the unit of the robot, so that points do not look worse for being large.
+    const double present = registered_ / std::max(1.0, factors.maxCoeff());
+    if (motion(X_BF_, reading).share() < kStandsStill || !explains(left, present, freedom, 1.0)) {
+      return;
+    }
+    if (!alike) {
+      Index axis = 0;
+      (factors / std::cbrt(factors.prod())).array().log().abs().maxCoeff(&axis);
+      suspect(Cause::length_unit,
+              std::string(1, static_cast<char>('x' + axis)) +
+                  " in another unit than the other coordinates (x, y and z are " + significant(factors[0], 3) + ", " +
+                  significant(factors[1], 3) + " and " + significant(factors[2], 3) + " times too large)",
+              left, registered_);
+      return;
+    }
+    const std::string units = units_of_factor(factors[0]);
+    const std::string apart = "points that are " + significant(factors[0], 4) + " times too far apart (";
+    suspect(units.empty() ? Cause::scale : Cause::length_unit,
+            apart + (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) + ")", left, registered_);
+  }
+
+  void judge_readings() {
+    if (!is_misfit(fitted_, sample_.freedom)) {
+      return;
+    }
+    JointOptions other = trial_fits();
+    other.goal = kThird * fitted_;
+    const std::vector<ConventionTrial> trials = try_conventions(model_, sample_.measurements, sample_.free,
+                                                                {.used = options_.used,
+                                                                 .others = options_.others,
+                                                                 .registration = options_.registration,
+                                                                 .joint = other,
+                                                                 .threads = options_.threads});
+    const double readings = 2.0 + static_cast<double>(trials.size());
+    double best = fitted_;
+    const auto consider = [&](Cause cause, const std::string& what, double left) {
+      if (left < best && explains(left, fitted_, sample_.freedom, readings)) {
+        best = left;
+        suspicions_.clear();
+        suspect(cause, what, left, fitted_);
+      }
+    };
+    const auto joints = std::find_if(trials.begin(), trials.end(), [](const auto& trial) { return !trial.present; });
+    if (joints != trials.end()) {
+      consider(*joints->cause, joints->description, joints->rms);
+    }
+    if (options_.registration.known_base) {
+      RegistrationOptions anywhere = options_.registration;
+      anywhere.known_base.reset();
+      const Unknowns free = sample_.free.with_all(model_, UnknownGroup::base);
+      const TrialFit fit{.model = model_, .free = free, .registration = anywhere, .joint = other};
+      consider(Cause::known_base, "the base fitted instead of taken as known",
+               sample_.freedom < 6.0
+                   ? kInfinity
+                   : fitted_rms(fit, sample_.measurements, nominal_start(model_, sample_.measurements, anywhere)));
+    }
+    consider(Cause::mirrored, "the points mirrored (a left-handed frame, a wrong sign or two coordinates exchanged)",
+             trial(mirrored(sample_.measurements), other));
+    if (const auto exchange = exchanged_targets(X_BF_, sample_.measurements, options_.registration)) {
+      const auto& names = sample_.measurements.targets;
+      consider(Cause::exchanged_targets,
+               "targets " + names[static_cast<std::size_t>(exchange->first)] + " and " +
+                   names[static_cast<std::size_t>(exchange->second)] + " exchanged from configuration " +
+                   sample_.measurements.configurations[static_cast<std::size_t>(exchange->from)] + " on",
+               trial(exchange->repaired, other));
+    }
+  }
+
+  // Whether one of the fit's own gains is beyond what is one.
+  bool has_wrong_gain() const {
+    for (std::size_t d = 0; d < model_.effects.size() && fit_.effects.size() > 0; ++d) {
+      const EffectTerm& term = model_.effects[d];
+      const double gain = fit_.effects[static_cast<Index>(d)] / term.scale;
+      if (term.group == EffectGroup::gain && std::abs(gain) > kLeastWrongGain) {
+        return true;
+      }
+    }
+    return false;
+  }
+
+  void judge_gains() {
+    constexpr double kWorthALook = 1e-4;  // of the arm's length
+    const auto joints = static_cast<double>(model_.joints.size());
+    const double freedom = sample_.freedom - joints;
+    if (!(freedom >= 1.0) || (!has_wrong_gain() && fitted_ < kWorthALook * arm_length(model_))) {
+      return;
+    }
+    const std::optional<GainTrial> found = try_gains(model_, sample_.measurements, nominal_, sample_.free);
+    if (!found || std::abs(found->factor - 1.0) < kLeastWrongGain ||
+        !explains(found->rms, found->rms_rigid, freedom, joints)) {
+      return;
+    }
+    const MovingJoint& joint = model_.joints[found->joint];
+    const bool turns = joint.type != JointType::prismatic;
+    suspect(Cause::joint_gain,
+            joint.name + (turns ? " turning " : " moving ") + significant(found->factor, 4) +
+                " times as far as its values say" +
+                (found->others > 0 ? ", and " + std::to_string(found->others) + " more joints likewise" : "") +
+                " (a unit, a gear ratio or an encoder set wrong)",
+            found->rms, found->rms_rigid);
+  }
+
+  void judge_order() {
+    const auto found = check_order(model_, sample_.measurements, fit_, sample_.free);
+    if (!found || found->kind == OrderFinding::Kind::step_of_target) {
+      return;
+    }
+    const std::string how =
+        in_mm(found->moved) + " (turned by " + significant(found->rotation.norm() * 1e3, 2) + " mrad)";
+    const std::string order = sample_.measurements.order.empty() ? " if the file is in the order of measurement" : "";
+    if (found->kind == OrderFinding::Kind::drift_of_base) {
+      suspect(Cause::drift, "a base that drifts against the measuring device, by " + how + " in all," + order,
+              found->left, fitted_);
+    } else {
+      suspect(Cause::moved_base,
+              "a base that moved against the measuring device by " + how + " after configuration " +
+                  sample_.measurements.configurations[static_cast<std::size_t>(found->last_before)] + order,
+              found->left, fitted_);
+    }
+  }
+
+  // Length errors that are the same share of their links, as the fit would find them behind a wrong unit.
+  void judge_lengths() {
+    const CommonScale common = common_scale(model_, sample_.measurements, fit_, sample_.free);
+    if (!suspicions_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.chance > kFalseAlarmRate) {
+      return;
+    }
+    const std::string units = units_of_factor(common.factor);
+    suspicions_.push_back({.cause = units.empty() ? Cause::scale : Cause::length_unit,
+                           .message = "all lengths of the arm are found " + significant(common.factor, 5) +
+                                      " times as long as nominal (" +
+                                      (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) +
+                                      "); the fit absorbs that, nothing was switched"});
+  }
+
+  void judge_joint_functions() {
+    const double visits = static_cast<double>(X_BF_.size());
+    const double rest = sample_.freedom / std::max(sample_.points_of_a_configuration, 1.0) - 6.0;
+    if (!suspicions_.empty() || !(fitted_ > kNoMisfit) || !(rest > 0.0) || visits < 10.0) {
+      return;
+    }
+    const std::vector<double> shares = explained_by_joints(model_, fit_, sample_.measurements);
+    for (std::size_t j = 0; j < shares.size(); ++j) {
+      const double chance = f_upper_tail(shares[j] / 6.0 / std::max(1.0 - shares[j], 1e-12) * rest, 6.0, rest);
+      if (shares[j] > 0.5 && chance < 1e-3) {
+        suspicions_.push_back({.cause = Cause::joint_function,
+                               .message = "a function of " + model_.joints[j].name + " alone explains " +
+                                          significant(100.0 * shares[j], 2) +
+                                          " % of the residuals' squares (p = " + significant(chance, 1) + ")",
+                               .doubt = false});
+      }
+    }
+  }
+
+  // Configurations that are the same one, and test rows that are train rows.
+  void note_copies() {
+    const std::vector<std::pair<Index, Index>> twins = twins_of(measurements_);
+    if (twins.empty()) {
+      return;
+    }
+    const auto label = [&](Index c) { return measurements_.configurations[static_cast<std::size_t>(c)]; };
+    const std::string more = twins.size() > 1 ? " (and " + std::to_string(twins.size() - 1) + " more)" : std::string();
+    const bool tested = is_tested(twins.front().second);
+    suspicions_.push_back({.cause = Cause::same_configuration,
+                           .message = tested ? "test configuration " + label(twins.front().second) +
+                                                   " is at the pose of train configuration " +
+                                                   label(twins.front().first) + more + ": it tests no new pose"
+                                             : "configurations " + label(twins.front().first) + " and " +
+                                                   label(twins.front().second) + more +
+                                                   " are at the same pose: they are left out together",
+                           .doubt = false});
+    constexpr std::size_t kLookedAt = 20;
+    const auto end = twins.begin() + static_cast<std::ptrdiff_t>(std::min(twins.size(), kLookedAt));
+    const auto copied = std::find_if(twins.begin(), end, [&](const auto& twin) { return is_copy(twin); });
+    if (copied != end) {
+      suspicions_.push_back({.cause = Cause::copied_rows,
+                             .message = "test configuration " + label(copied->second) +
+                                        " has the very points of train configuration " + label(copied->first) +
+                                        ": copied rows test nothing",
+                             .doubt = false});
+    }
+  }
+
+  bool is_tested(Index configuration) const {
+    const auto& rows = measurements_.observations;
+    return std::any_of(rows.begin(), rows.end(), [&](const Observation& o) {
+      return o.split == Split::test && o.configuration == configuration;
+    });
+  }
+
+  // Whether of twins one is for training, the other, told last, for tests and a point of both is the same.
+  bool is_copy(const std::pair<Index, Index>& twin) const {
+    const auto& rows = measurements_.observations;
+    return std::any_of(rows.begin(), rows.end(), [&](const Observation& test) {
+      return test.split == Split::test && test.configuration == twin.second &&
+             std::any_of(rows.begin(), rows.end(), [&](const Observation& train) {
+               return train.split == Split::train && train.configuration == twin.first && train.target == test.target &&
+                      train.position == test.position;
+             });
+    });
+  }
+
+  const ErrorModel& model_;
+  const Measurements& measurements_;
+  const Estimate& fit_;
+  const SuspicionOptions& options_;
+  TrialSample sample_;
+  Estimate nominal_;
+  std::vector<Eigen::Isometry3d> X_BF_;  // nominal
+  double registered_ = 0.0;
+  std::string remark_;  // behind the misfit
+  double fitted_ = 0.0;
+  std::vector<Suspicion> suspicions_;
+};
+
+}  // namespace
+
+std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                                  const Unknowns& free, const SuspicionOptions& options) {
+  check(measurements, model);
+  check(fit, model, measurements);
+  check(free, model, measurements);
+  check(options.registration);
+  const auto sample = [&](const Measurements& all, const Unknowns& unknowns, std::size_t most) {
+    return trial_sample(model, all, unknowns, most);
+  };
+  std::vector<Suspicion> found =
+      Inquiry(model, measurements, fit, sample(measurements, free, kMostSampled), options).verdict();
+  const bool doubted = std::any_of(found.begin(), found.end(), [](const Suspicion& one) { return one.doubt; });
+  if (!doubted && !measurements.orientations.empty()) {
+    const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
+    const auto of_orientations = [&] { return Suspicion{.cause = Cause::orientations, .message = turned->message}; };
+    if (turned && turned->explained) {
+      found.insert(found.begin(), of_orientations());
+      return found;
+    }
+    PosePoints points = pose_points(model, measurements, fit, free, options.registration);
+    SuspicionOptions of_points = options;
+    of_points.registration = std::move(points.registration);
+    Inquiry inquiry(model, points.measurements, points.fit, sample(points.measurements, points.free, kMostPoses),
+                    of_points);
+    std::vector<Suspicion> more = inquiry.verdict_of_poses();
+    if (more.empty() && turned) {
+      more.push_back(of_orientations());
+    }
+    found.insert(found.begin(), more.begin(), more.end());
+  }
+  return found;
+}
+
+namespace {
+
+// All parameters that the reduced model keeps, except known frames.
+Unknowns all_that_is_told(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                          const RegistrationOptions& known) {
+  ReductionOptions options;
+  const auto hold = [&](const std::vector<std::string>& names) {
+    options.fixed.insert(options.fixed.end(), names.begin(), names.end());
+  };
+  if (known.known_base) {
+    hold(base_parameter_names());
+  }
+  for (const TargetFrame& target : targets) {
+    const bool is_known = std::any_of(known.known_targets.begin(), known.known_targets.end(),
+                                      [&](const TargetFrame& other) { return other.name == target.name; });
+    hold(is_known ? target_parameter_names(target) : std::vector<std::string>());
+  }
+  return Unknowns(model, targets, reduced_model(model, targets, options).kept);
+}
+
+}  // namespace
+
+std::vector<Suspicion> suspicions_of_nominal(const ErrorModel& model, const Measurements& measurements,
+                                             const Estimate& registered, SuspicionOptions options) {
+  constexpr double kBeyondErrors = 0.01;  // of the arm
+  const TrainingRows training(measurements);
+  const Unknowns all = all_that_is_told(model, registered.targets, options.registration);
+  if (trial_sample(model, *training, all, kMostSampled).freedom < 1.0) {
+    options.least_misfit = kBeyondErrors * arm_length(model);
+    return suspicions(model, measurements, registered, all.without(UnknownGroup::geometric), options);
+  }
+  options.remark += " with its geometry fitted";
+  const Identification found = identify_jointly(model, *training, registered, all, trial_fits());
+  return suspicions(model, measurements, plausible(model, found.estimate.errors) ? found.estimate : registered, all,
+                    options);
+}
+
+}  // namespace kdl_calibration

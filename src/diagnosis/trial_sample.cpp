@@ -1,0 +1,104 @@
+#include "diagnosis/trial_sample.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <set>
+#include <utility>
+#include <vector>
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Vector3d;
+
+// Of coordinates of targets those of their points, see Unknown::index.
+std::vector<std::size_t> coordinates(std::vector<std::size_t> of_targets) {
+  std::erase_if(of_targets, [](std::size_t index) { return index % 6 >= 3; });
+  return of_targets;
+}
+
+}  // namespace
+
+TrialSample trial_sample(const ErrorModel& model, const Measurements& measurements, const Unknowns& free,
+                         std::size_t most_configurations) {
+  TrialSample sample{.measurements = training_sample(measurements, most_configurations), .free = free};
+  sample.measurements.orientations.clear();
+  for (Observation& observation : sample.measurements.observations) {
+    observation.sigma = 0.0;
+  }
+  sample.free = free.with(model, UnknownGroup::targets, coordinates(free.of(UnknownGroup::targets)));
+  std::set<std::pair<int, int>> points;
+  for (const Observation& observation : sample.measurements.observations) {
+    points.insert({observation.configuration, observation.target});
+  }
+  sample.freedom = 3.0 * static_cast<double>(points.size()) - static_cast<double>(sample.free.size());
+  sample.points_of_a_configuration =
+      static_cast<double>(points.size()) /
+      static_cast<double>(std::max<Eigen::Index>(sample.measurements.joint_values.cols(), 1));
+  return sample;
+}
+
+namespace {
+
+struct Lever {
+  const char* name;
+  Vector3d p_T;  // [m]
+};
+
+const std::array<Lever, 4>& levers() {
+  static const std::array<Lever, 4> all = {
+      Lever{"", Vector3d::Zero()}, Lever{".x", kLeverOfOrientations * Vector3d::UnitX()},
+      Lever{".y", kLeverOfOrientations * Vector3d::UnitY()}, Lever{".z", kLeverOfOrientations * Vector3d::UnitZ()}};
+  return all;
+}
+
+std::vector<TargetFrame> with_levers(const std::vector<TargetFrame>& targets) {
+  std::vector<TargetFrame> result;
+  for (const TargetFrame& target : targets) {
+    for (const Lever& lever : levers()) {
+      TargetFrame frame{.name = target.name + lever.name};
+      frame.X_FT.translation() = target.X_FT * lever.p_T;
+      result.push_back(frame);
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+PosePoints pose_points(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                       const Unknowns& free, const RegistrationOptions& registration) {
+  PosePoints result{.measurements = measurements, .fit = fit, .free = {}, .registration = registration};
+  result.fit.targets = with_levers(fit.targets);
+  result.registration.known_targets = with_levers(registration.known_targets);
+  result.measurements.targets.clear();
+  for (const TargetFrame& target : result.fit.targets) {
+    result.measurements.targets.push_back(target.name);
+  }
+  result.measurements.observations.clear();
+  result.measurements.orientations.clear();
+  result.measurements.order.clear();
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    const Eigen::Quaterniond& orientation = measurements.orientations[row];
+    const std::size_t points = is_point(orientation) ? 1 : levers().size();
+    for (std::size_t i = 0; i < points; ++i) {
+      Observation point = measurements.observations[row];
+      point.target = static_cast<std::int32_t>(levers().size()) * point.target + static_cast<std::int32_t>(i);
+      point.position += points > 1 ? Vector3d(orientation * levers()[i].p_T) : Vector3d::Zero();
+      result.measurements.observations.push_back(point);
+    }
+  }
+  std::vector<std::string> names = free.without(UnknownGroup::targets).without(UnknownGroup::effects).names();
+  for (std::size_t k = 0; k < result.fit.targets.size(); ++k) {
+    if (free.column(UnknownGroup::targets, 6 * (k / levers().size()))) {
+      const std::vector<std::string> own = target_parameter_names(result.fit.targets[k]);
+      names.insert(names.end(), own.begin(), own.end());
+    }
+  }
+  result.free =
+      Unknowns(model, result.fit.targets, names).with(model, UnknownGroup::effects, free.of(UnknownGroup::effects));
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,380 @@
+#include "kdl_calibration/effect_terms.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "base/number_text.hpp"
+#include "base/preconditions.hpp"
+#include "effects/effect_functions.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/random.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+bool slides(const ErrorModel& model, std::size_t joint) { return model.joints[joint].type == JointType::prismatic; }
+
+constexpr double kLeastLever = 1e-3;  // [m] on the average; less is no load that changes sides
+constexpr double kPlay = 0.15;        // of the torque's mean size, where the play has mostly changed sides
+
+constexpr double kFunctions = 3.4;  // per length: they carry 98.8 % of the variance
+constexpr int kMostFunctions = 200;
+constexpr double kUsualRipple = 100.0;  // times a turn
+
+constexpr int kSamples = 200;
+constexpr double kDistinct = 0.15;  // share of a torque that must be new
+
+MatrixXd generic_configurations(const ErrorModel& model) {
+  Random random(1);
+  MatrixXd q(static_cast<Index>(model.joints.size()), kSamples);
+  for (Index c = 0; c < q.cols(); ++c) {
+    for (Index i = 0; i < q.rows(); ++i) {
+      const bool prismatic = model.joints[static_cast<std::size_t>(i)].type == JointType::prismatic;
+      const double range = prismatic ? 1.0 : std::numbers::pi;
+      q(i, c) = random.uniform(-range, range);
+    }
+  }
+  follow(model.joints, q);
+  return q;
+}
+
+std::vector<EffectTerm> candidates(const ErrorModel& model, std::size_t joint) {
+  const std::string number = std::to_string(joint + 1);
+  const auto first = static_cast<int>(joint);
+  const auto tip = static_cast<int>(model.joints.size());
+  std::vector<EffectTerm> result;
+  if (!model.link_masses.empty()) {
+    EffectTerm all{.name = "gravity" + number,
+                   .joint = model.joints[joint].name,
+                   .index = first,
+                   .masses = {},
+                   .gravity = {},
+                   .table = {}};
+    for (const PointMass& mass : model.link_masses) {
+      if (mass.frame >= first) {
+        all.masses.push_back(mass);
+      }
+    }
+    result.push_back(all);
+    return result;
+  }
+  for (int frame = first + 1; frame <= tip; ++frame) {
+    result.push_back({.name = "gravity" + number + "_" + std::to_string(frame + 1),
+                      .joint = model.joints[joint].name,
+                      .index = first,
+                      .masses = {{.frame = frame}},
+                      .gravity = {},
+                      .table = {}});
+  }
+  return result;
+}
+
+EffectTerm term_of(const ErrorModel& model, std::size_t joint, EffectGroup group, const std::string& last = {}) {
+  return {.name = std::string(to_string(group)) + "." + std::to_string(joint + 1) + (last.empty() ? "" : "." + last),
+          .joint = model.joints[joint].name,
+          .index = static_cast<int>(joint),
+          .group = group,
+          .masses = {},
+          .gravity = {},
+          .table = {}};
+}
+
+void add_gravity(const ErrorModel& model, std::size_t joint, std::vector<EffectTerm>& terms) {
+  const auto add = [&](std::size_t link, int axis) {
+    const std::string number = std::to_string(link + 1);
+    EffectTerm term = term_of(model, joint, EffectGroup::gravity, number + "xyzso"[axis]);
+    term.gravity = {.link = static_cast<int>(link), .axis = axis};
+    terms.push_back(term);
+  };
+  if (slides(model, joint)) {
+    add(joint, GravityTerm::kOwn);
+    return;
+  }
+  for (std::size_t link = joint; link < model.joints.size(); ++link) {
+    for (int axis = 0; axis < 3; ++axis) {
+      add(link, axis);
+    }
+    if (slides(model, link)) {
+      add(link, GravityTerm::kSlide);
+    }
+  }
+}
+
+// A bearing feels what hangs behind it: the next links, as those further out repeat them.
+void add_transverse(const ErrorModel& model, std::size_t joint, std::vector<EffectTerm>& terms) {
+  constexpr std::size_t kLinks = 3;
+  for (const EffectAxis across : {EffectAxis::across_x, EffectAxis::across_y}) {
+    for (std::size_t link = joint; link < std::min(joint + kLinks, model.joints.size()); ++link) {
+      for (int axis = 0; axis < 3; ++axis) {
+        const std::string last = across == EffectAxis::across_x ? "x." : "y.";
+        EffectTerm term = term_of(model, joint, EffectGroup::transverse, last + std::to_string(link + 1) + "xyz"[axis]);
+        term.axis = across;
+        term.gravity = {.link = static_cast<int>(link), .axis = axis};
+        terms.push_back(term);
+      }
+    }
+  }
+}
+
+// Masses of one at the later joint frames and the tip.
+EffectTerm loaded_equally(const ErrorModel& model, std::size_t joint) {
+  EffectTerm term = term_of(model, joint, EffectGroup::backlash);
+  for (std::size_t frame = joint + 1; frame <= model.joints.size(); ++frame) {
+    term.masses.push_back({.frame = static_cast<int>(frame), .mass = 1.0, .centre = {}});
+  }
+  return term;
+}
+
+// Joint values, what is known of them, and where the nominal arm's joints then are.
+struct Stops {
+  const MatrixXd& q;
+  const DriveSignals& signals;
+  std::vector<JointFrames> frames;
+};
+
+void add_backlash(const ErrorModel& model, std::size_t joint, const Stops& stops, std::vector<EffectTerm>& terms) {
+  if (stops.signals.approach.size() > 0) {
+    terms.push_back(term_of(model, joint, EffectGroup::backlash, "approach"));
+    terms.back().signal = DriveSignal::approach;
+  }
+  EffectTerm term = loaded_equally(model, joint);
+  double sum = 0.0;
+  for (const JointFrames& at : stops.frames) {
+    sum += std::abs(torque(model, term, at));
+  }
+  const double mean = sum / static_cast<double>(stops.q.cols());
+  if (!(mean > kLeastLever)) {
+    return;
+  }
+  const double play = kPlay * mean;
+  for (PointMass& mass : term.masses) {
+    mass.mass = 1.0 / play;
+  }
+  terms.push_back(term);
+}
+
+void add_torque(const ErrorModel& model, std::size_t joint, const Stops& stops, std::vector<EffectTerm>& terms) {
+  if (!has_torques(stops.signals, static_cast<Index>(joint))) {
+    return;
+  }
+  EffectTerm term = term_of(model, joint, EffectGroup::torque);
+  term.signal = DriveSignal::torque;
+  terms.push_back(term);
+  double sum = 0.0;
+  for (Index c = 0; c < stops.q.cols(); ++c) {
+    sum += std::abs(raw_value(model, term, stops.signals, c));
+  }
+  if (sum > 0.0) {
+    term.name += ".tanh";
+    term.play = kPlay * sum / static_cast<double>(stops.q.cols());
+    terms.push_back(term);
+  }
+}
+
+void add_swing(const ErrorModel& model, std::size_t joint, EffectGroup group, double times,
+               std::vector<EffectTerm>& terms) {
+  for (const bool sine : {true, false}) {
+    EffectTerm term = term_of(model, joint, group, (sine ? "sin" : "cos") + shortest(times));
+    term.harmonic = sine ? times : -times;
+    terms.push_back(term);
+  }
+}
+
+void add_harmonics(const ErrorModel& model, std::size_t joint, std::vector<EffectTerm>& terms) {
+  for (const double times : {1.0, 2.0}) {
+    add_swing(model, joint, EffectGroup::harmonics, times, terms);
+  }
+}
+
+constexpr double kLeastScale = 0.05;  // of a function of unit size
+constexpr double kNew = 0.05;         // share of a function that others of its joint do not say
+
+VectorXd values_at(const ErrorModel& model, const EffectTerm& term, const Stops& stops) {
+  if (term.signal == DriveSignal::none) {
+    return raw_values(model, term, stops.q, stops.frames);
+  }
+  VectorXd values(stops.q.cols());
+  for (Index c = 0; c < values.size(); ++c) {
+    values[c] = raw_value(model, term, stops.signals, c);
+  }
+  return values;
+}
+
+bool has_no_unit_size(const EffectTerm& term) {
+  return term.group == EffectGroup::gain || (term.signal == DriveSignal::torque && term.play == 0.0);
+}
+
+// Takes off means, applies scales, and leaves out what N joint values do not tell apart.
+std::vector<EffectTerm> told_apart(const ErrorModel& model, const std::vector<EffectTerm>& terms, const Stops& stops) {
+  const Index stop_count = stops.q.cols();
+  std::vector<EffectTerm> kept;
+  MatrixXd basis(stop_count, 0);
+  std::pair<int, EffectAxis> moved = {-1, EffectAxis::own};
+  for (EffectTerm term : terms) {
+    if (std::pair(term.index, term.axis) != moved) {
+      moved = {term.index, term.axis};
+      basis.resize(stop_count, 0);
+    }
+    VectorXd values = values_at(model, term, stops);
+    const auto known = static_cast<double>(stop_count - values.array().isNaN().count());
+    term.mean = values.array().isNaN().select(0.0, values).sum() / known;
+    values = values.array().isNaN().select(0.0, values.array() - term.mean).matrix();
+    term.scale = values.norm() / std::sqrt(known);
+    if (!(term.scale > (has_no_unit_size(term) ? 0.0 : kLeastScale))) {
+      continue;
+    }
+    VectorXd rest = values.normalized();
+    for (int pass = 0; pass < 2; ++pass) {  // twice is enough (Kahan, in Parlett 1980)
+      rest -= basis * (basis.transpose() * rest);
+    }
+    if (rest.norm() < kNew) {
+      continue;
+    }
+    basis.conservativeResize(Eigen::NoChange, basis.cols() + 1);
+    basis.rightCols<1>() = rest.normalized();
+    kept.push_back(std::move(term));
+  }
+  return kept;
+}
+
+}  // namespace
+
+std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const MatrixXd& joint_values,
+                                     const DriveSignals& signals) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  if (group == EffectGroup::tables) {
+    return table_terms(model, joint_values, std::numbers::pi / 6.0);
+  }
+  if (joint_values.cols() == 0) {
+    return {};
+  }
+  const Stops stops{.q = joint_values, .signals = signals, .frames = joint_frames_of_all(model, joint_values)};
+  std::vector<EffectTerm> all;
+  for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
+    if (group == EffectGroup::gravity) {
+      add_gravity(model, joint, all);
+    } else if (group == EffectGroup::transverse) {
+      add_transverse(model, joint, all);
+    } else if (group == EffectGroup::gain) {
+      all.push_back(term_of(model, joint, group));
+    } else if (group == EffectGroup::backlash) {
+      add_backlash(model, joint, stops, all);
+    } else if (group == EffectGroup::torque) {
+      add_torque(model, joint, stops, all);
+    } else if (!slides(model, joint)) {
+      group == EffectGroup::ripple ? add_swing(model, joint, group, kUsualRipple, all)
+                                   : add_harmonics(model, joint, all);
+    }
+  }
+  return told_apart(model, all, stops);
+}
+
+std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& joint_values, std::size_t joint,
+                                     double times_a_turn) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  require_index("the joint", joint, model.joints.size());
+  std::vector<EffectTerm> pair;
+  add_swing(model, joint, EffectGroup::ripple, times_a_turn, pair);
+  const DriveSignals none;
+  return told_apart(model, pair,
+                    {.q = joint_values, .signals = none, .frames = joint_frames_of_all(model, joint_values)});
+}
+
+std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joint_values, double length) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  require_sigma("the length of a table", length);
+  constexpr double kLeastTurn = std::numbers::pi / 18.0;
+  constexpr double kLeastSlide = 0.02;
+  std::vector<EffectTerm> result;
+  for (std::size_t joint = 0; joint < model.joints.size() && joint_values.cols() > 0; ++joint) {
+    const auto row = joint_values.row(static_cast<Index>(joint));
+    TableTerm table{.length = length, .lower = row.minCoeff(), .upper = row.maxCoeff()};
+    const double range = table.upper - table.lower;
+    if (range < (slides(model, joint) ? kLeastSlide : kLeastTurn)) {
+      continue;
+    }
+    table.length = std::min(length, 0.5 * range);
+    const double L = 0.5 * range + kTableBeyond * table.length;
+    const int functions = std::min(static_cast<int>(std::ceil(kFunctions * L / table.length)), kMostFunctions);
+    for (table.number = 1; table.number <= functions; ++table.number) {
+      EffectTerm term = term_of(model, joint, EffectGroup::tables, std::to_string(table.number));
+      term.table = table;
+      result.push_back(term);
+    }
+  }
+  return result;
+}
+
+MatrixXd gravity_torques(const ErrorModel& model, const MatrixXd& joint_values) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  MatrixXd torques(joint_values.rows(), joint_values.cols());
+  const std::vector<JointFrames> frames = joint_frames_of_all(model, joint_values);
+  for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
+    const EffectTerm term = loaded_equally(model, joint);
+    for (std::size_t c = 0; c < frames.size(); ++c) {
+      torques(static_cast<Index>(joint), static_cast<Index>(c)) = torque(model, term, frames[c]);
+    }
+  }
+  return torques;
+}
+
+std::vector<EffectTerm> load_terms(const ErrorModel& model) {
+  const MatrixXd q = generic_configurations(model);
+  const std::vector<JointFrames> frames = joint_frames_of_all(model, q);
+  struct Candidate {
+    EffectTerm term;
+    VectorXd torques;
+  };
+  std::vector<Candidate> all;
+  double largest = 0.0;
+  for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
+    for (EffectTerm& term : candidates(model, joint)) {
+      all.push_back({term, raw_values(model, term, q, frames)});
+      largest = std::max(largest, all.back().torques.cwiseAbs().maxCoeff());
+    }
+  }
+  std::vector<EffectTerm> kept;
+  MatrixXd basis(kSamples, 0);
+  int joint = -1;
+  for (Candidate& candidate : all) {
+    if (candidate.term.index != joint) {
+      joint = candidate.term.index;
+      basis = VectorXd::Constant(kSamples, 1.0 / std::sqrt(kSamples));  // a constant is the joint's offset
+    }
+    const VectorXd rest = candidate.torques - basis * (basis.transpose() * candidate.torques);
+    const double peak = candidate.torques.cwiseAbs().maxCoeff();
+    if (!(peak > 0.0) || peak < kDistinct * largest || rest.norm() < kDistinct * candidate.torques.norm()) {
+      continue;
+    }
+    basis.conservativeResize(Eigen::NoChange, basis.cols() + 1);
+    basis.rightCols<1>() = rest.normalized();
+    candidate.term.scale = peak;
+    kept.push_back(std::move(candidate.term));
+  }
+  return kept;
+}
+
+std::vector<EffectTerm> gain_terms(const ErrorModel& model) {
+  std::vector<EffectTerm> result;
+  for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
+    result.push_back(term_of(model, joint, EffectGroup::gain));
+  }
+  return result;
+}
+
+std::vector<EffectTerm> load_and_gain_terms(const ErrorModel& model) {
+  std::vector<EffectTerm> result = load_terms(model);
+  const std::vector<EffectTerm> gains = gain_terms(model);
+  result.insert(result.end(), gains.begin(), gains.end());
+  return result;
+}
+
+}  // namespace kdl_calibration

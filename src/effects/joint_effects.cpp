@@ -1,0 +1,191 @@
+#include "kdl_calibration/joint_effects.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <memory_resource>
+
+#include "base/preconditions.hpp"
+#include "effects/effect_functions.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Ref;
+using Eigen::VectorXd;
+
+const char* to_string(EffectGroup group) {
+  constexpr std::array<const char*, kEffectGroups> kNames = {"gravity",   "transverse", "gain",   "backlash",
+                                                             "harmonics", "ripple",     "tables", "torque"};
+  return kNames[static_cast<std::size_t>(group)];
+}
+
+const char* to_string(EffectAxis axis) {
+  constexpr std::array<const char*, 3> kNames = {"own", "x", "y"};
+  return kNames[static_cast<std::size_t>(axis)];
+}
+
+std::optional<EffectGroup> effect_group(const std::string& name) {
+  for (std::size_t i = 0; i < kEffectGroups; ++i) {
+    if (name == to_string(static_cast<EffectGroup>(i))) {
+      return static_cast<EffectGroup>(i);
+    }
+  }
+  return std::nullopt;
+}
+
+std::vector<std::string> effect_group_names() {
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < kEffectGroups; ++i) {
+    names.emplace_back(to_string(static_cast<EffectGroup>(i)));
+  }
+  return names;
+}
+
+std::string size_name(const EffectTerm& term) {
+  const std::string group = to_string(term.group);
+  return term.group == EffectGroup::tables ? group + "." + std::to_string(term.index + 1) : group;
+}
+
+std::map<MovedBy, std::vector<Index>> terms_by_motion(const ErrorModel& model) {
+  std::map<MovedBy, std::vector<Index>> result;
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    const EffectTerm& term = model.effects[e];
+    result[{.group = term.group, .joint = term.index, .axis = term.axis}].push_back(static_cast<Index>(e));
+  }
+  return result;
+}
+
+Index motion_size(const ErrorModel& model) {
+  const bool tilts = std::any_of(model.effects.begin(), model.effects.end(),
+                                 [](const EffectTerm& term) { return term.axis != EffectAxis::own; });
+  return static_cast<Index>(model.joints.size()) * (tilts ? 3 : 1);
+}
+
+Index motion_entry(const ErrorModel& model, const EffectTerm& term) {
+  if (term.axis == EffectAxis::own) {
+    return term.index;
+  }
+  return static_cast<Index>(model.joints.size()) + Index{2} * term.index + (term.axis == EffectAxis::across_y ? 1 : 0);
+}
+
+namespace {
+
+// What the term is of that moves its joint; nothing where it is a function of what is not known.
+double scaled(const EffectTerm& term, double raw) { return std::isnan(raw) ? 0.0 : (raw - term.mean) / term.scale; }
+
+}  // namespace
+
+bool needs_torques(const ErrorModel& model) {
+  return std::any_of(model.effects.begin(), model.effects.end(),
+                     [](const EffectTerm& term) { return term.signal == DriveSignal::torque; });
+}
+
+bool misses_approach(const EffectTerm& term, const DriveSignals& signals, Index column) {
+  return term.signal == DriveSignal::approach &&
+         (signals.approach.size() == 0 || std::isnan(signals.approach(term.index, column)));
+}
+
+MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values, const DriveSignals& signals) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  if (const std::string fault = fault_of(signals, joint_values); !fault.empty()) {
+    throw InputError(fault);
+  }
+  MatrixXd basis(static_cast<Index>(model.effects.size()), joint_values.cols());
+  if (model.effects.empty()) {
+    return basis;
+  }
+  for (Index c = 0; c < joint_values.cols(); ++c) {
+    const JointFrames frames = joint_frames(model, joint_values.col(c));
+    for (std::size_t e = 0; e < model.effects.size(); ++e) {
+      const EffectTerm& term = model.effects[e];
+      basis(static_cast<Index>(e), c) =
+          scaled(term, term.signal == DriveSignal::none ? raw_value(model, term, joint_values.col(c), frames)
+                                                        : raw_value(model, term, signals, c));
+    }
+  }
+  return basis;
+}
+
+void effect_motion(const ErrorModel& model, const VectorXd& values, const Ref<const VectorXd>& q,
+                   Ref<VectorXd> motion) {
+  require_count("values of effects", values.size(), model.effects.size());
+  require_count("joint values", q.size(), model.joints.size());
+  require_count("motions of joints", motion.size(), motion_size(model));
+  alignas(Eigen::Isometry3d) std::array<std::byte, (kFewJoints + 1) * (sizeof(Eigen::Isometry3d) + sizeof(Matrix3d))>
+      bytes;
+  std::pmr::monotonic_buffer_resource memory(bytes.data(), bytes.size());
+  const JointFrames frames = joint_frames(model, q, &memory);
+  motion.setZero();
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    const EffectTerm& term = model.effects[e];
+    motion[motion_entry(model, term)] +=
+        values[static_cast<Index>(e)] * scaled(term, raw_value(model, term, q, frames));
+  }
+}
+
+MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values) {
+  if (values.size() == 0 || values.isZero(0.0)) {
+    return joint_values;
+  }
+  return effective_joint_values(model, values, joint_values, effect_basis(model, joint_values));
+}
+
+MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values,
+                                const DriveSignals& signals) {
+  if (values.size() == 0 || values.isZero(0.0)) {
+    return joint_values;
+  }
+  return effective_joint_values(model, values, joint_values, effect_basis(model, joint_values, signals));
+}
+
+MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values,
+                                const MatrixXd& basis) {
+  if (values.size() == 0 || values.isZero(0.0)) {
+    return joint_values;
+  }
+  require_count("values of effects", values.size(), model.effects.size());
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  require_count("rows of a basis", basis.rows(), model.effects.size());
+  require_count("columns of a basis", basis.cols(), joint_values.cols());
+  MatrixXd result = MatrixXd::Zero(motion_size(model), joint_values.cols());
+  result.topRows(joint_values.rows()) = joint_values;
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    const auto row = static_cast<Index>(e);
+    result.row(motion_entry(model, model.effects[e])) += values[row] * basis.row(row);
+  }
+  return result;
+}
+
+KDL::Chain tilted_chain(const KDL::Chain& chain, const VectorXd& tilts) {
+  const auto moves = [](const KDL::Segment& segment) { return segment.getJoint().getType() != KDL::Joint::Fixed; };
+  require_count("tilts", tilts.size(), 2 * std::count_if(chain.segments.begin(), chain.segments.end(), moves));
+  KDL::Chain result;
+  Index next = 0;
+  for (const KDL::Segment& segment : chain.segments) {
+    const KDL::Joint& joint = segment.getJoint();
+    if (!moves(segment)) {
+      result.addSegment(segment);
+      continue;
+    }
+    const KDL::Frame origin = segment.getFrameToTip();
+    const KDL::Vector axis = origin.M.Inverse(joint.JointAxis());
+    const Matrix3d turn = z_onto(to_eigen(axis));
+    Eigen::Isometry3d tilt = Eigen::Isometry3d::Identity();
+    tilt.linear() = turn * Eigen::AngleAxisd(tilts[next], Eigen::Vector3d::UnitX()) *
+                    Eigen::AngleAxisd(tilts[next + 1], Eigen::Vector3d::UnitY()) * turn.transpose();
+    next += 2;
+    const KDL::Frame tilted = origin * to_kdl(tilt);
+    const KDL::Joint moved(joint.getName(), tilted.p, tilted.M * axis, joint.getType());
+    result.addSegment(KDL::Segment(segment.getName(), moved, tilted, segment.getInertia()));
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,171 @@
+#include "kdl_calibration/noise_parts.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "kdl_calibration/input_check.hpp"
+#include "noise/variance_estimation.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using Variances = NoiseParts::Variances;
+
+NoiseModel NoiseParts::model(const NoiseModel& stated) const {
+  NoiseModel result = stated;
+  const auto sigma = [&](Index k) { return std::sqrt(variances[k]); };
+  result.misfit = sigma(kMisfit);
+  result.target_misfit = sigma(kTargetMisfit);
+  if (estimated[kCommon]) {
+    result.common = variances.segment<3>(kCommon).cwiseSqrt();
+  }
+  if (estimated[kIndependent]) {  // without any of its own a point would be known by the others of its repeat
+    constexpr double kLeastShare = 1e-6;
+    const double least = kLeastShare * point().trace() / 3.0;
+    result.independent = variances.segment<3>(kIndependent).cwiseMax(least).cwiseSqrt();
+  }
+  if (estimated[kOrientation]) {
+    result.orientation = sigma(kOrientation);
+  }
+  return result;
+}
+
+Matrix3d NoiseParts::point() const {
+  const Vector3d own = variances.segment<3>(kCommon) + variances.segment<3>(kIndependent);
+  return Vector3d(own.array() + variances[kMisfit] + variances[kTargetMisfit]).asDiagonal();
+}
+
+double NoiseParts::freedom(double value, const Variances& gradient) const {
+  const double variance = gradient.dot(covariance * gradient);
+  return variance > 0.0 ? std::min(2.0 * value * value / variance, most_freedom)
+                        : std::numeric_limits<double>::infinity();
+}
+
+double NoiseParts::freedom_of_point() const {
+  Variances gradient = Variances::Ones();
+  gradient[kMisfit] = gradient[kTargetMisfit] = 3.0;
+  gradient[kOrientation] = 0.0;
+  return freedom(point().trace(), gradient);
+}
+
+namespace {
+
+// The strata of a fit, and what is to be found of their parts.
+class SampledStrata {
+public:
+  SampledStrata(const FitProblem& problem, const NoiseModel& stated)
+      : sample_(sampled(problem.measurements, with_noise(problem.options.joint.residuals, stated))),
+        strata_(sample_.measurements, sample_.options),
+        information_(sample_.share * problem.free.prior_information(sample_.options.priors)),
+        gradient_(problem.free.size()) {
+    strata_.add_means(problem.model, problem.start, problem.free);
+    stated_.segment<3>(NoiseParts::kCommon) = stated.common.cwiseAbs2();
+    stated_[NoiseParts::kOrientation] = stated.orientation * stated.orientation;
+    for (Index c = 0; c < gradient_.size(); ++c) {
+      const Unknown& unknown = problem.free.columns()[static_cast<std::size_t>(c)];
+      gradient_[c] = -information_[c] * Unknowns::value(problem.start, unknown);
+    }
+  }
+
+  const NoiseStrata& strata() const { return strata_; }
+
+  VarianceEstimation estimation(PartsAsked asked) const {
+    return VarianceEstimation({.strata = strata_.finished(),
+                               .unknown = strata_.unknown_parts(asked),
+                               .stated = stated_,
+                               .priors = information_,
+                               .prior_gradient = gradient_});
+  }
+
+  // Of all configurations.
+  NoiseParts whole(NoiseParts parts) const {
+    if (strata_.stated()) {
+      parts.variances.segment<3>(NoiseParts::kIndependent) = strata_.mean_known();
+    }
+    parts.covariance *= sample_.share;
+    parts.degrees_of_freedom /= sample_.share;
+    parts.most_freedom /= sample_.share;
+    parts.scatter /= sample_.share;
+    for (MatrixXd& sensitivity : parts.sensitivity) {
+      sensitivity /= sample_.share;
+    }
+    parts.converged = true;
+    return parts;
+  }
+
+private:
+  static ResidualOptions with_noise(ResidualOptions options, const NoiseModel& noise) {
+    options.noise = noise;
+    return options;
+  }
+
+  NoiseSample sample_;
+  NoiseStrata strata_;
+  VectorXd information_;
+  VectorXd gradient_;
+  Variances stated_ = Variances::Zero();
+};
+
+// What rows are weighed with, where the noise of points is not known by stratum.
+Variances variances_of(const ResidualOptions& weights, const NoiseStrata& strata) {
+  const NoiseModel& noise = weights.noise;
+  Variances result = Variances::Zero();
+  result[NoiseParts::kMisfit] = noise.misfit * noise.misfit;
+  result[NoiseParts::kTargetMisfit] = noise.target_misfit * noise.target_misfit;
+  result.segment<3>(NoiseParts::kCommon) = noise.common.cwiseAbs2();
+  Vector3d point = strata.mean_known();
+  if (!strata.stated()) {
+    point = noise.independent.isZero(0.0) ? Vector3d(Vector3d::Ones()) : Vector3d(noise.independent.cwiseAbs2());
+    result.segment<3>(NoiseParts::kIndependent) = point;
+  }
+  result[NoiseParts::kOrientation] = 1.0 / orientation_information(weights, 1.0 / point.mean());
+  return result;
+}
+
+}  // namespace
+
+NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
+                          const Unknowns& free, const ResidualOptions& options) {
+  check(measurements, model);
+  check(estimate, model, measurements);
+  check(free, model, measurements);
+  check(options, measurements);
+  constexpr double kSeen = 0.05;  // p of the means' residuals from which on what is stated for points says it all
+  const TrainingProblem training({.model = model,
+                                  .measurements = measurements,
+                                  .start = estimate,
+                                  .free = free,
+                                  .options = {.joint = {.residuals = options}}});
+  const SampledStrata sample(*training, options.noise);
+  VarianceEstimation estimation = sample.estimation(PartsAsked::all);
+  if (sample.strata().stated()) {
+    VarianceEstimation without_misfits = sample.estimation(PartsAsked::without_misfits);
+    if (without_misfits.maximise() && without_misfits.tail_of_means() >= kSeen) {
+      estimation = std::move(without_misfits);
+    }
+  }
+  if (estimation.unknowns() == 0 || !estimation.maximise()) {
+    return {};
+  }
+  return sample.whole(estimation.parts());
+}
+
+NoiseParts noise_beside_weights(const FitProblem& fit, const NoiseModel& stated, bool misfits) {
+  check(fit);
+  check(stated);
+  const SampledStrata sample(*TrainingProblem(fit), stated);
+  VarianceEstimation estimation = sample.estimation(misfits ? PartsAsked::all : PartsAsked::without_misfits);
+  if (estimation.unknowns() == 0 || !estimation.match(variances_of(fit.options.joint.residuals, sample.strata()))) {
+    return {};
+  }
+  return sample.whole(estimation.parts());
+}
+
+}  // namespace kdl_calibration

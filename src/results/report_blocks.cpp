@@ -1,0 +1,374 @@
+#include "results/report_blocks.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <numeric>
+#include <set>
+#include <utility>
+
+#include "base/number_range.hpp"
+#include "base/thinned.hpp"
+#include "calibration/parameter_estimates.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/link_shapes.hpp"
+#include "kdl_calibration/prediction.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Vector3d;
+
+constexpr std::size_t kLargestShown = 200;
+constexpr int kCurvePoints = 61;
+constexpr std::size_t kMostCorrelated = 14;  // parameters in the matrix
+constexpr std::size_t kStrongestPairs = 12;
+
+// The first three rows of the homogeneous matrix, row by row.
+Json frame12(const Eigen::Isometry3d& frame) {
+  Json result = Json::array();
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 4; ++column) {
+      result.push_back(frame.matrix()(row, column));
+    }
+  }
+  return result;
+}
+
+const char* type_name(JointType type) {
+  return type == JointType::prismatic ? "prismatic" : type == JointType::revolute ? "revolute" : "continuous";
+}
+
+Json joints_json(const ErrorModel& model) {
+  Json joints = Json::array();
+  for (const MovingJoint& joint : model.joints) {
+    joints.push_back({{"name", joint.name},
+                      {"type", type_name(joint.type)},
+                      {"lower", joint.lower ? Json(*joint.lower) : Json(nullptr)},
+                      {"upper", joint.upper ? Json(*joint.upper) : Json(nullptr)}});
+  }
+  return joints;
+}
+
+// Link by link from the base: its frame in the one before it at zero, and the axis about or along which it then moves.
+// The errors of a link stand behind the origin of the joint at its far end.
+Json segments_json(const Robot& robot, const ErrorModel& model, const Estimate& estimate) {
+  Json segments = Json::array();
+  int joint = 0;
+  for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
+    const KDL::Segment& segment = robot.chain.getSegment(s);
+    Json entry = {{"link", segment.getName()}};
+    KDL::Frame origin = segment.pose(0.0);
+    if (segment.getJoint().getType() != KDL::Joint::Fixed) {
+      const MovingJoint& moving = model.joints[static_cast<std::size_t>(joint)];
+      origin = origin * frame_correction(model, estimate.errors, joint);
+      entry["joint"] = joint++;
+      const Eigen::Matrix3d turn = z_onto(to_eigen(moving.axis));
+      entry["axis"] = array(to_eigen(moving.axis));
+      entry["across"] = {array(turn.col(0)), array(turn.col(1))};
+    }
+    entry["origin"] = frame12(to_eigen(origin));
+    segments.push_back(entry);
+  }
+  return segments;
+}
+
+// Where a URDF describes no shapes or describes them wrongly the arm is drawn as a skeleton.
+Json shapes_json(const Robot& robot) {
+  const std::vector<std::string> names = link_names(robot);
+  Json shapes = Json::array();
+  try {
+    for (const LinkShape& shape : link_shapes(robot)) {
+      if (shape.kind != LinkShape::Kind::mesh) {
+        const char* kind = shape.kind == LinkShape::Kind::box        ? "box"
+                           : shape.kind == LinkShape::Kind::cylinder ? "cylinder"
+                                                                     : "sphere";
+        const auto link = std::find(names.begin(), names.end(), shape.link) - names.begin();
+        shapes.push_back({{"link", link}, {"kind", kind}, {"frame", frame12(shape.X_LS)}, {"size", array(shape.size)}});
+      }
+    }
+  } catch (const InputError&) {
+    return Json::array();
+  }
+  return shapes;
+}
+
+std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& estimate,
+                                   const Measurements& measurements) {
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
+  std::vector<Vector3d> result;
+  result.reserve(measurements.observations.size());
+  for (const Observation& observation : measurements.observations) {
+    result.emplace_back(observation.position - predicted_point(estimate, X_BF, observation));
+  }
+  return result;
+}
+
+std::vector<double> norms(const std::vector<Vector3d>& vectors) {
+  std::vector<double> result(vectors.size());
+  std::transform(vectors.begin(), vectors.end(), result.begin(), [](const Vector3d& v) { return v.norm(); });
+  return result;
+}
+
+Json distributions_json(const Measurements& measurements, const std::vector<double>& before,
+                        const std::vector<double>& after) {
+  Json result = Json::object();
+  for (const auto& [name, split] : {std::pair{"train", Split::train}, std::pair{"test", Split::test}}) {
+    const auto of = [&, wanted = split](const std::vector<double>& distances) {
+      std::vector<double> chosen;
+      for (std::size_t i = 0; i < distances.size(); ++i) {
+        if (measurements.observations[i].split == wanted) {
+          chosen.push_back(distances[i]);
+        }
+      }
+      return distribution_json(std::move(chosen));
+    };
+    const Json own = of(after);
+    if (own["count"] != 0) {
+      result[name] = {{"after", own}};
+      if (!before.empty()) {
+        result[name]["before"] = of(before);
+      }
+    }
+  }
+  return result;
+}
+
+Json numbers_json(const Eigen::VectorXd& values) { return Json(std::vector<double>(values.begin(), values.end())); }
+
+// Ranges of the joints, and the box about the measured points, parallel to the axes of the base: of the rows that were
+// fitted or, where there are none, of all. Within what they span a page makes its promise.
+void add_reach(const Measurements& measurements, const Estimate& estimate, Json& result) {
+  const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
+  const TrainingRows training(measurements);
+  const Measurements& spanned = (*training).observations.empty() ? measurements : *training;
+  Eigen::AlignedBox3d box;
+  Eigen::VectorXd lower = Eigen::VectorXd::Constant(measurements.joint_values.rows(), kInfinity);
+  Eigen::VectorXd upper = -lower;
+  for (const Observation& observation : spanned.observations) {
+    box.extend(X_BW * observation.position);
+    lower = lower.cwiseMin(measurements.joint_values.col(observation.configuration));
+    upper = upper.cwiseMax(measurements.joint_values.col(observation.configuration));
+  }
+  Json ranges = Json::array();
+  for (Index j = 0; j < lower.size(); ++j) {
+    ranges.push_back(lower[j] <= upper[j] ? Json::array({lower[j], upper[j]}) : Json(nullptr));
+  }
+  result["ranges"] = ranges;
+  result["region"] = box.isEmpty() ? Json(nullptr) : Json{{"lower", array(box.min())}, {"upper", array(box.max())}};
+}
+
+}  // namespace
+
+Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& estimate) {
+  Json targets = Json::array();
+  for (const TargetFrame& target : estimate.targets) {
+    targets.push_back({{"name", target.name}, {"position", array(target.X_FT.translation())}});
+  }
+  const auto count = static_cast<int>(model.joints.size());
+  return {{"name", robot.name},
+          {"base_link", robot.base},
+          {"tip_link", robot.tip},
+          {"joints", joints_json(model)},
+          {"segments", segments_json(robot, model, estimate)},
+          {"tip_correction", frame12(to_eigen(frame_correction(model, estimate.errors, count)))},
+          {"shapes", shapes_json(robot)},
+          {"base", frame12(estimate.X_WB)},
+          {"targets", targets}};
+}
+
+Json measurements_block(const ReportedMeasurements& reported) {
+  const Measurements& measurements = reported.measurements;
+  const std::vector<Vector3d> after = residuals_of(reported.model, reported.estimate, measurements);
+  std::vector<Vector3d> before;
+  if (reported.before != nullptr) {
+    before = residuals_of(reported.model, *reported.before, measurements);
+  }
+  const std::vector<double> distances = norms(after);
+  const std::vector<std::size_t> shown = shown_rows(distances);
+  const bool has_effects = reported.estimate.effects.size() > 0 && !reported.estimate.effects.isZero(0.0);
+
+  std::vector<int> number(measurements.configurations.size(), -1);  // of a configuration on the page
+  Json configurations = Json::array();
+  Json points = Json::array();
+  for (const std::size_t row : shown) {
+    const Observation& observation = measurements.observations[row];
+    const auto c = static_cast<std::size_t>(observation.configuration);
+    if (number[c] < 0) {
+      number[c] = static_cast<int>(configurations.size());
+      const Eigen::VectorXd q = measurements.joint_values.col(observation.configuration);
+      const DriveSignals signals = column(measurements.signals, observation.configuration);
+      configurations.push_back({{"name", measurements.configurations[c]}, {"joint_values", numbers_json(q)}});
+      if (has_effects) {
+        configurations.back()["effective"] =
+            numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q, signals));
+      }
+    }
+    points.push_back({{"row", row},
+                      {"configuration", number[c]},
+                      {"target", observation.target},
+                      {"repeat", observation.repeat},
+                      {"test", observation.split == Split::test},
+                      {"measured", array(observation.position)},
+                      {"residual", array(after[row])}});
+    if (!measurements.order.empty()) {
+      points.back()["order"] = measurements.order[row];
+    }
+    if (!before.empty()) {
+      points.back()["before"] = array(before[row]);
+    }
+  }
+  Json result = {{"targets", measurements.targets},
+                 {"rows", measurements.observations.size()},
+                 {"all_configurations", measurements.joint_values.cols()},
+                 {"complete", shown.size() == measurements.observations.size()},
+                 {"configurations", configurations},
+                 {"points", points},
+                 {"distributions", distributions_json(measurements, norms(before), distances)}};
+  add_reach(measurements, reported.estimate, result);
+  return result;
+}
+
+std::vector<std::size_t> shown_rows(const std::vector<double>& distances) {
+  const std::size_t count = distances.size();
+  std::vector<std::size_t> rows(count);
+  std::iota(rows.begin(), rows.end(), std::size_t{0});
+  if (count <= kMostPointsOfPage) {
+    return rows;
+  }
+  const auto end = rows.begin() + kLargestShown;
+  std::partial_sort(rows.begin(), end, rows.end(), [&](std::size_t a, std::size_t b) {
+    return distances[a] != distances[b] ? distances[a] > distances[b] : a < b;
+  });
+  std::set<std::size_t> chosen(rows.begin(), end);
+  constexpr std::size_t kEven = kMostPointsOfPage - kLargestShown;
+  for (std::size_t i = 0; i < kEven; ++i) {
+    chosen.insert(i * count / kEven);
+  }
+  return {chosen.begin(), chosen.end()};
+}
+
+Json distribution_json(std::vector<double> values) {
+  const std::size_t count = values.size();
+  return {{"count", count}, {"values", thinned(std::move(values))}};
+}
+
+namespace {
+
+double slowest(const std::vector<EffectTerm>& terms, const std::vector<Index>& members) {
+  double times = kInfinity;
+  for (const Index member : members) {
+    times = std::min(times, std::abs(terms[static_cast<std::size_t>(member)].harmonic));
+  }
+  return times;
+}
+
+// Three swings in the middle of the range: of more the curve's points would show another frequency.
+void show_swings(double times, double& lower, double& upper) {
+  const double middle = 0.5 * (lower + upper);
+  const double half = std::min(0.5 * (upper - lower), 3.0 * std::numbers::pi / times);
+  lower = middle - half;
+  upper = middle + half;
+}
+
+}  // namespace
+
+Json effects_block(const SavedCalibration& saved, const Measurements& measurements) {
+  Json curves = Json::array();
+  const std::vector<EffectTerm>& terms = saved.model.effects;
+  const JointRanges ranges = trained_ranges(measurements);
+  Eigen::VectorXd middle(static_cast<Index>(ranges.size()));
+  for (std::size_t j = 0; j < ranges.size(); ++j) {
+    middle[static_cast<Index>(j)] = 0.5 * (ranges[j].first + ranges[j].second);
+  }
+  const DriveSignals unloaded{.approach = {}, .torques = Eigen::MatrixXd::Zero(middle.size(), kCurvePoints)};
+  const ColumnRange columns = saved.free.range(UnknownGroup::effects);
+  const bool known = saved.covariance.size() > 0 && columns.count == static_cast<Index>(terms.size());
+  for (const auto& [key, members] : terms_by_motion(saved.model)) {
+    const auto& [group, joint, axis] = key;
+    auto [lower, upper] = ranges[static_cast<std::size_t>(joint)];
+    if (!(lower <= upper) || group == EffectGroup::torque) {  // which is no function of joint values
+      continue;
+    }
+    if (group == EffectGroup::ripple) {
+      show_swings(slowest(terms, members), lower, upper);
+    }
+    Eigen::MatrixXd q = middle.replicate(1, kCurvePoints);
+    q.row(joint) = Eigen::RowVectorXd::LinSpaced(kCurvePoints, lower, upper);
+    const Eigen::MatrixXd basis = effect_basis(saved.model, q, unloaded)(members, Eigen::all);
+    const Eigen::RowVectorXd along = Eigen::VectorXd(saved.estimate.effects(members)).transpose() * basis;
+    Eigen::MatrixXd covariance;
+    if (known) {
+      covariance = saved.covariance.block(columns.first, columns.first, columns.count, columns.count)(members, members);
+    }
+    Json curve = Json::array();
+    for (Index i = 0; i < kCurvePoints; ++i) {
+      const double variance = known ? basis.col(i).dot(covariance * basis.col(i)) : 0.0;
+      curve.push_back(
+          {q(joint, i), along[i],
+           known && std::isfinite(variance) ? Json(half_width_95(std::sqrt(variance), kInfinity)) : Json(nullptr)});
+    }
+    curves.push_back({{"group", to_string(group)},
+                      {"about", to_string(axis)},
+                      {"joint", terms[static_cast<std::size_t>(members.front())].joint},
+                      {"joint_index", joint},
+                      {"terms", members.size()},
+                      {"curve", curve}});
+  }
+  return curves;
+}
+
+Json correlations_block(const Json& covariance) {
+  const Json& names = covariance.at("names");
+  const Json& triangle = covariance.at("lower_triangle");
+  const auto entry = [&](std::size_t r, std::size_t c) { return triangle.at(std::max(r, c)).at(std::min(r, c)); };
+  const auto correlation = [&](std::size_t r, std::size_t c) {
+    const Json value = entry(r, c);
+    const Json own = entry(r, r);
+    const Json other = entry(c, c);
+    const bool known = value.is_number() && own.is_number() && other.is_number();
+    const double product = known ? own.get<double>() * other.get<double>() : 0.0;
+    return product > 0.0 ? value.get<double>() / std::sqrt(product) : 0.0;
+  };
+  struct Pair {
+    std::size_t first;
+    std::size_t second;
+    double value;
+  };
+  std::vector<Pair> pairs;
+  for (std::size_t r = 0; r < names.size(); ++r) {
+    for (std::size_t c = 0; c < r; ++c) {
+      pairs.push_back({.first = c, .second = r, .value = correlation(r, c)});
+    }
+  }
+  std::stable_sort(pairs.begin(), pairs.end(),
+                   [](const Pair& a, const Pair& b) { return std::abs(a.value) > std::abs(b.value); });
+  std::set<std::size_t> shown;
+  Json strongest = Json::array();
+  for (std::size_t i = 0; i < pairs.size() && (i < kStrongestPairs || shown.size() < kMostCorrelated); ++i) {
+    if (i < kStrongestPairs) {
+      strongest.push_back({names[pairs[i].first], names[pairs[i].second], pairs[i].value});
+    }
+    for (const std::size_t index : {pairs[i].first, pairs[i].second}) {
+      if (shown.size() < kMostCorrelated) {
+        shown.insert(index);
+      }
+    }
+  }
+  Json matrix = Json::array();
+  Json labels = Json::array();
+  for (const std::size_t r : shown) {
+    labels.push_back(names[r]);
+    Json row = Json::array();
+    for (const std::size_t c : shown) {
+      row.push_back(r == c ? 1.0 : correlation(r, c));
+    }
+    matrix.push_back(row);
+  }
+  return {{"names", labels}, {"matrix", matrix}, {"strongest", strongest}};
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,31 @@
+#pragma once
+
+// Parts of the JSON that a page shows beside a result.
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <vector>
+
+#include "kdl_calibration/report_page.hpp"
+#include "kdl_calibration/saved_calibration.hpp"
+#include "results/result_blocks.hpp"
+
+namespace kdl_calibration {
+
+Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& estimate);
+Json measurements_block(const ReportedMeasurements& reported);
+
+/// Rows of which a page shows this many at most: all of them, or evenly spaced ones and the largest, ascending.
+std::vector<std::size_t> shown_rows(const std::vector<double>& distances);
+
+/// {"count", "values"}: the values in ascending order, thinned where there are many.
+Json distribution_json(std::vector<double> values);
+
+/// What each group of effects does to each joint over its measured range, the others at their middle, with its 95 %
+/// band: [joint value, effect, half width of the band] [rad] or [m].
+Json effects_block(const SavedCalibration& saved, const Measurements& measurements);
+
+/// The strongest correlations of a covariance {"names", "lower_triangle"}, and the matrix of the parameters in them.
+Json correlations_block(const Json& covariance);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,182 @@
+#include "kdl_calibration/report_page.hpp"
+
+#include <array>
+#include <utility>
+
+#include "base/json_reading.hpp"
+#include "base/json_tree.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "results/report_blocks.hpp"
+#include "results/report_files.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+// Nothing in a name may end the element that the data stand in: JSON has another way to write `<`.
+std::string escaped(const std::string& json) {
+  std::string result;
+  result.reserve(json.size());
+  for (const char c : json) {
+    if (c == '<') {
+      result += "\\u003c";
+    } else {
+      result += c;
+    }
+  }
+  return result;
+}
+
+// Each place of the template filled in, once: what is put in is not looked at again.
+std::string filled_in(std::string_view html,
+                      const std::array<std::pair<std::string_view, std::string_view>, 3>& parts) {
+  std::string page;
+  std::size_t at = 0;
+  while (at < html.size()) {
+    std::size_t next = html.size();
+    const std::pair<std::string_view, std::string_view>* found = nullptr;
+    for (const auto& part : parts) {
+      const std::size_t place = html.find(part.first, at);
+      if (place < next) {
+        next = place;
+        found = &part;
+      }
+    }
+    page += html.substr(at, next - at);
+    at = next;
+    if (found != nullptr) {
+      page += found->second;
+      at += found->first.size();
+    }
+  }
+  return page;
+}
+
+std::string page_of(const Json& data) {
+  const std::string json = escaped(data.dump(-1, ' ', false, Json::error_handler_t::replace));
+  return filled_in(report_html(),
+                   {{{"{{style}}", report_style()}, {"{{script}}", report_script()}, {"{{data}}", json}}});
+}
+
+// The rows of a result, at most as many as a page has, and whether these are all.
+void shorten_residuals(const std::vector<std::size_t>& shown, Json& residuals) {
+  if (!residuals.contains("rows") || !residuals["rows"].is_array()) {
+    residuals["complete"] = false;
+    return;
+  }
+  Json rows = Json::array();
+  for (const std::size_t row : shown) {
+    rows.push_back(residuals["rows"][row]);
+  }
+  residuals["complete"] = rows.size() == residuals["rows"].size();
+  residuals["rows"] = std::move(rows);
+}
+
+// Of many configurations the influence of each stays, that of its points does not: a page should not be heavy.
+void shorten_influence(Json& influence) {
+  constexpr std::size_t kMostWithPoints = 1000;
+  const bool complete = influence.at("configurations").size() <= kMostWithPoints;
+  if (!complete) {
+    for (Json& configuration : influence.at("configurations")) {
+      configuration.erase("points");
+    }
+  }
+  influence["complete"] = complete;
+}
+
+std::vector<double> distances_of_rows(const Json& residuals) {
+  std::vector<double> distances;
+  if (residuals.contains("rows")) {
+    for (const Json& row : residuals["rows"]) {
+      distances.push_back(row.is_object() && row.contains("distance") && row["distance"].is_number()
+                              ? row["distance"].get<double>()
+                              : 0.0);
+    }
+  }
+  return distances;
+}
+
+// Why a section has no data, by what is absent.
+Json missing_json(const CalibrationPage& page) {
+  Json missing = Json::object();
+  if (page.robot == nullptr) {
+    missing["robot"] = "The picture needs the URDF, which was not given when this page was made.";
+  }
+  if (page.measurements == nullptr) {
+    missing["measurements"] = "This needs the measurements, which were not given when this page was made.";
+  }
+  return missing;
+}
+
+void require_result(const Json& result, const std::string& source) {
+  for (const char* key : {"trusted", "parameters", "position_error"}) {
+    if (!result.is_object() || !result.contains(key)) {
+      throw InputError(source + ": has no '" + key + "', expected a result that calibrate wrote");
+    }
+  }
+}
+
+}  // namespace
+
+std::string report_page(std::string_view data) { return page_of(tree::parsed(data, "page")); }
+
+std::string reported_robot(const Robot& robot, const ErrorModel& model, const Estimate& estimate) {
+  check(model);
+  check(estimate, model, estimate.targets.size());
+  return robot_block(robot, model, estimate).dump();
+}
+
+std::string reported_measurements(const ReportedMeasurements& reported) {
+  check(reported.measurements, reported.model);
+  check(reported.estimate, reported.model, reported.measurements);
+  if (reported.before != nullptr) {
+    check(*reported.before, reported.model, reported.measurements);
+  }
+  return measurements_block(reported).dump();
+}
+
+namespace {
+
+Json calibration_data(const CalibrationPage& page, Json result) {
+  Json data = {{"kind", "calibration"}};
+  if (result.contains("covariance") && result["covariance"].is_object()) {
+    data["correlations"] = correlations_block(result["covariance"]);
+  }
+  if (page.robot != nullptr) {
+    const SavedCalibration saved = parse_calibration(page.result, *page.robot, page.source);
+    data["robot"] = robot_block(*page.robot, saved.model, saved.estimate);
+    if (page.measurements != nullptr) {
+      const Estimate before = nominal_start(saved.model, *page.measurements, page.known);
+      data["measured"] = measurements_block(
+          {.model = saved.model, .estimate = saved.estimate, .measurements = *page.measurements, .before = &before});
+      data["effects"] = effects_block(saved, *page.measurements);
+    }
+  }
+  result.erase("covariance");
+  result.erase("hashes");  // of blocks that are shortened here
+  if (result.contains("residuals") && result["residuals"].is_object()) {
+    shorten_residuals(shown_rows(distances_of_rows(result["residuals"])), result["residuals"]);
+  }
+  if (result.contains("influence") && result["influence"].is_object()) {
+    shorten_influence(result["influence"]);
+  }
+  data["missing"] = missing_json(page);
+  data["plan_command"] = page.plan_command;
+  data["result"] = std::move(result);
+  return data;
+}
+
+}  // namespace
+
+std::string calibration_page(const CalibrationPage& page) {
+  Json result = tree::parsed(page.result, page.source);
+  require_result(result, page.source);
+  try {
+    return page_of(calibration_data(page, std::move(result)));
+  } catch (const Json::exception&) {
+    throw InputError(page.source + ": is not as calibrate writes it, expected a result that nobody changed");
+  }
+}
+
+}  // namespace kdl_calibration

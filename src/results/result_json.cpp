@@ -1,0 +1,380 @@
+#include "kdl_calibration/result_json.hpp"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "base/json_tree.hpp"
+#include "base/sha256.hpp"
+#include "calibration/parameter_estimates.hpp"
+#include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "results/effects_json.hpp"
+#include "results/result_blocks.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+Json before_after_json(const BeforeAfter& pair) {
+  Json result = {{"before", statistics_json(pair.before)}, {"after", statistics_json(pair.after)}};
+  if (pair.rigid) {
+    result["exported_urdf"] = statistics_json(*pair.rigid);
+  }
+  return result;
+}
+
+Json noise_json(const NoiseReport& noise) {
+  Json result = {{"model", to_string(noise.source)},
+                 {"sigma", noise.sigma},
+                 {"independent", array(noise.independent)},
+                 {"common", array(noise.common)},
+                 {"misfit", noise.misfit},
+                 {"target_misfit", noise.target_misfit},
+                 {"degrees_of_freedom", noise.degrees_of_freedom},
+                 {"variance_factor", noise.variance_factor}};
+  if (noise.orientation_length) {
+    result["orientation_length"] = *noise.orientation_length;
+  }
+  if (noise.repeats) {
+    result["repeats"] = {{"independent", array(noise.repeats->independent)},
+                         {"common", array(noise.repeats->common)},
+                         {"total", array(noise.repeats->total)},
+                         {"degrees_of_freedom", noise.repeats->degrees_of_freedom}};
+    if (noise.repeats->orientation_degrees_of_freedom > 0.0) {
+      result["repeats"]["orientation"] = noise.repeats->orientation;
+    }
+  }
+  return result;
+}
+
+Json priors_json(const Priors& priors) { return {{"length", priors.length}, {"angle", priors.angle}}; }
+
+Json iso_json(const Iso9283& iso) {
+  return {{"accuracy", statistics_json(iso.accuracy)}, {"repeatability", statistics_json(iso.repeatability)}};
+}
+
+Json cells_json(const std::vector<WorkspaceCell>& cells) {
+  Json result = Json::array();
+  for (const WorkspaceCell& cell : cells) {
+    result.push_back({{"centre", array(cell.centre)}, {"count", cell.count}, {"mean", cell.mean}, {"max", cell.max}});
+  }
+  return result;
+}
+
+Json finite_array(const Eigen::Vector3d& v) {
+  return Json::array({finite_or_null(v.x()), finite_or_null(v.y()), finite_or_null(v.z())});
+}
+
+Json interval_json(double value, double std, double degrees_of_freedom) {
+  const double half = half_width_95(std, degrees_of_freedom);
+  return std::isfinite(half) ? Json::array({value - half, value + half}) : Json(nullptr);
+}
+
+Json asked_json(const std::vector<PredictedPoint>& points) {
+  Json result = Json::array();
+  for (const PredictedPoint& point : points) {
+    Json intervals = Json::array();
+    for (int axis = 0; axis < 3; ++axis) {
+      intervals.push_back(interval_json(point.position_W[axis], point.std[axis], point.degrees_of_freedom));
+    }
+    result.push_back({{"configuration", point.configuration},
+                      {"target", point.target},
+                      {"position", array(point.position)},
+                      {"position_measured_frame", array(point.position_W)},
+                      {"std", finite_array(point.std)},
+                      {"interval_95", intervals},
+                      {"sigma", finite_or_null(point.sigma)},
+                      {"outside", point.outside},
+                      {"radius_95", finite_or_null(point.radius_95)}});
+  }
+  return result;
+}
+
+template <class Entry>
+void add_influence(const Entry& entry, Json& result) {
+  result["leverage"] = entry.leverage;
+  result["high_leverage"] = entry.high_leverage;
+  result["cook"] = finite_or_null(entry.cook);
+  result["influential"] = entry.influential;
+}
+
+Json influence_json(const Influence& influence, const Measurements& measurements) {
+  Json configurations = Json::array();
+  for (const ConfigurationInfluence& entry : influence.configurations) {
+    Json each = {{"configuration", measurements.configurations[static_cast<std::size_t>(entry.configuration)]}};
+    add_influence(entry, each);
+    Json points = Json::array();
+    for (const PointInfluence& point : entry.points) {
+      Json own = {{"target", measurements.targets[static_cast<std::size_t>(point.target)]}};
+      add_influence(point, own);
+      points.push_back(own);
+    }
+    each["points"] = points;
+    configurations.push_back(each);
+  }
+  return {{"leverage_limit", influence.leverage_limit},
+          {"cook_limit", influence.cook_limit},
+          {"point_cook_limit", influence.point_cook_limit},
+          {"configurations", configurations}};
+}
+
+Json doubts_json(const std::vector<Doubt>& doubts) {
+  Json result = Json::array();
+  for (const Doubt& doubt : doubts) {
+    result.push_back({{"cause", to_string(doubt.cause)}, {"message", doubt.message}});
+  }
+  return result;
+}
+
+Json tried_json(const std::vector<ModelOption>& options) {
+  Json tried = Json::array();
+  for (const ModelOption& option : options) {
+    tried.push_back({{"priors", priors_json(option.priors)},
+                     {"effects", option.effects},
+                     {"sized", option.sized},
+                     {"held_out_rms", finite_or_null(option.held_out_rms)},
+                     {"evidence", finite_or_null(option.evidence)}});
+  }
+  return tried;
+}
+
+// What goes beyond the fit: choice of model, lack of fit, predicted accuracy, down-weighted rows.
+void add_details(const Calibration& calibration, const Measurements& measurements, Json& result) {
+  result["priors"] = priors_json(calibration.selection.priors);
+  result["tried"] = tried_json(calibration.selection.tried);
+  if (!calibration.selection.not_tried.empty()) {
+    result["not_tried"] = calibration.selection.not_tried;
+  }
+  const ObservabilityIndices& o = calibration.uncertainty.observability;
+  result["observability"] = {{"O1", o.O1}, {"O2", o.O2}, {"O3", o.O3}, {"O4", o.O4}, {"O5", o.O5}};
+  Json singular_values = Json::array();
+  for (const double value : calibration.uncertainty.identifiability.singular_values) {
+    singular_values.push_back(value);
+  }
+  result["singular_values"] = singular_values;
+  result["tied"] = calibration.uncertainty.identifiability.tied;
+  result["fixed_by_gauge"] = calibration.uncertainty.fixed_by_gauge;
+  result["minimum_norm"] = calibration.fit.minimum_norm;
+  result["weak"] = calibration.uncertainty.identifiability.weak;
+  Json findings = Json::array();
+  for (const QualityFinding& finding : calibration.diagnosis.findings) {
+    findings.push_back({{"kind", to_string(finding.kind)},
+                        {"configuration", finding.configuration},
+                        {"repeat", finding.repeat},
+                        {"targets", finding.targets},
+                        {"axis", finding.axis == ' ' ? Json(nullptr) : Json(std::string(1, finding.axis))},
+                        {"amount", finding.amount},
+                        {"message", finding.message}});
+  }
+  result["findings"] = findings;
+  result["iso_9283"] = {{"before", iso_json(calibration.accuracy.iso_before)},
+                        {"after", iso_json(calibration.accuracy.iso_after)}};
+  if (calibration.accuracy.iso_test_before && calibration.accuracy.iso_test_after) {
+    result["iso_9283"]["test"] = {{"before", iso_json(*calibration.accuracy.iso_test_before)},
+                                  {"after", iso_json(*calibration.accuracy.iso_test_after)}};
+  }
+  if (calibration.noise.lack_of_fit) {
+    const LackOfFit& lack = *calibration.noise.lack_of_fit;
+    result["lack_of_fit"] = {{"F", lack.f},
+                             {"degrees_of_freedom", lack.degrees_of_freedom},
+                             {"repeat_degrees_of_freedom", lack.repeat_degrees_of_freedom},
+                             {"p_value", lack.p_value},
+                             {"explained_by_joint", lack.explained_by_joint}};
+  }
+  result["predicted_accuracy"] = {{"measured", statistics_json(calibration.uncertainty.predicted.measured)},
+                                  {"workspace", statistics_json(calibration.uncertainty.predicted.workspace)},
+                                  {"cell", calibration.uncertainty.predicted.cell},
+                                  {"radius_factor", calibration.uncertainty.predicted.radius_factor},
+                                  {"cells", cells_json(calibration.uncertainty.predicted.cells)}};
+  if (!calibration.uncertainty.predicted.asked.empty()) {
+    result["predicted_accuracy"]["asked"] = asked_json(calibration.uncertainty.predicted.asked);
+  }
+  if (!calibration.uncertainty.influence.configurations.empty()) {
+    result["influence"] = influence_json(calibration.uncertainty.influence, measurements);
+  }
+  if (!calibration.fit.robust.weights.empty()) {
+    result["weights"] = calibration.fit.robust.weights;
+  }
+}
+
+Json input_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
+  return {{"urdf", robot.source},
+          {"sha256", sha256(robot.urdf)},
+          {"base", robot.base},
+          {"tip", robot.tip},
+          {"measurements", measurements.source},
+          {"configurations", measurements.joint_values.cols()},
+          {"observations", measurements.observations.size()},
+          {"method", options.estimator.method == Method::joint ? "joint" : "two-step"},
+          {"model", options.parameters.model == ModelChoice::irreducible ? "irreducible" : "complete"}};
+}
+
+Json parameters_json(const std::vector<ParameterEstimate>& parameters) {
+  Json result = Json::array();
+  for (const ParameterEstimate& parameter : parameters) {
+    if (parameter.kind == ParameterKind::effect) {  // has a block of its own
+      continue;
+    }
+    result.push_back({{"name", parameter.name},
+                      {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
+                      {"kind", to_string(parameter.kind)},
+                      {"axis", parameter.axis},
+                      {"nominal", parameter.nominal},
+                      {"value", parameter.value},
+                      {"error", parameter.error},
+                      {"std", finite_or_null(parameter.std)},
+                      {"degrees_of_freedom", finite_or_null(parameter.degrees_of_freedom)},
+                      {"interval_95", parameter.identifiable
+                                          ? interval_json(parameter.value, parameter.std, parameter.degrees_of_freedom)
+                                          : Json(nullptr)},
+                      {"identifiable", parameter.identifiable},
+                      {"gauge", parameter.gauge}});
+  }
+  return result;
+}
+
+Json reduction_json(const Reduction& reduction) {
+  Json dropped = Json::array();
+  for (const DroppedParameter& parameter : reduction.dropped) {
+    dropped.push_back({{"name", parameter.name}, {"replaced_by", parameter.replaced_by}});
+  }
+  Json gauge = Json::array();
+  for (const GaugeParameter& parameter : reduction.gauge) {
+    gauge.push_back({{"name", parameter.name}, {"tied_to", parameter.tied_to}});
+  }
+  return {{"dropped", dropped}, {"gauge", gauge}, {"candidates", reduction.candidates}, {"rank", reduction.rank}};
+}
+
+double std_of(const std::vector<ParameterEstimate>& parameters, const std::string& name) {
+  for (const ParameterEstimate& parameter : parameters) {
+    if (parameter.name == name) {
+      return parameter.std;
+    }
+  }
+  return 0.0;
+}
+
+Json targets_json(const Calibration& calibration) {
+  Json targets = Json::array();
+  for (const TargetFrame& target : calibration.fit.identification.estimate.targets) {
+    Json entry = {{"name", target.name}, {"position", array(target.X_FT.translation())}};
+    if (target.with_orientation) {
+      entry["quaternion_wxyz"] = quaternion(target.X_FT.linear());
+    }
+    Json std = Json::array();
+    for (const std::string& name : target_parameter_names(target)) {
+      std.push_back(finite_or_null(std_of(calibration.uncertainty.parameters, name)));
+    }
+    entry["std"] = std;
+    targets.push_back(entry);
+  }
+  return targets;
+}
+
+Json base_json(const Calibration& calibration) {
+  const Eigen::Isometry3d& X_WB = calibration.fit.identification.estimate.X_WB;
+  Json std = Json::array();
+  for (const std::string& name : base_parameter_names()) {
+    std.push_back(finite_or_null(std_of(calibration.uncertainty.parameters, name)));
+  }
+  return {{"position", array(X_WB.translation())}, {"quaternion_wxyz", quaternion(X_WB.linear())}, {"std", std}};
+}
+
+}  // namespace
+
+std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options,
+                        const Calibration& calibration, const Provenance& provenance) {
+  check(measurements, calibration.model);
+  check(calibration.fit.identification.estimate, calibration.model, measurements);
+  const Identification& found = calibration.fit.identification;
+  Json position_error = {{"train", before_after_json(calibration.accuracy.train)}};
+  if (calibration.accuracy.test) {
+    position_error["test"] = before_after_json(*calibration.accuracy.test);
+  }
+  for (const auto& [name, part] : {std::pair{"test_at_fitted_poses", &calibration.accuracy.test_at_fitted_poses},
+                                   std::pair{"test_at_new_poses", &calibration.accuracy.test_at_new_poses}}) {
+    if (*part) {
+      position_error[name] = statistics_json(**part);
+    }
+  }
+  if (calibration.accuracy.leave_one_out) {
+    position_error["leave_one_out"] = before_after_json(*calibration.accuracy.leave_one_out);
+  }
+  if (calibration.accuracy.nested_leave_one_out) {
+    position_error["nested_leave_one_out"] = statistics_json(*calibration.accuracy.nested_leave_one_out);
+  }
+  if (calibration.accuracy.k_fold) {
+    position_error["k_fold"] = before_after_json(*calibration.accuracy.k_fold);
+    position_error["k_fold"]["folds"] = calibration.accuracy.folds;
+  }
+  Json result = {{"software", {{"name", "kdl_calibration"}, {"version", KDL_CALIBRATION_VERSION}}},
+                 {"input", input_json(robot, measurements, options)},
+                 {"termination", to_string(found.termination)},
+                 {"message", found.message},
+                 {"trusted", calibration.trusted()},
+                 {"doubts", doubts_json(calibration.diagnosis.doubts)},
+                 {"iterations", found.iterations},
+                 {"history", found.rms_history},
+                 {"rank", calibration.uncertainty.identifiability.rank},
+                 {"condition", finite_or_null(calibration.uncertainty.identifiability.condition)}};
+  if (calibration.diagnosis.reservation) {
+    result["reservation"] = doubts_json({*calibration.diagnosis.reservation}).front();
+  }
+  if (options.estimator.method == Method::two_step) {
+    result["convergence_factor"] = found.convergence_factor;
+  }
+  result["parameters"] = parameters_json(calibration.uncertainty.parameters);
+  result["effects"] = effects_json(calibration, measurements);
+  result["model"] = reduction_json(calibration.fit.reduction);
+  result["base"] = base_json(calibration);
+  result["targets"] = targets_json(calibration);
+  result["position_error"] = position_error;
+  result["exported_urdf"] = exported_urdf_json(robot, calibration);
+  result["noise"] = noise_json(calibration.noise);
+  add_details(calibration, measurements, result);
+  result["covariance"] = covariance_json(calibration);
+  result["residuals"] = residuals_json(measurements, calibration);
+  result["held_out_points"] = held_out_points_json(measurements, calibration);
+  result["difference_to_kdl"] = calibration.difference_to_kdl;
+  result["warnings"] = calibration.diagnosis.warnings;
+  result["provenance"] = provenance_json(provenance);
+  result["hashes"] = tree::hashes(result);
+  return result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";  // names of files may not be UTF-8
+}
+
+std::string model_json(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Reduction& reduction) {
+  const std::set<std::string> kept(reduction.kept.begin(), reduction.kept.end());
+  std::set<std::string> gauge;
+  for (const GaugeParameter& parameter : reduction.gauge) {
+    gauge.insert(parameter.name);
+  }
+  Json parameters = Json::array();
+  const auto add = [&](const std::string& name, const std::string& joint, const char* kind, char axis, double nominal) {
+    if (kept.count(name) > 0 || gauge.count(name) > 0) {
+      parameters.push_back({{"name", name},
+                            {"joint", joint.empty() ? Json(nullptr) : Json(joint)},
+                            {"kind", kind},
+                            {"axis", axis == 'q' ? "" : std::string(1, axis)},
+                            {"nominal", nominal},
+                            {"identifiable", kept.count(name) > 0},
+                            {"gauge", gauge.count(name) > 0}});
+    }
+  };
+  const auto add_frame = [&](const std::vector<std::string>& names) {
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      add(names[i], "", i < 3 ? "translation" : "rotation", static_cast<char>('x' + i % 3), 0.0);
+    }
+  };
+  add_frame(base_parameter_names());
+  for (const TargetFrame& target : targets) {
+    add_frame(target_parameter_names(target));
+  }
+  for (const ErrorParameter& parameter : model.parameters) {
+    add(parameter.name, parameter.joint, to_string(parameter.kind), parameter.axis, parameter.nominal);
+  }
+  Json result = {{"parameters", parameters}};
+  result.update(reduction_json(reduction));
+  return result.dump(2) + "\n";
+}
+
+}  // namespace kdl_calibration

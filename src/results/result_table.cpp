@@ -1,0 +1,408 @@
+#include "kdl_calibration/result_table.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <set>
+#include <utility>
+
+#include "base/number_text.hpp"
+#include "base/text.hpp"
+#include "base/wrapped_text.hpp"
+#include "calibration/parameter_estimates.hpp"
+#include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "results/effect_findings.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+std::string padded(std::string text, std::size_t width) {
+  text.resize(std::max(width, text.size()), ' ');
+  return text;
+}
+
+std::string right(const std::string& text, std::size_t width) {
+  return std::string(width - std::min(width, text.size()), ' ') + text;
+}
+
+std::string cell(double value, std::size_t width, int decimals = 3) { return right(fixed(value, decimals), width); }
+
+std::string priors_in_words(const Priors& priors) {
+  if (!(priors.length > 0.0) && !(priors.angle > 0.0)) {
+    return "no priors";
+  }
+  return "priors of " + significant(priors.length * 1e3, 3) + " mm and " + significant(priors.angle * 1e3, 3) + " mrad";
+}
+
+// Positions errors of the means of the repeats, as in all tables.
+void add_errors(const Calibration& calibration, std::string& text) {
+  text += "\n" + statistics_heading("position error [mm]");
+  const auto add = [&](const std::string& what, const ErrorStatistics& before, const ErrorStatistics& after) {
+    text += statistics_row(what + ", nominal", before) + statistics_row(what + ", calibrated", after);
+  };
+  const bool has_effects = calibration.accuracy.train.rigid.has_value();
+  add("fitted", calibration.accuracy.iso_before.accuracy, calibration.accuracy.iso_after.accuracy);
+  if (has_effects) {
+    text += statistics_row("fitted, URDF alone", calibration.exported.iso.accuracy);
+  }
+  if (calibration.accuracy.iso_test_before && calibration.accuracy.iso_test_after) {
+    add("test", calibration.accuracy.iso_test_before->accuracy, calibration.accuracy.iso_test_after->accuracy);
+  }
+  if (calibration.accuracy.test_at_fitted_poses) {
+    text += statistics_row("  at fitted poses", *calibration.accuracy.test_at_fitted_poses);
+  }
+  if (calibration.accuracy.test_at_new_poses) {
+    text += statistics_row("  at new poses", *calibration.accuracy.test_at_new_poses);
+  }
+  const auto add_held_out = [&](const std::string& what, const BeforeAfter& pair) {
+    add(what, pair.before, pair.after);
+    if (pair.rigid) {
+      text += statistics_row(what + ", URDF alone", *pair.rigid);
+    }
+  };
+  if (calibration.accuracy.leave_one_out) {
+    add_held_out("left out", *calibration.accuracy.leave_one_out);
+  }
+  if (calibration.accuracy.nested_leave_one_out) {
+    text += statistics_row("left out, choice anew", *calibration.accuracy.nested_leave_one_out);
+  }
+  if (calibration.accuracy.k_fold) {
+    add_held_out(std::to_string(calibration.accuracy.folds) + "-fold", *calibration.accuracy.k_fold);
+  }
+  const ErrorStatistics& repeatability = calibration.accuracy.iso_after.repeatability;
+  if (repeatability.count > 0) {
+    text += "AP and RP by the formulas of ISO 9283 (not its test cycle), largest:\n  AP nominal " +
+            fixed(calibration.accuracy.iso_before.accuracy.max * 1e3, 3) + " mm, calibrated " +
+            fixed(calibration.accuracy.iso_after.accuracy.max * 1e3, 3) + " mm; RP " +
+            fixed(repeatability.max * 1e3, 3) + " mm\n";
+  }
+}
+
+// "0.030 mm", or one for each axis of the measuring frame where they differ.
+std::string per_axis(const Eigen::Vector3d& sigma) {
+  if ((sigma.array() == sigma.x()).all()) {
+    return fixed(sigma.x() * 1e3, 3) + " mm";
+  }
+  return fixed(sigma.x() * 1e3, 3) + ", " + fixed(sigma.y() * 1e3, 3) + ", " + fixed(sigma.z() * 1e3, 3) + " mm";
+}
+
+std::string noise_line(const NoiseReport& noise) {
+  std::string line = "noise per coordinate: ";
+  if (noise.independent.isZero(0.0)) {
+    line += per_axis(Eigen::Vector3d::Constant(noise.sigma)) + " in all";
+  } else {
+    line += per_axis(noise.independent) + " per point";
+    if (!noise.common.isZero(0.0)) {
+      line += ", " + per_axis(noise.common) + " common to a repeat";
+    }
+    if (noise.misfit > 0.0) {
+      line += ", " + per_axis(Eigen::Vector3d::Constant(noise.misfit)) + " common to a configuration";
+    }
+    if (noise.target_misfit > 0.0) {
+      line += ", " + per_axis(Eigen::Vector3d::Constant(noise.target_misfit)) + " of a target in a configuration";
+    }
+  }
+  if (noise.source == NoiseSource::stated || (noise.parts && !noise.parts->estimated[NoiseParts::kIndependent])) {
+    const bool more = noise.misfit > 0.0 || noise.target_misfit > 0.0;
+    return line + (more ? " (as stated, the misfits from the residuals)" : " (as stated)");
+  }
+  return line + (noise.repeats ? " (from residuals and repeats)" : " (from the residuals)");
+}
+
+void add_figures(const Calibration& calibration, std::string& text) {
+  const Identification& found = calibration.fit.identification;
+  text += "\n" + wrapped(noise_line(calibration.noise), 0, 2);
+  text += "rank " + std::to_string(calibration.uncertainty.identifiability.rank) + " of " +
+          std::to_string(calibration.uncertainty.identifiability.columns) + " parameters, condition number " +
+          fixed(calibration.uncertainty.identifiability.condition, 0) + ", " + std::to_string(found.iterations) +
+          " iterations\n";
+  if (found.convergence_factor > 0.0) {
+    text += "each round left " + fixed(found.convergence_factor, 3) + " of the error of the round before\n";
+  }
+  if (calibration.uncertainty.predicted.workspace.count > 0) {
+    text += "1 sigma of a predicted point, from the uncertainty of the parameters alone:\n  " +
+            fixed(calibration.uncertainty.predicted.measured.rms * 1e3, 3) + " mm at the measured configurations, " +
+            fixed(calibration.uncertainty.predicted.workspace.rms * 1e3, 3) + " mm over the whole workspace\n";
+  }
+  if (!calibration.selection.tried.empty()) {
+    const ModelOption& chosen = calibration.selection.tried.front();
+    text += wrapped("chosen by cross-validation: " + priors_in_words(chosen.priors) + ", beyond geometry " +
+                        (chosen.effects.empty() ? "nothing" : comma_separated(chosen.effects)),
+                    0, 2);
+  }
+  if (!calibration.selection.not_tried.empty()) {
+    text += wrapped("not tried: " + calibration.selection.not_tried, 0, 2);
+  }
+}
+
+std::string cook_number(double cook) { return std::isfinite(cook) ? cell(cook, 10) : "  not without"; }
+
+void add_most_influential(const Measurements& measurements, const Influence& influence, std::string& text) {
+  constexpr std::size_t kShown = 5;
+  std::vector<ConfigurationInfluence> order = influence.configurations;
+  if (order.empty()) {
+    return;
+  }
+  std::stable_sort(order.begin(), order.end(), [](const auto& a, const auto& b) { return a.cook > b.cook; });
+  const auto count = [&](auto member) {
+    return std::to_string(std::count_if(order.begin(), order.end(), [&](const auto& entry) { return entry.*member; }));
+  };
+  text += "\nmost influential: " + count(&ConfigurationInfluence::influential) + " of " + std::to_string(order.size()) +
+          " configurations have a Cook's distance above " + fixed(influence.cook_limit, 3) + ",\n" +
+          count(&ConfigurationInfluence::high_leverage) + " a high leverage (*)\n";
+  text += padded("  configuration", 26) + "    Cook's  leverage\n";
+  for (std::size_t i = 0; i < std::min(kShown, order.size()); ++i) {
+    text += padded("  " + measurements.configurations[static_cast<std::size_t>(order[i].configuration)], 26) +
+            cook_number(order[i].cook) + cell(order[i].leverage, 10) + (order[i].high_leverage ? " *" : "") + "\n";
+  }
+}
+
+void add_predictions(const std::vector<PredictedPoint>& points, std::string& text) {
+  if (points.empty()) {
+    return;
+  }
+  text += "\n" + padded("predicted, in the base [mm]", 28) + "          x          y          z  sigma   95 %\n";
+  for (const PredictedPoint& point : points) {
+    const Eigen::Vector3d p = point.position * 1e3;
+    text += padded("  " + point.configuration + " " + point.target, 28) + cell(p.x(), 11) + cell(p.y(), 11) +
+            cell(p.z(), 11);
+    text +=
+        std::isfinite(point.sigma) ? cell(point.sigma * 1e3, 7) + cell(point.radius_95 * 1e3, 7) : "  not determined";
+    text += "\n";
+  }
+}
+
+// How people read a parameter.
+struct DisplayUnit {
+  double per_si;  // how many of it are one metre or one radian
+  int decimals;   // down to some tenths of a micrometre or microradian
+  const char* name;
+
+  std::string of(double value) const { return cell(value * per_si, 10, decimals) + name; }
+};
+constexpr DisplayUnit kMillimetres{.per_si = 1e3, .decimals = 4, .name = " mm "};
+constexpr DisplayUnit kDegrees{.per_si = 180.0 / std::numbers::pi, .decimals = 5, .name = " deg"};
+
+// A prismatic joint's offset is a length.
+const DisplayUnit& unit_of(const ErrorModel& model, const std::string& name) {
+  return is_length(model, model.parameters[parameter_index(model, name)]) ? kMillimetres : kDegrees;
+}
+
+// "x shift of link 1 (origin of joint_2)"
+std::string in_words(const ErrorModel& model, const ParameterEstimate& parameter) {
+  if (parameter.kind == ParameterKind::joint_offset) {
+    return "zero offset of " + parameter.joint;
+  }
+  const ErrorParameter& error = model.parameters[parameter_index(model, parameter.name)];
+  return parameter.axis + (parameter.kind == ParameterKind::translation ? " shift" : " turn") + " of link " +
+         std::to_string(error.frame) + (parameter.joint.empty() ? "" : " (origin of " + parameter.joint + ")");
+}
+
+// Of the parameters that replace a dropped one, the one with the largest coefficient.
+std::string replacement_of(const DroppedParameter& dropped) {
+  const auto largest =
+      std::max_element(dropped.replaced_by.begin(), dropped.replaced_by.end(),
+                       [](const auto& a, const auto& b) { return std::abs(a.second) < std::abs(b.second); });
+  return largest == dropped.replaced_by.end() ? std::string() : largest->first;
+}
+
+// Why a parameter was not estimated; `fixed`: what is said if the user held it.
+std::string why_held(const Reduction& reduction, const ParameterEstimate& parameter, const std::string& fixed) {
+  if (parameter.gauge) {
+    return parameter.error == 0.0 ? "held, gauge" : "by gauge";
+  }
+  if (parameter.std > 0.0) {
+    return "not determined";
+  }
+  const auto dropped = std::find_if(reduction.dropped.begin(), reduction.dropped.end(),
+                                    [&](const DroppedParameter& other) { return other.name == parameter.name; });
+  if (dropped == reduction.dropped.end()) {
+    return fixed;
+  }
+  const std::string replacement = replacement_of(*dropped);
+  return replacement.empty() ? "held, no effect" : "held, in " + replacement;
+}
+
+std::string parameter_line(const ErrorModel& model, const Reduction& reduction, const ParameterEstimate& parameter,
+                           const std::string& fixed_by_user) {
+  const std::size_t width = std::max<std::size_t>(6, parameter.name.size() + 1);
+  const DisplayUnit& unit = unit_of(model, parameter.name);
+  const std::string line =
+      "  " + padded(parameter.name, width) + padded(in_words(model, parameter), 40) + unit.of(parameter.error);
+  if (parameter.identifiable) {
+    return line + "  +- " +
+           fixed(unit.per_si * half_width_95(parameter.std, parameter.degrees_of_freedom), unit.decimals) + "\n";
+  }
+  return line + "  " + why_held(reduction, parameter, fixed_by_user) + "\n";
+}
+
+void add_parameters(const Calibration& calibration, const std::string& held, std::string& text) {
+  text += "\ngeometric errors, +- half of the 95 % interval\n";
+  for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
+    if (parameter.name.find('.') == std::string::npos) {  // no frame's and no effect's
+      text += parameter_line(calibration.model, calibration.fit.reduction, parameter, held);
+    }
+  }
+}
+
+// The largest motion of each joint by each group of effects at the measured configurations.
+void add_effects(const Calibration& calibration, const Measurements& measurements, std::string& text) {
+  if (calibration.model.effects.empty()) {
+    return;
+  }
+  text += "\neffects beyond geometry, largest motion at the measured configurations\n";
+  const std::vector<EffectMotion> motions = effect_motions(calibration, measurements);
+  for (const EffectMotion& motion : motions) {
+    const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.by.joint)];
+    const DisplayUnit& unit = motion.is_length(calibration.model) ? kMillimetres : kDegrees;
+    const EffectAxis axis = motion.by.axis;
+    const std::string about = axis == EffectAxis::own ? "" : std::string(", ") + to_string(axis) + " across its axis";
+    text += "  " + padded(to_string(motion.by.group), 12) + padded(joint.name + about, 34) + unit.of(motion.largest()) +
+            "\n";
+  }
+  for (const std::string& finding : effect_findings(calibration, motions)) {
+    text += wrapped(finding, 2, 4);
+  }
+}
+
+// For mastering: what to add to the controller's values so that they are those of the joints.
+void add_controller_offsets(const Calibration& calibration, const JointConvention& convention, std::string& text) {
+  const ErrorModel& model = calibration.model;
+  Eigen::VectorXd offsets = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(convention.urdf_joints.size()));
+  for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
+    const auto joint = std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), parameter.joint);
+    if (parameter.kind == ParameterKind::joint_offset && joint != convention.urdf_joints.end()) {
+      offsets[joint - convention.urdf_joints.begin()] = parameter.error;
+    }
+  }
+  const Eigen::VectorXd controller = convention.matrix.fullPivLu().solve(offsets);
+  text += "\njoint offsets as the controller counts, for mastering\n";
+  for (std::size_t i = 0; i < convention.controller_joints.size(); ++i) {
+    const auto index = static_cast<Eigen::Index>(i);
+    bool slides = false;
+    for (const MovingJoint& joint : model.joints) {
+      const auto row = std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), joint.name);
+      slides = slides || (joint.type == JointType::prismatic && row != convention.urdf_joints.end() &&
+                          convention.matrix(row - convention.urdf_joints.begin(), index) != 0.0);
+    }
+    const DisplayUnit& unit = slides ? kMillimetres : kDegrees;
+    text += "  " + padded(convention.controller_joints[i], 46) + unit.of(controller[index]) + "\n";
+  }
+}
+
+std::string row_of(const std::string& label, const Eigen::Vector3d& position) {
+  const Eigen::Vector3d p = position * 1e3;
+  return padded("  " + label, 26) + cell(p.x(), 12) + cell(p.y(), 12) + cell(p.z(), 12) + "\n";
+}
+
+void add_frames(const Estimate& estimate, std::string& text) {
+  const std::string axes = "           x           y           z\n";
+  text += "\n" + padded("base, as measured [mm]", 26) + axes + row_of("origin", estimate.X_WB.translation());
+  double roll = 0.0;
+  double pitch = 0.0;
+  double yaw = 0.0;
+  to_kdl(estimate.X_WB).M.GetRPY(roll, pitch, yaw);
+  text += padded("  roll, pitch, yaw [deg]", 26);
+  for (const double angle : {roll, pitch, yaw}) {
+    text += cell(angle * kDegrees.per_si, 12, kDegrees.decimals);
+  }
+  text += "\n\n" + padded("targets on the flange [mm]", 26) + axes;
+  for (const TargetFrame& target : estimate.targets) {
+    text += row_of(target.name, target.X_FT.translation());
+  }
+}
+
+long fitted_configurations(const Measurements& measurements) {
+  const std::vector<bool> trained = trained_configurations(measurements);
+  return std::count(trained.begin(), trained.end(), true);
+}
+
+std::string sizes(const Measurements& measurements, const Calibration& calibration) {
+  return std::to_string(fitted_configurations(measurements)) + " configurations, " +
+         std::to_string(calibration.accuracy.train.after.count) + " points, " +
+         std::to_string(calibration.fit.free.size()) + " parameters";
+}
+
+// What holds, before any figure.
+std::string verdict(const Measurements& measurements, const Calibration& calibration) {
+  if (calibration.trusted()) {
+    const std::string converged = "Calibration converged: " + sizes(measurements, calibration) + ".\n";
+    return calibration.diagnosis.reservation
+               ? wrapped("Trusted where it was measured: " + calibration.diagnosis.reservation->message + ".", 0, 4) +
+                     converged
+               : converged;
+  }
+  std::string text;
+  for (const Doubt& doubt : calibration.diagnosis.doubts) {
+    text += wrapped((text.empty() ? "NOT TO BE TRUSTED: " : "Also: ") + doubt.message + ".", 0, 4);
+  }
+  for (const QualityFinding& finding : calibration.diagnosis.findings) {
+    text += wrapped("Measurements: " + finding.message + ".", 0, 4);
+  }
+  return text + "\nCalibration of " + sizes(measurements, calibration) + ".\n";
+}
+
+void add_main_figures(const Calibration& calibration, std::string& text) {
+  text += "Position error, rms:  nominal " + fixed(calibration.accuracy.iso_before.accuracy.rms * 1e3, 3) +
+          " mm -> calibrated " + fixed(calibration.accuracy.iso_after.accuracy.rms * 1e3, 3) + " mm  (fitted)\n";
+  if (calibration.accuracy.test && calibration.accuracy.iso_test_after) {
+    text += "                      at the test rows " +
+            fixed(calibration.accuracy.iso_test_after->accuracy.rms * 1e3, 3) + " mm\n";
+  }
+  const BeforeAfter* held_out = calibration.accuracy.held_out();
+  if (held_out == nullptr) {
+    text += "                      at unseen configurations: not known\n";
+  } else {
+    text += "                      at unseen configurations " + fixed(held_out->after.rms * 1e3, 3) + " mm  (" +
+            (calibration.accuracy.leave_one_out ? std::string("leave-one-out")
+                                                : std::to_string(calibration.accuracy.folds) + "-fold") +
+            ")\n";
+    if (held_out->rigid) {
+      text +=
+          "                      there by the exported URDF alone " + fixed(held_out->rigid->rms * 1e3, 3) + " mm\n";
+    }
+  }
+}
+
+}  // namespace
+
+std::string statistics_heading(const std::string& label, const std::string& counted) {
+  return padded(label, 24) + "         rms        mean         p95         max" + right(counted, 8) + "\n";
+}
+
+std::string statistics_row(const std::string& label, const ErrorStatistics& statistics) {
+  std::string text = padded(label, 24);
+  for (const double value : {statistics.rms, statistics.mean, statistics.p95, statistics.max}) {
+    text += statistics.count > 0 ? cell(value * 1e3, 12) : right("-", 12);
+  }
+  return text + right(std::to_string(statistics.count), 8) + "\n";
+}
+
+std::string result_table(const Measurements& measurements, const Calibration& calibration,
+                         const TableOptions& options) {
+  check(measurements, calibration.model);
+  check(calibration.fit.identification.estimate, calibration.model, measurements);
+  std::string text = verdict(measurements, calibration);
+  add_main_figures(calibration, text);
+  if (!options.written.empty()) {
+    text += wrapped("Written: " + comma_separated(options.written), 0, 9);
+  }
+  add_errors(calibration, text);
+  add_figures(calibration, text);
+  if (calibration.trusted()) {
+    add_parameters(calibration, options.fixed, text);
+    add_effects(calibration, measurements, text);
+    if (options.convention != nullptr) {
+      add_controller_offsets(calibration, *options.convention, text);
+    }
+    add_most_influential(measurements, calibration.uncertainty.influence, text);
+    add_predictions(calibration.uncertainty.predicted.asked, text);
+    add_frames(calibration.fit.identification.estimate, text);
+  }
+  return text;
+}
+
+}  // namespace kdl_calibration

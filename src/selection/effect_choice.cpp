@@ -1,0 +1,511 @@
+#include "selection/effect_choice.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <functional>
+#include <map>
+#include <numbers>
+#include <optional>
+#include <utility>
+
+#include "base/counted_fits.hpp"
+#include "base/parallel.hpp"
+#include "kdl_calibration/effect_terms.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/validation.hpp"
+#include "selection/effect_candidates.hpp"
+#include "selection/parameter_choice.hpp"
+#include "selection/ripple_search.hpp"
+#include "selection/table_certainty.hpp"
+#include "selection/tried_models.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::VectorXd;
+
+constexpr std::size_t kMostConfigurations = 2000;
+constexpr double kFlatTable = 5e-6;     // [m or rad]
+constexpr Index kLeastForRipple = 100;  // configurations
+constexpr Index kLeastForTables = 50;   // configurations
+
+// A group that may be added to a model.
+struct Option {
+  std::string name;
+  std::vector<EffectTerm> terms;
+};
+
+bool is_tables(const Option& option) { return option.name == to_string(EffectGroup::tables); }
+bool is_ripple(const Option& option) { return option.name == to_string(EffectGroup::ripple); }
+
+void append(std::vector<EffectTerm>& terms, const std::vector<EffectTerm>& more) {
+  terms.insert(terms.end(), more.begin(), more.end());
+}
+
+ModelInQuestion extended(ModelInQuestion model, const Option& option) {
+  append(model.terms, option.terms);
+  model.names.push_back(option.name);
+  return model;
+}
+
+bool has_groups(const ModelInQuestion& model, const std::vector<std::string>& names) {
+  return std::is_permutation(names.begin(), names.end(), model.names.begin(), model.names.end());
+}
+
+// A model, what it is worth, and the groups that may still be added to it.
+struct Route {
+  ModelInQuestion model;
+  Worth worth;
+  std::vector<Option> left;
+};
+
+// One of the groups that may be added, and what the model is worth with it.
+struct Step {
+  std::size_t option = 0;
+  Worth worth;
+};
+
+void take(Step step, Route& route) {
+  route.model = extended(std::move(route.model), route.left[step.option]);
+  route.left.erase(route.left.begin() + static_cast<std::ptrdiff_t>(step.option));
+  route.worth = std::move(step.worth);
+}
+
+// What is left out lies next to what is not: of how far tables reach into gaps the evidence knows more.
+bool is_better_length(const Worth& shorter, const Worth& longer) {
+  return shorter.determined && (shorter.held_out_rms < longer.held_out_rms ||
+                                (is_likelier(shorter, longer) && predicts_as_well(shorter, longer)));
+}
+
+// Likelier, and predicts better, or as well within a standard error with fewer terms.
+bool is_preferable(const Route& one, const Route& other) {
+  const bool fewer = one.model.terms.size() < other.model.terms.size();
+  return is_likelier(one.worth, other.worth) &&
+         (one.worth.held_out_rms < other.worth.held_out_rms || (fewer && predicts_as_well(one.worth, other.worth)));
+}
+
+// Nothing is known of it anywhere.
+bool is_withheld_throughout(const EffectTerm& term) {
+  return is_of_table(term) && !term.table.withheld.empty() &&
+         term.table.withheld.front() == std::pair(term.table.lower, term.table.upper);
+}
+
+std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const Worth& worth) {
+  for (EffectTerm& term : terms) {
+    term.sigma = size_of(worth, size_name(term));
+  }
+  std::erase_if(terms, [](const EffectTerm& term) { return !(term.sigma > 0.0) || is_withheld_throughout(term); });
+  return terms;
+}
+
+// The choice at one set of data.
+class Chooser {
+public:
+  // Inside another choice nobody is told what is being tried.
+  enum class Place { outermost, inside };
+  Chooser(const ChoiceTask& task, const Measurements& means, int threads, Place place)
+      : task_(task),
+        means_(means),
+        threads_(threads),
+        place_(place),
+        appraisal_(task, means, threads, place == Place::outermost) {}
+
+  // `terms`: those of the choice and those whose size is zero, as the columns of `values` behind the rigid ones.
+  struct Outcome {
+    ModelSelection choice;
+    std::vector<EffectTerm> terms;
+    VectorXd values;
+  };
+
+  Outcome choose() const {
+    const ModelSelectionOptions& options = task_.options;
+    Outcome outcome;
+    ModelSelection& result = outcome.choice;
+    TriedModels tried;
+    Route route;
+    route.worth = appraisal_.worth_of(route.model, tried);
+    if (options.automatic_priors) {
+      const ModelInQuestion sized{.terms = {}, .names = {}, .sized = true};
+      Worth with_sizes = appraisal_.worth_of(sized, tried);
+      if (is_worthwhile(with_sizes, route.worth)) {
+        route.model = sized;
+        route.worth = std::move(with_sizes);
+      }
+    }
+    result.not_compared = static_cast<std::size_t>(appraisal_.not_compared());
+    result.rigid_priors = appraisal_.priors_of(route.worth, route.model.sized);
+    if (options.effects.automatic) {
+      result.not_tried = too_few_for();
+      add_what_helps(route, tried);
+    } else {
+      add_asked(route, tried);
+    }
+    result.priors = appraisal_.priors_of(route.worth, route.model.sized);
+    withhold_tables(route);
+    result.terms = with_sigmas(route.model.terms, route.worth);
+    result.noise = route.worth.noise;
+    tried.put_first(route.model.names, route.model.sized);
+    result.tried = tried.options();
+    if (place_ == Place::outermost && options.effects.groups.empty()) {
+      result.optimism = tried.optimism();
+    }
+    outcome.terms = std::move(route.model.terms);
+    outcome.values = route.worth.sizes.values;
+    return outcome;
+  }
+
+private:
+  Index configurations() const { return means_.joint_values.cols(); }
+
+  std::vector<EffectTerm> allowed(std::vector<EffectTerm> terms) const {
+    std::erase_if(terms, [&](const EffectTerm& term) { return fixes_effect(task_.fix, term); });
+    return terms;
+  }
+
+  Option option_of(EffectGroup group) const {
+    return {.name = to_string(group),
+            .terms = allowed(effect_terms(task_.model, group, means_.joint_values, means_.signals))};
+  }
+
+  // Tables get the length that predicts best; ripple is looked for in what all others leave.
+  void add_asked(Route& route, TriedModels& tried) const {
+    const std::vector<EffectGroup>& groups = task_.options.effects.groups;
+    const auto is_asked = [&](EffectGroup group) {
+      return std::find(groups.begin(), groups.end(), group) != groups.end();
+    };
+    for (const EffectGroup group : groups) {
+      if (group != EffectGroup::ripple && group != EffectGroup::tables) {
+        route.model = extended(std::move(route.model), option_of(group));
+      }
+    }
+    Option tables;
+    if (is_asked(EffectGroup::tables)) {
+      tables = option_of(EffectGroup::tables);
+    }
+    const ModelInQuestion beside = route.model;
+    if (!tables.terms.empty()) {
+      route.model = extended(std::move(route.model), tables);
+    }
+    if (!route.model.terms.empty()) {
+      route.worth = appraisal_.worth_of(route.model, tried);
+      require_enough(route);
+    }
+    if (!tables.terms.empty() && route.worth.determined && configurations() >= kLeastForTables) {
+      shorten(beside, tables, route.worth, tried);
+      route.model = extended(beside, tables);
+    }
+    if (!is_asked(EffectGroup::ripple)) {
+      return;
+    }
+    if (const Option ripple = ripple_beside(route.model, route.worth); !ripple.terms.empty()) {
+      route.model = extended(std::move(route.model), ripple);
+      route.worth = appraisal_.worth_of(route.model, tried);
+      require_enough(route);
+    }
+  }
+
+  void require_enough(const Route& route) const {
+    if (route.worth.sizes.sizes.empty()) {
+      throw InputError(means_.source + ": too few measurements for the effects asked for, " +
+                       std::to_string(route.model.terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
+                       " parameters");
+    }
+  }
+
+  // What joints still swing by beside a model.
+  Option ripple_beside(const ModelInQuestion& model, const Worth& worth) const {
+    Option ripple{.name = to_string(EffectGroup::ripple), .terms = {}};
+    if (!worth.determined) {
+      return ripple;
+    }
+    const std::function<void()> after_search =
+        place_ == Place::outermost ? counted_fits(task_.progress, "looking for ripple", 1) : nullptr;
+    const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
+    const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
+    const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
+    SizedInformation known = sized_information(worth.information, worth.groups, worth.sizes);
+    RippleData data{.model = task_.model,
+                    .joint_values = means_.joint_values,
+                    .rows = rows,
+                    .joints = joints,
+                    .information = std::move(known.matrix),
+                    .columns = std::move(known.columns),
+                    .values = worth.sizes.values};
+    ripple.terms = allowed(find_ripple(std::move(data), threads_));
+    if (after_search) {
+      after_search();
+    }
+    return ripple;
+  }
+
+  // How many configurations each group needs to be tried.
+  static const std::map<EffectGroup, Index>& least_configurations() {
+    static const std::map<EffectGroup, Index> least = {
+        {EffectGroup::gravity, 12},  {EffectGroup::transverse, 60}, {EffectGroup::gain, 20},
+        {EffectGroup::backlash, 20}, {EffectGroup::harmonics, 20},  {EffectGroup::tables, kLeastForTables}};
+    return least;
+  }
+
+  // "tables (50 configurations needed)"
+  std::string too_few_for() const {
+    std::map<Index, std::string> groups;
+    const auto add = [&](EffectGroup group, Index needed) {
+      if (configurations() < needed) {
+        std::string& names = groups[needed];
+        names += (names.empty() ? "" : ", ") + std::string(to_string(group));
+      }
+    };
+    for (const auto& [group, needed] : least_configurations()) {
+      add(group, needed);
+    }
+    add(EffectGroup::ripple, kLeastForRipple);
+    std::string text;
+    for (const auto& [needed, names] : groups) {
+      text += (text.empty() ? "" : "; ") + names + " (" + std::to_string(needed) + " configurations needed)";
+    }
+    return text;
+  }
+
+  // Groups that the number of configurations allows; tables of the longest length.
+  std::vector<Option> options() const {
+    std::vector<Option> result;
+    for (const auto& [group, needed] : least_configurations()) {
+      if (configurations() >= needed) {
+        result.push_back(option_of(group));
+      }
+    }
+    return result;
+  }
+
+  // Tables can be nearly what every other effect is. Where they came before others that help as well, those are taken
+  // first, too, and tables behind them.
+  void add_what_helps(Route& route, TriedModels& tried) const {
+    route.left = options();
+    std::optional<Route> other = follow(route, tried);
+    if (!other) {
+      return;
+    }
+    follow(*other, tried);
+    if (takes_the_place(*other, route, tried)) {
+      route = std::move(*other);
+    }
+  }
+
+  // The likeliest of what helps, again and again. Where it is tables while others help as well, the model goes on from
+  // the likeliest of these, without tables, is returned too.
+  std::optional<Route> follow(Route& route, TriedModels& tried) const {
+    std::optional<Route> without_tables;
+    while (route.worth.determined) {
+      look_for_ripple(route);
+      const double wanted = convincing_evidence(route.worth);
+      std::optional<Step> other = likeliest(route, tried, std::not_fn(is_tables), wanted);
+      const double of_tables = other ? std::max(wanted, other->worth.sizes.evidence) : wanted;
+      std::optional<Step> tables = likeliest(route, tried, is_tables, of_tables);
+      if (tables && other) {
+        without_tables = route;
+        take(std::move(*other), *without_tables);
+        std::erase_if(without_tables->left, is_tables);
+      }
+      std::optional<Step>& best = tables ? tables : other;
+      if (best) {
+        take(std::move(*best), route);
+      } else if (!renew_ripple(route, tried)) {
+        break;
+      }
+    }
+    return without_tables;
+  }
+
+  void look_for_ripple(Route& route) const {
+    std::erase_if(route.left, is_ripple);
+    const std::vector<std::string>& names = route.model.names;
+    const bool known = std::find(names.begin(), names.end(), to_string(EffectGroup::ripple)) != names.end();
+    if (known || configurations() < kLeastForRipple) {
+      return;
+    }
+    if (Option ripple = ripple_beside(route.model, route.worth); !ripple.terms.empty()) {
+      route.left.push_back(std::move(ripple));
+    }
+  }
+
+  // The likeliest of those options that help and have at least this evidence, tables of the longest length.
+  template <class Filter>
+  std::optional<Step> likeliest(Route& route, TriedModels& tried, Filter is_asked, double wanted) const {
+    std::optional<Step> best;
+    for (std::size_t i = 0; i < route.left.size(); ++i) {
+      Option& option = route.left[i];
+      if (!is_asked(option)) {
+        continue;
+      }
+      Worth with = appraisal_.worth_of(extended(route.model, option), tried, wanted);
+      if (is_tables(option) && with.determined) {
+        shorten(route.model, option, with, tried);
+      }
+      if (helps(with, route.worth) && (!best || with.sizes.evidence > best->worth.sizes.evidence)) {
+        best = Step{.option = i, .worth = std::move(with)};
+      }
+    }
+    return best;
+  }
+
+  // Tables that forget themselves sooner, as long as they predict better, or as well and are likelier.
+  void shorten(const ModelInQuestion& beside, Option& tables, Worth& best, TriedModels& tried) const {
+    for (const double degrees : {10.0, 4.0}) {
+      const double length = degrees * std::numbers::pi / 180.0;
+      Option shorter{.name = tables.name, .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
+      std::erase_if(shorter.terms, [&](const EffectTerm& term) {  // what is flat already is not bent more
+        return size_of(best, size_name(term)) < kFlatTable;
+      });
+      if (shorter.terms.empty()) {
+        return;
+      }
+      Worth with = appraisal_.worth_of(extended(beside, shorter), tried);
+      if (!is_better_length(with, best)) {
+        return;
+      }
+      tables = std::move(shorter);
+      best = std::move(with);
+    }
+  }
+
+  // Ripple that was found beside less than what is known now is looked for again. Whether that is likelier and predicts
+  // better; it is the last group then.
+  bool renew_ripple(Route& route, TriedModels& tried) const {
+    const auto is_one = [](const EffectTerm& term) { return term.group == EffectGroup::ripple; };
+    ModelInQuestion model = route.model;
+    if (std::erase(model.names, to_string(EffectGroup::ripple)) == 0 || is_one(model.terms.back())) {
+      return false;
+    }
+    std::erase_if(model.terms, is_one);
+    const Option ripple = ripple_beside(model, appraisal_.worth_of(model, tried));
+    if (ripple.terms.empty()) {
+      return false;
+    }
+    model = extended(std::move(model), ripple);
+    Worth renewed = appraisal_.worth_of(model, tried, likelier_evidence(route.worth));
+    if (!(renewed.held_out_rms < route.worth.held_out_rms) || renewed.motion > kLargestMotion) {
+      return false;
+    }
+    route.model = std::move(model);
+    route.worth = std::move(renewed);
+    return true;
+  }
+
+  // Whether the other model, with tables where they help, is the better one.
+  bool takes_the_place(Route& other, const Route& route, TriedModels& tried) const {
+    std::vector<std::string> names = other.model.names;
+    names.emplace_back(to_string(EffectGroup::tables));
+    if (has_groups(route.model, names)) {
+      return !helps(route.worth, other.worth) || route.worth.sizes.evidence < convincing_evidence(other.worth);
+    }
+    other.left = {option_of(EffectGroup::tables)};
+    const double wanted = convincing_evidence(other.worth);
+    if (std::optional<Step> step = likeliest(other, tried, is_tables, wanted)) {
+      take(std::move(*step), other);
+    }
+    return is_preferable(other, route);
+  }
+
+  // Where the measurements tell too little of them.
+  void withhold_tables(Route& route) const {
+    std::vector<EffectTerm>& terms = route.model.terms;
+    if (route.worth.sizes.sizes.empty() || std::none_of(terms.begin(), terms.end(), is_of_table)) {
+      return;
+    }
+    const Candidate candidate = with_terms(task_.model, task_.free, terms, route.model.sized);
+    const TableCertainty certainty(candidate, route.worth.information, route.worth.groups, route.worth.sizes);
+    std::map<int, std::vector<std::pair<double, double>>> gaps;
+    for (EffectTerm& term : terms) {
+      if (!is_of_table(term)) {
+        continue;
+      }
+      const auto [own, is_new] = gaps.try_emplace(term.index);
+      if (is_new) {
+        own->second = certainty.gaps(term.index);
+      }
+      term.table.withheld = own->second;
+    }
+  }
+
+  const ChoiceTask& task_;
+  const Measurements& means_;
+  int threads_;
+  Place place_;
+  Appraisal appraisal_;
+};
+
+Measurements means_of(const ChoiceTask& task) {
+  return averaged(training_sample(task.measurements, kMostConfigurations));
+}
+
+}  // namespace
+
+ModelSelection choose_effects(const ChoiceTask& task) {
+  const Measurements means = means_of(task);
+  return Chooser(task, means, task.threads, Chooser::Place::outermost).choose().choice;
+}
+
+ModelSelection select_model(const ChoiceTask& task, const Identification& rigid, bool determined, Method method) {
+  constexpr double kNothingToLearn = 1e-10;  // [m] misfits below that differ by rounding alone
+  ModelSelection as_stated{.priors = task.options.priors, .rigid_priors = task.options.priors};
+  if (!is_open(task.options) || method != Method::joint || !(rigid.rms > kNothingToLearn)) {
+    return as_stated;
+  }
+  const bool automatic = task.options.automatic_priors || task.options.effects.automatic;
+  if (!arrived(rigid)) {
+    as_stated.not_tried = "priors and effects (the fit of the geometry alone did not converge)";
+  } else if (automatic && !determined) {
+    as_stated.not_tried = "priors and effects (the measurements do not determine all geometric errors)";
+  } else {
+    return choose_effects(task);
+  }
+  return as_stated;
+}
+
+std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold) {
+  const Measurements means = means_of(task);
+  const std::vector<std::vector<Index>> folds = make_folds(means, 0);
+  std::vector<std::vector<double>> distances(folds.size());
+  parallel_for(folds.size(), task.threads, [&](std::size_t f) {
+    const auto is_left_out = [&](const Observation& o) {
+      return std::find(folds[f].begin(), folds[f].end(), o.configuration) != folds[f].end();
+    };
+    const Measurements rest = subset(means, [&](const Observation& o) { return !is_left_out(o); });
+    const Chooser::Outcome chosen = Chooser(task, rest, 1, Chooser::Place::inside).choose();
+    const Candidate candidate = with_terms(task.model, task.free, chosen.terms, false);
+    const Measurements fold = subset(means, is_left_out);
+    const LinearRows left = linear_rows(candidate, fold, task.optimum, task.orientation_length);
+    std::vector<bool> known(means.targets.size(), false);  // by the rest or by the user
+    for (const Observation& o : rest.observations) {
+      known[static_cast<std::size_t>(o.target)] = true;
+    }
+    for (std::size_t k = 0; k < known.size(); ++k) {
+      const std::array<int, 6> columns = task.free.target_columns(k);
+      known[k] = known[k] || std::all_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+    }
+    if (chosen.values.size() == left.J.cols()) {
+      const VectorXd error = (left.y - left.J * chosen.values) * left.unit;
+      std::vector<Index> next(left.first.begin(), left.first.end());  // position rows come first
+      for (const Observation& o : fold.observations) {
+        Index& row = next[static_cast<std::size_t>(o.configuration)];
+        if (known[static_cast<std::size_t>(o.target)]) {
+          distances[f].push_back(error.segment<3>(row).norm());
+        }
+        row += 3;
+      }
+    }
+    if (after_fold) {
+      after_fold();
+    }
+  });
+  std::vector<double> result;
+  for (const std::vector<double>& fold : distances) {
+    result.insert(result.end(), fold.begin(), fold.end());
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

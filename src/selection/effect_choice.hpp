@@ -1,0 +1,33 @@
+#pragma once
+
+// Not installed.
+
+#include <functional>
+#include <vector>
+
+#include "kdl_calibration/calibration_options.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "selection/model_worth.hpp"
+
+namespace kdl_calibration {
+
+/// Sizes by evidence (see SizeEstimator), the choice by cross-validation: leave-one-out below 40 configurations, else
+/// ten folds, of at most 2,000 configurations, evenly spaced. Repeats count as their mean. Sizes and noise are found
+/// again inside every fold; everything is linear around the optimum of the rigid model, which effects move by
+/// micrometres. One group is added at a time, the likeliest first, while the evidence rises by at least 2 and the
+/// held-out mean square falls by 4 % (the RMS by 2 %) and by more than one standard error of its difference over
+/// configurations. Where tables come before others that help as well, the model that takes those first, and tables
+/// behind them, stays if it is likelier and predicts better, or as well with fewer terms. Ripple is looked for again
+/// beside all that came after it. Throws InputError where effects are asked for by name and the measurements are too
+/// few for them.
+ModelSelection choose_effects(const ChoiceTask& task);
+
+/// The same where there is something to select, and where `rigid`, the fit of the geometry alone, allows it. It must
+/// have arrived and be `determined`, all geometric errors estimated: priors would hide that some are open.
+ModelSelection select_model(const ChoiceTask& task, const Identification& rigid, bool determined, Method method);
+
+/// [m] of each left-out point from its prediction, where the choice is made anew without its configuration.
+std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold);
+
+}  // namespace kdl_calibration

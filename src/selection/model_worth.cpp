@@ -1,0 +1,213 @@
+#include "selection/model_worth.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <numeric>
+#include <set>
+#include <utility>
+
+#include "base/counted_fits.hpp"
+#include "base/parallel.hpp"
+#include "base/text.hpp"
+#include "kdl_calibration/joint_effects.hpp"
+#include "kdl_calibration/validation.hpp"
+#include "selection/table_certainty.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr std::size_t kMostSingleFolds = 40;
+constexpr int kFolds = 10;
+constexpr double kEvidence = 2.0;       // that makes a model likelier
+constexpr double kOfAnEffect = 7.0;     // of several that are looked at one is likelier by chance
+constexpr double kWorthwhile = 0.98;    // of the held-out RMS
+constexpr double kFileRounding = 1e-9;  // [m] of the numbers in a file
+constexpr double kLeastPrior = 1e-7;    // [m or rad]
+constexpr double kEquations = 1.1;      // for every column
+
+// Unknowns of targets that the sums say nothing about are no unknowns there.
+std::vector<Index> told_columns(const Candidate& candidate, const LinearSums& sums, const LinearSums& all) {
+  constexpr double kTold = 1e-9;  // of the information of all rows
+  std::vector<Index> columns;
+  for (Index c = 0; c < sums.information.cols(); ++c) {
+    const bool of_target = candidate.free.columns()[static_cast<std::size_t>(c)].group == UnknownGroup::targets;
+    if (!of_target || sums.information(c, c) > kTold * all.information(c, c)) {
+      columns.push_back(c);
+    }
+  }
+  return columns;
+}
+
+std::vector<Index> all_of(Index count) {
+  std::vector<Index> columns(static_cast<std::size_t>(count));
+  std::iota(columns.begin(), columns.end(), Index{0});
+  return columns;
+}
+
+// Tables are tried in several lengths.
+std::string in_words(const ModelInQuestion& model) {
+  double length = 0.0;
+  for (const EffectTerm& term : model.terms) {
+    length = std::max(length, term.table.length);
+  }
+  const long degrees = std::lround(length * 180.0 / std::numbers::pi);
+  return "trying " + (model.names.empty() ? "geometry alone" : comma_separated(model.names)) +
+         (degrees > 0 ? " of " + std::to_string(degrees) + " degrees" : "") + (model.sized ? " with priors" : "");
+}
+
+// Mean gain of a configuration's squares, over its standard error.
+double certainty_of_gain(const Worth& with, const Worth& without) {
+  const VectorXd gain = without.squares - with.squares;
+  const auto n = static_cast<double>(gain.size());
+  const double mean = gain.mean();
+  return mean / std::sqrt((gain.array() - mean).square().sum() / (n * (n - 1.0)));
+}
+
+}  // namespace
+
+double size_of(const Worth& worth, const std::string& name) {
+  const auto found = std::find(worth.groups.names.begin(), worth.groups.names.end(), name);
+  const auto number = static_cast<std::size_t>(found - worth.groups.names.begin());
+  return number < worth.sizes.sizes.size() ? worth.sizes.sizes[number] : 0.0;
+}
+
+double likelier_evidence(const Worth& than) { return than.sizes.evidence + kEvidence; }
+
+double convincing_evidence(const Worth& than) { return than.sizes.evidence + kOfAnEffect; }
+
+bool is_likelier(const Worth& one, const Worth& other) { return one.sizes.evidence >= likelier_evidence(other); }
+
+bool predicts_as_well(const Worth& one, const Worth& other) { return certainty_of_gain(one, other) > -1.0; }
+
+bool is_worthwhile(const Worth& one, const Worth& other) {
+  return one.determined && one.held_out_rms <= kWorthwhile * other.held_out_rms;
+}
+
+bool helps(const Worth& with, const Worth& without) {
+  return is_worthwhile(with, without) && with.motion <= kLargestMotion && certainty_of_gain(with, without) > 1.0;
+}
+
+Appraisal::Appraisal(const ChoiceTask& task, const Measurements& means, int threads, bool is_told)
+    : task_(task), means_(means), threads_(threads), is_told_(is_told) {
+  const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
+  folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);
+  // A target that one fold alone has cannot be predicted from the others, by no model.
+  std::map<std::int32_t, std::pair<std::set<std::size_t>, std::size_t>> folds_and_points_of;
+  for (std::size_t f = 0; f < folds_.size(); ++f) {
+    for (const Observation& o : means_.observations) {
+      if (std::find(folds_[f].begin(), folds_[f].end(), o.configuration) != folds_[f].end()) {
+        auto& [folds, points] = folds_and_points_of[o.target];
+        folds.insert(f);
+        ++points;
+      }
+    }
+  }
+  for (const auto& [target, of_target] : folds_and_points_of) {
+    const std::array<int, 6> columns = task_.free.target_columns(static_cast<std::size_t>(target));
+    const bool is_known = std::all_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+    (of_target.first.size() > 1 || is_known ? points_ : not_compared_) += static_cast<double>(of_target.second);
+  }
+}
+
+Worth Appraisal::worth_of(const ModelInQuestion& model, TriedModels& tried, double wanted) const {
+  const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
+  Worth worth;
+  worth.groups = groups_of(candidate, task_.options.priors);
+  const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
+  if (static_cast<double>(rows.J.rows()) < kEquations * static_cast<double>(rows.J.cols())) {
+    return worth;
+  }
+  const std::function<void()> after_fold =
+      is_told_ ? counted_fits(task_.progress, in_words(model), folds_.size()) : nullptr;
+  const Index configurations = static_cast<Index>(rows.first.size()) - 1;
+  LinearSums all = sums_of(rows, all_of(configurations));
+  const std::vector<Index> columns = told_columns(candidate, all, all);
+  const double rounding = kFileRounding / rows.unit;
+  const SizeEstimator whole(all, columns, worth.groups.columns);
+  if (!whole.is_determined()) {
+    return worth;
+  }
+  worth.sizes = whole.estimate({}, worth.groups.limits, rounding);
+  worth.noise = worth.sizes.sigma * rows.unit;
+  worth.motion = motion_of(candidate, worth.sizes.values);
+  if (worth.sizes.evidence >= wanted) {
+    predict_folds(candidate, rows, all, worth, after_fold);
+  }
+  tried.add({.priors = priors_of(worth, model.sized),
+             .effects = model.names,
+             .sized = model.sized,
+             .held_out_rms = worth.held_out_rms,
+             .evidence = worth.sizes.evidence},
+            worth.squares);
+  worth.information = std::move(all.information);
+  return worth;
+}
+
+Priors Appraisal::priors_of(const Worth& worth, bool sized) const {
+  if (!sized || worth.sizes.sizes.empty()) {
+    return task_.options.priors;
+  }
+  return {.length = std::max(size_of(worth, "length"), kLeastPrior),
+          .angle = std::max(size_of(worth, "angle"), kLeastPrior)};
+}
+
+double Appraisal::motion_of(const Candidate& candidate, const VectorXd& values) const {
+  if (candidate.model.effects.empty()) {
+    return 0.0;
+  }
+  const ColumnRange effects = candidate.free.range(UnknownGroup::effects);
+  MatrixXd moved = effective_joint_values(candidate.model, values.segment(effects.first, effects.count),
+                                          means_.joint_values, means_.signals);
+  moved.topRows(means_.joint_values.rows()) -= means_.joint_values;
+  return moved.cwiseAbs().maxCoeff();
+}
+
+void Appraisal::predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, Worth& worth,
+                              const std::function<void()>& after_fold) const {
+  const double rounding = kFileRounding / rows.unit;
+  worth.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
+  std::vector<int> predicted(folds_.size(), 0);
+  parallel_for(folds_.size(), threads_, [&](std::size_t f) {
+    LinearSums without = all;
+    without -= sums_of(rows, folds_[f]);
+    const std::vector<Index> columns = told_columns(candidate, without, all);
+    std::vector<Index> untold = all_of(rows.J.cols());
+    std::erase_if(untold, [&](Index c) { return std::binary_search(columns.begin(), columns.end(), c); });
+    const SizeEstimator rest(without, columns, worth.groups.columns);
+    if (!rest.is_determined()) {
+      return;
+    }
+    const GroupSizes sizes = rest.estimate(worth.sizes.sizes, worth.groups.limits, rounding);
+    const TableCertainty certainty(candidate, without.information, worth.groups, sizes);
+    for (const Index c : folds_[f]) {
+      VectorXd x = sizes.values;
+      certainty.withhold(means_.joint_values.col(c), x);
+      const Index first = rows.first[static_cast<std::size_t>(c)];
+      const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
+      VectorXd error = rows.y.segment(first, count) - rows.J.middleRows(first, count) * x;
+      for (const Index column : untold) {
+        error = (rows.J.col(column).segment(first, count).array() != 0.0).select(0.0, error);
+      }
+      worth.squares[c] = error.squaredNorm();
+    }
+    predicted[f] = 1;
+    if (after_fold) {
+      after_fold();
+    }
+  });
+  worth.squares *= rows.unit * rows.unit;
+  worth.determined = std::all_of(predicted.begin(), predicted.end(), [](int p) { return p == 1; });
+  if (worth.determined) {
+    worth.held_out_rms = std::sqrt(worth.squares.sum() / points_);
+  }
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,114 @@
+#include "selection/table_certainty.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "kdl_calibration/joint_effects.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+SizedInformation sized_information(const MatrixXd& information, const Groups& groups, const GroupSizes& sizes) {
+  VectorXd added = VectorXd::Zero(information.cols());
+  for (std::size_t g = 0; g < groups.columns.size(); ++g) {
+    const double ratio = sizes.sigma / sizes.sizes[g];  // infinite where the group is switched off
+    added(groups.columns[g]).setConstant(ratio * ratio);
+  }
+  SizedInformation result;
+  for (Index column = 0; column < added.size(); ++column) {
+    if (std::isfinite(added[column])) {
+      result.columns.push_back(column);
+    }
+  }
+  result.matrix = information(result.columns, result.columns);
+  result.matrix.diagonal() += added(result.columns);
+  return result;
+}
+
+TableCertainty::TableCertainty(const Candidate& candidate, const MatrixXd& information, const Groups& groups,
+                               const GroupSizes& sizes)
+    : candidate_(candidate) {
+  if (std::none_of(candidate.model.effects.begin(), candidate.model.effects.end(), is_of_table)) {
+    return;
+  }
+  const SizedInformation sized = sized_information(information, groups, sizes);
+  const Eigen::LLT<MatrixXd> solver(sized.matrix);
+  std::map<int, std::vector<Index>> places;  // among the columns that take part
+  for (const std::size_t e : candidate.free.effects()) {
+    const EffectTerm& term = candidate.model.effects[e];
+    if (!is_of_table(term)) {
+      continue;
+    }
+    const Index column = *candidate.free.column(UnknownGroup::effects, e);
+    const auto place = std::lower_bound(sized.columns.begin(), sized.columns.end(), column);
+    if (place != sized.columns.end() && *place == column) {
+      Table& table = tables_[term.index];
+      table.terms.push_back(e);
+      table.columns.push_back(column);
+      places[term.index].push_back(place - sized.columns.begin());
+      const auto name = std::find(groups.names.begin(), groups.names.end(), size_name(term));
+      table.sigma = sizes.sizes[static_cast<std::size_t>(name - groups.names.begin())];
+    }
+  }
+  for (auto& [joint, table] : tables_) {
+    MatrixXd units = MatrixXd::Zero(sized.matrix.rows(), static_cast<Index>(table.columns.size()));
+    for (Index k = 0; k < units.cols(); ++k) {
+      units(places[joint][static_cast<std::size_t>(k)], k) = 1.0;
+    }
+    const MatrixXd solved = solver.solve(units);
+    table.covariance = sizes.sigma * sizes.sigma * solved(places[joint], Eigen::all);
+  }
+}
+
+bool TableCertainty::is_uncertain(const Table& table, double joint_value) const {
+  constexpr double kShare = 0.8;
+  VectorXd functions(static_cast<Index>(table.terms.size()));
+  for (std::size_t k = 0; k < table.terms.size(); ++k) {
+    functions[static_cast<Index>(k)] = table_value(candidate_.model.effects[table.terms[k]].table, joint_value);
+  }
+  const double beforehand = table.sigma * functions.norm();
+  const double variance = functions.dot(table.covariance * functions);
+  return !(variance <= kShare * kShare * beforehand * beforehand);
+}
+
+void TableCertainty::withhold(const VectorXd& joint_values, VectorXd& columns) const {
+  for (const auto& [joint, table] : tables_) {
+    if (is_uncertain(table, joint_values[joint])) {
+      columns(table.columns).setZero();
+    }
+  }
+}
+
+std::vector<std::pair<double, double>> TableCertainty::gaps(int joint) const {
+  constexpr double kParts = 8.0;  // of the table's length
+  constexpr double kMostSteps = 1e4;
+  std::vector<std::pair<double, double>> result;
+  const auto found = tables_.find(joint);
+  if (found == tables_.end()) {
+    return result;
+  }
+  const TableTerm& range = candidate_.model.effects[found->second.terms.front()].table;
+  const double parts = (range.upper - range.lower) / range.length * kParts;
+  const auto steps = static_cast<int>(std::ceil(std::min(parts, kMostSteps)));
+  const double step = (range.upper - range.lower) / steps;
+  bool inside = false;
+  for (int i = 0; i <= steps; ++i) {
+    const double value = i == steps ? range.upper : range.lower + step * i;
+    const bool uncertain = is_uncertain(found->second, value);
+    if (uncertain && !inside) {
+      result.emplace_back(i == 0 ? value : value - step, value);
+    }
+    if (uncertain || inside) {
+      result.back().second = value;  // up to the first certain one
+    }
+    inside = uncertain;
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

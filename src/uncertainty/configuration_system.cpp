@@ -1,0 +1,102 @@
+#include "uncertainty/configuration_system.hpp"
+
+#include <Eigen/Dense>
+#include <map>
+#include <numeric>
+#include <utility>
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+std::vector<std::pair<std::int32_t, std::vector<std::size_t>>> rows_by_configuration(const Measurements& measurements) {
+  std::map<std::int32_t, std::vector<std::size_t>> rows;
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    rows[measurements.observations[row].configuration].push_back(row);
+  }
+  return {rows.begin(), rows.end()};
+}
+
+ConfigurationSystems::ConfigurationSystems(const FitProblem& fit, MatrixXd R)
+    : model_(fit.model),
+      measurements_(fit.measurements),
+      residuals_(fit.options.joint.residuals),
+      estimate_(fit.start),
+      R_(std::move(R)) {
+  // With every target free its columns are those of U.
+  std::vector<std::size_t> coordinates(6 * measurements_.targets.size());
+  std::iota(coordinates.begin(), coordinates.end(), 0U);
+  all_ = fit.free.with(model_, UnknownGroup::targets, coordinates);
+  for (const Unknown& unknown : fit.free.columns()) {
+    estimated_.push_back(*all_.column(unknown.group, unknown.index));
+  }
+}
+
+std::vector<ConfigurationSystem> ConfigurationSystems::of(const std::vector<std::vector<std::size_t>>& rows) const {
+  std::vector<Oriented> oriented(rows.size());
+  const WhitenedSystem system = whitened(rows, oriented);
+  std::vector<ConfigurationSystem> results(rows.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    ConfigurationSystem& result = results[i];
+    const Index first = system.blocks[i];
+    const Index measured = system.blocks[i + 1] - first;
+    result.U = system.jacobian.middleRows(first, measured)(Eigen::all, place_points(oriented[i], result));
+    result.e = system.residual.segment(first, measured);
+    const MatrixXd jacobian = system.jacobian.middleRows(first, measured)(Eigen::all, estimated_);
+    const MatrixXd transposed = R_.triangularView<Eigen::Upper>().transpose().solve(MatrixXd(jacobian.transpose()));
+    result.B = transposed.transpose();
+  }
+  return results;
+}
+
+// The configurations in the order of these rows.
+WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::vector<std::size_t>>& rows,
+                                              std::vector<Oriented>& oriented) const {
+  Measurements some{.source = measurements_.source, .joints = measurements_.joints, .targets = measurements_.targets};
+  some.joint_values.resize(measurements_.joint_values.rows(), static_cast<Index>(rows.size()));
+  some.configurations.resize(rows.size());
+  ResidualOptions residuals = residuals_;
+  residuals.row_weights.clear();
+  std::vector<Index> which;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const std::int32_t configuration = measurements_.observations[rows[i].front()].configuration;
+    which.push_back(configuration);
+    some.joint_values.col(static_cast<Index>(i)) = measurements_.joint_values.col(configuration);
+    for (const std::size_t row : rows[i]) {
+      some.observations.push_back(measurements_.observations[row]);
+      some.observations.back().configuration = static_cast<std::int32_t>(i);
+      bool& with_orientation = oriented[i][measurements_.observations[row].target];
+      if (!measurements_.orientations.empty()) {
+        some.orientations.push_back(measurements_.orientations[row]);
+        with_orientation = with_orientation || !is_point(measurements_.orientations[row]);
+      }
+      if (!residuals_.row_weights.empty()) {
+        residuals.row_weights.push_back(residuals_.row_weights[row]);
+      }
+    }
+  }
+  some.signals = columns(measurements_.signals, which);
+  return LeastSquaresProblem(model_, some, all_, residuals).whitened(estimate_);
+}
+
+// The rows of each point, those of the orientations behind those of all positions; gives the columns of U.
+std::vector<Index> ConfigurationSystems::place_points(const Oriented& oriented, ConfigurationSystem& result) const {
+  std::vector<Index> positions;
+  std::vector<Index> orientations;
+  Index position_row = 0;
+  auto orientation_row = static_cast<Index>(3 * oriented.size());
+  for (const auto& [target, with_orientation] : oriented) {
+    result.targets.push_back(target);
+    std::vector<Index>& own = result.rows.emplace_back();
+    for (std::size_t i = 0; i < (with_orientation ? 6 : 3); ++i) {
+      own.push_back(i < 3 ? position_row++ : orientation_row++);
+      const int column = all_.target_columns(static_cast<std::size_t>(target))[i];
+      (i < 3 ? positions : orientations).push_back(column);
+    }
+  }
+  positions.insert(positions.end(), orientations.begin(), orientations.end());
+  return positions;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,125 @@
+#include "kdl_calibration/influence.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include "base/preconditions.hpp"
+#include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "uncertainty/configuration_system.hpp"
+#include "uncertainty/unit_columns.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+// Cook's distance times p s^2 of leaving out the coordinates whose whitened unit vectors are the columns of G.
+double change_without(const ConfigurationSystem& system, const MatrixXd& rest, const MatrixXd& G) {
+  const Eigen::LDLT<MatrixXd> left(G.transpose() * rest * G);
+  const VectorXd own = (G.transpose() * G).diagonal();
+  if (!(left.vectorD().minCoeff() > kSingular * own.maxCoeff())) {
+    return std::numeric_limits<double>::infinity();
+  }
+  return (system.B.transpose() * (G * left.solve(G.transpose() * system.e))).squaredNorm();
+}
+
+// Over all configurations.
+struct Totals {
+  double squares = 0.0;
+  double decided = 0.0;  // by the measurements, not by priors
+  double coordinates = 0.0;
+  double points = 0.0;
+};
+
+void add(const ConfigurationSystem& system, std::int32_t configuration, ConfigurationInfluence& entry, Totals& totals) {
+  const Index m = system.e.size();
+  const MatrixXd H = system.B * system.B.transpose();
+  const MatrixXd rest = MatrixXd::Identity(m, m) - H;
+  const VectorXd leverages = system.U.partialPivLu().solve(MatrixXd(H * system.U)).diagonal();
+  entry.configuration = configuration;
+  entry.leverage = H.trace();
+  entry.cook = change_without(system, rest, MatrixXd::Identity(m, m));
+  entry.coordinates = static_cast<int>(m);
+  for (std::size_t i = 0; i < system.targets.size(); ++i) {
+    entry.points.push_back({.target = system.targets[i],
+                            .coordinates = static_cast<int>(system.rows[i].size()),
+                            .leverage = leverages(system.rows[i]).sum(),
+                            .cook = change_without(system, rest, system.U(Eigen::all, system.rows[i]))});
+  }
+  totals.squares += system.e.squaredNorm();
+  totals.decided += entry.leverage;
+  totals.coordinates += static_cast<double>(m);
+  totals.points += static_cast<double>(system.targets.size());
+}
+
+// Cook's distances in the unit of the fit, and what is large.
+void judge(const Totals& totals, Influence& result) {
+  const double freedom = totals.coordinates - totals.decided;
+  const double unit = freedom > 0.0 ? totals.decided * totals.squares / freedom : 0.0;
+  result.leverage_limit = 2.0 * totals.decided / totals.coordinates;
+  result.cook_limit = 4.0 / static_cast<double>(result.configurations.size());
+  result.point_cook_limit = 4.0 / totals.points;
+  const auto judged = [&](auto& entry, double cook_limit) {
+    entry.cook = unit > 0.0 ? entry.cook / unit : 0.0;
+    entry.high_leverage = entry.leverage > entry.coordinates * result.leverage_limit;
+    entry.influential = entry.cook > cook_limit;
+  };
+  for (ConfigurationInfluence& entry : result.configurations) {
+    judged(entry, result.cook_limit);
+    for (PointInfluence& point : entry.points) {
+      judged(point, result.point_cook_limit);
+    }
+  }
+}
+
+}  // namespace
+
+Influence influence(const LeastSquaresProblem& problem, const Measurements& measurements,
+                    const ResidualOptions& residuals, const Estimate& estimate, const MatrixXd& triangle) {
+  check(measurements, problem.model());
+  check(estimate, problem.model(), measurements);
+  check(residuals, measurements);
+  require_count("columns of a triangle", triangle.cols(), problem.columns());
+  Influence result;
+  const Index columns = triangle.cols();
+  if (triangle.rows() < columns || columns == 0) {
+    return result;
+  }
+  const MatrixXd R =
+      Eigen::HouseholderQR<MatrixXd>(triangle).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
+  if (!(R.diagonal().cwiseAbs().cwiseProduct(unit_scale(triangle)).minCoeff() > kSingular)) {
+    return result;
+  }
+  Totals totals;
+  const TrainingRows training(measurements);
+  FitProblem fit{.model = problem.model(),
+                 .measurements = *training,
+                 .start = estimate,
+                 .free = problem.unknowns(),
+                 .options = {.joint = {.residuals = residuals}}};
+  fit.options.joint.residuals.row_weights = training.values_of(residuals.row_weights);
+  const ConfigurationSystems systems(fit, R);
+  const auto configurations = rows_by_configuration(*training);
+  std::vector<ConfigurationSystem> together;
+  for (std::size_t c = 0; c < configurations.size(); ++c) {
+    const std::size_t place = c % ConfigurationSystems::kTogether;
+    if (place == 0) {
+      std::vector<std::vector<std::size_t>> rows;
+      for (std::size_t i = c; i < std::min(c + ConfigurationSystems::kTogether, configurations.size()); ++i) {
+        rows.push_back(configurations[i].second);
+      }
+      together = systems.of(rows);
+    }
+    add(together[place], configurations[c].first, result.configurations.emplace_back(), totals);
+  }
+  judge(totals, result);
+  return result;
+}
+
+}  // namespace kdl_calibration

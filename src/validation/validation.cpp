@@ -1,0 +1,305 @@
+#include "kdl_calibration/validation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <kdl/chainfksolverpos_recursive.hpp>
+#include <limits>
+#include <map>
+#include <utility>
+
+#include "base/parallel.hpp"
+#include "base/preconditions.hpp"
+#include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/random.hpp"
+#include "kdl_calibration/same_poses.hpp"
+#include "validation/folds.hpp"
+
+namespace kdl_calibration {
+
+namespace {
+
+void require_fit(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
+                 const Measurements& measurements) {
+  check(measurements);
+  require_count("poses of the flange", X_BF.size(), measurements.configurations.size());
+  require_count("targets of an estimate", estimate.targets.size(), measurements.targets.size());
+}
+
+}  // namespace
+
+ErrorStatistics error_statistics(std::vector<double> distances) {
+  ErrorStatistics statistics;
+  statistics.count = static_cast<long>(distances.size());
+  if (distances.empty()) {
+    return statistics;
+  }
+  const Eigen::Map<const Eigen::ArrayXd> d(distances.data(), static_cast<Eigen::Index>(distances.size()));
+  const double n = static_cast<double>(distances.size());
+  statistics.mean = d.mean();
+  statistics.rms = std::sqrt(d.square().mean());
+  statistics.max = d.maxCoeff();
+  const double position = 0.95 * (n - 1.0);
+  const auto below = static_cast<std::size_t>(position);
+  statistics.std = distances.size() > 1 ? std::sqrt((d - statistics.mean).square().sum() / (n - 1.0)) : 0.0;
+  const auto lower = distances.begin() + static_cast<std::ptrdiff_t>(below);
+  std::nth_element(distances.begin(), lower, distances.end());
+  const double upper = lower + 1 == distances.end() ? *lower : *std::min_element(lower + 1, distances.end());
+  statistics.p95 = *lower + (position - std::floor(position)) * (upper - *lower);
+  return statistics;
+}
+
+namespace {
+
+bool is_among(const Observation& observation, Rows rows) {
+  return rows == Rows::all || (observation.split == Split::train) == (rows == Rows::train);
+}
+
+}  // namespace
+
+std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
+                                    Rows rows) {
+  check(measurements, model);
+  check(estimate, model, measurements);
+  return position_errors(flange_poses(model, estimate, measurements), estimate, measurements, rows);
+}
+
+std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
+                                    const Measurements& measurements, Rows rows) {
+  require_fit(X_BF, estimate, measurements);
+  std::vector<double> distances;
+  for (const Observation& observation : measurements.observations) {
+    if (is_among(observation, rows)) {
+      distances.push_back((observation.position - predicted_point(estimate, X_BF, observation)).norm());
+    }
+  }
+  return distances;
+}
+
+Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, const Measurements& measurements,
+                    const RegistrationOptions& options) {
+  const Registration registration =
+      register_base_and_targets(flange_poses(folded(model, errors), measurements.joint_values), measurements, options);
+  return {.errors = errors, .X_WB = registration.X_WB, .targets = registration.targets, .effects = {}};
+}
+
+Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements, Rows rows) {
+  check(measurements, model);
+  check(estimate, model, measurements);
+  return iso_9283(flange_poses(model, estimate, measurements), estimate, measurements, rows);
+}
+
+Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
+                 Rows rows) {
+  require_fit(X_BF, estimate, measurements);
+  const Measurements means = averaged(measurements);
+  Iso9283 result;
+  result.accuracy = error_statistics(position_errors(X_BF, estimate, means, rows));
+  const auto cell_of = [&](const Observation& o) {
+    return static_cast<std::size_t>(o.configuration) * measurements.targets.size() + static_cast<std::size_t>(o.target);
+  };
+  std::vector<int> repeats(static_cast<std::size_t>(measurements.joint_values.cols()) * measurements.targets.size(), 0);
+  for (const Observation& o : measurements.observations) {
+    repeats[cell_of(o)] += is_among(o, rows) ? 1 : 0;
+  }
+  std::map<std::size_t, Eigen::Vector3d> mean_of;  // only where there are repeats
+  for (const Observation& o : means.observations) {
+    if (repeats[cell_of(o)] > 1) {
+      mean_of[cell_of(o)] = o.position;
+    }
+  }
+  std::map<std::size_t, std::vector<double>> scatter;
+  for (const Observation& o : measurements.observations) {
+    if (is_among(o, rows) && repeats[cell_of(o)] > 1) {
+      scatter[cell_of(o)].push_back((o.position - mean_of[cell_of(o)]).norm());
+    }
+  }
+  std::vector<double> repeatabilities;
+  for (const auto& [cell, distances] : scatter) {
+    const ErrorStatistics l = error_statistics(distances);
+    repeatabilities.push_back(l.mean + 3.0 * l.std);
+  }
+  result.repeatability = error_statistics(repeatabilities);
+  return result;
+}
+
+namespace {
+
+// Neighbours are one, whatever their labels; ordered by the first of each.
+std::vector<std::vector<Eigen::Index>> neighbours(const Measurements& measurements, const std::vector<bool>& trained) {
+  const std::vector<Eigen::Index> first = first_of_neighbours(measurements.joint_values);
+  constexpr auto kNowhere = std::numeric_limits<std::size_t>::max();
+  std::vector<std::size_t> place(trained.size(), kNowhere);  // of the group that the first one stands for
+  std::vector<std::vector<Eigen::Index>> result;
+  for (std::size_t c = 0; c < trained.size(); ++c) {
+    if (!trained[c]) {
+      continue;
+    }
+    std::size_t& group = place[static_cast<std::size_t>(first[c])];
+    if (group == kNowhere) {
+      group = result.size();
+      result.emplace_back();
+    }
+    result[group].push_back(static_cast<Eigen::Index>(c));
+  }
+  return result;
+}
+
+}  // namespace
+
+std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
+  std::vector<std::vector<Eigen::Index>> configurations =
+      neighbours(measurements, trained_configurations(measurements));
+  const std::size_t count = configurations.size();
+  const bool one_each = folds <= 0 || static_cast<std::size_t>(folds) >= count;
+  if (!one_each) {  // Fisher-Yates
+    Random random(seed);
+    for (std::size_t i = count; i > 1; --i) {
+      std::swap(configurations[i - 1], configurations[random.bits() % i]);
+    }
+  }
+  std::vector<std::vector<Eigen::Index>> result(one_each ? count : static_cast<std::size_t>(folds));
+  for (std::size_t i = 0; i < count; ++i) {
+    std::vector<Eigen::Index>& fold = result[i % result.size()];
+    fold.insert(fold.end(), configurations[i].begin(), configurations[i].end());
+  }
+  return result;
+}
+
+namespace {
+
+// Training rows, of which those of the given configurations become test rows.
+Measurements without(Measurements training, const std::vector<Eigen::Index>& left_out) {
+  std::vector<bool> is_left_out(training.configurations.size(), false);
+  for (const Eigen::Index c : left_out) {
+    is_left_out[static_cast<std::size_t>(c)] = true;
+  }
+  for (Observation& observation : training.observations) {
+    if (is_left_out[static_cast<std::size_t>(observation.configuration)]) {
+      observation.split = Split::test;
+    }
+  }
+  return training;
+}
+
+// Fits training rows without each fold in turn and predicts it.
+template <class Fit>
+HoldOut hold_out(const ErrorModel& model, const Measurements& training,
+                 const std::vector<std::vector<Eigen::Index>>& folds, int threads, Fit fit_fold) {
+  struct FoldPart {
+    std::vector<double> distances;
+    bool converged = true;
+  };
+  std::vector<FoldPart> parts(folds.size());
+  parallel_for(folds.size(), threads, [&](std::size_t f) {
+    const Measurements fold = without(training, folds[f]);
+    const Identification found = fit_fold(fold);
+    parts[f].converged = found.termination == Termination::converged;
+    parts[f].distances = position_errors(model, found.estimate, averaged(fold), Rows::test);
+  });
+  HoldOut result;
+  for (const FoldPart& part : parts) {
+    result.distances.insert(result.distances.end(), part.distances.begin(), part.distances.end());
+    result.not_converged += part.converged ? 0 : 1;
+    ++result.refits;
+  }
+  return result;
+}
+
+}  // namespace
+
+RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::Index>& fold) {
+  const Measurements rest = without(problem.measurements, fold);
+  const Identification found = fit(with_measurements(problem, rest));
+  const Measurements means = averaged(rest);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem.model, found.estimate, means);
+  RefittedFold result{
+      .residuals = {}, .configurations = {}, .targets = {}, .converged = found.termination == Termination::converged};
+  for (const Observation& o : means.observations) {
+    if (is_among(o, Rows::test)) {
+      result.residuals.emplace_back(o.position - predicted_point(found.estimate, X_BF, o));
+      result.configurations.push_back(o.configuration);
+      result.targets.push_back(o.target);
+    }
+  }
+  return result;
+}
+
+bool can_be_left_out(const Measurements& measurements, const std::vector<std::vector<Eigen::Index>>& folds,
+                     Eigen::Index unknowns) {
+  check(measurements);
+  check(folds, measurements);
+  std::vector<Eigen::Index> equations(static_cast<std::size_t>(measurements.joint_values.cols()), 0);
+  Eigen::Index all = 0;
+  const TrainingRows training(measurements);
+  const std::vector<Eigen::Quaterniond>& orientations = (*training).orientations;
+  for (std::size_t i = 0; i < (*training).observations.size(); ++i) {
+    const bool pose = !orientations.empty() && !is_point(orientations[i]);
+    equations[static_cast<std::size_t>((*training).observations[i].configuration)] += pose ? 6 : 3;
+    all += pose ? 6 : 3;
+  }
+  return folds.size() > 1 && std::all_of(folds.begin(), folds.end(), [&](const std::vector<Eigen::Index>& fold) {
+           Eigen::Index left = all;
+           for (const Eigen::Index c : fold) {
+             left -= equations[static_cast<std::size_t>(c)];
+           }
+           return left >= unknowns;
+         });
+}
+
+HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads) {
+  check(problem.measurements, problem.model);
+  check(folds, problem.measurements);
+  const TrainingProblem training(problem);
+  return hold_out(problem.model, *training.rows(), folds, threads,
+                  [&](const Measurements& fold) { return fit(with_measurements(*training, fold)); });
+}
+
+HoldOut leave_one_configuration_out(const FitProblem& problem, int threads) {
+  return cross_validate(problem, make_folds(problem.measurements, 0), threads);
+}
+
+HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
+                               const std::vector<std::vector<Eigen::Index>>& folds, const RegistrationOptions& options,
+                               int threads) {
+  check(measurements, model);
+  check(folds, measurements);
+  const TrainingRows training(measurements);
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  return hold_out(model, *training, folds, threads, [&](const Measurements& fold) {
+    Identification found;
+    found.termination = Termination::converged;
+    found.estimate = registered(model, zero, fold, options);
+    return found;
+  });
+}
+
+HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
+                                            const RegistrationOptions& options) {
+  return cross_validate_nominal(model, measurements, make_folds(measurements, 0), options);
+}
+
+namespace {
+constexpr Eigen::Index kComparedWithKdl = 1000;
+}  // namespace
+
+double difference_to_kdl(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::MatrixXd& joint_values) {
+  require_count("joint values", joint_values.rows(), model.joints.size());
+  const KDL::Chain chain = error_chain(model, errors);
+  KDL::ChainFkSolverPos_recursive solver(chain);
+  const FoldedChain ours = folded(model, errors);
+  KDL::JntArray q(chain.getNrOfJoints());
+  double largest = 0.0;
+  const Eigen::Index compared = std::min<Eigen::Index>(joint_values.cols(), kComparedWithKdl);
+  for (Eigen::Index i = 0; i < compared; ++i) {
+    const Eigen::Index c = i * joint_values.cols() / compared;  // evenly spaced
+    q.data = joint_values.col(c);
+    KDL::Frame expected;
+    solver.JntToCart(q, expected);
+    const Eigen::Matrix4d difference = flange_pose(ours, joint_values.col(c)).matrix() - to_eigen(expected).matrix();
+    largest = std::max(largest, difference.cwiseAbs().maxCoeff());
+  }
+  return largest;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,504 @@
+#include "selection/parameter_choice.hpp"
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <array>
+#include <numeric>
+#include <set>
+#include <sstream>
+
+#include "base/name_pattern.hpp"
+#include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/effect_terms.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "refusal.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration::parameter_choice_test {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using testing::refusal;
+
+std::vector<TargetFrame> a_point_and_a_frame() {
+  std::vector<TargetFrame> targets = published_targets(2);
+  targets[1].with_orientation = true;
+  return targets;
+}
+
+std::vector<std::string> names_of(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
+  std::vector<std::string> names = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
+  for (const TargetFrame& target : targets) {
+    for (const char* coordinate : {"x", "y", "z", "Rx", "Ry", "Rz"}) {
+      if (target.with_orientation || coordinate[0] != 'R') {
+        names.push_back(target.name + "." + coordinate);
+      }
+    }
+  }
+  for (const ErrorParameter& parameter : model.parameters) {
+    names.push_back(parameter.name);
+  }
+  return names;
+}
+
+bool matches_any(const std::vector<std::string>& patterns, const std::string& name) {
+  return std::any_of(patterns.begin(), patterns.end(),
+                     [&](const std::string& pattern) { return matches_pattern(pattern, name); });
+}
+
+// `held`: coordinates of known frames that nobody frees, or that are fixed.
+void expect_choice(const ErrorModel& model, const ParameterOptions& options, const std::vector<std::string>& held) {
+  const std::vector<TargetFrame> targets = a_point_and_a_frame();
+  constexpr int kConfigurations = 15;
+  const ParameterChoice found = choose_parameters(model, targets, options, {.configurations = kConfigurations});
+  const Reduction reduction = reduced_model(model, targets, {.fixed = held, .configurations = kConfigurations});
+  EXPECT_EQ(found.reduction.kept, reduction.kept);
+  EXPECT_EQ(found.reduction.rank, reduction.rank);
+  std::vector<std::string> free;
+  std::vector<std::string> complete;
+  for (const std::string& name : names_of(model, targets)) {
+    const bool kept = std::find(reduction.kept.begin(), reduction.kept.end(), name) != reduction.kept.end();
+    const bool gauge = std::any_of(reduction.gauge.begin(), reduction.gauge.end(),
+                                   [&](const GaugeParameter& parameter) { return parameter.name == name; });
+    const bool is_held = matches_any(options.fix, name) || std::find(held.begin(), held.end(), name) != held.end();
+    const bool wanted = options.model == ModelChoice::complete || kept || matches_any(options.free, name);
+    if (!is_held && wanted) {
+      free.push_back(name);
+    }
+    if (!is_held && (wanted || (name.find('.') == std::string::npos && !gauge))) {
+      complete.push_back(name);
+    }
+  }
+  EXPECT_EQ(found.free, free);
+  EXPECT_EQ(found.complete, complete);
+}
+
+TEST(ParameterChoice, IsWhatIsKeptAndFreedLessWhatIsFixedAndKnown) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  expect_choice(model, {}, {});
+  expect_choice(model, {.model = ModelChoice::complete}, {});
+  expect_choice(model, {.fix = {"*4", "Rz?", "dq2"}}, {});
+  expect_choice(model, {.free = {"dq1", "T?6"}}, {});
+  expect_choice(model, {.model = ModelChoice::complete, .fix = {"Tx*"}, .free = {"dq1"}}, {});
+  const std::vector<std::string> base = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
+  ParameterOptions known{.known_base = Eigen::Isometry3d::Identity()};
+  expect_choice(model, known, base);
+  known.free = {"base.T?"};
+  expect_choice(model, known, {"base.Rx", "base.Ry", "base.Rz"});
+  known.fix = {"base.Rz"};
+  expect_choice(model, known, {"base.Rx", "base.Ry", "base.Rz"});
+  ParameterOptions frame{.known_targets = {a_point_and_a_frame()[1]}};
+  expect_choice(model, frame, {"B.x", "B.y", "B.z", "B.Rx", "B.Ry", "B.Rz"});
+  frame.free = {"B.?"};
+  expect_choice(model, frame, {"B.Rx", "B.Ry", "B.Rz"});
+  frame.known_targets.push_back(a_point_and_a_frame()[0]);
+  frame.free = {};
+  expect_choice(model, frame, {"A.x", "A.y", "A.z", "B.x", "B.y", "B.z", "B.Rx", "B.Ry", "B.Rz"});
+}
+
+TEST(ParameterChoice, IsMadeAtTheGeometryThatIsStated) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  Random random(2);
+  const ReductionOptions bent{.configurations = 15, .errors = testing::random_errors(model, random, 0.01, 0.1)};
+  const ParameterChoice found = choose_parameters(model, a_point_and_a_frame(), {}, bent);
+  EXPECT_EQ(found.reduction.kept, reduced_model(model, a_point_and_a_frame(), bent).kept);
+  EXPECT_NE(found.free, choose_parameters(model, a_point_and_a_frame(), {}, {.configurations = 15}).free);
+}
+
+TEST(ParameterChoice, RefusesPatternsThatNothingMatches) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  const auto refused = [&](const ParameterOptions& options) {
+    return refusal([&] { choose_parameters(model, a_point_and_a_frame(), options); });
+  };
+  EXPECT_THAT(refused({.fix = {"dq2", "dq7"}}), HasSubstr("fix: 'dq7' matches no parameter; there are base.Tx, base"));
+  EXPECT_THAT(refused({.free = {"Tz9"}}), HasSubstr("free: 'Tz9' matches no parameter; there are base.Tx"));
+  EXPECT_THAT(refused({.free = {"gravity.*"}}), HasSubstr("free: 'gravity.*' matches no parameter"));
+  EXPECT_THAT(refused({.fix = {"A.Rx"}}), HasSubstr("'A.Rx' matches no parameter"));
+  EXPECT_THAT(refused({.fix = {"dq2", "Ry1"}, .free = {"Ry?"}}), HasSubstr("free: Ry1 is fixed as well"));
+  EXPECT_THAT(refused({.fix = {"*4"}, .free = {"Tx4"}}), HasSubstr("free: Tx4 is fixed as well"));
+  EXPECT_EQ(refused({.fix = {"gravity.*", "tables", "gain.2", "backlash?2"}}), "nothing was refused");
+}
+
+TEST(ParameterChoice, RefusesToFixFramesThatAreNotKnown) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  const auto refused = [&](const ParameterOptions& options) -> std::vector<std::string> {
+    try {
+      choose_parameters(model, a_point_and_a_frame(), options);
+    } catch (const OptionError& error) {
+      std::vector<std::string> told = {error.option(), error.fault()};
+      told.insert(told.end(), error.remedies().begin(), error.remedies().end());
+      return told;
+    }
+    return {};
+  };
+  EXPECT_THAT(refused({.fix = {"base.Rx"}}),
+              ElementsAre("fix", "base.Rx can only be fixed where its value is known", "known_base"));
+  EXPECT_THAT(refused({.fix = {"A.y"}, .known_targets = {a_point_and_a_frame()[1]}}),
+              ElementsAre("fix", "A.y can only be fixed where its value is known", "known_targets"));
+  EXPECT_THAT(refused({.fix = {"A.y"}, .known_targets = {a_point_and_a_frame()[0]}}), ElementsAre());
+}
+
+TEST(ParameterChoice, PatternsOfEffectsLeaveOutTheTermsThatTheyMatch) {
+  const ErrorModel model = complete_model(testing::fanuc());
+  const std::vector<EffectTerm> gains = gain_terms(model);
+  const auto fixed = [&](const std::vector<std::string>& patterns) {
+    std::vector<std::string> names;
+    for (const EffectTerm& term : gains) {
+      if (fixes_effect(patterns, term)) {
+        names.push_back(term.name);
+      }
+    }
+    return names;
+  };
+  EXPECT_THAT(fixed({}), ElementsAre());
+  EXPECT_THAT(fixed({"gain.2", "dq1", "gravity.*"}), ElementsAre("gain.2"));
+  EXPECT_THAT(fixed({"dq1", "gain.?"}), ElementsAre("gain.1", "gain.2", "gain.3", "gain.4", "gain.5", "gain.6"));
+  EXPECT_THAT(fixed({"g*"}), ElementsAre()) << "no group's name, so of parameters";
+  EXPECT_THAT(fixed({"*"}), ElementsAre());
+}
+
+}  // namespace
+}  // namespace kdl_calibration::parameter_choice_test
+
+// The right parameters of arms as they are drawn in real files: nearly parallel axes, rounded angles, coincident axes,
+// exported geometry, skew chains. Predictions where nothing was fitted are what must hold.
+namespace kdl_calibration::parameter_choice_test::of_real_arms {
+namespace {
+
+using testing::fanuc;
+
+struct JointText {
+  std::string type;
+  std::string xyz;
+  std::string rpy;
+  std::string axis;
+  double limit;
+};
+
+// A chain l0 - j1 - l1 - … with a fixed tool behind it.
+std::string chain_of(const std::vector<JointText>& joints, const std::string& tool = "0.1 0 0") {
+  std::ostringstream text;
+  text.precision(17);
+  text << "<robot name=\"arm\"><link name=\"l0\"/>";
+  for (std::size_t i = 1; i <= joints.size(); ++i) {
+    const JointText& joint = joints[i - 1];
+    text << "<link name=\"l" << i << "\"/><joint name=\"j" << i << "\" type=\"" << joint.type << "\"><parent link=\"l"
+         << i - 1 << "\"/><child link=\"l" << i << "\"/><origin xyz=\"" << joint.xyz << "\" rpy=\"" << joint.rpy
+         << "\"/><axis xyz=\"" << joint.axis << "\"/><limit lower=\"" << -joint.limit << "\" upper=\"" << joint.limit
+         << "\" velocity=\"1\" effort=\"1\"/></joint>";
+  }
+  text << "<link name=\"tool\"/><joint name=\"mount\" type=\"fixed\"><parent link=\"l" << joints.size()
+       << "\"/><child link=\"tool\"/><origin xyz=\"" << tool << "\"/></joint></robot>";
+  return text.str();
+}
+
+// Three styles of drawing a 6R arm, with `tilt` between axes that are parallel in the drawing.
+std::string six_joints(int style, double tilt) {
+  std::ostringstream angle;
+  angle.precision(17);
+  angle << tilt;
+  const std::string t = angle.str();
+  const auto turn = [](const std::string& xyz, const std::string& rpy, const std::string& axis) {
+    return JointText{"revolute", xyz, rpy, axis, 2.6};
+  };
+  switch (style) {
+    case 0:  // the axes along z, y, y, x, y, x of frames that stand upright
+      return chain_of({turn("0 0 0.4", "0 0 0", "0 0 1"), turn("0.15 0 0.1", "0 0 0", "0 1 0"),
+                       turn("0 0 0.6", t + " 0 0", "0 1 0"), turn("0.1 0 0.1", "0 0 0", "1 0 0"),
+                       turn("0.5 0 0", "0 0 0", "0 1 0"), turn("0.1 0 0", "0 0 0", "1 0 0")});
+    case 1:  // every axis along z of a frame that is turned, by rounded angles
+      return chain_of({turn("0 0 0.3", "0 0 0", "0 0 1"), turn("0.1 0 0.1", "1.5708 0 0", "0 0 1"),
+                       turn("0.6 0 0", t + " 0 0", "0 0 1"), turn("0.1 0.5 0", "-1.5708 0 0", "0 0 1"),
+                       turn("0 0 0.1", "1.5708 0 0", "0 0 1"), turn("0 0.1 0", "-1.57 0 0", "0 0 1")});
+    default:  // three parallel axes and an offset wrist
+      return chain_of({turn("0 0 0.09", "0 0 0", "0 0 1"), turn("0 0.13 0", "0 1.5708 0", "0 1 0"),
+                       turn("0 -0.12 0.6", t + " 0 0", "0 1 0"), turn("0 0 0.57", t + " 1.5708 0", "0 1 0"),
+                       turn("0 0.09 0", "0 0 0", "0 0 1"), turn("0 0 0.09", "0 0 0", "0 1 0")});
+  }
+}
+
+// A virtual robot with errors behind every joint but the last, measured in 40 configurations with three targets.
+struct Simulated {
+  Robot robot;
+  ErrorModel model;
+  Measurements measured;  // 100 further configurations without noise are its test rows
+
+  Simulated(const std::string& urdf, std::uint64_t seed, double noise,
+            ErrorSizes sizes = {.length = 0.001, .angle = 0.001})
+      : robot(parse_robot(urdf)), model(complete_model(robot)) {
+    std::vector<std::size_t> wrong;
+    for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+      const int frame = model.parameters[p].frame;
+      if (frame > 0 && frame < static_cast<int>(model.joints.size())) {
+        wrong.push_back(p);
+      }
+    }
+    testing::VirtualExperiment experiment(
+        {.model = model, .with_errors = wrong, .sizes = sizes, .random = Random(seed)});
+    const Measurements train = experiment.measure(40, {.sigma = noise});
+    measured = joined(train, experiment.measure(100, {}, Split::test));
+  }
+};
+
+constexpr double kNoise = 0.00003;
+
+// sigma sqrt(p / (3 N)) of a coordinate, in three dimensions
+double floor_of(const Calibration& found) {
+  return kNoise * std::sqrt(3.0 * found.uncertainty.identifiability.rank / 360.0);
+}
+
+// However many fits lead to the answer.
+void expect_a_misfit_before_each_iteration(const Calibration& found) {
+  const Identification& fit = found.fit.identification;
+  EXPECT_EQ(fit.rms_history.size(), static_cast<std::size_t>(fit.iterations));
+  if (!fit.rms_history.empty()) {
+    EXPECT_GE(fit.rms_history.front(), fit.rms);
+  }
+}
+
+constexpr std::array kTilts = {0.0, 1e-9, 1e-6, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 3.14};
+
+void expect_no_difference_to_parallel_axes(int style, double tilt) {
+  SCOPED_TRACE("style " + std::to_string(style) + ", tilt " + std::to_string(tilt));
+  const Simulated exact(six_joints(style, tilt), 7, 0.0);
+  const Calibration clean = calibrate(exact.model, exact.measured, {.validation = {.held_out = false}});
+  EXPECT_TRUE(clean.trusted()) << clean.fit.identification.message;
+  expect_a_misfit_before_each_iteration(clean);
+  EXPECT_LT(clean.accuracy.test->after.rms, 1e-9);
+  EXPECT_LT(clean.uncertainty.identifiability.condition, 200.0);
+  const Simulated noisy(six_joints(style, tilt), 8, kNoise);
+  const Calibration found = calibrate(noisy.model, noisy.measured);
+  EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
+  expect_a_misfit_before_each_iteration(found);
+  EXPECT_EQ(found.uncertainty.identifiability.rank, 33);
+  EXPECT_LT(found.accuracy.test->after.rms, 2.0 * floor_of(found));
+}
+
+TEST(ParametersOfRealArms, NearlyParallelAxesAreTreatedAsWellAsParallelOnes) {
+  for (std::size_t i = 0; i < kTilts.size(); i += 4) {  // each style once
+    expect_no_difference_to_parallel_axes(static_cast<int>(i / 4), kTilts.at(i));
+  }
+}
+
+TEST(ParametersOfRealArmsLongRun, NearlyParallelAxesOfEveryStyleAreTreatedAsWellAsParallelOnes) {
+  for (int style = 0; style < 3; ++style) {
+    for (const double tilt : kTilts) {
+      expect_no_difference_to_parallel_axes(style, tilt);
+    }
+  }
+}
+
+TEST(ParametersOfRealArms, AnExportedRobotIsCalibratedAgain) {
+  for (const std::uint64_t seed : {1U, 4U, 5U, 6U}) {
+    const std::string nominal = seed <= 3 ? fanuc().urdf : six_joints(static_cast<int>(seed) - 4, 0.0);
+    const Simulated first(nominal, seed, kNoise);
+    const std::string exported =
+        calibrated_urdf(first.robot, first.model,
+                        calibrate(first.model, first.measured,
+                                  {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}})
+                            .exported.estimate.errors);
+    const Simulated exact(exported, 100 + seed, 0.0);
+    const Calibration clean = calibrate(exact.model, exact.measured, {.validation = {.held_out = false}});
+    EXPECT_TRUE(clean.trusted()) << seed << ": " << clean.fit.identification.message;
+    EXPECT_LT(clean.accuracy.test->after.rms, 1e-9) << seed;
+    const Simulated noisy(exported, 200 + seed, kNoise);
+    const Calibration found = calibrate(noisy.model, noisy.measured);
+    EXPECT_TRUE(found.trusted()) << seed << ": " << found.fit.identification.message;
+    EXPECT_EQ(found.uncertainty.identifiability.rank, 33) << seed;
+    EXPECT_LT(found.accuracy.test->after.rms, 2.0 * floor_of(found)) << seed;
+  }
+}
+
+// Five to seven joints about axes in any direction, a fifth of them slides, errors of 2 mm and 5 mrad everywhere.
+std::string skew_chain(std::uint64_t seed) {
+  Random random(seed);
+  const int joints = 5 + static_cast<int>(random.uniform(0.0, 3.0));
+  const auto three = [](const Eigen::Vector3d& v) {
+    std::ostringstream text;
+    text.precision(17);
+    text << v.x() << " " << v.y() << " " << v.z();
+    return text.str();
+  };
+  std::vector<JointText> texts;
+  for (int i = 0; i < joints; ++i) {
+    const bool slides = random.uniform(0.0, 1.0) < 0.2;
+    const Eigen::Vector3d axis{random.normal(), random.normal(), random.normal()};
+    const Eigen::Vector3d link{random.uniform(-0.35, 0.35), random.uniform(-0.35, 0.35), random.uniform(-0.35, 0.35)};
+    texts.push_back(
+        {slides ? "prismatic" : "revolute", three(link), "0 0 0", three(axis.normalized()), slides ? 0.4 : 2.6});
+  }
+  return chain_of(texts, "0.1 0 0.1");
+}
+
+// What is measured of that chain, without noise.
+struct SkewChain {
+  ErrorModel model;
+  Measurements measured;
+
+  explicit SkewChain(std::uint64_t seed) : model(complete_model(parse_robot(skew_chain(seed)))) {
+    std::vector<TargetFrame> targets = generic_targets(3, seed);
+    for (TargetFrame& target : targets) {
+      target.X_FT.translation() *= 0.1 / target.X_FT.translation().norm();
+    }
+    testing::VirtualExperiment experiment({.model = model,
+                                           .targets = targets,
+                                           .with_errors = testing::all_parameters(model),
+                                           .sizes = {.length = 0.002, .angle = 0.005},
+                                           .random = Random(1000 + seed)});
+    const Measurements train = experiment.measure(40);
+    measured = joined(train, experiment.measure(50, {}, Split::test));
+  }
+};
+
+// Iterations that the noise-free calibration of this chain takes.
+int iterations_to_rounding(std::uint64_t seed) {
+  const SkewChain chain(seed);
+  const Calibration found =
+      calibrate(chain.model, chain.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+  EXPECT_EQ(found.fit.identification.termination, Termination::converged)
+      << seed << ": " << found.fit.identification.message;
+  EXPECT_LT(found.accuracy.test->after.rms, 1e-9) << seed;
+  expect_a_misfit_before_each_iteration(found);
+  return found.fit.identification.iterations;
+}
+
+TEST(ParametersOfRealArms, SkewChainsArriveAtRounding) {
+  // The first one, and some of those that the kept parameters alone cannot explain.
+  for (const std::uint64_t seed : {1U, 18U, 73U, 231U}) {
+    EXPECT_LE(iterations_to_rounding(seed), 20) << seed;
+  }
+}
+
+TEST(ParametersOfRealArmsLongRun, ThreeHundredSkewChainsArriveAtRounding) {
+  for (std::uint64_t seed = 1; seed <= 300; ++seed) {
+    EXPECT_LE(iterations_to_rounding(seed), 20) << seed;
+  }
+}
+
+// Held-out RMS of fifty noisy calibrations, on average; none is far above what the noise allows.
+double mean_held_out(int style, double tilt) {
+  constexpr int kSeeds = 50;
+  double sum = 0.0;
+  for (std::uint64_t seed = 1; seed <= kSeeds; ++seed) {
+    const Simulated noisy(six_joints(style, tilt), 1000 + seed, kNoise);
+    const Calibration found = calibrate(noisy.model, noisy.measured);
+    EXPECT_TRUE(found.trusted()) << seed << ": " << found.fit.identification.message;
+    EXPECT_LT(found.accuracy.test->after.rms, 2.0 * floor_of(found)) << seed;
+    sum += found.accuracy.test->after.rms;
+  }
+  return sum / kSeeds;
+}
+
+TEST(ParametersOfRealArmsCampaign, NearlyParallelAxesCostNoAccuracy) {
+  for (int style = 0; style < 3; ++style) {
+    const double parallel = mean_held_out(style, 0.0);
+    for (const double tilt : {3e-4, 1e-3, 1e-2, 3.14}) {
+      SCOPED_TRACE("style " + std::to_string(style) + ", tilt " + std::to_string(tilt));
+      EXPECT_LT(mean_held_out(style, tilt), 1.05 * parallel);
+    }
+  }
+}
+
+TEST(ParametersOfRealArms, CoincidentAxesRoundedAnglesAndKilometresAreNothingSpecial) {
+  for (const double scale : {1.0, 1000.0, 1e6}) {
+    const auto at = [&](double x, double y, double z) {
+      std::ostringstream text;
+      text.precision(17);
+      text << x * scale << " " << y * scale << " " << z * scale;
+      return text.str();
+    };
+    const std::string urdf = chain_of({{"revolute", at(0, 0, 0.3), "0 0 0", "0 0 1", 2.6},
+                                       {"revolute", at(0, 0, 0), "0 0 1.57", "0 0 1", 2.6},  // on the axis before it
+                                       {"revolute", at(0.1, 0, 0.2), "1.57 0 0", "0 0 1", 2.6},
+                                       {"prismatic", at(0.4, 0, 0), "3.14 0 1.57", "0 0 1", 0.4 * scale},
+                                       {"revolute", at(0, 0, 0.2), "0 -1.57 0", "0 0 -1", 2.6},
+                                       {"revolute", at(0, 0, 0), "1.571 0 0", "0 1 0", 2.6}},
+                                      at(0.1, 0, 0.2));
+    const Simulated s(urdf, 3, 0.0);
+    const Calibration found = calibrate(s.model, s.measured);
+    EXPECT_TRUE(found.trusted()) << scale << ": " << found.fit.identification.message;
+    EXPECT_LT(found.accuracy.test->after.rms, 1e-9 * scale) << scale;
+  }
+}
+
+TEST(ParametersOfRealArms, TheLastColumnOfTwoThatAreNearlyTheSameIsLeftToBetterOnes) {
+  // The second column is the first turned by a milliradian, the third is what is left of it and more.
+  Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(4, 4);
+  columns.col(0) << 1.0, 0.0, 0.0, 0.0;
+  columns.col(1) << 1.0, 1e-3, 0.0, 0.0;
+  columns.col(2) << 0.3, 1.0, 0.0, 0.0;
+  columns.col(3) << 0.0, 1.0, 2e-3, 0.0;
+  std::vector<bool> faint;
+  EXPECT_THAT(independent_columns(columns, {true, true, true, true}, {}, &faint),
+              ::testing::ElementsAre(true, false, true, true));
+  EXPECT_THAT(faint, ::testing::ElementsAre(false, false, false, true));
+  EXPECT_THAT(independent_columns(columns, {true, true, false, false}),
+              ::testing::ElementsAre(true, true, false, false));
+  ColumnLimits seen;
+  seen.seen = Eigen::VectorXd::Constant(4, 0.01);
+  EXPECT_THAT(independent_columns(columns, {true, true, true, true}, seen),
+              ::testing::ElementsAre(true, false, true, false));
+  EXPECT_THAT(independent_columns(1e-13 * columns, {true, true, true, true}),
+              ::testing::ElementsAre(false, false, false, false));
+}
+
+// What the noise hides there is held in a fit of its own, whose history begins with that of the fit before it.
+TEST(ParametersOfRealArms, ATargetAtTheWristCentreKeepsTheHistoryOfEveryFit) {
+  testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.0, -0.215, 0.0}})});
+  const Calibration found = calibrate(experiment.model, experiment.measure(40));
+  EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
+  EXPECT_GT(found.fit.identification.rms_history.front(), 1e-5) << "of the nominal robot";
+  EXPECT_LT(found.accuracy.train.after.max, 1e-9);
+  expect_a_misfit_before_each_iteration(found);
+}
+
+// ---- cases that went wrong -----------------------------------------------------------------------------------------
+
+Calibration case_of(const std::string& name) {
+  const std::string stem = std::string(SHARED_DATA_DIR) + "/cases/" + name;
+  const Robot robot = std::filesystem::exists(stem + ".urdf") ? load_robot(stem + ".urdf") : fanuc();
+  return calibrate(complete_model(robot), read_measurements(stem + ".csv", joint_names(robot)));
+}
+
+TEST(ParametersOfRealArmsOnRealData, CasesWithoutNoiseAreExact) {
+  for (const std::string name : {"nearly_parallel", "div_RRRRRRRF11", "fail_g", "s148"}) {
+    const Calibration found = case_of(name);
+    EXPECT_TRUE(found.trusted()) << name << ": " << found.fit.identification.message;
+    EXPECT_LE(found.fit.identification.iterations, 12) << name;
+    EXPECT_LT(found.accuracy.train.after.max, 1e-9) << name;
+    if (found.accuracy.test) {
+      EXPECT_LT(found.accuracy.test->after.max, 1e-9) << name;
+    }
+  }
+}
+
+TEST(ParametersOfRealArmsOnRealData, ATargetAtTheWristCentreDoesNotTellTheWrist) {
+  const Calibration found = case_of("wristcentre");
+  expect_a_misfit_before_each_iteration(found);
+  EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
+  EXPECT_LT(found.accuracy.train.after.max, 1e-9);
+  for (const ParameterEstimate& parameter : found.uncertainty.parameters) {
+    if (parameter.kind != ParameterKind::translation && !parameter.joint.empty()) {
+      EXPECT_LT(std::abs(parameter.error), 0.1) << parameter.name;
+    }
+  }
+}
+
+TEST(ParametersOfRealArmsOnRealData, AToolThatHardlyTurnsIsFittedInFewIterationsAndDoubted) {
+  const Calibration found = case_of("constant_orientation");
+  EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
+  EXPECT_LT(found.fit.identification.iterations, 30);
+  EXPECT_LT(found.accuracy.train.after.rms, 0.00014);
+  EXPECT_LT(found.fit.identification.estimate.targets[0].X_FT.translation().norm(), 0.3);
+  for (std::size_t i = 1; i < found.fit.identification.rms_history.size(); ++i) {
+    EXPECT_LE(found.fit.identification.rms_history[i], found.fit.identification.rms_history[i - 1]) << i;
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration::parameter_choice_test::of_real_arms

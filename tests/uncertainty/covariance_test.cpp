@@ -1,0 +1,474 @@
+// Covariances at their limits: what counts as determined, and spheres about a normal error.
+
+#include "kdl_calibration/covariance.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "base/triangular_factor.hpp"
+#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/random.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "record.hpp"
+#include "refusal.hpp"
+#include "uncertainty/unit_columns.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration::covariance_test {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using testing::refusal;
+using testing::VirtualExperiment;
+using testing::without_sigmas;
+
+MatrixXd random_matrix(Index rows, Index columns, unsigned seed) {
+  Random random(61, seed);
+  return MatrixXd::NullaryExpr(rows, columns, [&] { return random.normal(); });
+}
+
+// Two columns of which the smaller singular value is this share of the larger, in any unit.
+MatrixXd nearly_parallel(double share) {
+  MatrixXd J(2, 2);
+  J << 1.0, 1e3 * std::cos(2.0 * std::atan(share)), 0.0, 1e3 * std::sin(2.0 * std::atan(share));
+  return J;
+}
+
+TEST(Covariance, DirectionsBelowABillionthOfTheLargestAreNotDetermined) {
+  const MatrixXd above = covariance(nearly_parallel(2e-9), 1.0);
+  EXPECT_TRUE(above.allFinite());
+  const double sine = std::sin(2.0 * std::atan(2e-9));
+  EXPECT_NEAR(above(0, 0) * sine * sine, 1.0, 1e-6);
+  EXPECT_NEAR(above(1, 1) * 1e6 * sine * sine, 1.0, 1e-6);
+  EXPECT_EQ(undetermined_directions(nearly_parallel(2e-9)).cols(), 0);
+  const MatrixXd below = covariance(nearly_parallel(5e-10), 1.0);
+  EXPECT_TRUE(std::isinf(below(0, 0)));
+  EXPECT_TRUE(std::isinf(below(1, 1)));
+  const MatrixXd directions = undetermined_directions(nearly_parallel(5e-10));
+  ASSERT_EQ(directions.cols(), 1);
+  EXPECT_NEAR(directions(0, 0) / directions(1, 0), -1e3, 1e-4);
+}
+
+// Against the largest of all, not the next one.
+TEST(Covariance, DirectionsAreMeasuredByTheLargest) {
+  MatrixXd J(3, 3);
+  J << 1.0, 1.0, 1.0, 0.0, 1e-5, 0.0, 0.0, 0.0, 1e-10;
+  const VectorXd values = (J * unit_scale(J).asDiagonal()).jacobiSvd().singularValues();
+  ASSERT_LT(values[2], 5e-10 * values[0]);
+  ASSERT_GT(values[2], 1e-6 * values[1]);
+  EXPECT_EQ(undetermined_directions(J).cols(), 1);
+  EXPECT_TRUE(std::isinf(covariance(J, 1.0)(2, 2)));
+}
+
+// Three columns: the first takes part in the direction that is not determined with this share of its square.
+VectorXd variances_where_a_column_takes_part(double share) {
+  const double angle = std::sqrt(2.0 * share);
+  MatrixXd J(2, 3);
+  J << -std::sin(0.5 * angle), 1.0, std::cos(angle), std::cos(0.5 * angle), 0.0, std::sin(angle);
+  return covariance(J, 1.0).diagonal();
+}
+
+TEST(Covariance, AColumnIsNotDeterminedFromAMillionthOfADirectionOn) {
+  const VectorXd above = variances_where_a_column_takes_part(2e-6);
+  EXPECT_TRUE(std::isinf(above[0]));
+  EXPECT_TRUE(std::isinf(above[1]));
+  EXPECT_TRUE(std::isinf(above[2]));
+  const VectorXd below = variances_where_a_column_takes_part(5e-7);
+  EXPECT_NEAR(below[0], 1.0, 1e-2);
+  EXPECT_TRUE(std::isinf(below[1]));
+  EXPECT_TRUE(std::isinf(below[2]));
+}
+
+TEST(Covariance, OfFewRowsIsThatOfWhatTheyDetermine) {
+  MatrixXd J = MatrixXd::Zero(2, 4);
+  J(0, 1) = 2.0;
+  J(1, 3) = 0.5;
+  const MatrixXd found = covariance(J, 3.0);
+  EXPECT_TRUE(std::isinf(found(0, 0)));
+  EXPECT_TRUE(std::isinf(found(2, 2)));
+  EXPECT_NEAR(found(1, 1), 0.75, 1e-14);
+  EXPECT_NEAR(found(3, 3), 12.0, 1e-13);
+  EXPECT_NEAR(found(1, 3), 0.0, 1e-14);
+  const MatrixXd directions = undetermined_directions(J);
+  ASSERT_EQ(directions.cols(), 2);
+  EXPECT_TRUE((J * directions).isZero(1e-14));
+  // What has no column at all counts by itself: along unit vectors.
+  EXPECT_NEAR((directions.transpose() * directions - MatrixXd::Identity(2, 2)).norm(), 0.0, 1e-14);
+}
+
+TEST(Covariance, IsTheInverseOfTheNormalMatrix) {
+  Random random(1);
+  Eigen::MatrixXd jacobian = Eigen::MatrixXd::NullaryExpr(40, 6, [&] { return random.normal(); });
+  jacobian.col(2) *= 1e6;
+  const Eigen::MatrixXd expected = 0.25 * (jacobian.transpose() * jacobian).inverse();
+  const Eigen::MatrixXd found = covariance(jacobian, 0.25);
+  for (Eigen::Index i = 0; i < 6; ++i) {
+    for (Eigen::Index j = 0; j < 6; ++j) {
+      const double scale = std::sqrt(expected(i, i) * expected(j, j));
+      EXPECT_NEAR(found(i, j), expected(i, j), 1e-10 * scale);
+    }
+  }
+}
+
+TEST(Covariance, WhatIsNotDeterminedHasInfiniteVariance) {
+  Random random(2);
+  Eigen::MatrixXd jacobian = Eigen::MatrixXd::NullaryExpr(40, 4, [&] { return random.normal(); });
+  jacobian.col(3) = jacobian.col(0);
+  const Eigen::MatrixXd found = covariance(jacobian, 1.0);
+  EXPECT_TRUE(std::isinf(found(0, 0)));
+  EXPECT_TRUE(std::isinf(found(3, 3)));
+  EXPECT_TRUE(std::isfinite(found(1, 1)));
+  EXPECT_NEAR(found(1, 1), (jacobian.leftCols(3).transpose() * jacobian.leftCols(3)).inverse()(1, 1), 1e-12);
+}
+
+// The inverse of a triangle is taken up to a condition of a million, where both agree.
+TEST(Covariance, IsTheSameOnBothSidesOfWhereSingularValuesTakeOver) {
+  for (const double share : {1e-3, 1e-5, 0.9e-6, 1.1e-6, 1e-7}) {
+    const MatrixXd J = nearly_parallel(share);
+    const double sine = std::sin(2.0 * std::atan(share));
+    EXPECT_EQ(regular_inverse(triangular_factor(J * unit_scale(J).asDiagonal())).has_value(), share > 1e-6) << share;
+    EXPECT_EQ(undetermined_directions(J).rows(), 2);
+    EXPECT_EQ(undetermined_directions(J).cols(), 0);
+    EXPECT_NEAR(covariance(J, 1.0)(0, 0) * sine * sine, 1.0, 1e-8) << share;
+    EXPECT_NEAR(covariance(J, 1.0)(0, 1) * 1e3 * sine * sine, -std::cos(2.0 * std::atan(share)), 1e-8) << share;
+  }
+  EXPECT_FALSE(regular_inverse(MatrixXd::Ones(2, 2)));
+  EXPECT_FALSE(regular_inverse(MatrixXd::Zero(2, 2)));
+  EXPECT_FALSE(regular_inverse(MatrixXd::Identity(2, 3)));
+}
+
+// Above a hundred columns singular values are found in another way. Column 7 is ten times column 130.
+TEST(Covariance, OfSquareAndOfWideMatricesIsTheInverseOfTheInformation) {
+  for (const auto& [rows, columns] :
+       {std::pair<Index, Index>{1, 1}, {2, 2}, {7, 7}, {300, 100}, {300, 101}, {300, 140}}) {
+    const MatrixXd J = random_matrix(rows, columns, 4);
+    const MatrixXd expected = (J.transpose() * J).inverse();
+    EXPECT_LT((covariance(J, 2.0) - 2.0 * expected).norm(), 1e-10 * expected.norm()) << columns;
+    EXPECT_EQ(undetermined_directions(J).cols(), 0) << columns;
+  }
+  MatrixXd J = random_matrix(300, 140, 4);
+  J.col(7) = 10.0 * J.col(130);
+  const MatrixXd found = covariance(J, 1.0);
+  for (Index i = 0; i < 140; ++i) {
+    EXPECT_EQ(std::isinf(found(i, i)), i == 7 || i == 130) << i;
+  }
+  const MatrixXd directions = undetermined_directions(J);
+  ASSERT_EQ(directions.cols(), 1);
+  EXPECT_NEAR(directions(7, 0) / directions(130, 0), -0.1, 1e-9);
+}
+
+TEST(Covariance, OfNoColumnsIsEmpty) {
+  EXPECT_EQ(covariance(MatrixXd(5, 0), 1.0).size(), 0);
+  EXPECT_EQ(undetermined_directions(MatrixXd(5, 0)).size(), 0);
+  const MatrixXd one = covariance(MatrixXd::Constant(4, 1, 0.5), 3.0);
+  ASSERT_EQ(one.size(), 1);
+  EXPECT_NEAR(one(0, 0), 3.0, 1e-14);
+  const MatrixXd nothing = undetermined_directions(MatrixXd::Constant(4, 1, 0.5));
+  EXPECT_EQ(nothing.rows(), 1);
+  EXPECT_EQ(nothing.cols(), 0);
+  EXPECT_EQ(undetermined_directions(MatrixXd::Zero(4, 1)).cwiseAbs(), MatrixXd::Ones(1, 1));
+}
+
+TEST(Covariance, UndeterminedDirectionsAreTheKernel) {
+  MatrixXd J = random_matrix(12, 6, 1);
+  J.col(1) = 1e4 * J.col(1);
+  J.col(4) = 2.0 * J.col(0) - 3.0 * J.col(1);
+  J.col(5).setZero();
+  const MatrixXd directions = undetermined_directions(J);
+  ASSERT_EQ(directions.cols(), 2);
+  EXPECT_LT((J * directions).norm(), 1e-9);
+  EXPECT_EQ(Eigen::FullPivLU<MatrixXd>(directions).rank(), 2);
+  EXPECT_NEAR(directions.row(5).norm(), 1.0, 1e-9) << "a column without effect has no scale";
+}
+
+TEST(Covariance, TheTriangleOfAMatrixKeepsItsInformation) {
+  const MatrixXd tall = random_matrix(7, 4, 2);
+  const MatrixXd triangle = triangular_factor(tall);
+  EXPECT_EQ(triangle.rows(), 4);
+  EXPECT_TRUE(triangle.isUpperTriangular(0.0));
+  EXPECT_LT((triangle.transpose() * triangle - tall.transpose() * tall).norm(), 1e-12);
+  for (const Index rows : {3, 4}) {
+    const MatrixXd few = random_matrix(rows, 4, 3);
+    EXPECT_EQ(triangular_factor(few), few) << rows;
+  }
+}
+
+TEST(Covariance, SandwichKeepsWhatIsInfiniteApart) {
+  constexpr double kInfinite = std::numeric_limits<double>::infinity();
+  for (const Index infinite : {0, 1, 3}) {
+    const MatrixXd A = random_matrix(4, 4, 4);
+    MatrixXd outer = A * A.transpose();
+    outer.row(infinite).setZero();
+    outer.col(infinite).setZero();
+    const MatrixXd B = random_matrix(4, 4, 5);
+    const MatrixXd middle = B * B.transpose();
+    const MatrixXd expected = outer * middle * outer;
+    outer(infinite, infinite) = kInfinite;
+    MatrixXd found = sandwich(outer, middle);
+    EXPECT_EQ(found(infinite, infinite), kInfinite);
+    found(infinite, infinite) = 0.0;
+    EXPECT_LT((found - expected).norm(), 1e-12) << infinite;
+  }
+}
+
+// What one sphere holds of a normal error, by a fine sum over directions v: with rho chi of three degrees of freedom
+// the share of rho |C^(1/2) v| below r.
+double share_within(double r, const Vector3d& sigmas) {
+  constexpr int kAbove = 160;
+  constexpr int kAround = 160;
+  double share = 0.0;
+  for (int i = 0; i < kAbove; ++i) {
+    const double z = (i + 0.5) / kAbove;
+    for (int j = 0; j < kAround; ++j) {
+      const double angle = (j + 0.5) / kAround * std::numbers::pi / 2.0;
+      const double flat = std::sqrt(1.0 - z * z);
+      const double length = sigmas.cwiseProduct(Vector3d(flat * std::cos(angle), flat * std::sin(angle), z)).norm();
+      const double t = r / length;
+      share += std::erf(t / std::numbers::sqrt2) - std::sqrt(2.0 / std::numbers::pi) * t * std::exp(-0.5 * t * t);
+    }
+  }
+  return share / (kAbove * kAround);
+}
+
+TEST(Covariance, RadiiHoldTheirShareOfNormalErrors) {
+  for (const Vector3d& sigmas :
+       {Vector3d(1.0, 1.0, 1.0), Vector3d(1.0, 2.0, 3.0), Vector3d(0.2, 5.0, 1.0), Vector3d(3.0, 0.1, 3.0)}) {
+    const Matrix3d R = Eigen::AngleAxisd(0.7, Vector3d(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
+    for (const double unit : {1.0, 1e-5, 1e4}) {
+      const Matrix3d C = unit * unit * R * Vector3d(sigmas.cwiseAbs2()).asDiagonal() * R.transpose();
+      EXPECT_EQ(radius_of_probability(C), radius_of_probability(C, 0.95));
+      for (const double probability : {0.01, 0.3, 0.95, 0.9999}) {
+        const double r = radius_of_probability(C, probability) / unit;
+        if (unit != 1.0) {
+          EXPECT_NEAR(r, radius_of_probability(Matrix3d(C / (unit * unit)), probability), 1e-9 * r) << sigmas;
+          continue;
+        }
+        const double outside = 1.0 - share_within(r, sigmas);
+        EXPECT_NEAR(outside, 1.0 - probability, 2e-2 * std::min(probability, 1.0 - probability))
+            << sigmas.transpose() << ", " << probability;
+      }
+    }
+  }
+}
+
+// Published quantiles: chi of one, two and three degrees of freedom.
+TEST(Covariance, RadiiOfErrorsInALineAPlaneAndAllDirectionsAreThoseOfTheTables) {
+  const auto radius = [](double x, double y, double z, double probability) {
+    return radius_of_probability(Vector3d(x * x, y * y, z * z).asDiagonal(), probability);
+  };
+  EXPECT_NEAR(radius(1.0, 1.0, 1.0, 0.95), 2.795483482915, 1e-9);
+  EXPECT_NEAR(radius(1.0, 1.0, 1.0, 0.5), 1.538172254386, 1e-9);
+  EXPECT_NEAR(radius(1.0, 1.0, 1.0, 0.999999), 5.538, 0.01);
+  EXPECT_NEAR(radius(0.0, 1.0, 1.0, 0.95), std::sqrt(-2.0 * std::log(0.05)), 2e-3);
+  EXPECT_NEAR(radius(1.0, 0.0, 0.0, 0.95), 1.959964, 2e-3);
+  EXPECT_NEAR(radius(0.0, 1e-4, 0.0, 0.95) / 1e-4, 1.959964, 2e-3);
+  EXPECT_NEAR(radius(0.0, 0.0, 7.0, 0.95) / 7.0, 1.959964, 2e-3);
+}
+
+// Configurations of two points and of one, and a prior, their noise written out.
+TEST(Covariance, OfEqualWeightsIsThatOfErrorsWithACommonPart) {
+  const MatrixXd rows = random_matrix(13, 4, 7);
+  MatrixXd J = rows;
+  J.row(12).setZero();
+  J(12, 2) = 1.5;
+  const WhitenedSystem system{.jacobian = J, .residual = VectorXd::Zero(13), .blocks = {0, 6, 9, 12}};
+  const ResidualNoise noise{.independent = 0.2, .common = 0.7, .degrees_of_freedom = 5.0};
+  const double unit_weight = 9.0;
+  MatrixXd errors = MatrixXd::Zero(13, 13);
+  for (Index i = 0; i < 12; ++i) {
+    for (Index j = i % 3; j < 12; j += 3) {
+      const bool together = (i < 6 && j < 6) || i == j;
+      errors(i, j) = unit_weight * ((together ? 0.49 : 0.0) + (i == j ? 0.04 : 0.0));
+    }
+  }
+  errors(12, 12) = 1.0;
+  const MatrixXd inverse = (J.transpose() * J).inverse();
+  const MatrixXd expected = inverse * J.transpose() * errors * J * inverse;
+  EXPECT_LT((covariance(system, noise, unit_weight) - expected).norm(), 1e-12 * expected.norm());
+  WhitenedSummary summary = summarised(system);
+  EXPECT_LT((covariance(summary, noise, unit_weight) - expected).norm(), 1e-12 * expected.norm());
+  summary.priors.conservativeResize(3);
+  EXPECT_EQ(refusal([&] { covariance(summary, noise, 1.0); }), "3 priors of a summary, expected 4");
+  summary = summarised(system);
+  summary.sums.conservativeResize(4, 3);
+  EXPECT_EQ(refusal([&] { covariance(summary, noise, 1.0); }), "3 columns of a summary's sums, expected 4");
+}
+
+TEST(Covariance, RadiusHoldsItsShareOfDrawnErrors) {
+  EXPECT_NEAR(radius_of_probability(Eigen::Matrix3d::Identity()), 2.79548, 1e-4);  // chi, three degrees of freedom
+  EXPECT_NEAR(radius_of_probability(Eigen::Vector3d(0.0, 4.0, 0.0).asDiagonal()), 2.0 * 1.95996, 0.01);
+  EXPECT_EQ(radius_of_probability(Eigen::Matrix3d::Zero()), 0.0);
+  Random random(10);
+  const Eigen::Matrix3d A = Eigen::Matrix3d::NullaryExpr([&] { return random.normal(); });
+  const double radius = radius_of_probability(A * A.transpose());
+  double inside = 0.0;
+  const int draws = 100000;
+  for (int i = 0; i < draws; ++i) {
+    inside += (A * Eigen::Vector3d{random.normal(), random.normal(), random.normal()}).norm() < radius ? 1.0 : 0.0;
+  }
+  EXPECT_NEAR(inside / draws, 0.95, 0.003);
+}
+// ---- Monte Carlo ----------------------------------------------------------------------------------------------------
+
+/// With errors of the irreducible model.
+VirtualExperiment published(const Random& random = Random(1)) {
+  return VirtualExperiment({.ranges = published_ranges, .random = random});
+}
+
+/// Difference of an estimate from the truth in the coordinates of the columns: base, geometric, targets.
+Eigen::VectorXd column_errors(const VirtualExperiment& experiment, const Estimate& estimate, const Estimate& truth) {
+  Eigen::VectorXd d(33);
+  const Eigen::Isometry3d off = truth.X_WB.inverse() * estimate.X_WB;
+  const Eigen::AngleAxisd turn(off.linear());
+  d.head<3>() = off.translation();
+  d.segment<3>(3) = turn.angle() * turn.axis();
+  for (std::size_t i = 0; i < experiment.free.geometric().size(); ++i) {
+    const auto p = static_cast<Eigen::Index>(experiment.free.geometric()[i]);
+    d[6 + static_cast<Eigen::Index>(i)] = estimate.errors[p] - truth.errors[p];
+  }
+  for (int k = 0; k < 3; ++k) {
+    const auto target = static_cast<std::size_t>(k);
+    d.segment<3>(24 + 3 * k) = estimate.targets[target].X_FT.translation() - truth.targets[target].X_FT.translation();
+  }
+  return d;
+}
+struct CovarianceTrials {
+  Eigen::VectorXd std_ratio;  // observed over predicted, per column
+  double mean_nees = 0.0;
+  double coverage = 0.0;  // of 95 % intervals of predicted coordinates
+};
+
+CovarianceTrials monte_carlo(int runs, const MeasuringNoise& noise, const NoiseModel& assumed, bool estimate_noise) {
+  VirtualExperiment experiment = published();
+  CovarianceTrials result;
+  Eigen::VectorXd squares = Eigen::VectorXd::Zero(33);
+  Eigen::VectorXd predicted = Eigen::VectorXd::Zero(33);
+  double covered = 0.0;
+  double intervals = 0.0;
+  Random pose_random(1234);
+  const Eigen::MatrixXd unmeasured = random_configurations(experiment.ranges, 200, pose_random);
+  for (int run = 0; run < runs; ++run) {
+    experiment.restart(Random(77, static_cast<std::uint64_t>(run)));
+    const VirtualRobot& robot = experiment.robot;
+    // The noise model speaks for all.
+    const Measurements measured = without_sigmas(experiment.measure(30, noise));
+    JointOptions options;
+    options.residuals.noise = assumed;
+    const Identification found = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
+                                                  experiment.free, options);
+    const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options.residuals);
+    const Eigen::MatrixXd jacobian = problem.whitened(found.estimate).jacobian;
+    const double factor = estimate_noise ? problem.linearise(found.estimate).cost / (270.0 - 33.0) : 1.0;
+    const Eigen::MatrixXd C = covariance(jacobian, factor);
+    const Eigen::VectorXd d = column_errors(experiment, found.estimate, robot.truth);
+    squares += d.cwiseAbs2() / runs;
+    predicted += C.diagonal() / runs;
+    result.mean_nees += d.dot(C.ldlt().solve(d)) / runs;
+    const PositionPredictor predictor(experiment.model, found.estimate, experiment.free);
+    const std::vector<Eigen::Isometry3d> truth = flange_poses(experiment.model, robot.truth, unmeasured);
+    const std::vector<Eigen::Isometry3d> ours = flange_poses(experiment.model, found.estimate, unmeasured);
+    for (Eigen::Index c = run % 10; c < unmeasured.cols(); c += 10) {  // a tenth of the poses in each run
+      const auto i = static_cast<std::size_t>(c);
+      const Eigen::Vector3d error = found.estimate.X_WB * (ours[i] * found.estimate.targets[1].X_FT.translation()) -
+                                    robot.truth.X_WB * (truth[i] * robot.truth.targets[1].X_FT.translation());
+      const Eigen::Matrix3d P = predicted_covariance(predictor, C, unmeasured.col(c), 1);
+      for (int axis = 0; axis < 3; ++axis) {
+        covered += std::abs(error[axis]) < 1.959964 * std::sqrt(P(axis, axis)) ? 1.0 : 0.0;
+        intervals += 1.0;
+      }
+    }
+  }
+  result.std_ratio = (squares.array() / predicted.array()).sqrt();
+  result.coverage = covered / intervals;
+  return result;
+}
+
+// Share of every predicted sigma, amount of the mean NEES, and share of the 95 % intervals.
+struct Tolerance {
+  double std_ratio = 0.0;
+  double nees = 0.0;
+  double coverage = 0.0;
+};
+constexpr Tolerance kOf100Runs{.std_ratio = 0.3, .nees = 3.0, .coverage = 0.025};
+constexpr Tolerance kOf1000Runs{.std_ratio = 0.1, .nees = 0.8, .coverage = 0.01};
+
+void expect_confirmed(const CovarianceTrials& found, const Tolerance& tolerance) {
+  testing::record("least std over predicted", found.std_ratio.minCoeff());
+  testing::record("largest std over predicted", found.std_ratio.maxCoeff());
+  testing::record("NEES", found.mean_nees);
+  testing::record("coverage", found.coverage);
+  EXPECT_GT(found.std_ratio.minCoeff(), 1.0 - tolerance.std_ratio);
+  EXPECT_LT(found.std_ratio.maxCoeff(), 1.0 + tolerance.std_ratio);
+  EXPECT_NEAR(found.mean_nees, 33.0, tolerance.nees);
+  EXPECT_NEAR(found.coverage, 0.95, tolerance.coverage);
+}
+
+void expect_covariance_confirmed(int runs, const Tolerance& tolerance) {
+  const NoiseModel assumed{.independent = Eigen::Vector3d::Constant(0.00003)};
+  expect_confirmed(monte_carlo(runs, {.sigma = 0.00003}, assumed, false), tolerance);
+}
+
+void expect_covariance_confirmed_under_correlated_noise(int runs, const Tolerance& tolerance) {
+  // The repeats of the real robot: 58, 59, 31 um shared by the points of a repeat, 11 um of each by itself.
+  const Eigen::Vector3d common(0.000058, 0.000059, 0.000031);
+  const MeasuringNoise noise{.sigma = 0.000011, .common = common};
+  const NoiseModel full{.independent = Eigen::Vector3d::Constant(0.000011), .common = common};
+  expect_confirmed(monte_carlo(runs, noise, full, false), tolerance);
+  const CovarianceTrials independent = monte_carlo(runs / 4, noise, {}, true);
+  EXPECT_LT(independent.coverage, 0.92) << "the model without the common part would do as well";
+}
+
+TEST(Covariance, MonteCarloConfirmsTheCovariance) { expect_covariance_confirmed(100, kOf100Runs); }
+
+TEST(Covariance, MonteCarloConfirmsTheCovarianceUnderCorrelatedNoise) {
+  expect_covariance_confirmed_under_correlated_noise(100, kOf100Runs);
+}
+
+TEST(CovarianceLongRun, MonteCarloConfirmsTheCovariance) { expect_covariance_confirmed(1000, kOf1000Runs); }
+
+TEST(CovarianceLongRun, MonteCarloConfirmsTheCovarianceUnderCorrelatedNoise) {
+  expect_covariance_confirmed_under_correlated_noise(1000, kOf1000Runs);
+}
+
+void expect_residual_components_to_cover_correlated_noise(int runs) {
+  VirtualExperiment experiment = published(Random(5));
+  double ratio = 0.0;
+  for (int run = 0; run < runs; ++run, experiment.draw_robot()) {
+    const Measurements measured =
+        without_sigmas(experiment.measure(60, {.sigma = 0.00001, .common = Eigen::Vector3d::Constant(0.00005)}));
+    const Identification found =
+        identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
+    const WhitenedSystem system =
+        LeastSquaresProblem(experiment.model, measured, experiment.free).whitened(found.estimate);
+    const ResidualNoise noise = noise_from_residuals(system, 33, 1.0);
+    EXPECT_GT(noise.common, 2.0 * noise.independent);
+    const Eigen::VectorXd d = column_errors(experiment, found.estimate, experiment.robot.truth);
+    const Eigen::MatrixXd C = covariance(system, noise, 1.0);
+    ratio += (d.array().square() / C.diagonal().array()).segment(6, 18).mean() / runs;
+  }
+  EXPECT_GT(ratio, 0.7);
+  EXPECT_LT(ratio, 1.4);
+}
+
+TEST(Covariance, ResidualComponentsCoverCorrelatedNoiseThatNobodyStated) {
+  expect_residual_components_to_cover_correlated_noise(25);
+}
+
+TEST(CovarianceLongRun, ResidualComponentsCoverCorrelatedNoiseThatNobodyStated) {
+  expect_residual_components_to_cover_correlated_noise(100);
+}
+
+}  // namespace
+}  // namespace kdl_calibration::covariance_test
