@@ -80,10 +80,10 @@ struct Shared {
   VectorXd q = data.joint_values.col(0);
   std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, data.joint_values);
   WhitenedSummary summary = problem.whitened_summary(estimate);
-  MatrixXd C = covariance(summary.triangle, 1e-9);
+  MatrixXd C = covariance(summary.sqrt_information, 1e-9);
   NoiseParts parts = estimate_noise(model, data, estimate, free, {});
   ResidualOptions residuals{.row_weights = std::vector<double>(data.observations.size(), 0.5)};
-  LinearSums sums{.information = summary.triangle.transpose() * summary.triangle,
+  LinearSums sums{.information = summary.sqrt_information.transpose() * summary.sqrt_information,
                   .moment = VectorXd::Ones(free.size()),
                   .squares = 1e3,
                   .equations = 200.0};
@@ -161,7 +161,8 @@ std::vector<Asked> methods_of_estimation() {
          return s.problem.cost(estimate) + s.problem.cost(s.start, own);
        }},
       {"LeastSquaresProblem::whitened", [&] { return s.problem.whitened(estimate).jacobian.sum(); }},
-      {"LeastSquaresProblem::whitened_summary", [&] { return s.problem.whitened_summary(estimate).triangle.sum(); }},
+      {"LeastSquaresProblem::whitened_summary",
+       [&] { return s.problem.whitened_summary(estimate).sqrt_information.sum(); }},
       {"LeastSquaresProblem::model", [&] { return static_cast<double>(s.problem.model().parameters.size()); }},
       {"LeastSquaresProblem::unknowns", [&] { return static_cast<double>(s.problem.unknowns().size()); }},
       {"LeastSquaresProblem::columns", [&] { return static_cast<double>(s.problem.columns()); }},
@@ -253,7 +254,7 @@ std::vector<Asked> functions_of_assessment() {
   const Shared& s = shared();
   const FitProblem& fit_problem = s.fit_problem;
   return {
-      {"identifiability", [&] { return identifiability(s.summary.triangle, s.free.names()).condition; }},
+      {"identifiability", [&] { return identifiability(s.summary.sqrt_information, s.free.names()).condition; }},
       {"covariance", [&] { return covariance(s.summary, noise_from_residuals(s.summary, 30, 1.0), 1.0).sum(); }},
       {"predicted_covariance", [&] { return predicted_covariance(s.predictor, s.C, s.q, 1).sum(); }},
       {"noise_from_repeats", [&] { return noise_from_repeats(s.data).total.sum(); }},
@@ -262,7 +263,9 @@ std::vector<Asked> functions_of_assessment() {
        [&] { return test_lack_of_fit(s.model, s.data, s.estimate, s.free).has_value() ? 1.0 : 0.0; }},
       {"explained_by_joints", [&] { return number(explained_by_joints(s.model, s.estimate, s.data)); }},
       {"influence",
-       [&] { return influence(s.problem, s.data, {}, s.estimate, s.summary.triangle).configurations.back().cook; }},
+       [&] {
+         return influence(s.problem, s.data, {}, s.estimate, s.summary.sqrt_information).configurations.back().cook;
+       }},
       {"pseudo_values",
        [&] {
          const std::vector<double>& weights = s.residuals.row_weights;
@@ -277,14 +280,16 @@ std::vector<Asked> functions_of_assessment() {
        [&] { return number(cross_validate_by_sums(fit_problem, s.folds, 3e-5, 2).distances); }},
       {"predict_folds",
        [&] {
-         const FoldTask task{.problem = fit_problem, .triangle = s.summary.triangle, .noise = 3e-5};
+         const FoldTask task{.problem = fit_problem, .sqrt_information = s.summary.sqrt_information, .noise = 3e-5};
          return number(distances_of(predict_folds(task, s.folds, 2)));
        }},
       {"check_measurements",
        [&] { return static_cast<double>(check_measurements(s.model, s.data, s.estimate).size()); }},
       {"try_conventions", [&] { return try_conventions(s.model, s.data, s.free, {.threads = 2}).front().rms; }},
       {"suspicions",
-       [&] { return static_cast<double>(suspicions(s.model, s.data, s.estimate, s.free, {.threads = 2}).size()); }},
+       [&] {
+         return static_cast<double>(alternative_readings(s.model, s.data, s.estimate, s.free, {.threads = 2}).size());
+       }},
   };
 }
 

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/alternative_readings.hpp"
 #include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/doubt.hpp"
@@ -26,7 +27,6 @@
 #include "kdl_calibration/noise_parts.hpp"
 #include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/suspicions.hpp"
 #include "kdl_calibration/unknowns.hpp"
 #include "kdl_calibration/validation.hpp"
 
@@ -70,7 +70,7 @@ struct BeforeAfter {
   std::optional<ErrorStatistics> rigid;
 };
 
-/// What the exported URDF alone is worth, with a base and targets of its own.
+/// The robot that the exported URDF alone describes, with a base and targets of its own, and its accuracy.
 struct ExportedUrdf {
   Estimate estimate;          ///< without effects
   bool nominal_kept = false;  ///< because the calibration does not help: the URDF is the one that was read
@@ -181,7 +181,7 @@ struct Uncertainty {
 struct Diagnosis {
   std::vector<QualityFinding> findings;  ///< in the measurements themselves, found before the fit
   GrossRows gross_rows;                  ///< rows without which all others fit more than three times as well
-  std::vector<Suspicion> suspicions;     ///< readings that would explain the measurements much better
+  std::vector<AlternativeReading> alternative_readings;  ///< readings that would explain the measurements much better
   std::vector<std::string> warnings;
   std::vector<Doubt> doubts;
   /// Set instead of the only doubt if that doubt is "not_determined" for named geometric errors, every prediction in

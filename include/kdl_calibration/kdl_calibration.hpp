@@ -4,6 +4,7 @@
 // indices of what is not there, sizes that do not match, data of another robot, sigmas that are negative or no numbers,
 // functions that are empty, names that are unknown. See input_check.hpp.
 
+#include "kdl_calibration/alternative_readings.hpp"
 #include "kdl_calibration/arm_body.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
@@ -61,7 +62,6 @@
 #include "kdl_calibration/robot.hpp"
 #include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/suspicions.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/two_step_trial.hpp"
 #include "kdl_calibration/unknowns.hpp"

@@ -24,7 +24,7 @@ std::optional<Identifiability> rigid_identifiability(const FitProblem& task, con
   const Unknowns rigid = fitted.candidates.without(UnknownGroup::effects);
   const Estimate& estimate = fitted.identification.estimate;
   const LeastSquaresProblem problem(task.model, task.measurements, rigid, residuals);
-  return identifiability(problem.whitened_summary(estimate).triangle, rigid.names());
+  return identifiability(problem.whitened_summary(estimate).sqrt_information, rigid.names());
 }
 
 }  // namespace
@@ -41,15 +41,15 @@ Assessment assess(const FitProblem& fit, const WholeFit& fitted, const NoiseMode
   const WhitenedSummary system = problem.whitened_summary(estimate);
   const std::vector<std::string> candidates = fitted.candidates.names();
   Assessment result;
-  result.root = system.triangle;
-  result.root_of_candidates = system.triangle;
+  result.root = system.sqrt_information;
+  result.root_of_candidates = system.sqrt_information;
   if (fitted.free != fitted.candidates) {
     const std::vector<std::string> kept = fitted.free.names();
     std::copy_if(candidates.begin(), candidates.end(), std::back_inserter(result.fixed_by_gauge),
                  [&](const std::string& name) { return std::find(kept.begin(), kept.end(), name) == kept.end(); });
     result.root_of_candidates = LeastSquaresProblem(fit.model, fit.measurements, fitted.candidates, residuals)
                                     .whitened_summary(estimate)
-                                    .triangle;
+                                    .sqrt_information;
   }
   result.identifiability = identifiability(result.root_of_candidates, candidates);
   const int rank = result.identifiability.rank;
@@ -58,7 +58,7 @@ Assessment assess(const FitProblem& fit, const WholeFit& fitted, const NoiseMode
     result.identifiability = *rigid;
   }
   result.observability =
-      observability_indices(system.triangle, static_cast<Eigen::Index>(make_folds(fit.measurements, 0).size()));
+      observability_indices(system.sqrt_information, static_cast<Eigen::Index>(make_folds(fit.measurements, 0).size()));
   NoiseAssessment noise = assess_noise({.problem = problem,
                                         .estimate = estimate,
                                         .free = fitted.free,
@@ -70,7 +70,7 @@ Assessment assess(const FitProblem& fit, const WholeFit& fitted, const NoiseMode
   result.covariance = std::move(noise.covariance);
   result.noise.lack_of_fit = lack_of_fit(fit.model, fit.measurements, estimate, fitted.free);
   if (fit.measurements.joint_values.cols() <= kMostConfigurationsAssessed) {
-    result.influence = influence(problem, fit.measurements, residuals, estimate, system.triangle);
+    result.influence = influence(problem, fit.measurements, residuals, estimate, system.sqrt_information);
   }
   return result;
 }

@@ -20,7 +20,7 @@ struct Assessment {
   NoiseReport noise;
   Eigen::MatrixXd covariance;  ///< of the columns that were estimated
   Influence influence;
-  Eigen::MatrixXd root;                ///< R of the whitened system of these columns, see WhitenedSummary::triangle
+  Eigen::MatrixXd root;                ///< R of the whitened system of these columns, see WhitenedSummary::sqrt_information
   Eigen::MatrixXd root_of_candidates;  ///< of the candidates' system
 };
 

@@ -19,8 +19,8 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "noise/variance_components.hpp"
 #include "screening/screening.hpp"
-#include "selection/effect_choice.hpp"
-#include "selection/parameter_choice.hpp"
+#include "selection/effect_selection.hpp"
+#include "selection/parameter_selection.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -35,7 +35,7 @@ struct RegisteredRobot {
   ErrorModel model;
   Estimate nominal;
   std::string ambiguity;
-  ParameterChoice parameters;
+  ParameterSelection parameters;
 };
 
 RegisteredRobot register_robot(const ErrorModel& model, const Measurements& training, const ParameterOptions& options) {
@@ -46,7 +46,7 @@ RegisteredRobot register_robot(const ErrorModel& model, const Measurements& trai
   robot.nominal = {
       .errors = nominal, .X_WB = registration.X_WB, .targets = std::move(registration.targets), .effects = {}};
   robot.ambiguity = std::move(registration.message);
-  robot.parameters = choose_parameters(robot.model, robot.nominal.targets, options);
+  robot.parameters = select_parameters(robot.model, robot.nominal.targets, options);
   if (robot.parameters.free.empty()) {
     throw OptionError("fix",
                       "leaves nothing to estimate of base, targets and geometric errors; validation predicts without a "
@@ -119,7 +119,7 @@ bool is_as_stated(const ModelSelection& selection, const Priors& stated) {
   return selection.terms.empty() && selection.priors.length == stated.length && selection.priors.angle == stated.angle;
 }
 
-ChoiceTask choice_task(const FitProblem& rigid, const WholeFit& fit, const CalibrationOptions& options) {
+SelectionTask selection_task(const FitProblem& rigid, const WholeFit& fit, const CalibrationOptions& options) {
   return {.model = rigid.model,
           .measurements = rigid.measurements,
           .optimum = fit.identification.estimate,
@@ -182,7 +182,7 @@ WeighedFit with_smallest_errors(WeighedFit fitted, const CalibrationOptions& opt
 
 // The fit of the selected model by its own noise. A selection that changes nothing has the fit of the rigid robot.
 WeighedFit fit_selected(const FitProblem& problem, const WholeFit& rigid_fit, const ModelSelection& selection,
-                        const ParameterChoice& parameters, const CalibrationOptions& options) {
+                        const ParameterSelection& parameters, const CalibrationOptions& options) {
   const FitRules rules{.estimator = options.estimator, .parameters = options.parameters};
   const WholeFit fit =
       is_as_stated(selection, options.selection.priors) ? rigid_fit : fit_whole(problem, parameters, rules);
@@ -191,7 +191,7 @@ WeighedFit fit_selected(const FitProblem& problem, const WholeFit& rigid_fit, co
 
 // What is validated. The folds of a plain fit can be predicted from its linear system.
 Compared compared(const WeighedFit& fitted, const Assessment& assessed, const FitOptions& rigid,
-                  const Measurements& measurements, const ChoiceTask& choice, const CalibrationOptions& options) {
+                  const Measurements& measurements, const SelectionTask& choice, const CalibrationOptions& options) {
   const bool linear = is_plain(options.estimator) && arrived(fitted.fit.identification);
   return {.problem = fitted.problem,
           .measurements = measurements,
@@ -270,7 +270,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
 
   const FitProblem rigid = weighed_for_selection(stated, options);
   const WholeFit rigid_fit = fit_whole(rigid, robot.parameters, {options.estimator, options.parameters});
-  const ChoiceTask choice = choice_task(rigid, rigid_fit, options);
+  const SelectionTask choice = selection_task(rigid, rigid_fit, options);
   const ModelSelection selection =
       select_model(choice, rigid_fit.identification, rigid_fit.free == rigid_fit.candidates, options.estimator.method);
 

@@ -59,9 +59,9 @@ std::vector<double> nominal_folds(const Compared& compared, const Folds& folds, 
     return cross_validate_by_sums(registered, folds, noise, compared.choice.threads).distances;
   }
   const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
-  const Eigen::MatrixXd triangle = problem.whitened_summary(task.start).triangle;
-  return distances_of(
-      predict_folds({.problem = registered, .triangle = triangle, .noise = noise}, folds, compared.choice.threads));
+  const Eigen::MatrixXd sqrt_information = problem.whitened_summary(task.start).sqrt_information;
+  return distances_of(predict_folds({.problem = registered, .sqrt_information = sqrt_information, .noise = noise},
+                                    folds, compared.choice.threads));
 }
 
 // Left-out configurations and their predictions.
@@ -94,8 +94,9 @@ PredictedFolds predicted_folds(const Compared& compared, const Folds& folds, con
   if (compared.root != nullptr && is_many(folds)) {
     after = cross_validate_by_sums(fitted, folds, compared.noise, compared.choice.threads);
   } else if (compared.root != nullptr) {
-    FoldPrediction prediction = predict_folds({.problem = fitted, .triangle = *compared.root, .noise = compared.noise},
-                                              folds, compared.choice.threads);
+    FoldPrediction prediction =
+        predict_folds({.problem = fitted, .sqrt_information = *compared.root, .noise = compared.noise}, folds,
+                      compared.choice.threads);
     for (HeldOutPoint& point : prediction.points) {
       point.covariance *= compared.variance;
     }

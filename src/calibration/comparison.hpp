@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "kdl_calibration/calibration.hpp"
-#include "selection/effect_choice.hpp"
+#include "selection/effect_selection.hpp"
 
 namespace kdl_calibration {
 
@@ -17,7 +17,7 @@ struct Compared {
   const Eigen::MatrixXd* root;      ///< R of the whitened system at the fit; nullptr where folds must be fitted again
   double noise;                     ///< [m] of a coordinate
   double variance;                  ///< of unit weight, by which the covariances of R are multiplied
-  const ChoiceTask& choice;         ///< that the nested leave-one-out repeats
+  const SelectionTask& choice;      ///< that the nested leave-one-out repeats
   const ValidationOptions& options;
 };
 

@@ -9,24 +9,25 @@
 namespace kdl_calibration {
 namespace {
 
-std::vector<Suspicion> readings(const Calibration& found, const Measurements& measurements, const DiagnosisTask& task) {
+std::vector<AlternativeReading> readings(const Calibration& found, const Measurements& measurements,
+                                         const DiagnosisTask& task) {
   if (!task.options.try_readings) {
     return {};
   }
-  return suspicions(found.model, measurements, found.fit.identification.estimate, found.fit.free,
-                    {.registration = known_frames(task.parameters),
-                     .used = task.options.convention ? &*task.options.convention : nullptr,
-                     .others = task.options.other_conventions,
-                     .threads = task.threads});
+  return alternative_readings(found.model, measurements, found.fit.identification.estimate, found.fit.free,
+                              {.registration = known_frames(task.parameters),
+                               .used = task.options.convention ? &*task.options.convention : nullptr,
+                               .others = task.options.other_conventions,
+                               .threads = task.threads});
 }
 
 // The findings that remain beside other readings of the data. Where the base moved no target is accused of it, and the
 // residuals of data that were read wrongly say nothing of single rows.
-std::vector<QualityFinding> beside_readings(const std::vector<Suspicion>& readings, const Measurements& measurements,
-                                            std::vector<QualityFinding> findings) {
+std::vector<QualityFinding> beside_readings(const std::vector<AlternativeReading>& readings,
+                                            const Measurements& measurements, std::vector<QualityFinding> findings) {
   const auto any = [&](const auto& matches) {
     return std::any_of(readings.begin(), readings.end(),
-                       [&](const Suspicion& reading) { return reading.doubt && matches(reading.cause); });
+                       [&](const AlternativeReading& reading) { return reading.doubt && matches(reading.cause); });
   };
   if (any([](Cause cause) { return cause == Cause::exchanged_targets; })) {
     return {};
@@ -60,9 +61,9 @@ Diagnosis diagnose(const Calibration& found, const Measurements& measurements, s
                    GrossRows gross_rows, const std::vector<std::string>& of_validation, const DiagnosisTask& task) {
   Diagnosis result;
   result.gross_rows = std::move(gross_rows);
-  result.suspicions =
+  result.alternative_readings =
       told(task.progress, "trying other readings of the data", [&] { return readings(found, measurements, task); });
-  result.findings = beside_readings(result.suspicions, measurements, std::move(findings));
+  result.findings = beside_readings(result.alternative_readings, measurements, std::move(findings));
   result.doubts = doubts(found, result, measurements, task.parameters.model);
   if (holds_where_measured(found, result.doubts, task.ambiguity)) {
     result.reservation = std::move(result.doubts.front());

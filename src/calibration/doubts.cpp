@@ -257,9 +257,9 @@ Doubts of_rows(const Calibration& found, const GrossRows& gross) {
                       "; check joint values and coordinates, or leave it out with --exclude '" + list + "'"}};
 }
 
-Doubts of_readings(const std::vector<Suspicion>& readings) {
+Doubts of_readings(const std::vector<AlternativeReading>& readings) {
   Doubts doubts;
-  for (const Suspicion& reading : readings) {
+  for (const AlternativeReading& reading : readings) {
     if (reading.doubt) {
       doubts.push_back({.cause = reading.cause, .message = reading.message});
     }
@@ -289,7 +289,7 @@ double reach(const ErrorModel& model) {
 std::vector<Doubt> doubts(const Calibration& found, const Diagnosis& diagnosis, const Measurements& measurements,
                           ModelChoice model) {
   Doubts result;
-  for (const Doubts& some : {of_rows(found, diagnosis.gross_rows), of_readings(diagnosis.suspicions),
+  for (const Doubts& some : {of_rows(found, diagnosis.gross_rows), of_readings(diagnosis.alternative_readings),
                              of_convergence(found), of_determination(found, measurements, model), of_predictions(found),
                              of_tests(found), of_size(found, measurements), of_errors(found)}) {
     result.insert(result.end(), some.begin(), some.end());
@@ -331,9 +331,9 @@ std::vector<std::string> warnings(const Calibration& found, const Diagnosis& dia
   for (const QualityFinding& finding : diagnosis.findings) {
     result.push_back("measurements: " + finding.message);
   }
-  for (const Suspicion& suspicion : diagnosis.suspicions) {
-    if (!suspicion.doubt) {
-      result.push_back(suspicion.message);
+  for (const AlternativeReading& reading : diagnosis.alternative_readings) {
+    if (!reading.doubt) {
+      result.push_back(reading.message);
     }
   }
   if (!ambiguity.empty()) {

@@ -18,7 +18,7 @@ std::vector<Doubt> doubts(const Calibration& found, const Diagnosis& diagnosis, 
 /// Whether the only doubt leaves the answer good where it was measured, see Diagnosis::reservation.
 bool holds_where_measured(const Calibration& found, const std::vector<Doubt>& doubts, const std::string& ambiguity);
 
-/// What is worth knowing of it beside the doubts, which stand in `diagnosis` as well.
+/// Findings that do not make the answer doubtful. The doubts stand in `diagnosis`.
 std::vector<std::string> warnings(const Calibration& found, const Diagnosis& diagnosis,
                                   const Measurements& measurements, const std::string& ambiguity);
 

@@ -37,7 +37,7 @@ std::optional<Identification> smallest_errors(const FitProblem& task, const Whol
   const VectorXd S = weights(task.model, fit.candidates);
   Identification found = fit.identification;
   for (int round = 0; round < kMostRounds; ++round) {
-    const MatrixXd open = undetermined_directions(problem.whitened_summary(found.estimate).triangle);
+    const MatrixXd open = undetermined_directions(problem.whitened_summary(found.estimate).sqrt_information);
     VectorXd errors(S.size());
     for (Index c = 0; c < S.size(); ++c) {
       errors[c] = S[c] * Unknowns::value(found.estimate, fit.candidates.columns()[static_cast<std::size_t>(c)]);

@@ -76,7 +76,7 @@ NoiseAssessment without_parts(const Measurements& measurements, const NoiseModel
     noise.independent = stated_sigma_of_points(measurements, stated);
     noise.common = stated.common;
     noise.sigma = std::sqrt(points / problem.total_weight());
-    result.covariance = covariance(fitted.system.triangle, factor * noise.variance_factor);
+    result.covariance = covariance(fitted.system.sqrt_information, factor * noise.variance_factor);
   } else {
     noise.source = NoiseSource::residuals;
     noise.sigma = std::sqrt(variance * points / problem.total_weight());
@@ -86,8 +86,9 @@ NoiseAssessment without_parts(const Measurements& measurements, const NoiseModel
     const ResidualNoise components = noise_from_residuals(fitted.system, fitted.rank, unit_weight);
     noise.independent.setConstant(components.independent / std::sqrt(factor));
     noise.misfit = components.common / std::sqrt(factor);
-    result.covariance = measurements.orientations.empty() ? covariance(fitted.system, components, unit_weight)
-                                                          : covariance(fitted.system.triangle, factor * variance);
+    result.covariance = measurements.orientations.empty()
+                            ? covariance(fitted.system, components, unit_weight)
+                            : covariance(fitted.system.sqrt_information, factor * variance);
   }
   result.report = std::move(noise);
   return result;
@@ -150,7 +151,7 @@ NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, 
   }
   if (estimated.parts) {
     report_parts(*estimated.parts, noise);
-    const Eigen::MatrixXd promised = covariance(fitted.system.triangle, 1.0);
+    const Eigen::MatrixXd promised = covariance(fitted.system.sqrt_information, 1.0);
     for (const Eigen::MatrixXd& sensitivity : estimated.parts->sensitivity) {
       noise.slopes.push_back(sensitivity.size() > 0 ? sandwich(promised, sensitivity) : Eigen::MatrixXd());
     }
@@ -164,9 +165,10 @@ NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, 
                        std::move(noise));
 }
 
-double variance_of_unit_weight(const Eigen::MatrixXd& triangle, const Eigen::MatrixXd& covariance) {
+double variance_of_unit_weight(const Eigen::MatrixXd& sqrt_information, const Eigen::MatrixXd& covariance) {
   const bool determined = covariance.cols() > 0 && covariance.diagonal().allFinite();
-  return determined ? (triangle * covariance).cwiseProduct(triangle).sum() / static_cast<double>(covariance.cols())
+  return determined ? (sqrt_information * covariance).cwiseProduct(sqrt_information).sum() /
+                          static_cast<double>(covariance.cols())
                     : 1.0;
 }
 

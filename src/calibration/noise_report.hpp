@@ -26,7 +26,7 @@ struct NoiseAssessment {
 
 /// The covariance of the columns over the one that the weights of this system promise, as a mean over what was
 /// measured; 1 where something is not determined.
-double variance_of_unit_weight(const Eigen::MatrixXd& triangle, const Eigen::MatrixXd& covariance);
+double variance_of_unit_weight(const Eigen::MatrixXd& sqrt_information, const Eigen::MatrixXd& covariance);
 
 /// The end of a fit. Keeps references.
 struct FittedSystem {

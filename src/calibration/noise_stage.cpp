@@ -74,12 +74,12 @@ double held_out_rms(const FitProblem& problem, double noise) {
   if (!can_be_left_out(problem.measurements, folds, problem.free.size())) {
     return std::numeric_limits<double>::infinity();
   }
-  const MatrixXd triangle =
+  const MatrixXd sqrt_information =
       LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
           .whitened_summary(problem.start)
-          .triangle;
-  return error_statistics(
-             distances_of(predict_folds({.problem = problem, .triangle = triangle, .noise = noise}, folds, 1)))
+          .sqrt_information;
+  return error_statistics(distances_of(predict_folds(
+                              {.problem = problem, .sqrt_information = sqrt_information, .noise = noise}, folds, 1)))
       .rms;
 }
 

@@ -13,7 +13,7 @@ struct UncertainEstimate {
   const ErrorModel& model;
   const WholeFit& fit;
   const Eigen::MatrixXd& covariance;          ///< of what is free
-  const Eigen::MatrixXd& root_of_candidates;  ///< R of the whitened system, see WhitenedSummary::triangle
+  const Eigen::MatrixXd& root_of_candidates;  ///< R of the whitened system, see WhitenedSummary::sqrt_information
   const NoiseReport& noise;
   const std::vector<HeldOutPoint>& held_out;
   double optimism = 1.0;  ///< of the selection, see TriedModels

@@ -50,14 +50,15 @@ Fitted identify(const FitProblem& problem, const EstimatorOptions& estimator, St
 
 // Of the columns those that raise the rank: those of `kept`, then the others in the order of choice. Where something is
 // kept, what is weak beside it is no reason to add it.
-Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eigen::MatrixXd& triangle) {
+Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eigen::MatrixXd& sqrt_information) {
   std::vector<Eigen::Index> order = candidates.order_of_choice();
   const auto others = std::stable_partition(order.begin(), order.end(), [&](Eigen::Index c) {
     const Unknown& unknown = candidates.columns()[static_cast<std::size_t>(c)];
     return kept.column(unknown.group, unknown.index).has_value();
   });
   const auto known = static_cast<std::size_t>(others - order.begin());
-  const Eigen::MatrixXd columns = triangle(Eigen::all, order) / std::max(triangle.cwiseAbs().maxCoeff(), 1e-300);
+  const Eigen::MatrixXd columns =
+      sqrt_information(Eigen::all, order) / std::max(sqrt_information.cwiseAbs().maxCoeff(), 1e-300);
   const std::vector<bool> raises =
       independent_columns(columns, std::vector<bool>(order.size(), true), {.clear = IdentifiabilityOptions{}.weak});
   const Eigen::HouseholderQR<Eigen::MatrixXd> basis(columns.leftCols(static_cast<Eigen::Index>(known)));
@@ -100,8 +101,8 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
     if (well_conditioned_root(equations.linearise(estimate).hessian)) {
       return candidates;
     }
-    const Eigen::MatrixXd triangle = equations.whitened_summary(estimate).triangle;
-    return triangle.allFinite() ? determined(candidates, kept, triangle) : free;
+    const Eigen::MatrixXd sqrt_information = equations.whitened_summary(estimate).sqrt_information;
+    return sqrt_information.allFinite() ? determined(candidates, kept, sqrt_information) : free;
   };
   free = determined_at(problem.start, Unknowns());
   Fitted fitted;
@@ -144,7 +145,7 @@ bool has_more_to_explain(const FitProblem& complete, const Identification& found
       complete.measurements.joint_values.cols() > kMany) {
     return false;
   }
-  return promised_share(problem, found.estimate) > kMost;
+  return predicted_share(problem, found.estimate) > kMost;
 }
 
 constexpr double kBeyondGeometry = 0.005;  // [m] a misfit beyond that is not one of the geometry
@@ -152,8 +153,8 @@ constexpr double kBeyondGeometry = 0.005;  // [m] a misfit beyond that is not on
 // The complete set from the start, then what the measurements determine there.
 WholeFit go_on_in_complete_set(const FitProblem& complete, const FitRules& rules) {
   const Identification wide = descend(equations_of(complete), complete.start, complete.options.joint, Steps::prior);
-  ParameterChoice choice =
-      choose_parameters(complete.model, wide.estimate.targets, rules.parameters, {.errors = wide.estimate.errors});
+  ParameterSelection choice =
+      select_parameters(complete.model, wide.estimate.targets, rules.parameters, {.errors = wide.estimate.errors});
   FitProblem from_there = with_free(complete, parameters_of(complete, choice.free));
   from_there.start = wide.estimate;
   WholeFit result = whole_fit(identify_in_gauge(from_there, rules.estimator, Steps::plain), std::move(choice.reduction),
@@ -199,8 +200,8 @@ WholeFit take_the_long_way(const FitProblem& problem, const FitProblem& complete
 // Holds what the noise hides beside the others, unless that costs a misfit.
 WholeFit hide_in_noise(const FitProblem& problem, const FitRules& rules, WholeFit fit) {
   constexpr double kCost = 1.05;
-  ParameterChoice choice = choose_parameters(problem.model, problem.start.targets, rules.parameters,
-                                             {.noise = fit.identification.rms / std::sqrt(3.0)});
+  ParameterSelection choice = select_parameters(problem.model, problem.start.targets, rules.parameters,
+                                                {.noise = fit.identification.rms / std::sqrt(3.0)});
   const FitProblem seen = with_free(problem, parameters_of(problem, choice.free));
   if (seen.free == fit.candidates) {
     return fit;
@@ -216,7 +217,7 @@ WholeFit hide_in_noise(const FitProblem& problem, const FitRules& rules, WholeFi
 
 }  // namespace
 
-WholeFit fit_whole(const FitProblem& problem, const ParameterChoice& choice, const FitRules& rules) {
+WholeFit fit_whole(const FitProblem& problem, const ParameterSelection& choice, const FitRules& rules) {
   const auto& [estimator, parameters] = rules;
   const bool chosen = estimator.method == Method::joint && parameters.model == ModelChoice::irreducible;
   // What the user fixed must not come back under other names, and a limit that the user set is one.

@@ -4,7 +4,7 @@
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/unknowns.hpp"
-#include "selection/parameter_choice.hpp"
+#include "selection/parameter_selection.hpp"
 
 namespace kdl_calibration {
 
@@ -18,6 +18,6 @@ struct FitRules {
 /// does not lead to the noise, the complete set with the errors that are usual of an arm goes on, and a set chosen at
 /// its end finishes: two parameters that are the same at the nominal geometry may differ at the true one.
 /// Parameters that only a measurement without noise could tell are held where the residuals show that there is noise.
-WholeFit fit_whole(const FitProblem& problem, const ParameterChoice& choice, const FitRules& rules);
+WholeFit fit_whole(const FitProblem& problem, const ParameterSelection& choice, const FitRules& rules);
 
 }  // namespace kdl_calibration

@@ -146,7 +146,8 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   options.estimator.loss = arguments.loss == "huber"   ? Loss::huber
                            : arguments.loss == "tukey" ? Loss::tukey
                                                        : Loss::none;
-  // What nobody asked for is chosen by the data, but for fits that are plain by what they are.
+  // Priors and effects are selected automatically, unless the user stated them or asked for a plain fit (two-step,
+  // complete model, robust loss).
   const bool plain = options.estimator.method == Method::two_step ||
                      options.parameters.model == ModelChoice::complete || options.estimator.loss != Loss::none;
   const bool stated = options.selection.priors.length > 0.0 || options.selection.priors.angle > 0.0;
@@ -236,7 +237,7 @@ std::string page_of(const std::string& result, const Robot& robot, const Measure
        .plan_command = plan_command(json_of(result, "the result"))});
 }
 
-// The result and what came of what was required of it, which the result then holds as well.
+// The result as JSON, with the outcome of every --require added, and the list of those that failed.
 struct JudgedResult {
   std::string text;
   std::vector<std::string> missed;
@@ -246,7 +247,7 @@ JudgedResult judged_result(std::string text, const std::vector<Requirement>& req
     return {.text = std::move(text), .missed = {}};
   }
   Json json = json_of(text, "the result");
-  const std::vector<Judged> outcomes = judged(requirements, json);
+  const std::vector<Judged> outcomes = outcomes_of(requirements, json);
   json["requirements"] = judged_json(outcomes);
   json["hashes"] = tree::hashes(json);
   return {.text = json_text(json), .missed = unfulfilled(outcomes)};

@@ -105,7 +105,7 @@ Requirement parse_requirement(const std::string& text) {
   return result;
 }
 
-std::vector<Judged> judged(const std::vector<Requirement>& requirements, const Json& json) {
+std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json) {
   std::vector<Judged> result;
   for (const Requirement& requirement : requirements) {
     const Json* value = found_at(json, requirement.path);
@@ -122,9 +122,9 @@ std::vector<Judged> judged(const std::vector<Requirement>& requirements, const J
   return result;
 }
 
-std::vector<std::string> unfulfilled(const std::vector<Judged>& judged) {
+std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes_of) {
   std::vector<std::string> result;
-  for (const Judged& requirement : judged) {
+  for (const Judged& requirement : outcomes_of) {
     if (!requirement.message.empty()) {
       result.push_back(requirement.message);
     }
@@ -132,9 +132,9 @@ std::vector<std::string> unfulfilled(const std::vector<Judged>& judged) {
   return result;
 }
 
-Json judged_json(const std::vector<Judged>& judged) {
+Json judged_json(const std::vector<Judged>& outcomes_of) {
   Json result = Json::array();
-  for (const Judged& requirement : judged) {
+  for (const Judged& requirement : outcomes_of) {
     result.push_back({{"text", requirement.text},
                       {"fulfilled", requirement.message.empty()},
                       {"message", requirement.message.empty() ? Json(nullptr) : Json(requirement.message)}});

@@ -25,13 +25,13 @@ struct Judged {
   std::string text;     ///< of the requirement
   std::string message;  ///< a sentence where it is not fulfilled, else empty
 };
-std::vector<Judged> judged(const std::vector<Requirement>& requirements, const Json& json);
+std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json);
 
 /// The messages of those that are not fulfilled.
-std::vector<std::string> unfulfilled(const std::vector<Judged>& judged);
+std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes_of);
 
 /// [{text, fulfilled, message}], as a result has it under "requirements".
-Json judged_json(const std::vector<Judged>& judged);
+Json judged_json(const std::vector<Judged>& outcomes_of);
 
 /// --require
 void add_require(CLI::App& app, std::vector<std::string>& texts);

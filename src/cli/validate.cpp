@@ -16,13 +16,13 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
+#include "kdl_calibration/alternative_readings.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/suspicions.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/validation.hpp"
 
@@ -248,12 +248,13 @@ Words judged(const ValidateArguments& arguments, const ErrorModel& model, const 
              const Estimate& estimate, const RegistrationOptions& known) {
   const std::optional<JointConvention> convention = convention_of(arguments.measurements);
   Words words;
-  for (const Suspicion& suspicion : suspicions_of_nominal(model, fitted, estimate,
-                                                          {.registration = known,
-                                                          .used = convention ? &*convention : nullptr,
-                                                          .others = conventions_at_hand(arguments.measurements)})) {
-    if (suspicion.cause != Cause::joint_function) {  // which the errors of a nominal robot are
-      (suspicion.doubt ? words.doubts : words.warnings).push_back(suspicion.message);
+  for (const AlternativeReading& reading :
+       alternative_readings_of_nominal(model, fitted, estimate,
+                                       {.registration = known,
+                                       .used = convention ? &*convention : nullptr,
+                                       .others = conventions_at_hand(arguments.measurements)})) {
+    if (reading.cause != Cause::joint_function) {  // which the errors of a nominal robot are
+      (reading.doubt ? words.doubts : words.warnings).push_back(reading.message);
     }
   }
   return words;

@@ -384,8 +384,8 @@ std::optional<OrderFinding> best_finding(const ErrorModel& model, const Measurem
 
 std::optional<OrderFinding> check_order(const ErrorModel& model, const Measurements& measurements,
                                         const Estimate& estimate, const Unknowns& free, double least_share) {
-  constexpr double kWorthALook = 0.25;  // of the share, where compliance still hides it
-  if (!best_finding(model, measurements, estimate, free, kWorthALook * least_share)) {
+  constexpr double kLeastShareToLook = 0.25;  // of the share, where compliance still hides it
+  if (!best_finding(model, measurements, estimate, free, kLeastShareToLook * least_share)) {
     return std::nullopt;
   }
   const Widened wide = widened(model, measurements, estimate, free);

@@ -193,12 +193,14 @@ Expectation expectation(const ErrorModel& model, const Unknowns& unknowns, const
   return result;
 }
 
-// Gauss-Newton steps, plain ones as long as they do what they promise. Where one does not, the errors have a prior:
-// with H, g of the data, s^2 the mean square of the whitened residuals, x the errors and D what is usual of them,
-//   (H + s^2 (fade + brake) D) step = g - s^2 fade D x.
-// With fade = 1 and brake = 0 this is the most probable robot if the residuals were noise: what the misfit leaves open
-// stays near nominal, whatever it is measured in, and becomes free as the misfit falls. Towards the end fade goes to
-// zero, so that the optimum is that of the data alone. A brake about the present estimate is a trust region.
+// Gauss-Newton steps, plain ones while the reduction of the cost is as predicted. Where one does not, the errors have a
+// prior: with H, g of the data, s^2 the mean square of the whitened residuals, x the errors and D what is usual of
+// them,
+//   (H + s^2 (w + d) D) step = g - s^2 w D x,
+// with the prior weight w and the damping d.
+// With w = 1 and d = 0 this is the most probable robot if the residuals were noise: what the misfit leaves open
+// stays near nominal, whatever it is measured in, and becomes free as the misfit falls. Towards the end w goes to
+// zero, so that the optimum is that of the data alone. Damping about the present estimate is a trust region.
 class Descent {
 public:
   Descent(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options, Steps steps)
@@ -234,22 +236,22 @@ public:
     return std::move(result_);
   }
 
-  double promised_share() {
+  double predicted_share() {
     problem_.linearise(result_.estimate, workspace_, equations_);
     propose();
-    return promise_ / equations_.cost;
+    return predicted_reduction_ / equations_.cost;
   }
 
 private:
-  static constexpr double kKept = 0.5;       // a plain step must keep this share of its promise
-  static constexpr double kWorth = 0.02;     // share of the cost below which the prior stands in the way
-  static constexpr double kPlain = 1e-6;     // fade below which it matters no more
-  static constexpr double kFarthest = 50.0;  // plain step, in usual errors
+  static constexpr double kKept = 0.5;             // least gain ratio of a plain step
+  static constexpr double kLeastReduction = 0.02;  // share of the cost below which the prior stands in the way
+  static constexpr double kPlain = 1e-6;           // prior weight below which it matters no more
+  static constexpr double kFarthest = 50.0;        // plain step, in usual errors
   static constexpr double kStandstill = 1e15;
   static constexpr double kRoundingOfPoints = 2e-14;  // [m] twice that of predicted points some metres away
   static constexpr double kSettled = 1e-4;            // share of the cost that is not worth a step with a prior
   static constexpr double kLittle = 1e-2;             // share of the cost of a step that ends a fit with a prior
-  static constexpr double kFirstBrake = 1e-3;
+  static constexpr double kFirstDamping = 1e-3;
   static constexpr double kLeastGain = 0.1;
   static constexpr double kGoodGain = 0.7;
   static constexpr int kRefusals = 3;  // of plain steps, before they are left for the end
@@ -275,7 +277,8 @@ private:
       finish(Termination::diverged, "the misfit is no longer finite");
       return false;
     }
-    if (steps_ == Steps::prior && brake_ == 0.0 && (effect_ <= tolerance_ || promise_ < kSettled * equations_.cost)) {
+    if (steps_ == Steps::prior && damping_ == 0.0 &&
+        (effect_ <= tolerance_ || predicted_reduction_ < kSettled * equations_.cost)) {
       smallest_pivot_ = solver_.smallest_pivot();
       finish(Termination::converged, "the errors that are usual of an arm explain no more");
       return false;
@@ -283,7 +286,7 @@ private:
     problem_.unknowns().move(result_.estimate, solver_.step(), moved_);
     if (plain_ && effect_ <= tolerance_) {  // the last look: no step follows
       smallest_pivot_ = solver_.smallest_pivot();
-      // So small a step changes the cost by less than its rounding, and what it promises is the judge.
+      // So small a step changes the cost by less than its rounding, so the predicted reduction decides.
       if (const double cost = problem_.cost(moved_, workspace_); cost <= equations_.cost + rounding_of_cost()) {
         equations_.cost = cost;
         std::swap(result_.estimate, moved_);
@@ -292,16 +295,16 @@ private:
       return false;
     }
     problem_.linearise(moved_, workspace_, moved_equations_);
-    const double gain = (equations_.cost - moved_equations_.cost) / promise_;
-    return plain_ ? judge_plain(gain) : judge(gain);
+    const double gain = (equations_.cost - moved_equations_.cost) / predicted_reduction_;
+    return plain_ ? assess_plain_step(gain) : assess_step(gain);
   }
 
   void propose() {
-    plain_ = plain_ || (brake_ == 0.0 && fade_ < kPlain);
+    plain_ = plain_ || (damping_ == 0.0 && prior_weight_ < kPlain);
     while (!plain_) {
       const double s2 = equations_.cost / static_cast<double>(problem_.equations());
-      weights_ = s2 * (fade_ + brake_) * expected_.information;
-      gradient_ = equations_.gradient - s2 * fade_ * expected_.information.cwiseProduct(expected_.distance);
+      weights_ = s2 * (prior_weight_ + damping_) * expected_.information;
+      gradient_ = equations_.gradient - s2 * prior_weight_ * expected_.information.cwiseProduct(expected_.distance);
       solver_.solve(equations_, weights_, gradient_);
       measure_step();
       if (steps_ == Steps::prior) {
@@ -311,26 +314,26 @@ private:
         plain_ = true;
         break;
       }
-      if (brake_ > 0.0 || promise_ >= kWorth * equations_.cost) {
+      if (damping_ > 0.0 || predicted_reduction_ >= kLeastReduction * equations_.cost) {
         return;
       }
-      fade_ *= 0.1;
-      plain_ = fade_ < kPlain;
+      prior_weight_ *= 0.1;
+      plain_ = prior_weight_ < kPlain;
     }
     solver_.solve(equations_);
     measure_step();
   }
 
-  // What the step promises to take off the cost, and how far it moves the points.
+  // The reduction of the cost that the step predicts, and how far it moves the points.
   void measure_step() {
     const VectorXd& step = solver_.step();
     curvature_.noalias() = equations_.hessian * step;
     const double squares = std::max(step.dot(curvature_), 0.0);
-    promise_ = 2.0 * step.dot(equations_.gradient) - squares;
+    predicted_reduction_ = 2.0 * step.dot(equations_.gradient) - squares;
     effect_ = std::sqrt(squares / problem_.total_weight());
   }
 
-  bool judge_plain(double gain) {
+  bool assess_plain_step(double gain) {
     const double farthest = solver_.step().cwiseAbs2().cwiseProduct(expected_.information).maxCoeff();
     const bool better = moved_equations_.cost < equations_.cost && gain > kKept;
     if (better && farthest < kFarthest * kFarthest) {
@@ -338,12 +341,13 @@ private:
       accept();
       return true;
     }
-    // So close to the end the costs differ by their rounding alone, and what the next step promises is the judge.
+    // So close to the end the costs differ by their rounding alone, so the predicted reduction of the next step
+    // decides.
     const double rounding = rounding_of_cost();
-    if (promise_ <= rounding && moved_equations_.cost <= equations_.cost + rounding) {
+    if (predicted_reduction_ <= rounding && moved_equations_.cost <= equations_.cost + rounding) {
       smallest_pivot_ = solver_.smallest_pivot();
-      if (promise_ < 0.25 * last_promise_) {
-        last_promise_ = promise_;
+      if (predicted_reduction_ < 0.25 * last_predicted_reduction_) {
+        last_predicted_reduction_ = predicted_reduction_;
         accept();
         return true;
       }
@@ -356,14 +360,14 @@ private:
     }
     plain_ = false;
     ++refused_;
-    brake_ = fade_ < kPlain ? kFirstBrake : 0.0;
+    damping_ = prior_weight_ < kPlain ? kFirstDamping : 0.0;
     return true;
   }
 
-  bool judge(double gain) {
+  bool assess_step(double gain) {
     if (!(moved_equations_.cost < equations_.cost && gain > kLeastGain)) {
-      brake_ = std::max(10.0 * brake_, fade_);
-      if (brake_ > kStandstill) {
+      damping_ = std::max(10.0 * damping_, prior_weight_);
+      if (damping_ > kStandstill) {
         finish(Termination::stalled, "no step reduces the misfit any more");
         return false;
       }
@@ -377,9 +381,9 @@ private:
       return false;
     }
     if (gain > kGoodGain) {
-      brake_ = brake_ > kFirstBrake * fade_ ? 0.1 * brake_ : 0.0;
-      if (steps_ == Steps::any && brake_ == 0.0) {
-        fade_ *= 0.1;
+      damping_ = damping_ > kFirstDamping * prior_weight_ ? 0.1 * damping_ : 0.0;
+      if (steps_ == Steps::any && damping_ == 0.0) {
+        prior_weight_ *= 0.1;
         plain_ = much && refused_ < kRefusals;
       }
     }
@@ -419,12 +423,12 @@ private:
   VectorXd gradient_;
   VectorXd curvature_;
   double effect_ = 0.0;
-  double promise_ = 0.0;
+  double predicted_reduction_ = 0.0;
   double smallest_pivot_ = 1.0;
-  double fade_ = 1.0;
-  double brake_ = 0.0;
+  double prior_weight_ = 1.0;
+  double damping_ = 0.0;
   int refused_ = 0;
-  double last_promise_ = std::numeric_limits<double>::infinity();
+  double last_predicted_reduction_ = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace
@@ -434,9 +438,9 @@ Identification descend(const LeastSquaresProblem& problem, const Estimate& start
   return Descent(problem, start, options, steps).run();
 }
 
-double promised_share(const LeastSquaresProblem& problem, const Estimate& estimate) {
+double predicted_share(const LeastSquaresProblem& problem, const Estimate& estimate) {
   const JointOptions options;
-  return Descent(problem, estimate, options, Steps::prior).promised_share();
+  return Descent(problem, estimate, options, Steps::prior).predicted_share();
 }
 
 }  // namespace kdl_calibration

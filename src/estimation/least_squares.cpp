@@ -215,7 +215,7 @@ std::optional<WhitenedSummary> LeastSquaresProblem::Data::summary_of_groups(cons
     return std::nullopt;
   }
   WhitenedSummary summary;
-  summary.triangle = std::move(*root);
+  summary.sqrt_information = std::move(*root);
   summary.priors = priors;
   summary.sums = MatrixXd::Zero(unknowns.size(), unknowns.size());
   lanes.summarise(estimate, workspace, summary);

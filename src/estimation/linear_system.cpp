@@ -88,7 +88,7 @@ void RowSummary::add_prior(const Eigen::Ref<const MatrixXd>& row) {
 
 WhitenedSummary RowSummary::finish() {
   make_triangle();
-  summary_.triangle = rows_.topRows(filled_);
+  summary_.sqrt_information = rows_.topRows(filled_);
   return std::move(summary_);
 }
 

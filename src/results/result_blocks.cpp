@@ -78,15 +78,15 @@ Json covariance_json(const Calibration& calibration) {
       static_cast<std::size_t>(calibration.uncertainty.covariance.rows()) != names.size()) {
     return nullptr;
   }
-  Json triangle = Json::array();
+  Json sqrt_information = Json::array();
   for (Eigen::Index r = 0; r < calibration.uncertainty.covariance.rows(); ++r) {
     Json row = Json::array();
     for (Eigen::Index c = 0; c <= r; ++c) {
       row.push_back(finite_or_null(calibration.uncertainty.covariance(r, c)));
     }
-    triangle.push_back(row);
+    sqrt_information.push_back(row);
   }
-  return {{"names", names}, {"lower_triangle", triangle}};
+  return {{"names", names}, {"lower_triangle", sqrt_information}};
 }
 
 Json residuals_json(const Measurements& measurements, const Calibration& calibration) {

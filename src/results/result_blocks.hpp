@@ -33,7 +33,7 @@ Json residuals_json(const Measurements& measurements, const Calibration& calibra
 /// Points that were left out and predicted, up to kMostRows, else null: {"configuration", "target", "distance"}.
 Json held_out_points_json(const Measurements& measurements, const Calibration& calibration);
 
-/// What the exported URDF alone is worth.
+/// The accuracy of the exported URDF alone.
 Json exported_urdf_json(const Robot& robot, const Calibration& calibration);
 
 Json provenance_json(const Provenance& provenance);

@@ -18,10 +18,10 @@ public:
   /// The one with these effects, among the sized or those that are not, comes first, the others by what they predict.
   void put_first(const std::vector<std::string>& effects, bool sized);
 
-  /// What the first one's held-out error hides, for the folds it was chosen by are those it is judged by: how many
-  /// times larger the held-out RMS becomes where the best is chosen without the configurations that judge it. At
-  /// least 1. 2,000 seeded drawings of configurations choose, those that were not drawn judge (bootstrap bias corrected
-  /// cross-validation, Tsamardinos, Greasidou and Borboudakis 2018).
+  /// The optimism of the selection: the ratio of the held-out RMS of models that were selected without the
+  /// configurations that test them to that of the selected model, at least 1. The folds that select a model also test
+  /// it, so its own held-out error is too small. 2,000 seeded drawings of configurations select, the configurations
+  /// that were not drawn test (bootstrap bias corrected cross-validation, Tsamardinos, Greasidou and Borboudakis 2018).
   double optimism() const;
 
   std::vector<ModelOption> options() const;

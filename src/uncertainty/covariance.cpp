@@ -26,12 +26,12 @@ MatrixXd covariance(const MatrixXd& whitened_jacobian, double factor) {
     return {};
   }
   const VectorXd scale = unit_scale(whitened_jacobian);
-  const MatrixXd triangle = triangular_factor(whitened_jacobian * scale.asDiagonal());
-  if (const std::optional<MatrixXd> inverse = regular_inverse(triangle)) {
+  const MatrixXd sqrt_information = triangular_factor(whitened_jacobian * scale.asDiagonal());
+  if (const std::optional<MatrixXd> inverse = regular_inverse(sqrt_information)) {
     const MatrixXd root = scale.asDiagonal() * *inverse;
     return factor * (root * root.transpose());
   }
-  const SingularSystem system = singular_system(triangle);
+  const SingularSystem system = singular_system(sqrt_information);
   VectorXd inverse_squares = VectorXd::Zero(columns);
   VectorXd undetermined = VectorXd::Zero(columns);
   for (Index i = 0; i < columns; ++i) {
@@ -75,11 +75,11 @@ MatrixXd undetermined_directions(const MatrixXd& whitened_jacobian) {
     return {};
   }
   VectorXd scale = unit_scale(whitened_jacobian);
-  const MatrixXd triangle = triangular_factor(whitened_jacobian * scale.asDiagonal());
-  if (regular_inverse(triangle)) {
+  const MatrixXd sqrt_information = triangular_factor(whitened_jacobian * scale.asDiagonal());
+  if (regular_inverse(sqrt_information)) {
     return {columns, 0};
   }
-  const SingularSystem system = singular_system(triangle);
+  const SingularSystem system = singular_system(sqrt_information);
   const Index rank = (system.values.array() > kSingular * system.values[0]).count();
   scale = scale.unaryExpr([](double s) { return s > 0.0 ? s : 1.0; });
   return scale.asDiagonal() * system.V.rightCols(columns - rank);
@@ -138,15 +138,15 @@ MatrixXd covariance(const WhitenedSystem& system, const ResidualNoise& noise, do
 }
 
 MatrixXd covariance(const WhitenedSummary& summary, const ResidualNoise& noise, double unit_weight) {
-  const Index columns = summary.triangle.cols();
+  const Index columns = summary.sqrt_information.cols();
   require_count("priors of a summary", summary.priors.size(), columns);
   require_count("columns of a summary's sums", summary.sums.cols(), columns);
-  const MatrixXd inverse = covariance(summary.triangle, 1.0);
+  const MatrixXd inverse = covariance(summary.sqrt_information, 1.0);
   const double independent = noise.independent * noise.independent * unit_weight;
   const double common = noise.common * noise.common * unit_weight;
   const MatrixXd priors = summary.priors.asDiagonal();
-  const MatrixXd middle =
-      independent * (summary.triangle.transpose() * summary.triangle - priors) + common * summary.sums + priors;
+  const MatrixXd middle = independent * (summary.sqrt_information.transpose() * summary.sqrt_information - priors) +
+                          common * summary.sums + priors;
   return sandwich(inverse, middle);
 }
 

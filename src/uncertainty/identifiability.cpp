@@ -54,12 +54,12 @@ std::vector<std::vector<std::string>> merged(const std::vector<std::vector<std::
 
 // Parameters that take part in a dependency, grouped: from left to right each column that the ones before it span,
 // together with those of them that it needs.
-std::vector<std::vector<std::string>> dependencies(const MatrixXd& triangle, const std::vector<std::string>& names,
-                                                   double tolerance) {
+std::vector<std::vector<std::string>> dependencies(const MatrixXd& sqrt_information,
+                                                   const std::vector<std::string>& names, double tolerance) {
   std::vector<std::vector<std::string>> groups;
   std::vector<Index> independent;
-  for (Index c = 0; c < triangle.cols(); ++c) {
-    const VectorXd column = triangle.col(c);
+  for (Index c = 0; c < sqrt_information.cols(); ++c) {
+    const VectorXd column = sqrt_information.col(c);
     if (column.norm() == 0.0) {
       groups.push_back({names[static_cast<std::size_t>(c)]});
       continue;
@@ -68,7 +68,7 @@ std::vector<std::vector<std::string>> dependencies(const MatrixXd& triangle, con
       independent.push_back(c);
       continue;
     }
-    const MatrixXd basis = triangle(Eigen::all, independent);
+    const MatrixXd basis = sqrt_information(Eigen::all, independent);
     const VectorXd coefficients = basis.colPivHouseholderQr().solve(column);
     if ((basis * coefficients - column).norm() > tolerance) {
       independent.push_back(c);
@@ -114,9 +114,9 @@ Identifiability identifiability(const MatrixXd& jacobian, const std::vector<std:
   if (jacobian.size() == 0) {
     return result;
   }
-  const MatrixXd triangle = scaled_triangle(jacobian);
+  const MatrixXd sqrt_information = scaled_triangle(jacobian);
   result.singular_values = VectorXd::Zero(jacobian.cols());
-  const Eigen::BDCSVD<MatrixXd> svd(triangle, Eigen::ComputeThinV);
+  const Eigen::BDCSVD<MatrixXd> svd(sqrt_information, Eigen::ComputeThinV);
   const VectorXd& values = svd.singularValues();
   result.singular_values.head(values.size()) = values;
   const double largest = values[0];
@@ -127,7 +127,7 @@ Identifiability identifiability(const MatrixXd& jacobian, const std::vector<std:
   const bool full = result.rank == result.columns;
   result.condition = full ? largest / values[values.size() - 1] : std::numeric_limits<double>::infinity();
   if (!full) {
-    result.tied = dependencies(triangle, names, 10.0 * options.tolerance);
+    result.tied = dependencies(sqrt_information, names, 10.0 * options.tolerance);
   }
   return result;
 }

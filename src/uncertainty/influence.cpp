@@ -81,19 +81,19 @@ void judge(const Totals& totals, Influence& result) {
 }  // namespace
 
 Influence influence(const LeastSquaresProblem& problem, const Measurements& measurements,
-                    const ResidualOptions& residuals, const Estimate& estimate, const MatrixXd& triangle) {
+                    const ResidualOptions& residuals, const Estimate& estimate, const MatrixXd& sqrt_information) {
   check(measurements, problem.model());
   check(estimate, problem.model(), measurements);
   check(residuals, measurements);
-  require_count("columns of a triangle", triangle.cols(), problem.columns());
+  require_count("columns of a triangle", sqrt_information.cols(), problem.columns());
   Influence result;
-  const Index columns = triangle.cols();
-  if (triangle.rows() < columns || columns == 0) {
+  const Index columns = sqrt_information.cols();
+  if (sqrt_information.rows() < columns || columns == 0) {
     return result;
   }
   const MatrixXd R =
-      Eigen::HouseholderQR<MatrixXd>(triangle).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
-  if (!(R.diagonal().cwiseAbs().cwiseProduct(unit_scale(triangle)).minCoeff() > kSingular)) {
+      Eigen::HouseholderQR<MatrixXd>(sqrt_information).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
+  if (!(R.diagonal().cwiseAbs().cwiseProduct(unit_scale(sqrt_information)).minCoeff() > kSingular)) {
     return result;
   }
   Totals totals;

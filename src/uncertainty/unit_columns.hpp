@@ -29,15 +29,15 @@ inline Eigen::VectorXd singular_values(const Eigen::MatrixXd& matrix) {
 /// The inverse of an upper triangular matrix whose singular values are within a factor of a million, far from where one
 /// counts as zero; else nothing. The product of both Frobenius norms bounds that factor. A tenth of the cost of
 /// singular values.
-inline std::optional<Eigen::MatrixXd> regular_inverse(const Eigen::MatrixXd& triangle) {
+inline std::optional<Eigen::MatrixXd> regular_inverse(const Eigen::MatrixXd& sqrt_information) {
   constexpr double kRegular = 1e6;
-  if (triangle.rows() != triangle.cols() || !triangle.isUpperTriangular(0.0) ||
-      !(triangle.diagonal().cwiseAbs().minCoeff() > 0.0)) {
+  if (sqrt_information.rows() != sqrt_information.cols() || !sqrt_information.isUpperTriangular(0.0) ||
+      !(sqrt_information.diagonal().cwiseAbs().minCoeff() > 0.0)) {
     return std::nullopt;
   }
-  const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(triangle.rows(), triangle.cols());
-  Eigen::MatrixXd inverse = triangle.triangularView<Eigen::Upper>().solve(unit);
-  return triangle.norm() * inverse.norm() < kRegular ? std::optional(std::move(inverse)) : std::nullopt;
+  const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(sqrt_information.rows(), sqrt_information.cols());
+  Eigen::MatrixXd inverse = sqrt_information.triangularView<Eigen::Upper>().solve(unit);
+  return sqrt_information.norm() * inverse.norm() < kRegular ? std::optional(std::move(inverse)) : std::nullopt;
 }
 
 /// With all right singular vectors.

@@ -93,7 +93,7 @@ public:
   FoldPredictor(const FoldTask& task, const std::vector<std::vector<Index>>& folds)
       : task_(task),
         problem_(task.problem),
-        R_(root_of(task.triangle)),
+        R_(root_of(task.sqrt_information)),
         determined_(R_.diagonal().cwiseAbs().cwiseProduct(unit_scale(R_)).minCoeff() > kSingular),
         systems_(problem_, R_) {
     std::vector<bool> is_held_out(static_cast<std::size_t>(problem_.measurements.joint_values.cols()), false);
@@ -167,12 +167,12 @@ public:
   }
 
 private:
-  static MatrixXd root_of(const MatrixXd& triangle) {
-    const Index columns = triangle.cols();
-    if (triangle.rows() < columns) {
+  static MatrixXd root_of(const MatrixXd& sqrt_information) {
+    const Index columns = sqrt_information.cols();
+    if (sqrt_information.rows() < columns) {
       return MatrixXd::Zero(columns, columns);
     }
-    return Eigen::HouseholderQR<MatrixXd>(triangle).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
+    return Eigen::HouseholderQR<MatrixXd>(sqrt_information).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
   }
 
   // Of the configuration's points, in metres and flange frame: what is left by the step, and its covariance.
@@ -259,10 +259,10 @@ std::vector<double> distances_of(const FoldPrediction& prediction) {
 FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Index>>& folds, int threads) {
   check(task.problem);
   check(folds, task.problem.measurements);
-  require_count("columns of a triangle", task.triangle.cols(), task.problem.free.size());
+  require_count("columns of a triangle", task.sqrt_information.cols(), task.problem.free.size());
   require_sigma("the noise", task.noise);
   const TrainingProblem training(task.problem);
-  const FoldTask task_of_training{.problem = *training, .triangle = task.triangle, .noise = task.noise};
+  const FoldTask task_of_training{.problem = *training, .sqrt_information = task.sqrt_information, .noise = task.noise};
   const FoldPredictor predictor(task_of_training, folds);
   std::vector<std::vector<Index>> sorted = folds;
   std::vector<std::pair<std::size_t, std::size_t>> some{{0, 0}};  // first fold and the one behind the last

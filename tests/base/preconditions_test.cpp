@@ -250,15 +250,17 @@ TEST(Doors, OfTheAssessmentRefuseWhatDoesNotFit) {
       {"predicted_covariance", [&] { predicted_covariance(predictor, square, s.q, 0); }, "3 columns of a covariance"},
       {"its target", [&] { predicted_covariance(predictor, C, s.q, 3); }, "the target 3"},
       {"pseudo_values", [&] { pseudo_values(model, s.data, s.estimate, Loss::huber, {1.0}); }, "1 weights of rows"},
-      {"predict_folds", [&] { predict_folds({.problem = problem, .triangle = C, .noise = 1e-5}, folds); }, fold},
+      {"predict_folds", [&] { predict_folds({.problem = problem, .sqrt_information = C, .noise = 1e-5}, folds); },
+       fold},
       {"its empty fold",
        [&] {
-         predict_folds({.problem = problem, .triangle = C, .noise = 1e-5}, {{0}, {}});
+         predict_folds({.problem = problem, .sqrt_information = C, .noise = 1e-5}, {{0}, {}});
        },
        "0 configurations of a fold"},
-      {"its triangle", [&] { predict_folds({.problem = problem, .triangle = square, .noise = 1e-5}, {{0}}); },
+      {"its triangle", [&] { predict_folds({.problem = problem, .sqrt_information = square, .noise = 1e-5}, {{0}}); },
        "3 columns of a triangle"},
-      {"its noise", [&] { predict_folds({.problem = problem, .triangle = C, .noise = kNaN}, {{0}}); }, "the noise"},
+      {"its noise", [&] { predict_folds({.problem = problem, .sqrt_information = C, .noise = kNaN}, {{0}}); },
+       "the noise"},
       {"cross_validate_by_sums", [&] { cross_validate_by_sums(problem, folds, 1e-5); }, fold},
       {"cross_validate", [&] { cross_validate(problem, folds); }, fold},
       {"cross_validate_nominal", [&] { cross_validate_nominal(model, s.data, folds); }, fold},

@@ -6,12 +6,12 @@
 
 #include "base/parallel.hpp"
 #include "experiment.hpp"
+#include "kdl_calibration/alternative_readings.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/registration.hpp"
-#include "kdl_calibration/suspicions.hpp"
 
 namespace kdl_calibration::benchmarks {
 namespace {
@@ -197,8 +197,8 @@ void hypotheses_library(benchmark::State& state) {
   const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)), 1, 0.00003);
   const Calibration found = calibrate(experiment().model, measured, {.diagnosis = {.try_readings = false}});
   for (auto _ : state) {
-    benchmark::DoNotOptimize(
-        suspicions(experiment().model, measured, found.fit.identification.estimate, found.fit.free, {.threads = 0}));
+    benchmark::DoNotOptimize(alternative_readings(experiment().model, measured, found.fit.identification.estimate,
+                                                  found.fit.free, {.threads = 0}));
   }
 }
 BENCHMARK(hypotheses_library)->Arg(1000)->UseRealTime()->Unit(benchmark::kMillisecond);

@@ -161,7 +161,7 @@ struct OpenErrors {
   OpenErrors(const Calibration& found, const Measurements& measured, const Unknowns& columns) {
     const Estimate& estimate = found.fit.identification.estimate;
     const LeastSquaresProblem problem(found.model, measured, columns);
-    open = undetermined_directions(problem.whitened_summary(estimate).triangle);
+    open = undetermined_directions(problem.whitened_summary(estimate).sqrt_information);
     errors = Eigen::VectorXd::Zero(columns.size());
     for (Eigen::Index c = 0; c < columns.size(); ++c) {
       const Unknown& unknown = columns.columns()[static_cast<std::size_t>(c)];
@@ -739,8 +739,8 @@ TEST(Calibration, NothingBecomesUndeterminedByAWeight) {
   }
   ASSERT_EQ(none, 4);
   const LeastSquaresProblem problem(found.model, measured, found.fit.free, residuals);
-  const Identifiability expected =
-      identifiability(problem.whitened_summary(found.fit.identification.estimate).triangle, found.fit.free.names());
+  const Identifiability expected = identifiability(
+      problem.whitened_summary(found.fit.identification.estimate).sqrt_information, found.fit.free.names());
   EXPECT_EQ(found.uncertainty.identifiability.rank, 36);
   EXPECT_NEAR(found.uncertainty.identifiability.condition / expected.condition, 1.0, 1e-6);
 }
@@ -791,9 +791,9 @@ std::vector<std::pair<QualityKind, std::vector<std::string>>> kinds_of(const std
 
 std::vector<std::string> doubted(const Calibration& found) {
   std::vector<std::string> causes;
-  for (const Suspicion& suspicion : found.diagnosis.suspicions) {
-    if (suspicion.doubt) {
-      causes.push_back(to_string(suspicion.cause));
+  for (const AlternativeReading& reading : found.diagnosis.alternative_readings) {
+    if (reading.doubt) {
+      causes.push_back(to_string(reading.cause));
     }
   }
   return causes;

@@ -231,9 +231,9 @@ TEST(DoubtsByHand, WhatIsInfinitelyUncertainIsNamedElsewhere) {
                           "configurations, or hold what is known"));
 }
 
-TEST(DoubtsByHand, SuspicionsAreDoubtsOrRemarks) {
+TEST(DoubtsByHand, ReadingsAreDoubtsOrRemarks) {
   Found found;
-  found.calibration.diagnosis.suspicions = {
+  found.calibration.diagnosis.alternative_readings = {
       {.cause = Cause::length_unit, .message = "they are feet", .doubt = true},
       {.cause = Cause::copied_rows, .message = "they are copies", .doubt = false}};
   EXPECT_THAT(found.doubted(), ElementsAre("length_unit: they are feet"));
@@ -830,7 +830,7 @@ void expect_named(const Mistake& mistake, const ErrorModel& model, std::uint64_t
   const std::string where = mistake.name + ", " + model.joints.front().name + ", seed " + std::to_string(seed);
   EXPECT_FALSE(found.trusted()) << where;
   EXPECT_TRUE(doubts_for(found, mistake.cause, mistake.words)) << where << "\n" << said(found);
-  EXPECT_EQ(std::count_if(found.diagnosis.suspicions.begin(), found.diagnosis.suspicions.end(),
+  EXPECT_EQ(std::count_if(found.diagnosis.alternative_readings.begin(), found.diagnosis.alternative_readings.end(),
                           [](const auto& s) { return s.doubt; }),
             1)
       << where << "\n"
@@ -887,11 +887,12 @@ int false_alarms(std::uint64_t first, std::uint64_t last) {
   for (std::uint64_t seed = first; seed <= last; ++seed) {
     const Measured m = correct_data(seed);
     const Calibration found = calibrate(m.model, m.data, kNothingHeldOut);
-    for (const Suspicion& suspicion : found.diagnosis.suspicions) {
-      EXPECT_EQ(never.count(to_string(suspicion.cause)), 0U) << seed << ": " << suspicion.message;
+    for (const AlternativeReading& reading : found.diagnosis.alternative_readings) {
+      EXPECT_EQ(never.count(to_string(reading.cause)), 0U) << seed << ": " << reading.message;
     }
-    const bool doubted = std::any_of(found.diagnosis.suspicions.begin(), found.diagnosis.suspicions.end(),
-                                     [](const Suspicion& suspicion) { return suspicion.doubt; });
+    const bool doubted =
+        std::any_of(found.diagnosis.alternative_readings.begin(), found.diagnosis.alternative_readings.end(),
+                    [](const AlternativeReading& reading) { return reading.doubt; });
     alarms += doubted || !found.diagnosis.findings.empty() ? 1 : 0;
     EXPECT_LE(alarms, 1) << seed << "\n" << said(found);
   }
@@ -1055,8 +1056,8 @@ RealSet ur10_poses() {
 std::vector<std::string> causes_of(const RealSet& set) {
   std::vector<std::string> causes;
   const Calibration found = calibrate(set.model, set.data, set.options);
-  for (const Suspicion& suspicion : found.diagnosis.suspicions) {
-    causes.push_back(std::string(to_string(suspicion.cause)) + ": " + suspicion.message);
+  for (const AlternativeReading& reading : found.diagnosis.alternative_readings) {
+    causes.push_back(std::string(to_string(reading.cause)) + ": " + reading.message);
   }
   for (const QualityFinding& finding : found.diagnosis.findings) {
     causes.push_back("finding: " + finding.message);

@@ -25,7 +25,7 @@ struct Fitted : testing::VirtualExperiment {
       : VirtualExperiment({.random = Random(7)}),
         measured(testing::without_sigmas(measure(30, {.sigma = sigma}))),
         start(nominal_start(model, measured)) {
-    const ParameterChoice choice = choose_parameters(model, start.targets, options);
+    const ParameterSelection choice = select_parameters(model, start.targets, options);
     fit = fit_whole(problem(Unknowns(model, start.targets, choice.free)), choice,
                     {.estimator = {}, .parameters = options});
   }
@@ -41,7 +41,7 @@ struct Fitted : testing::VirtualExperiment {
   double slope() const {
     const Estimate& estimate = fit.identification.estimate;
     const Eigen::MatrixXd open = undetermined_directions(
-        LeastSquaresProblem(model, measured, fit.candidates).whitened_summary(estimate).triangle);
+        LeastSquaresProblem(model, measured, fit.candidates).whitened_summary(estimate).sqrt_information);
     Eigen::VectorXd errors = Eigen::VectorXd::Zero(fit.candidates.size());
     Eigen::VectorXd scale = errors;
     for (Index c = 0; c < fit.candidates.size(); ++c) {

@@ -204,7 +204,8 @@ TEST(NoiseReport, OfPosesTheCovarianceIsScaledByTheResiduals) {
   const LeastSquaresProblem problem = f.problem();
   EXPECT_EQ(got.report.degrees_of_freedom, freedom);
   expect_close(got.covariance,
-               covariance(problem.whitened_summary(f.optimum).triangle, problem.cost(f.optimum) / freedom), "poses");
+               covariance(problem.whitened_summary(f.optimum).sqrt_information, problem.cost(f.optimum) / freedom),
+               "poses");
 }
 
 /// P(chi^2 > x) of an even number of degrees of freedom: the sum of a Poisson distribution.
@@ -241,7 +242,8 @@ TEST(NoiseReport, OfStatedNoiseIsWhatIsStatedUnlessTheResidualsAreLarger) {
     EXPECT_EQ(got.report.source, NoiseSource::stated);
     EXPECT_NEAR(got.report.variance_factor, factor, 1e-6 * factor) << chance;
     EXPECT_LT((got.report.independent - f.stated.independent).norm(), 1e-12);
-    expect_close(got.covariance, covariance(f.problem().whitened_summary(f.optimum).triangle, factor), "stated");
+    expect_close(got.covariance, covariance(f.problem().whitened_summary(f.optimum).sqrt_information, factor),
+                 "stated");
   }
 }
 
@@ -307,7 +309,7 @@ TEST(NoiseReport, PartsAreReportedAsTheyWereEstimated) {
   parts.sensitivity.resize(NoiseParts::kCount);
   parts.sensitivity[1] = drawn();
   parts.sensitivity[5] = drawn();
-  const MatrixXd promised = covariance(f.problem().whitened_summary(f.optimum).triangle, 1.0);
+  const MatrixXd promised = covariance(f.problem().whitened_summary(f.optimum).sqrt_information, 1.0);
   NoiseAssessment got = f.assessed();
   EXPECT_EQ(got.report.source, NoiseSource::parts);
   EXPECT_NEAR(got.report.misfit, std::sqrt(1e-10), 1e-15);
@@ -357,15 +359,16 @@ TEST(NoiseReport, OfARobustFitIsThatOfTheRowsThatAreNotOutliers) {
 
 TEST(NoiseReport, VarianceOfUnitWeightIsTheMeanOverWhatWasMeasured) {
   Random random(9);
-  const MatrixXd triangle = MatrixXd::NullaryExpr(4, 4, [&] { return random.normal(); }).triangularView<Eigen::Upper>();
+  const MatrixXd sqrt_information =
+      MatrixXd::NullaryExpr(4, 4, [&] { return random.normal(); }).triangularView<Eigen::Upper>();
   const MatrixXd root = MatrixXd::NullaryExpr(4, 4, [&] { return random.normal(); });
   MatrixXd covariance = root * root.transpose();
-  EXPECT_NEAR(variance_of_unit_weight(triangle, covariance), (triangle * covariance * triangle.transpose()).trace() / 4,
-              1e-12);
-  const MatrixXd promised = (triangle.transpose() * triangle).inverse();
-  EXPECT_NEAR(variance_of_unit_weight(triangle, 3.0 * promised), 3.0, 1e-9);
+  EXPECT_NEAR(variance_of_unit_weight(sqrt_information, covariance),
+              (sqrt_information * covariance * sqrt_information.transpose()).trace() / 4, 1e-12);
+  const MatrixXd promised = (sqrt_information.transpose() * sqrt_information).inverse();
+  EXPECT_NEAR(variance_of_unit_weight(sqrt_information, 3.0 * promised), 3.0, 1e-9);
   covariance(2, 2) = kInfinity;
-  EXPECT_EQ(variance_of_unit_weight(triangle, covariance), 1.0);
+  EXPECT_EQ(variance_of_unit_weight(sqrt_information, covariance), 1.0);
   EXPECT_EQ(variance_of_unit_weight(MatrixXd(0, 0), MatrixXd(0, 0)), 1.0);
   EXPECT_NEAR(variance_of_unit_weight(MatrixXd::Constant(1, 1, 2.0), MatrixXd::Constant(1, 1, 3.0)), 12.0, 1e-12);
 }

@@ -27,7 +27,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 struct Uncertain : testing::VirtualExperiment {
   WholeFit fit;
   MatrixXd covariance;
-  MatrixXd triangle;  // of the candidates
+  MatrixXd sqrt_information;  // of the candidates
   NoiseReport noise;
   std::vector<HeldOutPoint> held_out;
   double optimism = 1.0;
@@ -41,7 +41,7 @@ struct Uncertain : testing::VirtualExperiment {
     Random numbers(5);
     const MatrixXd root = MatrixXd::NullaryExpr(free.size(), free.size(), [&] { return 1e-5 * numbers.normal(); });
     covariance = root * root.transpose();
-    triangle = MatrixXd::Identity(free.size(), free.size());
+    sqrt_information = MatrixXd::Identity(free.size(), free.size());
     noise.source = NoiseSource::residuals;
     noise.degrees_of_freedom = 20.0;
     noise.independent.setConstant(3e-5);
@@ -52,7 +52,7 @@ struct Uncertain : testing::VirtualExperiment {
     return predicted_accuracy({.model = model,
                                .fit = fit,
                                .covariance = covariance,
-                               .root_of_candidates = triangle,
+                               .root_of_candidates = sqrt_information,
                                .noise = noise,
                                .held_out = held_out,
                                .optimism = optimism},
@@ -162,8 +162,8 @@ TEST(PredictedAccuracy, IsInfiniteWhereWhatIsOpenMovesThePointByAMillionth) {
     VectorXd moving = open;
     moving[*candidates.column("base.Tx")] += share * sizes;
     moving.normalize();
-    u.triangle = MatrixXd::Identity(candidates.size(), candidates.size()) - moving * moving.transpose();
-    ASSERT_EQ(undetermined_directions(u.triangle).cols(), 1);
+    u.sqrt_information = MatrixXd::Identity(candidates.size(), candidates.size()) - moving * moving.transpose();
+    ASSERT_EQ(undetermined_directions(u.sqrt_information).cols(), 1);
     const PredictedAccuracy found = u.predicted(measured);
     ASSERT_EQ(found.asked.size(), 1U);
     EXPECT_EQ(std::isinf(found.asked[0].sigma), share > 1e-6) << share;

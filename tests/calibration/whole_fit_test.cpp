@@ -46,7 +46,8 @@ struct Arm : testing::VirtualExperiment {
         start(nominal_start(model, measured)) {}
 
   WholeFit fitted(const std::vector<std::string>& without = {}) const {
-    const ParameterChoice choice = choose_parameters(model, start.targets, options.parameters, {.configurations = 20});
+    const ParameterSelection choice =
+        select_parameters(model, start.targets, options.parameters, {.configurations = 20});
     std::vector<std::string> names = choice.free;
     for (const std::string& name : without) {
       std::erase(names, name);

@@ -51,7 +51,7 @@ TEST(Requirements, AreJudgedByTheNumberTheyLeadTo) {
     "fit": {"after": {"rms": 0.5}, "before": {"rms": 9}, "count": 7},
     "position_error": {"train": {"after": {"rms": 0.25}}, "test": {"rms": 3}}})");
   const auto fulfilled = [&](const std::string& text) {
-    return cli::judged({cli::parse_requirement(text)}, json).at(0).message.empty();
+    return cli::outcomes_of({cli::parse_requirement(text)}, json).at(0).message.empty();
   };
   for (const char* text : {"rank==33", "rank<=33", "rank>=33", "rank<33.1", "rank>32.9", "list.0==1", "list.1==2.5",
                            "fit.rms==0.5", "fit.after.rms==0.5", "fit.before.rms==9", "fit.count==7", "train.rms==0.25",
@@ -62,13 +62,15 @@ TEST(Requirements, AreJudgedByTheNumberTheyLeadTo) {
                            "list.x>0", "text==5", "none==0", "fit==0", "nothing>0", "rank.after==33", "train.max>0"}) {
     EXPECT_FALSE(fulfilled(text)) << text;
   }
-  const std::vector<cli::Judged> judged = cli::judged(cli::parse_requirements({"rank<1", "rank>1", "none<1"}), json);
+  const std::vector<cli::Judged> outcomes_of =
+      cli::outcomes_of(cli::parse_requirements({"rank<1", "rank>1", "none<1"}), json);
   const std::string rank = "'rank<1' is not fulfilled: the value is 33";
   const std::string none = "'none<1' is not fulfilled: the value is not determined";
-  EXPECT_THAT(cli::unfulfilled(judged), ElementsAre(rank, none));
-  EXPECT_EQ(cli::judged_json(judged), Json::array({{{"text", "rank<1"}, {"fulfilled", false}, {"message", rank}},
-                                                   {{"text", "rank>1"}, {"fulfilled", true}, {"message", nullptr}},
-                                                   {{"text", "none<1"}, {"fulfilled", false}, {"message", none}}}));
+  EXPECT_THAT(cli::unfulfilled(outcomes_of), ElementsAre(rank, none));
+  EXPECT_EQ(cli::judged_json(outcomes_of),
+            Json::array({{{"text", "rank<1"}, {"fulfilled", false}, {"message", rank}},
+                         {{"text", "rank>1"}, {"fulfilled", true}, {"message", nullptr}},
+                         {{"text", "none<1"}, {"fulfilled", false}, {"message", none}}}));
 }
 
 TEST(PlanCommandText, TheCommandThatPlansNamesTheFilesOfTheResult) {

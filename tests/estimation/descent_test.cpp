@@ -191,14 +191,14 @@ TEST(Descent, EndsAtItsRoundingWhereNoMotionIsSmallEnough) {
 
 TEST(Descent, PromisesAllOfTheCostWhereErrorsAreUsualAndNothingAtTheOptimum) {
   const Task exact({.size = 0.5, .noise = 0.0, .configurations = 20}, 1);
-  EXPECT_NEAR(promised_share(exact.problem, exact.start), 1.0, 0.05);
+  EXPECT_NEAR(predicted_share(exact.problem, exact.start), 1.0, 0.05);
   const Task noisy({.size = 0.5, .noise = 1e-4, .configurations = 20}, 1);
-  const double promised = promised_share(noisy.problem, noisy.start);
+  const double promised = predicted_share(noisy.problem, noisy.start);
   const Identification found = descend(noisy.problem, noisy.start, {});
   const double taken = 1.0 - noisy.problem.cost(found.estimate) / noisy.problem.cost(noisy.start);
   EXPECT_LE(promised, taken + 1e-3) << "a prior holds back";
   EXPECT_GT(promised, taken - 0.2);
-  EXPECT_NEAR(promised_share(noisy.problem, found.estimate), 0.0, 1e-2);
+  EXPECT_NEAR(predicted_share(noisy.problem, found.estimate), 0.0, 1e-2);
 }
 
 // A radian, and half of the arm as it is stretched out, its slides included; of a small one half a metre.

@@ -201,7 +201,7 @@ TEST(Identification, WhatManyCorrelatedPointsSayIsWhatTheirRowsSay) {
   EXPECT_NEAR(problem.cost(estimate), found.cost, 1e-12 * found.cost);
   const WhitenedSummary summary = problem.whitened_summary(estimate);
   const WhitenedSummary expected = summarised(rows);
-  EXPECT_LT((summary.triangle.transpose() * summary.triangle - hessian).norm(), 1e-10 * hessian.norm());
+  EXPECT_LT((summary.sqrt_information.transpose() * summary.sqrt_information - hessian).norm(), 1e-10 * hessian.norm());
   EXPECT_LT((summary.sums - expected.sums).norm(), 1e-10 * expected.sums.norm());
   EXPECT_NEAR(summary.squares, expected.squares, 1e-10 * expected.squares);
   EXPECT_NEAR(summary.squares_of_sums, expected.squares_of_sums, 1e-10 * expected.squares_of_sums);

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "kdl_calibration/alternative_readings.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/data_quality.hpp"
@@ -21,7 +22,6 @@
 #include "kdl_calibration/pseudo_values.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
-#include "kdl_calibration/suspicions.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "mistakes_support.hpp"
 #include "refusal.hpp"
@@ -128,7 +128,7 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   const Estimate estimate = rigid_truth();
   const std::vector<Eigen::Isometry3d> X_BF(m.data.configurations.size(), Eigen::Isometry3d::Identity());
   const LeastSquaresProblem problem(m.model, m.data, m.free);
-  const Eigen::MatrixXd triangle = Eigen::MatrixXd::Identity(m.free.size(), m.free.size());
+  const Eigen::MatrixXd sqrt_information = Eigen::MatrixXd::Identity(m.free.size(), m.free.size());
   const std::vector<double> weights(m.data.observations.size(), 1.0);
   const Experiment experiment = nominal_experiment(m.model, m.truth.targets);
   Calibration calibration;
@@ -159,7 +159,7 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
       {"LeastSquaresProblem", [&](const Measurements& d) { LeastSquaresProblem(m.model, d, m.free); }},
       {"estimate_noise", [&](const Measurements& d) { estimate_noise(m.model, d, estimate, m.free, {}); }},
       {"test_lack_of_fit", [&](const Measurements& d) { test_lack_of_fit(m.model, d, estimate, m.free); }},
-      {"influence", [&](const Measurements& d) { influence(problem, d, {}, estimate, triangle); }},
+      {"influence", [&](const Measurements& d) { influence(problem, d, {}, estimate, sqrt_information); }},
       {"pseudo_values", [&](const Measurements& d) { pseudo_values(m.model, d, estimate, Loss::huber, weights); }},
       {"cross_validate_nominal",
        [&](const Measurements& d) {
@@ -171,7 +171,7 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
       {"result_table", [&](const Measurements& d) { result_table(d, calibration); }},
       {"check_residuals", [&](const Measurements& d) { check_residuals(m.model, d, estimate); }},
       {"try_conventions", [&](const Measurements& d) { try_conventions(m.model, d, m.free); }},
-      {"suspicions", [&](const Measurements& d) { suspicions(m.model, d, estimate, m.free); }},
+      {"suspicions", [&](const Measurements& d) { alternative_readings(m.model, d, estimate, m.free); }},
       {"explained_by_joints", [&](const Measurements& d) { explained_by_joints(m.model, estimate, d); }},
   });
 }

@@ -201,8 +201,8 @@ TEST_P(LeastSquares, CostAndWhitenedRowsAgreeWithTheEquations) {
   EXPECT_LT((information - equations.hessian).norm(), 1e-11 * information.norm());
   const VectorXd gradient = system.jacobian.transpose() * system.residual;
   EXPECT_LT((gradient - equations.gradient).norm(), 1e-9 * gradient.norm());
-  const MatrixXd triangle = problem.whitened_summary(estimate).triangle;
-  EXPECT_LT((triangle.transpose() * triangle - information).norm(), 1e-11 * information.norm());
+  const MatrixXd sqrt_information = problem.whitened_summary(estimate).sqrt_information;
+  EXPECT_LT((sqrt_information.transpose() * sqrt_information - information).norm(), 1e-11 * information.norm());
 }
 
 void expect_same_bits(const NormalEquations& a, const NormalEquations& b) {
@@ -220,11 +220,11 @@ TEST_P(LeastSquares, TwoThreadsMayAskTheSameProblem) {
   ASSERT_NE(expected_here.cost, expected_there.cost);
   const auto ask = [&](const Estimate& estimate, const NormalEquations& expected) {
     const double cost = problem.cost(estimate);
-    const MatrixXd triangle = problem.whitened_summary(estimate).triangle;
+    const MatrixXd sqrt_information = problem.whitened_summary(estimate).sqrt_information;
     for (int i = 0; i < 20; ++i) {
       expect_same_bits(problem.linearise(estimate), expected);
       EXPECT_EQ(problem.cost(estimate), cost);
-      EXPECT_EQ(problem.whitened_summary(estimate).triangle, triangle);
+      EXPECT_EQ(problem.whitened_summary(estimate).sqrt_information, sqrt_information);
     }
   };
   std::thread other(ask, std::cref(there), std::cref(expected_there));
@@ -295,9 +295,10 @@ TEST(LeastSquaresOfManyConfigurations, SummaryIsThatOfTheStackedRows) {
     EXPECT_GT(found.priors.norm(), 0.0);
     EXPECT_LT((found.priors - expected.priors).norm(), 1e-12 * expected.priors.norm());
     EXPECT_LT((found.sums - expected.sums).norm(), 1e-12 * expected.sums.norm());
-    EXPECT_TRUE(found.triangle.isUpperTriangular(0.0));
-    const MatrixXd information = expected.triangle.transpose() * expected.triangle;
-    EXPECT_LT((found.triangle.transpose() * found.triangle - information).norm(), 1e-12 * information.norm());
+    EXPECT_TRUE(found.sqrt_information.isUpperTriangular(0.0));
+    const MatrixXd information = expected.sqrt_information.transpose() * expected.sqrt_information;
+    EXPECT_LT((found.sqrt_information.transpose() * found.sqrt_information - information).norm(),
+              1e-12 * information.norm());
   }
 }
 

@@ -88,8 +88,9 @@ void expect_summary(const WhitenedSystem& system, const std::vector<Index>& poin
   const WhitenedSummary found = summarised(system);
   EXPECT_EQ(found.rows, system.jacobian.rows());
   EXPECT_EQ(found.measured_rows, measured);
-  EXPECT_EQ(found.triangle.rows(), std::min(system.jacobian.rows(), columns));
-  EXPECT_LT((found.triangle.transpose() * found.triangle - information).norm(), 1e-12 * information.norm());
+  EXPECT_EQ(found.sqrt_information.rows(), std::min(system.jacobian.rows(), columns));
+  EXPECT_LT((found.sqrt_information.transpose() * found.sqrt_information - information).norm(),
+            1e-12 * information.norm());
   EXPECT_LT((found.sums - sums).norm(), 1e-12 * sums.norm());
   EXPECT_NEAR(found.squares, system.residual.head(measured).squaredNorm(), 1e-11 * found.squares);
   EXPECT_NEAR(found.squares_of_sums, squares_of_sums, 1e-11 * squares_of_sums);

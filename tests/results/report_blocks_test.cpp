@@ -389,16 +389,16 @@ TEST(ReportBlocks, ShortRangesOfRippleAreShownWhole) {
 
 Json written(const MatrixXd& C) {
   Json names = Json::array();
-  Json triangle = Json::array();
+  Json sqrt_information = Json::array();
   for (Index r = 0; r < C.rows(); ++r) {
     names.push_back("p" + std::to_string(r));
     Json row = Json::array();
     for (Index c = 0; c <= r; ++c) {
       row.push_back(finite_or_null(C(r, c)));
     }
-    triangle.push_back(row);
+    sqrt_information.push_back(row);
   }
-  return {{"names", names}, {"lower_triangle", triangle}};
+  return {{"names", names}, {"lower_triangle", sqrt_information}};
 }
 
 TEST(ReportBlocks, TheStrongestCorrelationsAndTheMatrixOfTheirParameters) {

@@ -195,10 +195,10 @@ TEST(Covariance, UndeterminedDirectionsAreTheKernel) {
 
 TEST(Covariance, TheTriangleOfAMatrixKeepsItsInformation) {
   const MatrixXd tall = random_matrix(7, 4, 2);
-  const MatrixXd triangle = triangular_factor(tall);
-  EXPECT_EQ(triangle.rows(), 4);
-  EXPECT_TRUE(triangle.isUpperTriangular(0.0));
-  EXPECT_LT((triangle.transpose() * triangle - tall.transpose() * tall).norm(), 1e-12);
+  const MatrixXd sqrt_information = triangular_factor(tall);
+  EXPECT_EQ(sqrt_information.rows(), 4);
+  EXPECT_TRUE(sqrt_information.isUpperTriangular(0.0));
+  EXPECT_LT((sqrt_information.transpose() * sqrt_information - tall.transpose() * tall).norm(), 1e-12);
   for (const Index rows : {3, 4}) {
     const MatrixXd few = random_matrix(rows, 4, 3);
     EXPECT_EQ(triangular_factor(few), few) << rows;

@@ -83,7 +83,7 @@ TEST(Influence, LeverageAddsUpToTheRankAndCooksDistanceIsThatOfARefit) {
     const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options.residuals);
     const Eigen::MatrixXd jacobian = problem.whitened(full.estimate).jacobian;
     const Influence found = influence(problem, measured, options.residuals, full.estimate,
-                                      problem.whitened_summary(full.estimate).triangle);
+                                      problem.whitened_summary(full.estimate).sqrt_information);
     ASSERT_EQ(found.configurations.size(), 30U);
     EXPECT_NEAR(found.leverage_limit, 2.0 * 33.0 / 267.0, 1e-9);
     EXPECT_EQ(found.cook_limit, 4.0 / 30.0);
@@ -141,7 +141,8 @@ TEST(Influence, LeveragesOfPosesOfAnyWeightAddUpToWhatTheRowsDecide) {
   const Estimate& truth = experiment.robot.truth;
   const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options);
   const WhitenedSystem system = problem.whitened(truth);
-  const Influence found = influence(problem, measured, options, truth, problem.whitened_summary(truth).triangle);
+  const Influence found =
+      influence(problem, measured, options, truth, problem.whitened_summary(truth).sqrt_information);
   const MatrixXd J = system.jacobian;
   const VectorXd scale = J.colwise().norm().cwiseInverse();
   const MatrixXd scaled = J * scale.asDiagonal();
@@ -177,7 +178,7 @@ Influence of_a_target_seen_twice(double weight) {
   const Estimate estimate =
       identify_jointly(experiment.model, measured, experiment.robot.truth, free, {.residuals = options}).estimate;
   const LeastSquaresProblem problem(experiment.model, measured, free, options);
-  return influence(problem, measured, options, estimate, problem.whitened_summary(estimate).triangle);
+  return influence(problem, measured, options, estimate, problem.whitened_summary(estimate).sqrt_information);
 }
 
 TEST(Influence, IsInfiniteWhereTheRestDoesNotDetermineAll) {
@@ -207,7 +208,7 @@ TEST(Influence, IsNoneWhereNothingIsLeftOver) {
   const Unknowns free(experiment.model, experiment.targets, {"C.x", "C.y", "C.z"});
   const LeastSquaresProblem problem(experiment.model, measured, free);
   const Influence found = influence(problem, measured, {}, experiment.robot.truth,
-                                    problem.whitened_summary(experiment.robot.truth).triangle);
+                                    problem.whitened_summary(experiment.robot.truth).sqrt_information);
   ASSERT_EQ(found.configurations.size(), 1U);
   EXPECT_NEAR(found.configurations[0].leverage, 3.0, 1e-12);
   EXPECT_EQ(found.configurations[0].cook, 0.0);
@@ -219,8 +220,8 @@ TEST(Influence, IsEmptyWhereTheTriangleDoesNotDetermineAllColumns) {
   const Measurements measured = testing::without_sigmas(experiment.measure(6, {.sigma = 1e-4}));
   const Unknowns free(experiment.model, experiment.targets, {"C.x", "C.y"});
   const LeastSquaresProblem problem(experiment.model, measured, free);
-  const auto entries = [&](const MatrixXd& triangle) {
-    return influence(problem, measured, {}, experiment.robot.truth, triangle).configurations.size();
+  const auto entries = [&](const MatrixXd& sqrt_information) {
+    return influence(problem, measured, {}, experiment.robot.truth, sqrt_information).configurations.size();
   };
   const auto parallel = [](double sine) { return (MatrixXd(2, 2) << 1e3, 1.0, 0.0, sine).finished(); };
   EXPECT_EQ(entries(parallel(2e-9)), 6U);
@@ -238,17 +239,20 @@ TEST(Influence, RefusesWhatDoesNotHoldTogether) {
   const Measurements sound = without_sigmas(experiment.measure(12, {.sigma = 1e-4}));
   const Estimate& truth = experiment.robot.truth;
   const LeastSquaresProblem problem(experiment.model, sound, experiment.free);
-  const MatrixXd triangle = problem.whitened_summary(truth).triangle;
+  const MatrixXd sqrt_information = problem.whitened_summary(truth).sqrt_information;
   Measurements measured = sound;
   measured.joints[0] = "another";
-  EXPECT_NE(refusal([&] { influence(problem, measured, {}, truth, triangle); }).find("another"), std::string::npos);
+  EXPECT_NE(refusal([&] { influence(problem, measured, {}, truth, sqrt_information); }).find("another"),
+            std::string::npos);
   Estimate estimate = truth;
   estimate.errors.conservativeResize(3);
-  EXPECT_NE(refusal([&] { influence(problem, sound, {}, estimate, triangle); }).find("3 errors"), std::string::npos);
+  EXPECT_NE(refusal([&] { influence(problem, sound, {}, estimate, sqrt_information); }).find("3 errors"),
+            std::string::npos);
   ResidualOptions options;
   options.row_weights.assign(sound.observations.size(), -1.0);
-  EXPECT_NE(refusal([&] { influence(problem, sound, options, truth, triangle); }).find("weight"), std::string::npos);
-  EXPECT_EQ(refusal([&] { influence(problem, sound, {}, truth, triangle.leftCols(5)); }),
+  EXPECT_NE(refusal([&] { influence(problem, sound, options, truth, sqrt_information); }).find("weight"),
+            std::string::npos);
+  EXPECT_EQ(refusal([&] { influence(problem, sound, {}, truth, sqrt_information.leftCols(5)); }),
             "5 columns of a triangle, expected 33");
 }
 

@@ -48,12 +48,12 @@ FitProblem at_optimum(const testing::VirtualExperiment& experiment, const Measur
 MatrixXd triangle_of(const FitProblem& problem) {
   return LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
       .whitened_summary(problem.start)
-      .triangle;
+      .sqrt_information;
 }
 
 FoldPrediction predicted(const FitProblem& problem, const Folds& folds, double noise) {
-  const MatrixXd triangle = triangle_of(problem);
-  return predict_folds({.problem = problem, .triangle = triangle, .noise = noise}, folds, 2);
+  const MatrixXd sqrt_information = triangle_of(problem);
+  return predict_folds({.problem = problem, .sqrt_information = sqrt_information, .noise = noise}, folds, 2);
 }
 
 Measurements others_than(const Measurements& measurements, const std::vector<Index>& fold) {
@@ -280,7 +280,7 @@ TEST(FoldPrediction, IsARefitWhereAllTogetherDoNotDetermineTheColumns) {
   }
   const MatrixXd nothing = MatrixXd::Zero(3, determined.free.size());
   const FoldPrediction unknown =
-      predict_folds({.problem = determined, .triangle = nothing, .noise = 1.0}, {{3}, {4, 2}});
+      predict_folds({.problem = determined, .sqrt_information = nothing, .noise = 1.0}, {{3}, {4, 2}});
   EXPECT_EQ(unknown.refits, 2);
   EXPECT_TRUE(std::isinf(unknown.points.back().covariance(2, 0)));
 }

@@ -20,10 +20,10 @@
 #include "mistakes_support.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
-#include "selection/effect_choice.hpp"
+#include "selection/effect_selection.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration::effect_choice_test {
+namespace kdl_calibration::effect_selection_test {
 namespace {
 
 using ::testing::Contains;
@@ -98,14 +98,14 @@ void expect_found_and_predicted_by(const std::vector<EffectGroup>& groups) {
   }
 }
 
-TEST(EffectChoice, FindsSagAndPredictsByIt) { expect_found_and_predicted_by({EffectGroup::gravity}); }
+TEST(EffectSelection, FindsSagAndPredictsByIt) { expect_found_and_predicted_by({EffectGroup::gravity}); }
 
-TEST(EffectChoiceLongRun, FindsEachEffectAndPredictsByIt) {
+TEST(EffectSelectionLongRun, FindsEachEffectAndPredictsByIt) {
   expect_found_and_predicted_by({EffectGroup::gravity, EffectGroup::transverse, EffectGroup::gain,
                                  EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables});
 }
 
-TEST(EffectChoice, FindsHowOftenGearsRipple) {
+TEST(EffectSelection, FindsHowOftenGearsRipple) {
   const Arm arm(fanuc(), 21, 120, {{EffectGroup::ripple, 2e-4}});
   const Calibration found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
   ASSERT_THAT(found.selection.tried.front().effects, Contains("ripple"));
@@ -125,7 +125,7 @@ TEST(EffectChoice, FindsHowOftenGearsRipple) {
   EXPECT_LT(arm.error_at_unseen(found), 0.5 * arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry)));
 }
 
-TEST(EffectChoice, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
+TEST(EffectSelection, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
   Arm arm(fanuc(), 22, 110, {});
   const double degree = std::numbers::pi / 180.0;
   // Whole degrees, in radians with four decimals.
@@ -153,11 +153,11 @@ void expect_no_ripple_in_rigid_arms(unsigned count) {
   }
 }
 
-TEST(EffectChoice, ARigidArmHasNoRipple) { expect_no_ripple_in_rigid_arms(1); }
-TEST(EffectChoiceLongRun, ARigidArmHasNoRipple) { expect_no_ripple_in_rigid_arms(6); }
+TEST(EffectSelection, ARigidArmHasNoRipple) { expect_no_ripple_in_rigid_arms(1); }
+TEST(EffectSelectionLongRun, ARigidArmHasNoRipple) { expect_no_ripple_in_rigid_arms(6); }
 
 // A table that nothing was measured of over 40 degrees is not made up there.
-TEST(EffectChoice, TablesAreWithheldInGaps) {
+TEST(EffectSelection, TablesAreWithheldInGaps) {
   Arm arm(fanuc(), 23, 100, {});
   const Eigen::MatrixXd q = 0.3 * arm.measured.joint_values;
   for (const EffectTerm& term : table_terms(arm.model, q, 10.0 * std::numbers::pi / 180.0)) {
@@ -209,7 +209,7 @@ TEST(EffectChoice, TablesAreWithheldInGaps) {
   EXPECT_GT(points.front().sigma, 3.0 * points.back().sigma);
 }
 
-TEST(EffectChoice, FindsTheSizeOfWhatIsThere) {
+TEST(EffectSelection, FindsTheSizeOfWhatIsThere) {
   const Arm arm(fanuc(), 3, 100, {{EffectGroup::gravity, 2e-4}});
   CalibrationOptions options = kGeometry;
   options.selection.effects.groups = {EffectGroup::gravity};
@@ -229,7 +229,7 @@ TEST(EffectChoice, FindsTheSizeOfWhatIsThere) {
   EXPECT_GE(inside, static_cast<int>(0.8 * static_cast<double>(columns.count)));
 }
 
-TEST(EffectChoice, LeavesARigidArmRigid) {
+TEST(EffectSelection, LeavesARigidArmRigid) {
   int kept = 0;
   double worse = 0.0;
   for (unsigned seed = 0; seed < 4; ++seed) {
@@ -243,7 +243,7 @@ TEST(EffectChoice, LeavesARigidArmRigid) {
   EXPECT_LT(worse, 1.1);
 }
 
-TEST(EffectChoice, NothingIsChosenWhereNothingIsLeft) {
+TEST(EffectSelection, NothingIsChosenWhereNothingIsLeft) {
   const Arm arm(fanuc(), 4, 30, {}, 0.0);
   const Calibration found = calibrate(arm.model, arm.measured, automatic());
   EXPECT_THAT(found.model.effects, IsEmpty());
@@ -252,7 +252,7 @@ TEST(EffectChoice, NothingIsChosenWhereNothingIsLeft) {
 }
 
 // Of an arm that is as drawn, where priors leave the geometry nearly nominal.
-TEST(EffectChoice, TheNoiseIsInPartsBesideChosenPriors) {
+TEST(EffectSelection, TheNoiseIsInPartsBesideChosenPriors) {
   Arm arm(fanuc(), 2, 30, {});
   arm.robot.truth.errors.setZero();
   Random random(3);
@@ -266,7 +266,7 @@ TEST(EffectChoice, TheNoiseIsInPartsBesideChosenPriors) {
   EXPECT_NEAR(found.noise.common.norm() / std::sqrt(3.0), 5e-5, 1e-5);
 }
 
-TEST(EffectChoice, TooFewMeasurementsForWhatIsAskedAreRefused) {
+TEST(EffectSelection, TooFewMeasurementsForWhatIsAskedAreRefused) {
   const Arm arm(fanuc(), 9, 9, {});  // 81 equations
   CalibrationOptions options = kGeometry;
   options.selection.effects.groups = {EffectGroup::gravity, EffectGroup::harmonics};
@@ -274,7 +274,7 @@ TEST(EffectChoice, TooFewMeasurementsForWhatIsAskedAreRefused) {
               ::testing::HasSubstr("simulation: too few measurements for the effects asked for"));
 }
 
-TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
+TEST(EffectSelection, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
   const Arm arm(fanuc(), 5, 13, {{EffectGroup::gravity, 3e-4}});
   CalibrationOptions options = automatic();
   options.validation.leave_one_out = true;
@@ -295,7 +295,7 @@ TEST(EffectChoice, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
   EXPECT_GT(other.accuracy.nested_leave_one_out->max, 0.5e-3);
 }
 
-TEST(EffectChoice, HeldTermsTakeNoPart) {
+TEST(EffectSelection, HeldTermsTakeNoPart) {
   const Arm arm(fanuc(), 6, 40, {{EffectGroup::gravity, 3e-4}});
   CalibrationOptions options = kGeometry;
   options.selection.effects.groups = {EffectGroup::gravity, EffectGroup::gain};
@@ -312,7 +312,7 @@ TEST(EffectChoice, HeldTermsTakeNoPart) {
   EXPECT_FALSE(other.fit.free.column("Tz4").has_value());
 }
 
-TEST(EffectChoice, AnArmOnAWallSagsAlongItsOwnDirection) {
+TEST(EffectSelection, AnArmOnAWallSagsAlongItsOwnDirection) {
   Arm arm(fanuc(), 7, 30, {});
   arm.robot.model.gravity = KDL::Vector(1.0, 0.0, 0.0);
   arm.robot.model.effects = effect_terms(arm.robot.model, EffectGroup::gravity, arm.measured.joint_values);
@@ -329,7 +329,7 @@ TEST(EffectChoice, AnArmOnAWallSagsAlongItsOwnDirection) {
   EXPECT_LT(known, 0.7 * upright);
 }
 
-TEST(EffectChoice, OfFewConfigurationsOnlyWhatTheyCanTell) {
+TEST(EffectSelection, OfFewConfigurationsOnlyWhatTheyCanTell) {
   const Arm arm(fanuc(), 9, 13, {{EffectGroup::gravity, 3e-4}});
   const Calibration found = calibrate(arm.model, arm.measured, automatic());
   for (const ModelOption& option : found.selection.tried) {
@@ -383,7 +383,7 @@ struct Open : testing::VirtualExperiment {
   void fit() { optimum = identify_jointly(model, measured, nominal_start(model, measured), free).estimate; }
 
   ModelSelection choice() const {
-    return choose_effects({.model = model,
+    return select_effects({.model = model,
                            .measurements = measured,
                            .optimum = optimum,
                            .free = free,
@@ -421,11 +421,11 @@ int four_effects_found(unsigned arms) {
   return found;
 }
 
-TEST(EffectChoice, FourEffectsAreFoundBesideTables) { EXPECT_GE(four_effects_found(4), 3); }
-TEST(EffectChoiceLongRun, FourEffectsAreFoundBesideTables) { EXPECT_GE(four_effects_found(40), 34); }
+TEST(EffectSelection, FourEffectsAreFoundBesideTables) { EXPECT_GE(four_effects_found(4), 3); }
+TEST(EffectSelectionLongRun, FourEffectsAreFoundBesideTables) { EXPECT_GE(four_effects_found(40), 34); }
 
 // Swings are the largest part and are found first; gravity and harmonics are found beside them.
-TEST(EffectChoice, RippleIsFoundBesideOtherEffects) {
+TEST(EffectSelection, RippleIsFoundBesideOtherEffects) {
   for (const unsigned seed : {2U, 4U}) {
     Open arm({.seed = seed,
               .configurations = 100,
@@ -458,7 +458,7 @@ void expect_same_choice(const ModelSelection& found, const ModelSelection& expec
 }
 
 // The frame of measurement, a second copy of each row, and rows that are not fitted.
-TEST(EffectChoice, DoesNotDependOnTheFrameOnCopiesNorOnTestRows) {
+TEST(EffectSelection, DoesNotDependOnTheFrameOnCopiesNorOnTestRows) {
   Open arm({.seed = 6, .configurations = 24, .effects = {{EffectGroup::gravity, 3e-4}}});
   arm.options.selection.effects.automatic = true;
   arm.options.selection.automatic_priors = true;
@@ -492,7 +492,7 @@ TEST(EffectChoice, DoesNotDependOnTheFrameOnCopiesNorOnTestRows) {
 }
 
 // Of four configurations three do not determine the geometry without priors. Three are too few for anything.
-TEST(EffectChoice, WhatAFoldDoesNotDetermineIsNotCompared) {
+TEST(EffectSelection, WhatAFoldDoesNotDetermineIsNotCompared) {
   Open arm({.seed = 11, .configurations = 5});
   arm.options.selection.effects.automatic = true;
   for (const bool priors : {false, true}) {
@@ -506,7 +506,7 @@ TEST(EffectChoice, WhatAFoldDoesNotDetermineIsNotCompared) {
   EXPECT_THAT(arm.choice().tried, IsEmpty());
 }
 
-TEST(EffectChoice, ReportsWhichModelIsTried) {
+TEST(EffectSelection, ReportsWhichModelIsTried) {
   Open arm({.seed = 5, .configurations = 50, .effects = {{EffectGroup::tables, 1e-3}}, .range = 0.15});
   arm.options.selection.effects.groups = {EffectGroup::gain, EffectGroup::tables};
   arm.options.selection.automatic_priors = true;
@@ -565,7 +565,7 @@ double covered(unsigned first, unsigned count, int configurations, bool with_eff
   return share;
 }
 
-TEST(EffectChoiceLongRun, IntervalsHoldBesideAutomaticChoices) {
+TEST(EffectSelectionLongRun, IntervalsHoldBesideAutomaticChoices) {
   for (const auto& [configurations, with_effects] : {std::pair{30, false}, std::pair{10, false}, std::pair{40, true}}) {
     const double share = covered(200, 60, configurations, with_effects);
     EXPECT_GT(share, 0.90);
@@ -574,7 +574,7 @@ TEST(EffectChoiceLongRun, IntervalsHoldBesideAutomaticChoices) {
 }
 
 // Hardly more equations than unknowns.
-TEST(EffectChoiceLongRun, IntervalsHoldWhereTenPointsSizeThePriors) {
+TEST(EffectSelectionLongRun, IntervalsHoldWhereTenPointsSizeThePriors) {
   Coverage coverage;
   for (unsigned seed = 1; seed <= 60; ++seed) {
     testing::VirtualExperiment arm({.targets = published_targets(1),
@@ -644,13 +644,13 @@ Rigid of_rigid_arms(unsigned first, unsigned count) {
   return result;
 }
 
-TEST(EffectChoiceLongRun, RigidArmsStayRigid) {
+TEST(EffectSelectionLongRun, RigidArmsStayRigid) {
   const Rigid found = of_rigid_arms(1000, 40);
   EXPECT_LE(found.kept, 7);
   EXPECT_LT(found.ratio, std::log(1.02));
 }
 
-TEST(EffectChoiceCampaign, ThreeHundredRigidArmsStayRigid) {
+TEST(EffectSelectionCampaign, ThreeHundredRigidArmsStayRigid) {
   const Rigid found = of_rigid_arms(1, 300);
   EXPECT_LE(found.kept, 21);
   EXPECT_LE(found.much_worse, 1);
@@ -814,7 +814,7 @@ TEST(DriveEffects, EveryStageOfACalibrationKnowsThem) {
     const Calibration found = calibrate(arm->model, joined(arm->measured, unseen), options);
     EXPECT_TRUE(found.trusted());
     EXPECT_TRUE(found.diagnosis.findings.empty());
-    EXPECT_TRUE(found.diagnosis.suspicions.empty());
+    EXPECT_TRUE(found.diagnosis.alternative_readings.empty());
     // What is left is noise: of a point 1.7 sigma, and what 33 parameters and the effects cost.
     EXPECT_LT(found.accuracy.train.after.rms, 1.8 * kNoise);
     EXPECT_LT(found.accuracy.test->after.rms, 2.5 * kNoise);
@@ -873,4 +873,4 @@ TEST(DriveEffects, AResultThatIsReadBackPredictsTheSame) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::effect_choice_test
+}  // namespace kdl_calibration::effect_selection_test

@@ -1,4 +1,4 @@
-#include "kdl_calibration/suspicions.hpp"
+#include "kdl_calibration/alternative_readings.hpp"
 
 #include <gmock/gmock.h>
 
@@ -11,7 +11,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "mistake_table.hpp"
 
-namespace kdl_calibration::suspicions_test {
+namespace kdl_calibration::alternative_readings_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -33,23 +33,23 @@ using testing::order_mistakes;
 using testing::point_mistakes;
 using testing::true_flange;
 
-std::vector<Suspicion> suspicions_of(const Measured& m) {
+std::vector<AlternativeReading> suspicions_of(const Measured& m) {
   const Identification fit = identify_jointly(m.model, m.data, nominal_start(m.model, m.data), m.free);
-  return suspicions(m.model, m.data, fit.estimate, m.free);
+  return alternative_readings(m.model, m.data, fit.estimate, m.free);
 }
 
-std::vector<std::string> causes(const std::vector<Suspicion>& all) {
+std::vector<std::string> causes(const std::vector<AlternativeReading>& all) {
   std::vector<std::string> result;
-  for (const Suspicion& suspicion : all) {
-    result.push_back(to_string(suspicion.cause));
+  for (const AlternativeReading& reading : all) {
+    result.push_back(to_string(reading.cause));
   }
   return result;
 }
 
-std::string text(const std::vector<Suspicion>& all) {
+std::string text(const std::vector<AlternativeReading>& all) {
   std::string result;
-  for (const Suspicion& suspicion : all) {
-    result += suspicion.message + "\n";
+  for (const AlternativeReading& reading : all) {
+    result += reading.message + "\n";
   }
   return result;
 }
@@ -70,7 +70,7 @@ void expect_named(const std::vector<Mistake>& mistakes, std::uint64_t seeds, con
       for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
         Measured m = measured(*model, seed, mistake.draw);
         mistake.make(m);
-        const std::vector<Suspicion> found = suspicions_of(m);
+        const std::vector<AlternativeReading> found = suspicions_of(m);
         const std::string where = mistake.name + ", " + model->joints.front().name + ", seed " + std::to_string(seed);
         ASSERT_THAT(causes(found), ElementsAre(mistake.cause)) << where << "\n" << text(found);
         if (found.front().message.find(mistake.words) == std::string::npos) {
@@ -84,18 +84,18 @@ void expect_named(const std::vector<Mistake>& mistakes, std::uint64_t seeds, con
   }
 }
 
-// The arms in turn; SuspicionsLongRun makes each mistake on both.
+// The arms in turn; AlternativeReadingsLongRun makes each mistake on both.
 void expect_named_in_turn(const std::vector<Mistake>& mistakes) {
   for (std::size_t i = 0; i < mistakes.size(); ++i) {
     expect_named({mistakes[i]}, 1, {both_arms()[i % 2]});
   }
 }
 
-TEST(Suspicions, NameMistakesInTheJointValues) { expect_named_in_turn(joint_mistakes()); }
-TEST(Suspicions, NameMistakesInThePoints) { expect_named_in_turn(point_mistakes()); }
-TEST(Suspicions, NameWhatChangedWhileItWasMeasured) { expect_named_in_turn(order_mistakes()); }
+TEST(AlternativeReadings, NameMistakesInTheJointValues) { expect_named_in_turn(joint_mistakes()); }
+TEST(AlternativeReadings, NameMistakesInThePoints) { expect_named_in_turn(point_mistakes()); }
+TEST(AlternativeReadings, NameWhatChangedWhileItWasMeasured) { expect_named_in_turn(order_mistakes()); }
 
-TEST(SuspicionsLongRun, NameEveryMistakeOfTheTable) {
+TEST(AlternativeReadingsLongRun, NameEveryMistakeOfTheTable) {
   expect_named(joint_mistakes(), 3);
   expect_named(point_mistakes(), 3);
   expect_named(order_mistakes(), 50);
@@ -109,10 +109,10 @@ void expect_silence(std::uint64_t first, std::uint64_t last) {
   }
 }
 
-TEST(Suspicions, SayNothingAboutCorrectDataOfRandomArms) { expect_silence(1, 12); }
-TEST(SuspicionsCampaign, SayNothingAboutCorrectDataOfThreeHundredRandomArms) { expect_silence(1, 300); }
+TEST(AlternativeReadings, SayNothingAboutCorrectDataOfRandomArms) { expect_silence(1, 12); }
+TEST(AlternativeReadingsCampaign, SayNothingAboutCorrectDataOfThreeHundredRandomArms) { expect_silence(1, 300); }
 
-TEST(Suspicions, SayNothingAboutShortLeversFewConfigurationsAndRepeats) {
+TEST(AlternativeReadings, SayNothingAboutShortLeversFewConfigurationsAndRepeats) {
   for (const ErrorModel* model : {&large_arm(), &light_arm()}) {
     for (const Draw& draw : {Draw{.lever = 0.005}, Draw{.configurations = 13, .targets = 1}, Draw{.repeats = 4},
                              Draw{.configurations = 5}, Draw{.noise = 0.0}}) {
@@ -123,28 +123,28 @@ TEST(Suspicions, SayNothingAboutShortLeversFewConfigurationsAndRepeats) {
 
 // ---- words ---------------------------------------------------------------------------------------------------------
 
-TEST(Suspicions, JudgeAModelOfWhichNothingIsFree) {
+TEST(AlternativeReadings, JudgeAModelOfWhichNothingIsFree) {
   testing::VirtualExperiment experiment;
   const Unknowns none(experiment.model, experiment.targets, {});
   Measurements measured = testing::without_sigmas(experiment.measure(40, {.sigma = 3e-5}));
-  EXPECT_THAT(causes(suspicions(experiment.model, measured, experiment.robot.truth, none)), IsEmpty());
+  EXPECT_THAT(causes(alternative_readings(experiment.model, measured, experiment.robot.truth, none)), IsEmpty());
   for (Observation& o : measured.observations) {
     o.position.x() += o.configuration < 20 ? 0.0 : 0.001;  // somebody moved the tracker
   }
-  EXPECT_FALSE(suspicions(experiment.model, measured, experiment.robot.truth, none).empty());
+  EXPECT_FALSE(alternative_readings(experiment.model, measured, experiment.robot.truth, none).empty());
 }
 
-TEST(Suspicions, StateTheMisfitOfBothReadings) {
+TEST(AlternativeReadings, StateTheMisfitOfBothReadings) {
   Measured m = measured(large_arm(), 1);
   m.data.joint_values.row(1) *= -1.0;
-  const std::vector<Suspicion> found = suspicions_of(m);
+  const std::vector<AlternativeReading> found = suspicions_of(m);
   ASSERT_EQ(found.size(), 1U) << text(found);
   EXPECT_THAT(found.front().message,
               ::testing::MatchesRegex("as they were read the measurements leave a misfit of [0-9]+ mm; with joint_2 "
                                       "with the opposite sign it is 0\\.0[0-9]+ mm; nothing was switched"));
 }
 
-TEST(Suspicions, TakeTheOrderFromTheColumnAndElseSayThatTheFileGaveIt) {
+TEST(AlternativeReadings, TakeTheOrderFromTheColumnAndElseSayThatTheFileGaveIt) {
   Measured m = measured(large_arm(), 2);
   moved_from(14, {0.001, 0.0, 0.0}).make(m);
   EXPECT_THAT(text(suspicions_of(m)), HasSubstr("after configuration 14 if the file is in the order of measurement"));
@@ -157,7 +157,7 @@ TEST(Suspicions, TakeTheOrderFromTheColumnAndElseSayThatTheFileGaveIt) {
   EXPECT_THAT(text(suspicions_of(m)), AllOf(HasSubstr("after configuration 14"), ::testing::Not(HasSubstr("if the"))));
 }
 
-TEST(Suspicions, LeaveATargetThatSlippedToTheChecksOfTargets) {
+TEST(AlternativeReadings, LeaveATargetThatSlippedToTheChecksOfTargets) {
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
     Measured m = measured(large_arm(), seed);
     for_rows(m, [&](Observation& o) {
@@ -170,19 +170,20 @@ TEST(Suspicions, LeaveATargetThatSlippedToTheChecksOfTargets) {
 }
 
 // As where a URDF is validated: no length of the arm can take the factor up.
-TEST(Suspicions, TellAScaleOfThePointsBesideGeometryThatIsHeld) {
+TEST(AlternativeReadings, TellAScaleOfThePointsBesideGeometryThatIsHeld) {
   for (const double factor : {1.008, 1.02}) {
     Measured m = measured(large_arm(), 6, {.length = 0.0003, .angle = 0.0003});
     for_rows(m, [&](Observation& o) { o.position *= factor; });
     const Unknowns frames = m.free.without(UnknownGroup::geometric);
-    const std::vector<Suspicion> found = suspicions(m.model, m.data, nominal_start(m.model, m.data), frames);
+    const std::vector<AlternativeReading> found =
+        alternative_readings(m.model, m.data, nominal_start(m.model, m.data), frames);
     ASSERT_THAT(causes(found), ElementsAre("scale")) << text(found);
     EXPECT_THAT(found.front().message, HasSubstr(factor < 1.01 ? "1.00" : "1.0"));
   }
 }
 
 // A fit with gains leaves no misfit behind that would show what the values are wrong by.
-TEST(Suspicions, DoubtAGainThatTheFitTookForOne) {
+TEST(AlternativeReadings, DoubtAGainThatTheFitTookForOne) {
   for (const double factor : {0.9, 1.02}) {
     Measured m = measured(light_arm(), 5);
     m.model.effects = gain_terms(m.model);
@@ -192,13 +193,13 @@ TEST(Suspicions, DoubtAGainThatTheFitTookForOne) {
     start.effects = Eigen::VectorXd::Zero(6);
     const Estimate fit = identify_jointly(m.model, m.data, start, free).estimate;
     ASSERT_NEAR(1.0 + fit.effects[2], 1.0 / factor, 1e-3);
-    const std::vector<Suspicion> found = suspicions(m.model, m.data, fit, free);
+    const std::vector<AlternativeReading> found = alternative_readings(m.model, m.data, fit, free);
     ASSERT_THAT(causes(found), ElementsAre("joint_gain")) << text(found);
     EXPECT_THAT(found.front().message, HasSubstr(factor < 1.0 ? "elbow turning 1.11" : "elbow turning 0.980"));
   }
 }
 
-TEST(Suspicions, RemarkThatAConfigurationHasTwoLabelsAndThatTestRowsAreCopies) {
+TEST(AlternativeReadings, RemarkThatAConfigurationHasTwoLabelsAndThatTestRowsAreCopies) {
   Measured m = measured(large_arm(), 1);
   m.data.joint_values.col(7) = m.data.joint_values.col(2);
   for_rows(m, [&](Observation& o) {
@@ -207,7 +208,7 @@ TEST(Suspicions, RemarkThatAConfigurationHasTwoLabelsAndThatTestRowsAreCopies) {
       o.position = m.data.observations[6 + static_cast<std::size_t>(o.target)].position;
     }
   });
-  const std::vector<Suspicion> found = suspicions_of(m);
+  const std::vector<AlternativeReading> found = suspicions_of(m);
   ASSERT_THAT(causes(found), ElementsAre("same_configuration", "copied_rows")) << text(found);
   EXPECT_THAT(found[0].message,
               HasSubstr("test configuration 8 is at the pose of train configuration 3: it tests no new pose"));
@@ -215,10 +216,10 @@ TEST(Suspicions, RemarkThatAConfigurationHasTwoLabelsAndThatTestRowsAreCopies) {
   EXPECT_FALSE(found[0].doubt || found[1].doubt);
 }
 
-TEST(Suspicions, RefuseMeasurementsOfAnotherRobot) {
+TEST(AlternativeReadings, RefuseMeasurementsOfAnotherRobot) {
   const Measured m = measured(large_arm(), 1);
   const Measured other = measured(light_arm(), 1);
-  EXPECT_THROW(suspicions(m.model, other.data, m.truth, m.free), InputError);
+  EXPECT_THROW(alternative_readings(m.model, other.data, m.truth, m.free), InputError);
 }
 
 // ---- where a suspicion begins --------------------------------------------------------------------------------------
@@ -232,12 +233,13 @@ Measured exact(const ErrorModel& model, std::uint64_t seed, Draw draw = {}) {
   return m;
 }
 
-std::vector<Suspicion> suspicions_of_frames(const Measured& m, const SuspicionOptions& options = {}) {
-  return suspicions(m.model, m.data, nominal_start(m.model, m.data), m.free.without(UnknownGroup::geometric), options);
+std::vector<AlternativeReading> suspicions_of_frames(const Measured& m, const ReadingOptions& options = {}) {
+  return alternative_readings(m.model, m.data, nominal_start(m.model, m.data), m.free.without(UnknownGroup::geometric),
+                              options);
 }
 
-std::vector<Suspicion> suspicions_of_truth(const Measured& m) {
-  return suspicions(m.model, m.data, m.truth, Unknowns());
+std::vector<AlternativeReading> suspicions_of_truth(const Measured& m) {
+  return alternative_readings(m.model, m.data, m.truth, Unknowns());
 }
 
 void scale(Measured& m, const Vector3d& factors) {
@@ -251,12 +253,13 @@ void disturb(Measured& m, double size) {
   });
 }
 
-bool has(const std::vector<Suspicion>& found, const std::string& cause) {
-  return std::any_of(found.begin(), found.end(), [&](const Suspicion& one) { return to_string(one.cause) == cause; });
+bool has(const std::vector<AlternativeReading>& found, const std::string& cause) {
+  return std::any_of(found.begin(), found.end(),
+                     [&](const AlternativeReading& one) { return to_string(one.cause) == cause; });
 }
 
 // Fitted lengths take a small factor up, and show it.
-TEST(Suspicions, TellAScaleThatFittedLengthsHaveInCommon) {
+TEST(AlternativeReadings, TellAScaleThatFittedLengthsHaveInCommon) {
   const Measured right = exact(light_arm(), 1, {.configurations = 16, .targets = 2, .noise = 1e-6});
   const std::vector<std::pair<double, std::string>> expected = {
       {0.99, "all lengths of the arm are found 0.99"},
@@ -266,13 +269,13 @@ TEST(Suspicions, TellAScaleThatFittedLengthsHaveInCommon) {
   for (const auto& [factor, words] : expected) {
     Measured m = right;
     scale(m, Vector3d::Constant(factor));
-    const std::vector<Suspicion> found = suspicions_of(m);
+    const std::vector<AlternativeReading> found = suspicions_of(m);
     EXPECT_EQ(has(found, "scale"), !words.empty()) << factor << " " << text(found);
     EXPECT_THAT(text(found), HasSubstr(words)) << factor;
   }
 }
 
-TEST(Suspicions, TellWhichCoordinateIsInAnotherUnit) {
+TEST(AlternativeReadings, TellWhichCoordinateIsInAnotherUnit) {
   const Measured right = exact(light_arm(), 1, {.configurations = 12, .targets = 1, .noise = 1e-6});
   const std::vector<std::pair<Vector3d, std::string>> expected = {
       {{1.0, 1.0, 1.9}, ""},
@@ -283,26 +286,26 @@ TEST(Suspicions, TellWhichCoordinateIsInAnotherUnit) {
   for (const auto& [factors, words] : expected) {
     Measured m = right;
     scale(m, factors);
-    const std::vector<Suspicion> found = suspicions_of_frames(m);
+    const std::vector<AlternativeReading> found = suspicions_of_frames(m);
     EXPECT_EQ(has(found, "length_unit"), !words.empty()) << text(found);
     EXPECT_FALSE(has(found, "scale")) << text(found);
     EXPECT_THAT(text(found), HasSubstr(words));
   }
 }
 
-TEST(Suspicions, SayNothingOfScalesBesideAFrameThatIsKnown) {
+TEST(AlternativeReadings, SayNothingOfScalesBesideAFrameThatIsKnown) {
   Measured m = exact(light_arm(), 1, {.configurations = 12, .targets = 1, .noise = 1e-6});
   scale(m, Vector3d::Constant(1.1));
   EXPECT_TRUE(has(suspicions_of_frames(m), "scale"));
-  SuspicionOptions base;
+  ReadingOptions base;
   base.registration.known_base = m.truth.X_WB;
   EXPECT_FALSE(has(suspicions_of_frames(m, base), "scale"));
-  SuspicionOptions target;
+  ReadingOptions target;
   target.registration.known_targets = m.truth.targets;
   EXPECT_FALSE(has(suspicions_of_frames(m, target), "scale"));
 }
 
-TEST(Suspicions, TellPointsThatHardlyMoveWhileTheFlangeDoes) {
+TEST(AlternativeReadings, TellPointsThatHardlyMoveWhileTheFlangeDoes) {
   Measured m = exact(light_arm(), 2, {.configurations = 20, .targets = 2});
   EXPECT_FALSE(has(suspicions_of_frames(m), "tool_frame"));
   for_rows(m, [](Observation& o) { o.position = Vector3d(0.1, 0.2, 0.3); });
@@ -312,7 +315,7 @@ TEST(Suspicions, TellPointsThatHardlyMoveWhileTheFlangeDoes) {
 
 // ---- gains ---------------------------------------------------------------------------------------------------------
 
-TEST(Suspicions, SayByHowMuchAJointMovesOtherwiseAndWhetherOthersDo) {
+TEST(AlternativeReadings, SayByHowMuchAJointMovesOtherwiseAndWhetherOthersDo) {
   const ErrorModel odd = complete_model(parse_robot(testing::kOddArm));
   Measured slide = measured(odd, 5, {.configurations = 30, .targets = 2, .angle = 0.001});
   slide.data.joint_values.row(1) /= 0.95;
@@ -329,19 +332,21 @@ TEST(Suspicions, SayByHowMuchAJointMovesOtherwiseAndWhetherOthersDo) {
 // ---- what moved ----------------------------------------------------------------------------------------------------
 
 // A robot as it came, measured a few times or many: its errors are taken for nothing else, a wrong sign is for one.
-TEST(Suspicions, OfARobotThatNobodyCalibratedAreNotItsErrors) {
+TEST(AlternativeReadings, OfARobotThatNobodyCalibratedAreNotItsErrors) {
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {
     const Draw draw{.configurations = seed % 2 == 0 ? 30 : 3 + static_cast<int>(seed), .effect = 0.0003};
     Measured m = measured(seed % 3 == 0 ? large_arm() : light_arm(), seed, draw);
-    EXPECT_THAT(causes(suspicions_of_nominal(m.model, m.data, nominal_start(m.model, m.data))), IsEmpty()) << seed;
+    EXPECT_THAT(causes(alternative_readings_of_nominal(m.model, m.data, nominal_start(m.model, m.data))), IsEmpty())
+        << seed;
     m.data.joint_values.row(1) *= -1.0;
     if (draw.configurations > 6) {
-      EXPECT_TRUE(has(suspicions_of_nominal(m.model, m.data, nominal_start(m.model, m.data)), "joint_sign")) << seed;
+      EXPECT_TRUE(has(alternative_readings_of_nominal(m.model, m.data, nominal_start(m.model, m.data)), "joint_sign"))
+          << seed;
     }
   }
 }
 
-TEST(Suspicions, SayHowFarTheBaseTurnedAndDrifted) {
+TEST(AlternativeReadings, SayHowFarTheBaseTurnedAndDrifted) {
   Measured turned = exact(light_arm(), 3, {.configurations = 14, .targets = 1, .noise = 1e-7});
   for_rows(turned, [&](Observation& o) {
     o.position = o.configuration >= 6 ? Vector3d(rotation_exp({0.0, 0.0, 0.0017}) * o.position) : o.position;
@@ -349,7 +354,7 @@ TEST(Suspicions, SayHowFarTheBaseTurnedAndDrifted) {
   EXPECT_THAT(text(suspicions_of_truth(turned)), HasSubstr("(turned by 1.7 mrad) after configuration 6"));
   Measured drifted = exact(light_arm(), 3, {.configurations = 14, .targets = 1, .noise = 1e-7});
   for_rows(drifted, [](Observation& o) { o.position.x() += 0.0039 * o.configuration / 13.0; });
-  const std::vector<Suspicion> found = suspicions_of_truth(drifted);
+  const std::vector<AlternativeReading> found = suspicions_of_truth(drifted);
   EXPECT_THAT(causes(found), ElementsAre("drift"));
   EXPECT_THAT(text(found), HasSubstr("a base that drifts against the measuring device, by 3.9 mm (turned by "));
 }
@@ -366,14 +371,14 @@ Measured with_function(int configurations, double size, double noise) {
   return m;
 }
 
-TEST(Suspicions, RemarkAFunctionOfAJointThatExplainsTheResidualsAndNoneInNoise) {
-  const std::vector<Suspicion> found = suspicions_of_truth(with_function(30, 0.001, 1e-5));
+TEST(AlternativeReadings, RemarkAFunctionOfAJointThatExplainsTheResidualsAndNoneInNoise) {
+  const std::vector<AlternativeReading> found = suspicions_of_truth(with_function(30, 0.001, 1e-5));
   EXPECT_THAT(text(found), HasSubstr("a function of shoulder_lift alone explains"));
   EXPECT_FALSE(has(suspicions_of_truth(with_function(30, 0.001, 0.005)), "joint_function"));
   EXPECT_FALSE(has(suspicions_of_truth(with_function(30, 0.0, 1e-4)), "joint_function"));
 }
 
-TEST(Suspicions, TakeEqualPointsForCopiesOfTheSameTargetAlone) {
+TEST(AlternativeReadings, TakeEqualPointsForCopiesOfTheSameTargetAlone) {
   Measured m = exact(light_arm(), 9, {.configurations = 12, .targets = 2, .noise = 1e-6});
   m.data.joint_values.col(7) = m.data.joint_values.col(2);
   m.data.joint_values.col(9) = m.data.joint_values.col(2);
@@ -383,7 +388,7 @@ TEST(Suspicions, TakeEqualPointsForCopiesOfTheSameTargetAlone) {
       o.position = m.data.observations[static_cast<std::size_t>(4 + 1 - o.target)].position;
     }
   });
-  const std::vector<Suspicion> found = suspicions_of_truth(m);
+  const std::vector<AlternativeReading> found = suspicions_of_truth(m);
   EXPECT_THAT(text(found), HasSubstr("test configuration 8 is at the pose of train configuration 3 (and 1 more)"));
   EXPECT_FALSE(has(found, "copied_rows")) << text(found);
 }
@@ -391,7 +396,7 @@ TEST(Suspicions, TakeEqualPointsForCopiesOfTheSameTargetAlone) {
 // ---- which rows are looked at --------------------------------------------------------------------------------------
 
 // The last joint turns about the line through the points: orientations alone show its sign.
-TEST(Suspicions, LookAtOrientationsAsPointsBesideThem) {
+TEST(AlternativeReadings, LookAtOrientationsAsPointsBesideThem) {
   const Eigen::Vector3d on_axis(0.0, 0.2, 0.0);
   testing::VirtualExperiment experiment({.targets = testing::as_frames(testing::targets_at({on_axis})),
                                          .sizes = {.length = 0.0, .angle = 0.0, .target_length = 0.0}});
@@ -399,39 +404,39 @@ TEST(Suspicions, LookAtOrientationsAsPointsBesideThem) {
   q.col(40) = q.col(3);
   Measurements data = testing::without_sigmas(experiment.measure(q, {.sigma = 1e-5, .orientation_sigma = 1e-5}));
   const Unknowns free = experiment.free.without(UnknownGroup::geometric);
-  EXPECT_THAT(causes(suspicions(experiment.model, data, nominal_start(experiment.model, data), free)),
+  EXPECT_THAT(causes(alternative_readings(experiment.model, data, nominal_start(experiment.model, data), free)),
               ElementsAre("same_configuration"));
   data.joint_values.row(5) *= -1.0;
   const Estimate fit = nominal_start(experiment.model, data);
-  const std::vector<Suspicion> found = suspicions(experiment.model, data, fit, free);
+  const std::vector<AlternativeReading> found = alternative_readings(experiment.model, data, fit, free);
   EXPECT_THAT(causes(found), ElementsAre("joint_sign", "same_configuration")) << text(found);
   EXPECT_THAT(text(found),
               HasSubstr("mm (orientations as points 100 mm away); with joint_6 with the opposite sign it is 0."));
 }
 
-TEST(Suspicions, TryReadingsBesideTheFramesThatAreKnown) {
+TEST(AlternativeReadings, TryReadingsBesideTheFramesThatAreKnown) {
   Measured m = exact(light_arm(), 11, {.configurations = 14, .targets = 1});
   m.data.joint_values.row(2) *= -1.0;
   const Estimate start = nominal_start(m.model, m.data);
-  EXPECT_TRUE(has(suspicions(m.model, m.data, start, Unknowns()), "joint_sign"));
-  SuspicionOptions elsewhere;
+  EXPECT_TRUE(has(alternative_readings(m.model, m.data, start, Unknowns()), "joint_sign"));
+  ReadingOptions elsewhere;
   elsewhere.registration.known_base = Eigen::Isometry3d::Identity();
-  EXPECT_FALSE(has(suspicions(m.model, m.data, start, Unknowns(), elsewhere), "joint_sign"));
+  EXPECT_FALSE(has(alternative_readings(m.model, m.data, start, Unknowns(), elsewhere), "joint_sign"));
 }
 
-TEST(Suspicions, RefuseWhatDoesNotHoldTogether) {
+TEST(AlternativeReadings, RefuseWhatDoesNotHoldTogether) {
   const Measured m = measured(light_arm(), 1, {.configurations = 6});
   Estimate estimate = m.truth;
   estimate.effects.resize(0);
   Estimate other = estimate;
   other.targets.pop_back();
-  EXPECT_THROW(suspicions(m.model, m.data, other, m.free), InputError);
+  EXPECT_THROW(alternative_readings(m.model, m.data, other, m.free), InputError);
   const Measured more = measured(light_arm(), 1, {.configurations = 6, .targets = 5});
-  EXPECT_THROW(suspicions(m.model, m.data, estimate, more.free), InputError);
-  SuspicionOptions options;
+  EXPECT_THROW(alternative_readings(m.model, m.data, estimate, more.free), InputError);
+  ReadingOptions options;
   options.registration.orientation_length = -1.0;
-  EXPECT_THROW(suspicions(m.model, m.data, estimate, m.free, options), InputError);
+  EXPECT_THROW(alternative_readings(m.model, m.data, estimate, m.free, options), InputError);
 }
 
 }  // namespace
-}  // namespace kdl_calibration::suspicions_test
+}  // namespace kdl_calibration::alternative_readings_test

@@ -8,7 +8,7 @@
 #include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "selection/model_worth.hpp"
+#include "selection/model_score.hpp"
 
 namespace kdl_calibration {
 
@@ -21,13 +21,13 @@ namespace kdl_calibration {
 /// behind them, stays if it is likelier and predicts better, or as well with fewer terms. Ripple is looked for again
 /// beside all that came after it. Throws InputError where effects are asked for by name and the measurements are too
 /// few for them.
-ModelSelection choose_effects(const ChoiceTask& task);
+ModelSelection select_effects(const SelectionTask& task);
 
 /// The same where there is something to select, and where `rigid`, the fit of the geometry alone, allows it. It must
 /// have arrived and be `determined`, all geometric errors estimated: priors would hide that some are open.
-ModelSelection select_model(const ChoiceTask& task, const Identification& rigid, bool determined, Method method);
+ModelSelection select_model(const SelectionTask& task, const Identification& rigid, bool determined, Method method);
 
 /// [m] of each left-out point from its prediction, where the choice is made anew without its configuration.
-std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold);
+std::vector<double> nested_distances(const SelectionTask& task, const std::function<void()>& after_fold);
 
 }  // namespace kdl_calibration

@@ -1,4 +1,4 @@
-#include "selection/effect_choice.hpp"
+#include "selection/effect_selection.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -16,7 +16,7 @@
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "selection/effect_candidates.hpp"
-#include "selection/parameter_choice.hpp"
+#include "selection/parameter_selection.hpp"
 #include "selection/ripple_search.hpp"
 #include "selection/table_certainty.hpp"
 #include "selection/tried_models.hpp"
@@ -55,27 +55,27 @@ bool has_groups(const ModelInQuestion& model, const std::vector<std::string>& na
   return std::is_permutation(names.begin(), names.end(), model.names.begin(), model.names.end());
 }
 
-// A model, what it is worth, and the groups that may still be added to it.
+// A model, its score, and the groups that may still be added to it.
 struct Route {
   ModelInQuestion model;
-  Worth worth;
+  ModelScore score;
   std::vector<Option> left;
 };
 
-// One of the groups that may be added, and what the model is worth with it.
+// One of the groups that may be added, and the score of the model with it.
 struct Step {
   std::size_t option = 0;
-  Worth worth;
+  ModelScore score;
 };
 
 void take(Step step, Route& route) {
   route.model = extended(std::move(route.model), route.left[step.option]);
   route.left.erase(route.left.begin() + static_cast<std::ptrdiff_t>(step.option));
-  route.worth = std::move(step.worth);
+  route.score = std::move(step.score);
 }
 
 // What is left out lies next to what is not: of how far tables reach into gaps the evidence knows more.
-bool is_better_length(const Worth& shorter, const Worth& longer) {
+bool is_better_length(const ModelScore& shorter, const ModelScore& longer) {
   return shorter.determined && (shorter.held_out_rms < longer.held_out_rms ||
                                 (is_likelier(shorter, longer) && predicts_as_well(shorter, longer)));
 }
@@ -83,8 +83,8 @@ bool is_better_length(const Worth& shorter, const Worth& longer) {
 // Likelier, and predicts better, or as well within a standard error with fewer terms.
 bool is_preferable(const Route& one, const Route& other) {
   const bool fewer = one.model.terms.size() < other.model.terms.size();
-  return is_likelier(one.worth, other.worth) &&
-         (one.worth.held_out_rms < other.worth.held_out_rms || (fewer && predicts_as_well(one.worth, other.worth)));
+  return is_likelier(one.score, other.score) &&
+         (one.score.held_out_rms < other.score.held_out_rms || (fewer && predicts_as_well(one.score, other.score)));
 }
 
 // Nothing is known of it anywhere.
@@ -93,25 +93,25 @@ bool is_withheld_throughout(const EffectTerm& term) {
          term.table.withheld.front() == std::pair(term.table.lower, term.table.upper);
 }
 
-std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const Worth& worth) {
+std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const ModelScore& score) {
   for (EffectTerm& term : terms) {
-    term.sigma = size_of(worth, size_name(term));
+    term.sigma = size_of(score, size_name(term));
   }
   std::erase_if(terms, [](const EffectTerm& term) { return !(term.sigma > 0.0) || is_withheld_throughout(term); });
   return terms;
 }
 
 // The choice at one set of data.
-class Chooser {
+class ModelSelector {
 public:
   // Inside another choice nobody is told what is being tried.
   enum class Place { outermost, inside };
-  Chooser(const ChoiceTask& task, const Measurements& means, int threads, Place place)
+  ModelSelector(const SelectionTask& task, const Measurements& means, int threads, Place place)
       : task_(task),
         means_(means),
         threads_(threads),
         place_(place),
-        appraisal_(task, means, threads, place == Place::outermost) {}
+        scorer_(task, means, threads, place == Place::outermost) {}
 
   // `terms`: those of the choice and those whose size is zero, as the columns of `values` behind the rigid ones.
   struct Outcome {
@@ -126,34 +126,34 @@ public:
     ModelSelection& result = outcome.choice;
     TriedModels tried;
     Route route;
-    route.worth = appraisal_.worth_of(route.model, tried);
+    route.score = scorer_.score_of(route.model, tried);
     if (options.automatic_priors) {
       const ModelInQuestion sized{.terms = {}, .names = {}, .sized = true};
-      Worth with_sizes = appraisal_.worth_of(sized, tried);
-      if (is_worthwhile(with_sizes, route.worth)) {
+      ModelScore with_sizes = scorer_.score_of(sized, tried);
+      if (is_clearly_better(with_sizes, route.score)) {
         route.model = sized;
-        route.worth = std::move(with_sizes);
+        route.score = std::move(with_sizes);
       }
     }
-    result.not_compared = static_cast<std::size_t>(appraisal_.not_compared());
-    result.rigid_priors = appraisal_.priors_of(route.worth, route.model.sized);
+    result.not_compared = static_cast<std::size_t>(scorer_.not_compared());
+    result.rigid_priors = scorer_.priors_of(route.score, route.model.sized);
     if (options.effects.automatic) {
       result.not_tried = too_few_for();
       add_what_helps(route, tried);
     } else {
       add_asked(route, tried);
     }
-    result.priors = appraisal_.priors_of(route.worth, route.model.sized);
+    result.priors = scorer_.priors_of(route.score, route.model.sized);
     withhold_tables(route);
-    result.terms = with_sigmas(route.model.terms, route.worth);
-    result.noise = route.worth.noise;
+    result.terms = with_sigmas(route.model.terms, route.score);
+    result.noise = route.score.noise;
     tried.put_first(route.model.names, route.model.sized);
     result.tried = tried.options();
     if (place_ == Place::outermost && options.effects.groups.empty()) {
       result.optimism = tried.optimism();
     }
     outcome.terms = std::move(route.model.terms);
-    outcome.values = route.worth.sizes.values;
+    outcome.values = route.score.sizes.values;
     return outcome;
   }
 
@@ -190,25 +190,25 @@ private:
       route.model = extended(std::move(route.model), tables);
     }
     if (!route.model.terms.empty()) {
-      route.worth = appraisal_.worth_of(route.model, tried);
+      route.score = scorer_.score_of(route.model, tried);
       require_enough(route);
     }
-    if (!tables.terms.empty() && route.worth.determined && configurations() >= kLeastForTables) {
-      shorten(beside, tables, route.worth, tried);
+    if (!tables.terms.empty() && route.score.determined && configurations() >= kLeastForTables) {
+      shorten(beside, tables, route.score, tried);
       route.model = extended(beside, tables);
     }
     if (!is_asked(EffectGroup::ripple)) {
       return;
     }
-    if (const Option ripple = ripple_beside(route.model, route.worth); !ripple.terms.empty()) {
+    if (const Option ripple = ripple_beside(route.model, route.score); !ripple.terms.empty()) {
       route.model = extended(std::move(route.model), ripple);
-      route.worth = appraisal_.worth_of(route.model, tried);
+      route.score = scorer_.score_of(route.model, tried);
       require_enough(route);
     }
   }
 
   void require_enough(const Route& route) const {
-    if (route.worth.sizes.sizes.empty()) {
+    if (route.score.sizes.sizes.empty()) {
       throw InputError(means_.source + ": too few measurements for the effects asked for, " +
                        std::to_string(route.model.terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
                        " parameters");
@@ -216,9 +216,9 @@ private:
   }
 
   // What joints still swing by beside a model.
-  Option ripple_beside(const ModelInQuestion& model, const Worth& worth) const {
+  Option ripple_beside(const ModelInQuestion& model, const ModelScore& score) const {
     Option ripple{.name = to_string(EffectGroup::ripple), .terms = {}};
-    if (!worth.determined) {
+    if (!score.determined) {
       return ripple;
     }
     const std::function<void()> after_search =
@@ -226,14 +226,14 @@ private:
     const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
     const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
     const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
-    SizedInformation known = sized_information(worth.information, worth.groups, worth.sizes);
+    SizedInformation known = sized_information(score.information, score.groups, score.sizes);
     RippleData data{.model = task_.model,
                     .joint_values = means_.joint_values,
                     .rows = rows,
                     .joints = joints,
                     .information = std::move(known.matrix),
                     .columns = std::move(known.columns),
-                    .values = worth.sizes.values};
+                    .values = score.sizes.values};
     ripple.terms = allowed(find_ripple(std::move(data), threads_));
     if (after_search) {
       after_search();
@@ -298,11 +298,11 @@ private:
   // the likeliest of these, without tables, is returned too.
   std::optional<Route> follow(Route& route, TriedModels& tried) const {
     std::optional<Route> without_tables;
-    while (route.worth.determined) {
+    while (route.score.determined) {
       look_for_ripple(route);
-      const double wanted = convincing_evidence(route.worth);
+      const double wanted = convincing_evidence(route.score);
       std::optional<Step> other = likeliest(route, tried, std::not_fn(is_tables), wanted);
-      const double of_tables = other ? std::max(wanted, other->worth.sizes.evidence) : wanted;
+      const double of_tables = other ? std::max(wanted, other->score.sizes.evidence) : wanted;
       std::optional<Step> tables = likeliest(route, tried, is_tables, of_tables);
       if (tables && other) {
         without_tables = route;
@@ -326,7 +326,7 @@ private:
     if (known || configurations() < kLeastForRipple) {
       return;
     }
-    if (Option ripple = ripple_beside(route.model, route.worth); !ripple.terms.empty()) {
+    if (Option ripple = ripple_beside(route.model, route.score); !ripple.terms.empty()) {
       route.left.push_back(std::move(ripple));
     }
   }
@@ -340,19 +340,19 @@ private:
       if (!is_asked(option)) {
         continue;
       }
-      Worth with = appraisal_.worth_of(extended(route.model, option), tried, wanted);
+      ModelScore with = scorer_.score_of(extended(route.model, option), tried, wanted);
       if (is_tables(option) && with.determined) {
         shorten(route.model, option, with, tried);
       }
-      if (helps(with, route.worth) && (!best || with.sizes.evidence > best->worth.sizes.evidence)) {
-        best = Step{.option = i, .worth = std::move(with)};
+      if (helps(with, route.score) && (!best || with.sizes.evidence > best->score.sizes.evidence)) {
+        best = Step{.option = i, .score = std::move(with)};
       }
     }
     return best;
   }
 
   // Tables that forget themselves sooner, as long as they predict better, or as well and are likelier.
-  void shorten(const ModelInQuestion& beside, Option& tables, Worth& best, TriedModels& tried) const {
+  void shorten(const ModelInQuestion& beside, Option& tables, ModelScore& best, TriedModels& tried) const {
     for (const double degrees : {10.0, 4.0}) {
       const double length = degrees * std::numbers::pi / 180.0;
       Option shorter{.name = tables.name, .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
@@ -362,7 +362,7 @@ private:
       if (shorter.terms.empty()) {
         return;
       }
-      Worth with = appraisal_.worth_of(extended(beside, shorter), tried);
+      ModelScore with = scorer_.score_of(extended(beside, shorter), tried);
       if (!is_better_length(with, best)) {
         return;
       }
@@ -380,17 +380,17 @@ private:
       return false;
     }
     std::erase_if(model.terms, is_one);
-    const Option ripple = ripple_beside(model, appraisal_.worth_of(model, tried));
+    const Option ripple = ripple_beside(model, scorer_.score_of(model, tried));
     if (ripple.terms.empty()) {
       return false;
     }
     model = extended(std::move(model), ripple);
-    Worth renewed = appraisal_.worth_of(model, tried, likelier_evidence(route.worth));
-    if (!(renewed.held_out_rms < route.worth.held_out_rms) || renewed.motion > kLargestMotion) {
+    ModelScore renewed = scorer_.score_of(model, tried, likelier_evidence(route.score));
+    if (!(renewed.held_out_rms < route.score.held_out_rms) || renewed.motion > kLargestMotion) {
       return false;
     }
     route.model = std::move(model);
-    route.worth = std::move(renewed);
+    route.score = std::move(renewed);
     return true;
   }
 
@@ -399,10 +399,10 @@ private:
     std::vector<std::string> names = other.model.names;
     names.emplace_back(to_string(EffectGroup::tables));
     if (has_groups(route.model, names)) {
-      return !helps(route.worth, other.worth) || route.worth.sizes.evidence < convincing_evidence(other.worth);
+      return !helps(route.score, other.score) || route.score.sizes.evidence < convincing_evidence(other.score);
     }
     other.left = {option_of(EffectGroup::tables)};
-    const double wanted = convincing_evidence(other.worth);
+    const double wanted = convincing_evidence(other.score);
     if (std::optional<Step> step = likeliest(other, tried, is_tables, wanted)) {
       take(std::move(*step), other);
     }
@@ -412,11 +412,11 @@ private:
   // Where the measurements tell too little of them.
   void withhold_tables(Route& route) const {
     std::vector<EffectTerm>& terms = route.model.terms;
-    if (route.worth.sizes.sizes.empty() || std::none_of(terms.begin(), terms.end(), is_of_table)) {
+    if (route.score.sizes.sizes.empty() || std::none_of(terms.begin(), terms.end(), is_of_table)) {
       return;
     }
     const Candidate candidate = with_terms(task_.model, task_.free, terms, route.model.sized);
-    const TableCertainty certainty(candidate, route.worth.information, route.worth.groups, route.worth.sizes);
+    const TableCertainty certainty(candidate, route.score.information, route.score.groups, route.score.sizes);
     std::map<int, std::vector<std::pair<double, double>>> gaps;
     for (EffectTerm& term : terms) {
       if (!is_of_table(term)) {
@@ -430,25 +430,25 @@ private:
     }
   }
 
-  const ChoiceTask& task_;
+  const SelectionTask& task_;
   const Measurements& means_;
   int threads_;
   Place place_;
-  Appraisal appraisal_;
+  ModelScorer scorer_;
 };
 
-Measurements means_of(const ChoiceTask& task) {
+Measurements means_of(const SelectionTask& task) {
   return averaged(training_sample(task.measurements, kMostConfigurations));
 }
 
 }  // namespace
 
-ModelSelection choose_effects(const ChoiceTask& task) {
+ModelSelection select_effects(const SelectionTask& task) {
   const Measurements means = means_of(task);
-  return Chooser(task, means, task.threads, Chooser::Place::outermost).choose().choice;
+  return ModelSelector(task, means, task.threads, ModelSelector::Place::outermost).choose().choice;
 }
 
-ModelSelection select_model(const ChoiceTask& task, const Identification& rigid, bool determined, Method method) {
+ModelSelection select_model(const SelectionTask& task, const Identification& rigid, bool determined, Method method) {
   constexpr double kNothingToLearn = 1e-10;  // [m] misfits below that differ by rounding alone
   ModelSelection as_stated{.priors = task.options.priors, .rigid_priors = task.options.priors};
   if (!is_open(task.options) || method != Method::joint || !(rigid.rms > kNothingToLearn)) {
@@ -460,12 +460,12 @@ ModelSelection select_model(const ChoiceTask& task, const Identification& rigid,
   } else if (automatic && !determined) {
     as_stated.not_tried = "priors and effects (the measurements do not determine all geometric errors)";
   } else {
-    return choose_effects(task);
+    return select_effects(task);
   }
   return as_stated;
 }
 
-std::vector<double> nested_distances(const ChoiceTask& task, const std::function<void()>& after_fold) {
+std::vector<double> nested_distances(const SelectionTask& task, const std::function<void()>& after_fold) {
   const Measurements means = means_of(task);
   const std::vector<std::vector<Index>> folds = make_folds(means, 0);
   std::vector<std::vector<double>> distances(folds.size());
@@ -474,7 +474,7 @@ std::vector<double> nested_distances(const ChoiceTask& task, const std::function
       return std::find(folds[f].begin(), folds[f].end(), o.configuration) != folds[f].end();
     };
     const Measurements rest = subset(means, [&](const Observation& o) { return !is_left_out(o); });
-    const Chooser::Outcome chosen = Chooser(task, rest, 1, Chooser::Place::inside).choose();
+    const ModelSelector::Outcome chosen = ModelSelector(task, rest, 1, ModelSelector::Place::inside).choose();
     const Candidate candidate = with_terms(task.model, task.free, chosen.terms, false);
     const Measurements fold = subset(means, is_left_out);
     const LinearRows left = linear_rows(candidate, fold, task.optimum, task.orientation_length);

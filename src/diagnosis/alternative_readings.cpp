@@ -1,4 +1,4 @@
-#include "kdl_calibration/suspicions.hpp"
+#include "kdl_calibration/alternative_readings.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -165,7 +165,7 @@ JointOptions trial_fits() { return {.max_iterations = kSteps, .residuals = {}}; 
 class Inquiry {
 public:
   Inquiry(const ErrorModel& model, const Measurements& measurements, const Estimate& fit, TrialSample sample,
-          const SuspicionOptions& options)
+          const ReadingOptions& options)
       : model_(model),
         measurements_(measurements),
         fit_(fit),
@@ -178,32 +178,32 @@ public:
         fitted_(std::min(plausible(model, fit.errors) ? rms_of(model, sample_.measurements, fit) : registered_,
                          trial(sample_.measurements, trial_fits()))) {}
 
-  std::vector<Suspicion> verdict() {
+  std::vector<AlternativeReading> verdict() {
     // One cause at a time: what explains the data by a coarser mistake makes the finer ones meaningless.
-    judge_scale();
+    try_scale();
     const bool tried = !(fitted_ < options_.least_misfit);
-    if (tried && suspicions_.empty()) {
-      judge_readings();
+    if (tried && readings_.empty()) {
+      try_joint_values_and_points();
     }
-    if (tried && suspicions_.empty()) {
-      judge_gains();
+    if (tried && readings_.empty()) {
+      try_gains();
     }
-    if (tried && suspicions_.empty()) {
-      judge_order();
+    if (tried && readings_.empty()) {
+      try_order();
     }
-    judge_lengths();
-    judge_joint_functions();
+    try_lengths();
+    try_joint_functions();
     note_copies();
-    return std::move(suspicions_);
+    return std::move(readings_);
   }
 
   // Of the joint values alone, where the points are those of poses.
-  std::vector<Suspicion> verdict_of_poses() {
+  std::vector<AlternativeReading> verdict_of_poses() {
     remark_ += " (orientations as points " + in_mm(kLeverOfOrientations) + " away)";
     if (!(fitted_ < options_.least_misfit)) {
-      judge_readings();
+      try_joint_values_and_points();
     }
-    return std::move(suspicions_);
+    return std::move(readings_);
   }
 
 private:
@@ -217,37 +217,37 @@ private:
                : rms_of(model_, reading, start);
   }
 
-  void suspect(Cause cause, const std::string& what, double left, double instead) {
-    suspicions_.push_back({.cause = cause,
-                           .message = "as they were read the measurements leave a misfit of " + in_mm(instead) +
-                                      remark_ + "; with " + what + " it is " + in_mm(left) + "; nothing was switched"});
+  void add_reading(Cause cause, const std::string& what, double left, double instead) {
+    readings_.push_back({.cause = cause,
+                         .message = "as they were read the measurements leave a misfit of " + in_mm(instead) + remark_ +
+                                    "; with " + what + " it is " + in_mm(left) + "; nothing was switched"});
   }
 
   // Points that are too far apart, or hardly move, beside the nominal robot.
-  void judge_scale() {
+  void try_scale() {
     if (options_.registration.known_base || !options_.registration.known_targets.empty()) {
       return;
     }
-    // Lengths that are not fitted cannot take it up, see judge_lengths.
+    // Lengths that are not fitted cannot take it up, see try_lengths.
     const double least = sample_.free.geometric().empty() ? kLeastCommonLength : kLeastFactor;
     const std::optional<Vector3d> scales = coordinate_scales(X_BF_, sample_.measurements);
     if (scales) {
       const double common = std::cbrt(scales->prod());
       const bool alike = scales->maxCoeff() < 2.0 * scales->minCoeff();
       if (!alike || std::abs(common - 1.0) > least) {
-        judge_scale(alike ? Vector3d::Constant(common) : *scales, alike);
+        try_scale(alike ? Vector3d::Constant(common) : *scales, alike);
       }
     }
     // The points of a tip that touches one place hardly move either, but they fit the nominal robot.
     const Motion moved = motion(X_BF_, sample_.measurements);
-    if (suspicions_.empty() && moved.share() < kStandsStill && registered_ > kStandsStill * moved.flange) {
-      suspicions_.push_back({.cause = Cause::tool_frame,
-                             .message = "the measured points hardly move while the flange does: they seem to be "
-                                        "coordinates in the frame of the tool"});
+    if (readings_.empty() && moved.share() < kStandsStill && registered_ > kStandsStill * moved.flange) {
+      readings_.push_back({.cause = Cause::tool_frame,
+                           .message = "the measured points hardly move while the flange does: they seem to be "
+                                      "coordinates in the frame of the tool"});
     }
   }
 
-  void judge_scale(const Vector3d& factors, bool alike) {
+  void try_scale(const Vector3d& factors, bool alike) {
     const Measurements reading = divided(sample_.measurements, factors);
     const double left = rms_of(model_, reading, nominal_start(model_, reading));
     const double freedom = 3.0 * static_cast<double>(X_BF_.size()) - 9.0;
@@ -259,20 +259,21 @@ private:
     if (!alike) {
       Index axis = 0;
       (factors / std::cbrt(factors.prod())).array().log().abs().maxCoeff(&axis);
-      suspect(Cause::length_unit,
-              std::string(1, static_cast<char>('x' + axis)) +
-                  " in another unit than the other coordinates (x, y and z are " + significant(factors[0], 3) + ", " +
-                  significant(factors[1], 3) + " and " + significant(factors[2], 3) + " times too large)",
-              left, registered_);
+      add_reading(Cause::length_unit,
+                  std::string(1, static_cast<char>('x' + axis)) +
+                      " in another unit than the other coordinates (x, y and z are " + significant(factors[0], 3) +
+                      ", " + significant(factors[1], 3) + " and " + significant(factors[2], 3) + " times too large)",
+                  left, registered_);
       return;
     }
     const std::string units = units_of_factor(factors[0]);
     const std::string apart = "points that are " + significant(factors[0], 4) + " times too far apart (";
-    suspect(units.empty() ? Cause::scale : Cause::length_unit,
-            apart + (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) + ")", left, registered_);
+    add_reading(units.empty() ? Cause::scale : Cause::length_unit,
+                apart + (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) + ")", left,
+                registered_);
   }
 
-  void judge_readings() {
+  void try_joint_values_and_points() {
     if (!is_misfit(fitted_, sample_.freedom)) {
       return;
     }
@@ -289,8 +290,8 @@ private:
     const auto consider = [&](Cause cause, const std::string& what, double left) {
       if (left < best && explains(left, fitted_, sample_.freedom, readings)) {
         best = left;
-        suspicions_.clear();
-        suspect(cause, what, left, fitted_);
+        readings_.clear();
+        add_reading(cause, what, left, fitted_);
       }
     };
     const auto joints = std::find_if(trials.begin(), trials.end(), [](const auto& trial) { return !trial.present; });
@@ -331,11 +332,11 @@ private:
     return false;
   }
 
-  void judge_gains() {
-    constexpr double kWorthALook = 1e-4;  // of the arm's length
+  void try_gains() {
+    constexpr double kLeastShareToLook = 1e-4;  // of the arm's length
     const auto joints = static_cast<double>(model_.joints.size());
     const double freedom = sample_.freedom - joints;
-    if (!(freedom >= 1.0) || (!has_wrong_gain() && fitted_ < kWorthALook * arm_length(model_))) {
+    if (!(freedom >= 1.0) || (!has_wrong_gain() && fitted_ < kLeastShareToLook * arm_length(model_))) {
       return;
     }
     const std::optional<GainTrial> found = try_gains(model_, sample_.measurements, nominal_, sample_.free);
@@ -345,15 +346,15 @@ private:
     }
     const MovingJoint& joint = model_.joints[found->joint];
     const bool turns = joint.type != JointType::prismatic;
-    suspect(Cause::joint_gain,
-            joint.name + (turns ? " turning " : " moving ") + significant(found->factor, 4) +
-                " times as far as its values say" +
-                (found->others > 0 ? ", and " + std::to_string(found->others) + " more joints likewise" : "") +
-                " (a unit, a gear ratio or an encoder set wrong)",
-            found->rms, found->rms_rigid);
+    add_reading(Cause::joint_gain,
+                joint.name + (turns ? " turning " : " moving ") + significant(found->factor, 4) +
+                    " times as far as its values say" +
+                    (found->others > 0 ? ", and " + std::to_string(found->others) + " more joints likewise" : "") +
+                    " (a unit, a gear ratio or an encoder set wrong)",
+                found->rms, found->rms_rigid);
   }
 
-  void judge_order() {
+  void try_order() {
     const auto found = check_order(model_, sample_.measurements, fit_, sample_.free);
     if (!found || found->kind == OrderFinding::Kind::step_of_target) {
       return;
@@ -362,45 +363,45 @@ private:
         in_mm(found->moved) + " (turned by " + significant(found->rotation.norm() * 1e3, 2) + " mrad)";
     const std::string order = sample_.measurements.order.empty() ? " if the file is in the order of measurement" : "";
     if (found->kind == OrderFinding::Kind::drift_of_base) {
-      suspect(Cause::drift, "a base that drifts against the measuring device, by " + how + " in all," + order,
-              found->left, fitted_);
+      add_reading(Cause::drift, "a base that drifts against the measuring device, by " + how + " in all," + order,
+                  found->left, fitted_);
     } else {
-      suspect(Cause::moved_base,
-              "a base that moved against the measuring device by " + how + " after configuration " +
-                  sample_.measurements.configurations[static_cast<std::size_t>(found->last_before)] + order,
-              found->left, fitted_);
+      add_reading(Cause::moved_base,
+                  "a base that moved against the measuring device by " + how + " after configuration " +
+                      sample_.measurements.configurations[static_cast<std::size_t>(found->last_before)] + order,
+                  found->left, fitted_);
     }
   }
 
   // Length errors that are the same share of their links, as the fit would find them behind a wrong unit.
-  void judge_lengths() {
+  void try_lengths() {
     const CommonScale common = common_scale(model_, sample_.measurements, fit_, sample_.free);
-    if (!suspicions_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.chance > kFalseAlarmRate) {
+    if (!readings_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.chance > kFalseAlarmRate) {
       return;
     }
     const std::string units = units_of_factor(common.factor);
-    suspicions_.push_back({.cause = units.empty() ? Cause::scale : Cause::length_unit,
-                           .message = "all lengths of the arm are found " + significant(common.factor, 5) +
-                                      " times as long as nominal (" +
-                                      (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) +
-                                      "); the fit absorbs that, nothing was switched"});
+    readings_.push_back({.cause = units.empty() ? Cause::scale : Cause::length_unit,
+                         .message = "all lengths of the arm are found " + significant(common.factor, 5) +
+                                    " times as long as nominal (" +
+                                    (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) +
+                                    "); the fit absorbs that, nothing was switched"});
   }
 
-  void judge_joint_functions() {
+  void try_joint_functions() {
     const double visits = static_cast<double>(X_BF_.size());
     const double rest = sample_.freedom / std::max(sample_.points_of_a_configuration, 1.0) - 6.0;
-    if (!suspicions_.empty() || !(fitted_ > kNoMisfit) || !(rest > 0.0) || visits < 10.0) {
+    if (!readings_.empty() || !(fitted_ > kNoMisfit) || !(rest > 0.0) || visits < 10.0) {
       return;
     }
     const std::vector<double> shares = explained_by_joints(model_, fit_, sample_.measurements);
     for (std::size_t j = 0; j < shares.size(); ++j) {
       const double chance = f_upper_tail(shares[j] / 6.0 / std::max(1.0 - shares[j], 1e-12) * rest, 6.0, rest);
       if (shares[j] > 0.5 && chance < 1e-3) {
-        suspicions_.push_back({.cause = Cause::joint_function,
-                               .message = "a function of " + model_.joints[j].name + " alone explains " +
-                                          significant(100.0 * shares[j], 2) +
-                                          " % of the residuals' squares (p = " + significant(chance, 1) + ")",
-                               .doubt = false});
+        readings_.push_back({.cause = Cause::joint_function,
+                             .message = "a function of " + model_.joints[j].name + " alone explains " +
+                                        significant(100.0 * shares[j], 2) +
+                                        " % of the residuals' squares (p = " + significant(chance, 1) + ")",
+                             .doubt = false});
       }
     }
   }
@@ -414,23 +415,23 @@ private:
     const auto label = [&](Index c) { return measurements_.configurations[static_cast<std::size_t>(c)]; };
     const std::string more = twins.size() > 1 ? " (and " + std::to_string(twins.size() - 1) + " more)" : std::string();
     const bool tested = is_tested(twins.front().second);
-    suspicions_.push_back({.cause = Cause::same_configuration,
-                           .message = tested ? "test configuration " + label(twins.front().second) +
-                                                   " is at the pose of train configuration " +
-                                                   label(twins.front().first) + more + ": it tests no new pose"
-                                             : "configurations " + label(twins.front().first) + " and " +
-                                                   label(twins.front().second) + more +
-                                                   " are at the same pose: they are left out together",
-                           .doubt = false});
+    readings_.push_back({.cause = Cause::same_configuration,
+                         .message = tested ? "test configuration " + label(twins.front().second) +
+                                                 " is at the pose of train configuration " +
+                                                 label(twins.front().first) + more + ": it tests no new pose"
+                                           : "configurations " + label(twins.front().first) + " and " +
+                                                 label(twins.front().second) + more +
+                                                 " are at the same pose: they are left out together",
+                         .doubt = false});
     constexpr std::size_t kLookedAt = 20;
     const auto end = twins.begin() + static_cast<std::ptrdiff_t>(std::min(twins.size(), kLookedAt));
     const auto copied = std::find_if(twins.begin(), end, [&](const auto& twin) { return is_copy(twin); });
     if (copied != end) {
-      suspicions_.push_back({.cause = Cause::copied_rows,
-                             .message = "test configuration " + label(copied->second) +
-                                        " has the very points of train configuration " + label(copied->first) +
-                                        ": copied rows test nothing",
-                             .doubt = false});
+      readings_.push_back({.cause = Cause::copied_rows,
+                           .message = "test configuration " + label(copied->second) +
+                                      " has the very points of train configuration " + label(copied->first) +
+                                      ": copied rows test nothing",
+                           .doubt = false});
     }
   }
 
@@ -456,20 +457,21 @@ private:
   const ErrorModel& model_;
   const Measurements& measurements_;
   const Estimate& fit_;
-  const SuspicionOptions& options_;
+  const ReadingOptions& options_;
   TrialSample sample_;
   Estimate nominal_;
   std::vector<Eigen::Isometry3d> X_BF_;  // nominal
   double registered_ = 0.0;
   std::string remark_;  // behind the misfit
   double fitted_ = 0.0;
-  std::vector<Suspicion> suspicions_;
+  std::vector<AlternativeReading> readings_;
 };
 
 }  // namespace
 
-std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
-                                  const Unknowns& free, const SuspicionOptions& options) {
+std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
+                                                     const Estimate& fit, const Unknowns& free,
+                                                     const ReadingOptions& options) {
   check(measurements, model);
   check(fit, model, measurements);
   check(free, model, measurements);
@@ -477,22 +479,24 @@ std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& m
   const auto sample = [&](const Measurements& all, const Unknowns& unknowns, std::size_t most) {
     return trial_sample(model, all, unknowns, most);
   };
-  std::vector<Suspicion> found =
+  std::vector<AlternativeReading> found =
       Inquiry(model, measurements, fit, sample(measurements, free, kMostSampled), options).verdict();
-  const bool doubted = std::any_of(found.begin(), found.end(), [](const Suspicion& one) { return one.doubt; });
+  const bool doubted = std::any_of(found.begin(), found.end(), [](const AlternativeReading& one) { return one.doubt; });
   if (!doubted && !measurements.orientations.empty()) {
     const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
-    const auto of_orientations = [&] { return Suspicion{.cause = Cause::orientations, .message = turned->message}; };
+    const auto of_orientations = [&] {
+      return AlternativeReading{.cause = Cause::orientations, .message = turned->message};
+    };
     if (turned && turned->explained) {
       found.insert(found.begin(), of_orientations());
       return found;
     }
     PosePoints points = pose_points(model, measurements, fit, free, options.registration);
-    SuspicionOptions of_points = options;
+    ReadingOptions of_points = options;
     of_points.registration = std::move(points.registration);
     Inquiry inquiry(model, points.measurements, points.fit, sample(points.measurements, points.free, kMostPoses),
                     of_points);
-    std::vector<Suspicion> more = inquiry.verdict_of_poses();
+    std::vector<AlternativeReading> more = inquiry.verdict_of_poses();
     if (more.empty() && turned) {
       more.push_back(of_orientations());
     }
@@ -523,19 +527,20 @@ Unknowns all_that_is_told(const ErrorModel& model, const std::vector<TargetFrame
 
 }  // namespace
 
-std::vector<Suspicion> suspicions_of_nominal(const ErrorModel& model, const Measurements& measurements,
-                                             const Estimate& registered, SuspicionOptions options) {
+std::vector<AlternativeReading> alternative_readings_of_nominal(const ErrorModel& model,
+                                                                const Measurements& measurements,
+                                                                const Estimate& registered, ReadingOptions options) {
   constexpr double kBeyondErrors = 0.01;  // of the arm
   const TrainingRows training(measurements);
   const Unknowns all = all_that_is_told(model, registered.targets, options.registration);
   if (trial_sample(model, *training, all, kMostSampled).freedom < 1.0) {
     options.least_misfit = kBeyondErrors * arm_length(model);
-    return suspicions(model, measurements, registered, all.without(UnknownGroup::geometric), options);
+    return alternative_readings(model, measurements, registered, all.without(UnknownGroup::geometric), options);
   }
   options.remark += " with its geometry fitted";
   const Identification found = identify_jointly(model, *training, registered, all, trial_fits());
-  return suspicions(model, measurements, plausible(model, found.estimate.errors) ? found.estimate : registered, all,
-                    options);
+  return alternative_readings(model, measurements,
+                              plausible(model, found.estimate.errors) ? found.estimate : registered, all, options);
 }
 
 }  // namespace kdl_calibration

@@ -12,13 +12,13 @@
 namespace kdl_calibration {
 
 /// Something that would explain the measurements much better than what they were taken for.
-struct Suspicion {
+struct AlternativeReading {
   Cause cause = Cause::joint_convention;
   std::string message;  ///< one line for people, with the figures
   bool doubt = true;    ///< whether the answer is not to be trusted; else a remark
 };
 
-struct SuspicionOptions {
+struct ReadingOptions {
   RegistrationOptions registration;
   const JointConvention* used = nullptr;  ///< that made the joint values the URDF's
   std::vector<JointConvention> others;
@@ -37,14 +37,17 @@ struct SuspicionOptions {
 /// then the orientations beside those of the arm (their inverses, components in another order, single ones), then as
 /// points beside the measured ones. Only train rows are looked at, of up to 300 configurations spread over
 /// the file (75 of poses as points). Nothing is changed.
-std::vector<Suspicion> suspicions(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
-                                  const Unknowns& free, const SuspicionOptions& options = {});
+std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
+                                                     const Estimate& fit, const Unknowns& free,
+                                                     const ReadingOptions& options = {});
 
 /// The same checks for a robot that was not calibrated. The geometry is fitted for the comparison, so that ordinary
 /// geometric errors are not taken for another reading. With too few points only base and targets are fitted, and other
 /// readings are tried only if the misfit exceeds 1 % of the arm's length. `registered`: the robot with its registered
 /// base and targets.
-std::vector<Suspicion> suspicions_of_nominal(const ErrorModel& model, const Measurements& measurements,
-                                             const Estimate& registered, SuspicionOptions options = {});
+std::vector<AlternativeReading> alternative_readings_of_nominal(const ErrorModel& model,
+                                                                const Measurements& measurements,
+                                                                const Estimate& registered,
+                                                                ReadingOptions options = {});
 
 }  // namespace kdl_calibration

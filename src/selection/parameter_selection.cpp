@@ -1,4 +1,4 @@
-#include "selection/parameter_choice.hpp"
+#include "selection/parameter_selection.hpp"
 
 #include <algorithm>
 #include <set>
@@ -82,8 +82,8 @@ bool fixes_effect(const std::vector<std::string>& fix, const EffectTerm& term) {
   });
 }
 
-ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                                  const ParameterOptions& options, ReductionOptions reduction) {
+ParameterSelection select_parameters(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                                     const ParameterOptions& options, ReductionOptions reduction) {
   const std::vector<std::string> names = all_names(model, targets);
   std::vector<std::string> of_parameters = options.fix;
   std::erase_if(of_parameters, is_of_effects);
@@ -95,7 +95,7 @@ ParameterChoice choose_parameters(const ErrorModel& model, const std::vector<Tar
     }
   }
   reduction.fixed = fixed_frames(targets, options, fixed, freed);
-  ParameterChoice choice{.reduction = reduced_model(model, targets, reduction), .free = {}, .complete = {}};
+  ParameterSelection choice{.reduction = reduced_model(model, targets, reduction), .free = {}, .complete = {}};
   const std::set<std::string> kept(choice.reduction.kept.begin(), choice.reduction.kept.end());
   const std::set<std::string> held(reduction.fixed.begin(), reduction.fixed.end());
   std::set<std::string> gauge;

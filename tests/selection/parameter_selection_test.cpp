@@ -1,4 +1,4 @@
-#include "selection/parameter_choice.hpp"
+#include "selection/parameter_selection.hpp"
 
 #include <gmock/gmock.h>
 
@@ -18,7 +18,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration::parameter_choice_test {
+namespace kdl_calibration::parameter_selection_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -55,7 +55,7 @@ bool matches_any(const std::vector<std::string>& patterns, const std::string& na
 void expect_choice(const ErrorModel& model, const ParameterOptions& options, const std::vector<std::string>& held) {
   const std::vector<TargetFrame> targets = a_point_and_a_frame();
   constexpr int kConfigurations = 15;
-  const ParameterChoice found = choose_parameters(model, targets, options, {.configurations = kConfigurations});
+  const ParameterSelection found = select_parameters(model, targets, options, {.configurations = kConfigurations});
   const Reduction reduction = reduced_model(model, targets, {.fixed = held, .configurations = kConfigurations});
   EXPECT_EQ(found.reduction.kept, reduction.kept);
   EXPECT_EQ(found.reduction.rank, reduction.rank);
@@ -78,7 +78,7 @@ void expect_choice(const ErrorModel& model, const ParameterOptions& options, con
   EXPECT_EQ(found.complete, complete);
 }
 
-TEST(ParameterChoice, IsWhatIsKeptAndFreedLessWhatIsFixedAndKnown) {
+TEST(ParameterSelection, IsWhatIsKeptAndFreedLessWhatIsFixedAndKnown) {
   const ErrorModel model = complete_model(testing::fanuc());
   expect_choice(model, {}, {});
   expect_choice(model, {.model = ModelChoice::complete}, {});
@@ -101,19 +101,19 @@ TEST(ParameterChoice, IsWhatIsKeptAndFreedLessWhatIsFixedAndKnown) {
   expect_choice(model, frame, {"A.x", "A.y", "A.z", "B.x", "B.y", "B.z", "B.Rx", "B.Ry", "B.Rz"});
 }
 
-TEST(ParameterChoice, IsMadeAtTheGeometryThatIsStated) {
+TEST(ParameterSelection, IsMadeAtTheGeometryThatIsStated) {
   const ErrorModel model = complete_model(testing::fanuc());
   Random random(2);
   const ReductionOptions bent{.configurations = 15, .errors = testing::random_errors(model, random, 0.01, 0.1)};
-  const ParameterChoice found = choose_parameters(model, a_point_and_a_frame(), {}, bent);
+  const ParameterSelection found = select_parameters(model, a_point_and_a_frame(), {}, bent);
   EXPECT_EQ(found.reduction.kept, reduced_model(model, a_point_and_a_frame(), bent).kept);
-  EXPECT_NE(found.free, choose_parameters(model, a_point_and_a_frame(), {}, {.configurations = 15}).free);
+  EXPECT_NE(found.free, select_parameters(model, a_point_and_a_frame(), {}, {.configurations = 15}).free);
 }
 
-TEST(ParameterChoice, RefusesPatternsThatNothingMatches) {
+TEST(ParameterSelection, RefusesPatternsThatNothingMatches) {
   const ErrorModel model = complete_model(testing::fanuc());
   const auto refused = [&](const ParameterOptions& options) {
-    return refusal([&] { choose_parameters(model, a_point_and_a_frame(), options); });
+    return refusal([&] { select_parameters(model, a_point_and_a_frame(), options); });
   };
   EXPECT_THAT(refused({.fix = {"dq2", "dq7"}}), HasSubstr("fix: 'dq7' matches no parameter; there are base.Tx, base"));
   EXPECT_THAT(refused({.free = {"Tz9"}}), HasSubstr("free: 'Tz9' matches no parameter; there are base.Tx"));
@@ -124,11 +124,11 @@ TEST(ParameterChoice, RefusesPatternsThatNothingMatches) {
   EXPECT_EQ(refused({.fix = {"gravity.*", "tables", "gain.2", "backlash?2"}}), "nothing was refused");
 }
 
-TEST(ParameterChoice, RefusesToFixFramesThatAreNotKnown) {
+TEST(ParameterSelection, RefusesToFixFramesThatAreNotKnown) {
   const ErrorModel model = complete_model(testing::fanuc());
   const auto refused = [&](const ParameterOptions& options) -> std::vector<std::string> {
     try {
-      choose_parameters(model, a_point_and_a_frame(), options);
+      select_parameters(model, a_point_and_a_frame(), options);
     } catch (const OptionError& error) {
       std::vector<std::string> told = {error.option(), error.fault()};
       told.insert(told.end(), error.remedies().begin(), error.remedies().end());
@@ -143,7 +143,7 @@ TEST(ParameterChoice, RefusesToFixFramesThatAreNotKnown) {
   EXPECT_THAT(refused({.fix = {"A.y"}, .known_targets = {a_point_and_a_frame()[0]}}), ElementsAre());
 }
 
-TEST(ParameterChoice, PatternsOfEffectsLeaveOutTheTermsThatTheyMatch) {
+TEST(ParameterSelection, PatternsOfEffectsLeaveOutTheTermsThatTheyMatch) {
   const ErrorModel model = complete_model(testing::fanuc());
   const std::vector<EffectTerm> gains = gain_terms(model);
   const auto fixed = [&](const std::vector<std::string>& patterns) {
@@ -163,11 +163,11 @@ TEST(ParameterChoice, PatternsOfEffectsLeaveOutTheTermsThatTheyMatch) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::parameter_choice_test
+}  // namespace kdl_calibration::parameter_selection_test
 
 // The right parameters of arms as they are drawn in real files: nearly parallel axes, rounded angles, coincident axes,
 // exported geometry, skew chains. Predictions where nothing was fitted are what must hold.
-namespace kdl_calibration::parameter_choice_test::of_real_arms {
+namespace kdl_calibration::parameter_selection_test::of_real_arms {
 namespace {
 
 using testing::fanuc;
@@ -501,4 +501,4 @@ TEST(ParametersOfRealArmsOnRealData, AToolThatHardlyTurnsIsFittedInFewIterations
 }
 
 }  // namespace
-}  // namespace kdl_calibration::parameter_choice_test::of_real_arms
+}  // namespace kdl_calibration::parameter_selection_test::of_real_arms

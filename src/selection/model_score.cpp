@@ -1,4 +1,4 @@
-#include "selection/model_worth.hpp"
+#include "selection/model_score.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -26,12 +26,12 @@ using Eigen::VectorXd;
 
 constexpr std::size_t kMostSingleFolds = 40;
 constexpr int kFolds = 10;
-constexpr double kEvidence = 2.0;       // that makes a model likelier
-constexpr double kOfAnEffect = 7.0;     // of several that are looked at one is likelier by chance
-constexpr double kWorthwhile = 0.98;    // of the held-out RMS
-constexpr double kFileRounding = 1e-9;  // [m] of the numbers in a file
-constexpr double kLeastPrior = 1e-7;    // [m or rad]
-constexpr double kEquations = 1.1;      // for every column
+constexpr double kEvidence = 2.0;        // that makes a model likelier
+constexpr double kOfAnEffect = 7.0;      // of several that are looked at one is likelier by chance
+constexpr double kClearlyBetter = 0.98;  // of the held-out RMS
+constexpr double kFileRounding = 1e-9;   // [m] of the numbers in a file
+constexpr double kLeastPrior = 1e-7;     // [m or rad]
+constexpr double kEquations = 1.1;       // for every column
 
 // Unknowns of targets that the sums say nothing about are no unknowns there.
 std::vector<Index> told_columns(const Candidate& candidate, const LinearSums& sums, const LinearSums& all) {
@@ -64,7 +64,7 @@ std::string in_words(const ModelInQuestion& model) {
 }
 
 // Mean gain of a configuration's squares, over its standard error.
-double certainty_of_gain(const Worth& with, const Worth& without) {
+double certainty_of_gain(const ModelScore& with, const ModelScore& without) {
   const VectorXd gain = without.squares - with.squares;
   const auto n = static_cast<double>(gain.size());
   const double mean = gain.mean();
@@ -73,29 +73,31 @@ double certainty_of_gain(const Worth& with, const Worth& without) {
 
 }  // namespace
 
-double size_of(const Worth& worth, const std::string& name) {
-  const auto found = std::find(worth.groups.names.begin(), worth.groups.names.end(), name);
-  const auto number = static_cast<std::size_t>(found - worth.groups.names.begin());
-  return number < worth.sizes.sizes.size() ? worth.sizes.sizes[number] : 0.0;
+double size_of(const ModelScore& score, const std::string& name) {
+  const auto found = std::find(score.groups.names.begin(), score.groups.names.end(), name);
+  const auto number = static_cast<std::size_t>(found - score.groups.names.begin());
+  return number < score.sizes.sizes.size() ? score.sizes.sizes[number] : 0.0;
 }
 
-double likelier_evidence(const Worth& than) { return than.sizes.evidence + kEvidence; }
+double likelier_evidence(const ModelScore& than) { return than.sizes.evidence + kEvidence; }
 
-double convincing_evidence(const Worth& than) { return than.sizes.evidence + kOfAnEffect; }
+double convincing_evidence(const ModelScore& than) { return than.sizes.evidence + kOfAnEffect; }
 
-bool is_likelier(const Worth& one, const Worth& other) { return one.sizes.evidence >= likelier_evidence(other); }
-
-bool predicts_as_well(const Worth& one, const Worth& other) { return certainty_of_gain(one, other) > -1.0; }
-
-bool is_worthwhile(const Worth& one, const Worth& other) {
-  return one.determined && one.held_out_rms <= kWorthwhile * other.held_out_rms;
+bool is_likelier(const ModelScore& one, const ModelScore& other) {
+  return one.sizes.evidence >= likelier_evidence(other);
 }
 
-bool helps(const Worth& with, const Worth& without) {
-  return is_worthwhile(with, without) && with.motion <= kLargestMotion && certainty_of_gain(with, without) > 1.0;
+bool predicts_as_well(const ModelScore& one, const ModelScore& other) { return certainty_of_gain(one, other) > -1.0; }
+
+bool is_clearly_better(const ModelScore& one, const ModelScore& other) {
+  return one.determined && one.held_out_rms <= kClearlyBetter * other.held_out_rms;
 }
 
-Appraisal::Appraisal(const ChoiceTask& task, const Measurements& means, int threads, bool is_told)
+bool helps(const ModelScore& with, const ModelScore& without) {
+  return is_clearly_better(with, without) && with.motion <= kLargestMotion && certainty_of_gain(with, without) > 1.0;
+}
+
+ModelScorer::ModelScorer(const SelectionTask& task, const Measurements& means, int threads, bool is_told)
     : task_(task), means_(means), threads_(threads), is_told_(is_told) {
   const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
   folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);
@@ -117,13 +119,13 @@ Appraisal::Appraisal(const ChoiceTask& task, const Measurements& means, int thre
   }
 }
 
-Worth Appraisal::worth_of(const ModelInQuestion& model, TriedModels& tried, double wanted) const {
+ModelScore ModelScorer::score_of(const ModelInQuestion& model, TriedModels& tried, double wanted) const {
   const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
-  Worth worth;
-  worth.groups = groups_of(candidate, task_.options.priors);
+  ModelScore score;
+  score.groups = groups_of(candidate, task_.options.priors);
   const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
   if (static_cast<double>(rows.J.rows()) < kEquations * static_cast<double>(rows.J.cols())) {
-    return worth;
+    return score;
   }
   const std::function<void()> after_fold =
       is_told_ ? counted_fits(task_.progress, in_words(model), folds_.size()) : nullptr;
@@ -131,35 +133,35 @@ Worth Appraisal::worth_of(const ModelInQuestion& model, TriedModels& tried, doub
   LinearSums all = sums_of(rows, all_of(configurations));
   const std::vector<Index> columns = told_columns(candidate, all, all);
   const double rounding = kFileRounding / rows.unit;
-  const SizeEstimator whole(all, columns, worth.groups.columns);
+  const SizeEstimator whole(all, columns, score.groups.columns);
   if (!whole.is_determined()) {
-    return worth;
+    return score;
   }
-  worth.sizes = whole.estimate({}, worth.groups.limits, rounding);
-  worth.noise = worth.sizes.sigma * rows.unit;
-  worth.motion = motion_of(candidate, worth.sizes.values);
-  if (worth.sizes.evidence >= wanted) {
-    predict_folds(candidate, rows, all, worth, after_fold);
+  score.sizes = whole.estimate({}, score.groups.limits, rounding);
+  score.noise = score.sizes.sigma * rows.unit;
+  score.motion = motion_of(candidate, score.sizes.values);
+  if (score.sizes.evidence >= wanted) {
+    predict_folds(candidate, rows, all, score, after_fold);
   }
-  tried.add({.priors = priors_of(worth, model.sized),
+  tried.add({.priors = priors_of(score, model.sized),
              .effects = model.names,
              .sized = model.sized,
-             .held_out_rms = worth.held_out_rms,
-             .evidence = worth.sizes.evidence},
-            worth.squares);
-  worth.information = std::move(all.information);
-  return worth;
+             .held_out_rms = score.held_out_rms,
+             .evidence = score.sizes.evidence},
+            score.squares);
+  score.information = std::move(all.information);
+  return score;
 }
 
-Priors Appraisal::priors_of(const Worth& worth, bool sized) const {
-  if (!sized || worth.sizes.sizes.empty()) {
+Priors ModelScorer::priors_of(const ModelScore& score, bool sized) const {
+  if (!sized || score.sizes.sizes.empty()) {
     return task_.options.priors;
   }
-  return {.length = std::max(size_of(worth, "length"), kLeastPrior),
-          .angle = std::max(size_of(worth, "angle"), kLeastPrior)};
+  return {.length = std::max(size_of(score, "length"), kLeastPrior),
+          .angle = std::max(size_of(score, "angle"), kLeastPrior)};
 }
 
-double Appraisal::motion_of(const Candidate& candidate, const VectorXd& values) const {
+double ModelScorer::motion_of(const Candidate& candidate, const VectorXd& values) const {
   if (candidate.model.effects.empty()) {
     return 0.0;
   }
@@ -170,10 +172,10 @@ double Appraisal::motion_of(const Candidate& candidate, const VectorXd& values) 
   return moved.cwiseAbs().maxCoeff();
 }
 
-void Appraisal::predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, Worth& worth,
-                              const std::function<void()>& after_fold) const {
+void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all,
+                                ModelScore& score, const std::function<void()>& after_fold) const {
   const double rounding = kFileRounding / rows.unit;
-  worth.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
+  score.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
   std::vector<int> predicted(folds_.size(), 0);
   parallel_for(folds_.size(), threads_, [&](std::size_t f) {
     LinearSums without = all;
@@ -181,12 +183,12 @@ void Appraisal::predict_folds(const Candidate& candidate, const LinearRows& rows
     const std::vector<Index> columns = told_columns(candidate, without, all);
     std::vector<Index> untold = all_of(rows.J.cols());
     std::erase_if(untold, [&](Index c) { return std::binary_search(columns.begin(), columns.end(), c); });
-    const SizeEstimator rest(without, columns, worth.groups.columns);
+    const SizeEstimator rest(without, columns, score.groups.columns);
     if (!rest.is_determined()) {
       return;
     }
-    const GroupSizes sizes = rest.estimate(worth.sizes.sizes, worth.groups.limits, rounding);
-    const TableCertainty certainty(candidate, without.information, worth.groups, sizes);
+    const GroupSizes sizes = rest.estimate(score.sizes.sizes, score.groups.limits, rounding);
+    const TableCertainty certainty(candidate, without.information, score.groups, sizes);
     for (const Index c : folds_[f]) {
       VectorXd x = sizes.values;
       certainty.withhold(means_.joint_values.col(c), x);
@@ -196,17 +198,17 @@ void Appraisal::predict_folds(const Candidate& candidate, const LinearRows& rows
       for (const Index column : untold) {
         error = (rows.J.col(column).segment(first, count).array() != 0.0).select(0.0, error);
       }
-      worth.squares[c] = error.squaredNorm();
+      score.squares[c] = error.squaredNorm();
     }
     predicted[f] = 1;
     if (after_fold) {
       after_fold();
     }
   });
-  worth.squares *= rows.unit * rows.unit;
-  worth.determined = std::all_of(predicted.begin(), predicted.end(), [](int p) { return p == 1; });
-  if (worth.determined) {
-    worth.held_out_rms = std::sqrt(worth.squares.sum() / points_);
+  score.squares *= rows.unit * rows.unit;
+  score.determined = std::all_of(predicted.begin(), predicted.end(), [](int p) { return p == 1; });
+  if (score.determined) {
+    score.held_out_rms = std::sqrt(score.squares.sum() / points_);
   }
 }
 

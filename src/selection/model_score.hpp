@@ -16,7 +16,7 @@
 namespace kdl_calibration {
 
 /// What a choice of priors and effects is made from. Keeps references.
-struct ChoiceTask {
+struct SelectionTask {
   const ErrorModel& model;  ///< rigid
   const Measurements& measurements;
   const Estimate& optimum;  ///< of the rigid model: everything is linearised there
@@ -28,8 +28,8 @@ struct ChoiceTask {
   ProgressFunction progress = {};
 };
 
-/// What a model is worth beside others.
-struct Worth {
+/// The score of a model: evidence, and held-out error by cross-validation.
+struct ModelScore {
   bool determined = false;  ///< by the rest of every fold; only then the held-out figures are any
   GroupSizes sizes;
   Groups groups;
@@ -41,26 +41,27 @@ struct Worth {
 };
 
 /// Of a group, by its name; 0 where there is none.
-double size_of(const Worth& worth, const std::string& name);
+double size_of(const ModelScore& score, const std::string& name);
 
-/// The evidence that a model with one group more needs: of several that are looked at one is likelier by chance.
-double convincing_evidence(const Worth& than);
+/// The evidence that a model with one more group needs. It is above that of a mere preference, as the best of several
+/// groups is likelier by chance.
+double convincing_evidence(const ModelScore& than);
 
 /// The evidence that makes a model likelier than this one.
-double likelier_evidence(const Worth& than);
-bool is_likelier(const Worth& one, const Worth& other);
+double likelier_evidence(const ModelScore& than);
+bool is_likelier(const ModelScore& one, const ModelScore& other);
 
 /// Whether one, where both are determined, leaves no more of a configuration than the other, within a standard error.
-bool predicts_as_well(const Worth& one, const Worth& other);
+bool predicts_as_well(const ModelScore& one, const ModelScore& other);
 
 /// Whether one predicts better by so much that it matters, or where the other cannot.
-bool is_worthwhile(const Worth& one, const Worth& other);
+bool is_clearly_better(const ModelScore& one, const ModelScore& other);
 
 /// [m or rad] What moves a joint by more is no effect but a mistake.
 constexpr double kLargestMotion = 0.02;
 
 /// Whether what a model has more makes it predict better, by more than chance, and moves no joint too far.
-bool helps(const Worth& with, const Worth& without);
+bool helps(const ModelScore& with, const ModelScore& without);
 
 /// A model that may be chosen: rigid parameters and these terms, with priors for the rigid ones or without.
 struct ModelInQuestion {
@@ -69,28 +70,28 @@ struct ModelInQuestion {
   bool sized = false;
 };
 
-/// Finds what models are worth on one set of means.
-class Appraisal {
+/// Scores models on one set of means.
+class ModelScorer {
 public:
   /// Keeps references. Where `is_told`, the options' progress says what is tried.
-  Appraisal(const ChoiceTask& task, const Measurements& means, int threads, bool is_told);
+  ModelScorer(const SelectionTask& task, const Measurements& means, int threads, bool is_told);
 
   /// Folds are predicted only where the evidence is at least `wanted`.
-  Worth worth_of(const ModelInQuestion& model, TriedModels& tried,
-                 double wanted = -std::numeric_limits<double>::infinity()) const;
+  ModelScore score_of(const ModelInQuestion& model, TriedModels& tried,
+                      double wanted = -std::numeric_limits<double>::infinity()) const;
 
   /// Points of targets that one fold alone has: no model is compared by them.
   double not_compared() const { return not_compared_; }
 
   /// The rigid parameters' own where they are sized, else those of the options.
-  Priors priors_of(const Worth& worth, bool sized) const;
+  Priors priors_of(const ModelScore& score, bool sized) const;
 
 private:
   double motion_of(const Candidate& candidate, const Eigen::VectorXd& values) const;
-  void predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, Worth& worth,
+  void predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, ModelScore& score,
                      const std::function<void()>& after_fold) const;
 
-  const ChoiceTask& task_;
+  const SelectionTask& task_;
   const Measurements& means_;
   int threads_;
   bool is_told_;
