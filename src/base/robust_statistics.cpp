@@ -1,7 +1,8 @@
 #include "base/robust_statistics.hpp"
 
 #include <cmath>
-#include <numbers>
+
+#include "base/distributions.hpp"
 
 namespace kdl_calibration {
 
@@ -42,11 +43,6 @@ double robust_sigma(std::vector<double> centred) {
   return count > 0.0 ? kNormalOverTrimmed * std::sqrt(sum / count) : 0.0;
 }
 
-double tail_of_norm(double t, Index axes) {
-  const double one = std::erfc(t / std::numbers::sqrt2);
-  return axes == 1 ? one : one + std::sqrt(2.0 / std::numbers::pi) * t * std::exp(-0.5 * t * t);
-}
-
 Scatter scatter_of(const std::vector<double>& centred, double fitted, double floor) {
   const double rest = static_cast<double>(centred.size()) - fitted;
   if (rest <= 0.0) {
@@ -58,12 +54,7 @@ Scatter scatter_of(const std::vector<double>& centred, double fitted, double flo
 
 double threshold(double false_alarm, double comparisons, Index axes, double freedom) {
   const double probability = std::min(false_alarm, 1.0) / std::max(comparisons, 1.0);
-  double z = 0.0;
-  double upper = 40.0;
-  while (upper - z > 1e-9) {
-    const double middle = 0.5 * (z + upper);
-    (tail_of_norm(middle, axes) > probability ? z : upper) = middle;
-  }
+  const double z = norm_critical(probability, static_cast<int>(axes));
   const double n = std::max(freedom, 1.0);
   const double corrected = z * (8.0 * n + 3.0) / (8.0 * n + 1.0);
   return std::sqrt(n * std::expm1(corrected * corrected / n));

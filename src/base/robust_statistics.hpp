@@ -30,9 +30,6 @@ Eigen::VectorXd medians(const Eigen::MatrixXd& values, Eigen::Index first, Eigen
 /// out, the root mean square of the rest is more exact than it.
 double robust_sigma(std::vector<double> centred);
 
-/// Probability that the norm of `axes` (1 or 3) standard normal values exceeds t.
-double tail_of_norm(double t, Eigen::Index axes);
-
 /// Degrees of freedom that this sigma is worth over those of the root mean square of clean values, with some reserve.
 constexpr double kEfficiency = 0.8;
 

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 
 namespace kdl_calibration {
 

@@ -5,7 +5,7 @@
 #include <limits>
 #include <utility>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"

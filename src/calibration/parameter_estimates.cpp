@@ -7,7 +7,7 @@
 #include <set>
 #include <utility>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "calibration/noise_stage.hpp"
 
 #include "kdl_calibration/kinematics.hpp"

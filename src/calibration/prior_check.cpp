@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "calibration/noise_report.hpp"
 
 namespace kdl_calibration {

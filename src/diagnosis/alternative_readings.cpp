@@ -7,7 +7,7 @@
 #include <set>
 #include <utility>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "base/number_range.hpp"
 #include "base/number_text.hpp"
 #include "diagnosis/gain_trial.hpp"

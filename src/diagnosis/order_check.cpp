@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/linear_system.hpp"
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "noise/noise_strata.hpp"

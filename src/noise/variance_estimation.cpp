@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "kdl_calibration/linear_system.hpp"
 
 namespace kdl_calibration {

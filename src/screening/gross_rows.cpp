@@ -8,7 +8,7 @@
 #include <optional>
 #include <utility>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "kdl_calibration/least_squares.hpp"
 
 namespace kdl_calibration {

@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <numbers>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 
 namespace kdl_calibration {
 namespace {

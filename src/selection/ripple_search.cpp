@@ -7,7 +7,7 @@
 #include <numbers>
 #include <optional>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "base/parallel.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 

@@ -8,7 +8,7 @@
 #include <limits>
 #include <string>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 
 namespace kdl_calibration::new_point_test {
 namespace {

@@ -8,7 +8,7 @@
 #include <limits>
 #include <optional>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "calibration/noise_stage.hpp"
 #include "dense_fit.hpp"
 #include "kdl_calibration/effect_terms.hpp"

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "support.hpp"
 

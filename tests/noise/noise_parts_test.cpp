@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/joint_effects.hpp"

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 #include "kdl_calibration/random.hpp"
 
 namespace kdl_calibration::variance_estimation_test {

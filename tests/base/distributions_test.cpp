@@ -1,10 +1,11 @@
-#include "base/f_distribution.hpp"
+#include "base/distributions.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
-namespace kdl_calibration::f_distribution_test {
+namespace kdl_calibration::distributions_test {
 namespace {
 
 TEST(FDistribution, UpperTailHasItsClosedFormAndItsSymmetry) {
@@ -37,6 +38,30 @@ TEST(FDistribution, TailIsThatOfTheTables) {
   EXPECT_NEAR(f_upper_tail(1.0, 7, 7), 0.5, 1e-12);  // symmetry
   EXPECT_EQ(f_upper_tail(0.0, 3, 5), 1.0);
   EXPECT_LT(f_upper_tail(50.0, 100, 100), 1e-30);
+  EXPECT_EQ(f_upper_tail(std::numeric_limits<double>::infinity(), 3, 5), 0.0);
+}
+
+// With four degrees of freedom the tail of chi-squared is exp(-x/2) (1 + x/2).
+TEST(ChiSquared, TailHasItsClosedFormAlsoAsTheLimitOfF) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (const double x : {0.1, 2.0, 9.4877, 40.0}) {
+    const double tail = std::exp(-0.5 * x) * (1.0 + 0.5 * x);
+    EXPECT_NEAR(reduced_chi_squared_tail(x / 4.0, 4.0) / tail, 1.0, 1e-12) << x;
+    EXPECT_NEAR(f_upper_tail(x / 4.0, 4.0, infinity) / tail, 1.0, 1e-12) << x;
+    EXPECT_NEAR(f_critical(tail, 4.0, infinity) / (x / 4.0), 1.0, 1e-12) << x;
+  }
+  EXPECT_EQ(reduced_chi_squared_tail(infinity, 4.0), 0.0);
+  EXPECT_EQ(reduced_chi_squared_tail(0.0, 4.0), 1.0);
+}
+
+// The sum of many squares is normal: by the cube root of Wilson and Hilferty, to a few parts in the degrees of freedom.
+TEST(ChiSquared, TailHoldsAtAMillionDegreesOfFreedom) {
+  constexpr double kFreedom = 1e6;
+  constexpr double kPart = 2.0 / (9.0 * kFreedom);
+  for (const double z : {-2.0, 0.0, 1.0, 3.0}) {
+    const double ratio = std::pow(1.0 - kPart + z * std::sqrt(kPart), 3.0);
+    EXPECT_NEAR(reduced_chi_squared_tail(ratio, kFreedom), 0.5 * std::erfc(z / std::sqrt(2.0)), 1e-6) << z;
+  }
 }
 }  // namespace
-}  // namespace kdl_calibration::f_distribution_test
+}  // namespace kdl_calibration::distributions_test

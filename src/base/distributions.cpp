@@ -1,0 +1,62 @@
+#include "base/distributions.hpp"
+
+#include <boost/math/distributions/chi_squared.hpp>
+#include <boost/math/distributions/fisher_f.hpp>
+#include <boost/math/policies/policy.hpp>
+#include <cmath>
+#include <limits>
+
+namespace kdl_calibration {
+namespace {
+
+namespace math = boost::math;
+namespace policies = boost::math::policies;
+
+// What has no value is NaN or infinite. Doubles suffice.
+using Policy =
+    policies::policy<policies::domain_error<policies::ignore_error>, policies::pole_error<policies::ignore_error>,
+                     policies::overflow_error<policies::ignore_error>,
+                     policies::evaluation_error<policies::ignore_error>, policies::promote_double<false>>;
+using FisherF = math::fisher_f_distribution<double, Policy>;
+using ChiSquared = math::chi_squared_distribution<double, Policy>;
+
+// Degrees of freedom of a denominator that scatters by less than rounding.
+constexpr double kAsGoodAsInfinite = 1e15;
+
+double chi_squared_tail(double value, double freedom) {
+  if (!(value > 0.0)) {
+    return 1.0;
+  }
+  return std::isinf(value) ? 0.0 : math::cdf(math::complement(ChiSquared(freedom), value));
+}
+
+}  // namespace
+
+double log_gamma(double x) {
+  int sign = 0;
+  return ::lgamma_r(x, &sign);
+}
+
+double f_upper_tail(double f, double a, double b) {
+  if (b > kAsGoodAsInfinite || !(f > 0.0)) {
+    return chi_squared_tail(a * f, a);
+  }
+  return std::isinf(f) ? 0.0 : math::cdf(math::complement(FisherF(a, b), f));
+}
+
+double f_critical(double tail, double a, double b) {
+  return b > kAsGoodAsInfinite ? math::quantile(math::complement(ChiSquared(a), tail)) / a
+                               : math::quantile(math::complement(FisherF(a, b), tail));
+}
+
+double reduced_chi_squared_tail(double ratio, double freedom) { return chi_squared_tail(ratio * freedom, freedom); }
+
+double t_critical_95(double degrees_of_freedom) { return std::sqrt(f_critical(0.05, 1.0, degrees_of_freedom)); }
+
+double norm_tail(double t, int axes) { return chi_squared_tail(t * t, axes); }
+
+double norm_critical(double tail, int axes) {
+  return std::sqrt(math::quantile(math::complement(ChiSquared(axes), tail)));
+}
+
+}  // namespace kdl_calibration
