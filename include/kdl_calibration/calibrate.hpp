@@ -4,9 +4,8 @@
 //
 //     const Robot robot = load_robot("robot.urdf");
 //     const Calibration found = calibrate(complete_model(robot), read_measurements(robot, "measurements.csv"));
-//     std::cout << calibrated_urdf(robot, found);
+//     std::cout << found.accuracy.train.after.rms << " m\n";
 
-#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/error_model.hpp"

@@ -39,7 +39,7 @@ struct RobustRows {
 };
 
 /// The estimate, and which unknowns it has.
-struct WholeFit {
+struct DeterminedFit {
   Identification identification;
   RobustRows robust;
   Reduction reduction;
@@ -137,8 +137,8 @@ struct PredictedAccuracy {
   ErrorStatistics workspace;         ///< at 1,000 seeded configurations within the joint limits
   std::vector<WorkspaceCell> cells;  ///< the same 1,000, in cubes of `cell` metres
   double cell = 0.5;
-  /// What the radii were multiplied by: from 40 configurations on so that 95 % of the held-out points lie inside, below
-  /// by how many times larger the held-out RMS is where the model is chosen without what is held out.
+  /// Radii are multiplied by this. From 40 configurations on it makes 95 % of held-out points lie inside (conformal
+  /// prediction). With fewer it is the optimism of the selection.
   double radius_factor = 1.0;
   std::vector<PredictedPoint> asked;  ///< CalibrationOptions::predict_at, every target
 };
@@ -171,7 +171,7 @@ struct Uncertainty {
   Identifiability identifiability;          ///< of base, targets and geometry, by the measurements alone
   std::vector<std::string> fixed_by_gauge;  ///< errors at zero, frames as they were registered
   ObservabilityIndices observability;
-  Eigen::MatrixXd covariance;                 ///< of the columns of `WholeFit::free`
+  Eigen::MatrixXd covariance;                 ///< of the columns of `DeterminedFit::free`
   Influence influence;                        ///< of up to 5,000 configurations; empty where there are more
   std::vector<ParameterEstimate> parameters;  ///< base, targets, geometric, effects: estimated ones and the gauge
   PredictedAccuracy predicted;
@@ -192,7 +192,7 @@ struct Diagnosis {
 
 struct Calibration {
   ErrorModel model;  ///< with the effects that were selected
-  WholeFit fit;
+  DeterminedFit fit;
   ModelSelection selection;
   NoiseReport noise;
   Accuracy accuracy;

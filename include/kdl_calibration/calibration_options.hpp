@@ -25,9 +25,12 @@ namespace kdl_calibration {
 
 enum class Method { joint, two_step };
 enum class ModelChoice { irreducible, complete };
-/// How rows are weighed: by the parts of the noise, estimated where not stated; all alike, or as stated; or by the
-/// parts with repeats demanded.
-enum class Weights { automatic, equal, repeats };
+/// How rows are weighed.
+enum class Weights {
+  automatic,  ///< by the parts of the noise, which are estimated unless they are stated
+  equal,      ///< all alike, or by the stated noise
+  repeats     ///< as automatic, but repeats are demanded
+};
 
 struct EstimatorOptions {
   Method method = Method::joint;

@@ -40,7 +40,7 @@ struct PointMass {
   KDL::Vector centre;  ///< in that frame, behind the joint's motion [m]
 };
 
-/// Kinds of motion of the joints beyond what stands on the drawing. What a kind adds is one function in effect_terms.
+/// Kinds of motion of the joints beyond the geometry. `src/README.md` lists the places that a new kind needs.
 enum class EffectGroup : std::uint8_t {
   gravity,     ///< the joint gives way under the arm's own weight
   transverse,  ///< its bearing does, across the axis

@@ -28,9 +28,9 @@ struct GroupSizes {
 
 /// Of each group; empty: nothing is known.
 struct SizeLimits {
-  std::vector<double> held;  ///< the size where it is stated, else 0
-  std::vector<double> most;  ///< no size is above that
-  std::vector<bool> ample;   ///< whether it shall be two standard errors above the likeliest
+  std::vector<double> held;    ///< the size where it is stated, else 0
+  std::vector<double> most;    ///< no size is above that
+  std::vector<bool> inflated;  ///< whether it shall be two standard errors above the likeliest
 };
 
 /// Sizes and noise that make the rows most likely when the values themselves are integrated out (type-II likelihood:

@@ -43,7 +43,7 @@ struct NoiseParts {
   /// Residual degrees of freedom on which the estimates rest, of positions, all parts together.
   double degrees_of_freedom = 0.0;
   /// Equations less unknowns, orientations included: no estimate rests on more.
-  double most_freedom = std::numeric_limits<double>::infinity();
+  double residual_degrees_of_freedom = std::numeric_limits<double>::infinity();
   bool converged = false;
 
   bool estimates_misfit() const { return estimated[kMisfit] || estimated[kTargetMisfit]; }
@@ -58,7 +58,7 @@ struct NoiseParts {
   /// by row or tracker.
   Eigen::Matrix3d point() const;
   /// Satterthwaite's degrees of freedom of an estimated variance with this gradient by the parts' variances: 2 value^2
-  /// over its variance, at most `most_freedom`; infinite where no estimated part enters.
+  /// over its variance, at most `residual_degrees_of_freedom`; infinite where no estimated part enters.
   double freedom(double value, const Variances& gradient) const;
   /// Those of the trace of point().
   double freedom_of_point() const;

@@ -15,8 +15,8 @@ std::function<void()> counted_fits(const std::function<void(const std::string&, 
 
 /// The result of `work`, a stage whose fits are not counted.
 template <class Work>
-auto told(const std::function<void(const std::string&, std::size_t, std::size_t)>& progress, const std::string& stage,
-          const Work& work) {
+auto with_progress(const std::function<void(const std::string&, std::size_t, std::size_t)>& progress,
+                   const std::string& stage, const Work& work) {
   const std::function<void()> done = counted_fits(progress, stage, 1);
   auto result = work();
   if (done) {

@@ -13,7 +13,7 @@ constexpr double kLeastRobustWeight = 1e-9;  // as identify_robustly, so that no
 constexpr Eigen::Index kMostConfigurationsAssessed = 5000;  // one by one
 
 // Of base, targets and geometry without priors, where the fit had those or effects.
-std::optional<Identifiability> rigid_identifiability(const FitProblem& task, const WholeFit& fitted,
+std::optional<Identifiability> rigid_identifiability(const FitProblem& task, const DeterminedFit& fitted,
                                                      ResidualOptions residuals) {
   const Priors& priors = residuals.priors;
   const bool with_priors = priors.length > 0.0 || priors.angle > 0.0;
@@ -29,7 +29,7 @@ std::optional<Identifiability> rigid_identifiability(const FitProblem& task, con
 
 }  // namespace
 
-Assessment assess(const FitProblem& fit, const WholeFit& fitted, const NoiseModel& stated,
+Assessment assess(const FitProblem& fit, const DeterminedFit& fitted, const NoiseModel& stated,
                   const EstimatedNoise& estimated) {
   const Estimate& estimate = fitted.identification.estimate;
   ResidualOptions residuals = fit.options.joint.residuals;
@@ -42,16 +42,16 @@ Assessment assess(const FitProblem& fit, const WholeFit& fitted, const NoiseMode
   const std::vector<std::string> candidates = fitted.candidates.names();
   Assessment result;
   result.root = system.sqrt_information;
-  result.root_of_candidates = system.sqrt_information;
+  result.candidate_sqrt_information = system.sqrt_information;
   if (fitted.free != fitted.candidates) {
     const std::vector<std::string> kept = fitted.free.names();
     std::copy_if(candidates.begin(), candidates.end(), std::back_inserter(result.fixed_by_gauge),
                  [&](const std::string& name) { return std::find(kept.begin(), kept.end(), name) == kept.end(); });
-    result.root_of_candidates = LeastSquaresProblem(fit.model, fit.measurements, fitted.candidates, residuals)
-                                    .whitened_summary(estimate)
-                                    .sqrt_information;
+    result.candidate_sqrt_information = LeastSquaresProblem(fit.model, fit.measurements, fitted.candidates, residuals)
+                                            .whitened_summary(estimate)
+                                            .sqrt_information;
   }
-  result.identifiability = identifiability(result.root_of_candidates, candidates);
+  result.identifiability = identifiability(result.candidate_sqrt_information, candidates);
   const int rank = result.identifiability.rank;
   result.determined = result.identifiability.columns == rank;
   if (const std::optional<Identifiability> rigid = rigid_identifiability(fit, fitted, residuals)) {

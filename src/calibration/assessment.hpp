@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "calibration/determined_fit.hpp"
 #include "calibration/noise_stage.hpp"
-#include "calibration/whole_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
 
 namespace kdl_calibration {
@@ -20,12 +20,12 @@ struct Assessment {
   NoiseReport noise;
   Eigen::MatrixXd covariance;  ///< of the columns that were estimated
   Influence influence;
-  Eigen::MatrixXd root;                ///< R of the whitened system of these columns, see WhitenedSummary::sqrt_information
-  Eigen::MatrixXd root_of_candidates;  ///< of the candidates' system
+  Eigen::MatrixXd root;  ///< R of the whitened system of these columns, see WhitenedSummary::sqrt_information
+  Eigen::MatrixXd candidate_sqrt_information;  ///< of the candidates' system
 };
 
 /// `problem`: its rows, weighed as at the end of the fit.
-Assessment assess(const FitProblem& problem, const WholeFit& fitted, const NoiseModel& stated,
+Assessment assess(const FitProblem& problem, const DeterminedFit& fitted, const NoiseModel& stated,
                   const EstimatedNoise& estimated);
 
 /// The fit, whose termination and message say what the assessment found open. A fit alone does not know that.

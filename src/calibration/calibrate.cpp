@@ -6,7 +6,7 @@
 
 #include "base/counted_fits.hpp"
 #include "calibration/assessment.hpp"
-#include "calibration/comparison.hpp"
+#include "calibration/determined_fit.hpp"
 #include "calibration/diagnosis.hpp"
 #include "calibration/minimum_norm.hpp"
 #include "calibration/noise_report.hpp"
@@ -14,10 +14,10 @@
 #include "calibration/option_check.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/predicted_accuracy.hpp"
-#include "calibration/whole_fit.hpp"
+#include "calibration/validation_stage.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
-#include "noise/variance_components.hpp"
+#include "noise/orientation_length_estimate.hpp"
 #include "screening/screening.hpp"
 #include "selection/effect_selection.hpp"
 #include "selection/parameter_selection.hpp"
@@ -119,7 +119,7 @@ bool is_as_stated(const ModelSelection& selection, const Priors& stated) {
   return selection.terms.empty() && selection.priors.length == stated.length && selection.priors.angle == stated.angle;
 }
 
-SelectionTask selection_task(const FitProblem& rigid, const WholeFit& fit, const CalibrationOptions& options) {
+SelectionTask selection_task(const FitProblem& rigid, const DeterminedFit& fit, const CalibrationOptions& options) {
   return {.model = rigid.model,
           .measurements = rigid.measurements,
           .optimum = fit.identification.estimate,
@@ -134,11 +134,11 @@ SelectionTask selection_task(const FitProblem& rigid, const WholeFit& fit, const
 // A fit by the noise that it shows.
 struct WeighedFit {
   FitProblem problem;  // with the weights of the end
-  WholeFit fit;
+  DeterminedFit fit;
   EstimatedNoise noise;
 };
 
-WeighedFit weigh_by_residuals(FitProblem problem, WholeFit fit, NoiseBeforehand noise) {
+WeighedFit weigh_by_residuals(FitProblem problem, DeterminedFit fit, NoiseBeforehand noise) {
   noise.estimated = noise.estimated && arrived(fit.identification);
   FitProblem at_optimum = problem;
   at_optimum.start = fit.identification.estimate;
@@ -150,7 +150,7 @@ WeighedFit weigh_by_residuals(FitProblem problem, WholeFit fit, NoiseBeforehand 
 }
 
 // How the robot without effects is fitted, for comparison. The misfit that effects would explain is part of its noise.
-FitOptions rigid_options(const FitProblem& rigid, const WholeFit& rigid_fit, const WeighedFit& selected,
+FitOptions rigid_options(const FitProblem& rigid, const DeterminedFit& rigid_fit, const WeighedFit& selected,
                          const ModelSelection& selection, const NoiseBeforehand& noise) {
   FitOptions options = rigid.options;
   options.joint.residuals.priors = selection.rigid_priors;
@@ -164,7 +164,7 @@ FitOptions rigid_options(const FitProblem& rigid, const WholeFit& rigid_fit, con
                  .start = rigid_fit.identification.estimate,
                  .free = rigid_fit.free,
                  .options = options};
-  WholeFit again = rigid_fit;
+  DeterminedFit again = rigid_fit;
   again.identification = fit(own);
   weights = weigh_by_residuals(std::move(own), std::move(again), noise).noise.weights;
   return options;
@@ -181,17 +181,19 @@ WeighedFit with_smallest_errors(WeighedFit fitted, const CalibrationOptions& opt
 }
 
 // The fit of the selected model by its own noise. A selection that changes nothing has the fit of the rigid robot.
-WeighedFit fit_selected(const FitProblem& problem, const WholeFit& rigid_fit, const ModelSelection& selection,
+WeighedFit fit_selected(const FitProblem& problem, const DeterminedFit& rigid_fit, const ModelSelection& selection,
                         const ParameterSelection& parameters, const CalibrationOptions& options) {
   const FitRules rules{.estimator = options.estimator, .parameters = options.parameters};
-  const WholeFit fit =
-      is_as_stated(selection, options.selection.priors) ? rigid_fit : fit_whole(problem, parameters, rules);
+  const DeterminedFit fit = is_as_stated(selection, options.selection.priors)
+                                ? rigid_fit
+                                : fit_determined_parameters(problem, parameters, rules);
   return with_smallest_errors(weigh_by_residuals(problem, fit, noise_beforehand(options)), options);
 }
 
 // What is validated. The folds of a plain fit can be predicted from its linear system.
-Compared compared(const WeighedFit& fitted, const Assessment& assessed, const FitOptions& rigid,
-                  const Measurements& measurements, const SelectionTask& choice, const CalibrationOptions& options) {
+ValidationTask validation_task(const WeighedFit& fitted, const Assessment& assessed, const FitOptions& rigid,
+                               const Measurements& measurements, const SelectionTask& choice,
+                               const CalibrationOptions& options) {
   const bool linear = is_plain(options.estimator) && arrived(fitted.fit.identification);
   return {.problem = fitted.problem,
           .measurements = measurements,
@@ -224,13 +226,13 @@ NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const 
 }
 
 // The base, targets and errors with their uncertainty, and how well points are predicted.
-Uncertainty uncertainty(const FitProblem& problem, const WholeFit& fit, const Assessment& assessed,
+Uncertainty uncertainty(const FitProblem& problem, const DeterminedFit& fit, const Assessment& assessed,
                         const std::vector<HeldOutPoint>& held_out, double optimism, const Configurations& asked) {
   Uncertainty result;
   result.predicted = predicted_accuracy({.model = problem.model,
                                          .fit = fit,
                                          .covariance = assessed.covariance,
-                                         .root_of_candidates = assessed.root_of_candidates,
+                                         .candidate_sqrt_information = assessed.candidate_sqrt_information,
                                          .noise = assessed.noise,
                                          .held_out = held_out,
                                          .optimism = optimism},
@@ -248,14 +250,15 @@ Uncertainty uncertainty(const FitProblem& problem, const WholeFit& fit, const As
   return result;
 }
 
-WholeFit with_weights_of_all(WholeFit fit, const TrainingRows& rows) {
+DeterminedFit with_weights_of_all(DeterminedFit fit, const TrainingRows& rows) {
   fit.robust.weights = rows.among_all(std::move(fit.robust.weights), 1.0);
   return fit;
 }
 
 std::vector<QualityFinding> screened(const FitProblem& problem, const Measurements& measurements,
                                      const ProgressFunction& progress) {
-  return told(progress, "screening the measurements", [&] { return screen(with_measurements(problem, measurements)); });
+  return with_progress(progress, "screening the measurements",
+                       [&] { return screen(with_measurements(problem, measurements)); });
 }
 
 }  // namespace
@@ -269,7 +272,8 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
 
   const FitProblem rigid = weighed_for_selection(stated, options);
-  const WholeFit rigid_fit = fit_whole(rigid, robot.parameters, {options.estimator, options.parameters});
+  const DeterminedFit rigid_fit =
+      fit_determined_parameters(rigid, robot.parameters, {options.estimator, options.parameters});
   const SelectionTask choice = selection_task(rigid, rigid_fit, options);
   const ModelSelection selection =
       select_model(choice, rigid_fit.identification, rigid_fit.free == rigid_fit.candidates, options.estimator.method);
@@ -282,7 +286,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   fitted.fit.identification = with_open_directions(fitted.fit.identification, assessed, options.parameters.model);
 
   const FitOptions without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
-  Validation validated = validate(compared(fitted, assessed, without_effects, measurements, choice, options));
+  Validation validated = validate(validation_task(fitted, assessed, without_effects, measurements, choice, options));
   GrossRows gross = gross_rows(fitted, options);
   result.noise = noise_report(assessed.noise, fitted.problem, options);
   result.uncertainty = uncertainty(fitted.problem, fitted.fit, assessed, validated.accuracy.held_out_points,

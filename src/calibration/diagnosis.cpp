@@ -61,8 +61,8 @@ Diagnosis diagnose(const Calibration& found, const Measurements& measurements, s
                    GrossRows gross_rows, const std::vector<std::string>& of_validation, const DiagnosisTask& task) {
   Diagnosis result;
   result.gross_rows = std::move(gross_rows);
-  result.alternative_readings =
-      told(task.progress, "trying other readings of the data", [&] { return readings(found, measurements, task); });
+  result.alternative_readings = with_progress(task.progress, "trying other readings of the data",
+                                              [&] { return readings(found, measurements, task); });
   result.findings = beside_readings(result.alternative_readings, measurements, std::move(findings));
   result.doubts = doubts(found, result, measurements, task.parameters.model);
   if (holds_where_measured(found, result.doubts, task.ambiguity)) {

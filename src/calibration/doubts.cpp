@@ -8,10 +8,10 @@
 
 #include "base/number_text.hpp"
 #include "base/text.hpp"
-#include "calibration/comparison.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/prior_check.hpp"
+#include "calibration/validation_stage.hpp"
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/validation.hpp"
@@ -122,7 +122,7 @@ Doubts of_predictions(const Calibration& found) {
                       .message = worse(*found.accuracy.test, "at the test rows") +
                                  "; were they measured under the same conditions, and near the fitted ones?"});
   }
-  if (is_no_help(found.accuracy)) {
+  if (is_no_better_than_nominal(found.accuracy)) {
     doubts.push_back({.cause = Cause::worse_than_nominal,
                       .message = worse(*found.accuracy.held_out(),
                                        "at configurations that were not fitted (" + held_out_name(found) + ")") +

@@ -25,7 +25,7 @@ VectorXd weights(const ErrorModel& model, const Unknowns& candidates) {
 
 }  // namespace
 
-std::optional<Identification> smallest_errors(const FitProblem& task, const WholeFit& fit) {
+std::optional<Identification> smallest_errors(const FitProblem& task, const DeterminedFit& fit) {
   constexpr int kMostRounds = 10;
   constexpr double kSettled = 1e-9;  // of a usual error
   constexpr double kWorse = 1e-9;    // of the misfit

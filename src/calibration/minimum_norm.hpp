@@ -4,7 +4,7 @@
 
 #include <optional>
 
-#include "calibration/whole_fit.hpp"
+#include "calibration/determined_fit.hpp"
 
 namespace kdl_calibration {
 
@@ -12,6 +12,6 @@ namespace kdl_calibration {
 /// well. Of these answers the one whose geometric errors are smallest, in units of the errors that are usual of an arm;
 /// base and targets follow. None where no direction is open, where the fit did not arrive, and where the way there does
 /// not arrive. `problem`: that of the fit, weighed as at its end.
-std::optional<Identification> smallest_errors(const FitProblem& problem, const WholeFit& fit);
+std::optional<Identification> smallest_errors(const FitProblem& problem, const DeterminedFit& fit);
 
 }  // namespace kdl_calibration

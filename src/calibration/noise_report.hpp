@@ -3,8 +3,8 @@
 #include <Eigen/Core>
 #include <optional>
 
+#include "calibration/determined_fit.hpp"
 #include "calibration/noise_stage.hpp"
-#include "calibration/whole_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
 
 namespace kdl_calibration {
@@ -24,8 +24,8 @@ struct NoiseAssessment {
   Eigen::MatrixXd covariance;  ///< of the columns
 };
 
-/// The covariance of the columns over the one that the weights of this system promise, as a mean over what was
-/// measured; 1 where something is not determined.
+/// Variance of unit weight: tr(R C R^T) / number of columns, with R the square-root information and C the covariance.
+/// Predictions of folds scale their covariances by it. 1 if a column is not determined.
 double variance_of_unit_weight(const Eigen::MatrixXd& sqrt_information, const Eigen::MatrixXd& covariance);
 
 /// The end of a fit. Keeps references.

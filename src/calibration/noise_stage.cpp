@@ -85,7 +85,8 @@ double held_out_rms(const FitProblem& problem, double noise) {
 
 // What the model misses may be of another kind than the parts of the noise: then their weights predict left-out
 // configurations worse than `plain` does, by more than `allowed`. Both problems start at their optimum.
-bool do_harm(const FitProblem& weighed, const FitProblem& plain, const NoiseParts& parts, double allowed) {
+bool weights_predict_worse(const FitProblem& weighed, const FitProblem& plain, const NoiseParts& parts,
+                           double allowed) {
   const double sigma = std::sqrt(parts.point().trace() / 3.0);
   return !weighed.options.joint.residuals.noise.is_isotropic() &&
          held_out_rms(weighed, sigma) > allowed * held_out_rms(plain, sigma);
@@ -124,7 +125,7 @@ std::optional<NoiseModel> weights_by_estimated_noise(const FitProblem& problem, 
   NoiseModel weights = parts.model(noise.stated);
   if (!weights.is_isotropic()) {
     const std::optional<FitProblem> weighed = weighed_by(weights, plain);
-    if (!weighed || do_harm(*weighed, plain, parts, 1.0)) {
+    if (!weighed || weights_predict_worse(*weighed, plain, parts, 1.0)) {
       return std::nullopt;
     }
   }
@@ -157,11 +158,12 @@ EstimatedNoise fit_with_estimated_noise(const FitProblem& problem, const NoiseBe
   if (!parts.converged && noise_is_stated(plain.measurements, noise.stated)) {
     return result;
   }
-  // Beside priors the plain weights are those of earlier parts already, and better or worse by chance.
+  // With priors, the plain fit already uses weights from an earlier estimate of the noise. The two fits then differ by
+  // chance only, so a ratio of 1.1 is tolerated.
   const bool with_priors = plain.free.prior_information(residuals.priors).any();
   const std::optional<FitProblem> weighed =
       parts.converged ? weighed_by(parts.model(noise.stated), plain) : std::nullopt;
-  if (!weighed || do_harm(*weighed, plain, parts, with_priors ? kChanceRatio : 1.0)) {
+  if (!weighed || weights_predict_worse(*weighed, plain, parts, with_priors ? kChanceRatio : 1.0)) {
     const bool misfits = !parts.converged || parts.estimates_misfit();
     parts = noise_beside_weights(plain, noise.stated, misfits);
   } else {

@@ -4,7 +4,7 @@
 
 #include <optional>
 
-#include "calibration/whole_fit.hpp"
+#include "calibration/determined_fit.hpp"
 #include "kdl_calibration/noise_parts.hpp"
 
 namespace kdl_calibration {

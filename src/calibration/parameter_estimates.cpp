@@ -92,7 +92,7 @@ bool is_unknown(const ErrorModel& model, const ParameterEstimate& estimate) {
 }
 
 std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, const Estimate& nominal,
-                                                   const WholeFit& fit, const KnownOfParameters& known) {
+                                                   const DeterminedFit& fit, const KnownOfParameters& known) {
   const Estimate& estimate = fit.identification.estimate;
   const std::vector<ValueUncertainty> uncertain = uncertainties(estimate, fit.free, known.covariance, known.noise);
   std::set<std::string> biased;  // by what the gauge holds

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "calibration/whole_fit.hpp"
+#include "calibration/determined_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
 
 namespace kdl_calibration {
@@ -19,7 +19,7 @@ struct KnownOfParameters {
 /// Every parameter that was estimated, is held by a gauge, or has a value that is not zero, with its uncertainty by
 /// the covariance of the columns. What is nominal of base and targets is where they are registered to the nominal arm.
 std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, const Estimate& nominal,
-                                                   const WholeFit& fit, const KnownOfParameters& known);
+                                                   const DeterminedFit& fit, const KnownOfParameters& known);
 
 /// Whether the uncertainty is so large that nothing is known: a length to more than its link, an angle to half a
 /// radian.

@@ -29,7 +29,7 @@ public:
   explicit UncertainPredictor(const UncertainEstimate& uncertain)
       : uncertain_(uncertain),
         estimate_(uncertain.fit.identification.estimate),
-        undetermined_(undetermined_directions(uncertain.root_of_candidates)),
+        undetermined_(undetermined_directions(uncertain.candidate_sqrt_information)),
         free_(uncertain.model, estimate_, uncertain.fit.free),
         candidates_(uncertain.model, estimate_, uncertain.fit.candidates),
         offsets_(joint_offsets(uncertain.model, estimate_.targets)),

@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 
-#include "calibration/whole_fit.hpp"
+#include "calibration/determined_fit.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/fold_prediction.hpp"
 
@@ -11,9 +11,10 @@ namespace kdl_calibration {
 /// What the estimate is and what is known of it. Keeps references.
 struct UncertainEstimate {
   const ErrorModel& model;
-  const WholeFit& fit;
-  const Eigen::MatrixXd& covariance;          ///< of what is free
-  const Eigen::MatrixXd& root_of_candidates;  ///< R of the whitened system, see WhitenedSummary::sqrt_information
+  const DeterminedFit& fit;
+  const Eigen::MatrixXd& covariance;  ///< of what is free
+  const Eigen::MatrixXd&
+      candidate_sqrt_information;  ///< R of the whitened system, see WhitenedSummary::sqrt_information
   const NoiseReport& noise;
   const std::vector<HeldOutPoint>& held_out;
   double optimism = 1.0;  ///< of the selection, see TriedModels

@@ -122,9 +122,9 @@ std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, co
   return result;
 }
 
-std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes_of) {
+std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes) {
   std::vector<std::string> result;
-  for (const Judged& requirement : outcomes_of) {
+  for (const Judged& requirement : outcomes) {
     if (!requirement.message.empty()) {
       result.push_back(requirement.message);
     }
@@ -132,9 +132,9 @@ std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes_of) {
   return result;
 }
 
-Json judged_json(const std::vector<Judged>& outcomes_of) {
+Json judged_json(const std::vector<Judged>& outcomes) {
   Json result = Json::array();
-  for (const Judged& requirement : outcomes_of) {
+  for (const Judged& requirement : outcomes) {
     result.push_back({{"text", requirement.text},
                       {"fulfilled", requirement.message.empty()},
                       {"message", requirement.message.empty() ? Json(nullptr) : Json(requirement.message)}});

@@ -28,10 +28,10 @@ struct Judged {
 std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json);
 
 /// The messages of those that are not fulfilled.
-std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes_of);
+std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes);
 
 /// [{text, fulfilled, message}], as a result has it under "requirements".
-Json judged_json(const std::vector<Judged>& outcomes_of);
+Json judged_json(const std::vector<Judged>& outcomes);
 
 /// --require
 void add_require(CLI::App& app, std::vector<std::string>& texts);

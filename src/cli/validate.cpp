@@ -348,7 +348,7 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const std::string placed = registered(known, registration);
   const std::vector<std::string> before = warnings_of(measurements, registration, freedom, placed);
   words.warnings.insert(words.warnings.begin(), before.begin(), before.end());
-  const std::vector<std::string> missed = unfulfilled(judged(requirements, json_of(result, "the result")));
+  const std::vector<std::string> missed = unfulfilled(outcomes_of(requirements, json_of(result, "the result")));
   for (OutputFile& file : files) {
     std::vector<std::string> doubts = words.doubts;
     doubts.insert(doubts.end(), missed.begin(), missed.end());

@@ -107,9 +107,9 @@ ScaleSums scale_sums(const ErrorModel& model, const Measurements& measurements, 
   return sums;
 }
 
-// The errors e of the fit beside what a scale f of the points would make of them, (f - 1) / f x with J x = points in
-// the least squares sense. Errors of the complete model, of usual size each, come out as M of them in what was fitted;
-// the common factor on their size is left open (F test).
+// Tests whether one scale f explains all fitted errors e. Scaled points give e = (f - 1) / f x, where x is the
+// least-squares solution of J x = points. e is regressed on x by generalised least squares. The covariance of e
+// combines usual errors of the complete model (M) and noise. Their common size is unknown, so the test is an F test.
 CommonScale common_scale(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                          const Unknowns& free) {
   constexpr Index kFewest = 6;  // errors
@@ -186,7 +186,7 @@ public:
       try_joint_values_and_points();
     }
     if (tried && readings_.empty()) {
-      try_gains();
+      assess_gains();
     }
     if (tried && readings_.empty()) {
       try_order();
@@ -332,7 +332,7 @@ private:
     return false;
   }
 
-  void try_gains() {
+  void assess_gains() {
     constexpr double kLeastShareToLook = 1e-4;  // of the arm's length
     const auto joints = static_cast<double>(model_.joints.size());
     const double freedom = sample_.freedom - joints;

@@ -21,23 +21,23 @@ using Eigen::Quaterniond;
 constexpr double kAgree = 0.1;           // [rad]
 constexpr std::size_t kMostTried = 300;  // candidates for a target's orientation
 
-struct Reading {
+struct OrientationReading {
   Quaterniond (*meant)(const Quaterniond& read);
   const char* words;
 };
 
-const std::array<Reading, 6>& readings() {
-  static const std::array<Reading, 6> all = {
-      Reading{[](const Quaterniond& q) { return q; }, ""},
-      Reading{[](const Quaterniond& q) { return q.conjugate(); }, "as inverses (conjugates)"},
-      Reading{[](const Quaterniond& q) { return Quaterniond(q.z(), q.w(), q.x(), q.y()); },
-              "with x, y, z, w in the columns qw, qx, qy, qz"},
-      Reading{[](const Quaterniond& q) { return Quaterniond(q.z(), -q.w(), -q.x(), -q.y()); },
-              "as inverses, with x, y, z, w in the columns qw, qx, qy, qz"},
-      Reading{[](const Quaterniond& q) { return Quaterniond(q.x(), q.y(), q.z(), q.w()); },
-              "with w, x, y, z in the columns qx, qy, qz, qw"},
-      Reading{[](const Quaterniond& q) { return Quaterniond(q.x(), -q.y(), -q.z(), -q.w()); },
-              "as inverses, with w, x, y, z in the columns qx, qy, qz, qw"}};
+const std::array<OrientationReading, 6>& readings() {
+  static const std::array<OrientationReading, 6> all = {
+      OrientationReading{[](const Quaterniond& q) { return q; }, ""},
+      OrientationReading{[](const Quaterniond& q) { return q.conjugate(); }, "as inverses (conjugates)"},
+      OrientationReading{[](const Quaterniond& q) { return Quaterniond(q.z(), q.w(), q.x(), q.y()); },
+                         "with x, y, z, w in the columns qw, qx, qy, qz"},
+      OrientationReading{[](const Quaterniond& q) { return Quaterniond(q.z(), -q.w(), -q.x(), -q.y()); },
+                         "as inverses, with x, y, z, w in the columns qw, qx, qy, qz"},
+      OrientationReading{[](const Quaterniond& q) { return Quaterniond(q.x(), q.y(), q.z(), q.w()); },
+                         "with w, x, y, z in the columns qx, qy, qz, qw"},
+      OrientationReading{[](const Quaterniond& q) { return Quaterniond(q.x(), -q.y(), -q.z(), -q.w()); },
+                         "as inverses, with w, x, y, z in the columns qx, qy, qz, qw"}};
   return all;
 }
 
@@ -47,15 +47,17 @@ struct Row {
   Quaterniond flange;    // in W
   Quaterniond measured;  // as it was read
 
-  Quaterniond of_target(const Reading& reading) const { return flange.conjugate() * reading.meant(measured); }
+  Quaterniond of_target(const OrientationReading& reading) const {
+    return flange.conjugate() * reading.meant(measured);
+  }
 };
 
 // By target.
-using Rows = std::vector<std::vector<Row>>;
+using OrientationRows = std::vector<std::vector<Row>>;
 
-Rows rows_of(const ErrorModel& model, const Measurements& measurements, const Estimate& fit) {
+OrientationRows rows_of(const ErrorModel& model, const Measurements& measurements, const Estimate& fit) {
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, fit, measurements);
-  Rows result(measurements.targets.size());
+  OrientationRows result(measurements.targets.size());
   for (std::size_t row = 0; row < measurements.orientations.size(); ++row) {
     const Observation& observation = measurements.observations[row];
     if (observation.split == Split::train && !std::isnan(measurements.orientations[row].w())) {
@@ -74,7 +76,7 @@ struct Consensus {
   std::size_t rows = 0;              // that agree
 };
 
-Consensus consensus(const Rows& rows, const Reading& reading) {
+Consensus consensus(const OrientationRows& rows, const OrientationReading& reading) {
   Consensus result;
   for (const std::vector<Row>& own : rows) {
     std::vector<Quaterniond> said;
@@ -96,7 +98,7 @@ Consensus consensus(const Rows& rows, const Reading& reading) {
 }
 
 // Whether all measured orientations of a target are equal although the flange turns.
-bool is_constant(const Rows& rows) {
+bool is_constant(const OrientationRows& rows) {
   constexpr double kStill = 1e-6;  // [rad]
   bool turns = false;
   for (const std::vector<Row>& own : rows) {
@@ -119,7 +121,7 @@ struct Off {
   double angle;  // [rad]
 };
 
-std::vector<Off> all_off(const Rows& rows, const Consensus& agreed, const Reading& reading) {
+std::vector<Off> all_off(const OrientationRows& rows, const Consensus& agreed, const OrientationReading& reading) {
   std::vector<Off> all;
   for (std::size_t k = 0; k < rows.size(); ++k) {
     for (const Row& row : rows[k]) {
@@ -154,7 +156,7 @@ OrientationTrial judged(const Measurements& measurements, const Consensus& agree
                         std::size_t count, double limit) {
   const std::string what =
       "the measured orientations of " + of_rows(outliers.size(), count) + " rows do not turn with " + "the arm";
-  for (const Reading& reading : readings()) {
+  for (const OrientationReading& reading : readings()) {
     if (std::all_of(outliers.begin(), outliers.end(), [&](const Off& off) {
           return off.row->of_target(reading).angularDistance(agreed.targets[off.target]) <= limit;
         })) {
@@ -173,13 +175,13 @@ OrientationTrial judged(const Measurements& measurements, const Consensus& agree
 
 std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const Measurements& measurements,
                                                  const Estimate& fit) {
-  const Rows rows = rows_of(model, measurements, fit);
+  const OrientationRows rows = rows_of(model, measurements, fit);
   if (is_constant(rows)) {
     return OrientationTrial{.message = "the measured orientations never change while the flange turns"};
   }
-  const Reading* usual = &readings().front();
+  const OrientationReading* usual = &readings().front();
   Consensus best = consensus(rows, *usual);
-  for (const Reading& reading : readings()) {
+  for (const OrientationReading& reading : readings()) {
     Consensus other = consensus(rows, reading);
     if (other.rows > best.rows) {
       best = std::move(other);

@@ -17,7 +17,7 @@ struct TrialFit {
   const JointOptions& joint;
 };
 
-/// What a hypothesis may leave after registration, relative to the data as they are, to be worth a fit.
+/// A hypothesis is fitted only if its misfit after registration is below this multiple of that of the data as read.
 constexpr double kWorthAFit = 2.0;
 /// The same relative to the hypothesis that leaves the least after registration: the errors of an arm, in their
 /// directions, do not make a right reading look that much worse than a wrong one.

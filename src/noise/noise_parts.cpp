@@ -44,7 +44,7 @@ Matrix3d NoiseParts::point() const {
 
 double NoiseParts::freedom(double value, const Variances& gradient) const {
   const double variance = gradient.dot(covariance * gradient);
-  return variance > 0.0 ? std::min(2.0 * value * value / variance, most_freedom)
+  return variance > 0.0 ? std::min(2.0 * value * value / variance, residual_degrees_of_freedom)
                         : std::numeric_limits<double>::infinity();
 }
 
@@ -91,7 +91,7 @@ public:
     }
     parts.covariance *= sample_.share;
     parts.degrees_of_freedom /= sample_.share;
-    parts.most_freedom /= sample_.share;
+    parts.residual_degrees_of_freedom /= sample_.share;
     parts.scatter /= sample_.share;
     for (MatrixXd& sensitivity : parts.sensitivity) {
       sensitivity /= sample_.share;
@@ -137,7 +137,8 @@ NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measureme
   check(estimate, model, measurements);
   check(free, model, measurements);
   check(options, measurements);
-  constexpr double kSeen = 0.05;  // p of the means' residuals from which on what is stated for points says it all
+  // With at least this p-value the stated noise explains the residuals of the means, and no misfit is estimated.
+  constexpr double kPValueOfStatedNoise = 0.05;
   const TrainingProblem training({.model = model,
                                   .measurements = measurements,
                                   .start = estimate,
@@ -147,7 +148,7 @@ NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measureme
   VarianceEstimation estimation = sample.estimation(PartsAsked::all);
   if (sample.strata().stated()) {
     VarianceEstimation without_misfits = sample.estimation(PartsAsked::without_misfits);
-    if (without_misfits.maximise() && without_misfits.tail_of_means() >= kSeen) {
+    if (without_misfits.maximise() && without_misfits.tail_of_means() >= kPValueOfStatedNoise) {
       estimation = std::move(without_misfits);
     }
   }

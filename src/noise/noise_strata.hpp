@@ -53,7 +53,8 @@ struct Means {
 /// Which of the parts that nobody stated are to be estimated.
 enum class PartsAsked { all, without_misfits, of_repeats };
 
-/// Of measurements whose order and weights say all; the noise that is stated counts as known. Keeps references.
+/// Expects training rows only and does not look at their split. A row counts by its weight. Stated noise is a known
+/// variance and is not estimated. Keeps references.
 class NoiseStrata {
 public:
   NoiseStrata(const Measurements& measurements, const ResidualOptions& options);
@@ -72,7 +73,7 @@ public:
   bool separates_common() const { return several_in_a_repeat_; }
   /// Variance [m^2] of a point along the axes of W, mean over the rows where it is stated.
   Eigen::Vector3d mean_known() const;
-  /// Parts as columns that tie those that are one.
+  /// Selection matrix with one column for each unknown variance. Parts that share a variance share a column.
   Eigen::MatrixXd unknown_parts(PartsAsked asked) const;
 
 private:

@@ -82,8 +82,8 @@ VectorXd nonnegative_minimum(const MatrixXd& normal, const VectorXd& right) {
   return scale.cwiseProduct(x);
 }
 
-// Of the strata's squares whose expectations these are: with weights w their covariance is 2 w^-2 expected^T where the
-// variances are 1 / w, and otherwise about as correlated.
+// Pseudo-inverse of the correlation matrix of the strata's residual sums of squares. Their covariance is
+// 2 w^-2 expected^T if the true variances are 1 / w. For other variances the same correlation is an approximation.
 MatrixXd inverse_correlation(const MatrixXd& expected, const VectorXd& weights) {
   const VectorXd root = expected.diagonal().cwiseMax(kLeastShare).cwiseSqrt();
   const VectorXd left = weights.cwiseQuotient(root);
@@ -212,7 +212,7 @@ VarianceEstimation::Expectation VarianceEstimation::expectation(const Solution& 
 }
 
 // Fisher scoring: where the residual squares at the present weights have the expectation that they do.
-VectorXd VarianceEstimation::scored() {
+VectorXd VarianceEstimation::fisher_scoring_step() {
   const Expectation expected = expectation(solution_);
   const MatrixXd weight = 0.5 * solution_.weights.cwiseAbs2().asDiagonal().toDenseMatrix();
   fisher_ = design_.transpose() * weight * expected.by_variances * design_;
@@ -257,10 +257,10 @@ bool VarianceEstimation::maximise() {
     if (!std::isfinite(solution_.minus_two_log)) {
       return false;
     }
-    const VectorXd x = scored();
+    const VectorXd x = fisher_scoring_step();
     const double change = (variances(x) - lambda_).cwiseQuotient(lambda_).cwiseAbs().maxCoeff();
     const bool stuck = !go_towards(x);
-    if (change < kSettled || (stuck && (change < kNear || !go_towards(minorised())))) {
+    if (change < kSettled || (stuck && (change < kNear || !go_towards(mm_step())))) {
       finish();
       return agrees();
     }
@@ -270,7 +270,7 @@ bool VarianceEstimation::maximise() {
 
 // The likelihood never falls on the way there (minorisation and maximisation: Zhou, Hu, Qiao and Cho 2019, section 3):
 // x_i^2 <- x_i^2 (sum_s w_s^2 d_si squares_s) / (sum_s w_s d_si freedom_s).
-VectorXd VarianceEstimation::minorised() const {
+VectorXd VarianceEstimation::mm_step() const {
   const Expectation expected = expectation(solution_);
   const VectorXd freedom = (expected.by_variances * lambda_ + expected.by_priors).cwiseProduct(solution_.weights);
   const VectorXd found = design_.transpose() * solution_.weights.cwiseAbs2().cwiseProduct(solution_.squares);
@@ -389,7 +389,7 @@ double VarianceEstimation::freedom_of_residuals() const {
 
 NoiseParts VarianceEstimation::parts() const {
   NoiseParts result;
-  result.most_freedom = std::max(freedom_of_residuals(), 1.0);
+  result.residual_degrees_of_freedom = std::max(freedom_of_residuals(), 1.0);
   result.variances = task_.stated + task_.unknown * x_;
   std::vector<Index> positive;
   for (Index i = 0; i < x_.size(); ++i) {
@@ -425,7 +425,7 @@ NoiseParts VarianceEstimation::parts() const {
       }
     }
   }
-  result.degrees_of_freedom = std::min(result.degrees_of_freedom, result.most_freedom);
+  result.degrees_of_freedom = std::min(result.degrees_of_freedom, result.residual_degrees_of_freedom);
   return result;
 }
 

@@ -56,9 +56,9 @@ private:
   Eigen::VectorXd variances(const Eigen::VectorXd& x) const;
   Solution solve(const Eigen::VectorXd& weights) const;
   Expectation expectation(const Solution& solution) const;
-  Eigen::VectorXd scored();
+  Eigen::VectorXd fisher_scoring_step();
   bool go_towards(const Eigen::VectorXd& x);
-  Eigen::VectorXd minorised() const;
+  Eigen::VectorXd mm_step() const;
   bool agrees() const;
   double freedom_of_residuals() const;
   void finish();

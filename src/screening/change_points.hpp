@@ -37,8 +37,8 @@ struct Levels {
 
 Series series_of(const Repeats& repeats, Eigen::Index axes);
 
-/// Levels of several series with one sigma. `fitted` parameters were estimated from the values before, of which the
-/// part `independent` tells something of its own.
+/// Levels of several series with one sigma. `fitted`: number of parameters that were estimated from the same values.
+/// `independent`: share of the values that are independent of each other.
 std::vector<Levels> find_levels(const std::vector<Series>& all, double fitted, double independent,
                                 const QualityOptions& options);
 

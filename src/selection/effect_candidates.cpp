@@ -90,7 +90,7 @@ Groups groups_of(const Candidate& candidate, const Priors& stated) {
       result.names.push_back(name);
       result.limits.held.push_back(size);
       result.limits.most.push_back(most);
-      result.limits.ample.push_back(is_ample);
+      result.limits.inflated.push_back(is_ample);
     }
     result.columns[found->second].push_back(column);
   };

@@ -20,7 +20,8 @@ struct LinearRows {
   double unit = 1.0;                ///< [m] that a residual of 1 stands for
 };
 
-/// Of the columns, values and all: the terms start from zero.
+/// A model to be scored: the rigid parameters and some effect terms. The rows are linearised at zero effects, so the
+/// solution is the effects themselves.
 struct Candidate {
   ErrorModel model;
   Unknowns free;

@@ -45,19 +45,19 @@ void append(std::vector<EffectTerm>& terms, const std::vector<EffectTerm>& more)
   terms.insert(terms.end(), more.begin(), more.end());
 }
 
-ModelInQuestion extended(ModelInQuestion model, const Option& option) {
+CandidateModel extended(CandidateModel model, const Option& option) {
   append(model.terms, option.terms);
   model.names.push_back(option.name);
   return model;
 }
 
-bool has_groups(const ModelInQuestion& model, const std::vector<std::string>& names) {
+bool has_groups(const CandidateModel& model, const std::vector<std::string>& names) {
   return std::is_permutation(names.begin(), names.end(), model.names.begin(), model.names.end());
 }
 
 // A model, its score, and the groups that may still be added to it.
 struct Route {
-  ModelInQuestion model;
+  CandidateModel model;
   ModelScore score;
   std::vector<Option> left;
 };
@@ -74,7 +74,8 @@ void take(Step step, Route& route) {
   route.score = std::move(step.score);
 }
 
-// What is left out lies next to what is not: of how far tables reach into gaps the evidence knows more.
+// Held-out configurations lie close to fitted ones, so cross-validation hardly tests a table inside a gap. The evidence
+// decides among lengths that predict equally well.
 bool is_better_length(const ModelScore& shorter, const ModelScore& longer) {
   return shorter.determined && (shorter.held_out_rms < longer.held_out_rms ||
                                 (is_likelier(shorter, longer) && predicts_as_well(shorter, longer)));
@@ -128,7 +129,7 @@ public:
     Route route;
     route.score = scorer_.score_of(route.model, tried);
     if (options.automatic_priors) {
-      const ModelInQuestion sized{.terms = {}, .names = {}, .sized = true};
+      const CandidateModel sized{.terms = {}, .names = {}, .sized = true};
       ModelScore with_sizes = scorer_.score_of(sized, tried);
       if (is_clearly_better(with_sizes, route.score)) {
         route.model = sized;
@@ -185,7 +186,7 @@ private:
     if (is_asked(EffectGroup::tables)) {
       tables = option_of(EffectGroup::tables);
     }
-    const ModelInQuestion beside = route.model;
+    const CandidateModel beside = route.model;
     if (!tables.terms.empty()) {
       route.model = extended(std::move(route.model), tables);
     }
@@ -216,7 +217,7 @@ private:
   }
 
   // What joints still swing by beside a model.
-  Option ripple_beside(const ModelInQuestion& model, const ModelScore& score) const {
+  Option ripple_beside(const CandidateModel& model, const ModelScore& score) const {
     Option ripple{.name = to_string(EffectGroup::ripple), .terms = {}};
     if (!score.determined) {
       return ripple;
@@ -300,7 +301,7 @@ private:
     std::optional<Route> without_tables;
     while (route.score.determined) {
       look_for_ripple(route);
-      const double wanted = convincing_evidence(route.score);
+      const double wanted = evidence_to_accept(route.score);
       std::optional<Step> other = likeliest(route, tried, std::not_fn(is_tables), wanted);
       const double of_tables = other ? std::max(wanted, other->score.sizes.evidence) : wanted;
       std::optional<Step> tables = likeliest(route, tried, is_tables, of_tables);
@@ -352,7 +353,7 @@ private:
   }
 
   // Tables that forget themselves sooner, as long as they predict better, or as well and are likelier.
-  void shorten(const ModelInQuestion& beside, Option& tables, ModelScore& best, TriedModels& tried) const {
+  void shorten(const CandidateModel& beside, Option& tables, ModelScore& best, TriedModels& tried) const {
     for (const double degrees : {10.0, 4.0}) {
       const double length = degrees * std::numbers::pi / 180.0;
       Option shorter{.name = tables.name, .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
@@ -375,7 +376,7 @@ private:
   // better; it is the last group then.
   bool renew_ripple(Route& route, TriedModels& tried) const {
     const auto is_one = [](const EffectTerm& term) { return term.group == EffectGroup::ripple; };
-    ModelInQuestion model = route.model;
+    CandidateModel model = route.model;
     if (std::erase(model.names, to_string(EffectGroup::ripple)) == 0 || is_one(model.terms.back())) {
       return false;
     }
@@ -385,7 +386,7 @@ private:
       return false;
     }
     model = extended(std::move(model), ripple);
-    ModelScore renewed = scorer_.score_of(model, tried, likelier_evidence(route.score));
+    ModelScore renewed = scorer_.score_of(model, tried, evidence_to_prefer(route.score));
     if (!(renewed.held_out_rms < route.score.held_out_rms) || renewed.motion > kLargestMotion) {
       return false;
     }
@@ -399,10 +400,10 @@ private:
     std::vector<std::string> names = other.model.names;
     names.emplace_back(to_string(EffectGroup::tables));
     if (has_groups(route.model, names)) {
-      return !helps(route.score, other.score) || route.score.sizes.evidence < convincing_evidence(other.score);
+      return !helps(route.score, other.score) || route.score.sizes.evidence < evidence_to_accept(other.score);
     }
     other.left = {option_of(EffectGroup::tables)};
-    const double wanted = convincing_evidence(other.score);
+    const double wanted = evidence_to_accept(other.score);
     if (std::optional<Step> step = likeliest(other, tried, is_tables, wanted)) {
       take(std::move(*step), other);
     }

@@ -12,14 +12,14 @@
 
 namespace kdl_calibration {
 
-/// Sizes by evidence (see SizeEstimator), the choice by cross-validation: leave-one-out below 40 configurations, else
-/// ten folds, of at most 2,000 configurations, evenly spaced. Repeats count as their mean. Sizes and noise are found
-/// again inside every fold; everything is linear around the optimum of the rigid model, which effects move by
-/// micrometres. One group is added at a time, the likeliest first, while the evidence rises by at least 2 and the
-/// held-out mean square falls by 4 % (the RMS by 2 %) and by more than one standard error of its difference over
-/// configurations. Where tables come before others that help as well, the model that takes those first, and tables
-/// behind them, stays if it is likelier and predicts better, or as well with fewer terms. Ripple is looked for again
-/// beside all that came after it. Throws InputError where effects are asked for by name and the measurements are too
+/// Estimates sizes by evidence (see SizeEstimator) and selects the model by cross-validation: leave-one-out below 40
+/// configurations, else ten folds, of at most 2,000 evenly spaced configurations. Repeats count as their mean. Sizes
+/// and noise are estimated again inside every fold. Everything is linear around the optimum of the rigid model, which
+/// effects move by micrometres. One group is added at a time, the likeliest first. It must raise the log evidence by
+/// at least 7 and lower the held-out RMS by 2 %, by more than one standard error of the difference. If tables come
+/// before other groups that help, a second route takes those first and tables last. It replaces the first route if it
+/// is likelier and predicts better, or as well with fewer terms. Finally the ripple search runs again with the
+/// selected model. Throws InputError where effects are asked for by name and the measurements are too
 /// few for them.
 ModelSelection select_effects(const SelectionTask& task);
 

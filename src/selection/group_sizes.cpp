@@ -52,11 +52,12 @@ double limited(const SizeLimits& limits, std::size_t group, double variance) {
   return group < limits.most.size() ? std::min(variance, limits.most[group] * limits.most[group]) : variance;
 }
 
-// Their roots become two standard errors larger where they shall be ample; whether any shall.
-bool make_ample(std::vector<double>& variances, const SizeLimits& limits, const VectorXd& gamma) {
+// Raises the prior sigma of marked groups by two standard errors of its logarithm: a prior that is too narrow costs
+// more than one that is too wide. Returns whether a group was raised.
+bool inflate(std::vector<double>& variances, const SizeLimits& limits, const VectorXd& gamma) {
   bool is_any = false;
-  for (std::size_t g = 0; g < std::min(variances.size(), limits.ample.size()); ++g) {
-    if (limits.ample[g] && !is_held(limits, g)) {
+  for (std::size_t g = 0; g < std::min(variances.size(), limits.inflated.size()); ++g) {
+    if (limits.inflated[g] && !is_held(limits, g)) {
       const double told = std::max(gamma[static_cast<Index>(g)], kLeastOfAmple);
       variances[g] = limited(limits, g, variances[g] * std::exp(4.0 / std::sqrt(2.0 * told)));
       is_any = true;
@@ -191,7 +192,7 @@ GroupSizes SizeEstimator::estimate(const std::vector<double>& start, const SizeL
     }
     variance = std::max(fit.squares / std::max(left - fit.gamma.sum(), kLeastFreedom), least);
   }
-  if (make_ample(variances, limits, fit.gamma)) {
+  if (inflate(variances, limits, fit.gamma)) {
     fit = solve(variances, variance);
   }
   GroupSizes result{

@@ -26,12 +26,12 @@ using Eigen::VectorXd;
 
 constexpr std::size_t kMostSingleFolds = 40;
 constexpr int kFolds = 10;
-constexpr double kEvidence = 2.0;        // that makes a model likelier
-constexpr double kOfAnEffect = 7.0;      // of several that are looked at one is likelier by chance
-constexpr double kClearlyBetter = 0.98;  // of the held-out RMS
-constexpr double kFileRounding = 1e-9;   // [m] of the numbers in a file
-constexpr double kLeastPrior = 1e-7;     // [m or rad]
-constexpr double kEquations = 1.1;       // for every column
+constexpr double kEvidenceToPrefer = 2.0;    // that makes a model likelier
+constexpr double kEvidenceToAddGroup = 7.0;  // of several that are looked at one is likelier by chance
+constexpr double kClearlyBetter = 0.98;      // of the held-out RMS
+constexpr double kFileRounding = 1e-9;       // [m] of the numbers in a file
+constexpr double kLeastPrior = 1e-7;         // [m or rad]
+constexpr double kEquations = 1.1;           // for every column
 
 // Unknowns of targets that the sums say nothing about are no unknowns there.
 std::vector<Index> told_columns(const Candidate& candidate, const LinearSums& sums, const LinearSums& all) {
@@ -53,7 +53,7 @@ std::vector<Index> all_of(Index count) {
 }
 
 // Tables are tried in several lengths.
-std::string in_words(const ModelInQuestion& model) {
+std::string in_words(const CandidateModel& model) {
   double length = 0.0;
   for (const EffectTerm& term : model.terms) {
     length = std::max(length, term.table.length);
@@ -79,12 +79,12 @@ double size_of(const ModelScore& score, const std::string& name) {
   return number < score.sizes.sizes.size() ? score.sizes.sizes[number] : 0.0;
 }
 
-double likelier_evidence(const ModelScore& than) { return than.sizes.evidence + kEvidence; }
+double evidence_to_prefer(const ModelScore& than) { return than.sizes.evidence + kEvidenceToPrefer; }
 
-double convincing_evidence(const ModelScore& than) { return than.sizes.evidence + kOfAnEffect; }
+double evidence_to_accept(const ModelScore& than) { return than.sizes.evidence + kEvidenceToAddGroup; }
 
 bool is_likelier(const ModelScore& one, const ModelScore& other) {
-  return one.sizes.evidence >= likelier_evidence(other);
+  return one.sizes.evidence >= evidence_to_prefer(other);
 }
 
 bool predicts_as_well(const ModelScore& one, const ModelScore& other) { return certainty_of_gain(one, other) > -1.0; }
@@ -97,8 +97,8 @@ bool helps(const ModelScore& with, const ModelScore& without) {
   return is_clearly_better(with, without) && with.motion <= kLargestMotion && certainty_of_gain(with, without) > 1.0;
 }
 
-ModelScorer::ModelScorer(const SelectionTask& task, const Measurements& means, int threads, bool is_told)
-    : task_(task), means_(means), threads_(threads), is_told_(is_told) {
+ModelScorer::ModelScorer(const SelectionTask& task, const Measurements& means, int threads, bool reports_progress)
+    : task_(task), means_(means), threads_(threads), reports_progress_(reports_progress) {
   const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
   folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);
   // A target that one fold alone has cannot be predicted from the others, by no model.
@@ -119,7 +119,7 @@ ModelScorer::ModelScorer(const SelectionTask& task, const Measurements& means, i
   }
 }
 
-ModelScore ModelScorer::score_of(const ModelInQuestion& model, TriedModels& tried, double wanted) const {
+ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried, double wanted) const {
   const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
   ModelScore score;
   score.groups = groups_of(candidate, task_.options.priors);
@@ -128,7 +128,7 @@ ModelScore ModelScorer::score_of(const ModelInQuestion& model, TriedModels& trie
     return score;
   }
   const std::function<void()> after_fold =
-      is_told_ ? counted_fits(task_.progress, in_words(model), folds_.size()) : nullptr;
+      reports_progress_ ? counted_fits(task_.progress, in_words(model), folds_.size()) : nullptr;
   const Index configurations = static_cast<Index>(rows.first.size()) - 1;
   LinearSums all = sums_of(rows, all_of(configurations));
   const std::vector<Index> columns = told_columns(candidate, all, all);

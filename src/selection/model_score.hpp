@@ -45,10 +45,10 @@ double size_of(const ModelScore& score, const std::string& name);
 
 /// The evidence that a model with one more group needs. It is above that of a mere preference, as the best of several
 /// groups is likelier by chance.
-double convincing_evidence(const ModelScore& than);
+double evidence_to_accept(const ModelScore& than);
 
 /// The evidence that makes a model likelier than this one.
-double likelier_evidence(const ModelScore& than);
+double evidence_to_prefer(const ModelScore& than);
 bool is_likelier(const ModelScore& one, const ModelScore& other);
 
 /// Whether one, where both are determined, leaves no more of a configuration than the other, within a standard error.
@@ -64,7 +64,7 @@ constexpr double kLargestMotion = 0.02;
 bool helps(const ModelScore& with, const ModelScore& without);
 
 /// A model that may be chosen: rigid parameters and these terms, with priors for the rigid ones or without.
-struct ModelInQuestion {
+struct CandidateModel {
   std::vector<EffectTerm> terms;
   std::vector<std::string> names;  ///< of the terms' groups
   bool sized = false;
@@ -73,11 +73,11 @@ struct ModelInQuestion {
 /// Scores models on one set of means.
 class ModelScorer {
 public:
-  /// Keeps references. Where `is_told`, the options' progress says what is tried.
-  ModelScorer(const SelectionTask& task, const Measurements& means, int threads, bool is_told);
+  /// Keeps references. Where `reports_progress`, the options' progress says what is tried.
+  ModelScorer(const SelectionTask& task, const Measurements& means, int threads, bool reports_progress);
 
   /// Folds are predicted only where the evidence is at least `wanted`.
-  ModelScore score_of(const ModelInQuestion& model, TriedModels& tried,
+  ModelScore score_of(const CandidateModel& model, TriedModels& tried,
                       double wanted = -std::numeric_limits<double>::infinity()) const;
 
   /// Points of targets that one fold alone has: no model is compared by them.
@@ -94,7 +94,7 @@ private:
   const SelectionTask& task_;
   const Measurements& means_;
   int threads_;
-  bool is_told_;
+  bool reports_progress_;
   std::vector<std::vector<Eigen::Index>> folds_;
   double points_ = 0.0;  ///< that models are compared by
   double not_compared_ = 0.0;

@@ -11,8 +11,8 @@
 
 namespace kdl_calibration {
 
-/// The columns that take part where groups have these sizes, and J^T J with what their sizes add, a row's sigma
-/// being 1.
+/// J^T J plus the prior information of groups of these sizes, with rows of sigma 1. Columns of groups without size are
+/// left out.
 struct SizedInformation {
   std::vector<Eigen::Index> columns;
   Eigen::MatrixXd matrix;

@@ -87,7 +87,8 @@ TEST(RobustStatistics, AThresholdIsExceededOnceInSoManyComparisons) {
   for (const Index axes : {1, 3}) {
     for (const double comparisons : {1.0, 40.0, 1000.0}) {
       const double limit = threshold(1e-3, comparisons, axes, 1e12);
-      EXPECT_NEAR(comparisons * norm_tail(limit, axes) / 1e-3, 1.0, 1e-4) << axes << ", " << comparisons;
+      EXPECT_NEAR(comparisons * norm_tail(limit, static_cast<int>(axes)) / 1e-3, 1.0, 1e-4)
+          << axes << ", " << comparisons;
     }
   }
   EXPECT_EQ(threshold(1e-3, 0.0, 1, 1e12), threshold(1e-3, 1.0, 1, 1e12));

@@ -1,4 +1,5 @@
 #include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/covariance.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"

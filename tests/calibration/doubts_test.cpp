@@ -13,8 +13,9 @@
 #include <string>
 #include <tuple>
 
-#include "calibration/comparison.hpp"
+#include "calibration/validation_stage.hpp"
 #include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/kinematics.hpp"
@@ -176,9 +177,9 @@ TEST(DoubtsByHand, TestRowsMayBeAsGoodAsNominalAndHeldOutRowsMayNot) {
                           "fitted ones?"));
   Found held_out;
   held_out.calibration.accuracy.leave_one_out = pair(1.001e-3, 1e-3);
-  EXPECT_FALSE(is_no_help(held_out.calibration.accuracy));
+  EXPECT_FALSE(is_no_better_than_nominal(held_out.calibration.accuracy));
   held_out.calibration.accuracy.leave_one_out = pair(1e-3, 1e-3);
-  EXPECT_TRUE(is_no_help(held_out.calibration.accuracy));
+  EXPECT_TRUE(is_no_better_than_nominal(held_out.calibration.accuracy));
   EXPECT_THAT(
       held_out.doubted(),
       ElementsAre("worse_than_nominal: the calibrated robot is no better than the nominal one at configurations that "
@@ -188,10 +189,10 @@ TEST(DoubtsByHand, TestRowsMayBeAsGoodAsNominalAndHeldOutRowsMayNot) {
                   "nominal_kept: the calibration does not help: the nominal robot is kept, and the URDF to write is "
                   "the one that was read"));
   held_out.calibration.accuracy.leave_one_out->after.rms = kInfinity;
-  EXPECT_TRUE(is_no_help(held_out.calibration.accuracy));
+  EXPECT_TRUE(is_no_better_than_nominal(held_out.calibration.accuracy));
   held_out.calibration.accuracy.leave_one_out->after.count = 0;
-  EXPECT_FALSE(is_no_help(held_out.calibration.accuracy));
-  EXPECT_FALSE(is_no_help(Found().calibration.accuracy));
+  EXPECT_FALSE(is_no_better_than_nominal(held_out.calibration.accuracy));
+  EXPECT_FALSE(is_no_better_than_nominal(Found().calibration.accuracy));
 }
 
 TEST(DoubtsByHand, ARobotWithoutAReachHasNoLargeMisfit) {
@@ -313,7 +314,7 @@ TEST(WarningsByHand, LackOfFitIsBelowOneInAThousand) {
 
 TEST(WarningsByHand, EffectsMayPredictWorseThanTheGeometryAlone) {
   Found found;
-  BeforeAfter& left_out = found.calibration.leave_one_out.emplace();
+  BeforeAfter& left_out = found.calibration.accuracy.leave_one_out.emplace();
   left_out = {.before = {.count = 9, .rms = 2e-3}, .after = {.count = 9, .rms = 1.02e-4}, .rigid = std::nullopt};
   EXPECT_THAT(found.warned(), IsEmpty()) << "no effects";
   left_out.rigid = {.count = 9, .rms = 1e-4};

@@ -19,21 +19,21 @@ struct Fitted : testing::VirtualExperiment {
   Measurements measured;
   ParameterOptions options{.model = ModelChoice::complete};
   Estimate start;
-  WholeFit fit;
+  DeterminedFit fit;
 
   explicit Fitted(double sigma)
       : VirtualExperiment({.random = Random(7)}),
         measured(testing::without_sigmas(measure(30, {.sigma = sigma}))),
         start(nominal_start(model, measured)) {
     const ParameterSelection choice = select_parameters(model, start.targets, options);
-    fit = fit_whole(problem(Unknowns(model, start.targets, choice.free)), choice,
-                    {.estimator = {}, .parameters = options});
+    fit = fit_determined_parameters(problem(Unknowns(model, start.targets, choice.free)), choice,
+                                    {.estimator = {}, .parameters = options});
   }
   Fitted(const Fitted&) = delete;
   Fitted& operator=(const Fitted&) = delete;
 
-  FitProblem problem(const Unknowns& free) const {
-    return {.model = model, .measurements = measured, .start = start, .free = free};
+  FitProblem problem(const Unknowns& unknowns) const {
+    return {.model = model, .measurements = measured, .start = start, .free = unknowns};
   }
   std::optional<Identification> smallest() const { return smallest_errors(problem(fit.free), fit); }
 
@@ -67,7 +67,7 @@ TEST(MinimumNorm, ErrorsAreAsSmallAsTheyGetAlongWhatIsOpen) {
 
 TEST(MinimumNorm, IsNoneWhereNothingIsOpenOrTheFitDidNotArrive) {
   Fitted f(1e-5);
-  const WholeFit before = f.fit;
+  const DeterminedFit before = f.fit;
   for (const Termination termination : {Termination::stalled, Termination::iteration_limit, Termination::diverged}) {
     f.fit.identification.termination = termination;
     EXPECT_FALSE(f.smallest().has_value());
@@ -80,7 +80,7 @@ TEST(MinimumNorm, IsNoneWhereNothingIsOpenOrTheFitDidNotArrive) {
 // What the way there may cost: a billionth of the misfit and a tenth of a nanometre.
 TEST(MinimumNorm, IsNotTakenWhereItCostsAMisfit) {
   Fitted f(0.03);
-  const WholeFit before = f.fit;
+  const DeterminedFit before = f.fit;
   const double rms = before.identification.rms;
   ASSERT_TRUE(arrived(before.identification)) << before.identification.message;
   ASSERT_GT(rms, 0.04);

@@ -34,7 +34,7 @@ std::vector<TargetFrame> a_point_and_a_frame() {
 struct Answer {
   ErrorModel model = complete_model(parse_robot(testing::kOddArm));
   Estimate start;
-  WholeFit fit;
+  DeterminedFit fit;
   std::vector<std::string> fixed_by_gauge = {"B.Rz", "Rz1"};
   std::vector<std::vector<std::string>> tied = {{"dq4", "Tx2"}};
   MatrixXd covariance;

@@ -25,7 +25,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The truth as an estimate whose covariance is made up.
 struct Uncertain : testing::VirtualExperiment {
-  WholeFit fit;
+  DeterminedFit fit;
   MatrixXd covariance;
   MatrixXd sqrt_information;  // of the candidates
   NoiseReport noise;
@@ -52,7 +52,7 @@ struct Uncertain : testing::VirtualExperiment {
     return predicted_accuracy({.model = model,
                                .fit = fit,
                                .covariance = covariance,
-                               .root_of_candidates = sqrt_information,
+                               .candidate_sqrt_information = sqrt_information,
                                .noise = noise,
                                .held_out = held_out,
                                .optimism = optimism},

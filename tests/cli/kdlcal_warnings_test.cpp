@@ -366,7 +366,7 @@ TEST_F(CommandLineWarnings, AResultThatIsNotToBeTrustedIsDoubtedWhereItIsUsed) {
       return run(command).err;
     };
     const std::string doubts =
-        R"(, "doubts": [{"cause": "a", "message": "first"}, {"cause": "b", "message": "second"}])";
+        R"(, "doubts": [{"cause": "drift", "message": "first"}, {"cause": "scale", "message": "second"}])";
     const std::string without = result("");
     EXPECT_EQ(result(R"(, "trusted": false)" + doubts), kWarning + "r.json is not to be trusted: first\n" + without);
     EXPECT_EQ(result(R"(, "trusted": true, "doubts": [])"), without);

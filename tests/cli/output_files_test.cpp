@@ -393,8 +393,8 @@ TEST_F(ProgressBar, GrowsOnATerminalAndIsWipedAway) {
     last = percent;
   }
   EXPECT_GE(bars, 20) << text;
-  EXPECT_EQ(stages.front(), "trying geometry alone");
-  EXPECT_EQ(stages.back(), "leave-one-out");
+  EXPECT_THAT(stages, ::testing::IsSupersetOf({"trying geometry alone", "leave-one-out"}));
+  EXPECT_EQ(stages.front(), "screening the measurements");
   EXPECT_EQ(last, 100);
   const std::size_t wiped = text.find("\r\033[K");
   ASSERT_NE(wiped, std::string::npos) << text;

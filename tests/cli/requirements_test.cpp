@@ -62,15 +62,14 @@ TEST(Requirements, AreJudgedByTheNumberTheyLeadTo) {
                            "list.x>0", "text==5", "none==0", "fit==0", "nothing>0", "rank.after==33", "train.max>0"}) {
     EXPECT_FALSE(fulfilled(text)) << text;
   }
-  const std::vector<cli::Judged> outcomes_of =
+  const std::vector<cli::Judged> outcomes =
       cli::outcomes_of(cli::parse_requirements({"rank<1", "rank>1", "none<1"}), json);
   const std::string rank = "'rank<1' is not fulfilled: the value is 33";
   const std::string none = "'none<1' is not fulfilled: the value is not determined";
-  EXPECT_THAT(cli::unfulfilled(outcomes_of), ElementsAre(rank, none));
-  EXPECT_EQ(cli::judged_json(outcomes_of),
-            Json::array({{{"text", "rank<1"}, {"fulfilled", false}, {"message", rank}},
-                         {{"text", "rank>1"}, {"fulfilled", true}, {"message", nullptr}},
-                         {{"text", "none<1"}, {"fulfilled", false}, {"message", none}}}));
+  EXPECT_THAT(cli::unfulfilled(outcomes), ElementsAre(rank, none));
+  EXPECT_EQ(cli::judged_json(outcomes), Json::array({{{"text", "rank<1"}, {"fulfilled", false}, {"message", rank}},
+                                                     {{"text", "rank>1"}, {"fulfilled", true}, {"message", nullptr}},
+                                                     {{"text", "none<1"}, {"fulfilled", false}, {"message", none}}}));
 }
 
 TEST(PlanCommandText, TheCommandThatPlansNamesTheFilesOfTheResult) {

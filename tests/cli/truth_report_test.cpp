@@ -453,7 +453,7 @@ TEST_F(MimicCommands, PlanConfigurationsThatTheArmCanTake) {
 
 // ---- letter by letter ----------------------------------------------------------------------------------------------
 
-struct Compared {
+struct ValidationTask {
   ErrorModel model = complete_model(fanuc());
   Estimate estimate{.X_WB = Eigen::Isometry3d(Eigen::Translation3d(1.0, 2.0, 3.0)),
                     .targets = targets_at({{0.1, 0.2, 0.3}, {0.4, 0.5, 0.6}})};
@@ -461,7 +461,7 @@ struct Compared {
                  .targets = targets_at({{0.11, 0.22, 0.33}, {0.44, 0.55, 0.66}, {7.0, 8.0, 9.0}})};
   TruthComparison comparison;
 
-  Compared() {
+  ValidationTask() {
     std::reverse(truth.targets.begin(), truth.targets.end());
     comparison.truth_in_gauge = {.X_WB = Eigen::Isometry3d(Eigen::Translation3d(1.5, 2.5, 3.5)),
                                  .targets = targets_at({{0.12, 0.23, 0.34}, {0.45, 0.57, 0.68}})};
@@ -484,7 +484,7 @@ struct Compared {
 };
 
 TEST(TruthReport, TheTruthStandsBesideTheEstimateInTheTable) {
-  const Compared c;
+  const ValidationTask c;
   expect_lines(
       cli::truth_table(c.model, c.estimate, c.comparison),
       {"estimated true true in gauge difference", "dq2 joint_2 deg 1.000000 2.500000 1.250000 -2.50e-01",
@@ -496,7 +496,7 @@ TEST(TruthReport, TheTruthStandsBesideTheEstimateInTheTable) {
 }
 
 TEST(TruthReport, TheTruthStandsBesideTheEstimateInTheJson) {
-  const Compared c;
+  const ValidationTask c;
   const Json json = cli::truth_json(c.model, c.estimate, c.truth, c.comparison);
   ASSERT_EQ(json["parameters"].size(), 3U);
   Json length = json["parameters"][1];

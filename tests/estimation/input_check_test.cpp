@@ -10,6 +10,7 @@
 
 #include "kdl_calibration/alternative_readings.hpp"
 #include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/convention_trial.hpp"
 #include "kdl_calibration/data_quality.hpp"
 #include "kdl_calibration/experiment.hpp"

@@ -1,4 +1,5 @@
 #include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 
 #include <cmath>

@@ -1,5 +1,6 @@
 #include <kdl/chainfksolverpos_recursive.hpp>
-#include <kdl_calibration/calibration.hpp>
+#include <kdl_calibration/calibrate.hpp>
+#include <kdl_calibration/calibrated_urdf.hpp>
 
 #include "promise.hpp"
 #include "targets.hpp"

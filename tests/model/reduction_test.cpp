@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/identification_jacobian.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/simulation.hpp"

@@ -20,6 +20,7 @@
 #include "base/sha256.hpp"
 #include "german_locale.hpp"
 #include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"

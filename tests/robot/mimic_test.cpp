@@ -11,6 +11,7 @@
 #include <fstream>
 
 #include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measuring_plan.hpp"

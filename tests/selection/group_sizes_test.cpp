@@ -115,9 +115,9 @@ TEST(GroupSizes, AmpleOnesAreHardlyEverBelowTheTruth) {
   for (unsigned run = 0; run < kRuns; ++run) {
     const Rows rows(2000 + run, 20, 0.3, 0.3, 0.1);
     const SizeEstimator estimator(rows.sums(), rows.columns, rows.groups);
-    const GroupSizes ample = estimator.estimate({}, {.held = {}, .most = {}, .ample = {true, true}}, 1e-9);
+    const GroupSizes inflated = estimator.estimate({}, {.held = {}, .most = {}, .inflated = {true, true}}, 1e-9);
     above += estimator.estimate({}, {}, 1e-9).sizes[0] > 0.3 ? 1 : 0;  // of three values
-    ample_above += ample.sizes[0] > 0.3 ? 1 : 0;
+    ample_above += inflated.sizes[0] > 0.3 ? 1 : 0;
   }
   EXPECT_LT(above, 0.6 * kRuns);
   EXPECT_GT(ample_above, 0.8 * kRuns);
@@ -181,9 +181,9 @@ TEST(GroupSizes, KeepWhatIsHeldAndStayBelowTheMost) {
   for (unsigned seed = 700; seed < 720; ++seed) {
     const Rows rows(seed, 60, 0.3, 0.2, 0.1);
     const SizeEstimator estimator(rows.sums(), rows.columns, rows.groups);
-    for (const bool ample : {false, true}) {
+    for (const bool inflated : {false, true}) {
       const GroupSizes found =
-          estimator.estimate({}, {.held = {0.12}, .most = {0.01, 0.03}, .ample = {ample, ample}}, 1e-9);
+          estimator.estimate({}, {.held = {0.12}, .most = {0.01, 0.03}, .inflated = {inflated, inflated}}, 1e-9);
       EXPECT_NEAR(found.sizes[0], 0.12, 1e-12) << seed;
       EXPECT_NEAR(found.sizes[1], 0.03, 1e-12) << "the truth is far above, seed " << seed;
     }

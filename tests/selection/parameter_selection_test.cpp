@@ -10,6 +10,7 @@
 
 #include "base/name_pattern.hpp"
 #include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"

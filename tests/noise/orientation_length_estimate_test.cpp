@@ -1,6 +1,6 @@
 // Measured orientations are weighed by what their residuals say, not by a lever.
 
-#include "noise/variance_components.hpp"
+#include "noise/orientation_length_estimate.hpp"
 
 #include <gmock/gmock.h>
 
@@ -13,7 +13,7 @@
 #include "record.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration::variance_components_test {
+namespace kdl_calibration::orientation_length_estimate_test {
 namespace {
 
 // Mean square of the held-out errors [m^2] of calibrations that state both sigmas, none, or none and weigh by a lever.
@@ -61,11 +61,11 @@ void expect_as_good_as_stated(std::uint64_t seeds) {
   }
 }
 
-TEST(VarianceComponents, AreAsGoodAsStatedSigmas) { expect_as_good_as_stated(2); }
+TEST(OrientationLength, AreAsGoodAsStatedSigmas) { expect_as_good_as_stated(2); }
 
-TEST(VarianceComponentsLongRun, AreAsGoodAsStatedSigmas) { expect_as_good_as_stated(4); }
+TEST(OrientationLengthLongRun, AreAsGoodAsStatedSigmas) { expect_as_good_as_stated(4); }
 
-TEST(VarianceComponents, LeaveExactPosesExact) {
+TEST(OrientationLength, LeaveExactPosesExact) {
   testing::VirtualExperiment experiment({.targets = testing::as_frames(published_targets(1))});
   const Calibration found = calibrate(experiment.model, experiment.measure(30));
   EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
@@ -122,14 +122,14 @@ struct UnitVariances {
 };
 
 // Weighed by the length that is found, positions and orientations have the same variance of unit weight.
-TEST(VarianceComponents, LeaveBothKindsTheSameVarianceOfUnitWeight) {
+TEST(OrientationLength, LeaveBothKindsTheSameVarianceOfUnitWeight) {
   for (const double orientation : {2e-5, 2e-4, 2e-2}) {
     const Poses poses(20, {.sigma = 3e-5, .orientation_sigma = orientation});
     EXPECT_NEAR(UnitVariances(poses, poses.length()).ratio, 1.0, 0.03) << orientation;
   }
 }
 
-TEST(VarianceComponents, OfFewDegreesOfFreedomAreNotEstimated) {
+TEST(OrientationLength, OfFewDegreesOfFreedomAreNotEstimated) {
   for (const auto& [count, enough] : {std::pair{8, false}, std::pair{9, false}, std::pair{14, true}}) {
     Poses poses(count, {.sigma = 3e-5, .orientation_sigma = 2e-4});
     poses.fit_options.joint.residuals.orientation_length = 0.5;
@@ -139,12 +139,12 @@ TEST(VarianceComponents, OfFewDegreesOfFreedomAreNotEstimated) {
   }
 }
 
-TEST(VarianceComponents, StayBetweenAMillimetreAndAHundredMetres) {
+TEST(OrientationLength, StayBetweenAMillimetreAndAHundredMetres) {
   EXPECT_DOUBLE_EQ(Poses(20, {.sigma = 1e-3, .orientation_sigma = 1e-6}).length(), 100.0);
   EXPECT_DOUBLE_EQ(Poses(20, {.sigma = 1e-7, .orientation_sigma = 1e-2}).length(), 1e-3);
 }
 
-TEST(VarianceComponents, ArePresentOnesWhereNothingTellsThem) {
+TEST(OrientationLength, ArePresentOnesWhereNothingTellsThem) {
   Poses exact(20, {});
   exact.fit_options.joint.residuals.orientation_length = 0.7;
   EXPECT_EQ(exact.length(), 0.7);
@@ -155,4 +155,4 @@ TEST(VarianceComponents, ArePresentOnesWhereNothingTellsThem) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::variance_components_test
+}  // namespace kdl_calibration::orientation_length_estimate_test

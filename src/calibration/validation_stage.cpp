@@ -1,4 +1,4 @@
-#include "calibration/comparison.hpp"
+#include "calibration/validation_stage.hpp"
 
 #include <algorithm>
 #include <cstddef>
@@ -10,10 +10,10 @@
 namespace kdl_calibration {
 namespace {
 
-bool has_effects(const Compared& compared) { return !compared.fit.free.effects().empty(); }
+bool has_effects(const ValidationTask& compared) { return !compared.fit.free.effects().empty(); }
 
 // The best that a URDF can carry: where effects were fitted, a fit without them.
-Estimate rigid_fit(const Compared& compared) {
+Estimate rigid_fit(const ValidationTask& compared) {
   if (!has_effects(compared)) {
     return compared.fit.identification.estimate;
   }
@@ -25,7 +25,7 @@ Estimate rigid_fit(const Compared& compared) {
 
 using Folds = std::vector<std::vector<Eigen::Index>>;
 
-FitOptions counting(FitOptions options, const Compared& compared, const std::string& stage, std::size_t fits) {
+FitOptions counting(FitOptions options, const ValidationTask& compared, const std::string& stage, std::size_t fits) {
   options.after_fit = counted_fits(compared.choice.progress, stage, fits);
   return options;
 }
@@ -41,8 +41,9 @@ bool is_many(const Folds& folds) {
 
 constexpr double kShareOfNominal = 1e-5;
 
-// The nominal robot, which leaves that much of all [m], with base and targets registered to the others.
-std::vector<double> nominal_folds(const Compared& compared, const Folds& folds, double nominal) {
+// Errors [m] of the nominal robot at left-out configurations, with base and targets registered to the others.
+// `nominal`: its RMS error over all rows.
+std::vector<double> nominal_folds(const ValidationTask& compared, const Folds& folds, double nominal) {
   const FitProblem& task = compared.problem;
   const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
   if (frames.size() == 0) {  // nothing is registered
@@ -72,7 +73,8 @@ struct PredictedFolds {
 };
 
 // Each fold predicted by the nominal robot, by the calibrated one and by what a URDF can carry of it.
-PredictedFolds predicted_folds(const Compared& compared, const Folds& folds, const std::string& name, double nominal) {
+PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& folds, const std::string& name,
+                               double nominal) {
   const FitProblem& task = compared.problem;
   const Estimate& estimate = compared.fit.identification.estimate;
   const auto left_out = [&](const ErrorModel& model, const Unknowns& free, const Estimate& start,
@@ -129,7 +131,7 @@ struct TestRows {
   std::optional<ErrorStatistics> at_fitted_poses;
   std::optional<ErrorStatistics> at_new_poses;
 };
-TestRows test_rows_apart(const Compared& compared, const std::vector<Eigen::Isometry3d>& X_BF) {
+TestRows test_rows_apart(const ValidationTask& compared, const std::vector<Eigen::Isometry3d>& X_BF) {
   const Measurements& measurements = compared.measurements;
   const std::vector<bool> trained = trained_configurations(measurements);
   const std::vector<Eigen::Index> first = first_at_same_pose(measurements.joint_values);
@@ -156,7 +158,7 @@ TestRows test_rows_apart(const Compared& compared, const std::vector<Eigen::Isom
 }
 
 // The errors at fitted and test rows. `rigid`: the robot that a URDF can carry.
-Accuracy compare_rows(const Compared& compared, const Estimate& rigid) {
+Accuracy compare_rows(const ValidationTask& compared, const Estimate& rigid) {
   const FitProblem& task = compared.problem;
   const Measurements& measurements = compared.measurements;
   const Estimate& estimate = compared.fit.identification.estimate;
@@ -206,7 +208,7 @@ std::vector<std::string> said_of_neighbours(const Folds& singly, const Measureme
 }
 
 // `rows`: the errors at the rows, to which those at left-out configurations are added.
-Validation hold_out(const Compared& compared, Accuracy rows) {
+Validation hold_out(const ValidationTask& compared, Accuracy rows) {
   const FitProblem& task = compared.problem;
   const ValidationOptions& options = compared.options;
   const Folds singly = make_folds(task.measurements, 0);
@@ -244,8 +246,8 @@ Validation hold_out(const Compared& compared, Accuracy rows) {
 }
 
 // `rigid`: the robot that a URDF can carry.
-ExportedUrdf exported_urdf(const Compared& compared, const Accuracy& accuracy, const Estimate& rigid) {
-  const bool kept = is_no_help(accuracy);
+ExportedUrdf exported_urdf(const ValidationTask& compared, const Accuracy& accuracy, const Estimate& rigid) {
+  const bool kept = is_no_better_than_nominal(accuracy);
   const auto own = [&](const BeforeAfter& errors) {
     return kept ? errors.before : errors.rigid.value_or(errors.after);
   };
@@ -263,12 +265,12 @@ ExportedUrdf exported_urdf(const Compared& compared, const Accuracy& accuracy, c
 
 }  // namespace
 
-bool is_no_help(const Accuracy& accuracy) {
+bool is_no_better_than_nominal(const Accuracy& accuracy) {
   const BeforeAfter* errors = accuracy.held_out();
   return errors != nullptr && errors->after.count > 0 && !(errors->after.rms < errors->before.rms);
 }
 
-Validation validate(const Compared& compared) {
+Validation validate(const ValidationTask& compared) {
   const Estimate rigid = rigid_fit(compared);
   Validation result = hold_out(compared, compare_rows(compared, rigid));
   result.exported = exported_urdf(compared, result.accuracy, rigid);

@@ -18,6 +18,7 @@ struct FitRules {
 /// does not lead to the noise, the complete set with the errors that are usual of an arm goes on, and a set chosen at
 /// its end finishes: two parameters that are the same at the nominal geometry may differ at the true one.
 /// Parameters that only a measurement without noise could tell are held where the residuals show that there is noise.
-WholeFit fit_whole(const FitProblem& problem, const ParameterSelection& choice, const FitRules& rules);
+DeterminedFit fit_determined_parameters(const FitProblem& problem, const ParameterSelection& choice,
+                                        const FitRules& rules);
 
 }  // namespace kdl_calibration

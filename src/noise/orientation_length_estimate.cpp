@@ -1,4 +1,4 @@
-#include "noise/variance_components.hpp"
+#include "noise/orientation_length_estimate.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "calibration/whole_fit.hpp"
+#include "calibration/determined_fit.hpp"
 
 #include <gmock/gmock.h>
 
@@ -23,7 +23,7 @@
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
-namespace kdl_calibration::whole_fit_test {
+namespace kdl_calibration::determined_fit_test {
 namespace {
 
 using Eigen::Index;
@@ -45,7 +45,7 @@ struct Arm : testing::VirtualExperiment {
         measured(testing::without_sigmas(measure(count, noise))),
         start(nominal_start(model, measured)) {}
 
-  WholeFit fitted(const std::vector<std::string>& without = {}) const {
+  DeterminedFit fitted(const std::vector<std::string>& without = {}) const {
     const ParameterSelection choice =
         select_parameters(model, start.targets, options.parameters, {.configurations = 20});
     std::vector<std::string> names = choice.free;
@@ -58,11 +58,12 @@ struct Arm : testing::VirtualExperiment {
                              .free = Unknowns(model, start.targets, names),
                              .options = {.loss = options.estimator.loss}};
     require_two_step_data(problem.free, measured, options);
-    return fit_whole(problem, choice, {.estimator = options.estimator, .parameters = options.parameters});
+    return fit_determined_parameters(problem, choice,
+                                     {.estimator = options.estimator, .parameters = options.parameters});
   }
 };
 
-TEST(WholeFit, TheTwoStepProcedureRefusesWhatItWasNotPublishedFor) {
+TEST(DeterminedFit, TheTwoStepProcedureRefusesWhatItWasNotPublishedFor) {
   const Arm arm({}, 12, {.sigma = 1e-5, .repeats = 2});
   const auto refused = [&](const std::function<void(Arm&)>& change) {
     Arm changed = arm;
@@ -96,7 +97,7 @@ TEST(WholeFit, TheTwoStepProcedureRefusesWhatItWasNotPublishedFor) {
 }
 
 // Joints that hardly move tell so little that the two steps go on and on.
-TEST(WholeFit, TheTwoStepProcedureTakesAThousandRoundsUnlessToldOtherwise) {
+TEST(DeterminedFit, TheTwoStepProcedureTakesAThousandRoundsUnlessToldOtherwise) {
   const auto a_little = [](const std::vector<MovingJoint>& joints) { return JointRanges(joints.size(), {0.1, 0.4}); };
   Arm arm({.targets = published_targets(1), .ranges = a_little}, 10);
   arm.options.estimator.method = Method::two_step;
@@ -109,11 +110,11 @@ TEST(WholeFit, TheTwoStepProcedureTakesAThousandRoundsUnlessToldOtherwise) {
   }
 }
 
-TEST(WholeFit, OfRobustLossesHasTheirWeightsAndScale) {
+TEST(DeterminedFit, OfRobustLossesHasTheirWeightsAndScale) {
   Arm arm({}, 16, {.sigma = 1e-4});
   arm.measured.observations[5].position.x() += 0.02;
   arm.options.estimator.loss = Loss::tukey;
-  const WholeFit found = arm.fitted();
+  const DeterminedFit found = arm.fitted();
   const RobustIdentification expected = identify_robustly({.model = arm.model,
                                                            .measurements = arm.measured,
                                                            .start = arm.start,
@@ -129,7 +130,7 @@ TEST(WholeFit, OfRobustLossesHasTheirWeightsAndScale) {
 }
 
 // What was fixed must not come back under other names, and a limit that was set is one.
-TEST(WholeFit, GoesOnInTheCompleteSetWhereThatExplainsMoreUnlessSomethingIsAskedOfIt) {
+TEST(DeterminedFit, GoesOnInTheCompleteSetWhereThatExplainsMoreUnlessSomethingIsAskedOfIt) {
   const Arm arm;
   const auto misfit = [&](const std::function<void(Arm&)>& ask) {
     Arm asked = arm;
@@ -144,7 +145,7 @@ TEST(WholeFit, GoesOnInTheCompleteSetWhereThatExplainsMoreUnlessSomethingIsAsked
   EXPECT_GT(misfit([](Arm& a) { a.options.estimator.loss = Loss::huber; }), kLeft);
 }
 
-TEST(WholeFit, ArrivedWhereItsGradientVanishes) {
+TEST(DeterminedFit, ArrivedWhereItsGradientVanishes) {
   for (const Termination termination : {Termination::converged, Termination::rank_deficient, Termination::stalled,
                                         Termination::iteration_limit, Termination::diverged}) {
     const bool expected = termination == Termination::converged || termination == Termination::rank_deficient;
@@ -161,14 +162,14 @@ Eigen::Index rank_of(const Arm& arm, const Estimate& estimate, const Unknowns& c
   return qr.rank();
 }
 
-TEST(WholeFit, KeepsOfTheCandidatesAsManyAsTheMeasurementsTellAndTheFirstOfThem) {
+TEST(DeterminedFit, KeepsOfTheCandidatesAsManyAsTheMeasurementsTellAndTheFirstOfThem) {
   Arm arm({}, 2);
   for (const int held : {0, 2, 5}) {
     Eigen::MatrixXd q = arm.configurations(25);
     q.row(held).setConstant(0.3);
     arm.measured = arm.measure(q);
     arm.start = nominal_start(arm.model, arm.measured);
-    const WholeFit found = arm.fitted();
+    const DeterminedFit found = arm.fitted();
     const Estimate& estimate = found.identification.estimate;
     EXPECT_EQ(found.free.size(), rank_of(arm, estimate, found.candidates)) << held;
     EXPECT_EQ(found.free.size(), rank_of(arm, estimate, found.free)) << held;
@@ -180,7 +181,7 @@ TEST(WholeFit, KeepsOfTheCandidatesAsManyAsTheMeasurementsTellAndTheFirstOfThem)
 }
 
 // A target a millimetre beside the last axis: what the tool turns about there moves it little.
-WholeFit beside_the_last_axis(double noise, double turned) {
+DeterminedFit beside_the_last_axis(double noise, double turned) {
   Arm arm({.targets = testing::targets_at({{0.0, 0.2, 1e-3}})});
   arm.robot.truth.errors[static_cast<Eigen::Index>(parameter_index(arm.model, "Rz5"))] = turned;
   arm.measured = testing::without_sigmas(arm.measure(30, {.sigma = noise}));
@@ -188,11 +189,11 @@ WholeFit beside_the_last_axis(double noise, double turned) {
   return arm.fitted();
 }
 
-TEST(WholeFit, HoldsWhatTheNoiseHidesUnlessThatCostsAMisfit) {
-  const WholeFit clear = beside_the_last_axis(1e-6, 0.0);
+TEST(DeterminedFit, HoldsWhatTheNoiseHidesUnlessThatCostsAMisfit) {
+  const DeterminedFit clear = beside_the_last_axis(1e-6, 0.0);
   EXPECT_THAT(clear.reduction.faint, ::testing::UnorderedElementsAre("Tz5", "Rz5"));
   EXPECT_EQ(clear.candidates.size(), 27);
-  const WholeFit hidden = beside_the_last_axis(1e-4, 0.0);
+  const DeterminedFit hidden = beside_the_last_axis(1e-4, 0.0);
   EXPECT_EQ(hidden.candidates.size(), 25);
   EXPECT_FALSE(hidden.candidates.column("Tz5") || hidden.candidates.column("Rz5"));
   EXPECT_EQ(hidden.identification.rms_history.size(), static_cast<std::size_t>(hidden.identification.iterations));
@@ -799,4 +800,4 @@ TEST(Terminations, SayHowTheTwoStepsEnded) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::whole_fit_test
+}  // namespace kdl_calibration::determined_fit_test

@@ -1,4 +1,4 @@
-#include "calibration/whole_fit.hpp"
+#include "calibration/determined_fit.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -48,8 +48,8 @@ Fitted identify(const FitProblem& problem, const EstimatorOptions& estimator, St
   return {descend(equations, problem.start, joint, steps), {}};
 }
 
-// Of the columns those that raise the rank: those of `kept`, then the others in the order of choice. Where something is
-// kept, what is weak beside it is no reason to add it.
+// Selects columns that raise the rank, those in `kept` first, then the others in the order of choice. A further column
+// must also be clearly independent of the kept ones.
 Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eigen::MatrixXd& sqrt_information) {
   std::vector<Eigen::Index> order = candidates.order_of_choice();
   const auto others = std::stable_partition(order.begin(), order.end(), [&](Eigen::Index c) {
@@ -125,7 +125,7 @@ Unknowns parameters_of(const FitProblem& problem, const std::vector<std::string>
       .with(problem.model, UnknownGroup::effects, problem.free.effects());
 }
 
-WholeFit whole_fit(FittedInGauge found, Reduction reduction, Unknowns candidates) {
+DeterminedFit whole_fit(FittedInGauge found, Reduction reduction, Unknowns candidates) {
   return {.identification = std::move(found.fitted.identification),
           .robust = std::move(found.fitted.robust),
           .reduction = std::move(reduction),
@@ -151,14 +151,14 @@ bool has_more_to_explain(const FitProblem& complete, const Identification& found
 constexpr double kBeyondGeometry = 0.005;  // [m] a misfit beyond that is not one of the geometry
 
 // The complete set from the start, then what the measurements determine there.
-WholeFit go_on_in_complete_set(const FitProblem& complete, const FitRules& rules) {
+DeterminedFit go_on_in_complete_set(const FitProblem& complete, const FitRules& rules) {
   const Identification wide = descend(equations_of(complete), complete.start, complete.options.joint, Steps::prior);
   ParameterSelection choice =
       select_parameters(complete.model, wide.estimate.targets, rules.parameters, {.errors = wide.estimate.errors});
   FitProblem from_there = with_free(complete, parameters_of(complete, choice.free));
   from_there.start = wide.estimate;
-  WholeFit result = whole_fit(identify_in_gauge(from_there, rules.estimator, Steps::plain), std::move(choice.reduction),
-                              from_there.free);
+  DeterminedFit result = whole_fit(identify_in_gauge(from_there, rules.estimator, Steps::plain),
+                                   std::move(choice.reduction), from_there.free);
   const Identification narrow = std::exchange(result.identification, wide);
   if (arrived(narrow) && narrow.rms <= std::max(wide.rms, kEqualMisfits)) {
     result.identification = narrow;
@@ -179,7 +179,7 @@ WholeFit go_on_in_complete_set(const FitProblem& complete, const FitRules& rules
 }
 
 // The fit that arrived or else has the smaller misfit. `next` went on from where `before` had ended.
-WholeFit better_of(WholeFit before, WholeFit next) {
+DeterminedFit better_of(DeterminedFit before, DeterminedFit next) {
   put_before(before.identification, next.identification);
   const Identification& now = next.identification;
   const bool same = arrived(now) == arrived(before.identification);
@@ -187,9 +187,9 @@ WholeFit better_of(WholeFit before, WholeFit next) {
 }
 
 // Through the complete set or, where that does not arrive, with the first set and every means.
-WholeFit take_the_long_way(const FitProblem& problem, const FitProblem& complete, const FitRules& rules,
-                           const WholeFit& first) {
-  WholeFit result = better_of(first, go_on_in_complete_set(complete, rules));
+DeterminedFit take_the_long_way(const FitProblem& problem, const FitProblem& complete, const FitRules& rules,
+                                const DeterminedFit& first) {
+  DeterminedFit result = better_of(first, go_on_in_complete_set(complete, rules));
   if (!arrived(result.identification)) {
     result = better_of(std::move(result), whole_fit(identify_in_gauge(problem, rules.estimator, Steps::any),
                                                     first.reduction, first.candidates));
@@ -197,8 +197,8 @@ WholeFit take_the_long_way(const FitProblem& problem, const FitProblem& complete
   return result;
 }
 
-// Holds what the noise hides beside the others, unless that costs a misfit.
-WholeFit hide_in_noise(const FitProblem& problem, const FitRules& rules, WholeFit fit) {
+// Holds parameters that the noise hides beside the others, unless that costs a misfit.
+DeterminedFit fix_parameters_below_noise(const FitProblem& problem, const FitRules& rules, DeterminedFit fit) {
   constexpr double kCost = 1.05;
   ParameterSelection choice = select_parameters(problem.model, problem.start.targets, rules.parameters,
                                                 {.noise = fit.identification.rms / std::sqrt(3.0)});
@@ -206,7 +206,7 @@ WholeFit hide_in_noise(const FitProblem& problem, const FitRules& rules, WholeFi
   if (seen.free == fit.candidates) {
     return fit;
   }
-  WholeFit result =
+  DeterminedFit result =
       whole_fit(identify_in_gauge(seen, rules.estimator, Steps::any), std::move(choice.reduction), seen.free);
   if (!arrived(result.identification) || result.identification.rms > kCost * fit.identification.rms) {
     return fit;
@@ -217,14 +217,15 @@ WholeFit hide_in_noise(const FitProblem& problem, const FitRules& rules, WholeFi
 
 }  // namespace
 
-WholeFit fit_whole(const FitProblem& problem, const ParameterSelection& choice, const FitRules& rules) {
+DeterminedFit fit_determined_parameters(const FitProblem& problem, const ParameterSelection& choice,
+                                        const FitRules& rules) {
   const auto& [estimator, parameters] = rules;
   const bool chosen = estimator.method == Method::joint && parameters.model == ModelChoice::irreducible;
   // What the user fixed must not come back under other names, and a limit that the user set is one.
   const bool as_asked = parameters.fix.empty() && estimator.iterations == 0;
   const bool may_go_on = chosen && problem.options.loss == Loss::none && as_asked;
-  WholeFit result = whole_fit(identify_in_gauge(problem, estimator, may_go_on ? Steps::plain : Steps::any),
-                              choice.reduction, problem.free);
+  DeterminedFit result = whole_fit(identify_in_gauge(problem, estimator, may_go_on ? Steps::plain : Steps::any),
+                                   choice.reduction, problem.free);
   if (may_go_on) {
     const FitProblem complete = with_free(problem, parameters_of(problem, choice.complete));
     if (!arrived(result.identification) || has_more_to_explain(complete, result.identification)) {
@@ -232,7 +233,7 @@ WholeFit fit_whole(const FitProblem& problem, const ParameterSelection& choice, 
     }
   }
   if (chosen && arrived(result.identification) && !result.reduction.faint.empty()) {
-    result = hide_in_noise(problem, rules, std::move(result));
+    result = fix_parameters_below_noise(problem, rules, std::move(result));
   }
   return result;
 }
