@@ -16,7 +16,8 @@ enum class Steps { any, plain, prior };
 Identification descend(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options,
                        Steps steps = Steps::any);
 
-/// Share of the cost by which the first step from `estimate` is predicted to reduce it, with the prior in units of the misfit.
+/// Share of the cost by which the first step from `estimate` is predicted to reduce it, with the prior in units of the
+/// misfit.
 double predicted_share(const LeastSquaresProblem& problem, const Estimate& estimate);
 
 }  // namespace kdl_calibration

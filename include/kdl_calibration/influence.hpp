@@ -41,8 +41,8 @@ struct Influence {
   double cook_limit = 0.0;                             ///< of a configuration
   double point_cook_limit = 0.0;
 };
-/// `problem` is that of these measurements and residuals, `sqrt_information` that of its whitened system at the estimate. Empty
-/// where that does not determine all columns.
+/// `problem` is that of these measurements and residuals, `sqrt_information` that of its whitened system at the
+/// estimate. Empty where that does not determine all columns.
 Influence influence(const LeastSquaresProblem& problem, const Measurements& measurements,
                     const ResidualOptions& residuals, const Estimate& estimate,
                     const Eigen::MatrixXd& sqrt_information);
