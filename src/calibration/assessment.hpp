@@ -24,8 +24,8 @@ struct Assessment {
   Eigen::MatrixXd candidate_sqrt_information;  ///< of the candidates' system
 };
 
-/// `problem`: its rows, weighed as at the end of the fit.
-Assessment assess(const FitProblem& problem, const DeterminedFit& fitted, const NoiseModel& stated,
+/// `fit`: its rows, weighed as at its end.
+Assessment assess(const FitProblem& fit, const DeterminedFit& fitted, const NoiseModel& stated,
                   const EstimatedNoise& estimated);
 
 /// The fit, whose termination and message say what the assessment found open. A fit alone does not know that.

@@ -136,6 +136,7 @@ struct WeighedFit {
   FitProblem problem;  // with the weights of the end
   DeterminedFit fit;
   EstimatedNoise noise;
+  FitOptions without_effects = {};  // of the rigid robot, for comparison
 };
 
 WeighedFit weigh_by_residuals(FitProblem problem, DeterminedFit fit, NoiseBeforehand noise) {
@@ -191,14 +192,13 @@ WeighedFit fit_selected(const FitProblem& problem, const DeterminedFit& rigid_fi
 }
 
 // What is validated. The folds of a plain fit can be predicted from its linear system.
-ValidationTask validation_task(const WeighedFit& fitted, const Assessment& assessed, const FitOptions& rigid,
-                               const Measurements& measurements, const SelectionTask& choice,
-                               const CalibrationOptions& options) {
+ValidationTask validation_task(const WeighedFit& fitted, const Assessment& assessed, const Measurements& measurements,
+                               const SelectionTask& choice, const CalibrationOptions& options) {
   const bool linear = is_plain(options.estimator) && arrived(fitted.fit.identification);
   return {.problem = fitted.problem,
           .measurements = measurements,
           .fit = fitted.fit,
-          .rigid_options = rigid,
+          .rigid_options = fitted.without_effects,
           .root = linear ? &assessed.root : nullptr,
           .noise = assessed.noise.sigma,
           .variance = variance_of_unit_weight(assessed.root, assessed.covariance),
@@ -226,8 +226,10 @@ NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const 
 }
 
 // The base, targets and errors with their uncertainty, and how well points are predicted.
-Uncertainty uncertainty(const FitProblem& problem, const DeterminedFit& fit, const Assessment& assessed,
-                        const std::vector<HeldOutPoint>& held_out, double optimism, const Configurations& asked) {
+Uncertainty uncertainty(const WeighedFit& fitted, const Assessment& assessed, const std::vector<HeldOutPoint>& held_out,
+                        double optimism, const Configurations& asked) {
+  const FitProblem& problem = fitted.problem;
+  const DeterminedFit& fit = fitted.fit;
   Uncertainty result;
   result.predicted = predicted_accuracy({.model = problem.model,
                                          .fit = fit,
@@ -285,20 +287,20 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   const Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
   fitted.fit.identification = with_open_directions(fitted.fit.identification, assessed, options.parameters.model);
 
-  const FitOptions without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
-  Validation validated = validate(validation_task(fitted, assessed, without_effects, measurements, choice, options));
+  fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
+  Validation validated = validate(validation_task(fitted, assessed, measurements, choice, options));
   GrossRows gross = gross_rows(fitted, options);
   result.noise = noise_report(assessed.noise, fitted.problem, options);
-  result.uncertainty = uncertainty(fitted.problem, fitted.fit, assessed, validated.accuracy.held_out_points,
-                                   selection.optimism, options.predict_at);
+  result.uncertainty =
+      uncertainty(fitted, assessed, validated.accuracy.held_out_points, selection.optimism, options.predict_at);
   result.difference_to_kdl =
       difference_to_kdl(model, fitted.fit.identification.estimate.errors, measurements.joint_values);
   result.fit = with_weights_of_all(std::move(fitted.fit), rows);
   result.accuracy = std::move(validated.accuracy);
   result.exported = std::move(validated.exported);
-  result.diagnosis =
-      diagnose(result, measurements, std::move(findings), std::move(gross), validated.warnings,
-               {options.diagnosis, options.parameters, robot.ambiguity, options.threads, options.progress});
+  result.diagnosis = diagnose(
+      result, measurements, std::move(findings), std::move(gross),
+      {options.diagnosis, options.parameters, robot.ambiguity, validated.warnings, options.threads, options.progress});
   return result;
 }
 

@@ -58,7 +58,7 @@ std::vector<std::string> earlier_warnings(const ModelSelection& selection, const
 }  // namespace
 
 Diagnosis diagnose(const Calibration& found, const Measurements& measurements, std::vector<QualityFinding> findings,
-                   GrossRows gross_rows, const std::vector<std::string>& of_validation, const DiagnosisTask& task) {
+                   GrossRows gross_rows, const DiagnosisTask& task) {
   Diagnosis result;
   result.gross_rows = std::move(gross_rows);
   result.alternative_readings = with_progress(task.progress, "trying other readings of the data",
@@ -69,7 +69,7 @@ Diagnosis diagnose(const Calibration& found, const Measurements& measurements, s
     result.reservation = std::move(result.doubts.front());
     result.doubts.clear();
   }
-  result.warnings = earlier_warnings(found.selection, measurements, of_validation);
+  result.warnings = earlier_warnings(found.selection, measurements, task.warnings);
   const std::vector<std::string> more = warnings(found, result, measurements, task.ambiguity);
   result.warnings.insert(result.warnings.end(), more.begin(), more.end());
   return result;

@@ -12,14 +12,15 @@ namespace kdl_calibration {
 struct DiagnosisTask {
   const DiagnosisOptions& options;
   const ParameterOptions& parameters;
-  const std::string& ambiguity;  ///< of the registration
+  const std::string& ambiguity;              ///< of the registration
+  const std::vector<std::string>& warnings;  ///< of the validation
   int threads = 0;
   ProgressFunction progress = {};
 };
 
 /// Other readings of the data, doubts and warnings, from all that the other stages found: `found` but for its
-/// diagnosis, the findings of the screening and the gross rows. `warnings`: of the validation.
+/// diagnosis, the findings of the screening and the gross rows.
 Diagnosis diagnose(const Calibration& found, const Measurements& measurements, std::vector<QualityFinding> findings,
-                   GrossRows gross_rows, const std::vector<std::string>& warnings, const DiagnosisTask& task);
+                   GrossRows gross_rows, const DiagnosisTask& task);
 
 }  // namespace kdl_calibration

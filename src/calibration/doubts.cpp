@@ -272,6 +272,43 @@ bool is_worse_elsewhere(const Calibration& found) {
          found.uncertainty.predicted.workspace.rms > found.accuracy.train.before.rms;
 }
 
+// Whether the geometry alone predicts left-out configurations better than the model with effects.
+bool has_harmful_effects(const Calibration& found) {
+  constexpr double kWorse = 1.0 / 0.98;  // as the selection among effects demands
+  const BeforeAfter* held_out = found.accuracy.held_out();
+  return held_out != nullptr && held_out->rigid && held_out->rigid->count > 0 &&
+         held_out->after.rms > kWorse * held_out->rigid->rms;
+}
+
+std::string said_of_harmful_effects(const BeforeAfter& held_out) {
+  return "the effects make predictions worse: configurations left out of the fit are missed by " +
+         in_millimetres(held_out.after.rms) + " with the effects and by " + in_millimetres(held_out.rigid->rms) +
+         " by the geometry alone; leave the effects out, or let --effects auto choose those that help";
+}
+
+// The parameters that the measurements cannot tell apart, and what is done about them.
+std::vector<std::string> said_of_gauge(const Calibration& found) {
+  std::vector<std::string> result;
+  const bool open =
+      found.fit.identification.termination == Termination::rank_deficient || !found.uncertainty.fixed_by_gauge.empty();
+  for (const std::vector<std::string>& group : found.uncertainty.identifiability.tied) {
+    if (!open || found.fit.minimum_norm) {  // priors told them apart, or all are named below
+      break;
+    }
+    result.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
+                                       : "the measurements cannot tell apart: " + comma_separated(group));
+  }
+  if (found.fit.minimum_norm) {
+    result.push_back("what the measurements cannot tell apart (" + some_of(found.uncertainty.fixed_by_gauge) +
+                     ") was shared out so that the errors are smallest; predictions hold, single parameters do not");
+  } else if (!found.uncertainty.fixed_by_gauge.empty()) {
+    result.push_back("fixed by gauge: " + comma_separated(found.uncertainty.fixed_by_gauge) +
+                     " (errors at zero, frames as registered); predictions hold where it was measured, single "
+                     "parameters do not");
+  }
+  return result;
+}
+
 }  // namespace
 
 double reach(const ErrorModel& model) {
@@ -310,24 +347,7 @@ bool holds_where_measured(const Calibration& found, const std::vector<Doubt>& do
 
 std::vector<std::string> warnings(const Calibration& found, const Diagnosis& diagnosis,
                                   const Measurements& measurements, const std::string& ambiguity) {
-  std::vector<std::string> result;
-  const bool open =
-      found.fit.identification.termination == Termination::rank_deficient || !found.uncertainty.fixed_by_gauge.empty();
-  for (const std::vector<std::string>& group : found.uncertainty.identifiability.tied) {
-    if (!open || found.fit.minimum_norm) {  // priors told them apart, or all are named below
-      break;
-    }
-    result.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
-                                       : "the measurements cannot tell apart: " + comma_separated(group));
-  }
-  if (found.fit.minimum_norm) {
-    result.push_back("what the measurements cannot tell apart (" + some_of(found.uncertainty.fixed_by_gauge) +
-                     ") was shared out so that the errors are smallest; predictions hold, single parameters do not");
-  } else if (!found.uncertainty.fixed_by_gauge.empty()) {
-    result.push_back("fixed by gauge: " + comma_separated(found.uncertainty.fixed_by_gauge) +
-                     " (errors at zero, frames as registered); predictions hold where it was measured, single "
-                     "parameters do not");
-  }
+  std::vector<std::string> result = said_of_gauge(found);
   for (const QualityFinding& finding : diagnosis.findings) {
     result.push_back("measurements: " + finding.message);
   }
@@ -362,14 +382,8 @@ std::vector<std::string> warnings(const Calibration& found, const Diagnosis& dia
   if (found.noise.lack_of_fit && found.noise.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");
   }
-  constexpr double kWorse = 1.0 / 0.98;  // as the choice among effects demands
-  if (const BeforeAfter* held_out = found.accuracy.held_out(); held_out != nullptr && held_out->rigid &&
-                                                               held_out->rigid->count > 0 &&
-                                                               held_out->after.rms > kWorse * held_out->rigid->rms) {
-    result.push_back("the effects make predictions worse: configurations left out of the fit are missed by " +
-                     in_millimetres(held_out->after.rms) + " with the effects and by " +
-                     in_millimetres(held_out->rigid->rms) +
-                     " by the geometry alone; leave the effects out, or let --effects auto choose those that help");
+  if (has_harmful_effects(found)) {
+    result.push_back(said_of_harmful_effects(*found.accuracy.held_out()));
   }
   if (diagnosis.doubts.empty() && is_worse_elsewhere(found)) {
     result.push_back(

@@ -15,9 +15,9 @@ constexpr double kMisfitCertain = 1e-3;
 /// Whether the noise is known before the fit: stated for all rows or for some.
 bool noise_is_stated(const Measurements& measurements, const NoiseModel& stated);
 
-/// [m] 1 sigma of a coordinate by the residuals of the problem's fit without priors, the drift and the misfit of the
+/// [m] 1 sigma of a coordinate by the residuals of the fit without priors, the drift and the misfit of the
 /// model included. Priors and residuals must be on one scale where nothing states the noise.
-double sigma_of_residuals(const FitProblem& problem);
+double sigma_of_residuals(const FitProblem& fit);
 
 struct NoiseAssessment {
   NoiseReport report;

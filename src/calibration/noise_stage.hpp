@@ -39,7 +39,7 @@ FitOptions absolute_weights(const FitProblem& problem, const NoiseBeforehand& no
 
 /// Weights until the parts are estimated, where the mean of a point's repeats is off by `sigma` [m]: that, or the
 /// stated noise, and a misfit beside it where it is to be estimated and the rest is clearly larger.
-NoiseModel noise_of_means(const Measurements& measurements, const NoiseBeforehand& noise, double sigma);
+NoiseModel noise_of_means(const Measurements& measurements, const NoiseBeforehand& beforehand, double sigma);
 
 /// 1 sigma of a printed value and the degrees of freedom that it rests on.
 struct ValueUncertainty {
