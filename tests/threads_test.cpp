@@ -215,7 +215,7 @@ std::vector<Asked> other_methods() {
       {"ResidualNoise::total", [&] { return noise_from_residuals(s.summary, 30, 1.0).total(); }},
       {"NoiseReport::freedom_of_covariance", [&] { return s.calibration.noise.freedom_of_covariance(); }},
       {"Calibration::trusted", [&] { return s.calibration.trusted() ? 1.0 : 0.0; }},
-      {"Calibration::held_out", [&] { return s.calibration.accuracy.held_out()->after.rms; }},
+      {"Accuracy::held_out", [&] { return s.calibration.accuracy.held_out()->after.rms; }},
       {"SizeEstimator::is_determined", [&] { return s.sizes.is_determined() ? 1.0 : 0.0; }},
       {"SizeEstimator::estimate", [&] { return s.sizes.estimate({}, {}, 1e-9).values.sum(); }},
       {"TruthComparison::comparable", [&] { return s.comparison.comparable() ? 1.0 : 0.0; }},
@@ -286,7 +286,7 @@ std::vector<Asked> functions_of_assessment() {
       {"check_measurements",
        [&] { return static_cast<double>(check_measurements(s.model, s.data, s.estimate).size()); }},
       {"try_conventions", [&] { return try_conventions(s.model, s.data, s.free, {.threads = 2}).front().rms; }},
-      {"suspicions",
+      {"alternative_readings",
        [&] {
          return static_cast<double>(alternative_readings(s.model, s.data, s.estimate, s.free, {.threads = 2}).size());
        }},

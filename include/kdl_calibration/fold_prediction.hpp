@@ -30,9 +30,9 @@ std::vector<double> distances_of(const FoldPrediction& prediction);
 /// What folds are predicted by: a fit at its optimum. Keeps references.
 struct FoldTask {
   const FitProblem& problem;  ///< whose start is the optimum
-  const Eigen::MatrixXd&
-      sqrt_information;  ///< R of the whitened Jacobian there, priors included, as WhitenedSummary::sqrt_information
-  double noise;          ///< [m] 1 sigma of a coordinate
+  /// R of the whitened Jacobian there, priors included, as WhitenedSummary::sqrt_information.
+  const Eigen::MatrixXd& sqrt_information;
+  double noise;  ///< [m] 1 sigma of a coordinate
 };
 
 /// Predicts each fold from the rest without a fit of its own: at the optimum the gradient without a fold is that of the

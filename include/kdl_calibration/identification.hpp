@@ -62,10 +62,10 @@ struct JointOptions {
 Identification identify_jointly(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                 const Unknowns& free, const JointOptions& options = {});
 
-/// How much a residual counts that is large beside the others. With r the whitened 3D residual of a point's
-/// position over its scale, the weight is 1 (none), min(1, 2.5/r) (Huber 1964) or
-/// (1 - (r/7)^2)^2 below r = 7 and 0 beyond (Beaton and Tukey 1974). The constants leave more than 95 % of the
-/// information of clean normal data in three dimensions.
+/// How much a residual counts that is large beside the others. With r the whitened 3D residual of a point's position
+/// over its scale, the weight is 1 (none), min(1, 2.5/r) (Huber 1964) or (1 - (r/7)^2)^2 below r = 7 and 0 beyond
+/// (Beaton and Tukey 1974). The constants leave more than 95 % of the information of clean normal data in three
+/// dimensions.
 enum class Loss { none, huber, tukey };
 
 /// How a fit is done wherever it is repeated.

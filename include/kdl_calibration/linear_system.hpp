@@ -34,9 +34,9 @@ struct WhitenedSystem {
 /// What the uncertainty needs of a whitened system, of a size that the data do not change. With J_c and e_c the rows of
 /// configuration c and s(.) the sum over its points (three rows):
 struct WhitenedSummary {
-  Eigen::MatrixXd
-      sqrt_information;   ///< R of the Jacobian, the priors' rows included; the Jacobian where that has few rows
-  Eigen::Index rows = 0;  ///< of the Jacobian, the priors' rows included
+  /// R of the Jacobian, the priors' rows included; the Jacobian where that has few rows.
+  Eigen::MatrixXd sqrt_information;
+  Eigen::Index rows = 0;           ///< of the Jacobian, the priors' rows included
   Eigen::Index measured_rows = 0;  ///< without the priors' rows
   Eigen::VectorXd priors;          ///< information that they add to each column
   Eigen::MatrixXd sums;            ///< sum s(J_c)^T s(J_c)

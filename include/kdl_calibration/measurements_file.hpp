@@ -17,7 +17,7 @@ namespace kdl_calibration {
 /// within one line; decimal commas where no commas separate. Lines that start with # and lines without any value are
 /// skipped. Units stand in the header, in [] or (), or in a row of their own below it: rad, deg, °, degrees, m, mm.
 /// Columns and joints are found in upper and lower case where one name alone fits; name and point are read as target,
-/// pose and config as configuration. `remark` says what differs so from a file of measurements_csv.
+/// pose and config as configuration. `remark` says how the file differs from one of measurements_csv.
 ///
 /// Orientations of targets, R = Rz(yaw) Ry(pitch) Rx(roll), come in one of five forms: qw, qx, qy, qz (normalised);
 /// rx, ry, rz (angle times axis); roll, pitch, yaw; A, B, C (KUKA: yaw, pitch, roll) and W, P, R (FANUC: roll, pitch,
@@ -28,8 +28,8 @@ namespace kdl_calibration {
 /// Throws InputError naming file, line, column, value and rule: an unreadable file, text that is not UTF-8, a missing,
 /// unknown or repeated column, an unknown unit, a ragged row, a value that is no finite number or beyond 1e12, decimal
 /// points beside decimal commas, a sigma below 1e-15 m, a quaternion whose norm is off 1 by more than 1e-3, angles
-/// without a unit beyond a turn, two forms of orientation or part of one, two rows for the
-/// same configuration, repeat and target, joint values or a split that differ within one configuration, no row at all.
+/// without a unit beyond a turn, two forms of orientation or part of one, two rows for the same configuration, repeat
+/// and target, joint values or a split that differ within one configuration, no row at all.
 Measurements read_measurements(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                const JointConvention* convention = nullptr);
 Measurements parse_measurements(std::string_view csv, const std::vector<std::string>& urdf_joints,

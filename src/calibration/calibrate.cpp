@@ -88,10 +88,9 @@ FitProblem weighed_for_selection(FitProblem problem, const CalibrationOptions& o
   if (weighs_orientations(problem.measurements, options)) {
     residuals.orientation_length = orientation_length_of_residuals(problem);
   }
-  if (options.estimator.method == Method::joint) {
-    if (selection.priors.length > 0.0 || selection.priors.angle > 0.0 || is_open(selection)) {
-      problem.options = absolute_weights(problem, noise_beforehand(options));
-    }
+  const bool selects = selection.priors.length > 0.0 || selection.priors.angle > 0.0 || is_open(selection);
+  if (options.estimator.method == Method::joint && selects) {
+    problem.options = absolute_weights(problem, noise_beforehand(options));
   }
   residuals.priors = selection.priors;
   return problem;
@@ -226,7 +225,7 @@ NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const 
 }
 
 // The base, targets and errors with their uncertainty, and how well points are predicted.
-Uncertainty uncertainty(const WeighedFit& fitted, const Assessment& assessed, const std::vector<HeldOutPoint>& held_out,
+Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const std::vector<HeldOutPoint>& held_out,
                         double optimism, const Configurations& asked) {
   const FitProblem& problem = fitted.problem;
   const DeterminedFit& fit = fitted.fit;
@@ -244,11 +243,11 @@ Uncertainty uncertainty(const WeighedFit& fitted, const Assessment& assessed, co
                                            .tied = assessed.identifiability.tied,
                                            .covariance = assessed.covariance,
                                            .noise = assessed.noise});
-  result.identifiability = assessed.identifiability;
-  result.fixed_by_gauge = assessed.fixed_by_gauge;
+  result.identifiability = std::move(assessed.identifiability);
+  result.fixed_by_gauge = std::move(assessed.fixed_by_gauge);
   result.observability = assessed.observability;
-  result.covariance = assessed.covariance;
-  result.influence = assessed.influence;
+  result.covariance = std::move(assessed.covariance);
+  result.influence = std::move(assessed.influence);
   return result;
 }
 
@@ -284,15 +283,15 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   Calibration result{.model = with_effects(robot.model, selection.terms), .selection = selection};
   const FitProblem selected = selected_problem(rigid, result.model, selection, noise);
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
-  const Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
+  Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
   fitted.fit.identification = with_open_directions(fitted.fit.identification, assessed, options.parameters.model);
 
   fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
   Validation validated = validate(validation_task(fitted, assessed, measurements, choice, options));
   GrossRows gross = gross_rows(fitted, options);
   result.noise = noise_report(assessed.noise, fitted.problem, options);
-  result.uncertainty =
-      uncertainty(fitted, assessed, validated.accuracy.held_out_points, selection.optimism, options.predict_at);
+  result.uncertainty = uncertainty(fitted, std::move(assessed), validated.accuracy.held_out_points, selection.optimism,
+                                   options.predict_at);
   result.difference_to_kdl =
       difference_to_kdl(model, fitted.fit.identification.estimate.errors, measurements.joint_values);
   result.fit = with_weights_of_all(std::move(fitted.fit), rows);

@@ -125,7 +125,7 @@ Unknowns parameters_of(const FitProblem& problem, const std::vector<std::string>
       .with(problem.model, UnknownGroup::effects, problem.free.effects());
 }
 
-DeterminedFit whole_fit(FittedInGauge found, Reduction reduction, Unknowns candidates) {
+DeterminedFit assembled(FittedInGauge found, Reduction reduction, Unknowns candidates) {
   return {.identification = std::move(found.fitted.identification),
           .robust = std::move(found.fitted.robust),
           .reduction = std::move(reduction),
@@ -157,7 +157,7 @@ DeterminedFit go_on_in_complete_set(const FitProblem& complete, const FitRules& 
       select_parameters(complete.model, wide.estimate.targets, rules.parameters, {.errors = wide.estimate.errors});
   FitProblem from_there = with_free(complete, parameters_of(complete, choice.free));
   from_there.start = wide.estimate;
-  DeterminedFit result = whole_fit(identify_in_gauge(from_there, rules.estimator, Steps::plain),
+  DeterminedFit result = assembled(identify_in_gauge(from_there, rules.estimator, Steps::plain),
                                    std::move(choice.reduction), from_there.free);
   const Identification narrow = std::exchange(result.identification, wide);
   if (arrived(narrow) && narrow.rms <= std::max(wide.rms, kEqualMisfits)) {
@@ -191,7 +191,7 @@ DeterminedFit take_the_long_way(const FitProblem& problem, const FitProblem& com
                                 const DeterminedFit& first) {
   DeterminedFit result = better_of(first, go_on_in_complete_set(complete, rules));
   if (!arrived(result.identification)) {
-    result = better_of(std::move(result), whole_fit(identify_in_gauge(problem, rules.estimator, Steps::any),
+    result = better_of(std::move(result), assembled(identify_in_gauge(problem, rules.estimator, Steps::any),
                                                     first.reduction, first.candidates));
   }
   return result;
@@ -207,7 +207,7 @@ DeterminedFit fix_parameters_below_noise(const FitProblem& problem, const FitRul
     return fit;
   }
   DeterminedFit result =
-      whole_fit(identify_in_gauge(seen, rules.estimator, Steps::any), std::move(choice.reduction), seen.free);
+      assembled(identify_in_gauge(seen, rules.estimator, Steps::any), std::move(choice.reduction), seen.free);
   if (!arrived(result.identification) || result.identification.rms > kCost * fit.identification.rms) {
     return fit;
   }
@@ -224,7 +224,7 @@ DeterminedFit fit_determined_parameters(const FitProblem& problem, const Paramet
   // What the user fixed must not come back under other names, and a limit that the user set is one.
   const bool as_asked = parameters.fix.empty() && estimator.iterations == 0;
   const bool may_go_on = chosen && problem.options.loss == Loss::none && as_asked;
-  DeterminedFit result = whole_fit(identify_in_gauge(problem, estimator, may_go_on ? Steps::plain : Steps::any),
+  DeterminedFit result = assembled(identify_in_gauge(problem, estimator, may_go_on ? Steps::plain : Steps::any),
                                    choice.reduction, problem.free);
   if (may_go_on) {
     const FitProblem complete = with_free(problem, parameters_of(problem, choice.complete));

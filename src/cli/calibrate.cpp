@@ -228,13 +228,12 @@ void say_what_is_doubted(const CalibrateArguments& arguments, const Calibration&
 
 std::string page_of(const std::string& result, const Robot& robot, const Measurements& measurements,
                     const CalibrationOptions& options) {
-  return calibration_page(
-      {.result = result,
-       .source = "the result",
-       .robot = &robot,
-       .measurements = &measurements,
-       .known = {.known_base = options.parameters.known_base, .known_targets = options.parameters.known_targets},
-       .plan_command = plan_command(json_of(result, "the result"))});
+  return calibration_page({.result = result,
+                           .source = "the result",
+                           .robot = &robot,
+                           .measurements = &measurements,
+                           .known = known_frames(options.parameters),
+                           .plan_command = plan_command(json_of(result, "the result"))});
 }
 
 // The result as JSON, with the outcome of every --require added, and the list of those that failed.

@@ -222,8 +222,6 @@ private:
     if (!score.determined) {
       return ripple;
     }
-    const std::function<void()> after_search =
-        place_ == Place::outermost ? counted_fits(task_.progress, "looking for ripple", 1) : nullptr;
     const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
     const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
     const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
@@ -235,10 +233,8 @@ private:
                     .information = std::move(known.matrix),
                     .columns = std::move(known.columns),
                     .values = score.sizes.values};
-    ripple.terms = allowed(find_ripple(std::move(data), threads_));
-    if (after_search) {
-      after_search();
-    }
+    ripple.terms = with_progress(place_ == Place::outermost ? task_.progress : nullptr, "looking for ripple",
+                                 [&] { return allowed(find_ripple(std::move(data), threads_)); });
     return ripple;
   }
 

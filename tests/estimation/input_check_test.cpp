@@ -172,7 +172,7 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
       {"result_table", [&](const Measurements& d) { result_table(d, calibration); }},
       {"check_residuals", [&](const Measurements& d) { check_residuals(m.model, d, estimate); }},
       {"try_conventions", [&](const Measurements& d) { try_conventions(m.model, d, m.free); }},
-      {"suspicions", [&](const Measurements& d) { alternative_readings(m.model, d, estimate, m.free); }},
+      {"alternative_readings", [&](const Measurements& d) { alternative_readings(m.model, d, estimate, m.free); }},
       {"explained_by_joints", [&](const Measurements& d) { explained_by_joints(m.model, estimate, d); }},
   });
 }

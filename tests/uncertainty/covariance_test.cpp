@@ -19,6 +19,7 @@
 #include "kdl_calibration/simulation.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
+#include "uncertainty/published_arm.hpp"
 #include "uncertainty/unit_columns.hpp"
 #include "virtual_experiment.hpp"
 
@@ -30,6 +31,8 @@ using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using testing::column_errors;
+using testing::published;
 using testing::refusal;
 using testing::VirtualExperiment;
 using testing::without_sigmas;
@@ -322,28 +325,6 @@ TEST(Covariance, RadiusHoldsItsShareOfDrawnErrors) {
 }
 // ---- Monte Carlo ----------------------------------------------------------------------------------------------------
 
-/// With errors of the irreducible model.
-VirtualExperiment published(const Random& random = Random(1)) {
-  return VirtualExperiment({.ranges = published_ranges, .random = random});
-}
-
-/// Difference of an estimate from the truth in the coordinates of the columns: base, geometric, targets.
-Eigen::VectorXd column_errors(const VirtualExperiment& experiment, const Estimate& estimate, const Estimate& truth) {
-  Eigen::VectorXd d(33);
-  const Eigen::Isometry3d off = truth.X_WB.inverse() * estimate.X_WB;
-  const Eigen::AngleAxisd turn(off.linear());
-  d.head<3>() = off.translation();
-  d.segment<3>(3) = turn.angle() * turn.axis();
-  for (std::size_t i = 0; i < experiment.free.geometric().size(); ++i) {
-    const auto p = static_cast<Eigen::Index>(experiment.free.geometric()[i]);
-    d[6 + static_cast<Eigen::Index>(i)] = estimate.errors[p] - truth.errors[p];
-  }
-  for (int k = 0; k < 3; ++k) {
-    const auto target = static_cast<std::size_t>(k);
-    d.segment<3>(24 + 3 * k) = estimate.targets[target].X_FT.translation() - truth.targets[target].X_FT.translation();
-  }
-  return d;
-}
 struct CovarianceTrials {
   Eigen::VectorXd std_ratio;  // observed over predicted, per column
   double mean_nees = 0.0;

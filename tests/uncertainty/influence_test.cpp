@@ -13,6 +13,7 @@
 #include "kdl_calibration/joint_ranges.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
+#include "uncertainty/published_arm.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::influence_test {
@@ -21,32 +22,11 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+using testing::column_errors;
+using testing::published;
 using testing::refusal;
 using testing::VirtualExperiment;
 using testing::without_sigmas;
-
-/// With errors of the irreducible model.
-VirtualExperiment published(const Random& random = Random(1)) {
-  return VirtualExperiment({.ranges = published_ranges, .random = random});
-}
-
-/// Difference of an estimate from the truth in the coordinates of the columns: base, geometric, targets.
-Eigen::VectorXd column_errors(const VirtualExperiment& experiment, const Estimate& estimate, const Estimate& truth) {
-  Eigen::VectorXd d(33);
-  const Eigen::Isometry3d off = truth.X_WB.inverse() * estimate.X_WB;
-  const Eigen::AngleAxisd turn(off.linear());
-  d.head<3>() = off.translation();
-  d.segment<3>(3) = turn.angle() * turn.axis();
-  for (std::size_t i = 0; i < experiment.free.geometric().size(); ++i) {
-    const auto p = static_cast<Eigen::Index>(experiment.free.geometric()[i]);
-    d[6 + static_cast<Eigen::Index>(i)] = estimate.errors[p] - truth.errors[p];
-  }
-  for (int k = 0; k < 3; ++k) {
-    const auto target = static_cast<std::size_t>(k);
-    d.segment<3>(24 + 3 * k) = estimate.targets[target].X_FT.translation() - truth.targets[target].X_FT.translation();
-  }
-  return d;
-}
 
 // Exact refit of the rows that `keep` leaves, Cook's distance as defined.
 double cook_by_refit(const VirtualExperiment& experiment, const Measurements& measured, const Identification& full,
