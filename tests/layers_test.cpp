@@ -165,6 +165,45 @@ TEST(Layers, CallNothingThatThreadsShare) {
   EXPECT_THAT(shared_state({good}), ::testing::IsEmpty());
 }
 
+/// Types of one name that two files define outside unnamed namespaces: no linker tells them apart.
+std::vector<std::string> types_defined_twice(const std::vector<SourceFile>& files) {
+  const std::regex open(R"(namespace (.*)\{)");
+  const std::regex definition(R"((?:struct|class|enum class) (\w+)( : .*)? \{.*)");
+  std::map<std::string, std::string> places;
+  std::vector<std::string> twice;
+  for (const SourceFile& file : files) {
+    std::vector<std::string> namespaces;
+    std::istringstream lines(file.text);
+    for (std::string line; std::getline(lines, line);) {
+      std::smatch match;
+      if (std::regex_match(line, match, open)) {
+        namespaces.push_back(match[1].length() == 0 ? file.path : match[1].str());
+      } else if (line.starts_with("}  // namespace")) {
+        namespaces.pop_back();
+      } else if (std::regex_match(line, match, definition)) {
+        const std::string scope = namespaces.empty() ? "" : namespaces.back();
+        const auto [place, is_new] = places.emplace(scope + match[1].str(), file.path);
+        if (!is_new) {
+          twice.push_back(match[1].str() + " in " + place->second + " and " + file.path);
+        }
+      }
+    }
+  }
+  return twice;
+}
+
+TEST(Layers, DefineEachTypeOnce) {
+  EXPECT_THAT(types_defined_twice(project_files()), ::testing::IsEmpty());
+  const SourceFile one{
+      .path = "a.hpp", .wing = "base", .text = "namespace k {\nstruct A {\n};\nstruct B;\n}  // namespace k\n"};
+  const SourceFile two{
+      .path = "b.hpp", .wing = "base", .text = "namespace k {\nclass A : X {\n};\nclass B {\n};\n}  // namespace k\n"};
+  const SourceFile own{.path = "c.cpp",
+                       .wing = "base",
+                       .text = "namespace k {\nnamespace {\nstruct A {\n};\n}  // namespace\n}  // namespace k\n"};
+  EXPECT_THAT(types_defined_twice({one, two, own}), ::testing::ElementsAre("A in a.hpp and b.hpp"));
+}
+
 TEST(Layers, NoticesWhatIsForbidden) {
   const auto one = [](const std::string& path, const std::string& wing, const std::string& include) {
     return SourceFile{.path = path, .wing = wing, .text = "// first line\n#include \"" + include + "\"\n"};

@@ -118,7 +118,8 @@ bool is_as_stated(const ModelSelection& selection, const Priors& stated) {
   return selection.terms.empty() && selection.priors.length == stated.length && selection.priors.angle == stated.angle;
 }
 
-SelectionTask selection_task(const FitProblem& rigid, const DeterminedFit& fit, const CalibrationOptions& options) {
+ModelSelectionTask selection_task(const FitProblem& rigid, const DeterminedFit& fit,
+                                  const CalibrationOptions& options) {
   return {.model = rigid.model,
           .measurements = rigid.measurements,
           .optimum = fit.identification.estimate,
@@ -192,7 +193,7 @@ WeighedFit fit_selected(const FitProblem& problem, const DeterminedFit& rigid_fi
 
 // What is validated. The folds of a plain fit can be predicted from its linear system.
 ValidationTask validation_task(const WeighedFit& fitted, const Assessment& assessed, const Measurements& measurements,
-                               const SelectionTask& choice, const CalibrationOptions& options) {
+                               const ModelSelectionTask& choice, const CalibrationOptions& options) {
   const bool linear = is_plain(options.estimator) && arrived(fitted.fit.identification);
   return {.problem = fitted.problem,
           .measurements = measurements,
@@ -275,7 +276,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   const FitProblem rigid = weighed_for_selection(stated, options);
   const DeterminedFit rigid_fit =
       fit_determined_parameters(rigid, robot.parameters, {options.estimator, options.parameters});
-  const SelectionTask choice = selection_task(rigid, rigid_fit, options);
+  const ModelSelectionTask choice = selection_task(rigid, rigid_fit, options);
   const ModelSelection selection =
       select_model(choice, rigid_fit.identification, rigid_fit.free == rigid_fit.candidates, options.estimator.method);
 

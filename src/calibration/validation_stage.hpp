@@ -13,11 +13,11 @@ struct ValidationTask {
   const FitProblem& problem;         ///< of the training rows; starts at the nominal robot, weighed as at the fit's end
   const Measurements& measurements;  ///< all rows
   const DeterminedFit& fit;
-  const FitOptions& rigid_options;  ///< of a fit without effects
-  const Eigen::MatrixXd* root;      ///< R of the whitened system at the fit; nullptr where folds must be fitted again
-  double noise;                     ///< [m] of a coordinate
-  double variance;                  ///< of unit weight, by which the covariances of R are multiplied
-  const SelectionTask& choice;      ///< that the nested leave-one-out repeats
+  const FitOptions& rigid_options;   ///< of a fit without effects
+  const Eigen::MatrixXd* root;       ///< R of the whitened system at the fit; nullptr where folds must be fitted again
+  double noise;                      ///< [m] of a coordinate
+  double variance;                   ///< of unit weight, by which the covariances of R are multiplied
+  const ModelSelectionTask& choice;  ///< that the nested leave-one-out repeats
   const ValidationOptions& options;
 };
 

@@ -107,7 +107,7 @@ class ModelSelector {
 public:
   // Inside another choice nobody is told what is being tried.
   enum class Place { outermost, inside };
-  ModelSelector(const SelectionTask& task, const Measurements& means, int threads, Place place)
+  ModelSelector(const ModelSelectionTask& task, const Measurements& means, int threads, Place place)
       : task_(task),
         means_(means),
         threads_(threads),
@@ -427,25 +427,26 @@ private:
     }
   }
 
-  const SelectionTask& task_;
+  const ModelSelectionTask& task_;
   const Measurements& means_;
   int threads_;
   Place place_;
   ModelScorer scorer_;
 };
 
-Measurements means_of(const SelectionTask& task) {
+Measurements means_of(const ModelSelectionTask& task) {
   return averaged(training_sample(task.measurements, kMostConfigurations));
 }
 
 }  // namespace
 
-ModelSelection select_effects(const SelectionTask& task) {
+ModelSelection select_effects(const ModelSelectionTask& task) {
   const Measurements means = means_of(task);
   return ModelSelector(task, means, task.threads, ModelSelector::Place::outermost).choose().choice;
 }
 
-ModelSelection select_model(const SelectionTask& task, const Identification& rigid, bool determined, Method method) {
+ModelSelection select_model(const ModelSelectionTask& task, const Identification& rigid, bool determined,
+                            Method method) {
   constexpr double kNothingToLearn = 1e-10;  // [m] misfits below that differ by rounding alone
   ModelSelection as_stated{.priors = task.options.priors, .rigid_priors = task.options.priors};
   if (!is_open(task.options) || method != Method::joint || !(rigid.rms > kNothingToLearn)) {
@@ -462,7 +463,7 @@ ModelSelection select_model(const SelectionTask& task, const Identification& rig
   return as_stated;
 }
 
-std::vector<double> nested_distances(const SelectionTask& task, const std::function<void()>& after_fold) {
+std::vector<double> nested_distances(const ModelSelectionTask& task, const std::function<void()>& after_fold) {
   const Measurements means = means_of(task);
   const std::vector<std::vector<Index>> folds = make_folds(means, 0);
   std::vector<std::vector<double>> distances(folds.size());

@@ -21,13 +21,14 @@ namespace kdl_calibration {
 /// is likelier and predicts better, or as well with fewer terms. Finally the ripple search runs again with the
 /// selected model. Throws InputError where effects are asked for by name and the measurements are too
 /// few for them.
-ModelSelection select_effects(const SelectionTask& task);
+ModelSelection select_effects(const ModelSelectionTask& task);
 
 /// The same where there is something to select, and where `rigid`, the fit of the geometry alone, allows it. It must
 /// have arrived and be `determined`, all geometric errors estimated: priors would hide that some are open.
-ModelSelection select_model(const SelectionTask& task, const Identification& rigid, bool determined, Method method);
+ModelSelection select_model(const ModelSelectionTask& task, const Identification& rigid, bool determined,
+                            Method method);
 
 /// [m] of each left-out point from its prediction, where the choice is made anew without its configuration.
-std::vector<double> nested_distances(const SelectionTask& task, const std::function<void()>& after_fold);
+std::vector<double> nested_distances(const ModelSelectionTask& task, const std::function<void()>& after_fold);
 
 }  // namespace kdl_calibration

@@ -97,7 +97,7 @@ bool helps(const ModelScore& with, const ModelScore& without) {
   return is_clearly_better(with, without) && with.motion <= kLargestMotion && certainty_of_gain(with, without) > 1.0;
 }
 
-ModelScorer::ModelScorer(const SelectionTask& task, const Measurements& means, int threads, bool reports_progress)
+ModelScorer::ModelScorer(const ModelSelectionTask& task, const Measurements& means, int threads, bool reports_progress)
     : task_(task), means_(means), threads_(threads), reports_progress_(reports_progress) {
   const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
   folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);

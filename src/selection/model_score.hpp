@@ -16,7 +16,7 @@
 namespace kdl_calibration {
 
 /// What a choice of priors and effects is made from. Keeps references.
-struct SelectionTask {
+struct ModelSelectionTask {
   const ErrorModel& model;  ///< rigid
   const Measurements& measurements;
   const Estimate& optimum;  ///< of the rigid model: everything is linearised there
@@ -74,7 +74,7 @@ struct CandidateModel {
 class ModelScorer {
 public:
   /// Keeps references. Where `reports_progress`, the options' progress says what is tried.
-  ModelScorer(const SelectionTask& task, const Measurements& means, int threads, bool reports_progress);
+  ModelScorer(const ModelSelectionTask& task, const Measurements& means, int threads, bool reports_progress);
 
   /// Folds are predicted only where the evidence is at least `wanted`.
   ModelScore score_of(const CandidateModel& model, TriedModels& tried,
@@ -91,7 +91,7 @@ private:
   void predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, ModelScore& score,
                      const std::function<void()>& after_fold) const;
 
-  const SelectionTask& task_;
+  const ModelSelectionTask& task_;
   const Measurements& means_;
   int threads_;
   bool reports_progress_;
