@@ -1,6 +1,6 @@
 #include "kdl_calibration/descent.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -8,104 +8,13 @@
 #include <string>
 #include <utility>
 
+#include "estimation/scaled_solver.hpp"
+
 namespace kdl_calibration {
 namespace {
 
 using Eigen::Index;
-using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-// Steps of H x = g, solved with the columns scaled to unit norm.
-class Solver {
-public:
-  // With what keeps a singular H from being one.
-  void solve(const NormalEquations& equations) {
-    diagonal_ = equations.hessian.diagonal();
-    solve(equations.hessian, equations.gradient, kSmallestDamping);
-  }
-
-  // Of (H + diag(weights)) x = gradient.
-  void solve(const NormalEquations& equations, const VectorXd& weights, const VectorXd& gradient) {
-    diagonal_ = equations.hessian.diagonal() + weights;
-    solve(equations.hessian, gradient, kSmallestDamping);
-  }
-
-  const VectorXd& step() const { return step_; }
-  // Of the scaled matrix: near zero means rank deficient.
-  double smallest_pivot() const { return smallest_pivot_; }
-
-private:
-  void solve(const MatrixXd& hessian, const VectorXd& gradient, double damping) {
-    const Index n = gradient.size();
-    scale_ = diagonal_.unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
-    scaled_.resize(n, n);
-    const auto scale_lower = [&] {
-      for (Index c = 0; c < n; ++c) {
-        scaled_.col(c).tail(n - c) = scale_[c] * scale_.tail(n - c).cwiseProduct(hessian.col(c).tail(n - c));
-        scaled_(c, c) = 1.0 + damping;
-      }
-    };
-    scale_lower();
-    step_ = scale_.cwiseProduct(gradient);
-    // Without pivoting the pivots are the squared distances of the columns from the span of those before them: only
-    // where one of them is small is there a reason to pivot.
-    factorise();
-    if (smallest_pivot_ > kPivotInDoubt) {
-      scaled_.triangularView<Eigen::Lower>().solveInPlace(step_);
-      scaled_.triangularView<Eigen::Lower>().adjoint().solveInPlace(step_);
-    } else {
-      scale_lower();
-      const Eigen::LDLT<MatrixXd> pivoted(scaled_);
-      step_ = pivoted.solve(step_);
-      smallest_pivot_ = pivoted.vectorD().minCoeff();
-    }
-    step_.array() *= scale_.array();
-  }
-
-  // scaled_ = L L^T in place; no smallest pivot where one is in doubt.
-  void factorise() {
-    constexpr Index kLarge = 128;  // for Eigen's blocks
-    if (scaled_.cols() < kLarge) {
-      factorise_small();
-      return;
-    }
-    const Eigen::LLT<Eigen::Ref<MatrixXd>> root(scaled_);
-    const double pivot = root.matrixLLT().diagonal().cwiseAbs2().minCoeff();
-    smallest_pivot_ = root.info() == Eigen::Success && pivot > kPivotInDoubt ? std::min(pivot, 1.0) : 0.0;
-  }
-
-  // Four columns at a time; stops at a pivot in doubt.
-  void factorise_small() {
-    const Index n = scaled_.cols();
-    smallest_pivot_ = 1.0;
-    for (Index first = 0; first < n; first += 4) {
-      const Index end = std::min(first + 4, n);
-      for (Index j = first; j < end; ++j) {
-        for (Index k = first; k < j; ++k) {
-          scaled_.col(j).tail(n - j) -= scaled_(j, k) * scaled_.col(k).tail(n - j);
-        }
-        smallest_pivot_ = std::min(smallest_pivot_, scaled_(j, j));
-        if (!(smallest_pivot_ > kPivotInDoubt)) {
-          smallest_pivot_ = 0.0;
-          return;
-        }
-        scaled_.col(j).tail(n - j) /= std::sqrt(scaled_(j, j));
-      }
-      for (Index c = end; c < n; ++c) {  // only reached behind four full columns
-        const auto part = [&](Index k) { return scaled_(c, first + k) * scaled_.col(first + k).tail(n - c); };
-        scaled_.col(c).tail(n - c) -= (part(0) + part(1)) + (part(2) + part(3));
-      }
-    }
-  }
-
-  static constexpr double kPivotInDoubt = 1e-9;
-  static constexpr double kSmallestDamping = 1e-12;
-  VectorXd diagonal_;
-  VectorXd scale_;
-  VectorXd step_;
-  MatrixXd scaled_;
-  double smallest_pivot_ = 0.0;
-};
 
 // [m] of all links, one behind the other.
 double stretched(const ErrorModel& model) {
@@ -193,14 +102,17 @@ Expectation expectation(const ErrorModel& model, const Unknowns& unknowns, const
   return result;
 }
 
-// Gauss-Newton steps, plain ones while the reduction of the cost is as predicted. Where one does not, the errors have a
-// prior: with H, g of the data, s^2 the mean square of the whitened residuals, x the errors and D what is usual of
-// them,
-//   (H + s^2 (w + d) D) step = g - s^2 w D x,
-// with the prior weight w and the damping d.
-// With w = 1 and d = 0 this is the most probable robot if the residuals were noise: what the misfit leaves open
-// stays near nominal, whatever it is measured in, and becomes free as the misfit falls. Towards the end w goes to
-// zero, so that the optimum is that of the data alone. Damping about the present estimate is a trust region.
+// How a step is found. H and g are those of the data, s^2 the mean square of the whitened residuals, x the distance of
+// the unknowns from what is expected of them, and D the information of that expectation.
+enum class Phase {
+  gauss_newton,  // H step = g
+  with_prior,    // (H + s^2 w D) step = g - s^2 w D x, with the prior weight w
+  damped         // (H + s^2 (w + d) D) step = g - s^2 w D x, with the damping d: a trust region
+};
+
+// Gauss-Newton steps while the cost falls as predicted. Where it does not, the errors have a prior. With w = 1 its
+// optimum is the most probable robot if the residuals were noise: what the misfit leaves open stays near nominal. The
+// prior weight then goes to zero, so that the optimum is that of the data alone. Steps that fail are damped.
 class Descent {
 public:
   Descent(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options, Steps steps)
@@ -211,7 +123,7 @@ public:
         tolerance_(options.step_tolerance * size_of(model_)),
         rounding_(kRoundingOfPoints * size_of(model_)),
         expected_(expectation(model_, problem.unknowns(), start)),
-        plain_(steps != Steps::prior) {
+        phase_(steps == Steps::prior ? Phase::with_prior : Phase::gauss_newton) {
     result_.estimate = start;
     result_.rms_history.reserve(static_cast<std::size_t>(std::max(options.max_iterations, 0)));
     finish(Termination::iteration_limit,
@@ -243,10 +155,10 @@ public:
   }
 
 private:
-  static constexpr double kKept = 0.5;             // least gain ratio of a plain step
+  static constexpr double kKept = 0.5;             // least gain ratio of a Gauss-Newton step
   static constexpr double kLeastReduction = 0.02;  // share of the cost below which the prior stands in the way
-  static constexpr double kPlain = 1e-6;           // prior weight below which it matters no more
-  static constexpr double kFarthest = 50.0;        // plain step, in usual errors
+  static constexpr double kNegligible = 1e-6;      // prior weight below which it matters no more
+  static constexpr double kFarthest = 50.0;        // Gauss-Newton step, in usual errors
   static constexpr double kStandstill = 1e15;
   static constexpr double kRoundingOfPoints = 2e-14;  // [m] twice that of predicted points some metres away
   static constexpr double kSettled = 1e-4;            // share of the cost that is not worth a step with a prior
@@ -254,7 +166,7 @@ private:
   static constexpr double kFirstDamping = 1e-3;
   static constexpr double kLeastGain = 0.1;
   static constexpr double kGoodGain = 0.7;
-  static constexpr int kRefusals = 3;  // of plain steps, before they are left for the end
+  static constexpr int kRefusals = 3;  // of Gauss-Newton steps, before they are left for the end
 
   // Whether what lies above the goal did not halve; never below the goal, nor without one, as it is infinite then.
   bool is_in_vain() {
@@ -277,64 +189,77 @@ private:
       finish(Termination::diverged, "the misfit is no longer finite");
       return false;
     }
-    if (steps_ == Steps::prior && damping_ == 0.0 &&
+    if (steps_ == Steps::prior && phase_ == Phase::with_prior &&
         (effect_ <= tolerance_ || predicted_reduction_ < kSettled * equations_.cost)) {
       smallest_pivot_ = solver_.smallest_pivot();
       finish(Termination::converged, "the errors that are usual of an arm explain no more");
       return false;
     }
-    problem_.unknowns().move(result_.estimate, solver_.step(), moved_);
-    if (plain_ && effect_ <= tolerance_) {  // the last look: no step follows
-      smallest_pivot_ = solver_.smallest_pivot();
-      // So small a step changes the cost by less than its rounding, so the predicted reduction decides.
-      if (const double cost = problem_.cost(moved_, workspace_); cost <= equations_.cost + rounding_of_cost()) {
-        equations_.cost = cost;
-        std::swap(result_.estimate, moved_);
-      }
-      finish(Termination::converged, "the last step moved the predicted points by less than the tolerance");
+    problem_.unknowns().move(result_.estimate, solver_.solution(), moved_);
+    if (phase_ == Phase::gauss_newton && effect_ <= tolerance_) {
+      take_last_step();
       return false;
     }
     problem_.linearise(moved_, workspace_, moved_equations_);
     const double gain = (equations_.cost - moved_equations_.cost) / predicted_reduction_;
-    return plain_ ? assess_plain_step(gain) : assess_step(gain);
+    return phase_ == Phase::gauss_newton ? assess_gauss_newton(gain) : assess_with_prior(gain);
   }
 
+  // Without a look at its equations, as no step follows.
+  void take_last_step() {
+    smallest_pivot_ = solver_.smallest_pivot();
+    // So small a step changes the cost by less than its rounding, so the predicted reduction decides.
+    if (const double cost = problem_.cost(moved_, workspace_); cost <= equations_.cost + rounding_of_cost()) {
+      equations_.cost = cost;
+      std::swap(result_.estimate, moved_);
+    }
+    finish(Termination::converged, "the last step moved the predicted points by less than the tolerance");
+  }
+
+  // Finds a step. Leaves the prior where its steps are too small to be worth it.
   void propose() {
-    plain_ = plain_ || (damping_ == 0.0 && prior_weight_ < kPlain);
-    while (!plain_) {
+    while (phase_ != Phase::gauss_newton) {
       const double s2 = equations_.cost / static_cast<double>(problem_.equations());
-      weights_ = s2 * (prior_weight_ + damping_) * expected_.information;
+      added_ = s2 * (prior_weight_ + damping_) * expected_.information;
       gradient_ = equations_.gradient - s2 * prior_weight_ * expected_.information.cwiseProduct(expected_.distance);
-      solver_.solve(equations_, weights_, gradient_);
+      solver_.solve(equations_.hessian, added_, gradient_);
       measure_step();
       if (steps_ == Steps::prior) {
         return;
       }
-      if (effect_ <= tolerance_) {  // what holds it back may be all that is left
-        plain_ = true;
-        break;
-      }
-      if (damping_ > 0.0 || predicted_reduction_ >= kLeastReduction * equations_.cost) {
+      if (effect_ <= tolerance_) {  // the prior may be all that holds the step back
+        enter(Phase::gauss_newton);
+      } else if (phase_ == Phase::damped || predicted_reduction_ >= kLeastReduction * equations_.cost) {
         return;
+      } else {
+        weaken_prior();
       }
-      prior_weight_ *= 0.1;
-      plain_ = prior_weight_ < kPlain;
     }
-    solver_.solve(equations_);
+    solver_.solve(equations_.hessian, {}, equations_.gradient);
     measure_step();
+  }
+
+  void enter(Phase phase, double damping = 0.0) {
+    phase_ = phase;
+    damping_ = damping;
+  }
+
+  void weaken_prior() {
+    prior_weight_ *= 0.1;
+    enter(prior_weight_ < kNegligible ? Phase::gauss_newton : Phase::with_prior);
   }
 
   // The reduction of the cost that the step predicts, and how far it moves the points.
   void measure_step() {
-    const VectorXd& step = solver_.step();
+    const VectorXd& step = solver_.solution();
     curvature_.noalias() = equations_.hessian * step;
     const double squares = std::max(step.dot(curvature_), 0.0);
     predicted_reduction_ = 2.0 * step.dot(equations_.gradient) - squares;
     effect_ = std::sqrt(squares / problem_.total_weight());
   }
 
-  bool assess_plain_step(double gain) {
-    const double farthest = solver_.step().cwiseAbs2().cwiseProduct(expected_.information).maxCoeff();
+  bool assess_gauss_newton(double gain) {
+    const double farthest = solver_.solution().cwiseAbs2().cwiseProduct(expected_.information).maxCoeff();
     const bool better = moved_equations_.cost < equations_.cost && gain > kKept;
     if (better && farthest < kFarthest * kFarthest) {
       smallest_pivot_ = solver_.smallest_pivot();
@@ -358,15 +283,19 @@ private:
       finish(Termination::stalled, "a step did not reduce the misfit as it should");
       return false;
     }
-    plain_ = false;
     ++refused_;
-    damping_ = prior_weight_ < kPlain ? kFirstDamping : 0.0;
+    if (prior_weight_ < kNegligible) {
+      enter(Phase::damped, kFirstDamping);
+    } else {
+      enter(Phase::with_prior);
+    }
     return true;
   }
 
-  bool assess_step(double gain) {
+  // Of a step with a prior, damped or not.
+  bool assess_with_prior(double gain) {
     if (!(moved_equations_.cost < equations_.cost && gain > kLeastGain)) {
-      damping_ = std::max(10.0 * damping_, prior_weight_);
+      enter(Phase::damped, std::max(10.0 * damping_, prior_weight_));
       if (damping_ > kStandstill) {
         finish(Termination::stalled, "no step reduces the misfit any more");
         return false;
@@ -380,18 +309,24 @@ private:
       finish(Termination::converged, "the errors that are usual of an arm explain no more");
       return false;
     }
-    if (gain > kGoodGain) {
-      damping_ = damping_ > kFirstDamping * prior_weight_ ? 0.1 * damping_ : 0.0;
-      if (steps_ == Steps::any && damping_ == 0.0) {
-        prior_weight_ *= 0.1;
-        plain_ = much && refused_ < kRefusals;
+    if (gain <= kGoodGain) {
+      return true;
+    }
+    if (damping_ > kFirstDamping * prior_weight_) {
+      damping_ *= 0.1;
+    } else if (steps_ == Steps::prior) {
+      enter(Phase::with_prior);
+    } else {
+      weaken_prior();
+      if (much && refused_ < kRefusals) {
+        enter(Phase::gauss_newton);
       }
     }
     return true;
   }
 
   void accept() {
-    expected_.distance += solver_.step();
+    expected_.distance += solver_.solution();
     std::swap(result_.estimate, moved_);
     std::swap(equations_, moved_equations_);
   }
@@ -412,14 +347,14 @@ private:
   const double tolerance_;
   const double rounding_;
   Expectation expected_;
-  bool plain_;
+  Phase phase_;
   Identification result_;
   LeastSquaresProblem::Workspace workspace_;
   NormalEquations equations_;
   NormalEquations moved_equations_;
   Estimate moved_;
-  Solver solver_;
-  VectorXd weights_;
+  ScaledSolver solver_;
+  VectorXd added_;
   VectorXd gradient_;
   VectorXd curvature_;
   double effect_ = 0.0;

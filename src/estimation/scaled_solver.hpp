@@ -1,0 +1,99 @@
+#pragma once
+
+// Normal equations of columns in different units. Not installed.
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+namespace kdl_calibration {
+
+/// Solves (H + diag(added)) x = g, with H symmetric and positive semi-definite, in columns scaled to unit norm. Keeps
+/// its memory from one call to the next.
+class ScaledSolver {
+public:
+  /// `added` may be empty. Of `H` the lower triangle is read. A damping of 1e-12 of each column keeps a singular H
+  /// soluble.
+  void solve(const Eigen::MatrixXd& H, const Eigen::VectorXd& added, const Eigen::VectorXd& g) {
+    scale_ = H.diagonal();
+    if (added.size() > 0) {
+      scale_ += added;
+    }
+    scale_ = scale_.unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
+    scale_lower(H);
+    solution_ = scale_.cwiseProduct(g);
+    // Without pivoting each pivot is the squared distance of a column from the span of those before it. Pivoting is
+    // needed only where one is small.
+    factorise();
+    if (smallest_pivot_ > kPivotInDoubt) {
+      scaled_.triangularView<Eigen::Lower>().solveInPlace(solution_);
+      scaled_.triangularView<Eigen::Lower>().adjoint().solveInPlace(solution_);
+    } else {
+      scale_lower(H);
+      const Eigen::LDLT<Eigen::MatrixXd> pivoted(scaled_);
+      solution_ = pivoted.solve(solution_);
+      smallest_pivot_ = pivoted.vectorD().minCoeff();
+    }
+    solution_.array() *= scale_.array();
+  }
+
+  const Eigen::VectorXd& solution() const { return solution_; }
+  /// Of the scaled matrix: near zero where H is rank deficient.
+  double smallest_pivot() const { return smallest_pivot_; }
+
+private:
+  static constexpr double kPivotInDoubt = 1e-9;
+  static constexpr double kSmallestDamping = 1e-12;
+
+  void scale_lower(const Eigen::MatrixXd& H) {
+    const Eigen::Index n = scale_.size();
+    scaled_.resize(n, n);
+    for (Eigen::Index c = 0; c < n; ++c) {
+      scaled_.col(c).tail(n - c) = scale_[c] * scale_.tail(n - c).cwiseProduct(H.col(c).tail(n - c));
+      scaled_(c, c) = 1.0 + kSmallestDamping;
+    }
+  }
+
+  // scaled_ = L L^T in place; smallest_pivot_ is zero where a pivot is in doubt.
+  void factorise() {
+    constexpr Eigen::Index kLarge = 128;  // for Eigen's blocks
+    if (scaled_.cols() < kLarge) {
+      factorise_small();
+      return;
+    }
+    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> root(scaled_);
+    const double pivot = root.matrixLLT().diagonal().cwiseAbs2().minCoeff();
+    smallest_pivot_ = root.info() == Eigen::Success && pivot > kPivotInDoubt ? std::min(pivot, 1.0) : 0.0;
+  }
+
+  // Four columns at a time; stops at a pivot in doubt.
+  void factorise_small() {
+    const Eigen::Index n = scaled_.cols();
+    smallest_pivot_ = 1.0;
+    for (Eigen::Index first = 0; first < n; first += 4) {
+      const Eigen::Index end = std::min(first + 4, n);
+      for (Eigen::Index j = first; j < end; ++j) {
+        for (Eigen::Index k = first; k < j; ++k) {
+          scaled_.col(j).tail(n - j) -= scaled_(j, k) * scaled_.col(k).tail(n - j);
+        }
+        smallest_pivot_ = std::min(smallest_pivot_, scaled_(j, j));
+        if (!(smallest_pivot_ > kPivotInDoubt)) {
+          smallest_pivot_ = 0.0;
+          return;
+        }
+        scaled_.col(j).tail(n - j) /= std::sqrt(scaled_(j, j));
+      }
+      for (Eigen::Index c = end; c < n; ++c) {  // only reached behind four full columns
+        const auto part = [&](Eigen::Index k) { return scaled_(c, first + k) * scaled_.col(first + k).tail(n - c); };
+        scaled_.col(c).tail(n - c) -= (part(0) + part(1)) + (part(2) + part(3));
+      }
+    }
+  }
+
+  Eigen::VectorXd scale_;
+  Eigen::VectorXd solution_;
+  Eigen::MatrixXd scaled_;
+  double smallest_pivot_ = 0.0;
+};
+
+}  // namespace kdl_calibration
