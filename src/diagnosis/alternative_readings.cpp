@@ -1,6 +1,6 @@
 #include "kdl_calibration/alternative_readings.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -10,10 +10,12 @@
 #include "base/distributions.hpp"
 #include "base/number_range.hpp"
 #include "base/number_text.hpp"
+#include "diagnosis/common_scale.hpp"
 #include "diagnosis/gain_trial.hpp"
 #include "diagnosis/order_check.hpp"
 #include "diagnosis/orientation_trial.hpp"
 #include "diagnosis/point_trial.hpp"
+#include "diagnosis/repeated_configurations.hpp"
 #include "diagnosis/trial_fit.hpp"
 #include "diagnosis/trial_sample.hpp"
 #include "kdl_calibration/convention_trial.hpp"
@@ -21,15 +23,12 @@
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/lack_of_fit.hpp"
 #include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/same_poses.hpp"
 
 namespace kdl_calibration {
 namespace {
 
 using Eigen::Index;
-using Eigen::MatrixXd;
 using Eigen::Vector3d;
-using Eigen::VectorXd;
 
 constexpr std::size_t kMostSampled = 300;
 constexpr std::size_t kMostPoses = 75;  // which are four points each
@@ -45,105 +44,6 @@ std::string in_mm(double metres) {
   const double value = metres * 1e3;
   const int decimals = value >= 99.95 ? 0 : value >= 0.995 ? 1 : 3;
   return fixed(value, decimals) + " mm";
-}
-
-// Pairs of configurations with the same joint values, one behind the other; where one is for tests it is the second.
-std::vector<std::pair<Index, Index>> twins_of(const Measurements& measurements) {
-  const std::vector<Index> first = first_at_same_pose(measurements.joint_values);
-  std::vector<bool> test(first.size(), false);
-  for (const Observation& observation : measurements.observations) {
-    test[static_cast<std::size_t>(observation.configuration)] = observation.split == Split::test;
-  }
-  std::vector<std::pair<Index, Index>> twins;
-  std::vector<Index> last = first;  // so far, of those that the first one stands for
-  for (std::size_t c = 0; c < first.size(); ++c) {
-    const auto own = static_cast<Index>(c);
-    if (first[c] == own) {
-      continue;
-    }
-    Index& before = last[static_cast<std::size_t>(first[c])];
-    const bool exchanged = test[static_cast<std::size_t>(before)] && !test[c];
-    twins.emplace_back(exchanged ? own : before, exchanged ? before : own);
-    before = own;
-  }
-  return twins;
-}
-
-// A factor on all lengths, as the fitted ones show it.
-struct CommonScale {
-  double factor = 1.0;
-  double chance = 1.0;  // of errors that agree as well
-};
-
-// Sums over all points: of the columns of what is free (k) and of every error of the model (c), and of the points z.
-struct ScaleSums {
-  MatrixXd kk;
-  MatrixXd kc;
-  VectorXd kz;
-};
-
-ScaleSums scale_sums(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
-                     const Unknowns& free) {
-  const Unknowns complete = Unknowns(model, fit.targets, {}).with_all(model, UnknownGroup::geometric);
-  const PositionPredictor of_free(model, fit, free);
-  const PositionPredictor of_all(model, fit, complete);
-  std::vector<std::vector<Matrix3Xd>> k;
-  std::vector<std::vector<Matrix3Xd>> c;
-  for (Index i = 0; i < measurements.joint_values.cols(); ++i) {
-    k.push_back(of_free.jacobians(measurements, i));
-    c.push_back(of_all.jacobians(measurements, i));
-  }
-  const Index columns = k.front().front().cols();
-  ScaleSums sums{.kk = MatrixXd::Zero(columns, columns),
-                 .kc = MatrixXd::Zero(columns, static_cast<Index>(model.parameters.size())),
-                 .kz = VectorXd::Zero(columns)};
-  for (const Observation& observation : measurements.observations) {
-    const auto i = static_cast<std::size_t>(observation.configuration);
-    const auto t = static_cast<std::size_t>(observation.target);
-    sums.kk += k[i][t].transpose() * k[i][t];
-    sums.kc += k[i][t].transpose() * c[i][t];
-    sums.kz += k[i][t].transpose() * observation.position;
-  }
-  return sums;
-}
-
-// Tests whether one scale f explains all fitted errors e. Scaled points give e = (f - 1) / f x, where x is the
-// least-squares solution of J x = points. e is regressed on x by generalised least squares. The covariance of e
-// combines usual errors of the complete model (M) and noise. Their common size is unknown, so the test is an F test.
-CommonScale common_scale(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
-                         const Unknowns& free) {
-  constexpr Index kFewest = 6;  // errors
-  constexpr Index kBase = 6;    // columns
-  const bool base_free = free.range(UnknownGroup::base).count == kBase;
-  const auto [first, count] = free.range(UnknownGroup::geometric);
-  if (!base_free || count < kFewest || measurements.observations.empty()) {
-    return {};
-  }
-  const ScaleSums sums = scale_sums(model, measurements, fit, free);
-  const Eigen::LDLT<MatrixXd> decomposed(sums.kk);
-  const VectorXd x = decomposed.solve(sums.kz).segment(first, count);
-  MatrixXd M = decomposed.solve(sums.kc).middleRows(first, count);
-  VectorXd e(count);
-  for (Index i = 0; i < count; ++i) {
-    e[i] = fit.errors[static_cast<Index>(free.geometric()[static_cast<std::size_t>(i)])];
-  }
-  for (Index p = 0; p < M.cols(); ++p) {
-    M.col(p) *= usual_error(model, model.parameters[static_cast<std::size_t>(p)]);
-  }
-  const double variance = std::pow(rms_of(model, measurements, fit), 2) / 3.0;
-  const MatrixXd of_fit = decomposed.solve(MatrixXd::Identity(sums.kk.rows(), sums.kk.cols()));
-  const Eigen::LDLT<MatrixXd> C(M * M.transpose() + variance * of_fit.block(first, first, count, count));
-  const VectorXd Cx = C.solve(x);
-  const double ee = e.dot(C.solve(e));
-  const double share = Cx.dot(e) / Cx.dot(x);
-  const double left = std::max(ee - share * Cx.dot(e), 1e-12 * ee);
-  CommonScale result;
-  if (std::isfinite(share) && left > 0.0) {
-    const auto freedom = static_cast<double>(count - 1);
-    result.factor = 1.0 / (1.0 - share);
-    result.chance = f_upper_tail((ee - left) / left * freedom, 1.0, freedom);
-  }
-  return result;
 }
 
 // Whether there is a misfit that something else could explain.
@@ -193,7 +93,8 @@ public:
     }
     try_lengths();
     try_joint_functions();
-    note_copies();
+    const std::vector<AlternativeReading> repeated = repeated_configurations(measurements_);
+    readings_.insert(readings_.end(), repeated.begin(), repeated.end());
     return std::move(readings_);
   }
 
@@ -376,7 +277,7 @@ private:
   // Length errors that are the same share of their links, as the fit would find them behind a wrong unit.
   void try_lengths() {
     const CommonScale common = common_scale(model_, sample_.measurements, fit_, sample_.free);
-    if (!readings_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.chance > kFalseAlarmRate) {
+    if (!readings_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.p_value > kFalseAlarmRate) {
       return;
     }
     const std::string units = units_of_factor(common.factor);
@@ -395,63 +296,15 @@ private:
     }
     const std::vector<double> shares = explained_by_joints(model_, fit_, sample_.measurements);
     for (std::size_t j = 0; j < shares.size(); ++j) {
-      const double chance = f_upper_tail(shares[j] / 6.0 / std::max(1.0 - shares[j], 1e-12) * rest, 6.0, rest);
-      if (shares[j] > 0.5 && chance < 1e-3) {
+      const double p_value = f_upper_tail(shares[j] / 6.0 / std::max(1.0 - shares[j], 1e-12) * rest, 6.0, rest);
+      if (shares[j] > 0.5 && p_value < 1e-3) {
         readings_.push_back({.cause = Cause::joint_function,
                              .message = "a function of " + model_.joints[j].name + " alone explains " +
                                         significant(100.0 * shares[j], 2) +
-                                        " % of the residuals' squares (p = " + significant(chance, 1) + ")",
+                                        " % of the residuals' squares (p = " + significant(p_value, 1) + ")",
                              .doubt = false});
       }
     }
-  }
-
-  // Configurations that are the same one, and test rows that are train rows.
-  void note_copies() {
-    const std::vector<std::pair<Index, Index>> twins = twins_of(measurements_);
-    if (twins.empty()) {
-      return;
-    }
-    const auto label = [&](Index c) { return measurements_.configurations[static_cast<std::size_t>(c)]; };
-    const std::string more = twins.size() > 1 ? " (and " + std::to_string(twins.size() - 1) + " more)" : std::string();
-    const bool tested = is_tested(twins.front().second);
-    readings_.push_back({.cause = Cause::same_configuration,
-                         .message = tested ? "test configuration " + label(twins.front().second) +
-                                                 " is at the pose of train configuration " +
-                                                 label(twins.front().first) + more + ": it tests no new pose"
-                                           : "configurations " + label(twins.front().first) + " and " +
-                                                 label(twins.front().second) + more +
-                                                 " are at the same pose: they are left out together",
-                         .doubt = false});
-    constexpr std::size_t kLookedAt = 20;
-    const auto end = twins.begin() + static_cast<std::ptrdiff_t>(std::min(twins.size(), kLookedAt));
-    const auto copied = std::find_if(twins.begin(), end, [&](const auto& twin) { return is_copy(twin); });
-    if (copied != end) {
-      readings_.push_back({.cause = Cause::copied_rows,
-                           .message = "test configuration " + label(copied->second) +
-                                      " has the very points of train configuration " + label(copied->first) +
-                                      ": copied rows test nothing",
-                           .doubt = false});
-    }
-  }
-
-  bool is_tested(Index configuration) const {
-    const auto& rows = measurements_.observations;
-    return std::any_of(rows.begin(), rows.end(), [&](const Observation& o) {
-      return o.split == Split::test && o.configuration == configuration;
-    });
-  }
-
-  // Whether of twins one is for training, the other, told last, for tests and a point of both is the same.
-  bool is_copy(const std::pair<Index, Index>& twin) const {
-    const auto& rows = measurements_.observations;
-    return std::any_of(rows.begin(), rows.end(), [&](const Observation& test) {
-      return test.split == Split::test && test.configuration == twin.second &&
-             std::any_of(rows.begin(), rows.end(), [&](const Observation& train) {
-               return train.split == Split::train && train.configuration == twin.first && train.target == test.target &&
-                      train.position == test.position;
-             });
-    });
   }
 
   const ErrorModel& model_;
@@ -508,7 +361,7 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
 namespace {
 
 // All parameters that the reduced model keeps, except known frames.
-Unknowns all_that_is_told(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+Unknowns unknowns_of_reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
                           const RegistrationOptions& known) {
   ReductionOptions options;
   const auto hold = [&](const std::vector<std::string>& names) {
@@ -532,7 +385,7 @@ std::vector<AlternativeReading> alternative_readings_of_nominal(const ErrorModel
                                                                 const Estimate& registered, ReadingOptions options) {
   constexpr double kBeyondErrors = 0.01;  // of the arm
   const TrainingRows training(measurements);
-  const Unknowns all = all_that_is_told(model, registered.targets, options.registration);
+  const Unknowns all = unknowns_of_reduced_model(model, registered.targets, options.registration);
   if (trial_sample(model, *training, all, kMostSampled).freedom < 1.0) {
     options.least_misfit = kBeyondErrors * arm_length(model);
     return alternative_readings(model, measurements, registered, all.without(UnknownGroup::geometric), options);
