@@ -95,7 +95,7 @@ struct NoiseReport {
   double target_misfit = 0.0;       ///< [m] of a target in a configuration, in every repeat
   std::optional<NoiseParts> parts;  ///< where they were estimated
   /// Of each of these: d(covariance of the columns) / d(variance); empty where it is not estimated.
-  std::vector<Eigen::MatrixXd> slopes;
+  std::vector<Eigen::MatrixXd> covariance_derivatives;
   double degrees_of_freedom = 0.0;
   /// Square of residuals over stated noise where the fit is worse than that, else 1; without `parts` the covariance and
   /// the variance of a new point are multiplied by it.

@@ -210,11 +210,10 @@ GrossRows gross_rows(const WeighedFit& fitted, const CalibrationOptions& options
   if (!is_plain(options.estimator) || fitted.fit.identification.termination == Termination::diverged) {
     return {};
   }
-  constexpr std::size_t kMostFits = 21;
   FitProblem problem = fitted.problem;
   problem.start = fitted.fit.identification.estimate;
   problem.free = fitted.fit.free;
-  problem.options.after_fit = counted_fits(options.progress, "looking for gross rows", kMostFits);
+  problem.options.after_fit = counted_fits(options.progress, "looking for gross rows", kMostGrossGroups + 1);
   return find_gross_rows_beside_effects(problem);
 }
 

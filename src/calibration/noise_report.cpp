@@ -153,7 +153,8 @@ NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, 
     report_parts(*estimated.parts, noise);
     const Eigen::MatrixXd promised = covariance(fitted.system.sqrt_information, 1.0);
     for (const Eigen::MatrixXd& sensitivity : estimated.parts->sensitivity) {
-      noise.slopes.push_back(sensitivity.size() > 0 ? sandwich(promised, sensitivity) : Eigen::MatrixXd());
+      noise.covariance_derivatives.push_back(sensitivity.size() > 0 ? sandwich(promised, sensitivity)
+                                                                    : Eigen::MatrixXd());
     }
     const Eigen::MatrixXd& scatter = estimated.parts->scatter;
     return {.report = std::move(noise), .covariance = scatter.size() > 0 ? sandwich(promised, scatter) : promised};

@@ -230,7 +230,7 @@ std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unkn
       const VectorXd row = printed.row(c).transpose();
       NoiseParts::Variances gradient = NoiseParts::Variances::Zero();
       for (Index k = 0; k < NoiseParts::kCount; ++k) {
-        const MatrixXd& slope = noise.slopes[static_cast<std::size_t>(k)];
+        const MatrixXd& slope = noise.covariance_derivatives[static_cast<std::size_t>(k)];
         gradient[k] = slope.size() > 0 ? row.dot(slope * row) : 0.0;
       }
       value.degrees_of_freedom = noise.parts->freedom(variance, gradient);

@@ -37,7 +37,7 @@ public:
 
   // Of every target [m^2] in W, where `signals` (of one column) are known.
   std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const {
-    std::vector<Eigen::Matrix3d> result = besides(q, signals);
+    std::vector<Eigen::Matrix3d> result = unmodelled_covariances(q, signals);
     const std::vector<Matrix3Xd> jacobians = free_.jacobians(q, signals);
     for (std::size_t k = 0; k < result.size(); ++k) {
       if (result[k].allFinite()) {
@@ -68,7 +68,7 @@ public:
     }
     for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
       Eigen::Index k = 0;
-      for (const Eigen::Matrix3d& covariance : besides(joint_values.col(c), column(signals, c))) {
+      for (const Eigen::Matrix3d& covariance : unmodelled_covariances(joint_values.col(c), column(signals, c))) {
         variances(k++, c) += covariance.trace();
       }
     }
@@ -121,7 +121,7 @@ private:
 
   // What the covariance of the free unknowns does not tell [m^2]: of every target by the effects that are left out,
   // infinite where what was fixed by the gauge matters.
-  std::vector<Eigen::Matrix3d> besides(const Eigen::VectorXd& q, const DriveSignals& signals) const {
+  std::vector<Eigen::Matrix3d> unmodelled_covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const {
     std::vector<Eigen::Matrix3d> result(estimate_.targets.size(), Eigen::Matrix3d::Zero());
     const Eigen::VectorXd variances = left_out(q, signals);
     if (!variances.isZero(0.0)) {

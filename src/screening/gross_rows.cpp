@@ -197,7 +197,7 @@ std::vector<GrossRow> described(const Search& search, const std::vector<GrossGro
 GrossRows find_gross_rows(const FitProblem& problem) {
   Search search = begin(problem);
   const std::size_t groups = search.of_configuration.size();
-  const std::size_t most = std::clamp<std::size_t>(groups / 10, 1, 20);
+  const std::size_t most = std::clamp<std::size_t>(groups / 10, 1, kMostGrossGroups);
   std::optional<Equations> equations = fitted(search);
   GrossRows found;
   if (!equations || !(equations->rms > kSmallMisfit)) {

@@ -319,12 +319,13 @@ TEST(NoiseReport, PartsAreReportedAsTheyWereEstimated) {
   EXPECT_NEAR(got.report.sigma, std::sqrt(1e-10 + 2e-10 + 4e-10 + 7e-10), 1e-15);
   EXPECT_EQ(got.report.degrees_of_freedom, 37.5);
   ASSERT_TRUE(got.report.parts.has_value());
-  ASSERT_EQ(got.report.slopes.size(), 9U);
+  ASSERT_EQ(got.report.covariance_derivatives.size(), 9U);
   for (std::size_t k = 0; k < 9; ++k) {
     if (k == 1 || k == 5) {
-      expect_close(got.report.slopes[k], promised * parts.sensitivity[k] * promised, "slope " + std::to_string(k));
+      expect_close(got.report.covariance_derivatives[k], promised * parts.sensitivity[k] * promised,
+                   "slope " + std::to_string(k));
     } else {
-      EXPECT_EQ(got.report.slopes[k].size(), 0) << k;
+      EXPECT_EQ(got.report.covariance_derivatives[k].size(), 0) << k;
     }
   }
   expect_close(got.covariance, promised, "by the weights");

@@ -128,12 +128,12 @@ TEST(Uncertainties, RestOnTheFreedomOfThePartsThatTheyDependOn) {
   NoiseParts parts;
   parts.covariance.diagonal().setLinSpaced(1.0, 2.0);
   noise.parts = parts;
-  noise.slopes.resize(NoiseParts::kCount);
+  noise.covariance_derivatives.resize(NoiseParts::kCount);
   Random random(8);
   for (const std::size_t k : {0U, 3U, 8U}) {
     const MatrixXd root =
         MatrixXd::NullaryExpr(printed.free.size(), printed.free.size(), [&] { return random.normal(); });
-    noise.slopes[k] = root * root.transpose();
+    noise.covariance_derivatives[k] = root * root.transpose();
   }
   MatrixXd covariance = printed.covariance;
   const Index unknown = *printed.free.column("A.z");
@@ -143,7 +143,7 @@ TEST(Uncertainties, RestOnTheFreedomOfThePartsThatTheyDependOn) {
     const VectorXd row = printed.turns.row(c);
     NoiseParts::Variances gradient = NoiseParts::Variances::Zero();
     for (const Index k : {0, 3, 8}) {
-      gradient[k] = row.dot(noise.slopes[static_cast<std::size_t>(k)] * row);
+      gradient[k] = row.dot(noise.covariance_derivatives[static_cast<std::size_t>(k)] * row);
     }
     const double variance = row.dot(printed.covariance * row);
     const double expected =
