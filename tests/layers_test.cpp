@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 
 /// From the ground up.
 const std::vector<std::string> kWings = {
-    "base",       "robot",     "measurements", "model",     "effects",     "estimation", "noise",    "uncertainty",
+    "base",       "robot",     "measurements", "model",     "effects",     "estimation", "two_step", "noise",    "uncertainty",
     "validation", "screening", "diagnosis",    "selection", "calibration", "results",    "planning", "cli"};
 
 /// Public headers without a source of their own.

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "kdl_calibration/kdl_calibration.hpp"
+#include "kdl_calibration/two_step.hpp"
 #include "mistakes_support.hpp"
 
 namespace kdl_calibration::threads_test {

@@ -1,13 +1,16 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <numeric>
 #include <optional>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/random.hpp"
 #include "kdl_calibration/reduction.hpp"
@@ -99,5 +102,33 @@ struct VirtualExperiment {
     return measure(q, noise, split);
   }
 };
+
+/// The published experiment: true errors of the irreducible model and its gauge, three tools.
+inline VirtualExperiment published_experiment(std::uint64_t seed = 1, const ErrorSizes& sizes = {}) {
+  static const ErrorModel model = complete_model(fanuc());
+  static const Reduction reduction = reduced_model(model, published_targets());
+  return VirtualExperiment({.with_errors = with_true_errors(model, reduction, false),
+                            .sizes = sizes,
+                            .ranges = published_ranges,
+                            .random = Random(seed)});
+}
+
+/// 3D RMS of what the estimate predicts against the truth at fresh configurations.
+inline double held_out_rms(VirtualExperiment& experiment, const Estimate& estimate, int count) {
+  const Eigen::MatrixXd q = experiment.configurations(count);
+  const VirtualRobot& robot = experiment.robot;
+  const FoldedChain truth = folded(robot.model, robot.truth.errors);
+  const FoldedChain found = folded(robot.model, estimate.errors);
+  double sum = 0.0;
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    const Eigen::Isometry3d X_true = robot.truth.X_WB * flange_pose(truth, q.col(c));
+    const Eigen::Isometry3d X_found = estimate.X_WB * flange_pose(found, q.col(c));
+    for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
+      sum += (X_true * robot.truth.targets[k].X_FT.translation() - X_found * estimate.targets[k].X_FT.translation())
+                 .squaredNorm();
+    }
+  }
+  return std::sqrt(sum / static_cast<double>(q.cols() * static_cast<Eigen::Index>(estimate.targets.size())));
+}
 
 }  // namespace kdl_calibration::testing

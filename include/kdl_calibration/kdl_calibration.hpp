@@ -63,6 +63,7 @@
 #include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
+#include "kdl_calibration/two_step.hpp"
 #include "kdl_calibration/two_step_trial.hpp"
 #include "kdl_calibration/unknowns.hpp"
 #include "kdl_calibration/urdf_export.hpp"

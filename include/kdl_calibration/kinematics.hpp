@@ -94,21 +94,4 @@ std::vector<Eigen::Isometry3d> flange_poses(const FoldedChain& chain, const Eige
 Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<ParameterTwist>& twists,
                                   const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian);
 
-/// The identification Jacobian by the published route: for every parameter the product of 4x4 matrices in which that
-/// parameter's own factor is replaced by its derivative. 3 x which, [m] per unit, of the point X_BF(q) t in the base
-/// frame.
-Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const Eigen::VectorXd& errors,
-                                                  const std::vector<std::size_t>& which, const Eigen::VectorXd& q,
-                                                  const Eigen::Vector3d& target);
-
-/// The manipulator Jacobian (6 x joints, twist of the tip in the base frame, linear first) by three routes.
-struct ManipulatorJacobians {
-  Matrix6Xd kdl;                ///< KDL::ChainJntToJacSolver
-  Matrix6Xd matrix_derivative;  ///< products of 4x4 matrices with one factor's derivative
-  Matrix6Xd cross_product;      ///< axis x lever arm
-  double largest_difference = 0.0;
-};
-ManipulatorJacobians manipulator_jacobians(const ErrorModel& model, const Eigen::VectorXd& errors,
-                                           const Eigen::VectorXd& q);
-
 }  // namespace kdl_calibration

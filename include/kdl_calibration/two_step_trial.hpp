@@ -7,6 +7,7 @@
 #include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
+#include "kdl_calibration/two_step.hpp"
 #include "kdl_calibration/validation.hpp"
 
 namespace kdl_calibration {

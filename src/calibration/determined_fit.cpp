@@ -8,6 +8,7 @@
 #include "kdl_calibration/descent.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/two_step.hpp"
 
 namespace kdl_calibration {
 namespace {

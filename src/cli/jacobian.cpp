@@ -11,6 +11,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/matrix_derivatives.hpp"
 #include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/saved_calibration.hpp"

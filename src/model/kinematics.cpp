@@ -3,12 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <kdl/chainjnttojacsolver.hpp>
 #include <utility>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/matrix_derivatives.hpp"
-#include "model/manipulator_jacobian.hpp"
 
 namespace kdl_calibration {
 
@@ -22,42 +19,6 @@ Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis) {
   const Eigen::Matrix3d k = skew(v);
   return Eigen::Matrix3d::Identity() + k + k * k / (1.0 + axis.z());
 }
-
-namespace {
-
-Matrix6Xd kdl_jacobian(const KDL::Chain& chain, const Eigen::VectorXd& q) {
-  KDL::JntArray joints(chain.getNrOfJoints());
-  joints.data = q;
-  KDL::Jacobian jacobian(chain.getNrOfJoints());
-  KDL::ChainJntToJacSolver(chain).JntToJac(joints, jacobian);
-  return jacobian.data;
-}
-
-Matrix6Xd matrix_derivative_jacobian(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::VectorXd& q) {
-  const std::vector<ChainFactor> factors = chain_factors(model);
-  const MatrixProduct product = matrix_product(factors, errors, q);
-  const Eigen::Matrix3d orientation_transposed = product.pose.topLeftCorner<3, 3>().transpose();
-  Matrix6Xd jacobian(6, q.size());
-  for (std::size_t i = 0; i < factors.size(); ++i) {
-    if (factors[i].source != ChainFactor::Source::joint) {
-      continue;
-    }
-    // dR R^T = [omega]x
-    const Eigen::Matrix4d& derivative = product.derivatives[i];
-    const Eigen::Matrix3d spin = derivative.topLeftCorner<3, 3>() * orientation_transposed;
-    auto column = jacobian.col(static_cast<Eigen::Index>(factors[i].index));
-    column << derivative.topRightCorner<3, 1>(), spin(2, 1), spin(0, 2), spin(1, 0);
-  }
-  return jacobian;
-}
-
-Matrix6Xd cross_product_jacobian(const FoldedChain& chain, const Eigen::VectorXd& q) {
-  Matrix6Xd jacobian(6, q.size());
-  manipulator_jacobian(chain, q, jacobian);
-  return jacobian;
-}
-
-}  // namespace
 
 Eigen::Matrix3d skew(const Eigen::Vector3d& v) {
   Eigen::Matrix3d result;
@@ -336,24 +297,6 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
   write_columns(-1, false);
   require_count("twists in frames of the chain", written, twists.size());
   return pose.pose();
-}
-
-Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const Eigen::VectorXd& errors,
-                                                  const std::vector<std::size_t>& which, const Eigen::VectorXd& q,
-                                                  const Eigen::Vector3d& target) {
-  const std::vector<ChainFactor> factors = chain_factors(model);
-  return point_columns(factors, matrix_product(factors, errors, q), which, target);
-}
-
-ManipulatorJacobians manipulator_jacobians(const ErrorModel& model, const Eigen::VectorXd& errors,
-                                           const Eigen::VectorXd& q) {
-  require_count("joint values", q.size(), model.joints.size());
-  ManipulatorJacobians result{.kdl = kdl_jacobian(error_chain(model, errors), q),
-                              .matrix_derivative = matrix_derivative_jacobian(model, errors, q),
-                              .cross_product = cross_product_jacobian(folded(model, errors), q)};
-  result.largest_difference = std::max((result.kdl - result.matrix_derivative).cwiseAbs().maxCoeff(),
-                                       (result.kdl - result.cross_product).cwiseAbs().maxCoeff());
-  return result;
 }
 
 }  // namespace kdl_calibration

@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "kdl_calibration/kdl_calibration.hpp"
+#include "kdl_calibration/matrix_derivatives.hpp"
+#include "kdl_calibration/two_step.hpp"
 #include "mistakes_support.hpp"
 #include "refusal.hpp"
 

@@ -20,6 +20,7 @@
 #include "kdl_calibration/noise_components.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/two_step.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 

@@ -20,38 +20,12 @@ namespace kdl_calibration::identification_test {
 namespace {
 
 using testing::fanuc;
+using testing::held_out_rms;
+using testing::published_experiment;
 using testing::VirtualExperiment;
 
-/// The published experiment: true errors of the irreducible model and its gauge, three tools.
-VirtualExperiment published(std::uint64_t seed = 1, const ErrorSizes& sizes = {}) {
-  static const ErrorModel model = complete_model(fanuc());
-  static const Reduction reduction = reduced_model(model, published_targets());
-  return VirtualExperiment({.with_errors = with_true_errors(model, reduction, false),
-                            .sizes = sizes,
-                            .ranges = published_ranges,
-                            .random = Random(seed)});
-}
-
-/// 3D RMS of what the estimate predicts against the truth at fresh configurations.
-double held_out_rms(VirtualExperiment& experiment, const Estimate& estimate, int count) {
-  const Eigen::MatrixXd q = experiment.configurations(count);
-  const VirtualRobot& robot = experiment.robot;
-  const FoldedChain truth = folded(robot.model, robot.truth.errors);
-  const FoldedChain found = folded(robot.model, estimate.errors);
-  double sum = 0.0;
-  for (Eigen::Index c = 0; c < q.cols(); ++c) {
-    const Eigen::Isometry3d X_true = robot.truth.X_WB * flange_pose(truth, q.col(c));
-    const Eigen::Isometry3d X_found = estimate.X_WB * flange_pose(found, q.col(c));
-    for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
-      sum += (X_true * robot.truth.targets[k].X_FT.translation() - X_found * estimate.targets[k].X_FT.translation())
-                 .squaredNorm();
-    }
-  }
-  return std::sqrt(sum / static_cast<double>(q.cols() * static_cast<Eigen::Index>(estimate.targets.size())));
-}
-
 TEST(Identification, RecoversThePublishedExperimentToRounding) {
-  VirtualExperiment experiment = published();
+  VirtualExperiment experiment = published_experiment();
   int most_iterations = 0;
   double worst = 0.0;
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
@@ -72,7 +46,7 @@ TEST(Identification, RecoversThePublishedExperimentToRounding) {
 
 TEST(Identification, AveragesNoiseAsTheoryPredicts) {
   // sigma sqrt(33 / 90) = 0.0182 mm is the floor; random configurations come to 0.0207 mm +- 4 %.
-  VirtualExperiment experiment = published();
+  VirtualExperiment experiment = published_experiment();
   double sum = 0.0;
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
     experiment.restart(Random(seed));
@@ -90,7 +64,7 @@ TEST(Identification, AveragesNoiseAsTheoryPredicts) {
 // The normal equations square the condition number, but their gradient comes from the residuals: each step refines what
 // the one before left, and the end is where an orthogonal factorisation of the stacked Jacobian would go no further.
 TEST(Identification, ReachesTheOptimumOfAnOrthogonalFactorisation) {
-  VirtualExperiment experiment = published(21, {.length = 0.001, .angle = 0.002});
+  VirtualExperiment experiment = published_experiment(21, {.length = 0.001, .angle = 0.002});
   for (const double range : {1.5, 0.2, 0.05}) {
     experiment.ranges.assign(experiment.model.joints.size(), {0.3 - range, 0.3 + range});
     experiment.restart(Random(21));
@@ -117,7 +91,7 @@ TEST(Identification, ReachesTheOptimumOfAnOrthogonalFactorisation) {
 }
 
 TEST(Identification, TheOrderOfTheRowsDoesNotMatter) {
-  VirtualExperiment experiment = published(17, {.length = 0.001, .angle = 0.001});
+  VirtualExperiment experiment = published_experiment(17, {.length = 0.001, .angle = 0.001});
   Measurements sorted = experiment.measure(40, {.sigma = 0.001, .repeats = 2});
   for (Observation& observation : sorted.observations) {
     observation.split = observation.configuration == 5 ? Split::test : Split::train;
@@ -143,7 +117,7 @@ TEST(Identification, TheOrderOfTheRowsDoesNotMatter) {
 }
 
 TEST(Identification, CorrelatedNoiseOfEveryKindIsThatOfTheWholeCovariance) {
-  VirtualExperiment experiment = published(20, {.length = 0.001, .angle = 0.001});
+  VirtualExperiment experiment = published_experiment(20, {.length = 0.001, .angle = 0.001});
   Measurements measured = experiment.measure(42, {.sigma = 0.0002, .repeats = 2});
   std::erase_if(measured.observations, [](const Observation& o) {
     return (o.configuration % 4 == 1 && o.repeat == 2) || (o.configuration % 5 == 2 && o.target == o.repeat);
@@ -181,7 +155,7 @@ TEST(Identification, CorrelatedNoiseOfEveryKindIsThatOfTheWholeCovariance) {
 }
 
 TEST(Identification, WhatManyCorrelatedPointsSayIsWhatTheirRowsSay) {
-  VirtualExperiment experiment = published(21, {.length = 0.001, .angle = 0.001});
+  VirtualExperiment experiment = published_experiment(21, {.length = 0.001, .angle = 0.001});
   const int count = static_cast<int>(LeastSquaresProblem::kManyConfigurations) + 13;
   Measurements measured = experiment.measure(count);
   std::erase_if(measured.observations, [](const Observation& o) { return o.configuration % 7 == 3 && o.target == 1; });
@@ -218,7 +192,7 @@ TEST(Identification, WhatManyCorrelatedPointsSayIsWhatTheirRowsSay) {
 }
 
 TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
-  VirtualExperiment experiment = published(17);
+  VirtualExperiment experiment = published_experiment(17);
   const Measurements all = experiment.measure(12, {.sigma = 0.001, .repeats = 2});
   const auto left_out = [](const Observation& o) { return o.configuration == 4 || o.configuration % 5 == o.target; };
   Measurements some = all;
@@ -254,7 +228,7 @@ TEST(Identification, RowsOfNoWeightAreAsGoodAsNotThere) {
 }
 
 TEST(Identification, RefusesNoiseThatIsNoCovariance) {
-  VirtualExperiment experiment = published(18);
+  VirtualExperiment experiment = published_experiment(18);
   const Measurements m = testing::without_sigmas(experiment.measure(30, {.sigma = 1e-4}));
   const auto equations = [&](const Eigen::Vector3d& independent, double common) {
     ResidualOptions options;
@@ -281,7 +255,7 @@ TEST(Identification, StatedSigmasAreTheCovarianceOfTheirPoints) {
 }
 
 TEST(Identification, ResidualAndGradientVanishAtTheTruth) {
-  VirtualExperiment experiment = published(12);
+  VirtualExperiment experiment = published_experiment(12);
   const Measurements measured = experiment.measure(10);
   const NormalEquations equations =
       LeastSquaresProblem(experiment.model, measured, experiment.free).linearise(experiment.robot.truth);
@@ -329,7 +303,7 @@ TEST(Identification, RepeatedOrientationsCountWithTheirMean) {
 }
 
 TEST(Identification, SaysWhenTheMeasurementsDoNotDetermineAllParameters) {
-  VirtualExperiment experiment = published(14, {.length = 0.001, .angle = 0.001});
+  VirtualExperiment experiment = published_experiment(14, {.length = 0.001, .angle = 0.001});
   Eigen::MatrixXd q = experiment.configurations(30);
   q.row(4).setZero();  // the fifth joint never moves
   const Measurements measured = experiment.measure(q, {.sigma = 0.00003});
@@ -340,7 +314,7 @@ TEST(Identification, SaysWhenTheMeasurementsDoNotDetermineAllParameters) {
 }
 
 TEST(Identification, RefusesFewerEquationsThanUnknowns) {
-  VirtualExperiment experiment = published(15);
+  VirtualExperiment experiment = published_experiment(15);
   const Measurements measured = experiment.measure(3);
   try {
     identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
@@ -352,7 +326,7 @@ TEST(Identification, RefusesFewerEquationsThanUnknowns) {
 }
 
 TEST(Identification, StopsAtTheIterationLimit) {
-  VirtualExperiment experiment = published(16);
+  VirtualExperiment experiment = published_experiment(16);
   const Measurements measured = experiment.measure(30);
   const Identification found = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
                                                 experiment.free, {.max_iterations = 2});
@@ -361,7 +335,7 @@ TEST(Identification, StopsAtTheIterationLimit) {
 }
 
 TEST(Identification, StrongPriorsKeepTheNominalGeometry) {
-  VirtualExperiment experiment = published(17, {.length = 0.001, .angle = 0.001});
+  VirtualExperiment experiment = published_experiment(17, {.length = 0.001, .angle = 0.001});
   const Measurements measured = experiment.measure(30, {.sigma = 0.00003});
   const Estimate start = nominal_start(experiment.model, measured);
   const Identification held = identify_jointly(experiment.model, measured, start, experiment.free,
@@ -371,75 +345,6 @@ TEST(Identification, StrongPriorsKeepTheNominalGeometry) {
                                                {.residuals = {.priors = {.length = 10.0, .angle = 10.0}}});
   const Identification none = identify_jointly(experiment.model, measured, start, experiment.free);
   EXPECT_LT((weak.estimate.errors - none.estimate.errors).norm(), 1e-7);
-}
-
-void expect_a_tenth_of_a_millimetre_of_two_steps(std::uint64_t seeds) {
-  VirtualExperiment experiment = published();
-  double log_factor = 0.0;
-  for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
-    experiment.restart(Random(seed));
-    const auto fresh = [&](int) { return experiment.measure(30); };
-    const Estimate start = nominal_start(experiment.model, fresh(0));
-    const Identification found =
-        identify_in_two_steps(experiment.model, fresh, start, experiment.free.geometric(), {.rounds = 40});
-    ASSERT_NE(found.termination, Termination::diverged) << seed << ": " << found.message;
-    ASSERT_LE(held_out_rms(experiment, found.estimate, 100), 1e-4) << seed;
-    log_factor += std::log(found.convergence_factor) / static_cast<double>(seeds);
-  }
-  const double factor = std::exp(log_factor);
-  testing::record("factor with fresh configurations", factor);
-  EXPECT_GT(factor, 0.5);
-  EXPECT_LT(factor, 0.75);
-}
-
-TEST(Identification, TwoStepsWithFreshConfigurationsReachATenthOfAMillimetre) {
-  expect_a_tenth_of_a_millimetre_of_two_steps(4);
-}
-
-TEST(IdentificationLongRun, TwoStepsWithFreshConfigurationsReachATenthOfAMillimetre) {
-  expect_a_tenth_of_a_millimetre_of_two_steps(20);
-}
-
-TEST(Identification, TwoStepsWithRecordedConfigurationsConvergeMoreSlowlyToTheTruth) {
-  VirtualExperiment experiment = published(3);
-  const Measurements recorded = experiment.measure(30);
-  const Estimate start = nominal_start(experiment.model, recorded);
-  const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return Measurements(recorded); },
-                                                        start, experiment.free.geometric(), {.rounds = 600});
-  testing::record("factor with recorded configurations", two_step.convergence_factor);
-  EXPECT_EQ(two_step.termination, Termination::converged) << two_step.message;
-  EXPECT_GT(two_step.convergence_factor, 0.65);
-  EXPECT_LT(two_step.convergence_factor, 1.0);
-  EXPECT_LT(held_out_rms(experiment, two_step.estimate, 100), 1e-9);
-}
-
-TEST(Identification, TwoStepsThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) {
-  VirtualExperiment experiment = published(3);
-  const Measurements recorded = experiment.measure(30);
-  const Estimate start = nominal_start(experiment.model, recorded);
-  const auto identified = [&](const TwoStepOptions& options) {
-    return identify_in_two_steps(
-        experiment.model, [&](int) { return Measurements(recorded); }, start, experiment.free.geometric(), options);
-  };
-  const Identification stopped = identified({.rounds = 600});
-  ASSERT_EQ(stopped.termination, Termination::converged) << stopped.message;
-  const Identification longer = identified({.rounds = stopped.iterations + 60, .step_tolerance = 0.0});
-  EXPECT_EQ(longer.iterations, stopped.iterations + 60);
-  EXPECT_NEAR(longer.convergence_factor, stopped.convergence_factor, 0.01);
-}
-
-TEST(Identification, TwoStepsWithNoiseEndNearTheJointOptimum) {
-  // Near it, not at it: the published A turns the base about the flange's lever alone, without the tool's.
-  VirtualExperiment experiment = published(4);
-  const double sigma = 0.00003;
-  const Measurements recorded = experiment.measure(30, {.sigma = sigma});
-  const Estimate start = nominal_start(experiment.model, recorded);
-  const Identification two_step = identify_in_two_steps(experiment.model, [&](int) { return Measurements(recorded); },
-                                                        start, experiment.free.geometric(), {.rounds = 600});
-  const Identification joint = identify_jointly(experiment.model, recorded, start, experiment.free);
-  EXPECT_EQ(two_step.termination, Termination::converged) << two_step.message;
-  EXPECT_GE(two_step.rms, joint.rms);
-  EXPECT_LT(two_step.rms - joint.rms, 0.001 * sigma);
 }
 
 // ---- robust --------------------------------------------------------------------------------------------------------
@@ -587,16 +492,6 @@ TEST(RobustIdentification, IsTheFitWhereThereIsALossAndElseTheJointOneIs) {
     EXPECT_GT((reweighted - joint.estimate.X_WB.matrix()).norm(), 1e-5);
   }
   EXPECT_EQ(fits, 3);
-}
-
-TEST(ConvergenceFactor, IsTheGeometricMeanOfTheRatiosBehindTheFirst) {
-  EXPECT_NEAR(convergence_factor({50.0, 1.0, 0.2, 0.01}), 0.1, 1e-15);
-  EXPECT_NEAR(convergence_factor({50.0, 1.0, 0.2, 0.01, 0.9e-12, 1e-14}), 0.1, 1e-15);
-  EXPECT_NEAR(convergence_factor({50.0, 1.0, 0.25}), 0.25, 1e-15);
-  EXPECT_NEAR(convergence_factor({50.0, 1.0, 0.25, 1e-3}, 1e-2), 0.25, 1e-15);
-  EXPECT_EQ(convergence_factor({50.0, 1.0}), 0.0);
-  EXPECT_EQ(convergence_factor({50.0, 1.0, 1e-13}), 0.0);
-  EXPECT_EQ(convergence_factor({}), 0.0);
 }
 
 }  // namespace

@@ -23,6 +23,7 @@
 #include "kdl_calibration/pseudo_values.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
+#include "kdl_calibration/two_step.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "mistakes_support.hpp"
 #include "refusal.hpp"

@@ -7,6 +7,7 @@
 #include <kdl/chainjnttojacsolver.hpp>
 #include <numeric>
 
+#include "kdl_calibration/matrix_derivatives.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::kinematics_test {

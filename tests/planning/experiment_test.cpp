@@ -10,6 +10,7 @@
 #include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/matrix_derivatives.hpp"
 #include "kdl_calibration/observability.hpp"
 #include "kdl_calibration/prediction.hpp"
 #include "kdl_calibration/reduction.hpp"

@@ -12,6 +12,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
+#include "kdl_calibration/matrix_derivatives.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::calibrated_arm_test {

@@ -5,6 +5,7 @@
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/matrix_derivatives.hpp"
+#include "kdl_calibration/two_step.hpp"
 
 namespace kdl_calibration {
 namespace {
