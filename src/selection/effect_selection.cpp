@@ -16,6 +16,7 @@
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "selection/effect_candidates.hpp"
+#include "selection/effect_groups.hpp"
 #include "selection/parameter_selection.hpp"
 #include "selection/ripple_search.hpp"
 #include "selection/table_certainty.hpp"
@@ -28,24 +29,16 @@ using Eigen::Index;
 using Eigen::VectorXd;
 
 constexpr std::size_t kMostConfigurations = 2000;
-constexpr double kFlatTable = 5e-6;     // [m or rad]
-constexpr Index kLeastForRipple = 100;  // configurations
-constexpr Index kLeastForTables = 50;   // configurations
+constexpr double kFlatTable = 5e-6;  // [m or rad]
 
-// A group that may be added to a model.
-struct Option {
-  std::string name;
-  std::vector<EffectTerm> terms;
-};
-
-bool is_tables(const Option& option) { return option.name == to_string(EffectGroup::tables); }
-bool is_ripple(const Option& option) { return option.name == to_string(EffectGroup::ripple); }
+bool is_tables(const EffectOption& option) { return option.name == to_string(EffectGroup::tables); }
+bool is_ripple(const EffectOption& option) { return option.name == to_string(EffectGroup::ripple); }
 
 void append(std::vector<EffectTerm>& terms, const std::vector<EffectTerm>& more) {
   terms.insert(terms.end(), more.begin(), more.end());
 }
 
-CandidateModel extended(CandidateModel model, const Option& option) {
+CandidateModel extended(CandidateModel model, const EffectOption& option) {
   append(model.terms, option.terms);
   model.names.push_back(option.name);
   return model;
@@ -59,7 +52,7 @@ bool has_groups(const CandidateModel& model, const std::vector<std::string>& nam
 struct Route {
   CandidateModel model;
   ModelScore score;
-  std::vector<Option> left;
+  std::vector<EffectOption> left;
 };
 
 // One of the groups that may be added, and the score of the model with it.
@@ -139,7 +132,7 @@ public:
     result.not_compared = static_cast<std::size_t>(scorer_.not_compared());
     result.rigid_priors = scorer_.priors_of(route.score, route.model.sized);
     if (options.effects.automatic) {
-      result.not_tried = too_few_for();
+      result.not_tried = groups_not_allowed(configurations());
       add_what_helps(route, tried);
     } else {
       add_asked(route, tried);
@@ -166,7 +159,7 @@ private:
     return terms;
   }
 
-  Option option_of(EffectGroup group) const {
+  EffectOption option_of(EffectGroup group) const {
     return {.name = to_string(group),
             .terms = allowed(effect_terms(task_.model, group, means_.joint_values, means_.signals))};
   }
@@ -182,7 +175,7 @@ private:
         route.model = extended(std::move(route.model), option_of(group));
       }
     }
-    Option tables;
+    EffectOption tables;
     if (is_asked(EffectGroup::tables)) {
       tables = option_of(EffectGroup::tables);
     }
@@ -201,7 +194,7 @@ private:
     if (!is_asked(EffectGroup::ripple)) {
       return;
     }
-    if (const Option ripple = ripple_beside(route.model, route.score); !ripple.terms.empty()) {
+    if (const EffectOption ripple = ripple_beside(route.model, route.score); !ripple.terms.empty()) {
       route.model = extended(std::move(route.model), ripple);
       route.score = scorer_.score_of(route.model, tried);
       require_enough(route);
@@ -217,8 +210,8 @@ private:
   }
 
   // What joints still swing by beside a model.
-  Option ripple_beside(const CandidateModel& model, const ModelScore& score) const {
-    Option ripple{.name = to_string(EffectGroup::ripple), .terms = {}};
+  EffectOption ripple_beside(const CandidateModel& model, const ModelScore& score) const {
+    EffectOption ripple{.name = to_string(EffectGroup::ripple), .terms = {}};
     if (!score.determined) {
       return ripple;
     }
@@ -238,49 +231,12 @@ private:
     return ripple;
   }
 
-  // How many configurations each group needs to be tried.
-  static const std::map<EffectGroup, Index>& least_configurations() {
-    static const std::map<EffectGroup, Index> least = {
-        {EffectGroup::gravity, 12},  {EffectGroup::transverse, 60}, {EffectGroup::gain, 20},
-        {EffectGroup::backlash, 20}, {EffectGroup::harmonics, 20},  {EffectGroup::tables, kLeastForTables}};
-    return least;
-  }
-
-  // "tables (50 configurations needed)"
-  std::string too_few_for() const {
-    std::map<Index, std::string> groups;
-    const auto add = [&](EffectGroup group, Index needed) {
-      if (configurations() < needed) {
-        std::string& names = groups[needed];
-        names += (names.empty() ? "" : ", ") + std::string(to_string(group));
-      }
-    };
-    for (const auto& [group, needed] : least_configurations()) {
-      add(group, needed);
-    }
-    add(EffectGroup::ripple, kLeastForRipple);
-    std::string text;
-    for (const auto& [needed, names] : groups) {
-      text += (text.empty() ? "" : "; ") + names + " (" + std::to_string(needed) + " configurations needed)";
-    }
-    return text;
-  }
-
-  // Groups that the number of configurations allows; tables of the longest length.
-  std::vector<Option> options() const {
-    std::vector<Option> result;
-    for (const auto& [group, needed] : least_configurations()) {
-      if (configurations() >= needed) {
-        result.push_back(option_of(group));
-      }
-    }
-    return result;
-  }
-
   // Tables can be nearly what every other effect is. Where they came before others that help as well, those are taken
   // first, too, and tables behind them.
   void add_what_helps(Route& route, TriedModels& tried) const {
-    route.left = options();
+    for (const EffectGroup group : groups_allowed(configurations())) {
+      route.left.push_back(option_of(group));
+    }
     std::optional<Route> other = follow(route, tried);
     if (!other) {
       return;
@@ -323,7 +279,7 @@ private:
     if (known || configurations() < kLeastForRipple) {
       return;
     }
-    if (Option ripple = ripple_beside(route.model, route.score); !ripple.terms.empty()) {
+    if (EffectOption ripple = ripple_beside(route.model, route.score); !ripple.terms.empty()) {
       route.left.push_back(std::move(ripple));
     }
   }
@@ -333,7 +289,7 @@ private:
   std::optional<Step> likeliest(Route& route, TriedModels& tried, Filter is_asked, double wanted) const {
     std::optional<Step> best;
     for (std::size_t i = 0; i < route.left.size(); ++i) {
-      Option& option = route.left[i];
+      EffectOption& option = route.left[i];
       if (!is_asked(option)) {
         continue;
       }
@@ -349,10 +305,11 @@ private:
   }
 
   // Tables that forget themselves sooner, as long as they predict better, or as well and are likelier.
-  void shorten(const CandidateModel& beside, Option& tables, ModelScore& best, TriedModels& tried) const {
+  void shorten(const CandidateModel& beside, EffectOption& tables, ModelScore& best, TriedModels& tried) const {
     for (const double degrees : {10.0, 4.0}) {
       const double length = degrees * std::numbers::pi / 180.0;
-      Option shorter{.name = tables.name, .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
+      EffectOption shorter{.name = tables.name,
+                           .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
       std::erase_if(shorter.terms, [&](const EffectTerm& term) {  // what is flat already is not bent more
         return size_of(best, size_name(term)) < kFlatTable;
       });
@@ -377,7 +334,7 @@ private:
       return false;
     }
     std::erase_if(model.terms, is_one);
-    const Option ripple = ripple_beside(model, scorer_.score_of(model, tried));
+    const EffectOption ripple = ripple_beside(model, scorer_.score_of(model, tried));
     if (ripple.terms.empty()) {
       return false;
     }

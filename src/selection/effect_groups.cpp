@@ -1,0 +1,50 @@
+#include "selection/effect_groups.hpp"
+
+#include <map>
+
+#include "kdl_calibration/joint_effects.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+
+const std::map<EffectGroup, Index>& least_configurations() {
+  static const std::map<EffectGroup, Index> least = {
+      {EffectGroup::gravity, 12},  {EffectGroup::transverse, 60}, {EffectGroup::gain, 20},
+      {EffectGroup::backlash, 20}, {EffectGroup::harmonics, 20},  {EffectGroup::tables, kLeastForTables}};
+  return least;
+}
+
+}  // namespace
+
+std::vector<EffectGroup> groups_allowed(Index configurations) {
+  std::vector<EffectGroup> result;
+  for (const auto& [group, needed] : least_configurations()) {
+    if (configurations >= needed) {
+      result.push_back(group);
+    }
+  }
+  return result;
+}
+
+std::string groups_not_allowed(Index configurations) {
+  std::map<Index, std::string> groups;
+  const auto add = [&](EffectGroup group, Index needed) {
+    if (configurations < needed) {
+      std::string& names = groups[needed];
+      names += (names.empty() ? "" : ", ") + std::string(to_string(group));
+    }
+  };
+  for (const auto& [group, needed] : least_configurations()) {
+    add(group, needed);
+  }
+  add(EffectGroup::ripple, kLeastForRipple);
+  std::string text;
+  for (const auto& [needed, names] : groups) {
+    text += (text.empty() ? "" : "; ") + names + " (" + std::to_string(needed) + " configurations needed)";
+  }
+  return text;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,28 @@
+#pragma once
+
+// The groups of effects that may be added to a model. Not installed.
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+
+namespace kdl_calibration {
+
+/// A group of effects with its terms.
+struct EffectOption {
+  std::string name;
+  std::vector<EffectTerm> terms;
+};
+
+/// Configurations that a group needs to be tried.
+constexpr Eigen::Index kLeastForRipple = 100;
+constexpr Eigen::Index kLeastForTables = 50;
+
+/// The groups besides ripple that `configurations` suffice for, in the order of EffectGroup.
+std::vector<EffectGroup> groups_allowed(Eigen::Index configurations);
+/// "tables (50 configurations needed)": the groups that they do not suffice for; empty if none.
+std::string groups_not_allowed(Eigen::Index configurations);
+
+}  // namespace kdl_calibration
