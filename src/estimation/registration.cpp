@@ -5,34 +5,30 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <unsupported/Eigen/KroneckerProduct>
 
 #include "kdl_calibration/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/prediction.hpp"
 
 namespace kdl_calibration {
 namespace {
 
-using Eigen::Index;
+using Eigen::kroneckerProduct;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Vector9d = Eigen::Matrix<double, 9, 1>;
 using Matrix9d = Eigen::Matrix<double, 9, 9>;
 using Matrix39d = Eigen::Matrix<double, 3, 9>;
 
-// vec(A) stacks the columns of A, so that A z = row_operator(z) vec(A).
-Matrix39d row_operator(const Vector3d& z) {
-  Matrix39d result;
-  result << z.x() * Matrix3d::Identity(), z.y() * Matrix3d::Identity(), z.z() * Matrix3d::Identity();
-  return result;
-}
-
-// Weighted sums over the observations of one target: everything the elimination needs.
+// Weighted sums over the observations of one target: everything the elimination needs. vec(A) stacks the columns of A,
+// so that vec(B A Z) = kron(Z^T, B) vec(A).
 struct TargetSums {
   double weight = 0.0;
   Matrix3d R = Matrix3d::Zero();       // sum w R_BF
   Vector3d Rt_p = Vector3d::Zero();    // sum w R_BF^T p_BF
-  Matrix39d Rt_z = Matrix39d::Zero();  // sum w R_BF^T row_operator(z)
+  Matrix39d Rt_z = Matrix39d::Zero();  // sum w kron(z^T, R_BF^T)
   double orientation_weight = 0.0;
   Matrix9d Rt_Z = Matrix9d::Zero();  // sum w kron(Z^T, R_BF^T)
 };
@@ -49,53 +45,23 @@ struct Sums {
   std::vector<TargetSums> targets;
 };
 
-double weight_of(const Observation& observation) {
-  return observation.sigma > 0.0 ? 1.0 / (observation.sigma * observation.sigma) : 1.0;
-}
-
-const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const std::string& name) {
-  const auto found =
-      std::find_if(targets.begin(), targets.end(), [&](const TargetFrame& target) { return target.name == name; });
-  return found == targets.end() ? nullptr : &*found;
-}
-
-bool has_orientation(const Measurements& measurements, std::size_t row) {
-  return !measurements.orientations.empty() && !std::isnan(measurements.orientations[row].w());
-}
-
-Vector3d mean_position(const Measurements& measurements) {
-  Vector3d sum = Vector3d::Zero();
-  double count = 0.0;
-  for (const Observation& observation : measurements.observations) {
-    sum += observation.position;
-    count += 1.0;
-  }
-  return count > 0.0 ? Vector3d(sum / count) : sum;
-}
-
-void add_orientation(const Matrix3d& R_BF, const Matrix3d& Z, double weight, TargetSums& target) {
-  target.orientation_weight += weight;
-  for (Index i = 0; i < 3; ++i) {
-    for (Index j = 0; j < 3; ++j) {
-      target.Rt_Z.block<3, 3>(3 * i, 3 * j) += weight * Z(j, i) * R_BF.transpose();
-    }
-  }
-}
-
 Sums accumulate(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
                 const RegistrationOptions& options, const std::vector<const TargetFrame*>& known) {
   Sums sums;
   sums.targets.resize(measurements.targets.size());
-  sums.z_mean = mean_position(measurements);
+  sums.count = static_cast<double>(measurements.observations.size());
+  for (const Observation& observation : measurements.observations) {
+    sums.z_mean += observation.position;
+  }
+  sums.z_mean /= std::max(sums.count, 1.0);
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& observation = measurements.observations[row];
     const auto k = static_cast<std::size_t>(observation.target);
     const Eigen::Isometry3d& pose = X_BF[static_cast<std::size_t>(observation.configuration)];
     const Matrix3d R = pose.linear();
-    const double w = weight_of(observation);
+    const double w = observation.sigma > 0.0 ? 1.0 / (observation.sigma * observation.sigma) : 1.0;
     const Vector3d z = observation.position - sums.z_mean;
     const Vector3d p = known[k] != nullptr ? Vector3d(pose * known[k]->X_FT.translation()) : pose.translation();
-    sums.count += 1.0;
     sums.weight += w;
     sums.z += w * z;
     sums.zz += w * z * z.transpose();
@@ -107,13 +73,13 @@ Sums accumulate(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& 
       target.weight += w;
       target.R += w * R;
       target.Rt_p += w * (R.transpose() * p);
-      for (Index j = 0; j < 3; ++j) {
-        target.Rt_z.block<3, 3>(0, 3 * j) += (w * z[j]) * R.transpose();
-      }
+      target.Rt_z += kroneckerProduct(w * z.transpose(), R.transpose());
     }
-    if (has_orientation(measurements, row)) {
-      add_orientation(R, measurements.orientations[row].toRotationMatrix(),
-                      w * options.orientation_length * options.orientation_length, target);
+    if (!measurements.orientations.empty() && !std::isnan(measurements.orientations[row].w())) {
+      const double weight = w * options.orientation_length * options.orientation_length;
+      const Matrix3d Z = measurements.orientations[row].toRotationMatrix();
+      target.orientation_weight += weight;
+      target.Rt_Z += kroneckerProduct(weight * Z.transpose(), R.transpose());
     }
   }
   return sums;
@@ -170,16 +136,12 @@ Slope slope_at(const RotationForm& form, const Matrix3d& A) {
 // With `ridge` times the squared length of each target added to the sum of squares.
 RotationForm eliminate(const Sums& sums, double ridge) {
   RotationForm form;
-  for (Index i = 0; i < 3; ++i) {
-    for (Index j = 0; j < 3; ++j) {
-      form.Q.block<3, 3>(3 * i, 3 * j) = sums.zz(i, j) * Matrix3d::Identity();
-    }
-  }
+  form.Q = kroneckerProduct(sums.zz, Matrix3d::Identity());
   form.b = Eigen::Map<const Vector9d>(sums.p_zt.data());
   form.constant = sums.pp;
   // Terms of c: C c = C_theta vec(A) - c_p at the minimum.
   Matrix3d C = sums.weight * Matrix3d::Identity();
-  Matrix39d C_theta = row_operator(sums.z);
+  Matrix39d C_theta = kroneckerProduct(sums.z.transpose(), Matrix3d::Identity());
   Vector3d c_p = sums.p;
   for (const TargetSums& target : sums.targets) {
     if (target.weight > 0.0) {
@@ -322,6 +284,7 @@ RotationMinimum minimise(const RotationForm& form) {
 }
 
 constexpr double kUsualTargetDistance = 0.1;  // [m] distance of a target from the flange, as good as any
+constexpr double kTurn = 0.1;                 // [rad]
 
 // The form with its minimum. Where the tool hardly turns, a place of the base and one of the targets look alike and
 // small misfits move both by kilometres. The targets then have a prior about the flange, in units of the misfit u (mean
@@ -335,8 +298,6 @@ struct Solution {
   int places = 0;      // in so many directions
   int rotations = 0;   // about which base is known to no better than kTurn
 };
-
-constexpr double kTurn = 0.1;  // [rad]
 
 // Directions in which the measurements alone do not determine the rotation at A: u is the mean square of a whitened
 // coordinate's misfit. Points that hardly move beside the flange determine it no better than kTurn.
@@ -394,22 +355,13 @@ std::string ambiguity(const Solution& solution, double weight) {
   return {};
 }
 
-Matrix3d target_orientation(const TargetSums& target, const Matrix3d& A) {
-  const Eigen::Map<const Vector9d> theta(A.data());
-  const Vector9d sum = target.Rt_Z * theta;
-  return nearest_rotation(Eigen::Map<const Matrix3d>(sum.data()));
-}
-
 double rms_of(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& training, const Registration& found) {
+  const Estimate estimate{.errors = {}, .X_WB = found.X_WB, .targets = found.targets, .effects = {}};
   double sum = 0.0;
   for (const Observation& observation : training.observations) {
-    const Vector3d predicted =
-        found.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
-                      found.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
-    sum += (observation.position - predicted).squaredNorm();
+    sum += (observation.position - predicted_point(estimate, X_BF, observation)).squaredNorm();
   }
-  const auto count = static_cast<double>(training.observations.size());
-  return count > 0.0 ? std::sqrt(sum / count) : 0.0;
+  return std::sqrt(sum / std::max(static_cast<double>(training.observations.size()), 1.0));
 }
 
 void check_poses(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements) {
@@ -428,7 +380,9 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
   check(options);
   std::vector<const TargetFrame*> known;
   for (const std::string& name : measurements.targets) {
-    known.push_back(find_target(options.known_targets, name));
+    const auto found = std::find_if(options.known_targets.begin(), options.known_targets.end(),
+                                    [&](const TargetFrame& target) { return target.name == name; });
+    known.push_back(found == options.known_targets.end() ? nullptr : &*found);
   }
   const TrainingRows training(measurements);
   const Sums sums = accumulate(X_BF, *training, options, known);
@@ -459,13 +413,14 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
     if (known[k] != nullptr) {
       frame.X_FT = known[k]->X_FT;
     } else {
+      const Eigen::Map<const Vector9d> theta(A.data());
       if (target.weight > 0.0) {
-        const Eigen::Map<const Vector9d> theta(A.data());
         frame.X_FT.translation() =
             (target.Rt_z * theta - target.R.transpose() * c - target.Rt_p) / (target.weight + ridge);
       }
       if (frame.with_orientation) {
-        frame.X_FT.linear() = target_orientation(target, A);
+        const Vector9d sum = target.Rt_Z * theta;
+        frame.X_FT.linear() = nearest_rotation(Eigen::Map<const Matrix3d>(sum.data()));
       }
     }
     result.targets.push_back(frame);
