@@ -2,8 +2,8 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "base/parallel.hpp"
@@ -23,22 +23,14 @@ namespace {
 
 // The kernel's columns: those that turn come first.
 void order_columns(LaneWorkspace& work) {
-  const std::size_t columns = work.twists.size();
-  work.order.clear();
-  for (const bool turning : {true, false}) {
-    for (std::size_t i = 0; i < columns; ++i) {
-      if (work.twists[i].angular.isZero(0.0) != turning) {
-        work.order.push_back(i);
-      }
-    }
-    if (turning) {
-      work.input.turning = work.order.size();
-    }
-  }
-  work.input.columns.resize(columns);
-  for (std::size_t i = 0; i < columns; ++i) {
-    const ParameterTwist& twist = work.twists[work.order[i]];
-    work.input.columns[i] = numbers_of(twist, twist.frame + 1);
+  work.order.resize(work.twists.size());
+  std::iota(work.order.begin(), work.order.end(), std::size_t{0});
+  const auto others = std::stable_partition(work.order.begin(), work.order.end(),
+                                            [&](std::size_t i) { return !work.twists[i].angular.isZero(0.0); });
+  work.input.turning = static_cast<std::size_t>(others - work.order.begin());
+  work.input.columns.clear();
+  for (const std::size_t i : work.order) {
+    work.input.columns.push_back(numbers_of(work.twists[i], work.twists[i].frame + 1));
   }
 }
 
@@ -52,17 +44,11 @@ struct LaneMeans {
 
 // A group with the terms of another, without its data.
 LaneGroup emptied(const LaneGroup& group) {
-  return {.targets = {},
-          .weights = {},
-          .mixing = {},
-          .roots = {},
-          .information = {},
-          .orientation_weights = {},
-          .joints = group.joints,
-          .terms = group.terms,
-          .configurations = group.configurations,
-          .columns = {},
-          .data = {}};
+  LaneGroup empty;
+  empty.joints = group.joints;
+  empty.terms = group.terms;
+  empty.configurations = group.configurations;
+  return empty;
 }
 
 // Calls visitor(from, to) for the rows of each block of a group and of one that keeps less of each configuration, whose
@@ -116,19 +102,27 @@ LaneMeans means_of(const LaneGroup& group, const Estimate& estimate) {
   return means;
 }
 
-// Of the coordinates k and l of a group's targets, 3 of each.
-double product_of_targets(const LaneGroup& group, const ChainKernelSums& sums, std::size_t k, std::size_t l) {
+// Place of the entry (a, b) of a symmetric n x n matrix whose upper triangle is stored row by row. Row i of it has n -
+// i entries, from the diagonal on, so that the diagonal's entry of row a stands at n + (n - 1) + … + (n - a + 1).
+std::size_t place_in_triangle(std::size_t a, std::size_t b, std::size_t n) {
+  const auto [row, column] = std::minmax(a, b);
+  return row * (2 * n - row + 1) / 2 + (column - row);
+}
+
+// The entry of the normal equations that coordinate c of target l (a = 3 l + c) and coordinate d of target m
+// (b = 3 m + d) share, from the sums of chain_kernel.hpp. Each row j of the root U of the information adds
+//   own roots:  g_jl,c g_jm,d, whose sum over rows and configurations is `turned`
+//   by axis:    U_jl,x U_jm,x r_xc r_xd for each axis x, together sum_x (U_x^T U_x)_lm T_x,cd, T_x = sum r_x r_x^T
+double product_of_targets(const LaneGroup& group, const ChainKernelSums& sums, std::size_t a, std::size_t b) {
   if (group.own_roots) {
-    const std::size_t first = std::min(k, l);
-    return sums.turned[first * (6 * group.targets.size() - first - 1) / 2 + std::max(k, l)];
+    return sums.turned[place_in_triangle(a, b, 3 * group.targets.size())];
   }
   double product = 0.0;
   for (std::size_t x = 0; x < 3; ++x) {
-    const double* const t = &sums.turned[6 * x];
-    const std::size_t row = std::min(k % 3, l % 3);
-    const MatrixXd& root = group.roots[x];
-    product += root.col(static_cast<Index>(k / 3)).dot(root.col(static_cast<Index>(l / 3))) *
-               t[row * (5 - row) / 2 + std::max(k % 3, l % 3)];
+    const MatrixXd& U = group.roots[x];
+    const double* const T = &sums.turned[6 * x];
+    product +=
+        U.col(static_cast<Index>(a / 3)).dot(U.col(static_cast<Index>(b / 3))) * T[place_in_triangle(a % 3, b % 3, 3)];
   }
   return product;
 }
