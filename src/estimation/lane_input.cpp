@@ -104,6 +104,30 @@ KeptFrame set_rows(const LaneGroup& group, const Estimate& estimate, ChainKernel
   return kept;
 }
 
+// A group with the terms of another, without its data.
+LaneGroup emptied(const LaneGroup& group) {
+  LaneGroup empty;
+  empty.joints = group.joints;
+  empty.terms = group.terms;
+  empty.configurations = group.configurations;
+  return empty;
+}
+
+// Calls visitor(from, to) for the rows of each block of a group and of one that keeps less of each configuration, whose
+// joint values and terms are copied.
+template <class Visitor>
+void visit_blocks(const LaneGroup& group, LaneGroup& reduced, Visitor visitor) {
+  const std::size_t blocks = group.data.size() / group.rows();
+  reduced.data.resize(blocks * reduced.rows());
+  for (std::size_t block = 0; block < blocks; ++block) {
+    const LaneRow* const from = &group.data[block * group.rows()];
+    LaneRow* const to = &reduced.data[block * reduced.rows()];
+    std::copy_n(from, group.joints, to);
+    std::copy_n(from + group.first_term(), group.terms.size(), to + reduced.first_term());
+    visitor(from + group.joints, to + group.joints);
+  }
+}
+
 }  // namespace
 
 FrameNumbers numbers_of(const Matrix3d& R, const Vector3d& p) {
@@ -161,6 +185,41 @@ KeptFrame set_kept(const LaneGroup& group, const Estimate& estimate, ChainKernel
     return set_own_rows(group, estimate, input);
   }
   return group.by_axis() ? set_rows(group, estimate, input) : set_points(group, estimate, input);
+}
+
+LaneGroup sums_by_axis(const LaneGroup& group) {
+  LaneGroup sums = emptied(group);
+  sums.targets = group.targets;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    sums.roots[axis] = group.roots[axis].colwise().sum();
+  }
+  visit_blocks(group, sums, [&](const LaneRow* from, LaneRow* to) {
+    for (std::size_t row = 0; row < 3 * group.kept(); ++row) {
+      to[row % 3].lanes += from[row].lanes;
+    }
+  });
+  return sums;
+}
+
+LaneMeans means_of(const LaneGroup& group, const Estimate& estimate) {
+  const std::size_t points = group.targets.size();
+  LaneMeans means;
+  for (std::size_t k = 0; k < points; ++k) {
+    means.W += std::sqrt(group.weights[k]);
+    means.target += std::sqrt(group.weights[k]) * kept_target(group, k, estimate);
+  }
+  means.target /= means.W;
+  means.group = emptied(group);
+  means.group.targets = {0};
+  means.group.weights = {means.W * means.W};
+  visit_blocks(group, means.group, [&](const LaneRow* from, LaneRow* to) {
+    for (std::size_t k = 0; k < points; ++k) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        to[c].lanes += std::sqrt(group.weights[k]) / means.W * from[3 * k + c].lanes;
+      }
+    }
+  });
+  return means;
 }
 
 }  // namespace kdl_calibration
