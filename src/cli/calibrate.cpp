@@ -62,16 +62,11 @@ struct CalibrateArguments {
 };
 
 std::vector<OutputFile> outputs(const CalibrateArguments& arguments) {
-  std::vector<OutputFile> files;
-  for (const auto& [option, path] :
-       {std::pair{"--output", &arguments.output}, std::pair{"--result", &arguments.result},
-        std::pair{"--residuals", &arguments.residuals}, std::pair{"--covariance", &arguments.covariance},
-        std::pair{"--report", &arguments.report}}) {
-    if (!path->empty()) {
-      files.push_back({.option = option, .path = *path, .text = {}});
-    }
-  }
-  return files;
+  return given_outputs({{"--output", arguments.output},
+                        {"--result", arguments.result},
+                        {"--residuals", arguments.residuals},
+                        {"--covariance", arguments.covariance},
+                        {"--report", arguments.report}});
 }
 
 // "key=value"
@@ -165,16 +160,6 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   return options;
 }
 
-// Each configuration of the file once, in its order.
-Configurations configurations_of(const std::string& file, const MeasurementArguments& arguments, const Robot& robot) {
-  std::optional<JointConvention> convention;
-  if (!arguments.joint_convention.empty()) {
-    convention = read_joint_convention(arguments.joint_convention);
-  }
-  const Measurements asked = read_configurations(robot, file, convention ? &*convention : nullptr);
-  return {.names = asked.configurations, .joint_values = asked.joint_values, .signals = asked.signals};
-}
-
 // The options that help, which the library does not know.
 void name_options(Doubt& doubt) {
   const std::map<Cause, std::string> help = {
@@ -195,10 +180,9 @@ std::string table(const CalibrateArguments& arguments, const Robot& robot, const
   for (const OutputFile& file : outputs(arguments)) {
     options.written.push_back(file.path);
   }
-  std::optional<JointConvention> convention;
-  if (!arguments.measurements.joint_convention.empty()) {
-    convention = matched_convention(read_joint_convention(arguments.measurements.joint_convention),
-                                    independent_joint_names(robot.joints));
+  std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention);
+  if (convention) {
+    convention = matched_convention(*convention, independent_joint_names(robot.joints));
     options.convention = &*convention;
   }
   return result_table(measurements, calibration, options);
@@ -281,10 +265,11 @@ ExitStatus run(const CalibrateArguments& arguments) {
   model.gravity = gravity_of(arguments.gravity_direction);
   const Measurements measurements = read(arguments.measurements, robot);
   CalibrationOptions options = calibration_options(arguments, measurements);
-  options.diagnosis.convention = convention_of(arguments.measurements);
+  options.diagnosis.convention = convention_of(arguments.measurements.joint_convention);
   options.diagnosis.other_conventions = conventions_at_hand(arguments.measurements);
   if (!arguments.predict_at.empty()) {
-    options.predict_at = configurations_of(arguments.predict_at, arguments.measurements, robot);
+    const Measurements asked = configurations_of(robot, arguments.predict_at, arguments.measurements.joint_convention);
+    options.predict_at = {.names = asked.configurations, .joint_values = asked.joint_values, .signals = asked.signals};
   }
 
   Calibration calibration;
@@ -331,17 +316,11 @@ void refuse_old_names(CLI::App& app) {
 }
 
 void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
-  app.add_option("--method", arguments.method, "Estimator: joint or two-step")
-      ->type_name("NAME")
-      ->check(one_of({"joint", "two-step"}))
-      ->capture_default_str();
-  app.add_option("--iterations", arguments.options.estimator.iterations, "Limit [50, or 1000 rounds of two-step]")
-      ->type_name("N")
-      ->check(whole_number_between(1, 1'000'000, "a whole number from 1 to 1000000"));
-  app.add_option("--model", arguments.model, "Parameters: irreducible or complete")
-      ->type_name("NAME")
-      ->check(one_of({"irreducible", "complete"}))
-      ->capture_default_str();
+  add_word(app, "--method", arguments.method, {"joint", "two-step"}, "Estimator: joint or two-step");
+  limit_count(
+      app.add_option("--iterations", arguments.options.estimator.iterations, "Limit [50, or 1000 rounds of two-step]"),
+      {1, 1'000'000});
+  add_word(app, "--model", arguments.model, {"irreducible", "complete"}, "Parameters: irreducible or complete");
   add_list(app, "--fix", arguments.options.parameters.fix,
            "Parameters not to estimate, names or patterns such as *4, base.*")
       ->type_name("NAME,...");
@@ -379,16 +358,10 @@ void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
 }
 
 void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
-  app.add_option("--loss", arguments.loss, "Down-weight outliers: none, huber or tukey")
-      ->type_name("NAME")
-      ->check(one_of({"none", "huber", "tukey"}))
-      ->capture_default_str();
-  app.add_option("--noise", arguments.noise,
-                 "Weights: by the parts of the noise, stated or estimated (auto), the same with repeats demanded "
-                 "(repeats), or equal")
-      ->type_name("NAME")
-      ->check(one_of({"auto", "equal", "repeats"}))
-      ->capture_default_str();
+  add_word(app, "--loss", arguments.loss, {"none", "huber", "tukey"}, "Down-weight outliers: none, huber or tukey");
+  add_word(app, "--noise", arguments.noise, {"auto", "equal", "repeats"},
+           "Weights: by the parts of the noise, stated or estimated (auto), the same with repeats demanded "
+           "(repeats), or equal");
   const CLI::Validator length = number_from(0.0, "a length in metres, 0 or more");
   add_list(app, "--noise-independent", arguments.noise_independent, "1 sigma of a point by itself, m; one or x,y,z",
            length)
@@ -405,14 +378,13 @@ void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
                "Predict each configuration from all the others as well");
   app.add_flag("--nested", arguments.options.validation.nested,
                "Leave-one-out, with automatic choices made anew without each configuration as well");
-  app.add_option("--k-fold", arguments.options.validation.k_fold,
-                 "Predict each of K groups of configurations from the others")
-      ->type_name("K")
-      ->check(whole_number_between(2, 1000, "a whole number from 2 to 1000"));
-  app.add_option("--threads", arguments.options.threads,
-                 "Threads for refits and for passes over many configurations; 0: all")
-      ->type_name("N")
-      ->check(whole_number_between(0, 1024, "a whole number from 0 to 1024"));
+  limit_count(app.add_option("--k-fold", arguments.options.validation.k_fold,
+                             "Predict each of K groups of configurations from the others"),
+              {2, 1000})
+      ->type_name("K");
+  limit_count(app.add_option("--threads", arguments.options.threads,
+                             "Threads for refits and for passes over many configurations; 0: all"),
+              {0, 1024});
 }
 
 void add_groups(CLI::App& app) {

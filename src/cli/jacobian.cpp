@@ -9,10 +9,8 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/matrix_derivatives.hpp"
-#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/reduction.hpp"
 #include "kdl_calibration/saved_calibration.hpp"
 #include "kdl_calibration/simulation.hpp"
@@ -110,21 +108,14 @@ void take_configurations(const JacobianArguments& arguments, const Robot& robot,
     at.joint_values = joint_values(robot, arguments.arm.joints);
     return;
   }
-  std::optional<JointConvention> convention;
-  if (!arguments.arm.joints.joint_convention.empty()) {
-    convention = read_joint_convention(arguments.arm.joints.joint_convention);
-  }
   const Measurements read =
-      read_configurations(robot, arguments.configuration_file, convention ? &*convention : nullptr);
+      configurations_of(robot, arguments.configuration_file, arguments.arm.joints.joint_convention);
   at.configurations = read.configurations;
   at.joint_values = read.joint_values;
 }
 
 ExitStatus run_identification(const JacobianArguments& arguments) {
-  std::vector<OutputFile> files;
-  if (!arguments.output.empty()) {
-    files.push_back({.option = "--output", .path = arguments.output, .text = {}});
-  }
+  std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.arm.robot);
   IdentificationAt at{.model = complete_model(robot)};
@@ -188,10 +179,8 @@ Subcommand add_jacobian(CLI::App& parser) {
   add_count(*app, "--targets", arguments->targets, {1, 100}, "With it: published targets on the tool");
   add_file(*app, "--target-file", arguments->target_file,
            "With it: targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} [those of --result]");
-  app->add_option("--model", arguments->model, "With it: parameters, irreducible or complete")
-      ->type_name("NAME")
-      ->check(one_of({"irreducible", "complete"}))
-      ->capture_default_str();
+  add_word(*app, "--model", arguments->model, {"irreducible", "complete"},
+           "With it: parameters, irreducible or complete");
   add_file(*app, "--output", arguments->output, "With it: write the CSV [standard output]");
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_example(*app,

@@ -97,7 +97,7 @@ std::string usage_fault(const CLI::App& parser, const CLI::ParseError& error) {
 
 // The files that are read, which nothing may be written to.
 void note_inputs(const CLI::App& parser, const CLI::App& subcommand) {
-  std::vector<InputFile> inputs;
+  std::vector<NamedFile> inputs;
   for (const CLI::App* app : {&parser, &subcommand}) {
     for (const CLI::Option* option : app->get_options()) {
       if (option->get_type_name() == "FILE" && option->count() > 0) {

@@ -30,7 +30,7 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
 }
 
 Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
-  const std::optional<JointConvention> convention = convention_of(arguments);
+  const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
   const Measurements measurements =
       read_measurements(robot, arguments.measurements, convention ? &*convention : nullptr);
   return with_poses_joined(arguments.exclude.empty() ? measurements : without_rows(measurements, arguments.exclude));
@@ -76,13 +76,6 @@ RegistrationOptions known_frames(const MeasurementArguments& arguments, const Me
     }
   }
   return options;
-}
-
-std::optional<JointConvention> convention_of(const MeasurementArguments& arguments) {
-  if (arguments.joint_convention.empty()) {
-    return std::nullopt;
-  }
-  return read_joint_convention(arguments.joint_convention);
 }
 
 std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arguments) {

@@ -34,9 +34,8 @@ std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values);
 /// What is known of base and targets. Throws InputError where none of the known targets was measured.
 RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements);
 
-/// The joint convention that was given.
-std::optional<JointConvention> convention_of(const MeasurementArguments& arguments);
-/// Those beside it and beside the robots that come with kdlcal: others that may have been meant.
+/// The joint conventions beside the given one and beside the robots that come with kdlcal: others that may have been
+/// meant.
 std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arguments);
 
 }  // namespace kdl_calibration::cli

@@ -13,7 +13,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/mimic.hpp"
 
 namespace kdl_calibration::cli {
@@ -155,14 +155,20 @@ void add_example(CLI::App& app, const std::string& command) {
   app.footer("Options may also stand in a TOML or INI file: --config FILE\nExample:\n  " + command);
 }
 
+CLI::Option* add_word(CLI::App& app, const std::string& name, std::string& value, const std::vector<std::string>& words,
+                      const std::string& help) {
+  return app.add_option(name, value, help)->type_name("NAME")->check(one_of(words))->capture_default_str();
+}
+
+CLI::Option* limit_count(CLI::Option* option, std::pair<int, int> range) {
+  const auto [least, most] = range;
+  return option->type_name("N")->check(whole_number_between(
+      least, most, "a whole number from " + std::to_string(least) + " to " + std::to_string(most)));
+}
+
 CLI::Option* add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range,
                        const std::string& help) {
-  const auto [least, most] = range;
-  return app.add_option(name, value, help)
-      ->type_name("N")
-      ->check(whole_number_between(least, most,
-                                   "a whole number from " + std::to_string(least) + " to " + std::to_string(most)))
-      ->capture_default_str();
+  return limit_count(app.add_option(name, value, help), range)->capture_default_str();
 }
 
 void add_seed(CLI::App& app, std::uint64_t& seed) {
@@ -252,6 +258,15 @@ Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments
   q = all_joint_values(robot.joints, q);
   warn_outside_limits(robot, q);
   return q;
+}
+
+std::optional<JointConvention> convention_of(const std::string& file) {
+  return file.empty() ? std::nullopt : std::optional(read_joint_convention(file));
+}
+
+Measurements configurations_of(const Robot& robot, const std::string& file, const std::string& joint_convention) {
+  const std::optional<JointConvention> convention = convention_of(joint_convention);
+  return read_configurations(robot, file, convention ? &*convention : nullptr);
 }
 
 SavedCalibration read_result(const std::string& file, const Robot& robot) {

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -42,7 +43,12 @@ CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file,
 void add_json_flag(CLI::App& app, bool& json);
 /// The command that ends the help.
 void add_example(CLI::App& app, const std::string& command);
-/// An option that takes a whole number from `least` to `most`.
+/// An option that takes one of a few words.
+CLI::Option* add_word(CLI::App& app, const std::string& name, std::string& value, const std::vector<std::string>& words,
+                      const std::string& help);
+/// Makes the option take a whole number from the first to the second of the range.
+CLI::Option* limit_count(CLI::Option* option, std::pair<int, int> range);
+/// Such an option, whose default is named.
 CLI::Option* add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range,
                        const std::string& help);
 /// --seed
@@ -73,6 +79,12 @@ void add_joint_options(CLI::App& app, JointArguments& arguments);
 bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value);
 /// The URDF's values of all joints [rad] or [m]; warns of values outside the limits.
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
+
+/// That of a file; none where no file is named.
+std::optional<JointConvention> convention_of(const std::string& file);
+/// Each configuration of a file once, in its order, whose joint values the convention of another file may turn into the
+/// URDF's.
+Measurements configurations_of(const Robot& robot, const std::string& file, const std::string& joint_convention);
 
 /// The arm, nominal or calibrated, at given joint values: the options above with --result and --json.
 struct ArmAtJoints {

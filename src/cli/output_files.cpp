@@ -204,7 +204,7 @@ Target checked_target(const OutputFile& file, bool force) {
   return target;
 }
 
-std::vector<InputFile> inputs_to_protect;
+std::vector<NamedFile> inputs_to_protect;
 
 // Whether both names lead to one file that exists, also through links of either kind.
 bool are_same_file(const fs::path& one, const fs::path& other) {
@@ -213,7 +213,7 @@ bool are_same_file(const fs::path& one, const fs::path& other) {
 }
 
 void require_no_input(const OutputFile& file, const Target& target) {
-  for (const InputFile& input : inputs_to_protect) {
+  for (const NamedFile& input : inputs_to_protect) {
     if (input.option != file.option && are_same_file(target.path, input.path)) {
       fail(file, "is the file that " + input.option + " reads, expected another one");
     }
@@ -240,7 +240,17 @@ std::vector<Target> checked_targets(const std::vector<OutputFile>& files, bool f
 
 }  // namespace
 
-void protect_inputs(std::vector<InputFile> inputs) {
+std::vector<OutputFile> given_outputs(const std::vector<NamedFile>& files) {
+  std::vector<OutputFile> given;
+  for (const NamedFile& file : files) {
+    if (!file.path.empty()) {
+      given.push_back({.option = file.option, .path = file.path, .text = {}});
+    }
+  }
+  return given;
+}
+
+void protect_inputs(std::vector<NamedFile> inputs) {
   inputs_to_protect = std::move(inputs);
   try {
     inputs_to_protect.push_back({.option = "kdlcal itself", .path = default_urdf_path().string()});

@@ -13,14 +13,17 @@ struct OutputFile {
 };
 
 /// A file that an option named.
-struct InputFile {
+struct NamedFile {
   std::string option;
   std::string path;
 };
 
+/// Those to write: the files whose option is given.
+std::vector<OutputFile> given_outputs(const std::vector<NamedFile>& files);
+
 /// All files that the command line names. From now on none of them but the one of the same option is written to, under
 /// whatever name: through links, other spellings or hard links. Nor is the robot that comes with kdlcal.
-void protect_inputs(std::vector<InputFile> inputs);
+void protect_inputs(std::vector<NamedFile> inputs);
 
 /// From now on a signal that ends the process (Ctrl-C) first removes the temporary files of write_whole.
 void remove_temporaries_on_signals();

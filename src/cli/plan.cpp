@@ -128,9 +128,9 @@ Setting setting(const PlanArguments& arguments) {
   PlanRequest& request = result.request;
   request.robot = load(arguments.robot);
   const ErrorModel model = complete_model(request.robot);
-  if (!arguments.joint_convention.empty()) {
-    result.convention = matched_convention(read_joint_convention(arguments.joint_convention),
-                                           independent_joint_names(request.robot.joints));
+  result.convention = convention_of(arguments.joint_convention);
+  if (result.convention) {
+    result.convention = matched_convention(*result.convention, independent_joint_names(request.robot.joints));
   }
   const JointConvention* convention = result.joint_convention();
   if (!arguments.measured.empty()) {
@@ -290,13 +290,7 @@ void require_sound(const PlanArguments& arguments) {
 
 ExitStatus run(const PlanArguments& arguments) {
   require_sound(arguments);
-  std::vector<OutputFile> files;
-  for (const auto& [option, path] :
-       {std::pair{"--output", &arguments.output}, std::pair{"--report", &arguments.report}}) {
-    if (!path->empty()) {
-      files.push_back({.option = option, .path = *path, .text = {}});
-    }
-  }
+  std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}, {"--report", arguments.report}});
   require_writable(files, arguments.force);
   Setting set = setting(arguments);
   Progress choosing("choosing");
@@ -318,30 +312,22 @@ ExitStatus run(const PlanArguments& arguments) {
 }
 
 void add_counts(CLI::App& app, PlanArguments& arguments) {
-  app.add_option("--configurations", arguments.configurations,
-                 "Configurations to choose [30]; with --accuracy the most that may be [500]")
-      ->type_name("N")
-      ->check(whole_number_between(1, 2'000, "a whole number from 1 to 2000"));
+  limit_count(app.add_option("--configurations", arguments.configurations,
+                             "Configurations to choose [30]; with --accuracy the most that may be [500]"),
+              {1, 2'000});
   add_file(app, "--measured", arguments.measured, "Plan on top of these measurements (CSV)");
   add_file(app, "--result", arguments.result, "Plan on top of what this calibration knows, at its geometry (JSON)");
-  app.add_option("--add", arguments.add, "With --measured or --result: configurations to add")
-      ->type_name("N")
-      ->check(whole_number_between(1, 2'000, "a whole number from 1 to 2000"));
+  limit_count(app.add_option("--add", arguments.add, "With --measured or --result: configurations to add"), {1, 2'000});
   app.add_option("--accuracy", arguments.accuracy_mm, "As few configurations as promise this 1 sigma, mm")
       ->type_name("MM")
       ->check(number_between(1e-6, 1e6, "millimetres from 1e-6 to 1e6"));
-  app.add_option("--accuracy-of", arguments.accuracy_of, "Which figure --accuracy means: mean, p95 or max")
-      ->type_name("NAME")
-      ->check(one_of({"mean", "p95", "max"}))
-      ->capture_default_str();
+  add_word(app, "--accuracy-of", arguments.accuracy_of, {"mean", "p95", "max"},
+           "Which figure --accuracy means: mean, p95 or max");
   add_count(app, "--candidates", arguments.candidates, {1, 1'000'000}, "Configurations to choose from");
   add_count(app, "--workspace", arguments.workspace, {1, 100'000}, "Other configurations at which to predict");
   add_file(app, "--tasks", arguments.tasks, "Predict at these configurations instead (CSV like a plan)");
-  app.add_option("--criterion", arguments.criterion,
-                 "D: smallest confidence ellipsoid, G: smallest worst variance, I: smallest mean variance")
-      ->type_name("NAME")
-      ->check(one_of({"D", "G", "I"}))
-      ->capture_default_str();
+  add_word(app, "--criterion", arguments.criterion, {"D", "G", "I"},
+           "D: smallest confidence ellipsoid, G: smallest worst variance, I: smallest mean variance");
   add_count(app, "--starts", arguments.starts, {1, 1'000}, "Random designs to start from");
 }
 

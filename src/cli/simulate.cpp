@@ -1,8 +1,6 @@
 #include "base/degree.hpp"
-#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/result_json.hpp"
 #include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/simulation.hpp"
 
@@ -65,25 +63,6 @@ struct SimulateArguments {
   bool json = false;
 };
 
-Json parameters_json(const VirtualRobot& robot, const std::vector<std::size_t>& which, const Reduction& reduction) {
-  Json list = Json::array();
-  for (const std::size_t p : which) {
-    const ErrorParameter& parameter = robot.model.parameters[p];
-    const double error = robot.truth.errors[static_cast<Eigen::Index>(p)];
-    const bool gauge = std::any_of(reduction.gauge.begin(), reduction.gauge.end(),
-                                   [&](const GaugeParameter& candidate) { return candidate.name == parameter.name; });
-    list.push_back({{"name", parameter.name},
-                    {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
-                    {"kind", to_string(parameter.kind)},
-                    {"axis", parameter.axis == 'q' ? "" : std::string(1, parameter.axis)},
-                    {"nominal", parameter.nominal},
-                    {"value", parameter.nominal + error},
-                    {"error", error},
-                    {"gauge", gauge}});
-  }
-  return list;
-}
-
 Json ranges_json(const ErrorModel& model, const JointRanges& ranges) {
   Json list = Json::array();
   for (const std::size_t i : independent_joints(model.joints)) {
@@ -107,6 +86,7 @@ struct Setup {
   std::vector<std::size_t> with_errors;
   std::vector<EffectGroup> effects;
   std::optional<Eigen::MatrixXd> plan;  ///< configurations to fit, where a plan gives them
+  Eigen::Index configurations = 0;      ///< to fit
 };
 
 void require_few_rows(const SimulateArguments& arguments, std::size_t targets) {
@@ -133,13 +113,9 @@ Setup setup(const Robot& robot, const SimulateArguments& arguments) {
   result.with_errors = with_true_errors(result.model, result.reduction, arguments.model == "complete");
   result.effects = effect_groups(arguments.effects, {"none"});
   if (!arguments.plan.empty()) {
-    std::optional<JointConvention> convention;
-    if (!arguments.joint_convention.empty()) {
-      convention = read_joint_convention(arguments.joint_convention);
-    }
-    const JointConvention* behind = convention ? &*convention : nullptr;
-    result.plan = read_configurations(robot, arguments.plan, behind).joint_values;
+    result.plan = configurations_of(robot, arguments.plan, arguments.joint_convention).joint_values;
   }
+  result.configurations = result.plan ? result.plan->cols() : arguments.configurations;
   return result;
 }
 
@@ -168,26 +144,17 @@ void add_effects(const SimulateArguments& arguments, const Setup& set, VirtualRo
 // What the virtual robot is, beside what was drawn for one set of measurements.
 Json truth_of(const Robot& robot, const SimulateArguments& arguments, const Setup& set,
               const VirtualRobot& virtual_one) {
-  Json target_list = Json::array();
-  for (const TargetFrame& target : virtual_one.truth.targets) {
-    target_list.push_back(target_json(target));
-  }
   Json truth = {{"seed", arguments.seed},
                 {"urdf", robot.source},
                 {"base_link", robot.base},
                 {"tip_link", robot.tip},
-                {"configurations", set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations}},
+                {"configurations", set.configurations},
                 {"test_configurations", arguments.test_configurations},
                 {"repeats", arguments.noise.repeats},
                 {"noise", arguments.noise.sigma},
                 {"orientation_noise", arguments.noise.orientation_sigma},
-                {"joint_ranges", ranges_json(set.model, set.ranges)},
-                {"parameters", parameters_json(virtual_one, set.with_errors, set.reduction)},
-                {"base", frame_json(virtual_one.truth.X_WB)},
-                {"targets", target_list}};
-  if (!virtual_one.model.effects.empty()) {
-    truth["effects"] = json_of(effects_json(virtual_one.model, virtual_one.truth.effects), "effects");
-  }
+                {"joint_ranges", ranges_json(set.model, set.ranges)}};
+  truth.update(drawn_json(virtual_one, set.with_errors, set.reduction));
   return truth;
 }
 
@@ -227,16 +194,10 @@ std::string summary(const SimulateArguments& arguments, const Simulation& simula
          "seed " + std::to_string(arguments.seed) + "\n";
 }
 
-void add_output(const std::string& option, const std::string& path, std::vector<OutputFile>& files) {
-  if (!path.empty()) {
-    files.push_back({.option = option, .path = path, .text = {}});
-  }
-}
-
 // What was drawn and measured, for a page.
 PageFacts in_words(const SimulateArguments& arguments, const Robot& robot, const Setup& set) {
   return {{"robot", robot.name},
-          {"configurations", std::to_string(set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations})},
+          {"configurations", std::to_string(set.configurations)},
           {"targets", std::to_string(set.targets.size())},
           {"noise", fixed(arguments.noise.sigma * 1e3, 4) + " mm of a coordinate, 1 sigma"},
           {"true errors", "lengths " + fixed(arguments.sizes.length * 1e3, 3) + " mm, angles " +
@@ -265,8 +226,7 @@ ExitStatus run_many(const SimulateArguments& arguments) {
   if (!arguments.output.empty() || !arguments.truth.empty()) {
     throw InputError("--monte-carlo: writes no measurements, expected it without --output and --truth");
   }
-  std::vector<OutputFile> files;
-  add_output("--report", arguments.report, files);
+  std::vector<OutputFile> files = given_outputs({{"--report", arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const Setup set = setup(robot, arguments);
@@ -313,7 +273,7 @@ void require_two_step(const SimulateArguments& arguments) {
 }
 
 std::string two_step_heading(const SimulateArguments& arguments, const Setup& set, Eigen::Index held_out) {
-  const std::string count = std::to_string(set.plan ? set.plan->cols() : Eigen::Index{arguments.configurations});
+  const std::string count = std::to_string(set.configurations);
   return "the two-step procedure against a virtual robot: in every round " +
          (arguments.recorded ? "the same " + count : count + " fresh") + " configurations, " +
          std::to_string(set.targets.size()) + " targets, noise " + fixed(arguments.noise.sigma * 1e3, 4) +
@@ -331,9 +291,7 @@ Json measured_the_other_way(const SimulateArguments& arguments, const Setup& set
 
 ExitStatus run_two_step(const SimulateArguments& arguments) {
   require_two_step(arguments);
-  std::vector<OutputFile> files;
-  add_output("--truth", arguments.truth, files);
-  add_output("--report", arguments.report, files);
+  std::vector<OutputFile> files = given_outputs({{"--truth", arguments.truth}, {"--report", arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const Setup set = setup(robot, arguments);
@@ -388,9 +346,7 @@ ExitStatus run(SimulateArguments arguments) {
   if (arguments.output.empty() && arguments.json) {
     throw InputError("--json without --output: both would go to standard output, expected --output");
   }
-  std::vector<OutputFile> files;
-  add_output("--output", arguments.output, files);
-  add_output("--truth", arguments.truth, files);
+  std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}, {"--truth", arguments.truth}});
   require_writable(files, arguments.force);
   const Simulation result = simulation(load(arguments.robot), arguments);
   const std::string csv = measurements_csv(result.measurements);
@@ -451,10 +407,8 @@ Subcommand add_simulate(CLI::App& parser) {
                 "Number the rows in the order of driving: backlash then has a part by the direction of approach");
   add_size(*app, "--effect-sigma", arguments->effect_sigma, "radians",
            "1 sigma of their coefficients, metres where a joint slides [0.0003]");
-  app->add_option("--model", arguments->model, "Parameters with true errors: irreducible or complete")
-      ->type_name("NAME")
-      ->check(one_of({"irreducible", "complete"}))
-      ->capture_default_str();
+  add_word(*app, "--model", arguments->model, {"irreducible", "complete"},
+           "Parameters with true errors: irreducible or complete");
   add_list(*app, "--joint-ranges", arguments->joint_ranges,
            "limits, published, or lower:upper of every joint in deg (mm for a prismatic one)")
       ->type_name("RANGES")

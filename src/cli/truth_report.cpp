@@ -5,6 +5,7 @@
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "cli/text.hpp"
+#include "kdl_calibration/result_json.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -13,18 +14,24 @@ Json vector_json(const Eigen::Ref<const Eigen::VectorXd>& vector) {
   return Json(std::vector<double>(vector.begin(), vector.end()));
 }
 
-Json parameter_json(const ErrorModel& model, const ComparedParameter& compared) {
-  const ErrorParameter& parameter = model.parameters[compared.index];
-  return {{"name", parameter.name},
-          {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
-          {"kind", to_string(parameter.kind)},
-          {"axis", parameter.axis == 'q' ? "" : std::string(1, parameter.axis)},
-          {"nominal", parameter.nominal},
-          {"estimated", compared.estimated},
-          {"true", compared.truth},
-          {"true_in_gauge", compared.truth_in_gauge},
-          {"difference", compared.gauge ? Json(nullptr) : Json(compared.estimated - compared.truth_in_gauge)},
-          {"gauge", compared.gauge}};
+Json parameter_json(const ErrorParameter& parameter, const Json& values) {
+  Json json = {{"name", parameter.name},
+               {"joint", parameter.joint.empty() ? Json(nullptr) : Json(parameter.joint)},
+               {"kind", to_string(parameter.kind)},
+               {"axis", parameter.axis == 'q' ? "" : std::string(1, parameter.axis)},
+               {"nominal", parameter.nominal}};
+  json.update(values);
+  return json;
+}
+
+Json compared_json(const ErrorModel& model, const ComparedParameter& compared) {
+  return parameter_json(
+      model.parameters[compared.index],
+      {{"estimated", compared.estimated},
+       {"true", compared.truth},
+       {"true_in_gauge", compared.truth_in_gauge},
+       {"difference", compared.gauge ? Json(nullptr) : Json(compared.estimated - compared.truth_in_gauge)},
+       {"gauge", compared.gauge}});
 }
 
 Json targets_json(const Estimate& estimate, const Estimate& truth, const Estimate& truth_in_gauge) {
@@ -79,11 +86,32 @@ Json statistics_json(const ErrorStatistics& statistics) {
           {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
 }
 
+Json drawn_json(const VirtualRobot& robot, const std::vector<std::size_t>& with_errors, const Reduction& reduction) {
+  Json parameters = Json::array();
+  for (const std::size_t p : with_errors) {
+    const ErrorParameter& parameter = robot.model.parameters[p];
+    const double error = robot.truth.errors[static_cast<Eigen::Index>(p)];
+    const bool gauge = std::any_of(reduction.gauge.begin(), reduction.gauge.end(),
+                                   [&](const GaugeParameter& candidate) { return candidate.name == parameter.name; });
+    parameters.push_back(
+        parameter_json(parameter, {{"value", parameter.nominal + error}, {"error", error}, {"gauge", gauge}}));
+  }
+  Json targets = Json::array();
+  for (const TargetFrame& target : robot.truth.targets) {
+    targets.push_back(target_json(target));
+  }
+  Json drawn = {{"parameters", parameters}, {"base", frame_json(robot.truth.X_WB)}, {"targets", targets}};
+  if (!robot.model.effects.empty()) {
+    drawn["effects"] = json_of(effects_json(robot.model, robot.truth.effects), "effects");
+  }
+  return drawn;
+}
+
 Json truth_json(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                 const TruthComparison& comparison) {
   Json parameters = Json::array();
   for (const ComparedParameter& parameter : comparison.parameters) {
-    parameters.push_back(parameter_json(model, parameter));
+    parameters.push_back(compared_json(model, parameter));
   }
   return {{"parameters", parameters},
           {"base",

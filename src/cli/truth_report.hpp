@@ -1,8 +1,11 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "cli/frames.hpp"
+#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/truth_comparison.hpp"
 #include "kdl_calibration/two_step_trial.hpp"
 
@@ -10,6 +13,10 @@ namespace kdl_calibration::cli {
 
 /// {"count", "mean", "rms", "p95", "max", "std"}; null where nothing was counted.
 Json statistics_json(const ErrorStatistics& statistics);
+
+/// What was drawn of a virtual robot: "parameters" (those with errors), "base", "targets", and "effects" if it has
+/// some.
+Json drawn_json(const VirtualRobot& robot, const std::vector<std::size_t>& with_errors, const Reduction& reduction);
 
 /// An estimate beside the truth: "parameters", "base", "targets", "largest_difference", "gauge_misfit", "comparable".
 /// `truth` is as it was drawn.

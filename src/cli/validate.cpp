@@ -246,7 +246,7 @@ struct Words {
 // What the measurements may have been meant for, and a misfit that is beyond any robot's.
 Words judged(const ValidateArguments& arguments, const ErrorModel& model, const Measurements& fitted,
              const Estimate& estimate, const RegistrationOptions& known) {
-  const std::optional<JointConvention> convention = convention_of(arguments.measurements);
+  const std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention);
   Words words;
   for (const AlternativeReading& reading :
        alternative_readings_of_nominal(model, fitted, estimate,
@@ -318,10 +318,7 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
     throw InputError("validate: --measurements is required, or --result and --truth, see kdlcal validate --help");
   }
   const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);
-  std::vector<OutputFile> files;
-  if (!arguments.report.empty()) {
-    files.push_back({.option = "--report", .path = arguments.report, .text = {}});
-  }
+  std::vector<OutputFile> files = given_outputs({{"--report", arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const SavedCalibration arm = arm_of(robot, arguments.result);

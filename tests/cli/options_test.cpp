@@ -187,7 +187,7 @@ TEST_F(OptionsWithFiles, ConventionsAtHandStandBesideTheGivenOneAndTheRobotsOfKd
                    [](const JointConvention& convention) { return convention.name; });
     return result;
   };
-  EXPECT_FALSE(cli::convention_of({}));
+  EXPECT_FALSE(cli::convention_of(""));
   const Words at_home = names(cli::conventions_at_hand({}));
   const std::string robots = std::string(URDF_DIR) + "/fanuc_r2000ic_165f";
   EXPECT_THAT(at_home, ::testing::IsSupersetOf({robots + "_pendant.json", robots + "_serial.json"}));
@@ -199,7 +199,7 @@ TEST_F(OptionsWithFiles, ConventionsAtHandStandBesideTheGivenOneAndTheRobotsOfKd
   with_both.insert(with_both.end(), {path("beside.json"), path("given.json")});
   const cli::MeasurementArguments arguments{.joint_convention = path("given.json")};
   EXPECT_THAT(names(cli::conventions_at_hand(arguments)), ::testing::UnorderedElementsAreArray(with_both));
-  EXPECT_EQ(cli::convention_of(arguments)->matrix(0, 0), -1.0);
+  EXPECT_EQ(cli::convention_of(arguments.joint_convention)->matrix(0, 0), -1.0);
 }
 
 TEST_F(OptionsWithFiles, OptionsInAFileAreThoseOfTheSubcommand) {
