@@ -63,7 +63,9 @@ std::vector<EffectTerm> candidates(const ErrorModel& model, std::size_t joint) {
         all.masses.push_back(mass);
       }
     }
-    result.push_back(all);
+    if (!all.masses.empty()) {  // a term without masses would be a function of gravity's direction
+      result.push_back(all);
+    }
     return result;
   }
   for (int frame = first + 1; frame <= tip; ++frame) {

@@ -58,21 +58,31 @@ TEST(JointEffects, BasisIsTheHorizontalLeverOverItsLargest) {
   EXPECT_LE(basis.cwiseAbs().maxCoeff(), 1.05);
 }
 
-TEST(JointEffects, WithLinkMassesTheTorqueIsThatOfTheKdlSolver) {
+// The R-2000iC with masses on links 2 and 3.
+Robot loaded_fanuc(double upper_arm, double forearm) {
   std::string urdf = fanuc().urdf;
-  const auto add_mass = [&](const std::string& link, const std::string& inertial) {
+  const auto add_mass = [&](const std::string& link, const std::string& centre, double mass) {
     const std::string tag = "<link name=\"" + link + "\">";
     const auto at = urdf.find(tag);
     ASSERT_NE(at, std::string::npos) << link;
-    urdf.insert(at + tag.size(), inertial);
+    urdf.insert(at + tag.size(), "<inertial><origin xyz='" + centre + "'/><mass value='" + std::to_string(mass) +
+                                     "'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>");
   };
-  add_mass("link_2",
-           "<inertial><origin xyz='0 0.1 0.5'/><mass value='200'/><inertia ixx='1' iyy='1' izz='1' ixy='0' "
-           "ixz='0' iyz='0'/></inertial>");
-  add_mass("link_3",
-           "<inertial><origin xyz='0.05 0.6 0.1'/><mass value='150'/><inertia ixx='1' iyy='1' izz='1' "
-           "ixy='0' ixz='0' iyz='0'/></inertial>");
-  const Robot robot = parse_robot(urdf);
+  add_mass("link_2", "0 0.1 0.5", upper_arm);
+  add_mass("link_3", "0.05 0.6 0.1", forearm);
+  return parse_robot(urdf);
+}
+
+TEST(JointEffects, LightLinksLoadNoJointBehindThem) {
+  std::vector<std::string> names;
+  for (const EffectTerm& term : load_terms(complete_model(loaded_fanuc(0.02, 0.015)))) {
+    names.push_back(term.name);
+  }
+  EXPECT_THAT(names, ::testing::ElementsAre("gravity2", "gravity3"));
+}
+
+TEST(JointEffects, WithLinkMassesTheTorqueIsThatOfTheKdlSolver) {
+  const Robot robot = loaded_fanuc(200.0, 150.0);
   ErrorModel model = complete_model(robot);
   model.effects = load_terms(model);
   ASSERT_EQ(model.effects.size(), 2U);
