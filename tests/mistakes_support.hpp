@@ -115,7 +115,7 @@ inline Measured measured(const ErrorModel& model, std::uint64_t seed, const Draw
   robot.truth.effects.resize(static_cast<Eigen::Index>(robot.model.effects.size()));
   for (std::size_t d = 0; d < robot.model.effects.size(); ++d) {
     robot.truth.effects[static_cast<Eigen::Index>(d)] =
-        experiment.random.normal() * (robot.model.effects[d].group == EffectGroup::gravity ? draw.effect : draw.gain);
+        experiment.random.normal() * (robot.model.effects[d].group() == EffectGroup::gravity ? draw.effect : draw.gain);
   }
   for (auto& [lower, upper] : experiment.ranges) {
     lower = std::max(lower, -2.5);

@@ -7,6 +7,7 @@
 #include <kdl/frames.hpp>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "kdl_calibration/robot.hpp"
@@ -57,8 +58,40 @@ constexpr std::size_t kEffectGroups = 8;
 /// z_onto(axis) makes of x and y.
 enum class EffectAxis : std::uint8_t { own, across_x, across_y };
 
+/// A linear function of the direction of gravity seen from a link: the torque about a joint is made of these.
+struct GravityMoment {
+  int link = 0;  ///< number of the joint that the link stands behind, from 0
+  /// Of the link's frame, 0 to 2; kSlide: the way of that joint, which slides; kOwn: of the joint itself.
+  int axis = 0;
+  static constexpr int kSlide = 3;
+  static constexpr int kOwn = 4;
+};
+
+/// The torque of known masses about the joint, with g = 1.
+struct LoadTorque {
+  std::vector<PointMass> masses;
+};
+
+/// The joint's value.
+struct JointGain {};
+
+/// tanh of the torque of equal masses at the later joint frames and the tip: the side on which the joint's play lies.
+struct LoadSide {
+  double mass = 1.0;
+};
+
+/// The sign of the joint's last motion, DriveSignals::approach.
+struct ApproachSide {};
+
+/// sin(times · q), or the cosine. Of the group harmonics, or of ripple.
+struct Sinusoid {
+  double times = 1.0;  ///< a turn
+  bool is_cosine = false;
+  bool is_ripple = false;
+};
+
 /// A smooth function of a joint's value as a sum of sines of growing frequency, see effect_terms.hpp.
-struct TableTerm {
+struct JointTable {
   int number = 1;       ///< j, from 1
   double length = 0.0;  ///< [rad or m] over which the function forgets itself
   double lower = 0.0;   ///< [rad or m] of the measured range, at whose ends the joint's value is held
@@ -67,17 +100,14 @@ struct TableTerm {
   std::vector<std::pair<double, double>> withheld;
 };
 
-/// The linear function of the direction of gravity seen from a link that the torque about a joint is made of.
-struct GravityTerm {
-  int link = 0;  ///< number of the joint that the link stands behind, from 0
-  /// Of the link's frame, 0 to 2; kSlide: the way of that joint, which slides; kOwn: of the joint itself.
-  int axis = 0;
-  static constexpr int kSlide = 3;
-  static constexpr int kOwn = 4;
+/// The torque that the drive measured, DriveSignals::torques.
+struct MeasuredTorque {
+  double play = 0.0;  ///< [Nm or N] tanh(torque / play) instead, where above 0
 };
 
-/// What a drive told, see DriveSignals, where a term is a function of that instead of joint values.
-enum class DriveSignal : std::uint8_t { none, approach, torque };
+/// One struct for each kind of function.
+using EffectFunction =
+    std::variant<GravityMoment, LoadTorque, JointGain, LoadSide, ApproachSide, Sinusoid, JointTable, MeasuredTorque>;
 
 /// A motion of a joint that the rigid chain does not have: value · (raw(q) - mean) / scale, added to the joint's value
 /// or tilting what it carries, with `raw` of the values that were commanded at the nominal geometry, so that it never
@@ -89,17 +119,13 @@ struct EffectTerm {
   std::string name;
   std::string joint;  ///< URDF joint
   int index = 0;      ///< of the joint
-  EffectGroup group = EffectGroup::gravity;
   EffectAxis axis = EffectAxis::own;
-  std::vector<PointMass> masses;  ///< where there are, the torque of these instead of a GravityTerm; or the backlash's
-  GravityTerm gravity;
-  DriveSignal signal = DriveSignal::none;
-  double play = 0.0;      ///< of a torque [Nm or N]: raw = tanh(torque / play) where above 0
-  double harmonic = 0.0;  ///< times a turn, negative for the cosine
-  TableTerm table;
+  EffectFunction function;  ///< raw
   double mean = 0.0;
   double scale = 1.0;
   double sigma = 0.0;  ///< 1 sigma of the value beforehand [rad, m or per unit], 0: nothing is known
+
+  EffectGroup group() const;
 };
 
 /// Terms that share their size: all of a group, or those of one joint's table. "gravity", "tables.3".

@@ -44,7 +44,7 @@ bool needs_torques(const ErrorModel& model);
 bool misses_approach(const EffectTerm& term, const DriveSignals& signals, Eigen::Index column);
 
 /// A table's function at its joint's value, also where it is withheld.
-double table_value(const TableTerm& table, double q);
+double table_value(const JointTable& table, double q);
 
 /// Whether the measurements tell too little of the term's table at its joint's value.
 bool is_withheld(const EffectTerm& term, double q);

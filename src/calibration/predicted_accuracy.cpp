@@ -110,7 +110,7 @@ private:
       const EffectTerm& term = uncertain_.model.effects[place];
       double motion = 0.0;
       if (is_withheld(term, q[term.index])) {
-        motion = term.sigma * table_value(term.table, q[term.index]);
+        motion = term.sigma * table_value(std::get<JointTable>(term.function), q[term.index]);
       } else if (misses_approach(term, signals, 0)) {
         motion = estimate_.effects[static_cast<Eigen::Index>(place)];
       }

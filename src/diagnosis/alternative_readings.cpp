@@ -226,7 +226,7 @@ private:
     for (std::size_t d = 0; d < model_.effects.size() && fit_.effects.size() > 0; ++d) {
       const EffectTerm& term = model_.effects[d];
       const double gain = fit_.effects[static_cast<Index>(d)] / term.scale;
-      if (term.group == EffectGroup::gain && std::abs(gain) > kLeastWrongGain) {
+      if (term.group() == EffectGroup::gain && std::abs(gain) > kLeastWrongGain) {
         return true;
       }
     }

@@ -23,26 +23,16 @@ using Eigen::VectorXd;
 
 namespace {
 
-// The linear function of the direction of gravity in a link, see GravityTerm.
-double gravity_moment(const ErrorModel& model, const EffectTerm& term, const Ref<const VectorXd>& q,
-                      const JointFrames& frames) {
+// Torque (force for a prismatic joint) of a unit mass about the joint's axis, with g = 1.
+double unit_torque(const ErrorModel& model, std::size_t joint, const Vector3d& centre, const JointFrames& frames) {
   const Vector3d gravity = to_eigen(model.gravity);
-  const Vector3d axis = frames.axis(static_cast<std::size_t>(term.index), term.axis);
-  const auto link = static_cast<std::size_t>(term.gravity.link);
-  switch (term.gravity.axis) {
-    case GravityTerm::kOwn:
-      return axis.dot(gravity);
-    case GravityTerm::kSlide:
-      return q[static_cast<Index>(link)] * axis.dot(frames.axis(link).cross(gravity));
-    default:
-      return axis.dot(Vector3d(frames.moved[link].linear().col(term.gravity.axis)).cross(gravity));
-  }
+  const Vector3d lever = centre - frames.moved[joint].translation();
+  const Vector3d effect = model.joints[joint].type == JointType::prismatic ? gravity : Vector3d(lever.cross(gravity));
+  return frames.axis(joint).dot(effect);
 }
 
-double harmonic(double times, double q) { return times > 0 ? std::sin(times * q) : std::cos(-times * q); }
-
 // Beyond its ends a table is what it is there.
-bool is_withheld(const TableTerm& table, double q) {
+bool is_withheld(const JointTable& table, double q) {
   const double held = std::clamp(q, table.lower, table.upper);
   return std::any_of(table.withheld.begin(), table.withheld.end(),
                      [&](const auto& range) { return range.first <= held && held <= range.second; });
@@ -51,7 +41,8 @@ bool is_withheld(const TableTerm& table, double q) {
 }  // namespace
 
 bool is_withheld(const EffectTerm& term, double q) {
-  return term.group == EffectGroup::tables && is_withheld(term.table, q);
+  const auto* const table = std::get_if<JointTable>(&term.function);
+  return table != nullptr && is_withheld(*table, q);
 }
 
 bool withholds_tables(const ErrorModel& model, const VectorXd& q) {
@@ -93,7 +84,7 @@ std::vector<JointFrames> joint_frames_of_all(const ErrorModel& model, const Matr
 
 // sqrt of the spectral density of the Matérn-3/2 covariance of unit variance at the function's frequency, times the
 // function, orthonormal on [-L, L].
-double table_value(const TableTerm& table, double q) {
+double table_value(const JointTable& table, double q) {
   const double half = 0.5 * (table.upper - table.lower);
   const double middle = 0.5 * (table.upper + table.lower);
   const double L = half + kTableBeyond * table.length;
@@ -104,61 +95,81 @@ double table_value(const TableTerm& table, double q) {
          (1.0 + width * width / 3.0);
 }
 
-double torque(const ErrorModel& model, const EffectTerm& term, const JointFrames& frames) {
-  const auto joint = static_cast<std::size_t>(term.index);
-  const Vector3d gravity = to_eigen(model.gravity);
+double load_torque(const ErrorModel& model, std::size_t joint, double mass, const JointFrames& frames) {
   double sum = 0.0;
-  for (const PointMass& load : term.masses) {
-    const Vector3d centre = frames.moved[static_cast<std::size_t>(load.frame)] * to_eigen(load.centre);
-    const Vector3d lever = centre - frames.moved[joint].translation();
-    const Vector3d effect = model.joints[joint].type == JointType::prismatic ? gravity : Vector3d(lever.cross(gravity));
-    sum += load.mass * frames.axis(joint).dot(effect);
+  for (std::size_t frame = joint + 1; frame < frames.moved.size(); ++frame) {
+    sum += mass * unit_torque(model, joint, frames.moved[frame].translation(), frames);
   }
   return sum;
 }
 
-double raw_value(const ErrorModel& model, const EffectTerm& term, const DriveSignals& signals, Index column) {
-  const bool told = term.signal == DriveSignal::torque;
-  const MatrixXd& values = told ? signals.torques : signals.approach;
-  const double value = values.size() > 0 ? values(term.index, column) : std::numeric_limits<double>::quiet_NaN();
-  if (told && std::isnan(value)) {
-    throw InputError("no measured torque of " + model.joints[static_cast<std::size_t>(term.index)].name +
-                     (values.size() > 0 ? " at configuration number " + std::to_string(column + 1) : "") +
-                     ", expected one for the effect " + term.name);
+namespace {
+
+// The value of each kind of function for one term at one stop.
+struct RawValue {
+  const ErrorModel& model;
+  const EffectTerm& term;
+  const Stop& stop;
+  std::size_t joint = static_cast<std::size_t>(term.index);
+  double own = stop.q[term.index];
+
+  double operator()(const GravityMoment& moment) const {
+    const Vector3d gravity = to_eigen(model.gravity);
+    const Vector3d axis = stop.frames.axis(joint, term.axis);
+    const auto link = static_cast<std::size_t>(moment.link);
+    switch (moment.axis) {
+      case GravityMoment::kOwn:
+        return axis.dot(gravity);
+      case GravityMoment::kSlide:
+        return stop.q[static_cast<Index>(link)] * axis.dot(stop.frames.axis(link).cross(gravity));
+      default:
+        return axis.dot(Vector3d(stop.frames.moved[link].linear().col(moment.axis)).cross(gravity));
+    }
   }
-  return told && term.play > 0.0 ? std::tanh(value / term.play) : value;
+
+  double operator()(const LoadTorque& load) const {
+    double sum = 0.0;
+    for (const PointMass& mass : load.masses) {
+      const Vector3d centre = stop.frames.moved[static_cast<std::size_t>(mass.frame)] * to_eigen(mass.centre);
+      sum += mass.mass * unit_torque(model, joint, centre, stop.frames);
+    }
+    return sum;
+  }
+  double operator()(const JointGain& /*gain*/) const { return own; }
+  double operator()(const LoadSide& side) const { return std::tanh(load_torque(model, joint, side.mass, stop.frames)); }
+  double operator()(const ApproachSide& /*side*/) const { return told(stop.signals.approach); }
+  double operator()(const Sinusoid& swing) const {
+    return swing.is_cosine ? std::cos(swing.times * own) : std::sin(swing.times * own);
+  }
+  double operator()(const JointTable& table) const { return is_withheld(table, own) ? 0.0 : table_value(table, own); }
+
+  double operator()(const MeasuredTorque& measured) const {
+    const double torque = told(stop.signals.torques);
+    if (std::isnan(torque)) {
+      throw InputError(
+          "no measured torque of " + model.joints[joint].name +
+          (stop.signals.torques.size() > 0 ? " at configuration number " + std::to_string(stop.column + 1) : "") +
+          ", expected one for the effect " + term.name);
+    }
+    return measured.play > 0.0 ? std::tanh(torque / measured.play) : torque;
+  }
+
+  // NaN of nothing.
+  double told(const MatrixXd& values) const {
+    return values.size() > 0 ? values(term.index, stop.column) : std::numeric_limits<double>::quiet_NaN();
+  }
+};
+
+}  // namespace
+
+double raw_value(const ErrorModel& model, const EffectTerm& term, const Stop& stop) {
+  return std::visit(RawValue{.model = model, .term = term, .stop = stop}, term.function);
 }
 
-double raw_value(const ErrorModel& model, const EffectTerm& term, const Ref<const VectorXd>& q,
-                 const JointFrames& frames) {
-  if (term.signal != DriveSignal::none) {
-    return raw_value(model, term, DriveSignals(), 0);
-  }
-  const double own = q[term.index];
-  switch (term.group) {
-    case EffectGroup::gravity:
-    case EffectGroup::transverse:
-      return term.masses.empty() ? gravity_moment(model, term, q, frames) : torque(model, term, frames);
-    case EffectGroup::gain:
-      return own;
-    case EffectGroup::backlash:
-      return std::tanh(torque(model, term, frames));
-    case EffectGroup::harmonics:
-    case EffectGroup::ripple:
-      return harmonic(term.harmonic, own);
-    case EffectGroup::tables:
-      return is_withheld(term.table, own) ? 0.0 : table_value(term.table, own);
-    case EffectGroup::torque:
-      break;
-  }
-  return 0.0;
-}
-
-VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, const MatrixXd& joint_values,
-                    const std::vector<JointFrames>& frames) {
-  VectorXd result(joint_values.cols());
-  for (Index c = 0; c < joint_values.cols(); ++c) {
-    result[c] = raw_value(model, term, joint_values.col(c), frames[static_cast<std::size_t>(c)]);
+VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, const Stops& stops) {
+  VectorXd result(stops.q.cols());
+  for (Index c = 0; c < result.size(); ++c) {
+    result[c] = raw_value(model, term, {stops.q.col(c), stops.frames[static_cast<std::size_t>(c)], stops.signals, c});
   }
   return result;
 }

@@ -26,18 +26,27 @@ JointFrames joint_frames(const ErrorModel& model, const Eigen::Ref<const Eigen::
 /// For every column of `joint_values` (joints x N).
 std::vector<JointFrames> joint_frames_of_all(const ErrorModel& model, const Eigen::MatrixXd& joint_values);
 
-/// Torque (force for a prismatic joint) of the term's masses under gravity about its joint's axis, with g = 1.
-double torque(const ErrorModel& model, const EffectTerm& term, const JointFrames& frames);
+/// Torque (force for a prismatic joint) about the joint's axis of equal masses at the later joint frames and the tip,
+/// with g = 1.
+double load_torque(const ErrorModel& model, std::size_t joint, double mass, const JointFrames& frames);
 
-/// NaN of a term that asks for a direction of approach. Throws InputError for one that asks for a torque.
-double raw_value(const ErrorModel& model, const EffectTerm& term, const Eigen::Ref<const Eigen::VectorXd>& q,
-                 const JointFrames& frames);
-/// Of a term that is a function of a signal, at this column: NaN where a direction is not known. Throws InputError
-/// where a torque is not.
-double raw_value(const ErrorModel& model, const EffectTerm& term, const DriveSignals& signals, Eigen::Index column);
-/// For every column of `joint_values` with its frames, of a term that is a function of joint values.
-Eigen::VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, const Eigen::MatrixXd& joint_values,
-                           const std::vector<JointFrames>& frames);
+/// One configuration: its joint values, where the nominal arm's joints then are, and its column of the signals.
+struct Stop {
+  Eigen::Ref<const Eigen::VectorXd> q;
+  const JointFrames& frames;
+  const DriveSignals& signals;
+  Eigen::Index column = 0;
+};
+/// NaN where the term asks for a direction of approach that is not known. Throws InputError where a torque is not.
+double raw_value(const ErrorModel& model, const EffectTerm& term, const Stop& stop);
+
+/// Many: joints x N.
+struct Stops {
+  const Eigen::MatrixXd& q;
+  const DriveSignals& signals;
+  std::vector<JointFrames> frames;
+};
+Eigen::VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, const Stops& stops);
 
 constexpr double kTableBeyond = 2.5;  ///< lengths that a table reaches beyond the measured range on each side
 

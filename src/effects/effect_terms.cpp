@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <utility>
 
@@ -50,54 +51,45 @@ std::vector<EffectTerm> candidates(const ErrorModel& model, std::size_t joint) {
   const std::string number = std::to_string(joint + 1);
   const auto first = static_cast<int>(joint);
   const auto tip = static_cast<int>(model.joints.size());
-  std::vector<EffectTerm> result;
-  if (!model.link_masses.empty()) {
-    EffectTerm all{.name = "gravity" + number,
-                   .joint = model.joints[joint].name,
-                   .index = first,
-                   .masses = {},
-                   .gravity = {},
-                   .table = {}};
-    for (const PointMass& mass : model.link_masses) {
-      if (mass.frame >= first) {
-        all.masses.push_back(mass);
-      }
-    }
-    if (!all.masses.empty()) {  // a term without masses would be a function of gravity's direction
-      result.push_back(all);
-    }
-    return result;
-  }
-  for (int frame = first + 1; frame <= tip; ++frame) {
-    result.push_back({.name = "gravity" + number + "_" + std::to_string(frame + 1),
+  const auto term = [&](const std::string& last, LoadTorque load) {
+    return EffectTerm{.name = "gravity" + number + last,
                       .joint = model.joints[joint].name,
                       .index = first,
-                      .masses = {{.frame = frame}},
-                      .gravity = {},
-                      .table = {}});
+                      .function = std::move(load)};
+  };
+  std::vector<EffectTerm> result;
+  if (!model.link_masses.empty()) {
+    LoadTorque all;
+    std::copy_if(model.link_masses.begin(), model.link_masses.end(), std::back_inserter(all.masses),
+                 [&](const PointMass& mass) { return mass.frame >= first; });
+    return {term("", std::move(all))};
+  }
+  for (int frame = first + 1; frame <= tip; ++frame) {
+    result.push_back(term("_" + std::to_string(frame + 1), {.masses = {{.frame = frame}}}));
   }
   return result;
 }
 
-EffectTerm term_of(const ErrorModel& model, std::size_t joint, EffectGroup group, const std::string& last = {}) {
-  return {.name = std::string(to_string(group)) + "." + std::to_string(joint + 1) + (last.empty() ? "" : "." + last),
-          .joint = model.joints[joint].name,
-          .index = static_cast<int>(joint),
-          .group = group,
-          .masses = {},
-          .gravity = {},
-          .table = {}};
+// Named after its group and joint, and what else tells it from others.
+EffectTerm term_of(const ErrorModel& model, std::size_t joint, EffectFunction function, const std::string& last = {},
+                   EffectAxis axis = EffectAxis::own) {
+  EffectTerm term{.name = {},
+                  .joint = model.joints[joint].name,
+                  .index = static_cast<int>(joint),
+                  .axis = axis,
+                  .function = std::move(function)};
+  term.name = std::string(to_string(term.group())) + "." + std::to_string(joint + 1) + (last.empty() ? "" : "." + last);
+  return term;
 }
 
 void add_gravity(const ErrorModel& model, std::size_t joint, std::vector<EffectTerm>& terms) {
   const auto add = [&](std::size_t link, int axis) {
     const std::string number = std::to_string(link + 1);
-    EffectTerm term = term_of(model, joint, EffectGroup::gravity, number + "xyzso"[axis]);
-    term.gravity = {.link = static_cast<int>(link), .axis = axis};
-    terms.push_back(term);
+    const GravityMoment moment{.link = static_cast<int>(link), .axis = axis};
+    terms.push_back(term_of(model, joint, moment, number + "xyzso"[axis]));
   };
   if (slides(model, joint)) {
-    add(joint, GravityTerm::kOwn);
+    add(joint, GravityMoment::kOwn);
     return;
   }
   for (std::size_t link = joint; link < model.joints.size(); ++link) {
@@ -105,7 +97,7 @@ void add_gravity(const ErrorModel& model, std::size_t joint, std::vector<EffectT
       add(link, axis);
     }
     if (slides(model, link)) {
-      add(link, GravityTerm::kSlide);
+      add(link, GravityMoment::kSlide);
     }
   }
 }
@@ -114,104 +106,58 @@ void add_gravity(const ErrorModel& model, std::size_t joint, std::vector<EffectT
 void add_transverse(const ErrorModel& model, std::size_t joint, std::vector<EffectTerm>& terms) {
   constexpr std::size_t kLinks = 3;
   for (const EffectAxis across : {EffectAxis::across_x, EffectAxis::across_y}) {
+    const std::string last = across == EffectAxis::across_x ? "x." : "y.";
     for (std::size_t link = joint; link < std::min(joint + kLinks, model.joints.size()); ++link) {
       for (int axis = 0; axis < 3; ++axis) {
-        const std::string last = across == EffectAxis::across_x ? "x." : "y.";
-        EffectTerm term = term_of(model, joint, EffectGroup::transverse, last + std::to_string(link + 1) + "xyz"[axis]);
-        term.axis = across;
-        term.gravity = {.link = static_cast<int>(link), .axis = axis};
-        terms.push_back(term);
+        const GravityMoment moment{.link = static_cast<int>(link), .axis = axis};
+        terms.push_back(term_of(model, joint, moment, last + std::to_string(link + 1) + "xyz"[axis], across));
       }
     }
   }
 }
 
-// Masses of one at the later joint frames and the tip.
-EffectTerm loaded_equally(const ErrorModel& model, std::size_t joint) {
-  EffectTerm term = term_of(model, joint, EffectGroup::backlash);
-  for (std::size_t frame = joint + 1; frame <= model.joints.size(); ++frame) {
-    term.masses.push_back({.frame = static_cast<int>(frame), .mass = 1.0, .centre = {}});
-  }
-  return term;
-}
-
-// Joint values, what is known of them, and where the nominal arm's joints then are.
-struct Stops {
-  const MatrixXd& q;
-  const DriveSignals& signals;
-  std::vector<JointFrames> frames;
-};
-
 void add_backlash(const ErrorModel& model, std::size_t joint, const Stops& stops, std::vector<EffectTerm>& terms) {
   if (stops.signals.approach.size() > 0) {
-    terms.push_back(term_of(model, joint, EffectGroup::backlash, "approach"));
-    terms.back().signal = DriveSignal::approach;
+    terms.push_back(term_of(model, joint, ApproachSide{}, "approach"));
   }
-  EffectTerm term = loaded_equally(model, joint);
   double sum = 0.0;
   for (const JointFrames& at : stops.frames) {
-    sum += std::abs(torque(model, term, at));
+    sum += std::abs(load_torque(model, joint, 1.0, at));
   }
   const double mean = sum / static_cast<double>(stops.q.cols());
-  if (!(mean > kLeastLever)) {
-    return;
+  if (mean > kLeastLever) {
+    terms.push_back(term_of(model, joint, LoadSide{.mass = 1.0 / (kPlay * mean)}));
   }
-  const double play = kPlay * mean;
-  for (PointMass& mass : term.masses) {
-    mass.mass = 1.0 / play;
-  }
-  terms.push_back(term);
 }
 
 void add_torque(const ErrorModel& model, std::size_t joint, const Stops& stops, std::vector<EffectTerm>& terms) {
   if (!has_torques(stops.signals, static_cast<Index>(joint))) {
     return;
   }
-  EffectTerm term = term_of(model, joint, EffectGroup::torque);
-  term.signal = DriveSignal::torque;
-  terms.push_back(term);
+  terms.push_back(term_of(model, joint, MeasuredTorque{}));
   double sum = 0.0;
-  for (Index c = 0; c < stops.q.cols(); ++c) {
-    sum += std::abs(raw_value(model, term, stops.signals, c));
+  for (const double torque : raw_values(model, terms.back(), stops)) {
+    sum += std::abs(torque);
   }
   if (sum > 0.0) {
-    term.name += ".tanh";
-    term.play = kPlay * sum / static_cast<double>(stops.q.cols());
-    terms.push_back(term);
+    const double play = kPlay * sum / static_cast<double>(stops.q.cols());
+    terms.push_back(term_of(model, joint, MeasuredTorque{.play = play}, "tanh"));
   }
 }
 
-void add_swing(const ErrorModel& model, std::size_t joint, EffectGroup group, double times,
-               std::vector<EffectTerm>& terms) {
-  for (const bool sine : {true, false}) {
-    EffectTerm term = term_of(model, joint, group, (sine ? "sin" : "cos") + shortest(times));
-    term.harmonic = sine ? times : -times;
-    terms.push_back(term);
-  }
-}
-
-void add_harmonics(const ErrorModel& model, std::size_t joint, std::vector<EffectTerm>& terms) {
-  for (const double times : {1.0, 2.0}) {
-    add_swing(model, joint, EffectGroup::harmonics, times, terms);
+void add_swing(const ErrorModel& model, std::size_t joint, Sinusoid swing, std::vector<EffectTerm>& terms) {
+  for (const bool cosine : {false, true}) {
+    swing.is_cosine = cosine;
+    terms.push_back(term_of(model, joint, swing, (cosine ? "cos" : "sin") + shortest(swing.times)));
   }
 }
 
 constexpr double kLeastScale = 0.05;  // of a function of unit size
 constexpr double kNew = 0.05;         // share of a function that others of its joint do not say
 
-VectorXd values_at(const ErrorModel& model, const EffectTerm& term, const Stops& stops) {
-  if (term.signal == DriveSignal::none) {
-    return raw_values(model, term, stops.q, stops.frames);
-  }
-  VectorXd values(stops.q.cols());
-  for (Index c = 0; c < values.size(); ++c) {
-    values[c] = raw_value(model, term, stops.signals, c);
-  }
-  return values;
-}
-
 bool has_no_unit_size(const EffectTerm& term) {
-  return term.group == EffectGroup::gain || (term.signal == DriveSignal::torque && term.play == 0.0);
+  const auto* const torque = std::get_if<MeasuredTorque>(&term.function);
+  return std::holds_alternative<JointGain>(term.function) || (torque != nullptr && torque->play == 0.0);
 }
 
 // Takes off means, applies scales, and leaves out what N joint values do not tell apart.
@@ -225,7 +171,7 @@ std::vector<EffectTerm> told_apart(const ErrorModel& model, const std::vector<Ef
       moved = {term.index, term.axis};
       basis.resize(stop_count, 0);
     }
-    VectorXd values = values_at(model, term, stops);
+    VectorXd values = raw_values(model, term, stops);
     const auto known = static_cast<double>(stop_count - values.array().isNaN().count());
     term.mean = values.array().isNaN().select(0.0, values).sum() / known;
     values = values.array().isNaN().select(0.0, values.array() - term.mean).matrix();
@@ -266,14 +212,16 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
     } else if (group == EffectGroup::transverse) {
       add_transverse(model, joint, all);
     } else if (group == EffectGroup::gain) {
-      all.push_back(term_of(model, joint, group));
+      all.push_back(term_of(model, joint, JointGain{}));
     } else if (group == EffectGroup::backlash) {
       add_backlash(model, joint, stops, all);
     } else if (group == EffectGroup::torque) {
       add_torque(model, joint, stops, all);
+    } else if (!slides(model, joint) && group == EffectGroup::ripple) {
+      add_swing(model, joint, {.times = kUsualRipple, .is_ripple = true}, all);
     } else if (!slides(model, joint)) {
-      group == EffectGroup::ripple ? add_swing(model, joint, group, kUsualRipple, all)
-                                   : add_harmonics(model, joint, all);
+      add_swing(model, joint, {.times = 1.0}, all);
+      add_swing(model, joint, {.times = 2.0}, all);
     }
   }
   return told_apart(model, all, stops);
@@ -284,7 +232,7 @@ std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& jo
   require_count("joint values", joint_values.rows(), model.joints.size());
   require_index("the joint", joint, model.joints.size());
   std::vector<EffectTerm> pair;
-  add_swing(model, joint, EffectGroup::ripple, times_a_turn, pair);
+  add_swing(model, joint, {.times = times_a_turn, .is_ripple = true}, pair);
   const DriveSignals none;
   return told_apart(model, pair,
                     {.q = joint_values, .signals = none, .frames = joint_frames_of_all(model, joint_values)});
@@ -298,7 +246,7 @@ std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joi
   std::vector<EffectTerm> result;
   for (std::size_t joint = 0; joint < model.joints.size() && joint_values.cols() > 0; ++joint) {
     const auto row = joint_values.row(static_cast<Index>(joint));
-    TableTerm table{.length = length, .lower = row.minCoeff(), .upper = row.maxCoeff()};
+    JointTable table{.length = length, .lower = row.minCoeff(), .upper = row.maxCoeff()};
     const double range = table.upper - table.lower;
     if (range < (slides(model, joint) ? kLeastSlide : kLeastTurn)) {
       continue;
@@ -307,9 +255,7 @@ std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joi
     const double L = 0.5 * range + kTableBeyond * table.length;
     const int functions = std::min(static_cast<int>(std::ceil(kFunctions * L / table.length)), kMostFunctions);
     for (table.number = 1; table.number <= functions; ++table.number) {
-      EffectTerm term = term_of(model, joint, EffectGroup::tables, std::to_string(table.number));
-      term.table = table;
-      result.push_back(term);
+      result.push_back(term_of(model, joint, table, std::to_string(table.number)));
     }
   }
   return result;
@@ -320,9 +266,8 @@ MatrixXd gravity_torques(const ErrorModel& model, const MatrixXd& joint_values) 
   MatrixXd torques(joint_values.rows(), joint_values.cols());
   const std::vector<JointFrames> frames = joint_frames_of_all(model, joint_values);
   for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
-    const EffectTerm term = loaded_equally(model, joint);
     for (std::size_t c = 0; c < frames.size(); ++c) {
-      torques(static_cast<Index>(joint), static_cast<Index>(c)) = torque(model, term, frames[c]);
+      torques(static_cast<Index>(joint), static_cast<Index>(c)) = load_torque(model, joint, 1.0, frames[c]);
     }
   }
   return torques;
@@ -330,7 +275,8 @@ MatrixXd gravity_torques(const ErrorModel& model, const MatrixXd& joint_values) 
 
 std::vector<EffectTerm> load_terms(const ErrorModel& model) {
   const MatrixXd q = generic_configurations(model);
-  const std::vector<JointFrames> frames = joint_frames_of_all(model, q);
+  const DriveSignals none;
+  const Stops stops{.q = q, .signals = none, .frames = joint_frames_of_all(model, q)};
   struct Candidate {
     EffectTerm term;
     VectorXd torques;
@@ -339,7 +285,7 @@ std::vector<EffectTerm> load_terms(const ErrorModel& model) {
   double largest = 0.0;
   for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
     for (EffectTerm& term : candidates(model, joint)) {
-      all.push_back({term, raw_values(model, term, q, frames)});
+      all.push_back({term, raw_values(model, term, stops)});
       largest = std::max(largest, all.back().torques.cwiseAbs().maxCoeff());
     }
   }
@@ -367,7 +313,7 @@ std::vector<EffectTerm> load_terms(const ErrorModel& model) {
 std::vector<EffectTerm> gain_terms(const ErrorModel& model) {
   std::vector<EffectTerm> result;
   for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
-    result.push_back(term_of(model, joint, EffectGroup::gain));
+    result.push_back(term_of(model, joint, JointGain{}));
   }
   return result;
 }

@@ -48,16 +48,26 @@ std::vector<std::string> effect_group_names() {
   return names;
 }
 
+EffectGroup EffectTerm::group() const {
+  using enum EffectGroup;
+  constexpr std::array kGroups = {gravity, gravity, gain, backlash, backlash, harmonics, tables, torque};
+  static_assert(kGroups.size() == std::variant_size_v<EffectFunction>, "a group for each kind, in the same order");
+  if (const auto* const swing = std::get_if<Sinusoid>(&function)) {
+    return swing->is_ripple ? ripple : harmonics;
+  }
+  return axis == EffectAxis::own ? kGroups[function.index()] : transverse;
+}
+
 std::string size_name(const EffectTerm& term) {
-  const std::string group = to_string(term.group);
-  return term.group == EffectGroup::tables ? group + "." + std::to_string(term.index + 1) : group;
+  const std::string group = to_string(term.group());
+  return term.group() == EffectGroup::tables ? group + "." + std::to_string(term.index + 1) : group;
 }
 
 std::map<MovedBy, std::vector<Index>> terms_by_motion(const ErrorModel& model) {
   std::map<MovedBy, std::vector<Index>> result;
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const EffectTerm& term = model.effects[e];
-    result[{.group = term.group, .joint = term.index, .axis = term.axis}].push_back(static_cast<Index>(e));
+    result[{.group = term.group(), .joint = term.index, .axis = term.axis}].push_back(static_cast<Index>(e));
   }
   return result;
 }
@@ -84,11 +94,11 @@ double scaled(const EffectTerm& term, double raw) { return std::isnan(raw) ? 0.0
 
 bool needs_torques(const ErrorModel& model) {
   return std::any_of(model.effects.begin(), model.effects.end(),
-                     [](const EffectTerm& term) { return term.signal == DriveSignal::torque; });
+                     [](const EffectTerm& term) { return std::holds_alternative<MeasuredTorque>(term.function); });
 }
 
 bool misses_approach(const EffectTerm& term, const DriveSignals& signals, Index column) {
-  return term.signal == DriveSignal::approach &&
+  return std::holds_alternative<ApproachSide>(term.function) &&
          (signals.approach.size() == 0 || std::isnan(signals.approach(term.index, column)));
 }
 
@@ -103,11 +113,9 @@ MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values, con
   }
   for (Index c = 0; c < joint_values.cols(); ++c) {
     const JointFrames frames = joint_frames(model, joint_values.col(c));
+    const Stop stop{joint_values.col(c), frames, signals, c};
     for (std::size_t e = 0; e < model.effects.size(); ++e) {
-      const EffectTerm& term = model.effects[e];
-      basis(static_cast<Index>(e), c) =
-          scaled(term, term.signal == DriveSignal::none ? raw_value(model, term, joint_values.col(c), frames)
-                                                        : raw_value(model, term, signals, c));
+      basis(static_cast<Index>(e), c) = scaled(model.effects[e], raw_value(model, model.effects[e], stop));
     }
   }
   return basis;
@@ -122,11 +130,12 @@ void effect_motion(const ErrorModel& model, const VectorXd& values, const Ref<co
       bytes;
   std::pmr::monotonic_buffer_resource memory(bytes.data(), bytes.size());
   const JointFrames frames = joint_frames(model, q, &memory);
+  const DriveSignals unknown;
+  const Stop stop{q, frames, unknown};
   motion.setZero();
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const EffectTerm& term = model.effects[e];
-    motion[motion_entry(model, term)] +=
-        values[static_cast<Index>(e)] * scaled(term, raw_value(model, term, q, frames));
+    motion[motion_entry(model, term)] += values[static_cast<Index>(e)] * scaled(term, raw_value(model, term, stop));
   }
 }
 

@@ -33,8 +33,9 @@ std::vector<EffectTerm> planned_terms(const PlanRequest& request, const ErrorMod
   std::vector<EffectTerm> terms;
   if (request.calibrated) {
     const std::vector<EffectTerm>& found = request.calibrated->model.effects;
-    std::copy_if(found.begin(), found.end(), std::back_inserter(terms),
-                 [&](const EffectTerm& term) { return term.group == group && term.signal == DriveSignal::none; });
+    std::copy_if(found.begin(), found.end(), std::back_inserter(terms), [&](const EffectTerm& term) {
+      return term.group() == group && !std::holds_alternative<ApproachSide>(term.function);
+    });
     for (EffectTerm& term : terms) {
       const std::optional<Eigen::Index> column = request.calibrated->free.column(term.name);
       term.sigma = column && *column < request.calibrated->covariance.cols() ? 0.0 : term.sigma;

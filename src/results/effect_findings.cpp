@@ -35,7 +35,7 @@ std::string times_a_turn(const Calibration& calibration, const EffectMotion& mot
   for (const Eigen::Index place : motion.terms) {
     const EffectTerm& term = calibration.model.effects[static_cast<std::size_t>(place)];
     const double amplitude = calibration.fit.identification.estimate.effects[place] / term.scale;
-    squares[std::abs(term.harmonic)] += amplitude * amplitude;
+    squares[std::get<Sinusoid>(term.function).times] += amplitude * amplitude;
   }
   const auto strongest = std::max_element(squares.begin(), squares.end(),
                                           [](const auto& a, const auto& b) { return a.second < b.second; });
@@ -47,7 +47,8 @@ bool is_mostly_of_approach(const Calibration& calibration, const EffectMotion& m
   double by_approach = 0.0;
   double by_load = 0.0;
   for (const Eigen::Index place : motion.terms) {
-    const bool approach = calibration.model.effects[static_cast<std::size_t>(place)].signal == DriveSignal::approach;
+    const EffectTerm& term = calibration.model.effects[static_cast<std::size_t>(place)];
+    const bool approach = std::holds_alternative<ApproachSide>(term.function);
     (approach ? by_approach : by_load) += std::abs(calibration.fit.identification.estimate.effects[place]);
   }
   return by_approach > by_load;

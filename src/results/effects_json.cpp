@@ -9,6 +9,7 @@
 #include "base/text.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "kdl_calibration/input_check.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_effects.hpp"
 #include "kdl_calibration/result_json.hpp"
 #include "results/effect_findings.hpp"
@@ -24,49 +25,50 @@ using tree::member;
 using tree::Node;
 using tree::number;
 
-constexpr const char* kAxes[] = {"x", "y", "z", "slide", "own"};
+const std::vector<std::string> kAxes = {"x", "y", "z", "slide", "own"};
 
 // Of the joint, as measured; null of nothing.
 Json range_json(const std::pair<double, double>& range) {
   return range.first <= range.second ? Json::array({range.first, range.second}) : Json(nullptr);
 }
 
-// What the function is made of, beside its group and joint.
-Json function_json(const EffectTerm& term) {
-  switch (term.group) {
-    case EffectGroup::gravity:
-    case EffectGroup::transverse:
-      return {{"link", term.gravity.link + 1}, {"axis", kAxes[term.gravity.axis]}};
-    case EffectGroup::backlash:
-      return term.signal == DriveSignal::approach ? Json{{"of", "approach"}} : Json{{"mass", term.masses.front().mass}};
-    case EffectGroup::torque:
-      return term.play > 0.0 ? Json{{"of", "tanh"}, {"play", term.play}} : Json{{"of", "torque"}};
-    case EffectGroup::harmonics:
-    case EffectGroup::ripple:
-      return {{"of", term.harmonic > 0 ? "sin" : "cos"}, {"times", std::abs(term.harmonic)}};
-    case EffectGroup::tables: {
-      Json table = {{"number", term.table.number},
-                    {"length", term.table.length},
-                    {"lower", term.table.lower},
-                    {"upper", term.table.upper},
-                    {"withheld", Json::array()}};
-      for (const auto& range : term.table.withheld) {
-        table["withheld"].push_back(range_json(range));
-      }
-      return table;
-    }
-    case EffectGroup::gain:
-      break;
+// What each kind of function is made of, beside its group and joint.
+Json function_json(const GravityMoment& moment) { return {{"link", moment.link + 1}, {"axis", kAxes[moment.axis]}}; }
+
+Json function_json(const LoadTorque& /*load*/) {
+  throw InputError("effects: the torque of known masses has no form in a result, expected terms of effect_terms");
+}
+
+Json function_json(const JointGain& /*gain*/) { return Json::object(); }
+
+Json function_json(const LoadSide& side) { return {{"mass", side.mass}}; }
+
+Json function_json(const ApproachSide& /*side*/) { return {{"of", "approach"}}; }
+
+Json function_json(const Sinusoid& swing) { return {{"of", swing.is_cosine ? "cos" : "sin"}, {"times", swing.times}}; }
+
+Json function_json(const JointTable& table) {
+  Json withheld = Json::array();
+  for (const auto& range : table.withheld) {
+    withheld.push_back(range_json(range));
   }
-  return Json::object();
+  return {{"number", table.number},
+          {"length", table.length},
+          {"lower", table.lower},
+          {"upper", table.upper},
+          {"withheld", withheld}};
+}
+
+Json function_json(const MeasuredTorque& torque) {
+  return torque.play > 0.0 ? Json{{"of", "tanh"}, {"play", torque.play}} : Json{{"of", "torque"}};
 }
 
 Json term_json(const EffectTerm& term, double coefficient) {
   return {{"name", term.name},
           {"joint", term.joint},
-          {"group", to_string(term.group)},
+          {"group", to_string(term.group())},
           {"about", to_string(term.axis)},
-          {"function", function_json(term)},
+          {"function", std::visit([](const auto& kind) { return function_json(kind); }, term.function)},
           {"mean", term.mean},
           {"scale", term.scale},
           {"sigma", term.sigma},
@@ -89,95 +91,70 @@ double positive(const Node& node) {
   return value;
 }
 
-void read_withheld(const Node& node, TableTerm& table) {
-  if (!node.json.is_array()) {
-    tree::fail(node, "an array");
+// The place of the node's name among these.
+std::size_t place_among(const std::vector<std::string>& names, const Node& node, const std::string& expected) {
+  const auto found = std::find(names.begin(), names.end(), tree::name(node));
+  if (found == names.end()) {
+    tree::fail(node, expected);
   }
-  if (node.json.empty()) {
-    return;
-  }
-  for (const Node& range : elements(node)) {
-    const Eigen::Vector2d ends = tree::numbers<2>(range);
-    if (!(ends[0] <= ends[1])) {
-      tree::fail(range, "the lower end first");
-    }
-    table.withheld.emplace_back(ends[0], ends[1]);
-  }
+  return static_cast<std::size_t>(found - names.begin());
 }
 
-void read_function(const Node& node, const ErrorModel& model, EffectTerm& term) {
-  const auto joints = static_cast<int>(model.joints.size());
-  switch (term.group) {
+JointTable read_table(const Node& node) {
+  JointTable table{.number = whole_number(member(node, "number"), 1, 1000),
+                   .length = positive(member(node, "length")),
+                   .lower = number(member(node, "lower")),
+                   .upper = number(member(node, "upper")),
+                   .withheld = {}};
+  if (has(node, "withheld")) {
+    const Node withheld = member(node, "withheld");
+    if (!withheld.json.is_array()) {
+      tree::fail(withheld, "an array");
+    }
+    for (const Node& range : withheld.json.empty() ? std::vector<Node>() : elements(withheld)) {
+      const Eigen::Vector2d ends = tree::numbers<2>(range);
+      if (!(ends[0] <= ends[1])) {
+        tree::fail(range, "the lower end first");
+      }
+      table.withheld.emplace_back(ends[0], ends[1]);
+    }
+  }
+  if (!(table.lower < table.upper)) {
+    tree::fail(member(node, "upper"), "a number above 'lower'");
+  }
+  return table;
+}
+
+EffectFunction read_function(const Node& node, EffectGroup group, int joints) {
+  switch (group) {
     case EffectGroup::gravity:
-    case EffectGroup::transverse: {
-      term.gravity.link = whole_number(member(node, "link"), 1, joints) - 1;
-      const Node axis = member(node, "axis");
-      const auto* const found = std::find(std::begin(kAxes), std::end(kAxes), tree::name(axis));
-      if (found == std::end(kAxes)) {
-        tree::fail(axis, "x, y, z, slide or own");
-      }
-      term.gravity.axis = static_cast<int>(found - std::begin(kAxes));
-      return;
-    }
-    case EffectGroup::torque: {
-      const Node of = member(node, "of");
-      if (tree::name(of) != "torque" && tree::name(of) != "tanh") {
-        tree::fail(of, "torque or tanh");
-      }
-      term.signal = DriveSignal::torque;
-      term.play = tree::name(of) == "tanh" ? positive(member(node, "play")) : 0.0;
-      return;
-    }
+    case EffectGroup::transverse:
+      return GravityMoment{.link = whole_number(member(node, "link"), 1, joints) - 1,
+                           .axis = static_cast<int>(place_among(kAxes, member(node, "axis"), "x, y, z, slide or own"))};
     case EffectGroup::backlash:
-      if (has(node, "of")) {
-        if (tree::name(member(node, "of")) != "approach") {
-          tree::fail(member(node, "of"), "approach");
-        }
-        term.signal = DriveSignal::approach;
-        return;
+      if (!has(node, "of")) {
+        return LoadSide{.mass = positive(member(node, "mass"))};
       }
-      for (int frame = term.index + 1; frame <= joints; ++frame) {
-        term.masses.push_back({.frame = frame, .mass = positive(member(node, "mass")), .centre = {}});
-      }
-      return;
+      place_among({"approach"}, member(node, "of"), "approach");
+      return ApproachSide{};
     case EffectGroup::harmonics:
-    case EffectGroup::ripple:
-      term.harmonic = term.group == EffectGroup::ripple ? positive(member(node, "times"))
-                                                        : whole_number(member(node, "times"), 1, 1000);
-      if (tree::name(member(node, "of")) != "sin") {
-        term.harmonic = -term.harmonic;
-      }
-      return;
-    case EffectGroup::tables:
-      term.table = {.number = whole_number(member(node, "number"), 1, 1000),
-                    .length = positive(member(node, "length")),
-                    .lower = number(member(node, "lower")),
-                    .upper = number(member(node, "upper")),
-                    .withheld = {}};
-      if (has(node, "withheld")) {
-        read_withheld(member(node, "withheld"), term.table);
-      }
-      if (!(term.table.lower < term.table.upper)) {
-        tree::fail(member(node, "upper"), "a number above 'lower'");
-      }
-      return;
-    case EffectGroup::gain:
-      return;
-  }
-}
-
-// A result that does not say it has effects about the joints' own axes alone.
-EffectAxis read_axis(const Node& node) {
-  if (!has(node, "about")) {
-    return EffectAxis::own;
-  }
-  const Node about = member(node, "about");
-  for (const EffectAxis axis : {EffectAxis::own, EffectAxis::across_x, EffectAxis::across_y}) {
-    if (tree::name(about) == to_string(axis)) {
-      return axis;
+    case EffectGroup::ripple: {
+      const bool is_ripple = group == EffectGroup::ripple;
+      const Node times = member(node, "times");
+      return Sinusoid{.times = is_ripple ? positive(times) : whole_number(times, 1, 1000),
+                      .is_cosine = tree::name(member(node, "of")) != "sin",
+                      .is_ripple = is_ripple};
     }
+    case EffectGroup::tables:
+      return read_table(node);
+    case EffectGroup::torque: {
+      const bool is_tanh = place_among({"torque", "tanh"}, member(node, "of"), "torque or tanh") == 1;
+      return MeasuredTorque{.play = is_tanh ? positive(member(node, "play")) : 0.0};
+    }
+    case EffectGroup::gain:
+      break;
   }
-  tree::fail(about, "own, x or y");
+  return JointGain{};
 }
 
 EffectTerm read_term(const Node& node, const ErrorModel& model) {
@@ -191,20 +168,19 @@ EffectTerm read_term(const Node& node, const ErrorModel& model) {
     tree::fail(joint, "a moving joint of this robot");
   }
   term.index = static_cast<int>(found - model.joints.begin());
+  const std::vector<std::string> names = effect_group_names();
   const Node group = member(node, "group");
-  const std::optional<EffectGroup> known = effect_group(tree::name(group));
-  if (!known) {
-    tree::fail(group, "one of " + comma_separated(effect_group_names()));
+  const auto known = static_cast<EffectGroup>(place_among(names, group, "one of " + comma_separated(names)));
+  if (has(node, "about")) {  // else the result has effects about the joints' own axes alone
+    term.axis = static_cast<EffectAxis>(place_among({"own", "x", "y"}, member(node, "about"), "own, x or y"));
   }
-  term.group = *known;
-  term.axis = read_axis(node);
-  if ((term.group == EffectGroup::transverse) == (term.axis == EffectAxis::own)) {
+  if ((known == EffectGroup::transverse) == (term.axis == EffectAxis::own)) {
     tree::fail(group, "about x or y where it is transverse, else about its own axis");
   }
   term.mean = number(member(node, "mean"));
   term.scale = positive(member(node, "scale"));
   term.sigma = positive(member(node, "sigma"));
-  read_function(member(node, "function"), model, term);
+  term.function = read_function(member(node, "function"), known, static_cast<int>(model.joints.size()));
   return term;
 }
 

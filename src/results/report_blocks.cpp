@@ -261,7 +261,7 @@ namespace {
 double slowest(const std::vector<EffectTerm>& terms, const std::vector<Index>& members) {
   double times = kInfinity;
   for (const Index member : members) {
-    times = std::min(times, std::abs(terms[static_cast<std::size_t>(member)].harmonic));
+    times = std::min(times, std::get<Sinusoid>(terms[static_cast<std::size_t>(member)].function).times);
   }
   return times;
 }

@@ -78,7 +78,7 @@ LinearSums sums_of(const LinearRows& rows, const std::vector<Index>& configurati
   return sums;
 }
 
-bool is_of_table(const EffectTerm& term) { return term.group == EffectGroup::tables; }
+bool is_of_table(const EffectTerm& term) { return std::holds_alternative<JointTable>(term.function); }
 
 Groups groups_of(const Candidate& candidate, const Priors& stated) {
   Groups result;
@@ -105,7 +105,7 @@ Groups groups_of(const Candidate& candidate, const Priors& stated) {
   for (const std::size_t e : candidate.free.effects()) {
     const EffectTerm& term = candidate.model.effects[e];
     add(size_name(term), *candidate.free.column(UnknownGroup::effects, e), 0.0,
-        term.group == EffectGroup::tables ? kMostOfTable : kUnlimited, false);
+        is_of_table(term) ? kMostOfTable : kUnlimited, false);
   }
   return result;
 }

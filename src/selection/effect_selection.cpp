@@ -83,8 +83,9 @@ bool is_preferable(const Route& one, const Route& other) {
 
 // Nothing is known of it anywhere.
 bool is_withheld_throughout(const EffectTerm& term) {
-  return is_of_table(term) && !term.table.withheld.empty() &&
-         term.table.withheld.front() == std::pair(term.table.lower, term.table.upper);
+  const auto* const table = std::get_if<JointTable>(&term.function);
+  return table != nullptr && !table->withheld.empty() &&
+         table->withheld.front() == std::pair(table->lower, table->upper);
 }
 
 std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const ModelScore& score) {
@@ -328,7 +329,7 @@ private:
   // Ripple that was found beside less than what is known now is looked for again. Whether that is likelier and predicts
   // better; it is the last group then.
   bool renew_ripple(Route& route, TriedModels& tried) const {
-    const auto is_one = [](const EffectTerm& term) { return term.group == EffectGroup::ripple; };
+    const auto is_one = [](const EffectTerm& term) { return term.group() == EffectGroup::ripple; };
     CandidateModel model = route.model;
     if (std::erase(model.names, to_string(EffectGroup::ripple)) == 0 || is_one(model.terms.back())) {
       return false;
@@ -373,14 +374,15 @@ private:
     const TableCertainty certainty(candidate, route.score.information, route.score.groups, route.score.sizes);
     std::map<int, std::vector<std::pair<double, double>>> gaps;
     for (EffectTerm& term : terms) {
-      if (!is_of_table(term)) {
+      auto* const table = std::get_if<JointTable>(&term.function);
+      if (table == nullptr) {
         continue;
       }
       const auto [own, is_new] = gaps.try_emplace(term.index);
       if (is_new) {
         own->second = certainty.gaps(term.index);
       }
-      term.table.withheld = own->second;
+      table->withheld = own->second;
     }
   }
 

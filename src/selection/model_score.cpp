@@ -56,7 +56,9 @@ std::vector<Index> all_of(Index count) {
 std::string in_words(const CandidateModel& model) {
   double length = 0.0;
   for (const EffectTerm& term : model.terms) {
-    length = std::max(length, term.table.length);
+    if (const auto* const table = std::get_if<JointTable>(&term.function)) {
+      length = std::max(length, table->length);
+    }
   }
   const long degrees = std::lround(length * 180.0 / std::numbers::pi);
   return "trying " + (model.names.empty() ? "geometry alone" : comma_separated(model.names)) +

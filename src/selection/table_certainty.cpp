@@ -69,7 +69,8 @@ bool TableCertainty::is_uncertain(const Table& table, double joint_value) const 
   constexpr double kShare = 0.8;
   VectorXd functions(static_cast<Index>(table.terms.size()));
   for (std::size_t k = 0; k < table.terms.size(); ++k) {
-    functions[static_cast<Index>(k)] = table_value(candidate_.model.effects[table.terms[k]].table, joint_value);
+    functions[static_cast<Index>(k)] =
+        table_value(std::get<JointTable>(candidate_.model.effects[table.terms[k]].function), joint_value);
   }
   const double beforehand = table.sigma * functions.norm();
   const double variance = functions.dot(table.covariance * functions);
@@ -92,7 +93,7 @@ std::vector<std::pair<double, double>> TableCertainty::gaps(int joint) const {
   if (found == tables_.end()) {
     return result;
   }
-  const TableTerm& range = candidate_.model.effects[found->second.terms.front()].table;
+  const JointTable& range = std::get<JointTable>(candidate_.model.effects[found->second.terms.front()].function);
   const double parts = (range.upper - range.lower) / range.length * kParts;
   const auto steps = static_cast<int>(std::ceil(std::min(parts, kMostSteps)));
   const double step = (range.upper - range.lower) / steps;

@@ -6,9 +6,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
+#include <functional>
 #include <kdl/chaindynparam.hpp>
 #include <kdl/chainfksolverpos_recursive.hpp>
+#include <map>
 #include <numeric>
+#include <set>
 
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/identification.hpp"
@@ -40,7 +44,7 @@ TEST(JointEffects, NoBacklashWhereNothingLoadsTheJoint) {
   std::vector<int> joints;
   for (const EffectTerm& term : effect_terms(model, EffectGroup::backlash, q)) {
     joints.push_back(term.index);
-    EXPECT_LT(term.masses.front().mass, 1e4);
+    EXPECT_LT(std::get<LoadSide>(term.function).mass, 1e4);
   }
   EXPECT_THAT(joints, ::testing::ElementsAre(1, 2, 3, 4)) << "the first axis is vertical";
 }
@@ -166,15 +170,13 @@ std::vector<EffectTerm> whole_gravity_basis(const ErrorModel& model) {
   std::vector<EffectTerm> terms;
   for (int joint = 0; joint < static_cast<int>(model.joints.size()); ++joint) {
     for (int link = joint; link < static_cast<int>(model.joints.size()); ++link) {
-      for (int axis = 0; axis <= GravityTerm::kOwn; ++axis) {
-        const auto type = model.joints[static_cast<std::size_t>(axis == GravityTerm::kSlide ? link : joint)].type;
-        const bool fits = axis < GravityTerm::kSlide || type == JointType::prismatic;
+      for (int axis = 0; axis <= GravityMoment::kOwn; ++axis) {
+        const auto type = model.joints[static_cast<std::size_t>(axis == GravityMoment::kSlide ? link : joint)].type;
+        const bool fits = axis < GravityMoment::kSlide || type == JointType::prismatic;
         if (fits) {
           terms.push_back({.name = std::to_string(terms.size()),
                            .index = joint,
-                           .masses = {},
-                           .gravity = {.link = link, .axis = axis},
-                           .table = {}});
+                           .function = GravityMoment{.link = link, .axis = axis}});
         }
       }
     }
@@ -222,9 +224,43 @@ TEST(JointEffects, TermsHaveZeroMeanAndUnitScaleOverTheJointValuesTheyAreMadeFor
     const Eigen::MatrixXd basis = effect_basis(model, q);
     for (std::size_t e = 0; e < model.effects.size(); ++e) {
       const auto row = basis.row(static_cast<Eigen::Index>(e)).array();
-      EXPECT_EQ(model.effects[e].group, group);
+      EXPECT_EQ(model.effects[e].group(), group);
       EXPECT_NEAR(row.mean(), 0.0, 1e-12) << model.effects[e].name;
       EXPECT_NEAR(std::sqrt(row.square().mean()), 1.0, 1e-12) << model.effects[e].name;
+    }
+  }
+}
+
+// Of the odd arm, whose second joint slides.
+TEST(JointEffects, FunctionsOfTheJointsValueAreAsTheyAreNamed) {
+  ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  Random random(7);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  for (const EffectGroup group : {EffectGroup::gain, EffectGroup::harmonics, EffectGroup::ripple}) {
+    for (const EffectTerm& term : effect_terms(model, group, q)) {
+      model.effects.push_back(term);
+    }
+  }
+  for (const EffectTerm& term : ripple_terms(model, q, 2, 7.5)) {
+    model.effects.push_back(term);
+  }
+  const Eigen::MatrixXd basis = effect_basis(model, q);
+  const std::map<std::string, std::function<double(double)>> functions = {
+      {"gain.2", [](double slide) { return slide; }},
+      {"gain.3", [](double angle) { return angle; }},
+      {"harmonics.3.sin1", [](double angle) { return std::sin(angle); }},
+      {"harmonics.3.cos2",
+       [](double angle) { return std::cos(angle) * std::cos(angle) - std::pow(std::sin(angle), 2); }},
+      {"ripple.3.sin7.5", [](double angle) { return std::imag(std::polar(1.0, 7.5 * angle)); }},
+      {"ripple.3.cos7.5", [](double angle) { return std::real(std::polar(1.0, 7.5 * angle)); }},
+      {"ripple.4.cos100", [](double angle) { return std::real(std::polar(1.0, 100.0 * angle)); }}};
+  for (const auto& [name, function] : functions) {
+    const auto term = std::find_if(model.effects.begin(), model.effects.end(),
+                                   [&, of = name](const EffectTerm& other) { return other.name == of; });
+    ASSERT_NE(term, model.effects.end()) << name;
+    for (Eigen::Index c = 0; c < q.cols(); ++c) {
+      EXPECT_NEAR(basis(term - model.effects.begin(), c) * term->scale + term->mean, function(q(term->index, c)), 1e-12)
+          << name;
     }
   }
 }
@@ -249,29 +285,38 @@ TEST(JointEffects, GravityTermsThatRepeatEachOtherOrHardlyChangeAreLeftOut) {
 }
 
 // Of a robot with its joints' axes across each other, by hand: products of KDL frames.
-TEST(JointEffects, BearingsFeelTheMomentsAcrossTheirAxes) {
+TEST(JointEffects, JointsAndBearingsFeelTheMomentsOfGravity) {
   ErrorModel model = complete_model(parse_robot(testing::kOddArm));
   model.gravity = KDL::Vector(0.48, -0.6, -0.64);
   Random random(12);
   const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
-  model.effects = effect_terms(model, EffectGroup::transverse, q);
-  ASSERT_FALSE(model.effects.empty());
+  std::set<std::pair<EffectGroup, int>> seen;  // with the axes of the links
+  for (const EffectGroup group : {EffectGroup::gravity, EffectGroup::transverse}) {
+    for (const EffectTerm& term : effect_terms(model, group, q)) {
+      seen.emplace(term.group(), std::get<GravityMoment>(term.function).axis);
+      model.effects.push_back(term);
+    }
+  }
+  ASSERT_EQ(seen.size(), 8U) << "those of a slide are not across";
   const Eigen::MatrixXd basis = effect_basis(model, q);
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const EffectTerm& term = model.effects[e];
     const auto joint = static_cast<std::size_t>(term.index);
-    ASSERT_NE(term.axis, EffectAxis::own) << term.name;
-    EXPECT_GE(term.gravity.link, term.index) << term.name;
-    EXPECT_LE(term.gravity.link, term.index + 2) << term.name;
-    // About an axis across the joint's own, seen in the frame of the joint's origin.
+    const auto& [link, of_link] = std::get<GravityMoment>(term.function);
+    const auto last = static_cast<std::size_t>(link);
+    EXPECT_GE(link, term.index) << term.name;
+    const bool is_own = term.axis == EffectAxis::own;
+    ASSERT_EQ(is_own, term.group() == EffectGroup::gravity) << term.name;
+    EXPECT_LE(link, is_own ? 4 : term.index + 2) << term.name;
+    // About the joint's own axis or one across it, seen in the frame of the joint's origin.
     const Eigen::Vector3d own = to_eigen(model.joints[joint].axis);
-    const Eigen::Vector3d across = z_onto(own).col(term.axis == EffectAxis::across_x ? 0 : 1);
-    ASSERT_NEAR(across.dot(own), 0.0, 1e-15);
+    const Eigen::Vector3d across = is_own ? own : z_onto(own).col(term.axis == EffectAxis::across_x ? 0 : 1);
+    ASSERT_NEAR(across.dot(own), is_own ? 1.0 : 0.0, 1e-15);
     ASSERT_NEAR(across.norm(), 1.0, 1e-15);
     for (Eigen::Index c = 0; c < q.cols(); ++c) {
       KDL::Frame pose = KDL::Frame::Identity();
       KDL::Vector about;
-      for (std::size_t i = 0; i <= static_cast<std::size_t>(term.gravity.link); ++i) {
+      for (std::size_t i = 0; i <= last; ++i) {
         pose = pose * model.joints[i].origin;
         if (i == joint) {
           about = pose.M * KDL::Vector(across.x(), across.y(), across.z());
@@ -281,10 +326,12 @@ TEST(JointEffects, BearingsFeelTheMomentsAcrossTheirAxes) {
         pose = pose * (model.joints[i].type == JointType::prismatic ? KDL::Frame(axis * value)
                                                                     : KDL::Frame(KDL::Rotation::Rot2(axis, value)));
       }
-      const KDL::Vector lever = term.gravity.axis == 0   ? pose.M.UnitX()
-                                : term.gravity.axis == 1 ? pose.M.UnitY()
-                                                         : pose.M.UnitZ();
-      const double raw = KDL::dot(about, lever * model.gravity);
+      const KDL::Vector lever = of_link == 0   ? pose.M.UnitX()
+                                : of_link == 1 ? pose.M.UnitY()
+                                : of_link == 2 ? pose.M.UnitZ()
+                                               : pose.M * model.joints[last].axis * q(link, c);  // of a slide
+      const bool is_force = of_link == GravityMoment::kOwn;
+      const double raw = KDL::dot(about, is_force ? model.gravity : lever * model.gravity);
       EXPECT_NEAR(basis(static_cast<Eigen::Index>(e), c) * term.scale + term.mean, raw, 1e-12) << term.name;
     }
   }
@@ -348,7 +395,8 @@ TEST(JointEffects, OfTheDirectionOfApproachIsItsSignWhereItIsKnown) {
   Random random(11);
   const auto [q, signals] = driven_stops(model, random);
   model.effects = effect_terms(model, EffectGroup::backlash, q, signals);
-  std::erase_if(model.effects, [](const EffectTerm& term) { return term.signal == DriveSignal::none; });
+  std::erase_if(model.effects,
+                [](const EffectTerm& term) { return !std::holds_alternative<ApproachSide>(term.function); });
   ASSERT_EQ(model.effects.size(), 6U) << "also of the first and last joint, which no weight loads";
   EXPECT_EQ(model.effects[0].name, "backlash.1.approach");
   const Eigen::MatrixXd basis = effect_basis(model, q, signals);
@@ -440,6 +488,13 @@ TEST(JointEffects, BacklashLiesWhereGravityPulls) {
     sides.emplace_back(-slopes(0, 1), basis[c] * second->scale + second->mean);
     EXPECT_GE(sides.back().first * sides.back().second, 0.0) << c;
   }
+  double mean = 0.0;
+  for (const auto& [torque, side] : sides) {
+    mean += std::abs(torque) / static_cast<double>(sides.size());
+  }
+  for (const auto& [torque, side] : sides) {
+    EXPECT_NEAR(side, std::tanh(torque / (0.15 * mean)), 1e-6) << torque;
+  }
   std::sort(sides.begin(), sides.end());
   EXPECT_TRUE(std::is_sorted(sides.begin(), sides.end(),
                              [](const auto& a, const auto& b) { return a.second < b.second - 1e-6; }));
@@ -470,7 +525,8 @@ TEST(JointEffects, TablesHaveTheCovarianceOfMaternThreeHalves) {
     // What is withheld at an end is withheld beyond it.
     ErrorModel withholding = model;
     for (EffectTerm& term : withholding.effects) {
-      term.table.withheld = {{1.2, term.table.upper}};
+      auto& table = std::get<JointTable>(term.function);
+      table.withheld = {{1.2, table.upper}};
     }
     for (const double there : {1.1, 1.3, 1.5}) {
       Eigen::MatrixXd at = q.leftCols(1);

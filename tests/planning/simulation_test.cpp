@@ -62,7 +62,7 @@ TEST(Simulation, DrawsEffectsOfTheStatedSizeAndMeasuresWithThem) {
     }
     const auto is_of = [&](EffectGroup group) {
       return std::count_if(robot.model.effects.begin(), robot.model.effects.end(),
-                           [&](const EffectTerm& term) { return term.group == group && term.sigma == 2e-4; });
+                           [&](const EffectTerm& term) { return term.group() == group && term.sigma == 2e-4; });
     };
     EXPECT_EQ(is_of(EffectGroup::gain), 6);
     EXPECT_EQ(is_of(EffectGroup::harmonics), 24);

@@ -52,6 +52,13 @@ struct Found {
 
 bool any(const EffectTerm& /*term*/) { return true; }
 
+auto swings(double times, bool is_cosine = false) {
+  return [=](const EffectTerm& term) {
+    const auto& swing = std::get<Sinusoid>(term.function);
+    return swing.times == times && swing.is_cosine == is_cosine;
+  };
+}
+
 TEST(EffectFindings, NameTheJointThatMovesMost) {
   Found found(EffectGroup::gain);
   found.set(found.term(1, any), -3e-4);
@@ -68,8 +75,8 @@ TEST(EffectFindings, NameTheJointThatMovesMost) {
 
 TEST(EffectFindings, CountTheSwingsOfATurn) {
   Found found(EffectGroup::harmonics);
-  found.set(found.term(2, [](const EffectTerm& t) { return t.harmonic == 2; }), 0.1 * kDegree);
-  found.set(found.term(2, [](const EffectTerm& t) { return t.harmonic == 1; }), 0.002 * kDegree);
+  found.set(found.term(2, swings(2.0)), 0.1 * kDegree);
+  found.set(found.term(2, swings(1.0)), 0.002 * kDegree);
   ASSERT_EQ(found.words().size(), 1U);
   EXPECT_THAT(found.words()[0], HasSubstr("joint_3 swings by up to 0.1"));
   EXPECT_THAT(found.words()[0], HasSubstr(" degrees, mostly twice a turn"));
@@ -172,16 +179,13 @@ TEST(EffectFindings, BeginAtATenthOfAMicroradian) {
 TEST(EffectFindings, TheStrongestSwingCountsSineAndCosine) {
   Found found(EffectGroup::harmonics);
   for (EffectTerm& term : found.calibration.model.effects) {  // an amplitude is that of the joint, whatever the scale
-    term.scale *= std::abs(term.harmonic) == 1.0 ? 3.0 : 1.0;
+    term.scale *= std::get<Sinusoid>(term.function).times == 1.0 ? 3.0 : 1.0;
   }
-  const auto swing = [&](double harmonic) -> const EffectTerm& {
-    return found.term(2, [&](const EffectTerm& t) { return t.harmonic == harmonic; });
-  };
-  found.set(swing(1.0), 0.006);
-  found.set(swing(-1.0), -0.006);
-  found.set(swing(2.0), -0.008);
+  found.set(found.term(2, swings(1.0)), 0.006);
+  found.set(found.term(2, swings(1.0, true)), -0.006);
+  found.set(found.term(2, swings(2.0)), -0.008);
   EXPECT_THAT(found.words().at(0), HasSubstr("mostly once a turn"));
-  found.set(swing(2.0), -0.009);
+  found.set(found.term(2, swings(2.0)), -0.009);
   EXPECT_THAT(found.words().at(0), HasSubstr("mostly twice a turn"));
   Found ripple(EffectGroup::ripple);
   ripple.set(ripple.term(2, any), 0.002);
@@ -205,7 +209,7 @@ TEST(EffectFindings, APlayIsOfTheSideThatMostOfItGoesWith) {
   ASSERT_EQ(found.calibration.model.effects.size(), 2U);
   Eigen::VectorXd& values = found.calibration.fit.identification.estimate.effects;
   values.resize(2);
-  const auto of_approach = [](const EffectTerm& t) { return t.signal == DriveSignal::approach; };
+  const auto of_approach = [](const EffectTerm& t) { return std::holds_alternative<ApproachSide>(t.function); };
   const Eigen::Index approach = &found.term(1, of_approach) - found.calibration.model.effects.data();
   for (const auto& [by_approach, by_load, mostly] : {std::tuple{1.1e-4, -1e-4, true}, std::tuple{-1.1e-4, 1e-4, true},
                                                      std::tuple{1e-4, -1.1e-4, false}, std::tuple{1e-4, 1e-4, false}}) {
@@ -262,7 +266,7 @@ TEST(EffectFindings, AreOneOfEachGroupInTheirOrder) {
   found.calibration.model.effects.insert(found.calibration.model.effects.begin(), more.begin(), more.end());
   found.calibration.fit.identification.estimate.effects =
       Eigen::VectorXd::Zero(static_cast<Eigen::Index>(found.calibration.model.effects.size()));
-  const auto is = [](EffectGroup group) { return [group](const EffectTerm& t) { return t.group == group; }; };
+  const auto is = [](EffectGroup group) { return [group](const EffectTerm& t) { return t.group() == group; }; };
   found.set(found.term(0, is(EffectGroup::tables)), 1e-3);
   found.set(found.term(5, is(EffectGroup::tables)), 1.5e-3);
   found.set(found.term(2, is(EffectGroup::gain)), 1e-3);

@@ -337,7 +337,7 @@ TEST(ReportBlocks, CurvesAreWhatEffectsDoOverTheMeasuredRanges) {
     }
     Estimate alone = s.saved.estimate;
     for (std::size_t e = 0; e < s.saved.model.effects.size(); ++e) {
-      if (s.saved.model.effects[e].group != group) {
+      if (s.saved.model.effects[e].group() != group) {
         alone.effects[static_cast<Index>(e)] = 0.0;
       }
     }

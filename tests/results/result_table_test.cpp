@@ -31,13 +31,12 @@ struct Made {
   Made() {
     Calibration& c = calibration;
     c.model = complete_model(parse_robot(testing::kOddArm));
-    c.model.effects = {{.name = "gain.2", .joint = "slide", .index = 1, .group = EffectGroup::gain},
+    c.model.effects = {{.name = "gain.2", .joint = "slide", .index = 1, .function = JointGain{}},
                        {.name = "transverse.4.y.4x",
                         .joint = "elbow",
                         .index = 3,
-                        .group = EffectGroup::transverse,
                         .axis = EffectAxis::across_y,
-                        .gravity = {.link = 3, .axis = 0}}};
+                        .function = GravityMoment{.link = 3, .axis = 0}}};
     Estimate& estimate = c.fit.identification.estimate;
     estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(c.model.parameters.size()));
     estimate.effects = Eigen::Vector2d(0.002, 0.0);
@@ -253,9 +252,8 @@ TEST(ResultTable, LongLinesGoOnIndented) {
   EXPECT_EQ(goes_on(text, "Written: "), "         b");
   EXPECT_THAT(goes_on(text, "noise per coordinate"), ::testing::MatchesRegex("  [a-z(]"));
   EXPECT_THAT(goes_on(text, "chosen by"), ::testing::MatchesRegex("  [a-z]"));
-  c.model.effects[0].group = EffectGroup::tables;
   c.model.effects[0].joint = c.model.joints[1].name = std::string(70, 's');
-  c.model.effects[0].table = {.number = 1, .length = 0.2, .lower = -0.4, .upper = 0.5};
+  c.model.effects[0].function = JointTable{.number = 1, .length = 0.2, .lower = -0.4, .upper = 0.5};
   EXPECT_THAT(goes_on(made.printed(), std::string(70, 's') + " is"), ::testing::MatchesRegex("    [a-z]"));
   c.diagnosis.doubts = {{.message = std::string(50, 'c') + " " + std::string(50, 'd')}};
   c.diagnosis.findings = {{.message = std::string(50, 'e') + " " + std::string(50, 'f')}};

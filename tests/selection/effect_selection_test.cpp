@@ -112,10 +112,11 @@ TEST(EffectSelection, FindsHowOftenGearsRipple) {
   std::map<int, std::pair<double, double>> strongest;  // of each joint: amplitude, times a turn
   for (std::size_t e = 0; e < found.model.effects.size(); ++e) {
     const EffectTerm& term = found.model.effects[e];
-    if (term.group == EffectGroup::ripple) {
+    if (term.group() == EffectGroup::ripple) {
       const double amplitude =
           std::abs(found.fit.identification.estimate.effects[static_cast<Eigen::Index>(e)]) / term.scale;
-      strongest[term.index] = std::max(strongest[term.index], std::pair(amplitude, std::abs(term.harmonic)));
+      strongest[term.index] =
+          std::max(strongest[term.index], std::pair(amplitude, std::get<Sinusoid>(term.function).times));
     }
   }
   EXPECT_GE(strongest.size(), 5U);
@@ -138,8 +139,8 @@ TEST(EffectSelection, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
   const Calibration found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
   ASSERT_THAT(found.selection.tried.front().effects, Contains("ripple"));
   for (const EffectTerm& term : found.model.effects) {
-    if (term.group == EffectGroup::ripple) {
-      EXPECT_NEAR(std::abs(term.harmonic), 60.0, 0.5) << term.name;
+    if (term.group() == EffectGroup::ripple) {
+      EXPECT_NEAR(std::get<Sinusoid>(term.function).times, 60.0, 0.5) << term.name;
     }
   }
 }
@@ -191,11 +192,12 @@ TEST(EffectSelection, TablesAreWithheldInGaps) {
       continue;
     }
     ++tables;
-    ASSERT_EQ(term.table.withheld.size(), 1U);
-    EXPECT_LT(term.table.withheld[0].first, middle);
-    EXPECT_GT(term.table.withheld[0].first, middle - 0.4);
-    EXPECT_GT(term.table.withheld[0].second, middle);
-    EXPECT_LT(term.table.withheld[0].second, middle + 0.4);
+    const auto& withheld = std::get<JointTable>(term.function).withheld;
+    ASSERT_EQ(withheld.size(), 1U);
+    EXPECT_LT(withheld[0].first, middle);
+    EXPECT_GT(withheld[0].first, middle - 0.4);
+    EXPECT_GT(withheld[0].second, middle);
+    EXPECT_LT(withheld[0].second, middle + 0.4);
     const Eigen::MatrixXd basis = effect_basis(found.model, asked);
     EXPECT_EQ(basis(static_cast<Eigen::Index>(e), 0), 0.0);
   }
@@ -662,12 +664,14 @@ TEST(EffectSelectionCampaign, ThreeHundredRigidArmsStayRigid) {
 constexpr double kSize = 3e-4;  // [rad] of a term, unless another is given
 constexpr double kNoise = 3e-5;
 
+bool is_of_load(const EffectTerm& term) { return std::holds_alternative<LoadSide>(term.function); }
+
 /// An arm whose joints move by what its drives tell, and what was measured of it on its way.
 struct DrivenArm : testing::VirtualExperiment {
   Measurements measured;
   Measurements unseen;  // without noise
 
-  DrivenArm(DriveSignal signal, unsigned seed, double size = kSize)
+  DrivenArm(EffectGroup group, unsigned seed, double size = kSize)
       : VirtualExperiment({.sizes = {.length = 5e-4, .angle = 5e-4},
                            .X_WB = Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)),
                            .random = Random(seed)}) {
@@ -675,13 +679,8 @@ struct DrivenArm : testing::VirtualExperiment {
     const Eigen::MatrixXd elsewhere = configurations(100);
     const ToldByDrives told{.approach = true, .torques = true, .seed = seed};
     const DrivenConfigurations driven = driven_to(model, q, {}, told);
-    for (const EffectGroup group : {EffectGroup::backlash, EffectGroup::torque}) {
-      for (const EffectTerm& term : effect_terms(model, group, q, driven.signals)) {
-        if (term.signal == signal) {
-          robot.model.effects.push_back(term);
-        }
-      }
-    }
+    robot.model.effects = effect_terms(model, group, q, driven.signals);
+    std::erase_if(robot.model.effects, is_of_load);
     robot.truth.effects.resize(static_cast<Eigen::Index>(robot.model.effects.size()));
     for (double& value : robot.truth.effects) {
       value = size * random.normal();
@@ -702,12 +701,12 @@ CalibrationOptions named(EffectGroup group) {
 }
 
 const DrivenArm& with_play() {
-  static const DrivenArm arm(DriveSignal::approach, 3);
+  static const DrivenArm arm(EffectGroup::backlash, 3);
   return arm;
 }
 
 const DrivenArm& that_gives_way() {
-  static const DrivenArm arm(DriveSignal::torque, 4);
+  static const DrivenArm arm(EffectGroup::torque, 4);
   return arm;
 }
 
@@ -770,7 +769,7 @@ TEST(DriveEffects, WhereItIsNotKnownPredictionsAreAsUncertainAsThePlayIsWide) {
     double variance = with.sigma * with.sigma;
     for (std::size_t e = 0; e < known.model.effects.size(); ++e) {
       const EffectTerm& term = known.model.effects[e];
-      if (term.signal != DriveSignal::approach) {
+      if (!std::holds_alternative<ApproachSide>(term.function)) {
         continue;
       }
       const double play = known.fit.identification.estimate.effects[static_cast<Eigen::Index>(e)];
@@ -791,7 +790,7 @@ TEST(DriveEffects, WhereItIsNotKnownPredictionsAreAsUncertainAsThePlayIsWide) {
 
 TEST(DriveEffects, APlayOfMillimetresIsNoDefectOfTheMeasurements) {
   for (unsigned seed = 1; seed <= 2; ++seed) {
-    const DrivenArm arm(DriveSignal::approach, seed, 10.0 * kSize);
+    const DrivenArm arm(EffectGroup::backlash, seed, 10.0 * kSize);
     EXPECT_THAT(calibrate(arm.model, arm.measured, automatic()).diagnosis.findings, ::testing::IsEmpty())
         << "seed " << seed;
   }

@@ -101,9 +101,12 @@ TEST(RippleSearch, FindsSwingsTheStrongestFirst) {
     EXPECT_EQ(terms[0].index, 3) << seed;
     std::map<int, double> times;
     for (std::size_t i = 0; i < terms.size(); i += 2) {
-      times[terms[i].index] = terms[i].harmonic;
-      EXPECT_EQ(terms[i].group, EffectGroup::ripple);
-      EXPECT_EQ(terms[i + 1].harmonic, -terms[i].harmonic) << "sine and cosine";
+      const auto& sine = std::get<Sinusoid>(terms[i].function);
+      const auto& cosine = std::get<Sinusoid>(terms[i + 1].function);
+      times[terms[i].index] = sine.times;
+      EXPECT_EQ(terms[i].group(), EffectGroup::ripple);
+      EXPECT_EQ(cosine.times, sine.times);
+      EXPECT_TRUE(cosine.is_cosine && !sine.is_cosine);
       EXPECT_EQ(terms[i + 1].index, terms[i].index);
     }
     EXPECT_NEAR(times[3], 41.37, 0.1) << seed;
@@ -154,7 +157,7 @@ double found_of(const VectorXd& values, double times) {
   Rows data(testing::fanuc(), q, random);
   data.add({.joint = 0, .times = times, .amplitude = 0.02, .phase = 0.7});
   const std::vector<EffectTerm> terms = data.found();
-  return terms.empty() ? 0.0 : std::abs(terms.front().harmonic);
+  return terms.empty() ? 0.0 : std::get<Sinusoid>(terms.front().function).times;
 }
 
 VectorXd random_values(Index count, double range) {

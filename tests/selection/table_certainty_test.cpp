@@ -82,18 +82,19 @@ double share_by_hand(const Setting& s, const MatrixXd& covariance, int joint, do
   double size = 0.0;
   for (std::size_t e = 0; e < s.candidate.model.effects.size(); ++e) {
     const EffectTerm& term = s.candidate.model.effects[e];
-    if (term.group == EffectGroup::tables && term.index == joint) {
-      functions[*s.candidate.free.column(UnknownGroup::effects, e)] = table_value(term.table, value);
+    if (is_of_table(term) && term.index == joint) {
+      functions[*s.candidate.free.column(UnknownGroup::effects, e)] =
+          table_value(std::get<JointTable>(term.function), value);
       size = size_of(s, term);
     }
   }
   return size > 0.0 ? std::sqrt(functions.dot(covariance * functions)) / (size * functions.norm()) : 0.0;
 }
 
-const TableTerm& table_of(const Setting& s, int joint) {
-  return std::find_if(s.candidate.model.effects.begin(), s.candidate.model.effects.end(),
-                      [&](const EffectTerm& term) { return is_of_table(term) && term.index == joint; })
-      ->table;
+const JointTable& table_of(const Setting& s, int joint) {
+  const auto found = std::find_if(s.candidate.model.effects.begin(), s.candidate.model.effects.end(),
+                                  [&](const EffectTerm& term) { return is_of_table(term) && term.index == joint; });
+  return std::get<JointTable>(found->function);
 }
 
 TEST(TableCertainty, SizesAddTheirInformation) {
@@ -147,7 +148,7 @@ TEST(TableCertainty, WithholdsTheTablesOfWhichMostUncertaintyIsLeft) {
     const MatrixXd covariance = covariance_by_hand(s);
     const TableCertainty certainty(s.candidate, s.information, s.groups, s.sizes);
     for (const int joint : kWithTables) {
-      const TableTerm& table = table_of(s, joint);
+      const JointTable& table = table_of(s, joint);
       for (int i = 0; i <= 20; ++i) {
         const double value = table.lower + (table.upper - table.lower) * i / 20.0;
         const double share = share_by_hand(s, covariance, joint, value);
@@ -170,7 +171,7 @@ TEST(TableCertainty, GapsAreWhereTablesAreWithheldAndShrinkWithMoreInformation) 
     const TableCertainty surer(s.candidate, 4.0 * s.information, s.groups, s.sizes);
     for (const int joint : kWithTables) {
       const Ranges found = certainty.gaps(joint);
-      const TableTerm& table = table_of(s, joint);
+      const JointTable& table = table_of(s, joint);
       const double step = (table.upper - table.lower) / std::ceil(8.0 * (table.upper - table.lower) / table.length);
       const auto inside = [&](const Ranges& ranges, double value, double margin) {
         return std::any_of(ranges.begin(), ranges.end(), [&](const auto& gap) {
@@ -199,7 +200,7 @@ TEST(TableCertainty, OfNothingKnownTheWholeRangeIsAGapAndOfAllNone) {
   Setting s;
   for (const auto& [scale, whole] : {std::pair{1e-12, true}, std::pair{1e12, false}}) {
     const TableCertainty certainty(s.candidate, scale * s.information, s.groups, s.sizes);
-    const TableTerm& table = table_of(s, 2);
+    const JointTable& table = table_of(s, 2);
     EXPECT_EQ(certainty.gaps(2), whole ? Ranges({{table.lower, table.upper}}) : Ranges());
     EXPECT_THAT(certainty.gaps(3), IsEmpty()) << "it is switched off";
     EXPECT_THAT(certainty.gaps(7), IsEmpty());
