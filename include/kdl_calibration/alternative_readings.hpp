@@ -11,38 +11,36 @@
 
 namespace kdl_calibration {
 
-/// Something that would explain the measurements much better than what they were taken for.
+/// Another interpretation of the input that would explain the measurements much better than the present one.
 struct AlternativeReading {
   Cause cause = Cause::joint_convention;
-  std::string message;  ///< one line for people, with the figures
-  bool doubt = true;    ///< whether the answer is not to be trusted; else a remark
+  std::string message;  ///< one line for the user, with the figures
+  bool doubt = true;    ///< whether the result must not be trusted; false: a remark only
 };
 
 struct ReadingOptions {
   RegistrationOptions registration;
-  const JointConvention* used = nullptr;  ///< that made the joint values the URDF's
+  const JointConvention* used = nullptr;  ///< the convention that converted the joint values to the URDF's
   std::vector<JointConvention> others;
-  double least_misfit = 0.0;  ///< [m] below it only scales and copied rows are looked for
-  std::string remark;         ///< added behind the misfit in messages
+  double least_misfit = 0.0;  ///< [m] below this misfit only scales and copied rows are searched
+  std::string remark;         ///< text after the misfit in messages
   int threads = 1;
 };
 
-/// What is wrong with data that read well, tried at any size of the misfit: other readings of the joint values (see
-/// try_conventions), of the points (a unit, a mirror, coordinates of the tool, targets exchanged from some
-/// configuration on), and a base that moved or drifted against the measuring device. `fit` is the answer, in which
-/// `free` was estimated. A reading is named where it leaves less than a third of what the answer leaves and of what the
-/// same fit to the present reading does, by more than chance (F distribution of as many degrees of freedom as the
-/// distinct points leave). Scales are told by the nominal geometry and by length errors that agree as a share of their
-/// links, gains of joints beyond 1 % are wrong units even where the fit has gains. Of poses the points are tried first,
-/// then the orientations beside those of the arm (their inverses, components in another order, single ones), then as
-/// points beside the measured ones. Only train rows are looked at, of up to 300 configurations spread over
-/// the file (75 of poses as points). Nothing is changed.
+/// Searches well-formed data for input mistakes, however small the misfit is. Tried are other readings of the joint
+/// values (see try_conventions), of the points (unit, mirror image, tool coordinates, targets exchanged from some
+/// configuration on), and a moving or drifting base. `fit` is the result, in which `free` was estimated. A reading is
+/// reported if its misfit is below a third of the result's misfit and of that of the same fit to the present reading.
+/// The difference must also be significant (F test). Scales show in the nominal geometry and in length errors
+/// proportional to their links. Joint gains beyond 1 % count as wrong units even if the fit has gains. For poses,
+/// points are tried first, then orientations (inverses, reordered components, single ones), then points derived from
+/// the orientations. Uses train rows of up to 300 configurations spread over the file (75 for that last trial).
 std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
                                                      const Estimate& fit, const Unknowns& free,
                                                      const ReadingOptions& options = {});
 
 /// The same checks for a robot that was not calibrated. The geometry is fitted for the comparison, so that ordinary
-/// geometric errors are not taken for another reading. With too few points only base and targets are fitted, and other
+/// geometric errors are not reported as another reading. With too few points only base and targets are fitted, and
 /// readings are tried only if the misfit exceeds 1 % of the arm's length. `registered`: the robot with its registered
 /// base and targets.
 std::vector<AlternativeReading> alternative_readings_of_nominal(const ErrorModel& model,

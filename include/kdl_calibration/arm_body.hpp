@@ -16,21 +16,21 @@ namespace kdl_calibration {
 /// All points within `radius` of the segment from a to b, in the frame of the link it belongs to. [m]
 struct Capsule {
   std::string link;
-  std::size_t frame = 0;  ///< of link_frames
+  std::size_t frame = 0;  ///< index into link_frames
   Eigen::Vector3d a = Eigen::Vector3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
   double radius = 0.0;
-  bool tool = false;  ///< part of what the flange carries
+  bool tool = false;  ///< part of the tool
 };
 
 /// The arm's shape.
 struct ArmBody {
   std::vector<Capsule> capsules;
-  std::vector<std::string> without_shape;  ///< links that have a mesh or nothing
+  std::vector<std::string> without_shape;  ///< links with only a mesh or without any shape
 };
 
-/// Capsules around the boxes, cylinders and spheres of the chain's links: the collision shapes, or where a link has
-/// none the visual ones. A capsule encloses its shape. Throws InputError for a size that is no positive number.
+/// Capsules around the boxes, cylinders and spheres of the chain's links: collision shapes, or visual shapes of links
+/// without them. A capsule encloses its shape. Throws InputError for a size that is not positive.
 ArmBody body_from_urdf(const Robot& robot);
 /// Capsules of this radius from each link's frame to the next.
 ArmBody body_with_radius(const Robot& robot, double radius);
@@ -40,13 +40,13 @@ std::vector<Capsule> tool_body(const Robot& robot, const std::vector<TargetFrame
 /// Frames in the base frame at joint values `q`: the base, then each link of the chain behind it, the tip last.
 std::vector<Eigen::Isometry3d> link_frames(const Robot& robot, const Eigen::Ref<const Eigen::VectorXd>& q);
 
-/// In the base frame, parallel to its axes. [m]
+/// Box in the base frame, parallel to its axes. [m]
 struct Box {
   Eigen::Vector3d lower = Eigen::Vector3d::Constant(-std::numeric_limits<double>::infinity());
   Eigen::Vector3d upper = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
 };
 
-/// In the base frame. [m]
+/// Sphere in the base frame. [m]
 struct Sphere {
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
   double radius = 0.0;
@@ -60,10 +60,9 @@ double segment_distance(const Eigen::Vector3d& a, const Eigen::Vector3d& b, cons
 /// Distance between the segment a b and a box, 0 where they meet.
 double segment_distance(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Box& box);
 
-/// Pairs of capsules between which this clearance [m] can be asked for: parts of links that are neither the same nor
-/// neighbours, nor (but for the tool) joined by axes that all go through one point, and that are so far apart in at
-/// least one of 500 seeded configurations within the joint limits. Coarse capsules of joints that sit close together
-/// may overlap everywhere.
+/// Pairs of capsules whose distance can be required to exceed `clearance` [m]. Their links are neither the same nor
+/// neighbours, nor (the tool excepted) joined by axes through one point. They reach that distance in at least one of
+/// 500 seeded configurations within the joint limits: coarse capsules of close joints may overlap everywhere.
 std::vector<std::pair<std::size_t, std::size_t>> pairs_to_keep_apart(const Robot& robot,
                                                                      const std::vector<Capsule>& capsules,
                                                                      double clearance);

@@ -13,15 +13,15 @@
 
 namespace kdl_calibration {
 
-/// The whole calibration: registration, reduction of the model to what the measured targets can show, choice of priors
-/// and effects, identification, covariance, validation. No starting values are needed.
-/// Throws InputError: measurements that do not hold together or are another robot's, a sigma or prior that is negative
-/// or not finite, a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step
-/// with known frames, measured orientations, priors, effects or a loss, fewer equations than unknowns, no training
-/// rows, noise from repeats without repeats, a sigma of orientations without one of positions or without orientations.
-/// Candidates that the measurements at hand cannot tell apart are fixed by the order of the reduction (base, targets,
-/// joint offsets, links): each is kept only where its column raises the rank at the data. What is dropped stays exactly
-/// at zero, and the answer counts as rank deficient. For the joint estimator.
+/// The whole calibration: registration, reduction to the parameters that the targets can identify, choice of priors and
+/// effects, identification, covariance, validation. No starting values are needed.
+/// Throws InputError: inconsistent measurements or those of another robot, a sigma or prior that is negative or not
+/// finite, a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step with known
+/// frames, measured orientations, priors, effects or a loss, fewer equations than unknowns, no training rows, noise
+/// from repeats without repeats, a sigma of orientations without one of positions or without orientations. The joint
+/// estimator resolves candidates that the data cannot tell apart in the reduction's order: base, targets, joint
+/// offsets, links. A candidate is kept only if its column raises the rank. Dropped ones stay exactly at zero, and the
+/// result counts as rank deficient.
 Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
                       const CalibrationOptions& options = {});
 

@@ -12,13 +12,13 @@ namespace kdl_calibration {
 
 struct Calibration;
 
-/// What the errors mean for the URDF's joint origins. Throws InputError where an error behind the last joint has no
-/// fixed joint to carry it.
+/// Corrections of the URDF's joint origins that represent the errors. Throws InputError if an error behind the last
+/// joint has no fixed joint whose origin could carry it.
 std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const Eigen::VectorXd& errors);
 
 /// The robot's URDF with the errors corrected.
 std::string calibrated_urdf(const Robot& robot, const ErrorModel& model, const Eigen::VectorXd& errors);
-/// The robot's URDF with what it can carry of a calibration: the rigid fit, where effects were fitted as well.
+/// The robot's URDF with the calibrated geometry: that of the rigid fit if effects were fitted.
 std::string calibrated_urdf(const Robot& robot, const Calibration& calibration);
 
 }  // namespace kdl_calibration

@@ -1,6 +1,6 @@
 #pragma once
 
-// The result of a calibration, in groups that say what was fitted and how far to trust it.
+// The result of a calibration: the fit, its accuracy and its reliability.
 //
 //     const Calibration found = calibrate(model, measurements);
 //     if (found.trusted()) std::cout << found.accuracy.held_out()->after.rms << " m at unseen configurations\n";
@@ -32,55 +32,55 @@
 
 namespace kdl_calibration {
 
-/// Of a fit with a robust loss; no weights without one.
+/// Row weights of a robust fit; empty without a robust loss.
 struct RobustRows {
-  std::vector<double> weights;  ///< of each row
-  double scale = 0.0;           ///< 1 sigma of a whitened coordinate, by the median of the residuals
+  std::vector<double> weights;  ///< one per row
+  double scale = 0.0;           ///< 1 sigma of a whitened coordinate, from the median residual
 };
 
-/// The estimate, and which unknowns it has.
+/// The estimate and its unknowns.
 struct DeterminedFit {
   Identification identification;
   RobustRows robust;
   Reduction reduction;
-  Unknowns candidates;        ///< unknowns that the targets could show
-  Unknowns free;              ///< those of them that the measurements determine, and that were estimated
-  bool minimum_norm = false;  ///< of all answers that are as good, the one with the smallest errors
+  Unknowns candidates;        ///< unknowns identifiable with these targets
+  Unknowns free;              ///< those determined by the measurements, and estimated
+  bool minimum_norm = false;  ///< whether the errors are the smallest that fit equally well
 };
 
 /// One line of the result: a geometric, base or target parameter, or an effect. SI units.
 struct ParameterEstimate {
   std::string name;
-  std::string joint;  ///< URDF joint whose origin carries it; empty for base and targets
+  std::string joint;  ///< URDF joint whose origin includes it; empty for base and targets
   ParameterKind kind = ParameterKind::translation;
   std::string axis;  ///< "x", "y", "z"; empty for the axis of a skewed joint
   double nominal = 0.0;
   double value = 0.0;  ///< nominal + error
   double error = 0.0;
   double std = 0.0;                 ///< 1 sigma; 0 where fixed, infinite where not determined
-  double degrees_of_freedom = 0.0;  ///< of Student's t for its interval
+  double degrees_of_freedom = 0.0;  ///< of Student's t for the confidence interval
   bool identifiable = false;
-  bool gauge = false;  ///< held by choice: no measurement could tell it, or these measurements cannot
+  bool gauge = false;  ///< held fixed: not determined by any measurement, or by these
 };
 
 struct BeforeAfter {
   ErrorStatistics before;  ///< nominal geometry, base and targets registered
   ErrorStatistics after;
-  /// Where effects were fitted: the rigid robot that the URDF can carry, fitted without them.
+  /// Only if effects were fitted: the rigid robot of the exported URDF, fitted without effects.
   std::optional<ErrorStatistics> rigid;
 };
 
-/// The robot that the exported URDF alone describes, with a base and targets of its own, and its accuracy.
+/// The robot that the exported URDF alone describes, with its own base and targets, and its accuracy.
 struct ExportedUrdf {
   Estimate estimate;          ///< without effects
-  bool nominal_kept = false;  ///< because the calibration does not help: the URDF is the one that was read
+  bool nominal_kept = false;  ///< the input URDF, because the calibration does not improve on it
   ErrorStatistics train;
   Iso9283 iso;
   std::optional<ErrorStatistics> test;
-  std::optional<ErrorStatistics> held_out;  ///< of leave-one-out, else of k-fold
+  std::optional<ErrorStatistics> held_out;  ///< leave-one-out, else k-fold
 };
 
-/// What the covariance rests on: estimated parts of the noise or, without them, the stated noise or the residuals.
+/// Source of the covariance: estimated parts of the noise or, without them, the stated noise or the residuals.
 enum class NoiseSource { parts, stated, residuals };
 const char* to_string(NoiseSource source);
 
@@ -89,29 +89,29 @@ struct NoiseReport {
   double sigma = 0.0;                                     ///< [m] of one coordinate of one row, all parts together
   Eigen::Vector3d independent = Eigen::Vector3d::Zero();  ///< [m] along the axes of W
   Eigen::Vector3d common = Eigen::Vector3d::Zero();       ///< [m] shared by the points of a repeat
-  /// Where one is stated: the noise of a point at its place, which `independent` is the mean of.
+  /// The stated tracker noise, if any, which depends on the point's position; `independent` is its mean.
   std::optional<TrackerNoise> tracker;
   double misfit = 0.0;              ///< [m] shared by the targets of a configuration
   double target_misfit = 0.0;       ///< [m] of a target in a configuration, in every repeat
-  std::optional<NoiseParts> parts;  ///< where they were estimated
-  /// Of each of these: d(covariance of the columns) / d(variance); empty where it is not estimated.
+  std::optional<NoiseParts> parts;  ///< if estimated
+  /// For each part d(covariance of the columns) / d(variance); empty for parts not estimated.
   std::vector<Eigen::MatrixXd> covariance_derivatives;
   double degrees_of_freedom = 0.0;
-  /// Square of residuals over stated noise where the fit is worse than that, else 1; without `parts` the covariance and
-  /// the variance of a new point are multiplied by it.
+  /// Variance of the residuals over the stated variance if significantly above 1, else 1. Without `parts` it multiplies
+  /// the covariance and the variance of a new point.
   double variance_factor = 1.0;
   std::optional<RepeatNoise> repeats;
-  /// [m] where orientations were measured and no sigma of theirs is stated: an error of one radian counted as much as
-  /// this error of position, found from the residuals of both.
+  /// [m] weight of measured orientations without stated sigma, estimated from the residuals: an error of 1 rad counted
+  /// as this position error.
   std::optional<double> orientation_length;
-  std::optional<LackOfFit> lack_of_fit;  ///< where there are repeats
+  std::optional<LackOfFit> lack_of_fit;  ///< if there are repeats
 
-  /// Degrees of freedom that the covariance rests on where no parts were estimated: infinite of stated noise that
-  /// holds.
+  /// Degrees of freedom of the covariance if no parts were estimated: infinite if the residuals agree with the stated
+  /// noise.
   double freedom_of_covariance() const;
 };
 
-/// A cube of the workspace and the predicted 3D 1 sigma [m] of the configurations whose flange lies in it.
+/// A cube of the workspace, with the predicted 3D 1 sigma [m] of configurations whose flange lies in it.
 struct WorkspaceCell {
   Eigen::Vector3d centre;  ///< [m] in the base frame
   int count = 0;
@@ -119,7 +119,7 @@ struct WorkspaceCell {
   double max = 0.0;
 };
 
-/// Where a target will be, and how far the real one may be from there.
+/// Predicted position of a target and its uncertainty.
 struct PredictedPoint {
   std::string configuration;
   std::string target;
@@ -128,8 +128,8 @@ struct PredictedPoint {
   Eigen::Vector3d std;              ///< [m] of the parameters alone along the axes of W; infinite where not determined
   double sigma = 0.0;               ///< [m] 3D 1 sigma of the parameters alone
   double radius_95 = 0.0;           ///< [m] of the sphere that holds a new measured point with 95 %
-  bool outside = false;             ///< of the region that was measured: the radius is no promise there
-  double degrees_of_freedom = 0.0;  ///< that radius and intervals rest on
+  bool outside = false;             ///< whether outside the measured region: the radius does not hold there
+  double degrees_of_freedom = 0.0;  ///< of the radius and of intervals
 };
 
 struct PredictedAccuracy {
@@ -137,7 +137,7 @@ struct PredictedAccuracy {
   ErrorStatistics workspace;         ///< at 1,000 seeded configurations within the joint limits
   std::vector<WorkspaceCell> cells;  ///< the same 1,000, in cubes of `cell` metres
   double cell = 0.5;
-  /// Radii are multiplied by this. From 40 configurations on it makes 95 % of held-out points lie inside (conformal
+  /// Factor on the radii. With at least 40 configurations it makes them contain 95 % of the held-out points (conformal
   /// prediction). With fewer it is the optimism of the selection.
   double radius_factor = 1.0;
   std::vector<PredictedPoint> asked;  ///< CalibrationOptions::predict_at, every target
@@ -159,17 +159,17 @@ struct Accuracy {
   std::optional<ErrorStatistics> nested_leave_one_out;
   std::optional<BeforeAfter> k_fold;
   int folds = 0;  ///< of k_fold
-  /// Point by point the predictions of leave_one_out or k_fold; empty where the folds were fitted again.
+  /// Predictions of leave_one_out or k_fold, point by point; empty if the folds were refitted.
   std::vector<HeldOutPoint> held_out_points;
 
-  /// The errors at unseen configurations: leave-one-out, else k-fold; null where neither could be had.
+  /// The errors at unseen configurations: leave-one-out, else k-fold; null without either.
   const BeforeAfter* held_out() const { return leave_one_out ? &*leave_one_out : k_fold ? &*k_fold : nullptr; }
 };
 
-/// What the measurements determine, and how well.
+/// Which parameters the measurements determine, and their uncertainty.
 struct Uncertainty {
-  Identifiability identifiability;          ///< of base, targets and geometry, by the measurements alone
-  std::vector<std::string> fixed_by_gauge;  ///< errors at zero, frames as they were registered
+  Identifiability identifiability;          ///< of base, targets and geometry, without priors
+  std::vector<std::string> fixed_by_gauge;  ///< errors held at zero, frames held as registered
   ObservabilityIndices observability;
   Eigen::MatrixXd covariance;                 ///< of the columns of `DeterminedFit::free`
   Influence influence;                        ///< of up to 5,000 configurations; empty where there are more
@@ -177,21 +177,21 @@ struct Uncertainty {
   PredictedAccuracy predicted;
 };
 
-/// What is wrong with the measurements or the answer.
+/// Faults found in the measurements or the result.
 struct Diagnosis {
-  std::vector<QualityFinding> findings;  ///< in the measurements themselves, found before the fit
-  GrossRows gross_rows;                  ///< rows without which all others fit more than three times as well
+  std::vector<QualityFinding> findings;  ///< faults of single measurements, found before the fit
+  GrossRows gross_rows;                  ///< if left out, the other rows fit more than three times better
   std::vector<AlternativeReading> alternative_readings;  ///< readings that would explain the measurements much better
   std::vector<std::string> warnings;
   std::vector<Doubt> doubts;
   /// Set instead of the only doubt if that doubt is "not_determined" for named geometric errors, every prediction in
-  /// the measured region is determined, and the held-out error is at most half of the nominal robot's. The answer is
-  /// then trusted where it was measured.
+  /// the measured region is determined, and the held-out error is at most half of the nominal robot's. The result is
+  /// then trusted in the measured region.
   std::optional<Doubt> reservation;
 };
 
 struct Calibration {
-  ErrorModel model;  ///< with the effects that were selected
+  ErrorModel model;  ///< with the selected effects
   DeterminedFit fit;
   ModelSelection selection;
   NoiseReport noise;
@@ -199,9 +199,9 @@ struct Calibration {
   ExportedUrdf exported;
   Uncertainty uncertainty;
   Diagnosis diagnosis;
-  double difference_to_kdl = 0.0;  ///< [m] of the flange pose at the measured configurations
+  double difference_to_kdl = 0.0;  ///< [m] largest difference of our flange poses from KDL's
 
-  /// Whether the answer may be used as it stands, or where it was measured.
+  /// Whether the result may be used, at least in the measured region.
   bool trusted() const { return diagnosis.doubts.empty(); }
 };
 

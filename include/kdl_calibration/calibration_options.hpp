@@ -1,6 +1,6 @@
 #pragma once
 
-// What a calibration is asked for.
+// Options of a calibration.
 //
 //     CalibrationOptions options;
 //     options.parameters.fix = {"Tx*"};
@@ -27,9 +27,9 @@ enum class Method { joint, two_step };
 enum class ModelChoice { irreducible, complete };
 /// How rows are weighed.
 enum class Weights {
-  automatic,  ///< by the parts of the noise, which are estimated unless they are stated
+  automatic,  ///< by the parts of the noise, estimated unless stated
   equal,      ///< all alike, or by the stated noise
-  repeats     ///< as automatic, but repeats are demanded
+  repeats     ///< as automatic; repeats are required
 };
 
 struct EstimatorOptions {
@@ -37,7 +37,7 @@ struct EstimatorOptions {
   int iterations = 0;  ///< limit; 0: 50 for the joint estimator, 1000 rounds for the two-step one
   Loss loss = Loss::none;
 };
-/// Whether least squares are minimised jointly, without a loss.
+/// Whether this is joint least squares without a robust loss.
 inline bool is_plain(const EstimatorOptions& options) {
   return options.method == Method::joint && options.loss == Loss::none;
 }
@@ -54,27 +54,26 @@ inline RegistrationOptions known_frames(const ParameterOptions& options) {
 }
 
 struct NoiseOptions {
-  NoiseModel stated;  ///< by the user; the default weighs all rows alike
+  NoiseModel stated;  ///< by the user; default: equal weights
   Weights weights = Weights::automatic;
 };
 
 struct ValidationOptions {
   bool leave_one_out = false;
-  bool nested = false;  ///< leave_one_out, and beside it every automatic choice made anew without each configuration
+  bool nested = false;  ///< leave-one-out that also repeats every automatic choice without each configuration
   int k_fold = 0;       ///< 0: none
-  /// Where neither is asked for: leave-one-out or, above kMostLeftOutSingly configurations, ten folds. Without it the
-  /// answer cannot be doubted for what it does at unseen configurations.
+  /// Default if neither is requested: leave-one-out or, above kMostLeftOutSingly configurations, ten folds. Without it
+  /// doubts cannot consider the error at unseen configurations.
   bool held_out = true;
 };
 
-/// Configurations up to which each is left out singly unless the options say otherwise. Exact refits take a time that
-/// grows with the square of that number.
+/// Largest number of configurations for leave-one-out by default. The time of exact refits grows with its square.
 constexpr std::size_t kMostLeftOutSingly = 5000;
 constexpr int kFoldsOfMany = 10;
 
 struct DiagnosisOptions {
   bool try_readings = true;  ///< whether other readings of the data are tried
-  /// That made the joint values the URDF's, and others that may have been meant: other readings use them.
+  /// The convention that converted the joint values, and others that the user may have meant. Other readings try them.
   std::optional<JointConvention> convention;
   std::vector<JointConvention> other_conventions;
 };
@@ -85,8 +84,8 @@ struct Configurations {
   DriveSignals signals;
 };
 
-/// Called with the name of a stage ("leave-one-out"), how many of its fits are done and how many there are. Calls come
-/// from any thread, one at a time.
+/// Called with the name of a stage ("leave-one-out"), how many of its fits are done and their total. Called from any
+/// thread, one at a time.
 using ProgressFunction = std::function<void(const std::string& what, std::size_t done, std::size_t of)>;
 
 struct CalibrationOptions {
@@ -96,7 +95,7 @@ struct CalibrationOptions {
   ModelSelectionOptions selection;
   ValidationOptions validation;
   DiagnosisOptions diagnosis;
-  Configurations predict_at;  ///< where the predicted accuracy is asked for
+  Configurations predict_at;  ///< where to predict the accuracy
   int threads = 0;            ///< 0: all
   ProgressFunction progress;
 };

@@ -9,15 +9,15 @@
 namespace kdl_calibration {
 
 /// Covariance of the columns (in their order) for a whitened Jacobian J: factor · (J^T J)^-1 by singular values of the
-/// scaled triangular factor. Columns that the measurements do not determine get infinite variance; the others keep the
-/// variance that they have whatever those are. `factor`: variance of unit weight, 1 where the noise is absolute.
+/// scaled triangular factor. Undetermined columns get infinite variance; the variance of the others does not depend on
+/// them. `factor`: variance of unit weight, 1 if the noise is absolute.
 Eigen::MatrixXd covariance(const Eigen::MatrixXd& whitened_jacobian, double factor);
 
-/// outer middle outer. What has an infinite variance in `outer` keeps it and is no part of the others.
+/// The product outer · middle · outer. Columns with infinite variance in `outer` keep it and do not enter the others.
 Eigen::MatrixXd sandwich(const Eigen::MatrixXd& outer, const Eigen::MatrixXd& middle);
 
-/// Covariance of the predicted position in W of a target at joint values q: J C J^T, [m^2]. Free of the gauge: fixed
-/// parameters and tied directions do not enter.
+/// Covariance of the predicted position in W of a target at joint values q: J C J^T, [m^2]. Independent of the gauge:
+/// fixed parameters and tied directions do not enter.
 Eigen::Matrix3d predicted_covariance(const PositionPredictor& predictor, const Eigen::MatrixXd& column_covariance,
                                      const Eigen::VectorXd& q, std::size_t target);
 

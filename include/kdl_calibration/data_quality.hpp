@@ -14,60 +14,59 @@
 namespace kdl_calibration {
 
 enum class QualityKind : std::uint8_t {
-  slipped_target,          ///< it sits elsewhere on the tool in all configurations behind the one named
-  swapped_targets,         ///< each of the targets named was measured under the name of another one of them
+  slipped_target,          ///< displaced on the tool in all later configurations
+  swapped_targets,         ///< the named targets were measured under each other's names
   mistaken_target,         ///< the row of the first target lies where the second one is
   mistyped_coordinate,     ///< one coordinate alone is off
-  displaced_point,         ///< off along several axes, or along axes that the distances do not tell
-  displaced_configuration  ///< all targets are off by five times as much as a single one may: joint values
+  displaced_point,         ///< off along several axes, or along unknown axes
+  displaced_configuration  ///< all targets off, one by five times its limit: wrong joint values
 };
 std::string to_string(QualityKind kind);
 
 /// Something wrong with the measurements themselves.
 struct QualityFinding {
   QualityKind kind = QualityKind::displaced_point;
-  std::string configuration;         ///< label; of a slip the last one before it
-  int repeat = 0;                    ///< 0: all repeats of the configuration (of a slip: all behind it)
-  std::vector<std::string> targets;  ///< of displaced_point and slipped_target: one of these where they are several
-  char axis = ' ';                   ///< of a mistyped coordinate: 'x', 'y' or 'z' in W
-  double amount = 0.0;               ///< [m] size of the displacement; from distances alone a lower bound
-  /// [m] the displacement: of a slip in the flange frame, else in W; zero where only distances tell.
+  std::string configuration;         ///< label; for a slip the last one before it
+  int repeat = 0;                    ///< 0: all repeats of the configuration (slip: of all later ones)
+  std::vector<std::string> targets;  ///< several for displaced_point and slipped_target: one of them is wrong
+  char axis = ' ';                   ///< of mistyped_coordinate: 'x', 'y' or 'z' in W
+  double amount = 0.0;               ///< [m] size of the displacement; a lower bound if from distances alone
+  /// [m] the displacement: for a slip in the flange frame, else in W; zero if found from distances alone.
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
-  std::string message;  ///< one line for people
+  std::string message;  ///< one line for the user
 };
 
 /// Thresholds. Sigma, the standard deviation of the noise, is the root mean square of the values within three times
-/// 1.4826 median absolute deviations, corrected for that limit and for the parameters fitted. A value is out where it
-/// exceeds t sigma: t is Student's two-sided quantile (for slips of points the same of the norm of three components) at
-/// `false_alarm` over the number of values compared (Bonferroni), with 0.8 degrees of freedom per value to spare.
+/// 1.4826 median absolute deviations, corrected for that limit and for the parameters fitted. The limit of a value is t
+/// sigma. t is Student's two-sided quantile (of the norm of three components for slips of points). Its level is
+/// `false_alarm` over the number of values compared (Bonferroni), with 0.8 degrees of freedom per value.
 struct QualityOptions {
   double false_alarm = 1e-6;   ///< probability of any finding in a whole set of Gaussian data, per check; real data
                                ///< have heavier tails, and typing errors are far beyond
   double noise_floor = 1e-9;   ///< [m] smallest sigma, for data without noise
-  double smallest_slip = 3.0;  ///< in sigma of one configuration; what a model misfit may imitate is no slip
-  int segment = 3;             ///< a slip leaves at least that many configurations on either side, of 10 at least
+  double smallest_slip = 3.0;  ///< in sigma of one configuration; a model misfit can imitate smaller slips
+  int segment = 3;             ///< least configurations on either side of a slip, of 10 at least in all
 };
 
-/// What the distances between targets tell, which a rigid tool keeps constant over all configurations and repeats. No
-/// robot is needed. Displacements are lower bounds; where two targets share the blame both are named. Blind to slips
-/// across the plane of the targets and to swaps that leave all distances alike. All rows are checked, train and test.
+/// Checks the distances between targets, which are constant on a rigid tool. Needs no robot. Displacements are lower
+/// bounds. If the distances cannot decide between two targets, both are named. Slips normal to the plane of the targets
+/// and swaps that preserve all distances go unnoticed. All rows are checked, train and test.
 std::vector<QualityFinding> check_distances(const Measurements& measurements, const QualityOptions& options = {});
 
-/// What the residuals of a preliminary fit tell. The fit must have survived the defects: identify_robustly, or one
-/// whose start was near. Slips are looked for in the residuals of each target in the flange frame, in order of the
+/// Checks the residuals of a preliminary fit. Wrong rows must not have spoiled it: use identify_robustly, or a fit from
+/// a near start. Slips are searched in the residuals of each target in the flange frame, in order of the
 /// configurations, with the medians over the repeats: binary segmentation (Scott and Knott 1974) by the largest
 /// difference of winsorised means, located by the smallest sum of absolute deviations. Then each row's residual is
 /// checked along the axes of W. Sigma is pooled over targets and axes; rows with a stated sigma count in proportion to
-/// it. Test rows are checked too, against the larger of the scatter of the train rows and their own. As a robust fit
-/// may have left out a row that weighs much, the limits are those of a leverage h of 2.5 times the mean one, p / n for
-/// p unknowns and n equations (repeats counted once), i.e. larger by 1 / sqrt(1 - h); errors and effects that are
-/// not zero count as unknowns, base and targets always. Empty where that exceeds 5: with so few measurements a robust
-/// fit may follow any of them. Throws InputError where the estimate has another number of targets.
+/// it. Test rows are checked too, against the larger of the scatter of the train rows and their own. A robust fit may
+/// have ignored a row of high leverage h, so the limits are divided by sqrt(1 - h). h is 2.5 times the mean p / n, for
+/// p unknowns (base, targets, nonzero errors and effects) and n equations (repeats counted once). Empty if that factor
+/// exceeds 5: with so few measurements a robust fit may follow any of them. Throws InputError if the estimate has
+/// another number of targets.
 std::vector<QualityFinding> check_residuals(const ErrorModel& model, const Measurements& measurements,
                                             const Estimate& estimate, const QualityOptions& options = {});
 
-/// Both: the findings of the residuals, and those of the distances that concern no target and configuration (or slip)
-/// already named.
+/// Both checks: the findings of the residuals, then those of the distances for other targets and configurations.
 std::vector<QualityFinding> check_measurements(const ErrorModel& model, const Measurements& measurements,
                                                const Estimate& estimate, const QualityOptions& options = {});
 

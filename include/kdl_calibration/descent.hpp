@@ -7,16 +7,16 @@
 
 namespace kdl_calibration {
 
-/// What the descent may do. `any`: everything; `plain`: it gives up as stalled where a plain step does not keep its
-/// promise; `prior`: the prior in units of the misfit stays, so that the end is the most probable robot if the
-/// residuals are noise, and the data alone only where the misfit vanishes.
+/// Steps that the descent may use. `any`: all of them. `plain`: Gauss-Newton only; ends as stalled if the cost falls
+/// much less than predicted. `prior`: the prior, scaled by the misfit, stays to the end. The end is then the most
+/// probable robot if the residuals are noise.
 enum class Steps { any, plain, prior };
 
 /// Minimises the cost of `problem` from `start`; see identify_jointly.
 Identification descend(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options,
                        Steps steps = Steps::any);
 
-/// Share of the cost by which the first step from `estimate` is predicted to reduce it, with the prior in units of the
+/// Share of the cost by which the first step from `estimate` is predicted to reduce it, with the prior scaled by the
 /// misfit.
 double predicted_share(const LeastSquaresProblem& problem, const Estimate& estimate);
 

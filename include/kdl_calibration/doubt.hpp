@@ -6,8 +6,8 @@
 
 namespace kdl_calibration {
 
-/// Why an answer is doubted. The first group are other readings of the data, the second are remarks about readings, the
-/// third concern the answer itself.
+/// Causes of doubt. The first group are other readings of the data, the second remarks about readings, the third
+/// concern the result itself.
 enum class Cause {
   joint_convention,
   joint_sign,
@@ -45,7 +45,7 @@ const char* to_string(Cause cause);
 /// Empty where no cause has this name.
 std::optional<Cause> cause_named(std::string_view name);
 
-/// Why an answer is not to be trusted.
+/// A reason not to trust the result.
 struct Doubt {
   Cause cause = Cause::not_converged;
   std::string message;  ///< what was found and what to do, in words

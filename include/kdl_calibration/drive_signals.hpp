@@ -6,32 +6,31 @@
 
 namespace kdl_calibration {
 
-/// What the drives told of configurations besides their joint values: joints x configurations each, or empty where
-/// nothing is known of any.
+/// Signals that the drives reported beside the joint values: joints x configurations each, or empty if unknown.
 struct DriveSignals {
-  /// Sign of the joint's last motion before it was measured: -1 or 1, between them where repeats were approached from
-  /// both sides (their mean), NaN where it is not known.
+  /// Sign of the joint's last motion before it was measured: -1 or 1, the mean if repeats were approached from both
+  /// sides, NaN if unknown.
   Eigen::MatrixXd approach;
-  /// [Nm], or [N] where the joint slides; NaN where none was measured.
+  /// [Nm], or [N] for a prismatic joint; NaN if not measured.
   Eigen::MatrixXd torques;
 };
 
-/// Whether some configuration has a torque of the joint.
+/// Whether the joint's torque was measured in some configuration.
 bool has_torques(const DriveSignals& signals, Eigen::Index joint);
 
-/// What keeps the signals from being those of joint values (joints x N), in words that name `what` they are for; empty
-/// where they are.
+/// Error message if the signals do not fit the joint values (joints x N), naming `what` they belong to; empty if they
+/// fit.
 std::string fault_of(const DriveSignals& signals, const Eigen::MatrixXd& joint_values, const std::string& what = "");
 
-/// Those of some of the configurations, in this order.
+/// The signals of these configurations, in this order.
 DriveSignals columns(const DriveSignals& signals, const std::vector<Eigen::Index>& which);
-/// Those of one.
+/// The signals of one configuration.
 DriveSignals column(const DriveSignals& signals, Eigen::Index which);
 
-/// Those of `first`, then those of `second`: what only one of them has is lost.
+/// The signals of `first`, then those of `second`. A signal that only one of them has is dropped.
 DriveSignals side_by_side(const DriveSignals& first, const DriveSignals& second);
 
-/// Joint values joints x N and what is known besides them.
+/// Joint values (joints x N) and their signals.
 struct DrivenConfigurations {
   Eigen::MatrixXd joint_values;
   DriveSignals signals;

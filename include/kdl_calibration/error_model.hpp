@@ -18,7 +18,7 @@ Eigen::Vector3d to_eigen(const KDL::Vector& v);
 Eigen::Isometry3d to_eigen(const KDL::Frame& X_AB);
 KDL::Frame to_kdl(const Eigen::Isometry3d& X_AB);
 
-/// An `effect` is a coefficient beside the geometry, no error parameter of an ErrorModel.
+/// An `effect` is a coefficient of an EffectTerm, not an error parameter of the geometry.
 enum class ParameterKind { joint_offset, translation, rotation, effect };
 
 const char* to_string(ParameterKind kind);
@@ -27,41 +27,41 @@ const char* to_string(ParameterKind kind);
 /// the frame at the link's far end. Its value is zero for the nominal robot [m] or [rad].
 struct ErrorParameter {
   std::string name;   ///< "dq2", "Tx1", "Rz4": letter of the axis, number of the link (0 is the base link)
-  std::string joint;  ///< the URDF joint whose origin carries it; empty where none does
+  std::string joint;  ///< the URDF joint whose origin includes it; empty if none does
   ParameterKind kind = ParameterKind::joint_offset;
-  char axis = ' ';  ///< 'x', 'y', 'z' in the frame it acts in; for a joint offset the joint's own axis, 'q' if skew
-  int frame = 0;    ///< index of the joint in whose frame it acts; the number of joints means the tip's frame
+  char axis = ' ';       ///< 'x', 'y', 'z' in the frame it acts in; for an offset the joint's own axis, 'q' if skew
+  int frame = 0;         ///< index of the joint in whose frame it acts; the number of joints means the tip's frame
   double nominal = 0.0;  ///< [m] for translations: the nominal offset along this axis; else 0
 };
 
 /// A mass that hangs on the chain.
 struct PointMass {
-  int frame = 0;  ///< of the moving joint whose link carries it (number of joints: the tip's frame)
+  int frame = 0;  ///< index of the moving joint whose link carries it (number of joints: the tip)
   double mass = 1.0;
-  KDL::Vector centre;  ///< in that frame, behind the joint's motion [m]
+  KDL::Vector centre;  ///< in that frame, after the joint's motion [m]
 };
 
 /// Kinds of motion of the joints beyond the geometry. `src/README.md` lists the places that a new kind needs.
 enum class EffectGroup : std::uint8_t {
-  gravity,     ///< the joint gives way under the arm's own weight
-  transverse,  ///< its bearing does, across the axis
-  gain,        ///< it turns more or less than it was told
-  backlash,    ///< its play lies on the side to which gravity pulls
-  harmonics,   ///< its encoder or gear is off centre: once and twice a turn
-  ripple,      ///< its gear swings, often a turn
-  tables,      ///< any smooth function of its value
-  torque       ///< it gives way under the torque that was measured
+  gravity,     ///< joint compliance under the arm's weight
+  transverse,  ///< bearing compliance across the axis, under the same weight
+  gain,        ///< motion proportional to, but not equal to, the command
+  backlash,    ///< play, on the side given by load or direction of approach
+  harmonics,   ///< eccentric encoder or gear: once and twice per turn
+  ripple,      ///< gear error of many periods per turn
+  tables,      ///< any smooth function of the joint value
+  torque       ///< joint compliance under the measured torque
 };
 constexpr std::size_t kEffectGroups = 8;
 
-/// About or along what a joint moves beyond the rigid chain: its own axis, or one of the two across it, which are what
-/// z_onto(axis) makes of x and y.
+/// Axis of a joint's additional motion: its own, or one of the two across it, the images of x and y under z_onto(axis).
 enum class EffectAxis : std::uint8_t { own, across_x, across_y };
 
 /// A linear function of the direction of gravity seen from a link: the torque about a joint is made of these.
 struct GravityMoment {
-  int link = 0;  ///< number of the joint that the link stands behind, from 0
-  /// Of the link's frame, 0 to 2; kSlide: the way of that joint, which slides; kOwn: of the joint itself.
+  int link = 0;  ///< index of the joint before the link, from 0
+  /// 0 to 2: axis of the link's frame; kSlide: travel of that prismatic joint; kOwn: gravity along the moved prismatic
+  /// joint.
   int axis = 0;
   static constexpr int kSlide = 3;
   static constexpr int kOwn = 4;
@@ -93,10 +93,10 @@ struct Sinusoid {
 /// A smooth function of a joint's value as a sum of sines of growing frequency, see effect_terms.hpp.
 struct JointTable {
   int number = 1;       ///< j, from 1
-  double length = 0.0;  ///< [rad or m] over which the function forgets itself
-  double lower = 0.0;   ///< [rad or m] of the measured range, at whose ends the joint's value is held
+  double length = 0.0;  ///< [rad or m] correlation length
+  double lower = 0.0;   ///< [rad or m] measured range; joint values are clamped to it
   double upper = 0.0;
-  /// [rad or m] Ranges in which the measurements tell too little of it: it is zero there.
+  /// [rad or m] Ranges with too few measurements: the table is zero there.
   std::vector<std::pair<double, double>> withheld;
 };
 
@@ -110,11 +110,11 @@ using EffectFunction =
     std::variant<GravityMoment, LoadTorque, JointGain, LoadSide, ApproachSide, Sinusoid, JointTable, MeasuredTorque>;
 
 /// A motion of a joint that the rigid chain does not have: value · (raw(q) - mean) / scale, added to the joint's value
-/// or tilting what it carries, with `raw` of the values that were commanded at the nominal geometry, so that it never
-/// depends on what is estimated. Nothing is added where the direction of approach that it asks for is not known.
+/// or tilting what it carries. `raw` is evaluated at commanded values and nominal geometry, so that it never depends on
+/// the estimate. The motion is zero if its direction of approach is unknown.
 struct EffectTerm {
-  /// "gravity.2.3x": of joint 2 under link 3; "transverse.2.y.3x": the same about y; "gain.3", "harmonics.3.sin1",
-  /// "ripple.3.sin200.5", "tables.3.12"; "backlash.2" by the side of the load, "backlash.2.approach"; "torque.2",
+  /// "gravity.2.3x": joint 2, load of link 3; "transverse.2.y.3x": the same about y; "gain.3", "harmonics.3.sin1",
+  /// "ripple.3.sin200.5", "tables.3.12"; "backlash.2" from the load, "backlash.2.approach"; "torque.2",
   /// "torque.2.tanh".
   std::string name;
   std::string joint;  ///< URDF joint
@@ -123,12 +123,12 @@ struct EffectTerm {
   EffectFunction function;  ///< raw
   double mean = 0.0;
   double scale = 1.0;
-  double sigma = 0.0;  ///< 1 sigma of the value beforehand [rad, m or per unit], 0: nothing is known
+  double sigma = 0.0;  ///< prior 1 sigma of the value [rad, m or per unit], 0: no prior
 
   EffectGroup group() const;
 };
 
-/// Terms that share their size: all of a group, or those of one joint's table. "gravity", "tables.3".
+/// Name of the terms that share a prior sigma: a group, or one joint's table. "gravity", "tables.3".
 std::string size_name(const EffectTerm& term);
 
 /// The complete model: every joint its offset, every link the translations and rotations along the axes of the next
@@ -139,10 +139,10 @@ std::string size_name(const EffectTerm& term);
 struct ErrorModel {
   std::vector<MovingJoint> joints;
   KDL::Frame tip_origin;
-  std::string tip_joint;  ///< the fixed joint that carries the errors of the last link; empty where there is none
+  std::string tip_joint;  ///< the fixed joint that carries the errors of the last link; empty if none
   std::vector<ErrorParameter> parameters;
-  std::vector<EffectTerm> effects;                    ///< none unless asked for, see joint_effects.hpp
-  std::vector<PointMass> link_masses;                 ///< as far as the URDF states them
+  std::vector<EffectTerm> effects;                    ///< none by default, see joint_effects.hpp
+  std::vector<PointMass> link_masses;                 ///< those stated by the URDF
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);  ///< unit vector of its direction in the base frame
 };
 
@@ -153,16 +153,16 @@ bool is_length(const ErrorModel& model, const ErrorParameter& parameter);
 /// Whether the effect moves its joint along its axis [m] rather than turning it [rad].
 bool is_length(const ErrorModel& model, const EffectTerm& term);
 
-/// 1 sigma of such an error of an arm before anything is measured: 3 mm or 5 mrad.
+/// Typical 1 sigma of this error of an uncalibrated arm: 3 mm or 5 mrad.
 double usual_error(const ErrorModel& model, const ErrorParameter& parameter);
 
 /// Unit axis of its motion, in the frame of the joint's origin.
 KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter);
 
-/// Index of the parameter with this name. Throws InputError where there is none.
+/// Index of the parameter with this name. Throws InputError if there is none.
 std::size_t parameter_index(const ErrorModel& model, const std::string& name);
 
-/// E · Rot(dq) in the frame of joint `frame` (of the tip for frame = number of joints): what right-multiplies the
+/// E · Rot(dq) in the frame of joint `frame` (of the tip for frame = number of joints): the factor to the right of the
 /// nominal origin. `errors` has one value per parameter of the model.
 KDL::Frame frame_correction(const ErrorModel& model, const Eigen::VectorXd& errors, int frame);
 
@@ -173,8 +173,8 @@ struct ChainFactor {
   Source source = Source::fixed;
   std::size_t index = 0;  ///< of the joint or the parameter
   std::string name;
-  KDL::Frame frame;                      ///< where fixed
-  KDL::Joint motion{KDL::Joint::Fixed};  ///< where it moves
+  KDL::Frame frame;                      ///< if fixed
+  KDL::Joint motion{KDL::Joint::Fixed};  ///< if it moves
 };
 
 /// All factors from base to tip.

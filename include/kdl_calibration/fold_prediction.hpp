@@ -8,37 +8,36 @@
 
 namespace kdl_calibration {
 
-/// A target of a configuration that was left out, as the mean of its repeats, and its prediction by the others.
+/// A target of a left-out configuration (mean of its repeats) and its prediction from the other configurations.
 struct HeldOutPoint {
   std::int32_t configuration = 0;
   std::int32_t target = 0;
-  double repeats = 1.0;                                  ///< that the mean is of
-  Eigen::Vector3d measured = Eigen::Vector3d::Zero();    ///< [m] that mean, in W
-  Eigen::Vector3d residual = Eigen::Vector3d::Zero();    ///< [m] that mean minus its prediction, along W
+  double repeats = 1.0;                                  ///< number of repeats
+  Eigen::Vector3d measured = Eigen::Vector3d::Zero();    ///< [m] mean of the repeats, in W
+  Eigen::Vector3d residual = Eigen::Vector3d::Zero();    ///< [m] mean minus prediction, along W
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< [m^2] of the prediction by the parameters alone, along W
 };
 
 struct FoldPrediction {
   std::vector<HeldOutPoint> points;
-  int refits = 0;         ///< folds that were not as good as linear
+  int refits = 0;         ///< folds fitted again because not nearly linear
   int not_converged = 0;  ///< of these
 };
 
-/// [m] of the points, in their order.
+/// [m] norms of the residuals, in the order of the points.
 std::vector<double> distances_of(const FoldPrediction& prediction);
 
-/// What folds are predicted by: a fit at its optimum. Keeps references.
+/// A fit at its optimum, from which folds are predicted. Keeps references.
 struct FoldTask {
-  const FitProblem& problem;  ///< whose start is the optimum
+  const FitProblem& problem;  ///< its start is the optimum
   /// R of the whitened Jacobian there, priors included, as WhitenedSummary::sqrt_information.
   const Eigen::MatrixXd& sqrt_information;
   double noise;  ///< [m] 1 sigma of a coordinate
 };
 
-/// Predicts each fold from the rest without a fit of its own: at the optimum the gradient without a fold is that of the
-/// fold with the sign changed, and its information that of all less its own (Cook and Weisberg 1982, 2.2). Where that
-/// linear prediction differs from the one at the estimate so moved by more than 0.1 of the noise, or where a fold takes
-/// away what determines a column, the fold is fitted again. Folds hold indices of configurations.
+/// Predicts each fold from the rest by one linear step (Cook and Weisberg 1982, 2.2). At the optimum, leaving a fold
+/// out gives minus its gradient, and its information is subtracted. A fold is fitted again if the linear prediction is
+/// off by more than 0.1 of the noise, or if the rest does not determine a column. Folds hold indices of configurations.
 FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Eigen::Index>>& folds,
                              int threads = 0);
 

@@ -1,6 +1,6 @@
 #pragma once
 
-// Configurations and points that do not belong to the others, whatever their size.
+// Configurations and points with gross errors, whatever their size.
 //
 //     for (const GrossRow& row : find_gross_rows(problem).rows) std::cout << row.configuration << '\n';
 
@@ -15,14 +15,14 @@ namespace kdl_calibration {
 struct GrossRow {
   std::string configuration;
   std::string target;     ///< empty: the whole configuration
-  double distance = 0.0;  ///< [m] from where the others put it
+  double distance = 0.0;  ///< [m] from its prediction by the others
 };
 
 struct GrossRows {
   std::vector<GrossRow> rows;
   double rms = 0.0;            ///< [m] position residuals with them
   double rms_without = 0.0;    ///< of the others, fitted without them
-  bool beyond_chance = false;  ///< whether a group's decrease was significant, even if the rest fits hardly better
+  bool beyond_chance = false;  ///< whether a decrease was significant, even if the rest fits hardly better
 };
 
 constexpr std::size_t kMostGrossGroups = 20;

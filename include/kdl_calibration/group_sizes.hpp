@@ -5,7 +5,7 @@
 
 namespace kdl_calibration {
 
-/// Sums of the linear equations y = J x + noise, each row of the same unknown 1 sigma.
+/// Sums of the linear equations y = J x + noise, all rows with the same unknown 1 sigma.
 struct LinearSums {
   Eigen::MatrixXd information;  ///< J^T J
   Eigen::VectorXd moment;       ///< J^T y
@@ -15,59 +15,59 @@ struct LinearSums {
   LinearSums& operator-=(const LinearSums& other);
 };
 
-/// Of which columns are drawn from a normal distribution around zero with a common 1 sigma. A column is in one group at
-/// most; the others may be anything.
+/// Groups of columns drawn from a zero-mean normal distribution with a common 1 sigma. A column is in one group at
+/// most; columns in none have no prior.
 using SizedGroups = std::vector<std::vector<Eigen::Index>>;
 
 struct GroupSizes {
-  std::vector<double> sizes;  ///< 1 sigma of each group; 0 where it is switched off
+  std::vector<double> sizes;  ///< 1 sigma of each group; 0 if it is switched off
   double sigma = 0.0;         ///< of a row
-  double evidence = 0.0;      ///< log of the likelihood of sizes and sigma, but for a constant of the free columns
+  double evidence = 0.0;      ///< log likelihood of sizes and sigma, up to a constant of the free columns
   Eigen::VectorXd values;     ///< of the columns; zero in groups that are switched off
 };
 
-/// Of each group; empty: nothing is known.
+/// One value per group; empty: no limits.
 struct SizeLimits {
-  std::vector<double> held;    ///< the size where it is stated, else 0
-  std::vector<double> most;    ///< no size is above that
-  std::vector<bool> inflated;  ///< whether it shall be two standard errors above the likeliest
+  std::vector<double> held;    ///< the size if stated, else 0
+  std::vector<double> most;    ///< upper bound of the size
+  std::vector<bool> inflated;  ///< whether to use a size two standard errors above the likeliest
 };
 
 /// Sizes and noise that make the rows most likely when the values themselves are integrated out (type-II likelihood:
 /// MacKay 1992, Tipping 2001). With M = A / sigma^2 + diag(1 / s_g^2), C = M^-1 and gamma_g = n_g - tr(C_gg) / s_g^2,
-/// the number of values of group g that the rows tell,
+/// the number of values of group g that the rows determine,
 ///   s_g^2 <- |x_g|^2 / gamma_g,  sigma^2 <- |y - J x|^2 / (N - sum gamma - number of free columns),
-/// until the evidence does. The free columns are eliminated beforehand, as they see neither. A group whose size goes to
-/// zero is switched off. The standard error of log s_g is 1 / sqrt(2 gamma_g): of few values the likeliest size can be
-/// far too small, which costs more than one far too large where the rows tell the values well. Nothing where the free
-/// columns are not determined or no equation is left for the noise.
+/// until the evidence converges. The free columns depend on neither and are eliminated beforehand. A group whose size
+/// goes to zero is switched off. The standard error of log s_g is 1 / sqrt(2 gamma_g): with few values the likeliest
+/// size can be far too small. If the rows determine the values well, too small a size does more harm than too large a
+/// one.
 class SizeEstimator {
 public:
-  /// `columns`: those of the sums that take part, those of the groups included.
+  /// `columns`: indices of the columns used, those of the groups included.
   SizeEstimator(const LinearSums& sums, const std::vector<Eigen::Index>& columns, const SizedGroups& groups);
 
   bool is_determined() const { return determined_; }
-  /// `start`: sizes of similar data, near which these are, or empty. `rounding`: sigma is not estimated below that.
+  /// `start`: sizes from similar data, or empty. `rounding`: lower bound of sigma.
   GroupSizes estimate(const std::vector<double>& start, const SizeLimits& limits, double rounding) const;
 
 private:
   struct Fit {
     Eigen::VectorXd x;      // of the sized columns
     Eigen::VectorXd gamma;  // of each group
-    double squares = 0.0;   // of what is left
+    double squares = 0.0;   // of the residuals
     double log_determinant = 0.0;
     double penalty = 0.0;  // sum |x_g|^2 / s_g^2
   };
   Fit solve(const std::vector<double>& variances, double variance) const;
   Eigen::VectorXd all_values(const Eigen::VectorXd& sized) const;
 
-  Eigen::Index size_ = 0;  // of the sums
+  Eigen::Index size_ = 0;  // columns of the sums
   std::vector<Eigen::Index> free_;
   std::vector<Eigen::Index> sized_;
-  std::vector<std::vector<Eigen::Index>> groups_;  // places among sized_
+  std::vector<std::vector<Eigen::Index>> groups_;  // indices into sized_
   bool determined_ = true;
   double equations_ = 0.0;
-  // Without the free columns.
+  // After elimination of the free columns.
   Eigen::MatrixXd information_;
   Eigen::VectorXd moment_;
   double squares_ = 0.0;

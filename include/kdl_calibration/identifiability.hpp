@@ -6,13 +6,13 @@
 
 namespace kdl_calibration {
 
-/// What the measurements at hand determine. All figures are those of the whitened Jacobian with its columns scaled to
-/// unit norm, which makes them independent of the units of the parameters.
+/// Which parameters the measurements determine. All figures are those of the whitened Jacobian with its columns scaled
+/// to unit norm, which makes them independent of the units of the parameters.
 struct Identifiability {
   int columns = 0;
   int rank = 0;
   Eigen::VectorXd singular_values;  ///< descending
-  double condition = 0.0;           ///< largest over smallest singular value; infinite where rank deficient
+  double condition = 0.0;           ///< largest over smallest singular value; infinite if rank deficient
   /// Each group holds parameters that the measurements cannot tell apart; a group of one has no effect at all.
   std::vector<std::vector<std::string>> tied;
   /// Weakly determined: combinations whose singular value is below `weak` times the largest (and not zero), each with

@@ -9,14 +9,15 @@
 
 namespace kdl_calibration {
 
-/// What decides the fit. A point is one target in one configuration, the mean of its repeats.
+/// Influence of points and configurations on the fit. A point is one target in one configuration, the mean of its
+/// repeats.
 ///   leverage: sum over its coordinates of d(predicted)/d(measured), which is the diagonal of the hat matrix
-///     H = J A^-1 J^T W, A = J^T W J + priors; where all points are independent that of the whitened one. Over all
-///     points it adds up to the number of parameters p, less what priors decide. High: above twice the mean of as many
-///     coordinates, 2 p / n each (Hoaglin and Welsch 1978).
+///     H = J A^-1 J^T W, A = J^T W J + priors; if all points are independent, that of the whitened one. It sums to the
+///     number of parameters p, less the share determined by priors. High: above twice the mean, 2 p / n per coordinate
+///     (Hoaglin and Welsch 1978).
 ///   Cook's distance: (x - x_without)^T A (x - x_without) / (p s^2), x_without the estimate without this point or
 ///     configuration (to first order), s^2 the residual mean square (Cook 1977; several rows at once: Cook and Weisberg
-///     1980). Influential: above 4 / N of N points or configurations (Bollen and Jackman 1985). Infinite where the rest
+///     1980). Influential: above 4 / N of N points or configurations (Bollen and Jackman 1985). Infinite if the rest
 ///     does not determine all parameters.
 struct PointInfluence {
   std::int32_t target = 0;
@@ -41,8 +42,8 @@ struct Influence {
   double cook_limit = 0.0;                             ///< of a configuration
   double point_cook_limit = 0.0;
 };
-/// `problem` is that of these measurements and residuals, `sqrt_information` that of its whitened system at the
-/// estimate. Empty where that does not determine all columns.
+/// `problem` must be built from these measurements and residuals; `sqrt_information` belongs to its whitened system at
+/// the estimate. Empty if that does not determine all columns.
 Influence influence(const LeastSquaresProblem& problem, const Measurements& measurements,
                     const ResidualOptions& residuals, const Estimate& estimate,
                     const Eigen::MatrixXd& sqrt_information);

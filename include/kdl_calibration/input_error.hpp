@@ -7,17 +7,17 @@
 
 namespace kdl_calibration {
 
-/// Bad input, told in one line: where (file, line or element), what (the value) and the rule it broke.
-/// The only exception that the library throws for what a user gave it; a poor solve is a result instead.
+/// Bad input, reported in one line: place (file, line or element), value and violated rule. The library throws no other
+/// exception for bad input. A poor fit is reported in the result instead.
 class InputError : public std::runtime_error {
 public:
   explicit InputError(const std::string& message) : std::runtime_error(message) {}
 };
 
-/// Bad input in one member of CalibrationOptions, by whatever name an interface lets its users state that.
+/// A bad member of CalibrationOptions; each interface replaces the member by its own name for it.
 class OptionError : public InputError {
 public:
-  /// `option`: the member, as in "noise.orientation"; `remedies`: members that would mend it.
+  /// `option`: the member, for example "noise.orientation"; `remedies`: members that would solve the problem.
   OptionError(std::string option, std::string fault, std::vector<std::string> remedies = {})
       : InputError(option + ": " + fault),
         option_(std::move(option)),

@@ -8,7 +8,7 @@
 
 namespace kdl_calibration {
 
-/// How a controller's joint values become the URDF's: q_urdf = matrix * q_controller + offset [rad or m].
+/// Conversion of a controller's joint values to the URDF's: q_urdf = matrix * q_controller + offset [rad or m].
 struct JointConvention {
   std::string name;                            ///< file name, for messages
   std::vector<std::string> controller_joints;  ///< m names
@@ -22,7 +22,7 @@ struct JointConvention {
 JointConvention read_joint_convention(const std::filesystem::path& file);
 JointConvention parse_joint_convention(std::string_view json, const std::string& source = "joint convention");
 
-/// The convention with its rows ordered as `urdf_joints`. Throws InputError where the names do not match.
+/// The convention with its rows ordered as `urdf_joints`. Throws InputError if the names do not match.
 JointConvention matched_convention(const JointConvention& convention, const std::vector<std::string>& urdf_joints);
 
 }  // namespace kdl_calibration

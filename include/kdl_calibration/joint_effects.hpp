@@ -29,52 +29,51 @@ struct MovedBy {
 
   friend auto operator<=>(const MovedBy&, const MovedBy&) = default;  // NOLINT(modernize-use-nullptr): false
 };
-/// The terms of the model by what they do: their places in its list.
+/// Indices of the model's terms, grouped by what they move.
 std::map<MovedBy, std::vector<Eigen::Index>> terms_by_motion(const ErrorModel& model);
 
-/// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N and what is known of them.
-/// 0 where a direction of approach is not. Throws InputError where a torque is not that a term asks for.
+/// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N. 0 if the direction of
+/// approach is unknown. Throws InputError if a required torque is missing.
 Eigen::MatrixXd effect_basis(const ErrorModel& model, const Eigen::MatrixXd& joint_values,
                              const DriveSignals& signals = {});
 
-/// Whether some term is a function of measured torques, so that joint values alone do not tell where the arm stands.
+/// Whether some term is a function of measured torques, so that the pose depends on more than the joint values.
 bool needs_torques(const ErrorModel& model);
 
-/// Whether the term asks for a direction of approach that is not known at this column of the signals.
+/// Whether the term needs a direction of approach that is unknown in this column of the signals.
 bool misses_approach(const EffectTerm& term, const DriveSignals& signals, Eigen::Index column);
 
-/// A table's function at its joint's value, also where it is withheld.
+/// The table at joint value `q`, even in withheld ranges.
 double table_value(const JointTable& table, double q);
 
-/// Whether the measurements tell too little of the term's table at its joint's value.
+/// Whether the term is a table that is withheld at joint value `q`.
 bool is_withheld(const EffectTerm& term, double q);
-/// Whether that is so of any term.
+/// Whether any term is withheld at joint values `q`.
 bool withholds_tables(const ErrorModel& model, const Eigen::VectorXd& q);
 
-constexpr std::size_t kFewJoints = 32;  ///< with which nothing is allocated where so promised
+constexpr std::size_t kFewJoints = 32;  ///< up to which the functions that say so allocate nothing
 
-/// Entries of a vector of joint values that the model's terms move: one a joint, or three where some tilt, see
-/// FoldedChain.
+/// Size of a vector of effective joint values: one entry per joint, or three if some term tilts, see FoldedChain.
 Eigen::Index motion_size(const ErrorModel& model);
-/// The one that the term moves.
+/// The entry that the term moves.
 Eigen::Index motion_entry(const ErrorModel& model, const EffectTerm& term);
 
-/// What the terms add to the joint values at one configuration of which nothing else is known: `motion` (motion_size)
-/// [rad or m]. `values` holds one value per term. Allocates nothing for few joints.
+/// The terms' addition to the joint values of one configuration without signals: `motion` (motion_size) [rad or m].
+/// `values` holds one value per term. Allocates nothing for few joints.
 void effect_motion(const ErrorModel& model, const Eigen::VectorXd& values, const Eigen::Ref<const Eigen::VectorXd>& q,
                    Eigen::Ref<Eigen::VectorXd> motion);
 
-/// The joint values that the folded chain needs to stand where the real one does: motion_size x N, or joints x N where
-/// all values are zero. `values` holds one value per term of the model; empty means none.
+/// The joint values including effects, for the folded chain: motion_size x N, or joints x N if all values are zero.
+/// `values` holds one value per term of the model; empty means none.
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
                                        const Eigen::MatrixXd& joint_values);
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
                                        const Eigen::MatrixXd& joint_values, const DriveSignals& signals);
-/// The same where effect_basis(model, joint_values) is at hand.
+/// The same with effect_basis(model, joint_values) computed before.
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
                                        const Eigen::MatrixXd& joint_values, const Eigen::MatrixXd& basis);
 
-/// The robot's chain with its moving joints tilted by two angles each, as FoldedChain says.
+/// The robot's chain with two tilt angles for each moving joint, as in FoldedChain.
 KDL::Chain tilted_chain(const KDL::Chain& chain, const Eigen::VectorXd& tilts);
 
 }  // namespace kdl_calibration

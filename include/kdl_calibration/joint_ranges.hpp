@@ -12,14 +12,14 @@ namespace kdl_calibration {
 /// Lower and upper bound of every joint [rad or m].
 using JointRanges = std::vector<std::pair<double, double>>;
 
-/// The joints' limits; ±pi (±1 m for a prismatic joint) where there are none.
+/// The joints' limits; ±pi (±1 m for a prismatic joint) without limits.
 JointRanges limits_of(const std::vector<MovingJoint>& joints);
 /// ±90 degrees for the first four independent joints and ±180 degrees for the others; for six revolute joints.
 JointRanges published_ranges(const std::vector<MovingJoint>& joints);
 
 /// Configurations uniform in the ranges: joints x count.
 Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Random& random);
-/// The same for a chain with joints that mimic others: what is drawn for a follower gives way to what it follows.
+/// The same for a chain with mimic joints: the values of followers are computed from those of their leaders.
 Eigen::MatrixXd random_configurations(const std::vector<MovingJoint>& joints, const JointRanges& ranges, int count,
                                       Random& random);
 

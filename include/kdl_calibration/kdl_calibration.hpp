@@ -1,8 +1,8 @@
 #pragma once
 
-// Everything that the library offers. Every function throws InputError where what it was given does not hold together:
-// indices of what is not there, sizes that do not match, data of another robot, sigmas that are negative or no numbers,
-// functions that are empty, names that are unknown. See input_check.hpp.
+// All public headers. Every function throws InputError for inconsistent arguments: indices out of range, sizes that do
+// not match, data of another robot, sigmas that are negative or not finite, empty functions, unknown names. See
+// input_check.hpp.
 
 #include "kdl_calibration/alternative_readings.hpp"
 #include "kdl_calibration/arm_body.hpp"

@@ -22,26 +22,25 @@ Eigen::Matrix3d rotation_exp(const Eigen::Vector3d& v);
 /// Its inverse, for angles up to pi.
 Eigen::Vector3d rotation_log(const Eigen::Matrix3d& R);
 
-/// A rotation that turns z onto the unit vector `axis`, exact for the coordinate axes: the one of smallest angle, where
-/// axis.z is below -0.55 behind half a turn about x. What it makes of x and y are the two axes across a joint's own.
+/// A rotation that turns z onto the unit vector `axis`, exact for the coordinate axes: that of smallest angle. If
+/// axis.z is below -0.55, half a turn about x comes first. The images of x and y are the two axes across a joint's own.
 Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis);
 
 /// The chain with its errors multiplied out into constant frames and every joint's axis turned onto z:
 ///   X_BF(q) = links[0] Z(q1) links[1] Z(q2) … links[n],  Z a rotation about or a translation along z.
-/// Joint frame i is the frame in front of Z(q_i); frame n is the flange.
+/// Joint frame i is the frame before Z(q_i); frame n is the flange.
 ///
-/// A bearing that gives way tilts what it carries: wherever joint values are taken, a vector of 3 n entries instead of
-/// n has two tilts [rad] of every joint behind the values, and Z(q_i) becomes Rx(q[n + 2 i]) Ry(q[n + 2 i + 1]) Z(q_i)
-/// with i from 0.
+/// A compliant bearing tilts the links behind it. Joint values may therefore have 3 n entries: the n values, then two
+/// tilts [rad] per joint. Z(q_i) then becomes Rx(q[n + 2 i]) Ry(q[n + 2 i + 1]) Z(q_i) with i from 0.
 struct FoldedChain {
   std::vector<Eigen::Isometry3d> links;
   std::vector<bool> prismatic;
 };
 FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors);
 
-/// A column of the identification Jacobian before it is carried to the flange: the motion of all that follows per
-/// unit of the parameter, as a twist in joint frame `frame` (-1: the base frame) about that frame's origin, in front of
-/// the joint's tilts or behind them.
+/// A column of the identification Jacobian before its transformation to the flange: the twist of the links behind joint
+/// frame `frame` (-1: base frame) per unit of the parameter, in that frame. `tilted`: the frame after the joint's
+/// tilts.
 struct ParameterTwist {
   int frame = 0;
   Eigen::Vector3d linear = Eigen::Vector3d::Zero();
@@ -52,13 +51,12 @@ struct ParameterTwist {
 /// Twists of the model's parameters `which` at the given errors.
 std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eigen::VectorXd& errors,
                                              const std::vector<std::size_t>& which);
-/// folded() and parameter_twists() for many errors of one model: what does not depend on the errors is prepared once,
-/// and nothing is allocated.
+/// folded() and parameter_twists() for many errors of one model: prepared once, after which `fold` allocates nothing.
 class ChainFolder {
 public:
   ChainFolder(const ErrorModel& model, const std::vector<std::size_t>& which);
 
-  /// A chain with the right number of links, for `fold` to fill.
+  /// A chain of the right size, for `fold` to fill.
   const FoldedChain& shape() const { return shape_; }
   /// Writes the links of `chain` and the twists of the parameters `which` to twists[first], twists[first + 1], …
   void fold(const Eigen::VectorXd& errors, FoldedChain& chain, std::vector<ParameterTwist>& twists,
@@ -69,10 +67,10 @@ private:
     Eigen::Index parameter = 0;
     Eigen::Vector3d axis = Eigen::Vector3d::Zero();
     bool translation = false;
-    int column = -1;  // in `which`
+    int column = -1;  // index into `which`
   };
   struct Frame {
-    Eigen::Isometry3d origin = Eigen::Isometry3d::Identity();  // behind the turn of the joint before
+    Eigen::Isometry3d origin = Eigen::Isometry3d::Identity();  // after the turn of the previous frame
     Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
     std::vector<Factor> factors;  // in the order of the product
   };

@@ -17,13 +17,13 @@ namespace kdl_calibration {
 /// All methods may be called from several threads at once.
 class LeastSquaresProblem {
 public:
-  /// Keeps a reference to the model alone. Throws InputError where the noise of single points is lost beside what they
-  /// share.
+  /// Keeps a reference to the model alone. Throws InputError if the independent noise is negligible beside the common
+  /// part.
   LeastSquaresProblem(const ErrorModel& model, const Measurements& measurements, const Unknowns& unknowns,
                       const ResidualOptions& options = {});
   ~LeastSquaresProblem();
 
-  /// Memory of the passes over the data, for one thread at a time. Where it is used again nothing is allocated.
+  /// Buffers of the passes over the data, for one thread at a time. Reusing them avoids allocation.
   class Workspace {
   public:
     Workspace();
@@ -37,24 +37,24 @@ public:
 
   /// One pass over the data at an estimate.
   NormalEquations linearise(const Estimate& estimate) const;
-  /// The same into equations that are used again and again.
+  /// The same into existing equations, without allocation.
   void linearise(const Estimate& estimate, Workspace& workspace, NormalEquations& equations) const;
   /// The cost alone.
   double cost(const Estimate& estimate) const;
   double cost(const Estimate& estimate, Workspace& workspace) const;
   WhitenedSystem whitened(const Estimate& estimate) const;
-  /// As summarised(whitened(estimate)), in constant memory. Above kManyConfigurations configurations that are alike the
-  /// triangle is the Cholesky factor of the information where its condition allows that.
+  /// As summarised(whitened(estimate)), in constant memory. Above kManyConfigurations configurations on the lane pass,
+  /// the triangular factor is a Cholesky factor of the information if its condition allows.
   WhitenedSummary whitened_summary(const Estimate& estimate) const;
   static constexpr std::size_t kManyConfigurations = 3000;
 
   const ErrorModel& model() const;
   const Unknowns& unknowns() const;
   Eigen::Index columns() const;
-  long equations() const;          ///< measured coordinates, repeats counted each
-  long points() const;             ///< measured points, repeats counted each
-  double cost_of_repeats() const;  ///< the part of the cost that no estimate changes
-  double total_weight() const;     ///< sum over the means of the points of a coordinate's information
+  long equations() const;          ///< measured coordinates, including repeats
+  long points() const;             ///< measured points, including repeats
+  double cost_of_repeats() const;  ///< the part of the cost independent of the estimate
+  double total_weight() const;     ///< sum of the information of a coordinate over the points' means
 
 private:
   struct Data;

@@ -13,32 +13,31 @@ struct NormalEquations {
   double cost = 0.0;         ///< sum e^T W e
 };
 
-/// What scales information to a unit diagonal, from both sides: one over the roots of its diagonal, 0 where there is
-/// none.
+/// Factors that scale information to a unit diagonal, from both sides: 1 / sqrt(diagonal), 0 for a zero on the
+/// diagonal.
 Eigen::VectorXd unit_scale_of_information(const Eigen::Ref<const Eigen::MatrixXd>& information);
 
-/// R of information = R^T R, upper triangular; nothing where the columns, scaled to unit norm, are so close to
-/// depending on each other that a pivot is below 1e-3: figures made from R keep ten digits.
+/// R of information = R^T R, upper triangular. Empty if a pivot of the scaled information is below 1e-3, so that
+/// results computed from R keep ten digits.
 std::optional<Eigen::MatrixXd> well_conditioned_root(const Eigen::MatrixXd& information);
 
-/// The same before the sum: J and e with W = L L^T multiplied in, J_w = L^T J.
+/// The whitened rows themselves: with W = L L^T, J_w = L^T J and e_w = L^T e.
 struct WhitenedSystem {
   Eigen::MatrixXd jacobian;  ///< rows x columns; the priors' rows last
   Eigen::VectorXd residual;
-  /// First row of each configuration that is fitted, in the order of the measurements, then the first row of the
-  /// priors. The rows of a configuration are those of its points' positions, three each, then those of its
-  /// orientations.
+  /// First row of each fitted configuration, in the order of the measurements, then of the priors. A configuration has
+  /// three rows for each point's position, then those of its orientations.
   std::vector<Eigen::Index> blocks;
 };
 
-/// What the uncertainty needs of a whitened system, of a size that the data do not change. With J_c and e_c the rows of
-/// configuration c and s(.) the sum over its points (three rows):
+/// Summary of a whitened system for the uncertainty; its size does not depend on the data. J_c and e_c are the rows of
+/// configuration c, s(.) is the sum over its points (three rows).
 struct WhitenedSummary {
-  /// R of the Jacobian, the priors' rows included; the Jacobian where that has few rows.
+  /// R of the Jacobian, priors included; the Jacobian itself if it has few rows.
   Eigen::MatrixXd sqrt_information;
-  Eigen::Index rows = 0;           ///< of the Jacobian, the priors' rows included
+  Eigen::Index rows = 0;           ///< of the Jacobian, priors included
   Eigen::Index measured_rows = 0;  ///< without the priors' rows
-  Eigen::VectorXd priors;          ///< information that they add to each column
+  Eigen::VectorXd priors;          ///< information added to each column
   Eigen::MatrixXd sums;            ///< sum s(J_c)^T s(J_c)
   double squares = 0.0;            ///< sum |e_c|^2
   double squares_of_sums = 0.0;    ///< sum |s(e_c)|^2
@@ -46,17 +45,17 @@ struct WhitenedSummary {
 };
 WhitenedSummary summarised(const WhitenedSystem& system);
 
-/// Sums up rows that come configuration by configuration. Some hundred at a time are made a triangle, together with the
-/// triangle of those before them, so that the memory is constant.
+/// Summarises rows added configuration by configuration. Every few hundred rows are reduced to a triangular factor
+/// together with the previous one, so that the memory is constant.
 class RowSummary {
 public:
   explicit RowSummary(Eigen::Index columns);
 
   void add_configuration(const Eigen::Ref<const Eigen::MatrixXd>& jacobian,
                          const Eigen::Ref<const Eigen::VectorXd>& residual);
-  /// One row, a prior's.
+  /// Adds one row of a prior.
   void add_prior(const Eigen::Ref<const Eigen::MatrixXd>& row);
-  /// Of all rows. Nothing can be added afterwards.
+  /// The summary of all rows. No rows can be added afterwards.
   WhitenedSummary finish();
 
 private:

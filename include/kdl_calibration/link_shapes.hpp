@@ -9,18 +9,18 @@
 
 namespace kdl_calibration {
 
-/// What a URDF says of the form of a link.
+/// A link's shape from the URDF.
 struct LinkShape {
   enum class Kind { box, cylinder, sphere, mesh };
   std::string link;
   Kind kind = Kind::mesh;
-  Eigen::Isometry3d X_LS = Eigen::Isometry3d::Identity();  ///< the shape's frame in the link's
+  Eigen::Isometry3d X_LS = Eigen::Isometry3d::Identity();  ///< the shape's frame in the link frame
   /// [m] box: the edges along x, y, z; cylinder about z: radius, -, length; sphere: radius. Mesh: zero.
   Eigen::Vector3d size = Eigen::Vector3d::Zero();
 };
 
-/// The collision shapes of the chain's links, or where a link has none the visual ones, in the order of the URDF.
-/// Throws InputError for a size that is no positive number and an origin that is no number.
+/// The collision shapes of the chain's links, or the visual shapes of a link without them, in the order of the URDF.
+/// Throws InputError for a size that is not positive or an origin that is not numeric.
 std::vector<LinkShape> link_shapes(const Robot& robot);
 
 /// The base link, then the link behind each joint of the chain, fixed ones included; the tip last.

@@ -9,11 +9,11 @@
 
 namespace kdl_calibration {
 
-/// X_BF as the product of the 4x4 matrices of its factors, the published route to the Jacobians.
+/// X_BF as a product of 4x4 matrices, from which the publication derives the Jacobians.
 struct MatrixProduct {
   Eigen::Matrix4d pose;
-  /// Of each factor, per unit of its parameter or joint value: the product in which the factor is replaced by its
-  /// derivative. Zero where it is fixed.
+  /// For each factor the product in which its derivative replaces it, per unit of its parameter or joint value. Zero
+  /// for fixed factors.
   std::vector<Eigen::Matrix4d> derivatives;
 };
 
@@ -21,7 +21,7 @@ struct MatrixProduct {
 MatrixProduct matrix_product(const std::vector<ChainFactor>& factors, const Eigen::VectorXd& errors,
                              const Eigen::VectorXd& q);
 
-/// How a point of the flange frame moves in the base frame, per unit of each parameter of `which`: 3 x which.
+/// Motion in the base frame of a point of the flange frame, per unit of each parameter of `which`: 3 x which.
 Matrix3Xd point_columns(const std::vector<ChainFactor>& factors, const MatrixProduct& product,
                         const std::vector<std::size_t>& which, const Eigen::Vector3d& point);
 

@@ -4,11 +4,10 @@
 
 namespace kdl_calibration {
 
-/// Whether measurements that did not come from a file hold together, as those of the reader do. Throws InputError
-/// naming the row or the size and the rule: joint values, configurations, orientations, order and units that are not as
-/// many as they should be, an observation of a configuration or target that is not there, a joint value or position
-/// that is not finite, a sigma that is negative or not finite, an orientation that is no unit quaternion (or NaN in all
-/// four).
+/// Checks measurements for consistency. Throws InputError naming the row or size and the rule, for: a wrong number of
+/// joint values, configurations, orientations, order entries or units; an index out of range; a joint value, position
+/// or sigma that is not finite; a negative sigma; an orientation that is neither a unit quaternion nor NaN in all four
+/// coefficients.
 void check(const Measurements& measurements);
 
 }  // namespace kdl_calibration

@@ -9,13 +9,12 @@
 
 namespace kdl_calibration {
 
-// People and files give the values of the independent joints, and of a drive outside the chain instead of the joint
-// that it moves (see Drive). Where these enter, the values of all joints of the chain are computed from them (see
-// Mimic). Everything inside sees those.
+// Users and files state the values of independent joints, or of a drive outside the chain instead of its joint (see
+// Drive). On input the values of all joints of the chain are computed (see Mimic); the rest of the library uses those.
 
-/// Indices of the joints that follow none, base to tip.
+/// Indices of the joints that mimic no other, base to tip.
 std::vector<std::size_t> independent_joints(const std::vector<MovingJoint>& joints);
-/// The joint's drive; itself, times 1 plus 0, if it has none.
+/// The joint's drive; without one the joint itself (multiplier 1, offset 0).
 Drive drive_of(const MovingJoint& joint);
 /// Names of the drives of the independent joints.
 std::vector<std::string> independent_joint_names(const std::vector<MovingJoint>& joints);

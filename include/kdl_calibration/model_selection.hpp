@@ -1,6 +1,6 @@
 #pragma once
 
-// Effects beside the geometry and priors of it: what is asked for, and what was selected.
+// Selection of joint effects and of priors of the geometry: options and result.
 
 #include <cstddef>
 #include <string>
@@ -11,15 +11,15 @@
 
 namespace kdl_calibration {
 
-/// Joint effects that the model is to have beside the geometry.
+/// Requested joint effects.
 struct Effects {
-  std::vector<EffectGroup> groups;  ///< these
-  bool automatic = false;           ///< or those that cross-validation accepts
+  std::vector<EffectGroup> groups;  ///< requested groups
+  bool automatic = false;           ///< instead the groups that cross-validation accepts
 };
 
 struct ModelSelectionOptions {
   Priors priors;
-  bool automatic_priors = false;  ///< their sizes by evidence, or none, as cross-validation says
+  bool automatic_priors = false;  ///< sizes by evidence, or no priors, by cross-validation
   Effects effects;
 };
 /// Whether priors or effects are to be selected or sized.
@@ -27,25 +27,25 @@ inline bool is_open(const ModelSelectionOptions& options) {
   return options.automatic_priors || options.effects.automatic || !options.effects.groups.empty();
 }
 
-/// A choice of effects and of priors, and what cross-validation said of it.
+/// A candidate choice of effects and priors, with its scores.
 struct ModelOption {
   Priors priors;
   std::vector<std::string> effects;  ///< groups, in the order in which they were added
-  bool sized = false;                ///< whether the priors' sizes were estimated with it
-  double held_out_rms = 0.0;         ///< [m]; infinite where the rest does not determine what was left out
-  double evidence = 0.0;             ///< log of the likelihood of the sizes, comparable among options alike in `sized`
+  bool sized = false;                ///< whether the sizes of the priors were estimated
+  double held_out_rms = 0.0;         ///< [m] by cross-validation; infinite if the rest does not determine a prediction
+  double evidence = 0.0;             ///< log likelihood of the sizes; compare only options of equal `sized`
 };
 
-/// Which effects and priors were selected.
+/// The selected effects and priors.
 struct ModelSelection {
   std::vector<EffectTerm> terms;  ///< with their sigmas
   Priors priors;
-  Priors rigid_priors;             ///< best where the model has no effects
+  Priors rigid_priors;             ///< best for the model without effects
   double noise = 0.0;              ///< [m] 1 sigma of a coordinate of a mean, by the evidence of the selected model
-  std::vector<ModelOption> tried;  ///< best first, where something was selected
-  std::string not_tried;           ///< which priors and effects were not tried, and why; empty if all were
-  std::size_t not_compared = 0;    ///< points of targets that only one fold has
-  /// Optimism of the held-out error by the selection, see TriedModels; 1 where effects were asked for by name.
+  std::vector<ModelOption> tried;  ///< best first; empty without a selection
+  std::string not_tried;           ///< priors and effects that were not tried, with the reason; empty if all were
+  std::size_t not_compared = 0;    ///< points of targets that occur in one fold only
+  /// Optimism of the held-out error due to the selection, see TriedModels; 1 if effects were requested by name.
   double optimism = 1.0;
 };
 

@@ -19,69 +19,69 @@
 
 namespace kdl_calibration {
 
-/// What is to be planned.
+/// The planning problem.
 struct PlanRequest {
   Robot robot;
-  std::vector<TargetFrame> targets;  ///< to measure in each configuration
-  Cell cell;                         ///< where the robot may go
+  std::vector<TargetFrame> targets;  ///< measured in each configuration
+  Cell cell;                         ///< limits of the robot's motion
   PointNoise noise;
   Priors priors;
-  std::optional<Measurements> measured;  ///< what exists; the plan comes on top
-  /// What an earlier calibration knows, with its covariance: the plan is made at its geometry and comes on top.
+  std::optional<Measurements> measured;  ///< existing measurements, which the plan extends
+  /// An earlier calibration and its covariance: the plan uses its geometry and adds to its information.
   std::optional<SavedCalibration> calibrated;
-  /// Effects beyond geometry that the measurements are to tell: terms that the candidates tell apart, of the usual
-  /// size, or with `calibrated` those that it has found, with what it knows of them.
+  /// Effects to be identified: the terms found by `calibrated` with their covariance, else the terms that the
+  /// candidates can tell apart, with a prior of usual size.
   std::vector<EffectGroup> effects;
-  int count = 30;                  ///< configurations to choose; with `accuracy` the most to try
-  std::optional<double> accuracy;  ///< [m] promise for which the fewest configurations are looked for
+  int count = 30;                  ///< configurations to choose; with `accuracy` their maximum
+  std::optional<double> accuracy;  ///< [m] required predicted accuracy; the fewest configurations are chosen
   Figure accuracy_of = Figure::mean;
   Criterion criterion = Criterion::d_optimal;
   int starts = 8;
   int candidates = 5000;
-  Eigen::MatrixXd tasks;  ///< joints x m: where predictions matter; empty: `workspace` configurations of the cell
+  Eigen::MatrixXd tasks;  ///< joints x m: where to predict; empty: `workspace` configurations of the cell
   int workspace = 5000;
-  Eigen::VectorXd home;  ///< where the way begins; empty: all joints at zero
-  int monte_carlo = 0;   ///< runs that try the plan on virtual robots
+  Eigen::VectorXd home;  ///< start of the path; empty: all joints at zero
+  int monte_carlo = 0;   ///< runs that test the plan on virtual robots
   std::uint64_t seed = 1;
   int threads = 0;  ///< 0: one per core; the answer does not depend on it
-  /// Called with the share of the choice and of the runs that is done, never from two threads at once.
+  /// Called with the completed share of the selection and of the runs, never from two threads at once.
   std::function<void(double)> choosing;
   std::function<void(double)> trying;
 };
 
-/// What a plan is and what it promises.
+/// A plan and its predicted accuracy.
 struct Plan {
-  /// The irreducible model at the nominal geometry, or that of the calibration before, with the effects asked for.
+  /// The irreducible model at the nominal or the earlier calibration's geometry, with the requested effects.
   Experiment experiment;
   Candidates drawn;  ///< candidates, then the workspace
   Selection selection;
   MeasuringPlan sheet;  ///< the configurations in the order to drive them
   Prediction planned;   ///< over the tasks
-  Prediction random;    ///< the same of 200 random designs, on average
-  /// [m] of the worst configuration's RMS, see floor_of_worst_configuration; where nothing is given beforehand and the
-  /// noise is independent.
+  Prediction random;    ///< mean of 200 random designs
+  /// [m] lower bound of the worst configuration's RMS, see floor_of_worst_configuration. Only without prior information
+  /// and for independent noise.
   std::optional<double> floor;
-  double worst_configuration = 0.0;  ///< [m] RMS of sigma over the targets, of tasks and chosen configurations
+  double worst_configuration = 0.0;  ///< [m] largest RMS of sigma over the targets, at tasks and chosen configurations
   ObservabilityIndices observability;
   double efficiency = 0.0;  ///< D-efficiency, a lower bound
-  double seconds = 0.0;     ///< of travel
+  double seconds = 0.0;     ///< travel time [s]
   std::optional<MonteCarloResult> monte_carlo;
 };
 
-/// Draws candidates within the cell, chooses among them, orders the choice and says what it will give.
-/// Throws InputError as candidates(), nominal_experiment(), select_configurations() and select_for_accuracy() do, and
-/// where effects are of measured torques or, without a calibration that has found it, ripple.
+/// Draws candidates within the cell, selects and orders configurations, and predicts their accuracy. Throws InputError
+/// as candidates(), nominal_experiment(), select_configurations() and select_for_accuracy() do, for torque effects, and
+/// for ripple unless an earlier calibration has found it.
 Plan make_plan(const PlanRequest& request);
 
-/// What fewer configurations would give: those of the plan without the least useful ones, beside random choices of as
-/// many.
+/// Predicted accuracy with fewer configurations: the plan without its least useful ones, and random designs of equal
+/// size.
 struct CountedAccuracy {
   int count = 0;
-  double plan = 0.0;    ///< [m] mean predicted 1 sigma over the tasks, at most 500; infinite where undetermined
-  double random = 0.0;  ///< [m] the same of 20 random designs, on average
+  double plan = 0.0;    ///< [m] mean predicted 1 sigma over up to 500 tasks; infinite if undetermined
+  double random = 0.0;  ///< [m] mean of 20 random designs
 };
-/// From as few configurations as could determine the model to all of the plan, in at most some 20 steps. The least
-/// useful configuration is the one with the least tr(M^-1 A), M the information of all and A its own.
+/// For counts from the fewest that could determine the model up to the whole plan, in about 20 steps. The least useful
+/// configuration has the least tr(M^-1 A), M the total information and A its own.
 std::vector<CountedAccuracy> accuracy_by_count(const PlanRequest& request, const Plan& plan);
 
 }  // namespace kdl_calibration

@@ -6,15 +6,15 @@
 
 namespace kdl_calibration {
 
-/// Training rows whose plain least squares fit is the robust one, and as uncertain (Huber 1981, chapter 7): where a
-/// point was off by e it is off by w e / B, with w the weight of its row and B the mean derivative of w(r) r.
+/// Pseudo-values (Huber 1981, chapter 7): training rows whose least squares fit equals the robust fit and its
+/// uncertainty. A residual e becomes w e / B, with w the row's weight and B the mean derivative of w(r) r.
 struct PseudoValues {
   Measurements measurements;
-  std::vector<double> row_weights;  ///< 1, next to none where a row has no weight
-  double rows = 0.0;                ///< those with weight
+  std::vector<double> row_weights;  ///< 1; nearly 0 for rows without robust weight
+  double rows = 0.0;                ///< number of rows with weight
 };
 
-/// `weights`: of all rows by this loss, at `estimate`.
+/// `weights`: robust weights of all rows at `estimate`.
 PseudoValues pseudo_values(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                            Loss loss, const std::vector<double>& weights);
 

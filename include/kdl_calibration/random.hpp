@@ -4,7 +4,7 @@
 
 namespace kdl_calibration {
 
-/// Seeded random numbers that are the same on every platform, which those of <random> are not.
+/// Seeded random numbers, identical on every platform (unlike the distributions of <random>).
 /// Generator: splitmix64 (Steele, Lea and Flood 2014). `stream` gives independent sequences of one seed, so that
 /// work spread over threads draws the same numbers in any order.
 class Random {

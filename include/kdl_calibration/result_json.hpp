@@ -17,9 +17,9 @@ struct HashedFile {
   std::string sha256;
 };
 
-/// Where a result comes from, as far as the caller knows.
+/// Origin of a result, stated by the caller.
 struct Provenance {
-  std::vector<std::pair<std::string, std::string>> notes;  ///< in the caller's words: serial number, payload, …
+  std::vector<std::pair<std::string, std::string>> notes;  ///< free text: serial number, payload, …
   std::vector<HashedFile> files_read;
   std::vector<HashedFile> files_written;
 };
@@ -30,10 +30,10 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
 
 /// Measured minus predicted point of every row in W, [m], as CSV.
 std::string residuals_csv(const Measurements& measurements, const Calibration& calibration);
-/// The covariance of everything estimated, SI units, as CSV with the parameters' names; empty where not determined.
+/// The covariance of all estimated unknowns, SI units, as CSV with their names; cells are empty if not determined.
 std::string covariance_csv(const Calibration& calibration);
 
-/// The block `effects` that a truth shares with a result, as JSON: the model's terms with these coefficients.
+/// The JSON block `effects` of a result or a truth file: the model's terms with these coefficients.
 std::string effects_json(const ErrorModel& model, const Eigen::VectorXd& coefficients);
 
 /// The irreducible model as JSON: parameters, dropped, gauge, candidates, rank.

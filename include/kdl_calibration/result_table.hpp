@@ -8,20 +8,19 @@
 
 namespace kdl_calibration {
 
-/// What the caller knows beside the calibration.
+/// Options of the table.
 struct TableOptions {
-  std::vector<std::string> written;             ///< files that hold the answer
-  std::string fixed = "fixed";                  ///< what is said of a parameter that was not to be estimated
-  const JointConvention* convention = nullptr;  ///< joint offsets are shown as the controller counts as well
+  std::vector<std::string> written;             ///< names of the written files
+  std::string fixed = "fixed";                  ///< text for a parameter that was not estimated
+  const JointConvention* convention = nullptr;  ///< also shows joint offsets in controller values
 };
 
-/// The result for people: millimetres and degrees, gains in percent, at most 80 columns where names are not longer than
-/// usual. The verdict comes first; where the answer is not to be trusted, the causes and what was found, and no
-/// parameters.
+/// The result as text: millimetres and degrees, gains in percent, at most 80 columns unless names are long. The verdict
+/// comes first. An untrusted result shows its doubts and no parameters.
 std::string result_table(const Measurements& measurements, const Calibration& calibration,
                          const TableOptions& options = {});
 
-/// The line above rows of statistics, and one of these [mm]; 80 columns, for errors up to kilometres.
+/// Heading and row of a table of error statistics [mm]; 80 columns, for errors up to kilometres.
 std::string statistics_heading(const std::string& label, const std::string& counted = "points");
 std::string statistics_row(const std::string& label, const ErrorStatistics& statistics);
 

@@ -15,13 +15,13 @@ enum class JointType { revolute, continuous, prismatic };
 
 /// How a joint follows another one of the chain (URDF <mimic>): its value is multiplier * the leader's + offset.
 struct Mimic {
-  std::size_t leader = 0;  ///< index of a joint of the chain that follows none
+  std::size_t leader = 0;  ///< index of an independent joint of the chain
   double multiplier = 1.0;
   double offset = 0.0;  ///< [rad] or [m]
 };
 
 /// A joint outside the chain that moves one of the chain (a URDF <mimic> of a joint on another branch, such as the
-/// drive of a lift). People and files give the drive's value; the joint's own value is multiplier * the drive's +
+/// drive of a lift). Users and files state the drive's value; the joint's own value is multiplier * the drive's +
 /// offset.
 struct Drive {
   std::string name;
@@ -33,18 +33,18 @@ struct Drive {
 struct MovingJoint {
   std::string name;
   JointType type = JointType::revolute;
-  /// Frame of this joint at q = 0 in the frame of the previous moving joint (of the base link for the
-  /// first): the joint's own URDF origin behind the origins of the fixed joints in between.
+  /// Frame of this joint at q = 0 in the frame of the previous moving joint (of the base link for the first): product
+  /// of the origins of the fixed joints in between and its own.
   KDL::Frame origin;
   /// Unit axis in the joint's own frame.
   KDL::Vector axis;
-  /// None where the URDF states no limit (or zero for both) or the joint is continuous. A leader's are narrowed to
-  /// what its followers' limits leave.
+  /// Empty if the URDF states no limits (or zero for both) or the joint is continuous. A leader's limits are narrowed
+  /// by those of its followers.
   std::optional<double> lower;
   std::optional<double> upper;
   std::optional<double> velocity;
   std::optional<Mimic> mimic;  ///< none for an independent joint
-  std::optional<Drive> drive;  ///< of an independent joint; further joints that the drive moves follow this one
+  std::optional<Drive> drive;  ///< of an independent joint; other joints of the same drive follow this one
 };
 
 /// The nominal robot: one serial chain of a URDF, from `base` to `tip`.
@@ -56,7 +56,7 @@ struct Robot {
   std::string tip;                  ///< link
   std::vector<MovingJoint> joints;  ///< from base to tip
   KDL::Frame tip_origin;  ///< frame of the tip in the frame of the last moving joint: the fixed joints behind it
-  std::string tip_joint;  ///< the last fixed joint before the tip; empty where the tip is the last joint's own link
+  std::string tip_joint;  ///< the last fixed joint before the tip; empty if the tip is the last moving joint's link
   KDL::Chain chain;       ///< one segment per URDF joint, fixed joints included, named after their child links
 };
 
@@ -71,7 +71,7 @@ std::vector<std::string> joint_names(const Robot& robot);
 /// Builds the nominal chain from URDF text. `source` names the text in messages.
 /// Throws InputError: malformed XML (with its line), unknown base or tip (the message lists the links), base and tip
 /// not connected, no moving joint, a floating or planar joint in the chain, a zero axis, an ambiguous tip, a lower
-/// limit above the upper, a joint that mimics itself or one that does not move in the chain, limits of a leader and its
+/// limit above the upper, a joint that mimics itself or a joint not moving in the chain, limits of a leader and its
 /// follower that exclude each other, links that form no tree, and whatever urdfdom rejects (such as a revolute joint
 /// with no <limit>), with urdfdom's words. Limits: 64 MiB, 100 nested levels, 2,000 joints, 100 moving ones in the
 /// chain.

@@ -23,11 +23,11 @@ struct ErrorSizes {
   double target_length = 0.0025;                        ///< [m] length of each tool
 };
 
-/// Indices of the parameters with true errors: those of the irreducible model and the joint offsets that are gauge, or
-/// `complete`: all but those of the base link, which are no different from a displaced base.
+/// Indices of the parameters with true errors: those of the irreducible model and the gauge joint offsets. `complete`:
+/// all but those of the base link, which are equivalent to a displaced base.
 std::vector<std::size_t> with_true_errors(const ErrorModel& model, const Reduction& reduction, bool complete);
 
-/// A robot whose true geometry is known: to nobody but the simulation.
+/// A simulated robot with its true geometry.
 struct VirtualRobot {
   ErrorModel model;
   Estimate truth;
@@ -37,30 +37,30 @@ struct VirtualRobot {
 /// 100 mm from the flange in seeded directions.
 std::vector<TargetFrame> published_targets(int count = 3);
 
-/// Draws true errors for the parameters `with_errors` (indices into the model's), a base that is displaced from the
-/// measuring device's frame, and tools whose lengths are off.
+/// Draws true errors for the parameters `with_errors` (indices), a base displaced from the measuring device's frame,
+/// and errors of the tools' lengths.
 VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
                            const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random);
-/// The same robot, standing that far from X_WB.
+/// The same robot with its displacement applied to X_WB.
 VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB);
 
-/// Gives the robot every term of these groups that `joint_values` (joints x N) tell apart, with coefficients drawn from
-/// a normal distribution [1 sigma, rad or m].
+/// Gives the robot every term of these groups that `joint_values` (joints x N) can tell apart, with normally
+/// distributed coefficients of 1 sigma `sigma` [rad or m].
 void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
                  double sigma, Random& random);
-/// The same with the terms that are functions of signals.
+/// The same, including terms that are functions of signals.
 void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const DrivenConfigurations& driven,
                  double sigma, Random& random);
 
-/// Which signals a virtual robot's drives give.
+/// Signals that a virtual robot's drives report.
 struct ToldByDrives {
   bool approach = false;
-  /// The torque of 10 kg at every later joint frame under gravity, and a tenth of it, at least 1 Nm or N, of what is no
-  /// function of joint values [1 sigma].
+  /// The gravity torque of 10 kg at every later joint frame, plus a random part of a tenth of it (1 sigma), at least 1
+  /// Nm or N.
   bool torques = false;
   std::uint64_t seed = 1;
 };
-/// What they tell at `stops` (joints x N) of an arm that was at the stops `before` (joints x M, or empty).
+/// Signals at `stops` (joints x N) of an arm that was at the stops `before` (joints x M, or empty).
 DrivenConfigurations driven_to(const ErrorModel& model, const Eigen::MatrixXd& stops, const Eigen::MatrixXd& before,
                                const ToldByDrives& told);
 
@@ -72,10 +72,10 @@ struct MeasuringNoise {
   std::optional<TrackerNoise> tracker = std::nullopt;  ///< of a tracker at the origin of W, instead of `sigma`
 };
 
-/// What a tracker would measure: every target in every configuration.
+/// Simulated measurements of every target in every configuration.
 Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
                      Random& random, Split split = Split::train);
-/// The same with signals, which the measurements then have. The order of measurement is not stated.
+/// The same with signals, which the measurements include. The order of measurement is not stated.
 Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driven, const MeasuringNoise& noise,
                      Random& random, Split split = Split::train);
 

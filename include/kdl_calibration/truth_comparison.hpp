@@ -12,31 +12,31 @@
 
 namespace kdl_calibration {
 
-/// A geometric parameter of an estimate beside the truth; SI units, nominal values included.
+/// A geometric parameter of an estimate and its true value; SI units, nominal values included.
 struct ComparedParameter {
   std::size_t index = 0;  ///< into the model's parameters
   double estimated = 0.0;
-  double truth = 0.0;           ///< as it was drawn
-  double truth_in_gauge = 0.0;  ///< what the estimate should have been, see truth_in_gauge_of
-  bool gauge = false;           ///< held by choice: there is nothing to compare
+  double truth = 0.0;           ///< as drawn
+  double truth_in_gauge = 0.0;  ///< reference value in the estimate's gauge, see truth_in_gauge_of
+  bool gauge = false;           ///< held fixed: not compared
 };
 
-/// An estimate beside the truth of a virtual robot.
+/// Comparison of an estimate with a virtual robot's truth.
 struct TruthComparison {
   Estimate truth_in_gauge;
-  double gauge_misfit = 0.0;                    ///< [m] RMS distance of what that predicts from the truth's predictions
-  std::vector<ComparedParameter> parameters;    ///< estimated ones, the gauge, and what differs from nominal in either
-  Vector6d base_difference = Vector6d::Zero();  ///< twist in the base frame from the truth in gauge to the estimate
-  double largest_length = 0.0;  ///< [m] difference of a length, base and targets included and the gauge left out
-  double largest_angle = 0.0;   ///< [rad]
-  ErrorStatistics points;       ///< [m] distances of predicted from true target points, in W
+  double gauge_misfit = 0.0;                    ///< [m] RMS distance of its predictions from those of the truth
+  std::vector<ComparedParameter> parameters;    ///< estimated ones, the gauge, and those not nominal in either
+  Vector6d base_difference = Vector6d::Zero();  ///< twist in the base frame from truth_in_gauge to the estimate
+  double largest_length = 0.0;                  ///< [m] of a length, base and targets included, without gauge
+  double largest_angle = 0.0;                   ///< [rad]
+  ErrorStatistics points;                       ///< [m] distances of predicted from true target points, in W
 
-  /// Whether the estimate's parameters can say what the truth is, so that their differences mean something.
+  /// Whether the estimate's parameters can represent the truth, so that their differences are meaningful.
   bool comparable() const { return gauge_misfit < 1e-9; }
 };
 
-/// Two arms as one model: with the effects of both, each estimate having zeros for the other's. Throws InputError where
-/// both have effects and gravity pulls in another direction.
+/// Estimate and truth in one model with the effects of both, zero where an arm lacks an effect. Throws InputError if
+/// both have effects and their gravity directions differ.
 struct ArmAndTruth {
   ErrorModel model;
   Estimate estimate;
@@ -44,19 +44,18 @@ struct ArmAndTruth {
 };
 ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth);
 
-/// Distances [m] of the targets' predicted from their true positions in W, target by target in each configuration.
+/// Distances [m] between predicted and true target positions in W, target by target in each configuration.
 std::vector<double> distances_from_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                                          const Eigen::MatrixXd& joint_values);
 
-/// What the estimate should have been: the irreducible model's base, targets and geometric errors, fitted to the
-/// truth's predictions at `joint_values` (joints x N), with all other errors (the gauge among them) held as in the
-/// estimate, and the effects as in the truth. As many parameters as the predictions depend on describe every robot near
-/// by, whatever its own gauge.
+/// The truth in the gauge of the estimate. Base, targets and geometric errors of the irreducible model are fitted to
+/// the truth's predictions at `joint_values` (joints x N). All other errors are held as in the estimate, effects as in
+/// the truth. The irreducible model can represent any robot nearby, whatever its gauge.
 Estimate truth_in_gauge_of(const ErrorModel& model, const Reduction& reduction, const Estimate& estimate,
                            const Estimate& truth, const Eigen::MatrixXd& joint_values);
 
-/// Compares parameters up to the gauge, and predicted points at `joint_values`. The targets of the estimate are matched
-/// to those of the truth by name. Throws InputError where the truth lacks one of them.
+/// Compares parameters up to the gauge, and predicted points at `joint_values`. Targets are matched by name. Throws
+/// InputError if the truth lacks one.
 TruthComparison compare_with_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                                    const Eigen::MatrixXd& joint_values);
 

@@ -14,7 +14,7 @@
 
 namespace kdl_calibration {
 
-/// What one round of the two-step procedure did.
+/// Result of one round of the two-step procedure.
 struct TwoStepRound {
   int number = 1;
   double change = 0.0;  ///< [m] RMS motion of the predicted points by the step of the geometric errors
@@ -24,7 +24,7 @@ struct TwoStepRound {
 struct TwoStepOptions {
   int rounds = 10;
   double step_tolerance = 1e-11;  ///< [m] as for the joint estimator
-  /// Called after every round with the estimate that it left.
+  /// Called after every round with its estimate.
   std::function<void(const TwoStepRound&, const Estimate&)> after_round = {};
 };
 
@@ -33,8 +33,8 @@ struct TwoStepOptions {
 /// the orientation and position of the flange pose `T_robot`. Three tools make the 9 x 15 matrix of the publication.
 Eigen::Matrix3Xd base_and_tool_rows(const Eigen::Isometry3d& T_robot, Eigen::Index tool, Eigen::Index tools);
 
-/// The factor of linear convergence that successive changes show: the geometric mean of their ratios, without the first
-/// one (far from linear) and without what is below `least_change`; 0 where fewer than three changes remain.
+/// Factor of linear convergence: the geometric mean of the ratios of successive changes. The first change (far from
+/// linear) and changes below `least_change` are skipped; 0 if fewer than three remain.
 double convergence_factor(const std::vector<double>& changes, double least_change = 1e-12);
 
 /// The published two-step procedure (see the README): in every round base and targets by linear least squares with the

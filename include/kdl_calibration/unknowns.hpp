@@ -13,16 +13,16 @@
 
 namespace kdl_calibration {
 
-/// Everything that is estimated: the geometric errors of the complete model (zero where not free), the base in the
-/// measuring device's frame, the targets on the flange and the effects of the joints.
+/// Values of all unknowns: the geometric errors of the complete model (zero where not free), the base in the measuring
+/// device's frame, the targets on the flange and the effects of the joints.
 struct Estimate {
   Eigen::VectorXd errors;
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   std::vector<TargetFrame> targets;
-  Eigen::VectorXd effects;  ///< one per effect of the model; may be empty for none
+  Eigen::VectorXd effects;  ///< one per effect of the model; empty: none
 };
 
-/// 1 sigma of the geometric errors before anything is measured, as residuals of their own; 0: none.
+/// Prior 1 sigma of the geometric errors, each an additional residual; 0: no prior.
 struct Priors {
   double length = 0.0;  ///< [m]
   double angle = 0.0;   ///< [rad]
@@ -33,7 +33,7 @@ enum class UnknownGroup : std::uint8_t {
   base,       ///< Tx Ty Tz Rx Ry Rz: a motion of the base in its own frame
   geometric,  ///< ErrorModel::parameters
   effects,    ///< ErrorModel::effects
-  targets     ///< of each target x y z in the flange frame, then Rx Ry Rz in the target's own
+  targets     ///< per target x y z in the flange frame, then Rx Ry Rz in the target's frame
 };
 constexpr std::size_t kUnknownGroups = 4;
 
@@ -43,10 +43,10 @@ struct Unknown {
   std::size_t index = 0;
   std::string name;
   bool length = false;  ///< [m] rather than [rad]
-  double sigma = 0.0;   ///< of an effect: 1 sigma beforehand, EffectTerm::sigma
+  double sigma = 0.0;   ///< prior 1 sigma of an effect, EffectTerm::sigma
 };
 
-/// Neighbouring columns.
+/// A range of consecutive columns.
 struct ColumnRange {
   Eigen::Index first = 0;
   Eigen::Index count = 0;
@@ -55,58 +55,58 @@ struct ColumnRange {
   bool empty() const { return count == 0; }
 };
 
-/// The unknowns that a fit may change, each with its column. Groups stand in the order of UnknownGroup, within a group
-/// the unknowns in the order of their index. This is the only place that knows that order.
+/// The unknowns that a fit may change, each with its column. Ordered by UnknownGroup, then by index. Only this class
+/// knows that order.
 class Unknowns {
 public:
-  /// None.
+  /// No unknowns.
   Unknowns() = default;
-  /// Those with these names, in any order. Throws InputError for a name that neither model nor targets have.
+  /// The unknowns with these names, in any order. Throws InputError for an unknown name.
   Unknowns(const ErrorModel& model, const std::vector<TargetFrame>& targets, const std::vector<std::string>& names);
 
-  /// The same, with exactly these (see Unknown::index) of one group.
+  /// A copy with exactly these indices (see Unknown::index) of one group.
   Unknowns with(const ErrorModel& model, UnknownGroup group, const std::vector<std::size_t>& indices) const;
-  /// The same, with all of one group.
+  /// A copy with all unknowns of one group.
   Unknowns with_all(const ErrorModel& model, UnknownGroup group) const;
-  /// The same without a group.
+  /// A copy without a group.
   Unknowns without(UnknownGroup group) const;
-  /// Those whose columns are marked, one mark for each.
+  /// The unknowns whose columns are marked, one mark per column.
   Unknowns subset(const std::vector<bool>& marked) const;
 
   Eigen::Index size() const { return static_cast<Eigen::Index>(columns_.size()); }
-  /// Column by column.
+  /// The unknowns in the order of their columns.
   const std::vector<Unknown>& columns() const { return columns_; }
   std::vector<std::string> names() const;
 
-  /// The column of an unknown; nothing where it is not free.
+  /// The column of an unknown; empty if it is not free.
   std::optional<Eigen::Index> column(const std::string& name) const;
   std::optional<Eigen::Index> column(UnknownGroup group, std::size_t index) const;
-  /// Those of target k, -1 where not free.
+  /// Columns of target k, -1 if not free.
   const std::array<int, 6>& target_columns(std::size_t k) const;
 
   ColumnRange range(UnknownGroup group) const;
-  /// All but the targets': they move the flange.
+  /// All columns before the targets': those that move the flange.
   ColumnRange chain() const { return {.first = 0, .count = range(UnknownGroup::targets).first}; }
   /// Indices of a group's unknowns, ascending.
   const std::vector<std::size_t>& of(UnknownGroup group) const { return indices_[static_cast<std::size_t>(group)]; }
   const std::vector<std::size_t>& geometric() const { return of(UnknownGroup::geometric); }
   const std::vector<std::size_t>& effects() const { return of(UnknownGroup::effects); }
 
-  /// All columns, those first that are to be kept where others can do the same: base, targets, geometric errors,
-  /// effects. It is the order in which the reduction of the model keeps its candidates.
+  /// All columns by priority in the reduction, for columns that can replace each other: base, targets, geometric
+  /// errors, effects.
   std::vector<Eigen::Index> order_of_choice() const;
 
   /// The estimate moved by a step in the columns' coordinates: X_WB and the orientations of targets by
   /// X <- X · Exp(step), everything else by addition. `result` must not be `estimate`.
   void move(const Estimate& estimate, const Eigen::VectorXd& step, Estimate& result) const;
   Estimate moved(const Estimate& estimate, const Eigen::VectorXd& step) const;
-  /// The step that moves `from` to `to`, as far as unknowns can.
+  /// The step that moves `from` to `to`, as far as the free unknowns allow.
   Eigen::VectorXd difference(const Estimate& from, const Estimate& to) const;
 
-  /// What a prior is about: the value of an error or an effect, a coordinate of a target [m]; zero for base and
-  /// orientations, which count from wherever they are.
+  /// The value that a prior refers to: that of an error or effect, or a target's coordinate [m]. Zero for base and
+  /// orientations, which are relative to the present estimate.
   static double value(const Estimate& estimate, const Unknown& unknown);
-  /// What the priors tell of each column, 1 / sigma^2; 0 where they say nothing.
+  /// Prior information of each column, 1 / sigma^2; 0 without a prior.
   Eigen::VectorXd prior_information(const Priors& priors) const;
 
   friend bool operator==(const Unknowns& a, const Unknowns& b) { return a.indices_ == b.indices_; }
@@ -116,7 +116,7 @@ private:
   void arrange(std::vector<Unknown> unknowns);
 
   std::vector<TargetFrame> targets_;                      // for their names
-  std::array<Eigen::Index, kUnknownGroups> listed_ = {};  // of each group how many there are, free or not
+  std::array<Eigen::Index, kUnknownGroups> listed_ = {};  // number of each group's unknowns, free or not
   std::vector<Unknown> columns_;
   std::array<std::vector<std::size_t>, kUnknownGroups> indices_;
   std::array<int, 6> base_columns_ = {-1, -1, -1, -1, -1, -1};

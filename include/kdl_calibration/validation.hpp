@@ -26,18 +26,18 @@ struct ErrorStatistics {
 
 ErrorStatistics error_statistics(std::vector<double> distances);
 
-/// Which observations to look at.
+/// Subset of the observations.
 enum class Rows { all, train, test };
 
 /// 3D distance between measured and predicted point of each observation, in the order of the file.
 std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
                                     Rows rows = Rows::all);
-/// The same where the flange's poses in all configurations are at hand.
+/// The same for given flange poses, one per configuration.
 std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
                                     const Measurements& measurements, Rows rows = Rows::all);
 
-/// The geometry of the estimate with base and targets registered anew to the training rows: how well this geometry
-/// could explain the measurements.
+/// The geometry of the estimate with base and targets registered again to the training rows: the best fit of this
+/// geometry.
 Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, const Measurements& measurements,
                     const RegistrationOptions& options = {});
 
@@ -45,35 +45,35 @@ Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, cons
 /// from the prediction, repeatability is l + 3 s of the repeats' distances l from their mean.
 struct Iso9283 {
   ErrorStatistics accuracy;
-  ErrorStatistics repeatability;  ///< of those points that have repeats
+  ErrorStatistics repeatability;  ///< of points with repeats
 };
 Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
                  Rows rows = Rows::train);
 Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
                  Rows rows = Rows::train);
 
-/// Training configurations left out of a fit and predicted by it. A fit that does not converge counts with what it
-/// predicts.
+/// Prediction of training configurations left out of the fit. A fit that does not converge counts with its predictions.
 struct HoldOut {
   /// [m] 3D distance between prediction and the mean of the repeats, one for each target of a left-out configuration:
-  /// the accuracy of ISO 9283, from which repeatability is kept apart.
+  /// the accuracy of ISO 9283, without repeatability.
   std::vector<double> distances;
   int refits = 0;
   int not_converged = 0;
 };
 
-/// The training configurations in `folds` groups, dealt out by the seed; one group per configuration where `folds` is
-/// 0 or not less than their number. Neighbours (first_of_neighbours) are never parted.
+/// The training configurations in `folds` groups, assigned at random from the seed; one configuration per group if
+/// `folds` is 0 or at least their number. Neighbours (first_of_neighbours) stay in one group.
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed = 1);
 
-/// Whether the training rows of the others are as many equations as there are unknowns whichever fold is left out.
+/// Whether, without any one fold, the training rows have at least as many equations as there are unknowns.
 bool can_be_left_out(const Measurements& measurements, const std::vector<std::vector<Eigen::Index>>& folds,
                      Eigen::Index unknowns);
 
-/// Exact refits from the start without each fold in turn, on `threads` threads (0: all); the same for any number.
+/// Exact refits from the start without each fold in turn, on `threads` threads (0: all). The result does not depend on
+/// it.
 HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads = 0);
 HoldOut leave_one_configuration_out(const FitProblem& problem, int threads = 0);
-/// The same for the nominal geometry: only base and targets are registered anew.
+/// The same for the nominal geometry: only base and targets are registered again.
 HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
                                const std::vector<std::vector<Eigen::Index>>& folds,
                                const RegistrationOptions& options = {}, int threads = 0);

@@ -33,36 +33,35 @@ struct Tracker {
   double acceptance = std::numbers::pi;
 };
 
-/// What a person can state about where the robot may go. All of it holds at every target in every configuration.
+/// Constraints on the robot's motion. They apply to every target in every configuration.
 struct Cell {
-  JointRanges ranges;               ///< of each joint
+  JointRanges ranges;               ///< one per joint
   std::vector<JointSum> sums;       ///< ranges of sums of joints
-  Box box;                          ///< that holds the targets
+  Box box;                          ///< must contain the targets
   std::optional<double> height;     ///< [m] least z of the targets
   std::optional<double> radius;     ///< [m] least distance of the targets from the first joint's axis
-  std::vector<Sphere> out_spheres;  ///< that neither a target nor the body may touch
+  std::vector<Sphere> out_spheres;  ///< keep-out zones for targets and body
   std::vector<Box> out_boxes;
   std::vector<Capsule> body;  ///< the arm and the tool
   /// [m] least distance between parts of the body, see pairs_to_keep_apart.
   std::optional<double> clearance;
-  /// Its beams are stopped by the body (the tool excepted, see `facing`) and by the keep-out zones that it does not
-  /// stand in.
+  /// The body (without the tool, see `facing`) and keep-out zones that do not contain it block its beams.
   std::optional<Tracker> tracker;
   std::vector<Eigen::Vector3d> facing;  ///< one per target, in the flange frame; zero: any direction. May be empty.
 };
 
-/// How many samples a constraint refuses.
+/// Number of samples that a constraint rejects.
 struct Refusals {
   std::string constraint;
-  long samples = 0;  ///< refused by it
-  long alone = 0;    ///< refused by it and by nothing else
+  long samples = 0;  ///< rejected by it
+  long alone = 0;    ///< rejected by it only
 };
 
 struct CandidateOptions {
   int count = 5000;
   std::uint64_t seed = 1;
   int threads = 0;  ///< 0: one per core
-  /// Joint values are whole multiples of these [rad], [m], as far as the range allows; 0: any number.
+  /// Joint values are rounded to multiples of these [rad], [m] if the range allows; 0: not rounded.
   double angle_step = 0.0;
   double length_step = 0.0;
   long most_samples = 0;  ///< give up after this many; 0: 100,000 and 200 per candidate
@@ -70,14 +69,14 @@ struct CandidateOptions {
 
 struct Candidates {
   Eigen::MatrixXd joint_values;  ///< joints x count [rad] or [m]
-  long samples = 0;              ///< drawn for them
+  long samples = 0;              ///< samples drawn
   std::vector<Refusals> refusals;
 };
 
 /// Configurations uniform in the ranges that satisfy all constraints. Sample k is drawn from stream k of the seed, so
 /// that the answer depends on neither the threads nor the constraints' order.
-/// Throws InputError: too few of the samples satisfy the constraints (the message says how many each one refuses), a
-/// range that is empty, sizes that do not fit the robot.
+/// Throws InputError: too few of the samples satisfy the constraints (the message states the rejections per
+/// constraint), an empty range, sizes that do not fit the robot.
 Candidates candidates(const Robot& robot, const std::vector<TargetFrame>& targets, const Cell& cell,
                       const CandidateOptions& options = {});
 

@@ -8,12 +8,12 @@
 
 namespace kdl_calibration {
 
-/// A function to be called after each of a stage's `fits`, from any thread. It passes the count on to `progress`, which
-/// hears of the stage at once. Empty if `progress` is.
+/// A thread-safe function to call after each of a stage's `fits`. It reports the count to `progress`, which is also
+/// called at once with count 0. Empty if `progress` is empty.
 std::function<void()> counted_fits(const std::function<void(const std::string&, std::size_t, std::size_t)>& progress,
                                    const std::string& stage, std::size_t fits);
 
-/// The result of `work`, a stage whose fits are not counted.
+/// Runs `work` as a stage of one fit and reports its start and end to `progress`.
 template <class Work>
 auto with_progress(const std::function<void(const std::string&, std::size_t, std::size_t)>& progress,
                    const std::string& stage, const Work& work) {

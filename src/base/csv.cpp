@@ -26,7 +26,7 @@ bool is_number(std::string_view text) {
   return std::from_chars(text.data(), end, value).ptr == end && std::isfinite(value);
 }
 
-// Apostrophes in front count as well, so that every name reads back.
+// Leading apostrophes are skipped, so that every name reads back.
 bool begins_a_formula(std::string_view name) {
   const std::size_t first = name.find_first_not_of('\'');
   return first != std::string_view::npos && std::string_view("=+-@").find(name[first]) != std::string_view::npos &&
@@ -66,17 +66,17 @@ bool LineReader::next(std::string_view& line) {
   return true;
 }
 
-// Called with no line end in the rest. A rest longer than the longest line needs no more bytes to be refused.
+// Called if the rest has no line end. A rest longer than the longest line is refused without reading on.
 void LineReader::refill() {
   if (rest_.size() > kLongestLine) return;
-  if (!rest_.empty()) {  // memmove takes no null pointer, not even for nothing
+  if (!rest_.empty()) {  // memmove must not get a null pointer, even for zero bytes
     std::memmove(buffer_.get(), rest_.data(), rest_.size());
   }
   const std::size_t free = kFileBuffer - rest_.size();
   const std::size_t read = read_bytes(file_.get(), buffer_.get() + rest_.size(), free, source_);
   rest_ = {buffer_.get(), rest_.size() + read};
   read_ += read;
-  if (read_ > kLargestCsvFile) fail(source_, "larger than the limit of 16 GiB");  // a pipe tells no size
+  if (read_ > kLargestCsvFile) fail(source_, "larger than the limit of 16 GiB");  // size unknown for pipes
   if (read < free) file_.reset();
 }
 

@@ -14,7 +14,7 @@
 
 namespace kdl_calibration {
 
-/// Where a message points to.
+/// The place named in a message.
 struct Place {
   const std::string& source;
   std::size_t line;
@@ -24,8 +24,8 @@ struct Place {
 [[noreturn]] void fail(const Place& place, const std::string& what);
 [[noreturn]] void fail(const std::string& source, const std::string& what);
 
-/// Cuts text in memory, or a file that it reads piece by piece, into lines. Throws InputError for a file above 16 GiB,
-/// a line above 1 MiB, a zero byte, a carriage return inside a line, UTF-16.
+/// Splits text in memory, or a file that is read in pieces, into lines. Throws InputError for a file above 16 GiB, a
+/// line above 1 MiB, a zero byte, a carriage return inside a line, UTF-16.
 class LineReader {
 public:
   LineReader(std::string_view text, std::string source);
@@ -36,7 +36,7 @@ public:
 
   Place place() const { return {source_, line_}; }
   const std::string& source() const { return source_; }
-  /// Bytes of the whole text; 0 where that is not known before the end.
+  /// Bytes of the whole text; 0 if not known before the end.
   std::size_t size_hint() const { return size_hint_; }
 
 private:
@@ -56,10 +56,10 @@ private:
 /// The next line that is neither a comment nor empty. Spreadsheets write an empty row as separators alone.
 bool next_record(LineReader& lines, std::string_view& line);
 
-/// The separator of a header, comma, semicolon or tab: whichever it has most of outside quotes.
+/// The separator of a header: comma, semicolon or tab, whichever is most frequent outside quotes.
 char separator_of(std::string_view header);
 
-/// The fields of one line; views into the line or, for quoted fields, into a text of its own. Throws InputError for
+/// The fields of one line; views into the line or, for quoted fields, into an internal buffer. Throws InputError for
 /// more than 10,000 of them and for quotes that do not match.
 class Fields {
 public:
@@ -79,14 +79,14 @@ private:
   std::string unescaped_;
 };
 
-/// Empty where the label can be written and read back, else the rule that it breaks.
+/// The rule that the label breaks; empty if it can be written and read back.
 std::string label_fault(std::string_view label);
 
 /// The name as a CSV field. A # is quoted as well: at the start of a line it would begin a comment.
-/// A name that a spreadsheet would run as a formula (=, +, - or @ first, behind any apostrophes, and no number) gets
-/// one more apostrophe in front.
+/// A name that a spreadsheet would evaluate as a formula (starting with =, +, - or @ after any apostrophes, and not a
+/// number) gets an additional leading apostrophe.
 std::string csv_field(const std::string& name);
-/// The name that csv_field wrote: without that apostrophe.
+/// The name written by csv_field, without that apostrophe.
 std::string_view name_in(std::string_view field);
 
 }  // namespace kdl_calibration

@@ -12,7 +12,7 @@ namespace {
 namespace math = boost::math;
 namespace policies = boost::math::policies;
 
-// What has no value is NaN or infinite. Doubles suffice.
+// Errors return NaN or infinity instead of throwing; no promotion to long double.
 using Policy =
     policies::policy<policies::domain_error<policies::ignore_error>, policies::pole_error<policies::ignore_error>,
                      policies::overflow_error<policies::ignore_error>,
@@ -20,7 +20,7 @@ using Policy =
 using FisherF = math::fisher_f_distribution<double, Policy>;
 using ChiSquared = math::chi_squared_distribution<double, Policy>;
 
-// Degrees of freedom of a denominator that scatters by less than rounding.
+// Above these degrees of freedom the denominator is constant within rounding.
 constexpr double kAsGoodAsInfinite = 1e15;
 
 double chi_squared_tail(double value, double freedom) {

@@ -1,6 +1,6 @@
 #pragma once
 
-// What all JSON input has in common. Not installed.
+// Parsing of all JSON input. Not installed.
 
 #include <algorithm>
 #include <cstddef>
@@ -12,8 +12,8 @@
 
 namespace kdl_calibration {
 
-/// Parses JSON whose values nest at most 100 deep: printing one of them takes the stack of its depth. `check` is called
-/// as the parser's callback and may throw. Throws InputError with the line where the text is no JSON.
+/// Parses JSON of at most 100 nested levels, because printing is recursive. `check` is the parser's callback and may
+/// throw. Throws InputError with the line if the text is not JSON.
 template <class Json, class Check>
 Json parse_json(std::string_view text, const std::string& source, const Check& check) {
   constexpr int kDeepest = 100;

@@ -79,7 +79,7 @@ void require_unchanged(const Json& json, const std::string& source) {
   const Node top{.json = json, .where = source};
   if (!has(top, "hashes")) {
     const bool is_result = has(top, "parameters") && has(top, "software") && has(member(top, "software"), "version");
-    if (is_result && json["software"]["version"] != "0.1.0") {  // which wrote none
+    if (is_result && json["software"]["version"] != "0.1.0") {  // version 0.1.0 wrote no hashes
       throw InputError(source + ": the key \"hashes\" is missing, expected the file as calibrate wrote it");
     }
     return;
@@ -106,7 +106,7 @@ Json hashes(const Json& object) {
   Json result = Json::object();
   for (const auto& entry : object.items()) {
     if (entry.key() != "hashes" && entry.key() != "provenance") {
-      nlohmann::json value = entry.value();  // its type sorts the keys
+      nlohmann::json value = entry.value();  // this type sorts the keys
       turn_numbers_into_doubles(value);
       result[entry.key()] = sha256(value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
     }

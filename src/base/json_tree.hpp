@@ -1,6 +1,6 @@
 #pragma once
 
-// Values inside a JSON file, with the way to them for messages. Not installed.
+// Values inside a JSON file, with their path for messages. Not installed.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -23,11 +23,11 @@ struct Node {
 [[noreturn]] void fail(const Node& node, const std::string& expected);
 
 bool has(const Node& object, const std::string& key);
-/// Each throws InputError where the value is not of that sort.
+/// Each throws InputError if the value is of another type.
 Node member(const Node& object, const std::string& key);
 std::vector<Node> elements(const Node& node);  ///< at least one
 double number(const Node& node);               ///< finite, of at most 1e12
-std::string name(const Node& node);            ///< text that is not empty
+std::string name(const Node& node);            ///< text, not empty
 bool truth(const Node& node);
 
 template <int kSize>
@@ -43,15 +43,15 @@ Eigen::Matrix<double, kSize, 1> numbers(const Node& node) {
   return result;
 }
 
-/// Of norm 1.
+/// A unit quaternion.
 Eigen::Quaterniond quaternion(const Node& node);
 
-/// The SHA-256 of each member's value, but of `provenance`, which people may edit, and of `hashes` itself. It depends
-/// on values alone: editors and jq print the same value in other words, such as 1 for 1.0.
+/// SHA-256 of each member's value, except `provenance`, which users may edit, and `hashes`. It depends on values only,
+/// as editors and jq may print them differently, such as 1 for 1.0.
 Json hashes(const Json& object);
 
-/// JSON text; `source` names it in messages. Throws InputError: with the line where it is no JSON, with the member
-/// where that is not the one whose hash is in `hashes`.
+/// JSON text; `source` names it in messages. Throws InputError with the line if it is not JSON, and with the member if
+/// its hash differs from that in `hashes`.
 Json parsed(std::string_view text, const std::string& source);
 
 }  // namespace kdl_calibration::tree

@@ -4,13 +4,13 @@
 
 namespace kdl_calibration {
 
-// Only the last * may ever have to take one character more.
+// Backtracking only to the last * is sufficient.
 bool matches_pattern(std::string_view pattern, std::string_view name) {
   constexpr std::size_t kNone = std::string_view::npos;
   std::size_t p = 0;
   std::size_t n = 0;
-  std::size_t star = kNone;  // behind the last one
-  std::size_t taken = 0;     // where the name goes on behind what it took
+  std::size_t star = kNone;  // one past the last star
+  std::size_t taken = 0;     // position in the name after the text matched by the star
   while (n < name.size()) {
     if (p < pattern.size() && pattern[p] == '*') {
       star = ++p;

@@ -1,12 +1,12 @@
 #pragma once
 
-// Names that stand for several. Not installed.
+// Name patterns with wildcards. Not installed.
 
 #include <string_view>
 
 namespace kdl_calibration {
 
-/// Whether the name is one of those that a shell's pattern stands for: * is any text, ? any one character.
+/// Whether the name matches a shell pattern: * is any text, ? any one character.
 bool matches_pattern(std::string_view pattern, std::string_view name);
 
 }  // namespace kdl_calibration

@@ -6,8 +6,8 @@
 
 namespace kdl_calibration {
 
-/// Numbers larger than this (coordinates in metres, joint values, matrix elements) are refused as input, and stated
-/// sigmas below the other: squares, products and weights of what remains are far within the range of a double.
+/// Input limits: largest number (coordinates in metres, joint values, matrix elements) and smallest stated sigma.
+/// Squares, products and weights then stay far within the range of a double.
 constexpr double kLargestNumber = 1e12;
 constexpr double kSmallestSigma = 1e-15;
 

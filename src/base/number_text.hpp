@@ -8,7 +8,7 @@
 
 namespace kdl_calibration {
 
-/// The fewest digits that read back to the same double, with a point in every locale; never "-0".
+/// Shortest text that reads back to the same double, with a point in every locale; never "-0".
 inline std::string shortest(double value) {
   std::array<char, 32> digits{};
   const auto result = std::to_chars(digits.data(), digits.data() + digits.size(), value + 0.0);
@@ -18,7 +18,7 @@ inline std::string shortest(double value) {
 /// "12.346" for 12.34567 with 3 decimals, with a point in every locale; never "-0.000".
 inline std::string fixed(double value, int decimals) {
   std::array<char, 512> buffer{};
-  // Adding zero makes -0 a plain 0.
+  // Adding zero turns -0 into 0.
   const auto result =
       std::to_chars(buffer.data(), buffer.data() + buffer.size(), value + 0.0, std::chars_format::fixed, decimals);
   std::string text(buffer.data(), result.ptr);
@@ -26,7 +26,7 @@ inline std::string fixed(double value, int decimals) {
   return negative_zero ? text.substr(1) : text;
 }
 
-/// At most so many significant digits, with a point in every locale.
+/// Text with at most `digits` significant digits, with a point in every locale.
 inline std::string significant(double value, int digits) {
   std::array<char, 32> text{};
   const auto result = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::general, digits);

@@ -1,6 +1,6 @@
 #pragma once
 
-// Work spread over threads with results that do not depend on their number. Not installed.
+// Parallel loops whose results do not depend on the number of threads. Not installed.
 
 #include <algorithm>
 #include <atomic>
@@ -13,17 +13,17 @@
 
 namespace kdl_calibration {
 
-/// The number of threads to use: `wanted`, or one per core where that is 0.
+/// The number of threads to use: `wanted`, or one per core if it is 0.
 inline int thread_count(int wanted) {
   return wanted > 0 ? wanted : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-/// Whether this thread is one of several that share some work.
+/// Whether this thread runs inside a parallel loop.
 inline thread_local bool shares_work = false;
 
 /// Calls work(0) … work(count - 1), in any order and each once, on `threads` threads (0: one per core). Each call may
-/// write to what belongs to its index alone. The exception of the lowest index that threw is passed on. Inside work
-/// that several threads share no further ones are started.
+/// write only to data of its index. Of several exceptions that of the lowest index is rethrown. Nested loops start no
+/// further threads.
 template <class Work>
 void parallel_for(std::size_t count, int threads, const Work& work) {
   const bool is_inside = shares_work;
@@ -52,7 +52,7 @@ void parallel_for(std::size_t count, int threads, const Work& work) {
     for (std::size_t i = 1; i < workers; ++i) {
       pool.emplace_back(serve);
     }
-  } catch (const std::system_error&) {  // no more threads to be had: those that are there do the work
+  } catch (const std::system_error&) {  // no more threads available: the existing ones do the work
   }
   serve();
   shares_work = is_inside;

@@ -1,6 +1,6 @@
 #pragma once
 
-// What functions ask of what they are given where its type does not say so. Not installed.
+// Checks of preconditions that types do not express. Not installed.
 
 #include <concepts>
 #include <string>
@@ -11,7 +11,7 @@ namespace kdl_calibration {
 /// Throws InputError: `what`, then `expected`.
 [[noreturn]] void refuse_input(const std::string& what, const std::string& expected);
 
-/// Throws InputError where there are not as many of `what` as expected.
+/// Throws InputError if the number of `what` is not the expected one.
 template <std::integral Count, std::integral Expected>
 void require_count(const char* what, Count count, Expected expected) {
   if (!std::cmp_equal(count, expected)) {
@@ -19,7 +19,7 @@ void require_count(const char* what, Count count, Expected expected) {
   }
 }
 
-/// Throws InputError where there are fewer of `what` than `least`.
+/// Throws InputError if there are fewer than `least` of `what`.
 template <std::integral Count, std::integral Least>
 void require_at_least(const char* what, Count count, Least least) {
   if (std::cmp_less(count, least)) {
@@ -27,7 +27,7 @@ void require_at_least(const char* what, Count count, Least least) {
   }
 }
 
-/// Throws InputError where the index of `what` is none of 0 to count - 1.
+/// Throws InputError if the index of `what` is not within 0 to count - 1.
 template <std::integral Index, std::integral Count>
 void require_index(const char* what, Index index, Count count) {
   if (std::cmp_less(index, 0) || !std::cmp_less(index, count)) {
@@ -43,13 +43,13 @@ void require_indices(const char* what, const Indices& indices, Count count) {
   }
 }
 
-/// Throws InputError where a standard deviation, a length or a weight is negative or not finite.
+/// Throws InputError if a standard deviation, length or weight is negative or not finite.
 void require_sigma(const char* what, double sigma);
 
-/// Throws InputError where numbers of `what` are not finite: `are_finite` says whether they are.
+/// Throws InputError if `are_finite` is false.
 void require_finite(const char* what, bool are_finite);
 
-/// Throws InputError where a function that `what` needs is empty.
+/// Throws InputError if the function is empty; `what` names it.
 template <class Function>
 void require_function(const char* what, const Function& function) {
   if (!function) {

@@ -12,9 +12,9 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr double kNormalOverMad = 1.4826;             // sigma over the median absolute deviation of normal values
+constexpr double kNormalOverMad = 1.4826;             // sigma / median absolute deviation of normal values
 constexpr double kTrim = 3.0;                         // in sigmas
-constexpr double kNormalOverTrimmed = 1.0 / 0.98658;  // sigma over that of normal values cut off at kTrim
+constexpr double kNormalOverTrimmed = 1.0 / 0.98658;  // sigma / that of normal values truncated at kTrim
 
 }  // namespace
 

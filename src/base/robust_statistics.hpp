@@ -1,6 +1,6 @@
 #pragma once
 
-// Medians, and scales that a few wrong values do not spoil. Not installed.
+// Medians and robust scales. Not installed.
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 namespace kdl_calibration {
 
-/// The mean of the two middle values where their number is even; 0 of none.
+/// The mean of the two middle values for an even number; 0 without values.
 inline double median(std::vector<double> values) {
   if (values.empty()) {
     return 0.0;
@@ -23,27 +23,27 @@ inline double median(std::vector<double> values) {
   return 0.5 * (*middle + *std::max_element(values.begin(), middle));
 }
 
-/// Of the columns of the rows [first, end).
+/// Medians of the columns over the rows [first, end).
 Eigen::VectorXd medians(const Eigen::MatrixXd& values, Eigen::Index first, Eigen::Index end);
 
-/// Sigma of centred normal values among which there may be others: the median absolute deviation says which to leave
-/// out, the root mean square of the rest is more exact than it.
+/// Robust sigma of centred normal values with outliers: the median absolute deviation decides which to leave out. The
+/// root mean square of the rest is more efficient than it.
 double robust_sigma(std::vector<double> centred);
 
-/// Degrees of freedom that this sigma is worth over those of the root mean square of clean values, with some reserve.
+/// Degrees of freedom of this sigma relative to the root mean square of clean values, with a margin.
 constexpr double kEfficiency = 0.8;
 
-/// A robust sigma and the degrees of freedom that it is worth.
+/// A robust sigma and its degrees of freedom.
 struct Scatter {
   double sigma = std::numeric_limits<double>::infinity();
   double freedom = 0.0;
 };
 
-/// Of centred values, from which `fitted` parameters were estimated; infinite where nothing is left to tell it.
+/// Scatter of centred values from which `fitted` parameters were estimated; infinite without degrees of freedom.
 Scatter scatter_of(const std::vector<double>& centred, double fitted, double floor);
 
-/// What the norm over such a sigma exceeds with probability false_alarm / comparisons: the normal quantile z, turned
-/// into Student's (Wallace 1959, the inverse of his approximation).
+/// Limit of the norm over such a sigma, exceeded with probability false_alarm / comparisons: the normal quantile
+/// converted to Student's (inverse of the approximation of Wallace 1959).
 double threshold(double false_alarm, double comparisons, Eigen::Index axes, double freedom);
 
 }  // namespace kdl_calibration

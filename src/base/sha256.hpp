@@ -10,7 +10,7 @@ namespace kdl_calibration {
 
 /// 64 lower-case hexadecimal digits.
 std::string sha256(std::string_view bytes);
-/// Of a file of any size, read piece by piece. Throws InputError where it cannot be read.
+/// Hash of a file of any size, read in pieces. Throws InputError if it cannot be read.
 std::string sha256_of_file(const std::filesystem::path& path);
 
 }  // namespace kdl_calibration

@@ -79,7 +79,7 @@ std::string shortened(const std::string& text, std::size_t longest) {
     return text;
   }
   std::size_t length = longest;
-  while (length > 0 && (static_cast<unsigned char>(text[length]) & 0xc0U) == 0x80U) {  // inside a character of UTF-8
+  while (length > 0 && (static_cast<unsigned char>(text[length]) & 0xc0U) == 0x80U) {  // inside a UTF-8 character
     --length;
   }
   return text.substr(0, length) + "...";

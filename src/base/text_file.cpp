@@ -42,7 +42,7 @@ std::string read_text_file(const std::filesystem::path& path) {
   };
   const File file = open_file(path);
   std::string text;
-  // The size, which a pipe has not, spares reading what is too large, and moving what was read as it grows.
+  // A known size (not of pipes) allows early refusal of large files and avoids reallocation.
   std::error_code no_size;
   if (const std::uintmax_t size = std::filesystem::file_size(path, no_size); !no_size) {
     check(size);

@@ -1,6 +1,6 @@
 #pragma once
 
-// Files that are read whole. Not installed.
+// Reading of whole files. Not installed.
 
 #include <cstddef>
 #include <cstdio>
@@ -15,13 +15,13 @@ struct CloseFile {
 };
 using File = std::unique_ptr<std::FILE, CloseFile>;
 
-/// Throws InputError with the system's reason where the file cannot be opened.
+/// Throws InputError with the system's reason if the file cannot be opened.
 File open_file(const std::filesystem::path& path);
 
-/// Reads until `count` bytes are there or the file ends. Throws InputError where that fails.
+/// Reads `count` bytes, or fewer at the end of the file. Throws InputError on failure.
 std::size_t read_bytes(std::FILE* file, char* bytes, std::size_t count, const std::string& source);
 
-/// The bytes of a file of at most 64 MiB. Throws InputError where it is larger or cannot be read.
+/// The bytes of a file of at most 64 MiB. Throws InputError if it is larger or cannot be read.
 std::string read_text_file(const std::filesystem::path& path);
 
 }  // namespace kdl_calibration

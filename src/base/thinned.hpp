@@ -1,6 +1,6 @@
 #pragma once
 
-// A distribution in a few numbers. Not installed.
+// Distributions reduced to few order statistics. Not installed.
 
 #include <algorithm>
 #include <cstddef>
@@ -8,10 +8,10 @@
 
 namespace kdl_calibration {
 
-/// Order statistics that a distribution is written down with.
+/// Largest number of order statistics written for a distribution.
 constexpr std::size_t kMostOrderStatistics = 1000;
 
-/// The values in ascending order; of more than `most` as many evenly spaced ones and the largest.
+/// The values in ascending order; above `most` values, `most` evenly spaced ones and the largest.
 inline std::vector<double> thinned(std::vector<double> values, std::size_t most = kMostOrderStatistics) {
   std::sort(values.begin(), values.end());
   if (values.size() <= most) {

@@ -6,8 +6,8 @@
 
 namespace kdl_calibration {
 
-/// R of the matrix; the matrix itself where it has few rows. Norms of the columns and whatever holds among them are the
-/// same.
+/// R of a QR decomposition; the matrix itself if it has few rows. Norms and inner products of the columns are
+/// preserved.
 inline Eigen::MatrixXd triangular_factor(const Eigen::MatrixXd& matrix) {
   if (matrix.rows() <= matrix.cols()) {
     return matrix;

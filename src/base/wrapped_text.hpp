@@ -1,6 +1,6 @@
 #pragma once
 
-// Text for people who read in a terminal. Not installed.
+// Line wrapping for terminals. Not installed.
 
 #include <cstddef>
 #include <string>
@@ -9,7 +9,7 @@
 namespace kdl_calibration {
 
 /// The text in lines of at most `width` characters, broken at blanks: the first begins with `first` blanks, the others
-/// with `indent`. A word longer than that has a line of its own. Ends with a line break.
+/// with `indent`. A longer word gets its own line. Ends with a line break.
 std::string wrapped(std::string_view text, std::size_t first, std::size_t indent, std::size_t width = 80);
 
 }  // namespace kdl_calibration

@@ -9,10 +9,10 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr double kLeastRobustWeight = 1e-9;  // as identify_robustly, so that nothing becomes undetermined by a weight
-constexpr Eigen::Index kMostConfigurationsAssessed = 5000;  // one by one
+constexpr double kLeastRobustWeight = 1e-9;  // as in identify_robustly: no weight makes a column undetermined
+constexpr Eigen::Index kMostConfigurationsAssessed = 5000;  // for the influence of each
 
-// Of base, targets and geometry without priors, where the fit had those or effects.
+// Identifiability of base, targets and geometry without priors, if the fit had priors or effects.
 std::optional<Identifiability> rigid_identifiability(const FitProblem& task, const DeterminedFit& fitted,
                                                      ResidualOptions residuals) {
   const Priors& priors = residuals.priors;

@@ -1,6 +1,6 @@
 #pragma once
 
-// What the measurements determine at the end of a fit, and how well. Not installed.
+// Determined parameters and their uncertainty at the end of a fit. Not installed.
 
 #include <Eigen/Core>
 #include <string>
@@ -13,22 +13,22 @@
 namespace kdl_calibration {
 
 struct Assessment {
-  Identifiability identifiability;  ///< of base, targets and geometry among the candidates, by the measurements alone
+  Identifiability identifiability;  ///< of the candidates of base, targets and geometry, without priors
   std::vector<std::string> fixed_by_gauge;
-  bool determined = true;  ///< whether all candidates are, with what the priors say of them
+  bool determined = true;  ///< whether all candidates are determined, given the priors
   ObservabilityIndices observability;
   NoiseReport noise;
-  Eigen::MatrixXd covariance;  ///< of the columns that were estimated
+  Eigen::MatrixXd covariance;  ///< of the estimated columns
   Influence influence;
   Eigen::MatrixXd root;  ///< R of the whitened system of these columns, see WhitenedSummary::sqrt_information
   Eigen::MatrixXd candidate_sqrt_information;  ///< of the candidates' system
 };
 
-/// `fit`: its rows, weighed as at its end.
+/// `fit`: with the weights at its end.
 Assessment assess(const FitProblem& fit, const DeterminedFit& fitted, const NoiseModel& stated,
                   const EstimatedNoise& estimated);
 
-/// The fit, whose termination and message say what the assessment found open. A fit alone does not know that.
+/// The fit with termination and message updated by the undetermined directions that only the assessment finds.
 Identification with_open_directions(const Identification& found, const Assessment& assessed, ModelChoice model);
 
 }  // namespace kdl_calibration

@@ -30,7 +30,7 @@ ErrorModel with_effects(ErrorModel model, std::vector<EffectTerm> effects) {
   return model;
 }
 
-// The rigid robot as it is registered, and the parameters that its targets could show.
+// The registered rigid robot, and the parameters identifiable with its targets.
 struct RegisteredRobot {
   ErrorModel model;
   Estimate nominal;
@@ -55,7 +55,7 @@ RegisteredRobot register_robot(const ErrorModel& model, const Measurements& trai
   return robot;
 }
 
-// The geometry from nominal, weighed by the noise that is stated.
+// The fit of the geometry from nominal, weighted by the stated noise.
 FitProblem rigid_problem(const RegisteredRobot& robot, const Measurements& training,
                          const CalibrationOptions& options) {
   FitProblem problem{.model = robot.model,
@@ -80,8 +80,8 @@ bool weighs_orientations(const Measurements& training, const CalibrationOptions&
          !(options.noise.stated.orientation > 0.0);
 }
 
-// The same problem, weighed for a selection of priors and effects: orientations beside positions, then by the noise
-// that a first fit shows.
+// The same problem, weighted for the selection of priors and effects: first the weight of orientations, then the noise
+// from a first fit.
 FitProblem weighed_for_selection(FitProblem problem, const CalibrationOptions& options) {
   const ModelSelectionOptions& selection = options.selection;
   ResidualOptions& residuals = problem.options.joint.residuals;
@@ -96,7 +96,7 @@ FitProblem weighed_for_selection(FitProblem problem, const CalibrationOptions& o
   return problem;
 }
 
-// The problem with the selected effects, which `model` has, and priors. Weights by what geometry alone leaves would
+// The problem with the selected effects (in `model`) and priors. Weights from the residuals of geometry alone would
 // hold effects near zero.
 FitProblem selected_problem(const FitProblem& rigid, const ErrorModel& model, const ModelSelection& selection,
                             const NoiseBeforehand& noise) {
@@ -131,9 +131,9 @@ ModelSelectionTask selection_task(const FitProblem& rigid, const DeterminedFit& 
           .progress = options.progress};
 }
 
-// A fit by the noise that it shows.
+// A fit weighted by its estimated noise.
 struct WeighedFit {
-  FitProblem problem;  // with the weights of the end
+  FitProblem problem;  // with the final weights
   DeterminedFit fit;
   EstimatedNoise noise;
   FitOptions without_effects = {};  // of the rigid robot, for comparison
@@ -150,7 +150,7 @@ WeighedFit weigh_by_residuals(FitProblem problem, DeterminedFit fit, NoiseBefore
   return {.problem = std::move(problem), .fit = std::move(fit), .noise = std::move(estimated)};
 }
 
-// How the robot without effects is fitted, for comparison. The misfit that effects would explain is part of its noise.
+// Options of the comparison fit without effects. Its noise includes the misfit that effects would explain.
 FitOptions rigid_options(const FitProblem& rigid, const DeterminedFit& rigid_fit, const WeighedFit& selected,
                          const ModelSelection& selection, const NoiseBeforehand& noise) {
   FitOptions options = rigid.options;
@@ -181,7 +181,7 @@ WeighedFit with_smallest_errors(WeighedFit fitted, const CalibrationOptions& opt
   return fitted;
 }
 
-// The fit of the selected model by its own noise. A selection that changes nothing has the fit of the rigid robot.
+// Fits the selected model with its own noise. If the selection changes nothing, that is the rigid robot's fit.
 WeighedFit fit_selected(const FitProblem& problem, const DeterminedFit& rigid_fit, const ModelSelection& selection,
                         const ParameterSelection& parameters, const CalibrationOptions& options) {
   const FitRules rules{.estimator = options.estimator, .parameters = options.parameters};
@@ -191,7 +191,7 @@ WeighedFit fit_selected(const FitProblem& problem, const DeterminedFit& rigid_fi
   return with_smallest_errors(weigh_by_residuals(problem, fit, noise_beforehand(options)), options);
 }
 
-// What is validated. The folds of a plain fit can be predicted from its linear system.
+// The validation's input. The folds of a fit without a loss are predicted from its linear system.
 ValidationTask validation_task(const WeighedFit& fitted, const Assessment& assessed, const Measurements& measurements,
                                const ModelSelectionTask& choice, const CalibrationOptions& options) {
   const bool linear = is_plain(options.estimator) && arrived(fitted.fit.identification);
@@ -224,7 +224,7 @@ NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const 
   return assessed;
 }
 
-// The base, targets and errors with their uncertainty, and how well points are predicted.
+// Base, targets and errors with their uncertainty, and the predicted accuracy.
 Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const std::vector<HeldOutPoint>& held_out,
                         double optimism, const Configurations& asked) {
   const FitProblem& problem = fitted.problem;

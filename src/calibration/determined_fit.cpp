@@ -76,7 +76,7 @@ Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eige
   return candidates.subset(marked);
 }
 
-// What an earlier fit took counts as well.
+// Prepends the iterations of an earlier fit.
 void put_before(const Identification& earlier, Identification& later) {
   later.iterations += earlier.iterations;
   later.rms_history.insert(later.rms_history.begin(), earlier.rms_history.begin(), earlier.rms_history.end());
@@ -89,8 +89,8 @@ struct FittedInGauge {
   Unknowns free;
 };
 
-// Fits what the measurements determine of the candidates, as judged by the start. What the solution shows to be
-// otherwise is taken out or, unless it is weak, added.
+// Fits the candidates that the measurements determine at the start. If the determined set differs at the solution, the
+// fit is repeated with that set, without adding weakly determined columns.
 FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOptions& estimator, Steps steps) {
   const Unknowns& candidates = problem.free;
   const LeastSquaresProblem equations = equations_of(problem);
@@ -134,12 +134,12 @@ DeterminedFit assembled(FittedInGauge found, Reduction reduction, Unknowns candi
           .free = std::move(found.free)};
 }
 
-constexpr double kEqualMisfits = 1e-10;  // [m] misfits below that differ by rounding alone
+constexpr double kEqualMisfits = 1e-10;  // [m] smaller misfits differ only by rounding
 
 // Whether the complete set would explain most of a misfit that is more than rounding.
 bool has_more_to_explain(const FitProblem& complete, const Identification& found) {
   constexpr double kMost = 0.5;  // of the cost
-  constexpr long kFreedom = 20;  // fewer equations than that beyond the unknowns leave nothing to explain
+  constexpr long kFreedom = 20;  // least surplus of equations over unknowns
   constexpr Eigen::Index kMany = 20000;
   const LeastSquaresProblem problem = equations_of(complete);
   if (found.rms < kEqualMisfits || problem.equations() < problem.columns() + kFreedom ||
@@ -149,9 +149,9 @@ bool has_more_to_explain(const FitProblem& complete, const Identification& found
   return predicted_share(problem, found.estimate) > kMost;
 }
 
-constexpr double kBeyondGeometry = 0.005;  // [m] a misfit beyond that is not one of the geometry
+constexpr double kBeyondGeometry = 0.005;  // [m] geometric errors do not leave a larger misfit
 
-// The complete set from the start, then what the measurements determine there.
+// Fits the complete set from the start, then the set that the measurements determine at its end.
 DeterminedFit go_on_in_complete_set(const FitProblem& complete, const FitRules& rules) {
   const Identification wide = descend(equations_of(complete), complete.start, complete.options.joint, Steps::prior);
   ParameterSelection choice =
@@ -179,7 +179,7 @@ DeterminedFit go_on_in_complete_set(const FitProblem& complete, const FitRules& 
   return result;
 }
 
-// The fit that arrived or else has the smaller misfit. `next` went on from where `before` had ended.
+// The fit that converged, or the one with the smaller misfit. Iterations of `before` count for `next`.
 DeterminedFit better_of(DeterminedFit before, DeterminedFit next) {
   put_before(before.identification, next.identification);
   const Identification& now = next.identification;
@@ -187,7 +187,7 @@ DeterminedFit better_of(DeterminedFit before, DeterminedFit next) {
   return (same ? now.rms < before.identification.rms : arrived(now)) ? std::move(next) : std::move(before);
 }
 
-// Through the complete set or, where that does not arrive, with the first set and every means.
+// Fits through the complete set or, if that does not converge, the first set with all kinds of steps.
 DeterminedFit take_the_long_way(const FitProblem& problem, const FitProblem& complete, const FitRules& rules,
                                 const DeterminedFit& first) {
   DeterminedFit result = better_of(first, go_on_in_complete_set(complete, rules));
@@ -198,7 +198,7 @@ DeterminedFit take_the_long_way(const FitProblem& problem, const FitProblem& com
   return result;
 }
 
-// Holds parameters that the noise hides beside the others, unless that costs a misfit.
+// Fixes parameters hidden by the noise, unless that raises the misfit by more than 5 %.
 DeterminedFit fix_parameters_below_noise(const FitProblem& problem, const FitRules& rules, DeterminedFit fit) {
   constexpr double kCost = 1.05;
   ParameterSelection choice = select_parameters(problem.model, problem.start.targets, rules.parameters,
@@ -222,7 +222,7 @@ DeterminedFit fit_determined_parameters(const FitProblem& problem, const Paramet
                                         const FitRules& rules) {
   const auto& [estimator, parameters] = rules;
   const bool chosen = estimator.method == Method::joint && parameters.model == ModelChoice::irreducible;
-  // What the user fixed must not come back under other names, and a limit that the user set is one.
+  // Parameters equivalent to fixed ones must not be estimated, and the user's iteration limit must hold.
   const bool as_asked = parameters.fix.empty() && estimator.iterations == 0;
   const bool may_go_on = chosen && problem.options.loss == Loss::none && as_asked;
   DeterminedFit result = assembled(identify_in_gauge(problem, estimator, may_go_on ? Steps::plain : Steps::any),

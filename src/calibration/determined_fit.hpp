@@ -8,16 +8,16 @@
 
 namespace kdl_calibration {
 
-/// How the set of parameters and their estimate may be found. Keeps references.
+/// Options for the choice of parameters and their fit. Keeps references.
 struct FitRules {
   const EstimatorOptions& estimator;
   const ParameterOptions& parameters;
 };
 
-/// Fits what the measurements determine of `problem.free`, the candidates of `choice`. Where that set of parameters
-/// does not lead to the noise, the complete set with the errors that are usual of an arm goes on, and a set chosen at
-/// its end finishes: two parameters that are the same at the nominal geometry may differ at the true one.
-/// Parameters that only a measurement without noise could tell are held where the residuals show that there is noise.
+/// Fits the parameters of `problem.free`, the candidates of `choice`, that the measurements determine. If the fit fails
+/// or the complete set would explain most of the misfit, that set with a prior of usual errors continues. A set chosen
+/// at its end finishes: parameters equivalent at the nominal geometry may differ at the true one. Parameters hidden by
+/// the noise of the residuals are fixed.
 DeterminedFit fit_determined_parameters(const FitProblem& problem, const ParameterSelection& choice,
                                         const FitRules& rules);
 

@@ -21,8 +21,8 @@ std::vector<AlternativeReading> readings(const Calibration& found, const Measure
                                .threads = task.threads});
 }
 
-// The findings that remain beside other readings of the data. Where the base moved no target is accused of it, and the
-// residuals of data that were read wrongly say nothing of single rows.
+// The findings that remain valid given other readings of the data. A moved base is not reported as a slipped target,
+// and residuals of misread data say nothing about single rows.
 std::vector<QualityFinding> beside_readings(const std::vector<AlternativeReading>& readings,
                                             const Measurements& measurements, std::vector<QualityFinding> findings) {
   const auto any = [&](const auto& matches) {
@@ -39,7 +39,7 @@ std::vector<QualityFinding> beside_readings(const std::vector<AlternativeReading
   return any([](Cause) { return true; }) ? check_distances(measurements) : findings;
 }
 
-// The warnings of the stages before.
+// Warnings of the earlier stages.
 std::vector<std::string> earlier_warnings(const ModelSelection& selection, const Measurements& measurements,
                                           const std::vector<std::string>& of_validation) {
   std::vector<std::string> result;

@@ -8,7 +8,7 @@
 
 namespace kdl_calibration {
 
-/// What is known beside the calibration and the measurements. Keeps references.
+/// Results of earlier stages for the diagnosis. Keeps references.
 struct DiagnosisTask {
   const DiagnosisOptions& options;
   const ParameterOptions& parameters;
@@ -18,8 +18,8 @@ struct DiagnosisTask {
   ProgressFunction progress = {};
 };
 
-/// Other readings of the data, doubts and warnings, from all that the other stages found: `found` but for its
-/// diagnosis, the findings of the screening and the gross rows.
+/// Other readings of the data, doubts and warnings, from `found` (without diagnosis), the findings of the screening and
+/// the gross rows.
 Diagnosis diagnose(const Calibration& found, const Measurements& measurements, std::vector<QualityFinding> findings,
                    GrossRows gross_rows, const DiagnosisTask& task);
 

@@ -65,7 +65,7 @@ Doubts of_convergence(const Calibration& found) {
   return {{.cause = Cause::not_converged, .message = message}};
 }
 
-// The joints that stand still in all that was fitted.
+// Joints that do not move in the fitted rows.
 std::vector<std::string> joints_at_rest(const Calibration& found, const Measurements& measurements) {
   constexpr double kStill = 1e-4;  // [rad] or [m]
   const JointRanges ranges = trained_ranges(measurements);
@@ -78,7 +78,8 @@ std::vector<std::string> joints_at_rest(const Calibration& found, const Measurem
   return result;
 }
 
-// What the targets could show and the measurements do not. Of the complete model much cannot be told apart anyway.
+// Parameters identifiable with the targets but not determined by the measurements. The complete model always has
+// undetermined ones.
 std::vector<std::string> missing_parameters(const Calibration& found, ModelChoice model) {
   if (model != ModelChoice::complete) {
     return found.uncertainty.fixed_by_gauge;
@@ -136,7 +137,7 @@ Doubts of_predictions(const Calibration& found) {
   return doubts;
 }
 
-// [m] RMS of the fitted rows; with a loss of those that have a weight.
+// [m] RMS of the fitted rows; with a robust loss of the rows with weight.
 double misfit_of(const Calibration& found, const Measurements& measurements) {
   if (found.fit.robust.weights.empty()) {
     return found.accuracy.train.after.rms;
@@ -183,12 +184,12 @@ Doubts of_size(const Calibration& found, const Measurements& measurements) {
   return doubts;
 }
 
-// What builders and mastering allow: 2 % of the reach, 20 degrees. On 18 arms of twelve makers the largest lengths were
-// 6.3 mm, the largest angles 3 degrees.
+// Limits of plausible errors: 2 % of the reach, 20 degrees. On 18 arms of twelve makers the largest errors were 6.3 mm
+// and 3 degrees.
 Doubts of_errors(const Calibration& found) {
   constexpr double kMostOfReach = 0.02;
   constexpr double kMostAngle = 20.0 * std::numbers::pi / 180.0;
-  constexpr double kSignificant = 3.0;  // sigma beyond that
+  constexpr double kSignificant = 3.0;  // sigma beyond the limit
   const double most_length = kMostOfReach * reach(found.model);
   for (const ParameterEstimate& parameter : found.uncertainty.parameters) {
     const bool offset = parameter.kind == ParameterKind::joint_offset;
@@ -214,7 +215,7 @@ Doubts of_errors(const Calibration& found) {
   return {};
 }
 
-// Test rows that the model misses much more than what it predicted without having seen it.
+// Test rows with much larger errors than left-out configurations.
 Doubts of_tests(const Calibration& found) {
   constexpr double kTimes = 5.0;
   constexpr double kOfNominal = 0.5;
@@ -233,7 +234,7 @@ Doubts of_tests(const Calibration& found) {
                       "; check that both were measured in the same way, with the same names of targets"}};
 }
 
-// Rows that spoil the fit of all others.
+// Gross rows.
 Doubts of_rows(const Calibration& found, const GrossRows& gross) {
   const std::vector<GrossRow>& rows = gross.rows;
   if (rows.empty()) {
@@ -274,7 +275,7 @@ bool is_worse_elsewhere(const Calibration& found) {
 
 // Whether the geometry alone predicts left-out configurations better than the model with effects.
 bool has_harmful_effects(const Calibration& found) {
-  constexpr double kWorse = 1.0 / 0.98;  // as the selection among effects demands
+  constexpr double kWorse = 1.0 / 0.98;  // as in the selection of effects
   const BeforeAfter* held_out = found.accuracy.held_out();
   return held_out != nullptr && held_out->rigid && held_out->rigid->count > 0 &&
          held_out->after.rms > kWorse * held_out->rigid->rms;
@@ -286,13 +287,13 @@ std::string said_of_harmful_effects(const BeforeAfter& held_out) {
          " by the geometry alone; leave the effects out, or let --effects auto choose those that help";
 }
 
-// The parameters that the measurements cannot tell apart, and what is done about them.
+// Messages about parameters that the measurements cannot tell apart, and how they are resolved.
 std::vector<std::string> said_of_gauge(const Calibration& found) {
   std::vector<std::string> result;
   const bool open =
       found.fit.identification.termination == Termination::rank_deficient || !found.uncertainty.fixed_by_gauge.empty();
   for (const std::vector<std::string>& group : found.uncertainty.identifiability.tied) {
-    if (!open || found.fit.minimum_norm) {  // priors told them apart, or all are named below
+    if (!open || found.fit.minimum_norm) {  // resolved by priors, or named below
       break;
     }
     result.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()

@@ -12,7 +12,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// Of every column its error in usual ones; zero of frames, targets and effects.
+// For every column 1 / (usual error); zero for base, targets and effects.
 VectorXd weights(const ErrorModel& model, const Unknowns& candidates) {
   VectorXd result = VectorXd::Zero(candidates.size());
   const ColumnRange geometric = candidates.range(UnknownGroup::geometric);

@@ -8,10 +8,9 @@
 
 namespace kdl_calibration {
 
-/// Where the measurements leave directions of the candidates open, all errors along them explain the measurements as
-/// well. Of these answers the one whose geometric errors are smallest, in units of the errors that are usual of an arm;
-/// base and targets follow. None where no direction is open, where the fit did not arrive, and where the way there does
-/// not arrive. `task`: that of the fit, weighed as at its end.
+/// The minimum-norm solution: if some directions of the candidates are undetermined, the equally good fit with the
+/// smallest geometric errors in units of usual errors. Base and targets follow. Empty if all directions are determined,
+/// or if the fit or this search does not converge. `task`: the fit with the weights at its end.
 std::optional<Identification> smallest_errors(const FitProblem& task, const DeterminedFit& fit);
 
 }  // namespace kdl_calibration

@@ -10,16 +10,16 @@
 
 namespace kdl_calibration {
 
-/// A measurement yet to come, of the same kind as those that were made.
+/// A future measurement of the same kind as the existing ones.
 struct NewPoint {
-  double radius_95 = 0.0;           ///< [m] of the sphere about the prediction; infinite where that is not determined
+  double radius_95 = 0.0;           ///< [m] of the sphere about the prediction; infinite if not determined
   double degrees_of_freedom = 0.0;  ///< of the variance of a single point
 };
 
 struct PointPrediction {
   Eigen::Matrix3d covariance;  ///< [m^2] in W, of the parameters alone
   Eigen::Vector3d place;       ///< [m] in W
-  double repeats = 1.0;        ///< that the measurement will be the mean of
+  double repeats = 1.0;        ///< number of repeats that the measurement averages
 };
 
 /// With S the covariance of one measured point, misfit included, Sigma = covariance + S, s^2 = tr Sigma and k = s^4 /
@@ -27,11 +27,11 @@ struct PointPrediction {
 /// nu those of tr S: radius s sqrt(F_0.95(k, nu)).
 NewPoint new_point(const PointPrediction& prediction, const NoiseReport& noise);
 
-/// Where predicted points keep what their radius promises, and what makes them do so.
+/// The region where the predicted radii hold, and their factor.
 struct MeasuredRegion {
-  /// The radii's factor: with the distances of held-out points over the radii that the fit without them predicts, the
-  /// smallest that leaves 95 % of n + 1 configurations inside (conformal prediction, Lei et al. 2018; each counts with
-  /// the share of its targets). Below 40 configurations the optimism of selecting the model.
+  /// The radii's factor: the smallest one for which 95 % of n + 1 held-out configurations lie within the radii
+  /// predicted without them (conformal prediction, Lei et al. 2018; each counts with the share of its targets). Below
+  /// 40 configurations it is the optimism of the model selection.
   double radius_factor = 1.0;
   double largest_variance = 0.0;  ///< [m^2] trace of the covariance of a held-out point by the parameters
   JointRanges joints;             ///< of the training rows, and 5 % beyond on both sides

@@ -29,7 +29,7 @@ double sigma_of_residuals(const FitProblem& fit) {
 
 namespace {
 
-// How often this variance is the stated one; 1 where it may be just that.
+// Ratio of this variance to the stated one; 1 if the excess is not significant.
 double excess_over_stated(double variance, double degrees_of_freedom) {
   const bool worse = degrees_of_freedom > 0.0 && variance > 1.0 &&
                      reduced_chi_squared_tail(variance, degrees_of_freedom) < kMisfitCertain;
@@ -47,7 +47,7 @@ void report_parts(const NoiseParts& parts, NoiseReport& noise) {
   noise.parts = parts;
 }
 
-// Of a point along the axes of W, root of the mean square over the rows.
+// Stated sigma of a point along the axes of W, root mean square over the rows.
 Eigen::Vector3d stated_sigma_of_points(const Measurements& measurements, const NoiseModel& noise) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   double rows = 0.0;
@@ -58,14 +58,14 @@ Eigen::Vector3d stated_sigma_of_points(const Measurements& measurements, const N
   return (sum / rows).cwiseSqrt();
 }
 
-// Of a system's residuals.
+// Scatter of a system's residuals.
 struct MeasuredScatter {
   double points = 0.0;    // with weight
   double variance = 0.0;  // of unit weight
-  double factor = 1.0;    // of the covariance beside that
+  double factor = 1.0;    // additional factor on the covariance
 };
 
-// The covariance and the report of noise that is stated, or else in the residuals of this system.
+// Covariance and report for stated noise, or else for the noise of this system's residuals.
 NoiseAssessment without_parts(const Measurements& measurements, const NoiseModel& stated, const FittedSystem& fitted,
                               const MeasuredScatter& scatter, NoiseReport noise) {
   NoiseAssessment result;
@@ -80,7 +80,7 @@ NoiseAssessment without_parts(const Measurements& measurements, const NoiseModel
   } else {
     noise.source = NoiseSource::residuals;
     noise.sigma = std::sqrt(variance * points / problem.total_weight());
-    // Of the means: what repeats average out does not count, what a configuration has in common does.
+    // Noise of the means, which includes the part common to a configuration.
     const double cells = static_cast<double>(fitted.system.measured_rows) / 3.0;
     const double unit_weight = problem.total_weight() / cells;
     const ResidualNoise components = noise_from_residuals(fitted.system, fitted.rank, unit_weight);
@@ -94,11 +94,11 @@ NoiseAssessment without_parts(const Measurements& measurements, const NoiseModel
   return result;
 }
 
-// The robust fit as the plain one of its pseudo-values. The noise is that of the points that are not outlying: by the
-// median, which an outlier hardly moves, with what the fit has taken from it.
+// The robust fit as a least squares fit of its pseudo-values. The noise is that of the inliers: from the median,
+// corrected for the degrees of freedom of the fit.
 NoiseAssessment assess_robust_noise(const FittedSystem& fitted, const FitProblem& fit, const NoiseModel& stated,
                                     const RobustRows& robust, NoiseReport noise) {
-  constexpr double kEfficiencyOfMedian = 0.53;  // of the scale of normal points in three dimensions
+  constexpr double kEfficiencyOfMedian = 0.53;  // of the scale, for normal errors in three dimensions
   const PseudoValues pseudo =
       pseudo_values(fit.model, fit.measurements, fitted.estimate, fit.options.loss, robust.weights);
   ResidualOptions residuals = fit.options.joint.residuals;

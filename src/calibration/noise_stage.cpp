@@ -34,7 +34,7 @@ Matrix3d log_derivative(const Vector3d& r) {
 
 constexpr double kChanceRatio = 1.1;  // ratio of held-out errors
 
-// What the printed six values of a frame change per unit of its columns.
+// Derivatives of a frame's six printed values by its columns.
 Eigen::Matrix<double, 6, 6> printed_frame(const Matrix3d& position, const Matrix3d& rotation) {
   Eigen::Matrix<double, 6, 6> result = Eigen::Matrix<double, 6, 6>::Zero();
   result.topLeftCorner<3, 3>() = position;
@@ -42,7 +42,7 @@ Eigen::Matrix<double, 6, 6> printed_frame(const Matrix3d& position, const Matrix
   return result;
 }
 
-// The rows and columns of a frame, whose columns are -1 where they are not free.
+// Writes a frame's block into `all`; columns that are not free are -1.
 void place(const std::array<int, 6>& columns, const Eigen::Matrix<double, 6, 6>& printed, MatrixXd& all) {
   for (std::size_t i = 0; i < 6; ++i) {
     for (std::size_t j = 0; j < 6; ++j) {
@@ -62,7 +62,7 @@ std::array<int, 6> base_columns(const Unknowns& free) {
 }
 
 // RMS distance [m] of left-out configurations, at most 500 evenly spaced ones, from their prediction by all others;
-// infinite where these are too few. `noise`: [m] 1 sigma of a coordinate.
+// infinite if these are too few. `noise`: [m] 1 sigma of a coordinate.
 double held_out_rms(const FitProblem& problem, double noise) {
   constexpr std::size_t kMost = 500;
   const std::vector<std::vector<Index>> all = make_folds(problem.measurements, 0);
@@ -83,8 +83,8 @@ double held_out_rms(const FitProblem& problem, double noise) {
       .rms;
 }
 
-// What the model misses may be of another kind than the parts of the noise: then their weights predict left-out
-// configurations worse than `plain` does, by more than `allowed`. Both problems start at their optimum.
+// Whether the parts' weights predict left-out configurations worse than `plain` by a factor above `allowed`, because
+// the misfit has another structure than the parts. Both problems start at their optimum.
 bool weights_predict_worse(const FitProblem& weighed, const FitProblem& plain, const NoiseParts& parts,
                            double allowed) {
   const double sigma = std::sqrt(parts.point().trace() / 3.0);
@@ -92,7 +92,7 @@ bool weights_predict_worse(const FitProblem& weighed, const FitProblem& plain, c
          held_out_rms(weighed, sigma) > allowed * held_out_rms(plain, sigma);
 }
 
-// At its optimum; nothing where the fit does not arrive.
+// The problem with this noise at its optimum; empty if the fit does not converge.
 std::optional<FitProblem> weighed_by(const NoiseModel& noise, const FitProblem& plain) {
   FitProblem weighed = plain;
   weighed.options.joint.residuals.noise = noise;
@@ -144,7 +144,7 @@ FitOptions absolute_weights(const FitProblem& problem, const NoiseBeforehand& no
 }
 
 EstimatedNoise fit_with_estimated_noise(const FitProblem& problem, const NoiseBeforehand& noise, double rms) {
-  constexpr double kRounding = 1e-10;  // [m] residuals that tell nothing
+  constexpr double kRounding = 1e-10;  // [m] smaller residuals are rounding
   const ResidualOptions& residuals = problem.options.joint.residuals;
   EstimatedNoise result{
       .parts = std::nullopt, .as_stated = residuals, .weights = residuals.noise, .estimate = problem.start};
@@ -177,7 +177,7 @@ EstimatedNoise fit_with_estimated_noise(const FitProblem& problem, const NoiseBe
 }
 
 NoiseModel noise_of_means(const Measurements& measurements, const NoiseBeforehand& beforehand, double sigma) {
-  constexpr double kBeyond = 0.5;  // of the stated variance; less may be chance
+  constexpr double kBeyond = 0.5;  // of the stated variance; smaller excesses are not significant
   NoiseModel noise = beforehand.stated;
   double variance = 0.0;
   double rows = 0.0;
@@ -213,7 +213,7 @@ std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unkn
   for (Index c = 0; c < columns; ++c) {
     ValueUncertainty& value = result.emplace_back();
     value.degrees_of_freedom = noise.freedom_of_covariance();
-    // An infinite variance must not spread to what does not depend on it.
+    // Skip zero coefficients, so that an infinite variance affects only values that depend on it.
     VectorXd along = VectorXd::Zero(columns);
     double variance = 0.0;
     for (Index i = 0; i < columns; ++i) {

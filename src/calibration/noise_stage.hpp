@@ -9,47 +9,45 @@
 
 namespace kdl_calibration {
 
-/// What is known of the noise beforehand.
+/// Prior knowledge of the noise.
 struct NoiseBeforehand {
   NoiseModel stated;
   bool estimated = true;  ///< whether parts that are not stated are estimated
 };
 
-/// The end of a fit with estimated noise.
+/// Result of a fit with estimated noise.
 struct EstimatedNoise {
   std::optional<NoiseParts> parts;
-  ResidualOptions as_stated;  ///< what the rows were whitened with before
-  NoiseModel weights;         ///< what they are whitened with at `estimate`
+  ResidualOptions as_stated;  ///< weights before the estimation
+  NoiseModel weights;         ///< weights of `estimate`
   Estimate estimate;
 };
 
-/// Estimates the parts of the noise that nobody stated at an optimum, the start of `problem`, and fits its unknowns
-/// again with the weights that follow. Where these weights predict left-out configurations worse the estimate and its
-/// weights stay, and the parts are those that its residuals show. Nothing is estimated where `noise` says so, and where
-/// the residuals are rounding. `rms`: [m] of the fit.
+/// Estimates the unstated parts of the noise at an optimum, the start of `problem`, and fits again with the resulting
+/// weights. If these predict left-out configurations worse, estimate and weights are kept, and the parts come from the
+/// residuals. Nothing is estimated if `noise` forbids it or the residuals are rounding. `rms`: [m] of the fit.
 EstimatedNoise fit_with_estimated_noise(const FitProblem& problem, const NoiseBeforehand& noise, double rms);
 
-/// The same for a selection between models: the weights by the parts at the fit of the problem without priors. None
-/// where they are not to be estimated, or could not be.
+/// The same for model selection: weights from the parts at the fit without priors. Empty if they are not, or cannot be,
+/// estimated.
 std::optional<NoiseModel> weights_by_estimated_noise(const FitProblem& problem, const NoiseBeforehand& noise);
 
-/// The problem's options, with weights that priors can be compared with: those weights or, where nothing states the
-/// noise, a sigma for all rows by the residuals.
+/// The problem's options with absolute weights, as priors require: those weights or, if no noise is stated, one sigma
+/// for all rows from the residuals.
 FitOptions absolute_weights(const FitProblem& problem, const NoiseBeforehand& noise);
 
-/// Weights until the parts are estimated, where the mean of a point's repeats is off by `sigma` [m]: that, or the
-/// stated noise, and a misfit beside it where it is to be estimated and the rest is clearly larger.
+/// Weights until the parts are estimated: `sigma` [m], the 1 sigma of the means of repeats, or the stated noise. A
+/// misfit is added if it is to be estimated and `sigma` is clearly larger.
 NoiseModel noise_of_means(const Measurements& measurements, const NoiseBeforehand& beforehand, double sigma);
 
-/// 1 sigma of a printed value and the degrees of freedom that it rests on.
+/// 1 sigma of a printed value and its degrees of freedom.
 struct ValueUncertainty {
   double std = 0.0;
   double degrees_of_freedom = 0.0;
 };
 
-/// Of every free column, in their order, for the values as they are printed: the place of the base and the rotation
-/// vectors of base and targets in W and in the flange frame, although their columns are motions in frames of their own.
-/// `covariance`: of the columns.
+/// Uncertainties of the printed values, one per free column: the base in W and targets in the flange frame, by position
+/// and rotation vector, although their columns are motions in their own frames. `covariance`: of the columns.
 std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unknowns& free,
                                             const Eigen::MatrixXd& covariance, const NoiseReport& noise);
 

@@ -16,7 +16,7 @@ namespace {
 
 using Eigen::Index;
 
-// Of every joint of which some measured configuration has one.
+// Requires torques of every joint that has one in some measured configuration.
 void require_torques(const Measurements& measurements, const DriveSignals& signals,
                      const std::vector<std::string>& configurations) {
   for (Index j = 0; j < measurements.joint_values.rows(); ++j) {
@@ -35,7 +35,7 @@ void require_torques(const Measurements& measurements, const DriveSignals& signa
   }
 }
 
-// Of the repeats' scatter, the least that is taken as the noise of single points along an axis.
+// Least share of the repeats' scatter that counts as independent noise along an axis.
 constexpr double kLeastShareOfRepeats = 1e-3;
 
 void require_predictable(const Configurations& asked, const ErrorModel& model) {
@@ -109,7 +109,7 @@ void require_signals(const Measurements& measurements, const CalibrationOptions&
   if (std::find(groups.begin(), groups.end(), EffectGroup::torque) == groups.end()) {
     return;
   }
-  if (measurements.signals.torques.array().isNaN().all()) {  // or there are none
+  if (measurements.signals.torques.array().isNaN().all()) {  // also true for an empty matrix
     throw OptionError("effects", "torque needs measured torques, expected columns tau_<joint> in the measurements");
   }
   require_torques(measurements, measurements.signals, measurements.configurations);

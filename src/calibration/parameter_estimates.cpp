@@ -34,7 +34,7 @@ void add_frame_parameters(const std::vector<std::string>& names, const Eigen::Is
   }
 }
 
-// Of the link that a parameter belongs to; where its frames coincide, that of a mean link.
+// Length [m] of the parameter's link; that of a mean link if its frames coincide.
 double link_length(const ErrorModel& model, const ErrorParameter& parameter) {
   const auto length = [&](std::size_t frame) {
     return (frame < model.joints.size() ? model.joints[frame].origin.p : model.tip_origin.p).Norm();
@@ -49,7 +49,7 @@ double link_length(const ErrorModel& model, const ErrorParameter& parameter) {
   return own > kNoLink * mean ? own : mean;
 }
 
-// All parameters that there are.
+// All parameters of base, targets, geometry and effects.
 std::vector<ParameterEstimate> all_parameters(const ErrorModel& model, const Estimate& nominal,
                                               const Estimate& estimate) {
   std::vector<ParameterEstimate> all;
@@ -95,7 +95,7 @@ std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, cons
                                                    const DeterminedFit& fit, const KnownOfParameters& known) {
   const Estimate& estimate = fit.identification.estimate;
   const std::vector<ValueUncertainty> uncertain = uncertainties(estimate, fit.free, known.covariance, known.noise);
-  std::set<std::string> biased;  // by what the gauge holds
+  std::set<std::string> biased;  // parameters biased by fixed gauge parameters
   for (const std::vector<std::string>& group : known.tied) {
     biased.insert(group.begin(), group.end());
   }

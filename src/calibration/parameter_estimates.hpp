@@ -8,7 +8,7 @@
 
 namespace kdl_calibration {
 
-/// What a fit tells of its columns. Keeps references.
+/// Uncertainty of a fit's columns. Keeps references.
 struct KnownOfParameters {
   const std::vector<std::string>& fixed_by_gauge;
   const std::vector<std::vector<std::string>>& tied;  ///< groups that the measurements cannot tell apart
@@ -16,13 +16,12 @@ struct KnownOfParameters {
   const NoiseReport& noise;
 };
 
-/// Every parameter that was estimated, is held by a gauge, or has a value that is not zero, with its uncertainty by
-/// the covariance of the columns. What is nominal of base and targets is where they are registered to the nominal arm.
+/// Every parameter that was estimated, is held by a gauge, or has a value that is not zero, with its uncertainty from
+/// the covariance of the columns. Nominal values of base and targets are those registered to the nominal arm.
 std::vector<ParameterEstimate> parameter_estimates(const ErrorModel& model, const Estimate& nominal,
                                                    const DeterminedFit& fit, const KnownOfParameters& known);
 
-/// Whether the uncertainty is so large that nothing is known: a length to more than its link, an angle to half a
-/// radian.
+/// Whether the uncertainty exceeds any useful size: the link for a length, 0.5 rad for an angle.
 bool is_unknown(const ErrorModel& model, const ParameterEstimate& estimate);
 
 /// Half the width of the 95 % interval of Student's t.

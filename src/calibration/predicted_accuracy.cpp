@@ -23,7 +23,7 @@ std::vector<double> listed_values(const Eigen::MatrixXd& matrix) {
   return {matrix.data(), matrix.data() + matrix.size()};
 }
 
-// Predictions and their uncertainty, infinite where what was fixed by the gauge matters.
+// Predictions and their uncertainty, infinite if they depend on parameters fixed by gauge.
 class UncertainPredictor {
 public:
   explicit UncertainPredictor(const UncertainEstimate& uncertain)
@@ -35,7 +35,7 @@ public:
         offsets_(joint_offsets(uncertain.model, estimate_.targets)),
         joints_(uncertain.model, estimate_, offsets_) {}
 
-  // Of every target [m^2] in W, where `signals` (of one column) are known.
+  // Covariance [m^2] of every target in W at `q` and `signals` (one column).
   std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const {
     std::vector<Eigen::Matrix3d> result = unmodelled_covariances(q, signals);
     const std::vector<Matrix3Xd> jacobians = free_.jacobians(q, signals);
@@ -47,7 +47,7 @@ public:
     return result;
   }
 
-  // 3D 1 sigma [m], targets x N. One product for many configurations takes a third of the time of one for each.
+  // 3D 1 sigma [m], targets x N. One product for many configurations is three times faster than one for each.
   Eigen::MatrixXd sigmas(const Eigen::MatrixXd& joint_values, const DriveSignals& signals) const {
     constexpr Eigen::Index kAtOnce = 32;
     const auto targets = static_cast<Eigen::Index>(estimate_.targets.size());
@@ -102,8 +102,8 @@ public:
   }
 
 private:
-  // Variances of the joints' motions [rad^2 or m^2] by the effects that are left out there. A table that is withheld
-  // may be anything that its size beforehand allows; a joint came from either side.
+  // Variances [rad^2 or m^2] of the joints' motions due to effects left out at `q`: withheld tables with their prior
+  // variance, and effects of an unknown direction of approach.
   Eigen::VectorXd left_out(const Eigen::VectorXd& q, const DriveSignals& signals) const {
     Eigen::VectorXd variances = Eigen::VectorXd::Zero(q.size());
     for (std::size_t place = 0; place < uncertain_.model.effects.size(); ++place) {
@@ -119,8 +119,8 @@ private:
     return variances;
   }
 
-  // What the covariance of the free unknowns does not tell [m^2]: of every target by the effects that are left out,
-  // infinite where what was fixed by the gauge matters.
+  // Covariance [m^2] of every target beyond that of the free unknowns: from left-out effects, infinite if it depends on
+  // parameters fixed by gauge.
   std::vector<Eigen::Matrix3d> unmodelled_covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const {
     std::vector<Eigen::Matrix3d> result(estimate_.targets.size(), Eigen::Matrix3d::Zero());
     const Eigen::VectorXd variances = left_out(q, signals);
@@ -153,14 +153,14 @@ private:
   Eigen::MatrixXd undetermined_;
   PositionPredictor free_;
   PositionPredictor candidates_;
-  Unknowns offsets_;  // of the joints, which move about their own axes
+  Unknowns offsets_;  // offsets of the joints, about their own axes
   PositionPredictor joints_;
 };
 
-// The mean and largest sigma of the configurations whose flange is in one cube.
+// Mean and largest sigma of the configurations by cube of the workspace.
 std::vector<WorkspaceCell> cells_of(const std::vector<Eigen::Isometry3d>& X_BF, const Eigen::MatrixXd& sigmas,
                                     double edge) {
-  std::map<std::array<double, 3>, WorkspaceCell> cells;  // doubles: a large robot has more cubes than an int counts
+  std::map<std::array<double, 3>, WorkspaceCell> cells;  // doubles: cube indices of a large robot overflow int
   for (std::size_t c = 0; c < X_BF.size(); ++c) {
     const auto sigma = sigmas.col(static_cast<Eigen::Index>(c));
     const Eigen::Vector3d cube = (X_BF[c].translation() / edge).array().floor();
@@ -201,7 +201,7 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
   if (there.allFinite()) {
     result.measured = error_statistics(listed_values(there));
   }
-  if (needs_torques(model)) {  // which nobody has measured where the arm has not been
+  if (needs_torques(model)) {  // unknown at unmeasured configurations
     return result;
   }
   const Eigen::MatrixXd everywhere = predictor.sigmas(workspace, {});

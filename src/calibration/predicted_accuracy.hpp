@@ -8,11 +8,11 @@
 
 namespace kdl_calibration {
 
-/// What the estimate is and what is known of it. Keeps references.
+/// An estimate and its uncertainty. Keeps references.
 struct UncertainEstimate {
   const ErrorModel& model;
   const DeterminedFit& fit;
-  const Eigen::MatrixXd& covariance;  ///< of what is free
+  const Eigen::MatrixXd& covariance;  ///< of the free columns
   const Eigen::MatrixXd&
       candidate_sqrt_information;  ///< R of the whitened system, see WhitenedSummary::sqrt_information
   const NoiseReport& noise;
@@ -20,7 +20,7 @@ struct UncertainEstimate {
   double optimism = 1.0;  ///< of the selection, see TriedModels
 };
 
-/// At the measured configurations, over the workspace and where it was asked for.
+/// Predicted accuracy at the measured configurations, over the workspace and at the requested configurations.
 PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const Measurements& measurements,
                                      const Configurations& asked);
 

@@ -12,7 +12,7 @@ namespace {
 
 bool has_effects(const ValidationTask& compared) { return !compared.fit.free.effects().empty(); }
 
-// The best that a URDF can carry: where effects were fitted, a fit without them.
+// The estimate that a URDF can represent: if effects were fitted, a fit without them.
 Estimate rigid_fit(const ValidationTask& compared) {
   if (!has_effects(compared)) {
     return compared.fit.identification.estimate;
@@ -30,7 +30,7 @@ FitOptions counting(FitOptions options, const ValidationTask& compared, const st
   return options;
 }
 
-// Whether sums over large folds are faster than looking at their configurations one by one.
+// Whether sums over large folds are faster than treating configurations one by one.
 bool is_many(const Folds& folds) {
   std::size_t count = 0;
   for (const std::vector<Eigen::Index>& fold : folds) {
@@ -46,11 +46,11 @@ constexpr double kShareOfNominal = 1e-5;
 std::vector<double> nominal_folds(const ValidationTask& compared, const Folds& folds, double nominal) {
   const FitProblem& task = compared.problem;
   const Unknowns frames = compared.fit.free.without(UnknownGroup::geometric).without(UnknownGroup::effects);
-  if (frames.size() == 0) {  // nothing is registered
+  if (frames.size() == 0) {  // base and targets are known
     const Measurements means = averaged(task.measurements);
     return position_errors(task.model, task.start, means);
   }
-  // Nominal errors are large: where the noise is none they need not be as exact as it.
+  // Nominal errors are large and need not be exact to a vanishing noise.
   const double noise = std::max(compared.noise, kShareOfNominal * nominal);
   FitOptions options;
   options.joint.residuals.orientation_length = task.options.joint.residuals.orientation_length;
@@ -68,11 +68,11 @@ std::vector<double> nominal_folds(const ValidationTask& compared, const Folds& f
 // Left-out configurations and their predictions.
 struct PredictedFolds {
   BeforeAfter errors;
-  std::vector<HeldOutPoint> points;  // empty where the folds were fitted again
+  std::vector<HeldOutPoint> points;  // empty if the folds were refitted
   std::vector<std::string> warnings;
 };
 
-// Each fold predicted by the nominal robot, by the calibrated one and by what a URDF can carry of it.
+// Each fold predicted by the nominal, the calibrated and the rigid robot.
 PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& folds, const std::string& name,
                                double nominal) {
   const FitProblem& task = compared.problem;
@@ -118,7 +118,7 @@ PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& fold
   if (has_effects(compared)) {
     ErrorModel model = task.model;
     model.effects.clear();
-    Estimate rigid = estimate;  // what is not free stays where it is
+    Estimate rigid = estimate;  // unknowns that are not free keep their values
     rigid.effects.resize(0);
     const Unknowns free = compared.fit.free.without(UnknownGroup::effects);
     result.errors.rigid = error_statistics(left_out(model, free, rigid, compared.rigid_options).distances);
@@ -126,7 +126,7 @@ PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& fold
   return result;
 }
 
-// Test rows at fitted poses test the fit at what it has seen: their errors are kept apart.
+// Test rows, split into those at fitted poses and those at new poses.
 struct TestRows {
   std::optional<ErrorStatistics> at_fitted_poses;
   std::optional<ErrorStatistics> at_new_poses;
@@ -135,7 +135,7 @@ TestRows test_rows_apart(const ValidationTask& compared, const std::vector<Eigen
   const Measurements& measurements = compared.measurements;
   const std::vector<bool> trained = trained_configurations(measurements);
   const std::vector<Eigen::Index> first = first_at_same_pose(measurements.joint_values);
-  std::vector<bool> fitted(first.size(), false);  // of the first configuration at each pose
+  std::vector<bool> fitted(first.size(), false);  // indexed by the first configuration at each pose
   for (std::size_t c = 0; c < first.size(); ++c) {
     fitted[static_cast<std::size_t>(first[c])] = fitted[static_cast<std::size_t>(first[c])] || trained[c];
   }
@@ -157,7 +157,7 @@ TestRows test_rows_apart(const ValidationTask& compared, const std::vector<Eigen
           .at_new_poses = at_new.empty() ? std::nullopt : std::optional(error_statistics(at_new))};
 }
 
-// The errors at fitted and test rows. `rigid`: the robot that a URDF can carry.
+// Errors at fitted and test rows. `rigid`: the robot that a URDF can represent.
 Accuracy compare_rows(const ValidationTask& compared, const Estimate& rigid) {
   const FitProblem& task = compared.problem;
   const Measurements& measurements = compared.measurements;
@@ -207,7 +207,7 @@ std::vector<std::string> said_of_neighbours(const Folds& singly, const Measureme
           "its range): they are left out together"};
 }
 
-// `rows`: the errors at the rows, to which those at left-out configurations are added.
+// Adds the errors at left-out configurations to `rows`.
 Validation hold_out(const ValidationTask& compared, Accuracy rows) {
   const FitProblem& task = compared.problem;
   const ValidationOptions& options = compared.options;
@@ -245,7 +245,7 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows) {
   return result;
 }
 
-// `rigid`: the robot that a URDF can carry.
+// `rigid`: the robot that a URDF can represent.
 ExportedUrdf exported_urdf(const ValidationTask& compared, const Accuracy& accuracy, const Estimate& rigid) {
   const bool kept = is_no_better_than_nominal(accuracy);
   const auto own = [&](const BeforeAfter& errors) {

@@ -10,14 +10,14 @@ namespace kdl_calibration {
 
 /// A fit and the measurements that it is compared with. Keeps references.
 struct ValidationTask {
-  const FitProblem& problem;         ///< of the training rows; starts at the nominal robot, weighed as at the fit's end
+  const FitProblem& problem;         ///< training rows, start at the nominal robot, weights of the final fit
   const Measurements& measurements;  ///< all rows
   const DeterminedFit& fit;
   const FitOptions& rigid_options;   ///< of a fit without effects
-  const Eigen::MatrixXd* root;       ///< R of the whitened system at the fit; nullptr where folds must be fitted again
+  const Eigen::MatrixXd* root;       ///< R of the whitened system at the fit; nullptr if folds must be refitted
   double noise;                      ///< [m] of a coordinate
-  double variance;                   ///< of unit weight, by which the covariances of R are multiplied
-  const ModelSelectionTask& choice;  ///< that the nested leave-one-out repeats
+  double variance;                   ///< variance of unit weight, the factor on the covariances of R
+  const ModelSelectionTask& choice;  ///< the selection that nested leave-one-out repeats
   const ValidationOptions& options;
 };
 
@@ -27,11 +27,11 @@ struct Validation {
   std::vector<std::string> warnings;
 };
 
-/// How far the fitted and the test rows are from the nominal and from the calibrated robot, and how far both predict
-/// configurations that were not fitted. The exported robot is the one that was read if the calibration does not help.
+/// Errors of the nominal and the calibrated robot at fitted and test rows and at left-out configurations. The exported
+/// robot is the input robot if the calibration does not improve on it.
 Validation validate(const ValidationTask& compared);
 
-/// Whether the calibrated robot predicts what was not fitted no better than the nominal one.
+/// Whether the calibrated robot predicts unfitted configurations no better than the nominal one.
 bool is_no_better_than_nominal(const Accuracy& accuracy);
 
 }  // namespace kdl_calibration

@@ -47,8 +47,8 @@ struct CalibrateArguments {
   std::string method = "joint";
   std::string model = "irreducible";
   CalibrationOptions options;
-  std::string prior;                 // empty: not said
-  std::vector<std::string> effects;  // the same
+  std::string prior;                 // empty: not stated
+  std::vector<std::string> effects;  // empty: not stated
   std::vector<double> gravity_direction = {0.0, 0.0, -1.0};
   std::string loss = "none";
   std::string noise = "auto";
@@ -56,7 +56,7 @@ struct CalibrateArguments {
   std::vector<double> noise_common;
   std::vector<double> tracker;
   std::string predict_at;
-  std::string config;  // the file of options, where there is one
+  std::string config;  // the option file, if any
   bool force = false;
   bool json = false;
 };
@@ -86,7 +86,7 @@ std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std:
   return notes;
 }
 
-// Every file that took part, in the words of the options.
+// All input files with their roles.
 std::vector<HashedFile> files_read(const CalibrateArguments& arguments, const Robot& robot) {
   const MeasurementArguments& measured = arguments.measurements;
   std::vector<HashedFile> files = {{.role = "urdf", .path = robot.source, .sha256 = sha256(robot.urdf)}};
@@ -101,7 +101,7 @@ std::vector<HashedFile> files_read(const CalibrateArguments& arguments, const Ro
   return files;
 }
 
-// One value for all axes, or one for each.
+// One value for all axes, or one per axis.
 Eigen::Vector3d axis_values(const std::vector<double>& values, const std::string& option) {
   if (values.empty()) {
     return Eigen::Vector3d::Zero();
@@ -160,7 +160,7 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   return options;
 }
 
-// The options that help, which the library does not know.
+// Adds options of kdlcal that help against the doubt.
 void name_options(Doubt& doubt) {
   const std::map<Cause, std::string> help = {
       {Cause::not_converged, "--iterations sets their number"},
@@ -188,7 +188,7 @@ std::string table(const CalibrateArguments& arguments, const Robot& robot, const
   return result_table(measurements, calibration, options);
 }
 
-// On standard error, but for what the table has just said on the same terminal.
+// Prints doubts on standard error, unless the table has just shown them on the same terminal.
 void say_what_is_doubted(const CalibrateArguments& arguments, const Calibration& calibration) {
   const bool just_said = !arguments.json && ::isatty(STDOUT_FILENO) == 1 && ::isatty(STDERR_FILENO) == 1;
   if (!just_said) {
@@ -238,7 +238,7 @@ JudgedResult judged_result(std::string text, const std::vector<Requirement>& req
 
 bool shows_the_result(const OutputFile& file) { return file.option == "--result" || file.option == "--report"; }
 
-// Fills the files beside the result, which names their hashes.
+// Fills the other output files and returns their hashes for the result.
 Provenance filled_beside_result(const CalibrateArguments& arguments, const Robot& robot,
                                 const Measurements& measurements, const Calibration& calibration,
                                 std::vector<OutputFile>& files) {
@@ -256,7 +256,8 @@ Provenance filled_beside_result(const CalibrateArguments& arguments, const Robot
 }
 
 ExitStatus run(const CalibrateArguments& arguments) {
-  const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);  // refused before the work
+  const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);  // invalid ones are refused
+                                                                                             // before the work
   notes_of(arguments.notes);                                                                 // as are these
   std::vector<OutputFile> files = outputs(arguments);
   require_writable(files, arguments.force);
@@ -299,7 +300,7 @@ ExitStatus run(const CalibrateArguments& arguments) {
   return calibration.trusted() && result.missed.empty() ? done : not_to_be_trusted;
 }
 
-// Options that have another name now.
+// Refuses renamed options, stating the new name.
 void refuse_old_names(CLI::App& app) {
   for (const auto& [old_name, instead] :
        {std::pair{"--gravity", "--effects gravity"}, std::pair{"--joint-gain", "--effects gain"},

@@ -23,7 +23,7 @@ namespace {
   throw InputError(option + ": '" + text + "' is out of place, expected " + expected);
 }
 
-// "lower:upper", either of which may be left out, at the end of `text` behind `prefix` characters.
+// Parses "lower:upper", either of which may be omitted, in `text` after `prefix` characters.
 std::pair<double, double> bounds(const std::string& option, const std::string& text, const std::string& expected,
                                  std::size_t prefix = 0) {
   const std::string range = text.substr(prefix);
@@ -60,14 +60,14 @@ Box box(const std::string& option, const std::string& text) {
   return result;
 }
 
-// The value that a name stands for: weights . q + offset.
+// A named value: weights. q + offset.
 struct Named {
   std::string name;
   Eigen::VectorXd weights;
   double offset = 0.0;
 };
 
-// The controller's names come first: where both sides use a name, it means the controller's value, as in files.
+// The controller's names come first: a name used on both sides means the controller's value, as in files.
 std::vector<Named> named_values(const Robot& robot, const JointConvention* convention) {
   const auto count = static_cast<Eigen::Index>(robot.joints.size());
   std::vector<Named> result;
@@ -90,7 +90,7 @@ std::vector<Named> named_values(const Robot& robot, const JointConvention* conve
                         .offset = -drive->offset / drive->multiplier});
     }
   }
-  for (std::size_t i = 0; i < robot.joints.size(); ++i) {  // a follower's value is its leader's, times and plus
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {  // a follower's value is multiplier * its leader's + offset
     const Mimic itself{.leader = i};
     const Mimic& mimic = robot.joints[i].mimic ? *robot.joints[i].mimic : itself;
     result.push_back(
@@ -101,7 +101,7 @@ std::vector<Named> named_values(const Robot& robot, const JointConvention* conve
   return result;
 }
 
-// "joint_2+joint_3-joint_4": the longest name that fits stands at each place.
+// "joint_2+joint_3-joint_4": parsed with the longest matching name at each position.
 std::optional<Named> sum_of(const std::vector<Named>& known, const std::string& text) {
   Named sum{.name = text, .weights = Eigen::VectorXd::Zero(known.front().weights.size())};
   std::string_view rest = text;
@@ -164,7 +164,7 @@ void add_joint_range(const Robot& robot, const std::vector<Named>& known, const 
         {.name = sum->name, .weights = sum->weights, .offset = sum->offset, .lower = lower, .upper = upper});
     return;
   }
-  // A single joint: its range is drawn from, nothing is refused.
+  // The range of a single joint limits the sampling and rejects no samples.
   const auto [first, second] =
       std::minmax({(lower - sum->offset) / sum->weights[joint], (upper - sum->offset) / sum->weights[joint]});
   auto& range = cell.ranges[static_cast<std::size_t>(joint)];

@@ -12,7 +12,7 @@
 
 namespace kdl_calibration::cli {
 
-/// Where the robot may go: --joint-range, --box, --least-height, --least-radius, --keep-out-sphere, --keep-out-box,
+/// Options of the cell: --joint-range, --box, --least-height, --least-radius, --keep-out-sphere, --keep-out-box,
 /// --clearance, --arm-radius, --tool-radius, --tracker, --distance-range, --acceptance-angle
 struct CellArguments {
   std::vector<std::string> joint_ranges;
@@ -30,8 +30,8 @@ struct CellArguments {
 };
 void add_cell_options(CLI::App& app, CellArguments& arguments);
 
-/// The targets of a file that read_targets reads, and the facing direction of each ("facing": [x, y, z] in the flange
-/// frame), zero where there is none.
+/// The targets of a file (see read_targets) and the facing direction of each ("facing": [x, y, z] in the flange frame),
+/// zero if none is stated.
 struct FacingTargets {
   std::vector<TargetFrame> targets;
   std::vector<Eigen::Vector3d> facing;
@@ -39,11 +39,11 @@ struct FacingTargets {
 FacingTargets facing_targets_of(const Json& json, const std::string& source);
 FacingTargets read_facing_targets(const std::string& file);
 
-/// The cell; warns of links whose shape is not known where the shape counts.
+/// The cell. Warns of links without a shape if a constraint needs shapes.
 Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& model, const FacingTargets& targets,
           const JointConvention* convention);
 
-/// "1,2,3" as that many numbers.
+/// Parses "1,2,3" as `count` numbers.
 std::vector<double> numbers(const std::string& option, const std::string& text, std::size_t count,
                             const std::string& expected);
 

@@ -7,13 +7,13 @@
 
 namespace kdl_calibration::cli {
 
-/// Options from a TOML or INI file: the keys of the section that is named after the subcommand in use, and those in
-/// front of all sections as far as the subcommand has such an option. What the command line gives wins.
+/// Options from a TOML or INI file: keys of the section named after the subcommand, and keys before all sections if the
+/// subcommand has such an option. The command line takes precedence.
 class ConfigFile : public CLI::ConfigBase {
 public:
   explicit ConfigFile(const CLI::App& app) : app_(app) {}
 
-  /// Throws InputError for a section that is no subcommand and a key that is no option.
+  /// Throws InputError for a section that is not a subcommand and a key that is not an option.
   std::vector<CLI::ConfigItem> from_config(std::istream& input) const override;
 
 private:

@@ -7,7 +7,7 @@
 namespace kdl_calibration::cli {
 namespace {
 
-/// Empty where the system does not say.
+/// Empty if the system does not provide it.
 std::filesystem::path executable_dir() {
   std::error_code error;
   const std::filesystem::path executable = std::filesystem::read_symlink("/proc/self/exe", error);

@@ -24,7 +24,7 @@ struct NamedFrame {
   KDL::Frame X_BL;
 };
 
-// Every link behind the base, the tip last.
+// Frames of all links after the base, the tip last.
 std::vector<NamedFrame> link_frames(const Robot& robot, const Eigen::VectorXd& q) {
   KDL::ChainFkSolverPos_recursive solver(robot.chain);
   KDL::JntArray joints(static_cast<unsigned>(q.size()));
@@ -38,7 +38,7 @@ std::vector<NamedFrame> link_frames(const Robot& robot, const Eigen::VectorXd& q
   return frames;
 }
 
-// The robot as a result says, and where its joints then stand.
+// The calibrated robot and its effective joint values.
 struct CalibratedArm {
   Robot robot;
   Eigen::VectorXd joint_values;

@@ -16,23 +16,23 @@ namespace kdl_calibration::cli {
 
 using Json = nlohmann::ordered_json;
 
-/// JSON text; `source` names it in messages. Throws InputError naming source and line where it is no JSON.
+/// JSON text; `source` names it in messages. Throws InputError naming source and line if it is not JSON.
 Json json_of(std::string_view text, const std::string& source);
 
 /// X_WB of {"position": […], "quaternion_wxyz": […]}, or of the "base" of a result or a truth.
 Eigen::Isometry3d base_of(const Json& json, const std::string& source);
 
-/// "targets": [{"name", "position"[, "quaternion_wxyz"]}] in the flange frame, of a result or a truth as well.
+/// "targets": [{"name", "position"[, "quaternion_wxyz"]}] in the flange frame; a result or a truth has this key too.
 std::vector<TargetFrame> targets_of(const Json& json, const std::string& source);
 
-/// Throws InputError where a parameter's "nominal" is not the model's: the file comes from another robot.
+/// Throws InputError if a parameter's "nominal" differs from the model's: the file is of another robot.
 void require_same_nominal(const Json& json, const std::string& source, const ErrorModel& model);
 
-/// "joint_ranges": [{"joint", "lower", "upper"}] [rad] or [m] of a truth; none for the joints that it does not name.
+/// "joint_ranges": [{"joint", "lower", "upper"}] [rad] or [m] of a truth; empty for joints that it does not name.
 std::vector<std::optional<std::pair<double, double>>> ranges_of(const Json& json, const std::string& source,
                                                                 const ErrorModel& model);
 
-/// The same from a file of at most 64 MiB.
+/// JSON from a file of at most 64 MiB.
 Json read_json(const std::filesystem::path& file);
 Eigen::Isometry3d read_base(const std::filesystem::path& file);
 std::vector<TargetFrame> read_targets(const std::filesystem::path& file);
@@ -44,7 +44,7 @@ Json frame_json(const Eigen::Isometry3d& frame);
 /// {"name", "position"[, "quaternion_wxyz"]}
 Json target_json(const TargetFrame& target);
 
-/// Indented, with a line break at the end; text that is not UTF-8 is replaced rather than refused.
+/// Indented, with a line break at the end; bytes that are not UTF-8 are replaced.
 std::string json_text(const Json& json);
 
 }  // namespace kdl_calibration::cli

@@ -7,10 +7,10 @@
 namespace kdl_calibration::cli {
 namespace {
 
-// Of a column of A by its name.
+// Whether a column of A is an angle, by its name.
 bool is_angle(const std::string& name) { return name.compare(0, 4, "phi_") == 0; }
 
-// Names with their units: the derivative of a length by a length or by an angle.
+// Column names with units: derivatives of a length by a length or an angle.
 std::vector<std::string> column_headings(const IdentificationAt& at) {
   std::vector<std::string> headings;
   for (const Unknown& unknown : at.free.columns()) {

@@ -10,7 +10,7 @@
 
 namespace kdl_calibration::cli {
 
-/// Where the published matrices are wanted: at which parameters, for which of them, in which configurations.
+/// Parameters and configurations at which to evaluate the published matrices.
 struct IdentificationAt {
   ErrorModel model;
   Estimate estimate;
@@ -19,8 +19,8 @@ struct IdentificationAt {
   Eigen::MatrixXd joint_values;             ///< joints x configurations
 };
 
-/// One row for each coordinate of each target in each configuration: the identification Jacobian's columns under their
-/// parameters' names, then those of A.
+/// One row for each coordinate of each target in each configuration: the columns of the identification Jacobian, named
+/// after the parameters, then those of A.
 std::string identification_csv(const IdentificationAt& at);
 Json identification_json(const IdentificationAt& at);
 

@@ -76,7 +76,7 @@ Eigen::VectorXd errors_at(const JacobianArguments& arguments, const Robot& robot
              : read_result(arguments.arm.result, robot).estimate.errors;
 }
 
-// Base and targets as the result has them; else W is the base frame, and the targets are the published ones.
+// Base and targets of the result; without one W is the base frame, with the published targets.
 Estimate estimate_at(const JacobianArguments& arguments, const Robot& robot, const ErrorModel& model) {
   Estimate estimate{.errors = errors_at(arguments, robot, model), .targets = published_targets(arguments.targets)};
   if (!arguments.arm.result.empty()) {
@@ -87,7 +87,7 @@ Estimate estimate_at(const JacobianArguments& arguments, const Robot& robot, con
     estimate.targets = read_targets(arguments.target_file);
   }
   for (TargetFrame& target : estimate.targets) {
-    target.with_orientation = false;  // the published matrices are those of points
+    target.with_orientation = false;  // the published matrices are for points
   }
   return estimate;
 }

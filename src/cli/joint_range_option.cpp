@@ -11,7 +11,7 @@
 namespace kdl_calibration::cli {
 namespace {
 
-// "lo:hi" in degrees, or millimetres for a prismatic joint.
+// Parses "lower:upper" in degrees, or millimetres for a prismatic joint.
 std::pair<double, double> parsed_range(const std::string& text, const MovingJoint& joint) {
   const bool prismatic = joint.type == JointType::prismatic;
   const std::size_t colon = text.find(':');

@@ -8,7 +8,7 @@
 
 namespace kdl_calibration::cli {
 
-/// What --joint-ranges says: limits, published, or lower:upper of every independent joint in degrees or millimetres.
+/// Parses --joint-ranges: limits, published, or lower:upper of every independent joint in degrees or millimetres.
 /// Throws InputError.
 JointRanges joint_ranges(const ErrorModel& model, const std::vector<std::string>& given);
 

@@ -47,7 +47,7 @@ std::vector<std::string> option_names(const CLI::App& subcommand) {
   return names;
 }
 
-// Says on one line why nothing was done.
+// Prints the error on one line.
 int refuse(const std::string& message) {
   constexpr std::size_t kLongestMessage = 400;
   const std::string line = shortened(one_line(message), kLongestMessage) + "\n";
@@ -55,7 +55,7 @@ int refuse(const std::string& message) {
   return bad_input;
 }
 
-// The parser's own message, but for those that speak its inner language.
+// The parser's message, rewritten where it uses internal terms.
 std::string in_plain_words(const CLI::App& parser, const CLI::ParseError& error) {
   std::string message = error.what();
   const std::string option = message.substr(0, message.find(':'));
@@ -77,8 +77,8 @@ std::string in_plain_words(const CLI::App& parser, const CLI::ParseError& error)
   return message;
 }
 
-// What the parser found wrong, in one sentence. An argument that nobody knows is named first: it is often the reason
-// why a needed one is missing.
+// The parser's error in one sentence. An unknown argument is named first, because it is often why a required one is
+// missing.
 std::string usage_fault(const CLI::App& parser, const CLI::ParseError& error) {
   const std::vector<std::string> unknown = parser.remaining(true);
   if (parser.get_subcommands().empty()) {
@@ -96,7 +96,7 @@ std::string usage_fault(const CLI::App& parser, const CLI::ParseError& error) {
   return command + ": " + in_plain_words(parser, error) + ", see " + command + " --help";
 }
 
-// The files that are read, which nothing may be written to.
+// Registers the input files, which must not be overwritten.
 void note_inputs(const CLI::App& parser, const CLI::App& subcommand) {
   std::vector<NamedFile> inputs;
   for (const CLI::App* app : {&parser, &subcommand}) {
@@ -141,7 +141,7 @@ int run(int argc, const char* const* argv) {
   return chosen->run();
 }
 
-// What states that member of CalibrationOptions.
+// The option of kdlcal for a member of CalibrationOptions.
 std::string option_of(const std::string& member) {
   static const std::map<std::string, std::string> others = {{"weights", "--noise"},
                                                             {"noise.orientation", "--orientation-sigma"},
@@ -191,7 +191,7 @@ int run_or_refuse(int argc, const char* const* argv) {
 }  // namespace kdl_calibration::cli
 
 int main(int argc, char** argv) {
-  // A file that grows beyond what is allowed should be a failed write, not the end of the process.
+  // Exceeding the file size limit must be a failed write, not end the process.
   std::signal(SIGXFSZ, SIG_IGN);
   kdl_calibration::cli::remove_temporaries_on_signals();
   return kdl_calibration::cli::run_or_refuse(argc, argv);

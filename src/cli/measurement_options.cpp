@@ -86,7 +86,7 @@ std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arg
   }
   try {
     directories.push_back(urdf_dir());
-  } catch (const InputError&) {  // kdlcal stands alone: the given file's neighbours remain
+  } catch (const InputError&) {  // no bundled robots: only files beside the given one are tried
   }
   std::set<fs::path> files;
   for (const fs::path& directory : directories) {
@@ -101,7 +101,7 @@ std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arg
   for (const fs::path& file : files) {
     try {
       conventions.push_back(read_joint_convention(file));
-    } catch (const InputError&) {  // some other JSON file
+    } catch (const InputError&) {  // not a joint convention
     }
   }
   return conventions;

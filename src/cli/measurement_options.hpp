@@ -27,11 +27,11 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments);
 
 Measurements read(const MeasurementArguments& arguments, const Robot& robot);
 
-/// --noise-tracker: nothing where it is not given. Throws InputError where it is not four numbers.
+/// --noise-tracker: empty if not given. Throws InputError unless it has four numbers.
 void add_tracker_noise(CLI::App& app, std::vector<double>& values);
 std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values);
 
-/// What is known of base and targets. Throws InputError where none of the known targets was measured.
+/// Known base and targets. Throws InputError if none of the known targets was measured.
 RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements);
 
 /// The joint conventions beside the given one and beside the robots that come with kdlcal: others that may have been

@@ -19,13 +19,13 @@
 namespace kdl_calibration::cli {
 namespace {
 
-constexpr double kLimitSlack = 1e-9;  // [rad] or [m] of values that were rounded when written down
+constexpr double kLimitSlack = 1e-9;  // [rad] or [m] tolerance for rounded values
 
 std::string refused(const std::string& value, const std::string& expected) {
   return "'" + value + "' is not accepted, expected " + expected;
 }
 
-// What stands between the commas. The parser's own splitting loses empty items without a word.
+// Splits at commas. The parser's own splitting silently drops empty items.
 std::vector<std::string> items(const std::string& option, const std::vector<std::string>& texts,
                                const CLI::Validator& check) {
   std::vector<std::string> result;

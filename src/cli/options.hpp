@@ -20,28 +20,26 @@
 
 namespace kdl_calibration::cli {
 
-/// A value of an option must be a finite number between the bounds; `expected` completes the message ("a length in
-/// metres, 0 or more").
+/// Accepts finite numbers between the bounds; `expected` completes the message ("a length in metres, 0 or more").
 CLI::Validator number_between(double lower, double upper, const std::string& expected);
 CLI::Validator number_from(double lower, const std::string& expected);
 CLI::Validator whole_number_between(long lower, long upper, const std::string& expected);
 CLI::Validator not_empty(const std::string& expected);
-/// One of a few words.
+/// Accepts one of these words.
 CLI::Validator one_of(const std::vector<std::string>& words);
 
-/// An option that takes a list, separated by commas or given more than once. No item may be empty, and each has to
-/// pass `check`.
+/// Adds an option for a list, separated by commas or given repeatedly. Items must not be empty and must pass `check`.
 CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<std::string>& values, const std::string& help,
                       const CLI::Validator& check = {});
-/// The same of numbers, which may also follow each other as words.
+/// The same for numbers, which may also be separate words.
 CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<double>& values, const std::string& help,
                       const CLI::Validator& check);
 
-/// An option that names a file.
+/// Adds an option for a file name.
 CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file, const std::string& help);
 /// --json
 void add_json_flag(CLI::App& app, bool& json);
-/// The command that ends the help.
+/// Adds an example command to the end of the help.
 void add_example(CLI::App& app, const std::string& command);
 /// An option that takes one of a few words.
 CLI::Option* add_word(CLI::App& app, const std::string& name, std::string& value, const std::vector<std::string>& words,
@@ -54,12 +52,12 @@ CLI::Option* add_count(CLI::App& app, const std::string& name, int& value, std::
 /// --seed
 void add_seed(CLI::App& app, std::uint64_t& seed);
 
-/// The groups that the words of --effects name, each once; `others` are words for none of them, which stand alone.
+/// The groups named by --effects, each at most once; `others` are words that are not groups and must stand alone.
 std::vector<EffectGroup> effect_groups(const std::vector<std::string>& words, const std::vector<std::string>& others);
 
 /// --urdf, --base, --tip
 struct RobotArguments {
-  std::string urdf;  ///< empty: the robot that comes with kdlcal
+  std::string urdf;  ///< empty: the bundled robot
   std::string base;
   std::string tip;
 };
@@ -73,9 +71,9 @@ struct JointArguments {
   bool degrees = false;
 };
 void add_joint_options(CLI::App& app, JointArguments& arguments);
-/// Whether the value that stands in this place, counted as the URDF or behind a convention as the controller counts, is
-/// a length. The matrix of a convention turns angles into angles and lengths into lengths: a controller's value is a
-/// length where all that it moves is prismatic.
+/// Whether the joint value with this index (the controller's if there is a convention) is a length. A convention maps
+/// angles to angles and lengths to lengths, so a controller's value is a length if all joints that depend on it are
+/// prismatic.
 bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value);
 /// The URDF's values of all joints [rad] or [m]; warns of values outside the limits.
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
@@ -86,7 +84,7 @@ std::optional<JointConvention> convention_of(const std::string& file);
 /// URDF's.
 Measurements configurations_of(const Robot& robot, const std::string& file, const std::string& joint_convention);
 
-/// The arm, nominal or calibrated, at given joint values: the options above with --result and --json.
+/// Options for an arm, nominal or calibrated, at joint values: those above, --result and --json.
 struct ArmAtJoints {
   RobotArguments robot;
   JointArguments joints;
@@ -94,7 +92,7 @@ struct ArmAtJoints {
   bool json = false;
 };
 void add_arm_at_joints(CLI::App& app, ArmAtJoints& arguments);
-/// The result of --result; warns where it is not to be trusted.
+/// Reads the file of --result; warns if the result is not to be trusted.
 SavedCalibration read_result(const std::string& file, const Robot& robot);
 
 }  // namespace kdl_calibration::cli

@@ -32,7 +32,7 @@ namespace fs = std::filesystem;
   fail(file, "cannot be written: " + std::generic_category().message(error));
 }
 
-// The temporary files that a signal has to take away.
+// Temporary files to remove on a signal.
 constexpr std::size_t kMostTemporaries = 8;
 std::array<std::atomic<const char*>, kMostTemporaries> temporaries_at_risk{};
 
@@ -43,14 +43,15 @@ void end_by_signal(int signal) {
     }
   }
   std::signal(signal, SIG_DFL);
-  std::raise(signal);  // whoever waits sees what ended the process: status 130 for Ctrl-C
+  std::raise(signal);  // the parent sees the signal: status 130 for Ctrl-C
 }
 
-// All that end a program by default, and tell of no fault in it but SIGABRT. Batch systems send several of them.
+// Signals that end a program by default, without those of program faults except SIGABRT. Batch systems send several of
+// them.
 constexpr std::array kEndingSignals = {SIGHUP,  SIGINT,    SIGQUIT, SIGABRT, SIGPIPE, SIGALRM,   SIGTERM, SIGUSR1,
                                        SIGUSR2, SIGSTKFLT, SIGPOLL, SIGPROF, SIGPWR,  SIGVTALRM, SIGXCPU};
 
-// While it lives, the signals that end the process have to wait.
+// Blocks the signals that end the process during its lifetime.
 class SignalsHeld {
 public:
   SignalsHeld() {
@@ -69,7 +70,7 @@ private:
   sigset_t before_{};
 };
 
-// A temporary file that disappears with its owner, or with the process, unless it was renamed.
+// A temporary file, removed by its destructor or when the process ends, unless it was renamed.
 class Temporary {
 public:
   Temporary(const OutputFile& file, const fs::path& directory) : file_(file) {
@@ -126,14 +127,14 @@ public:
     }
   }
 
-  // The file takes the target's name. One that it replaces takes the temporary's, so that there is a way back.
+  // Gives the file the target's name. A replaced file gets the temporary's name, so that it can be restored.
   void rename(const fs::path& target, bool replaces, bool force) {
     const unsigned flags = replaces ? RENAME_EXCHANGE : force ? 0U : RENAME_NOREPLACE;
     if (::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), flags) == 0) {
       state_ = replaces ? State::exchanged : State::renamed;
       return;
     }
-    const bool unknown = errno == EINVAL || errno == ENOSYS;  // a file system that knows no flags
+    const bool unknown = errno == EINVAL || errno == ENOSYS;  // the file system supports no flags
     const bool vanished = errno == ENOENT && replaces;
     if (!(unknown || vanished) || ::rename(path_.c_str(), target.c_str()) != 0) {
       fail_to_write(file_, errno);
@@ -141,7 +142,7 @@ public:
     state_ = replaces ? State::replaced : State::renamed;
   }
 
-  // The target as it was before the renaming, if there is a way back.
+  // Restores the target from before the renaming, if possible.
   void undo(const fs::path& target) {
     const bool undone = (state_ == State::exchanged &&
                          ::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), RENAME_EXCHANGE) == 0) ||
@@ -158,7 +159,7 @@ private:
   State state_ = State::temporary;
 };
 
-// Where the file goes, behind symbolic links, and the permissions of the file it replaces (0 where there is none).
+// The file's path with symbolic links resolved, and the permissions of the replaced file (0 if there is none).
 struct Target {
   fs::path path;
   fs::path directory;
@@ -206,7 +207,7 @@ Target checked_target(const OutputFile& file, bool force) {
 
 std::vector<NamedFile> inputs_to_protect;
 
-// Whether both names lead to one file that exists, also through links of either kind.
+// Whether both names refer to the same existing file, also through links.
 bool are_same_file(const fs::path& one, const fs::path& other) {
   std::error_code error;
   return fs::equivalent(one, other, error) && !error;
@@ -254,14 +255,14 @@ void protect_inputs(std::vector<NamedFile> inputs) {
   inputs_to_protect = std::move(inputs);
   try {
     inputs_to_protect.push_back({.option = "kdlcal itself", .path = default_urdf_path().string()});
-  } catch (const InputError&) {  // kdlcal stands alone
+  } catch (const InputError&) {  // no bundled robots
   }
 }
 
 void remove_temporaries_on_signals() {
   for (const int signal : kEndingSignals) {
     if (std::signal(signal, end_by_signal) == SIG_IGN) {
-      std::signal(signal, SIG_IGN);  // as nohup asks
+      std::signal(signal, SIG_IGN);  // as under nohup
     }
   }
 }
@@ -280,8 +281,8 @@ void write_whole(const std::vector<OutputFile>& files, bool force, const std::st
     temporaries.push_back(std::make_unique<Temporary>(files[i], targets[i].directory));
     temporaries.back()->write(targets[i].mode);
   }
-  print(printed);          // a standard output that is full or closed fails before anything has its name
-  const SignalsHeld held;  // all the files or none
+  print(printed);          // fails before renaming if standard output is full or closed
+  const SignalsHeld held;  // so that all files are renamed or none
   try {
     for (std::size_t i = 0; i < files.size(); ++i) {
       temporaries[i]->rename(targets[i].path, targets[i].exists, force);
@@ -293,7 +294,7 @@ void write_whole(const std::vector<OutputFile>& files, bool force, const std::st
     throw;
   }
   for (const Target& target : targets) {
-    // The name, too, should survive a power cut; not every file system can promise that.
+    // Syncs the directory, so that the name survives a power cut; not every file system supports that.
     const int directory = ::open(target.directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (directory >= 0) {
       ::fsync(directory);

@@ -5,14 +5,14 @@
 
 namespace kdl_calibration::cli {
 
-/// A file that a subcommand was asked to write.
+/// A file to write.
 struct OutputFile {
-  std::string option;  ///< that named it, for messages
+  std::string option;  ///< the option that named it, for messages
   std::string path;
   std::string text;
 };
 
-/// A file that an option named.
+/// A file to read.
 struct NamedFile {
   std::string option;
   std::string path;
@@ -21,21 +21,19 @@ struct NamedFile {
 /// Those to write: the files whose option is given.
 std::vector<OutputFile> given_outputs(const std::vector<NamedFile>& files);
 
-/// All files that the command line names. From now on none of them but the one of the same option is written to, under
-/// whatever name: through links, other spellings or hard links. Nor is the robot that comes with kdlcal.
+/// Registers the input files of the command line. They and the bundled robot are never written to under any name
+/// (links, spellings, hard links), except by the same option.
 void protect_inputs(std::vector<NamedFile> inputs);
 
-/// From now on a signal that ends the process (Ctrl-C) first removes the temporary files of write_whole.
+/// Makes signals that end the process (Ctrl-C) first remove the temporary files of write_whole.
 void remove_temporaries_on_signals();
 
-/// To be called before the work: throws InputError where a file exists and `force` does not say to overwrite it, is no
-/// regular file or no name at all, or cannot be created in its directory, and where two of them are the same file or
-/// one is an input.
+/// Call it before the work. Throws InputError if a file exists and `force` is false, is not a regular file, has no name
+/// or cannot be created. Also refused: an input file, and the same file twice.
 void require_writable(const std::vector<OutputFile>& files, bool force);
 
-/// Writes each file whole or not at all: all of them into temporary files beside their targets first, which are
-/// renamed only when every byte is on the disk and `printed` is on standard output. Throws InputError and leaves
-/// everything as it was where that fails.
+/// Writes all files or none: first to temporary files beside their targets, which are renamed when all bytes are on
+/// disk and `printed` is on standard output. On failure throws InputError and leaves all files unchanged.
 void write_whole(const std::vector<OutputFile>& files, bool force, const std::string& printed = {});
 
 }  // namespace kdl_calibration::cli

@@ -61,7 +61,7 @@ struct PlanArguments {
   bool json = false;
 };
 
-// What is planned, and how the controller counts its joints.
+// The planning request and the joint convention.
 struct Setting {
   std::optional<JointConvention> convention;
   PlanRequest request;
@@ -69,7 +69,7 @@ struct Setting {
   const JointConvention* joint_convention() const { return convention ? &*convention : nullptr; }
 };
 
-// Targets of the result, or of the measured file on the nominal robot, as far as no file gives them.
+// Targets from a file, else from the result, else registered to the measured file on the nominal robot.
 FacingTargets targets(const PlanArguments& arguments, const ErrorModel& model, const PlanRequest& request) {
   if (!arguments.target_file.empty()) {
     return read_facing_targets(arguments.target_file);

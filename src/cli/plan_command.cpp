@@ -7,7 +7,7 @@ namespace {
 
 constexpr int kConfigurationsToAdd = 10;
 
-// Of a file that took part, by its role.
+// Path of an input file, by its role.
 std::string path_of(const Json& result, const std::string& role) {
   if (!result.contains("provenance") || !result["provenance"].is_object() ||
       !result["provenance"].contains("files_read") || !result["provenance"]["files_read"].is_array()) {

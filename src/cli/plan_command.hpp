@@ -6,14 +6,13 @@
 
 namespace kdl_calibration::cli {
 
-/// The text that a JSON object has under this key; empty where it has none.
+/// The text under this key of a JSON object; empty if absent.
 std::string text_at(const Json& object, const char* key);
 
-/// A word of a command as a POSIX shell reads it back.
+/// The text quoted as one word for a POSIX shell.
 std::string shell_word(const std::string& text);
 
-/// The command that chooses further configurations for a result, with the files that the result names; empty where it
-/// names none.
+/// The command that plans further configurations for a result, with the files named in it; empty if it names none.
 std::string plan_command(const Json& result);
 
 }  // namespace kdl_calibration::cli

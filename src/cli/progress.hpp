@@ -6,19 +6,19 @@
 
 namespace kdl_calibration::cli {
 
-/// How far long work has got, on standard error. A terminal gets a bar after a second, which is cleared at the end.
-/// Anything else gets a line after ten seconds, and further ones at least ten seconds apart.
+/// Reports progress on standard error. A terminal shows a bar after one second, which is cleared at the end. Other
+/// outputs get a line after ten seconds, and further ones at least ten seconds apart.
 class Progress {
 public:
-  /// `elapsed`: seconds since the work began; empty: since now.
+  /// `elapsed`: seconds since the start of the work; empty: since construction.
   explicit Progress(std::string label = {}, std::function<double()> elapsed = {});
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  /// `share` of the work is done, 0 to 1. Not from two threads at once.
+  /// Reports the completed share of the work, 0 to 1. Not from two threads at once.
   void operator()(double share);
-  /// So many pieces of what is being done are ready.
+  /// Reports the progress of a stage: `done` of `of` pieces.
   void operator()(const std::string& what, std::size_t done, std::size_t of);
 
 private:

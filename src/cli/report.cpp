@@ -25,7 +25,7 @@ struct ReportArguments {
   bool force = false;
 };
 
-// The hash of the file that took part in this role; none where the result does not name one.
+// Hash of the input file with this role; empty if the result names none.
 std::optional<std::string> hash_of(const Json& result, const std::string& role) {
   if (!result.is_object() || !result.contains("provenance") || !result["provenance"].is_object() ||
       !result["provenance"].contains("files_read")) {
@@ -39,7 +39,7 @@ std::optional<std::string> hash_of(const Json& result, const std::string& role) 
   return std::nullopt;
 }
 
-// Other measurements, or the same ones read in another way, would show residuals that the result never had.
+// Requires the files of the result: with others the page would show residuals that the result never had.
 void require_same_files(const ReportArguments& arguments, const Json& result) {
   const MeasurementArguments& given = arguments.measurements;
   for (const auto& [role, path] :

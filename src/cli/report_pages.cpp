@@ -41,7 +41,7 @@ Json places_json(const std::vector<Eigen::Isometry3d>& poses) {
   return list;
 }
 
-// At most this many of the candidates that were not taken, evenly spaced.
+// Evenly spaced candidates that were not chosen.
 std::vector<Eigen::Index> rejected(const PlanRequest& request, const Plan& plan) {
   constexpr Eigen::Index kMost = 1500;
   const std::set<Eigen::Index> chosen(plan.selection.chosen.begin(), plan.selection.chosen.end());

@@ -11,24 +11,24 @@
 
 namespace kdl_calibration::cli {
 
-/// What was asked for, in words.
+/// Settings of a run as pairs of label and text.
 using PageFacts = std::vector<std::pair<std::string, std::string>>;
 
-/// Pages beside that of a calibration. `result` is what --json prints.
+/// Pages other than that of a calibration. `result` is the output of --json.
 std::string monte_carlo_page(const Json& result, const MonteCarlo& experiment, const MonteCarloResult& runs,
                              const PageFacts& setup);
-/// `other` has the rounds of the other way to measure, recorded or fresh.
+/// `other`: the rounds with the other kind of measurements, recorded or fresh.
 std::string two_step_page(const Json& result, const Json& other, const PageFacts& setup);
 std::string plan_page(const Json& result, const PlanRequest& request, const Plan& plan, const PageFacts& setup);
 
-/// A robot against measurements.
+/// Input of the page of a robot validated by measurements.
 struct ValidationPage {
   Json result;
   const Robot& robot;
   ReportedMeasurements reported;
   std::vector<std::string> warnings;
-  std::vector<std::string> requirements;  ///< as they were given
-  std::vector<std::string> doubts;        ///< why it is not as it should be
+  std::vector<std::string> requirements;  ///< as given
+  std::vector<std::string> doubts;        ///< reasons not to trust it
 };
 std::string validation_page(const ValidationPage& page);
 

@@ -19,7 +19,7 @@ namespace {
   throw InputError("--require: " + shown(text) + " is not accepted, expected " + expected);
 }
 
-// SI of one of it.
+// SI value of the unit.
 double unit_of(const std::string& text, const std::string& unit) {
   const std::map<std::string, double> units = {{"", 1.0},    {"m", 1.0},     {"mm", 1e-3},    {"um", 1e-6},
                                                {"rad", 1.0}, {"mrad", 1e-3}, {"deg", kDegree}};
@@ -54,7 +54,7 @@ const Json* entry_of(const Json& json, const std::string& key) {
                                                                              : nullptr;
 }
 
-// Null where the path leads nowhere.
+// The value at the path; nullptr if there is none.
 const Json* found_at(const Json& json, const std::vector<std::string>& path) {
   const Json* here = &json;
   for (const std::string& key : path) {
@@ -96,7 +96,7 @@ Requirement parse_requirement(const std::string& text) {
   }
   result.path = keys_of(text, std::string(trimmed(text.substr(0, begin))));
   const std::string right(trimmed(text.substr(end)));
-  const std::size_t unit = right.find_last_of("0123456789.") + 1;  // 0 where there is no number
+  const std::size_t unit = right.find_last_of("0123456789.") + 1;  // 0 if there is no number
   const std::optional<double> number = parsed_number(right.substr(0, unit));
   if (!number) {
     refuse(text, "a number behind " + result.comparison);

@@ -77,7 +77,7 @@ struct Simulation {
   Json truth;
 };
 
-// What is simulated, before anything is drawn.
+// Input of the simulation.
 struct Setup {
   ErrorModel model;
   JointRanges ranges;
@@ -85,7 +85,7 @@ struct Setup {
   Reduction reduction;
   std::vector<std::size_t> with_errors;
   std::vector<EffectGroup> effects;
-  std::optional<Eigen::MatrixXd> plan;  ///< configurations to fit, where a plan gives them
+  std::optional<Eigen::MatrixXd> plan;  ///< configurations to fit from a plan, if given
   Eigen::Index configurations = 0;      ///< to fit
 };
 
@@ -129,7 +129,7 @@ DrivenConfigurations driven(const SimulateArguments& arguments, const Setup& set
   return driven_to(set.model, stops, before, {.approach = arguments.order, .torques = torques, .seed = arguments.seed});
 }
 
-// The effects that are asked for, drawn from a stream of their own: everything else stays as it is without them.
+// Adds the requested effects, drawn from a separate stream, so that all other random values stay the same.
 void add_effects(const SimulateArguments& arguments, const Setup& set, VirtualRobot& robot) {
   constexpr int kToTellApart = 500;  // configurations
   constexpr std::uint64_t kStream = 1;
@@ -141,7 +141,7 @@ void add_effects(const SimulateArguments& arguments, const Setup& set, VirtualRo
   kdl_calibration::add_effects(robot, set.effects, driven(arguments, set, q), arguments.effect_sigma, random);
 }
 
-// What the virtual robot is, beside what was drawn for one set of measurements.
+// The truth file: the virtual robot and the drawn values of one set of measurements.
 Json truth_of(const Robot& robot, const SimulateArguments& arguments, const Setup& set,
               const VirtualRobot& virtual_one) {
   Json truth = {{"seed", arguments.seed},
@@ -194,7 +194,7 @@ std::string summary(const SimulateArguments& arguments, const Simulation& simula
          "seed " + std::to_string(arguments.seed) + "\n";
 }
 
-// What was drawn and measured, for a page.
+// Settings of the simulation, for a page.
 PageFacts in_words(const SimulateArguments& arguments, const Robot& robot, const Setup& set) {
   return {{"robot", robot.name},
           {"configurations", std::to_string(set.configurations)},
@@ -214,7 +214,7 @@ Json monte_carlo_json(const MonteCarloResult& result) {
             {"max_of_run", statistics_json(result.maxima)}}}};
 }
 
-// Runs that are calibrated know of none.
+// Refuses effects, which the calibrations of the runs do not support.
 void require_no_effects(const SimulateArguments& arguments, const char* option) {
   if (!effect_groups(arguments.effects, {"none"}).empty()) {
     throw InputError("--effects: are of measurements that are written, expected none with " + std::string(option));
@@ -280,7 +280,7 @@ std::string two_step_heading(const SimulateArguments& arguments, const Setup& se
          " mm; held out " + std::to_string(held_out) + " configurations; seed " + std::to_string(arguments.seed) + "\n";
 }
 
-// The rounds of the same robot where every round measures the same configurations, or not.
+// Rounds of the same robot with the other kind of measurements, recorded or fresh.
 Json measured_the_other_way(const SimulateArguments& arguments, const Setup& set, TwoStepTrial trial) {
   Random random(arguments.seed);
   trial.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);

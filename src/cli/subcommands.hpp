@@ -9,7 +9,7 @@ namespace kdl_calibration::cli {
 /// Exit status of kdlcal.
 enum ExitStatus { done = 0, not_to_be_trusted = 1, bad_input = 2 };
 
-/// A subcommand of the parser, and what it does once its options are read. Running throws InputError for bad input.
+/// A subcommand of the parser, and the function that runs it after parsing. Running throws InputError for bad input.
 struct Subcommand {
   CLI::App* app = nullptr;
   std::function<ExitStatus()> run;

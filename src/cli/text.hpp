@@ -7,16 +7,16 @@
 
 namespace kdl_calibration::cli {
 
-/// The number that the whole text is, in any locale; none where it is none or not finite.
+/// Parses the whole text as a finite number, in any locale; else empty.
 std::optional<double> parsed_number(std::string_view text);
 
 /// "1.23e-05" for 0.000012345 with 2 decimals.
 std::string scientific(double value, int decimals);
 
-/// The text with blanks in front (or behind, for a negative width) up to this many characters.
+/// The text padded to this many characters, on the left (for a negative width on the right).
 std::string padded(const std::string& text, int width);
 
-/// Writes to standard output. Throws InputError where that fails.
+/// Writes to standard output. Throws InputError on failure.
 void print(std::string_view text);
 
 /// One line on standard error that starts with "kdlcal: warning: ".

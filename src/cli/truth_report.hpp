@@ -11,15 +11,15 @@
 
 namespace kdl_calibration::cli {
 
-/// {"count", "mean", "rms", "p95", "max", "std"}; null where nothing was counted.
+/// {"count", "mean", "rms", "p95", "max", "std"}; null if the count is 0.
 Json statistics_json(const ErrorStatistics& statistics);
 
 /// What was drawn of a virtual robot: "parameters" (those with errors), "base", "targets", and "effects" if it has
 /// some.
 Json drawn_json(const VirtualRobot& robot, const std::vector<std::size_t>& with_errors, const Reduction& reduction);
 
-/// An estimate beside the truth: "parameters", "base", "targets", "largest_difference", "gauge_misfit", "comparable".
-/// `truth` is as it was drawn.
+/// Comparison of an estimate with the truth: "parameters", "base", "targets", "largest_difference", "gauge_misfit",
+/// "comparable". `truth`: as drawn.
 Json truth_json(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                 const TruthComparison& comparison);
 /// The same as a table, lengths in mm and angles in deg.

@@ -49,7 +49,7 @@ struct Errors {
   ErrorStatistics test;
 };
 
-// Where there is nothing but test rows, base and targets are registered to those.
+// Whether there are only test rows, to which base and targets are then registered.
 bool only_test_rows(const Measurements& measurements) {
   return std::all_of(measurements.observations.begin(), measurements.observations.end(),
                      [](const Observation& observation) { return observation.split == Split::test; });
@@ -64,17 +64,17 @@ Measurements to_register(Measurements measurements) {
   return measurements;
 }
 
-// What base and targets were registered to, and what that left to show an error.
+// Degrees of freedom of the registration of base and targets.
 struct Freedom {
   int unknowns = 0;
-  int open = 0;         // of these, what the measurements do not determine
-  int coordinates = 0;  // of distinct points
+  int open = 0;         // unknowns that the measurements do not determine
+  int coordinates = 0;  // coordinates of distinct points
   int configurations = 0;
-  int points = 0;  // in a configuration, at most
+  int points = 0;  // most points in a configuration
 
   int spent() const { return unknowns - open; }
   int left() const { return coordinates - spent(); }
-  // Of the root mean square over the points registered to: coordinates that the unknowns took are no error-free ones.
+  // Factor on the RMS of the registered points that corrects for the degrees of freedom used by base and targets.
   double correction() const { return std::sqrt(static_cast<double>(coordinates) / left()); }
 };
 
@@ -106,9 +106,9 @@ void require_freedom(const Freedom& freedom, const std::string& source) {
                    std::to_string(needed) + " configurations (or --known-base and --known-targets)");
 }
 
-constexpr int kPlenty = 4;  // coordinates for each unknown
+constexpr int kPlenty = 4;  // coordinates per unknown
 
-// More than 10 % of the length of the arm is no error of a robot: 3 degrees in every joint leave half of that.
+// Whether the misfit exceeds 10 % of the arm's length: 3 degrees in every joint leave half of that.
 bool absurd(const ErrorModel& model, double misfit) {
   constexpr double kShare = 0.1;
   double reach = model.tip_origin.p.Norm();
@@ -145,7 +145,7 @@ std::string point(const std::string& label, const Eigen::Vector3d& position) {
   return text + "\n";
 }
 
-// What the measurements place, as it is not known.
+// The frames that are registered because they are not known.
 std::string registered(const RegistrationOptions& known, const Registration& registration) {
   const bool targets = known.known_targets.size() < registration.targets.size();
   return known.known_base ? (targets ? "targets" : "") : targets ? "base and targets" : "base";
@@ -164,7 +164,7 @@ std::string table(const ValidateArguments& arguments, const Robot& robot, const 
   return text;
 }
 
-// A result or a truth: the arm, effects, base and targets included, and the file that says so.
+// The arm of a result or a truth, with effects, base and targets, and its file.
 struct ReadArm {
   SavedCalibration arm;
   Json json;
@@ -173,12 +173,12 @@ ReadArm read_arm(const std::string& file, const Robot& robot, const ErrorModel& 
   const std::string text = read_text_file(file);
   Json json = json_of(text, file);
   require_same_nominal(json, file, nominal);
-  base_of(json, file);  // both are part of what is compared
+  base_of(json, file);  // throws if absent: both are compared
   targets_of(json, file);
   return {.arm = parse_calibration(text, robot, file), .json = std::move(json)};
 }
 
-// Those that the truth was measured in, or within the limits.
+// Joint ranges of the truth's measurements, or the limits.
 JointRanges ranges_to_compare_in(const Json& truth, const std::string& source, const ErrorModel& model) {
   JointRanges ranges = limits_of(model.joints);
   const auto given = ranges_of(truth, source, model);
@@ -226,7 +226,7 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
   return comparison.comparable() ? done : not_to_be_trusted;
 }
 
-// The arm as the URDF says or, with its full model, as a result of calibrate does.
+// The arm of the URDF or, with the full model, of a result.
 SavedCalibration arm_of(const Robot& robot, const std::string& result) {
   if (!result.empty()) {
     return load_calibration(result, robot);
@@ -237,13 +237,13 @@ SavedCalibration arm_of(const Robot& robot, const std::string& result) {
   return nominal;
 }
 
-// What there is to say beside the numbers.
+// Doubts and warnings of a validation.
 struct Words {
   std::vector<std::string> warnings;
-  std::vector<std::string> doubts;  // why the answer is not to be trusted
+  std::vector<std::string> doubts;  // reasons not to trust the result
 };
 
-// What the measurements may have been meant for, and a misfit that is beyond any robot's.
+// Doubts: other readings of the measurements, and an implausibly large misfit.
 Words judged(const ValidateArguments& arguments, const ErrorModel& model, const Measurements& fitted,
              const Estimate& estimate, const RegistrationOptions& known) {
   const std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention);
@@ -253,14 +253,14 @@ Words judged(const ValidateArguments& arguments, const ErrorModel& model, const 
                                        {.registration = known,
                                        .used = convention ? &*convention : nullptr,
                                        .others = conventions_at_hand(arguments.measurements)})) {
-    if (reading.cause != Cause::joint_function) {  // which the errors of a nominal robot are
+    if (reading.cause != Cause::joint_function) {  // normal for a robot that is not calibrated
       (reading.doubt ? words.doubts : words.warnings).push_back(reading.message);
     }
   }
   return words;
 }
 
-// Before that: what base and targets rest on.
+// Warnings about the registration of base and targets.
 std::vector<std::string> warnings_of(const Measurements& measurements, const Registration& registration,
                                      const Freedom& freedom, const std::string& placed) {
   std::vector<std::string> warnings;
@@ -281,7 +281,7 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
   return warnings;
 }
 
-// What the page says beyond the numbers that are printed: where they come from, and the terms of ISO 9283.
+// Adds to the printed numbers their provenance and the figures of ISO 9283, for the page.
 Json with_provenance(const ValidateArguments& arguments, const Robot& robot, const Measurements& measurements,
                      Json result, const Iso9283& iso) {
   result["iso_9283"] = {{"accuracy", statistics_json(iso.accuracy)},

@@ -31,14 +31,14 @@ using Eigen::Index;
 using Eigen::Vector3d;
 
 constexpr std::size_t kMostSampled = 300;
-constexpr std::size_t kMostPoses = 75;  // which are four points each
-constexpr int kSteps = 20;              // of a trial's fit
+constexpr std::size_t kMostPoses = 75;  // four points each
+constexpr int kSteps = 20;              // iterations of a trial fit
 constexpr double kThird = 1.0 / 3.0;
 constexpr double kFalseAlarmRate = 1e-4;      // of all readings together
 constexpr double kNoMisfit = 1e-7;            // [m]
-constexpr double kLeastFactor = 0.02;         // of points beside the nominal robot
-constexpr double kLeastCommonLength = 0.005;  // of fitted lengths that agree
-constexpr double kStandsStill = 0.05;         // of how far the flange moves
+constexpr double kLeastFactor = 0.02;         // least deviation from 1 of the points' scale for the nominal robot
+constexpr double kLeastCommonLength = 0.005;  // least common relative error of fitted lengths
+constexpr double kStandsStill = 0.05;         // share of the flange's motion
 
 std::string in_mm(double metres) {
   const double value = metres * 1e3;
@@ -46,10 +46,10 @@ std::string in_mm(double metres) {
   return fixed(value, decimals) + " mm";
 }
 
-// Whether there is a misfit that something else could explain.
+// Whether there is a misfit for another reading to explain.
 bool is_misfit(double present, double freedom) { return present > kNoMisfit && freedom >= 1.0; }
 
-// Whether a misfit that another reading leaves is less than a third, and that is no chance among `readings` of them.
+// Whether another reading reduces the misfit to less than a third, significantly among `readings` trials.
 bool explains(double other, double present, double freedom, double readings) {
   if (!is_misfit(present, freedom) || !(other < kThird * present)) {
     return false;
@@ -58,10 +58,10 @@ bool explains(double other, double present, double freedom, double readings) {
   return readings * f_upper_tail(ratio * ratio, freedom, freedom) < kFalseAlarmRate;
 }
 
-// Of any reading, without a goal.
+// Options of a trial fit without a goal.
 JointOptions trial_fits() { return {.max_iterations = kSteps, .residuals = {}}; }
 
-// Puts one question after the other.
+// Tries the readings one after the other.
 class Inquiry {
 public:
   Inquiry(const ErrorModel& model, const Measurements& measurements, const Estimate& fit, TrialSample sample,
@@ -79,7 +79,7 @@ public:
                          trial(sample_.measurements, trial_fits()))) {}
 
   std::vector<AlternativeReading> verdict() {
-    // One cause at a time: what explains the data by a coarser mistake makes the finer ones meaningless.
+    // Coarse mistakes first: if one explains the data, finer ones are meaningless.
     try_scale();
     const bool tried = !(fitted_ < options_.least_misfit);
     if (tried && readings_.empty()) {
@@ -98,7 +98,7 @@ public:
     return std::move(readings_);
   }
 
-  // Of the joint values alone, where the points are those of poses.
+  // Readings of the joint values only, for points derived from poses.
   std::vector<AlternativeReading> verdict_of_poses() {
     remark_ += " (orientations as points " + in_mm(kLeverOfOrientations) + " away)";
     if (!(fitted_ < options_.least_misfit)) {
@@ -124,12 +124,12 @@ private:
                                     "; with " + what + " it is " + in_mm(left) + "; nothing was switched"});
   }
 
-  // Points that are too far apart, or hardly move, beside the nominal robot.
+  // Tries points whose distances are too large or too small for the nominal robot, or that hardly move.
   void try_scale() {
     if (options_.registration.known_base || !options_.registration.known_targets.empty()) {
       return;
     }
-    // Lengths that are not fitted cannot take it up, see try_lengths.
+    // Lengths that are not fitted cannot absorb a scale, see try_lengths.
     const double least = sample_.free.geometric().empty() ? kLeastCommonLength : kLeastFactor;
     const std::optional<Vector3d> scales = coordinate_scales(X_BF_, sample_.measurements);
     if (scales) {
@@ -139,7 +139,7 @@ private:
         try_scale(alike ? Vector3d::Constant(common) : *scales, alike);
       }
     }
-    // The points of a tip that touches one place hardly move either, but they fit the nominal robot.
+    // If the tip always touches one place, the points hardly move either, but fit the nominal robot.
     const Motion moved = motion(X_BF_, sample_.measurements);
     if (readings_.empty() && moved.share() < kStandsStill && registered_ > kStandsStill * moved.flange) {
       readings_.push_back({.cause = Cause::tool_frame,
@@ -152,7 +152,7 @@ private:
     const Measurements reading = divided(sample_.measurements, factors);
     const double left = rms_of(model_, reading, nominal_start(model_, reading));
     const double freedom = 3.0 * static_cast<double>(X_BF_.size()) - 9.0;
-    // In the unit of the robot, so that points do not look worse for being large.
+    // In the robot's unit, so that a large scale does not increase the misfit.
     const double present = registered_ / std::max(1.0, factors.maxCoeff());
     if (motion(X_BF_, reading).share() < kStandsStill || !explains(left, present, freedom, 1.0)) {
       return;
@@ -221,7 +221,7 @@ private:
     }
   }
 
-  // Whether one of the fit's own gains is beyond what is one.
+  // Whether a gain in the fit is too large for an effect.
   bool has_wrong_gain() const {
     for (std::size_t d = 0; d < model_.effects.size() && fit_.effects.size() > 0; ++d) {
       const EffectTerm& term = model_.effects[d];
@@ -274,7 +274,7 @@ private:
     }
   }
 
-  // Length errors that are the same share of their links, as the fit would find them behind a wrong unit.
+  // Length errors proportional to their links, as a fit finds them for a wrong unit.
   void try_lengths() {
     const CommonScale common = common_scale(model_, sample_.measurements, fit_, sample_.free);
     if (!readings_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.p_value > kFalseAlarmRate) {
@@ -313,9 +313,9 @@ private:
   const ReadingOptions& options_;
   TrialSample sample_;
   Estimate nominal_;
-  std::vector<Eigen::Isometry3d> X_BF_;  // nominal
+  std::vector<Eigen::Isometry3d> X_BF_;  // of the nominal robot
   double registered_ = 0.0;
-  std::string remark_;  // behind the misfit
+  std::string remark_;  // text after the misfit
   double fitted_ = 0.0;
   std::vector<AlternativeReading> readings_;
 };
@@ -360,9 +360,9 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
 
 namespace {
 
-// All parameters that the reduced model keeps, except known frames.
+// All parameters of the reduced model except known frames.
 Unknowns unknowns_of_reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                          const RegistrationOptions& known) {
+                                   const RegistrationOptions& known) {
   ReductionOptions options;
   const auto hold = [&](const std::vector<std::string>& names) {
     options.fixed.insert(options.fixed.end(), names.begin(), names.end());

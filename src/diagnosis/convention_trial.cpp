@@ -24,7 +24,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// What a joint value may have been meant in, and its factor where it was read as something else.
+// A possible true unit of a joint value, with the factor that converts the value as read.
 struct Unit {
   bool angle;
   double factor;
@@ -45,7 +45,7 @@ constexpr std::array kUnits = {Unit{true, kDegree, "in degrees, read as radians"
                                Unit{false, 0.0254, "in inches, read as metres"},
                                Unit{false, 25.4, "in inches, read as millimetres"}};
 
-// The joint values of the file, and the convention that made them the URDF's.
+// The joint values of the file and the convention that converts them.
 struct Reading {
   MatrixXd matrix;
   VectorXd offset;
@@ -68,7 +68,7 @@ bool same_reading(const ConventionTrial& a, const ConventionTrial& b) {
   return (a.joint_values - b.joint_values).isZero(1e-12);
 }
 
-// The convention's rows as the independent joints, its columns as those of `used`; nothing for other joints.
+// The convention with rows ordered as the independent joints and columns as in `used`; empty for other joints.
 std::optional<Reading> reading_of(const JointConvention& convention, const std::vector<std::string>& joints,
                                   const JointConvention* used) {
   const auto known = [&](const std::string& name) {
@@ -93,7 +93,7 @@ std::optional<Reading> reading_of(const JointConvention& convention, const std::
   return reading;
 }
 
-// Collects readings of the controller's joint values that differ from each other.
+// Collects distinct readings of the controller's joint values.
 class Readings {
 public:
   Readings(const std::vector<MovingJoint>& joints, const MatrixXd& joint_values, const JointConvention* used)
@@ -126,7 +126,7 @@ public:
 private:
   Index joint_count() const { return static_cast<Index>(names_.size()); }
   const std::string& name(Index j) const { return names_[static_cast<std::size_t>(j)]; }
-  // That the convention in use makes joints of.
+  // Name of the controller's joint `j` in the convention used.
   std::string column(Index j) const {
     return used_ != nullptr ? used_->controller_joints[static_cast<std::size_t>(j)] : std::string();
   }
@@ -135,7 +135,7 @@ private:
     return {.matrix = MatrixXd::Identity(joint_count(), joint_count()), .offset = VectorXd::Zero(joint_count())};
   }
 
-  // Of each independent joint, whether the joint in front of it is one, too, and both turn about parallel axes.
+  // For each independent joint, whether the previous joint is independent too and both have parallel axes.
   static std::vector<bool> parallel_to_the_one_before(const std::vector<MovingJoint>& joints) {
     constexpr double kParallel = 1e-3;  // [rad]
     std::vector<bool> result;
@@ -154,13 +154,13 @@ private:
     }
   }
 
-  // The URDF's values, as they were read, changed by a matrix.
+  // Considers the URDF's values as read, multiplied by a matrix.
   void consider(Cause cause, std::string description, const MatrixXd& change) {
     consider(trial(cause, std::move(description), controller_,
                    {.matrix = change * present_.matrix, .offset = present_.offset}));
   }
 
-  // The same with the controller's values, where a convention makes others of them.
+  // The same for the controller's values, if a convention couples joints.
   void consider_columns(Cause cause, const std::string& description, const MatrixXd& change) {
     if (used_ != nullptr) {
       consider(trial(cause, "the controller's " + description, controller_,
@@ -206,7 +206,7 @@ private:
     }
   }
 
-  // A joint counted against the horizontal, as teach pendants do behind a parallelogram.
+  // A joint value relative to the horizontal, as with parallelogram arms.
   void add_couplings() {
     for (Index j = 1; j < joint_count(); ++j) {
       for (const double sign : {1.0, -1.0}) {
@@ -220,7 +220,7 @@ private:
     }
   }
 
-  // The arm was measured with this joint at rest, at zero or at its first value, although the file's values change.
+  // The joint was at rest during measurement, at zero or at its first value, although the file's values change.
   void add_rest() {
     for (Index j = 0; j < joint_count(); ++j) {
       for (const double at : {0.0, controller_.cols() > 0 ? (present_.matrix * controller_.col(0))[j] : 0.0}) {
@@ -234,7 +234,7 @@ private:
   }
 
   void add_exchanges() {
-    constexpr Index kMostJoints = 10;  // of which all pairs are tried
+    constexpr Index kMostJoints = 10;  // up to which all pairs are tried
     for (Index j = 0; joint_count() <= kMostJoints && j < joint_count(); ++j) {
       for (Index k = j + 1; k < joint_count(); ++k) {
         MatrixXd change = as_they_are().matrix;
@@ -281,7 +281,7 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
   for (ConventionTrial& one : trials) {
     one.joint_values = all_joint_values(model.joints, one.joint_values);
   }
-  trials.front().registered = registered(0, reread(0));  // the present reading stands in front
+  trials.front().registered = registered(0, reread(0));  // the present reading is the first
   const double hopeless = kWorthAFit * trials.front().registered;
   const FoldedChain nominal = folded(model, VectorXd::Zero(static_cast<Index>(model.parameters.size())));
   parallel_for(trials.size() - 1, options.threads, [&](std::size_t others) {

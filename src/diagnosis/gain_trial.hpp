@@ -1,6 +1,6 @@
 #pragma once
 
-// Whether a joint turns by another share of what its values say. Not installed.
+// Trial of joint gains: motion proportional to the joint values with a factor other than 1. Not installed.
 
 #include <optional>
 
@@ -11,19 +11,19 @@
 
 namespace kdl_calibration {
 
-/// A gain beyond this is a unit, a gear ratio or an encoder set wrong: compliance and eccentric rings stay far below.
+/// A larger gain means a wrong unit, gear ratio or encoder setting: compliance and eccentric encoders stay far below.
 constexpr double kLeastWrongGain = 0.01;
 
 struct GainTrial {
   std::size_t joint = 0;   ///< with the largest gain
-  double factor = 1.0;     ///< that its values were to be multiplied by
-  int others = 0;          ///< joints with a gain beyond kLeastWrongGain, too
+  double factor = 1.0;     ///< by which its values would have to be multiplied
+  int others = 0;          ///< number of other joints with a gain beyond kLeastWrongGain
   double rms = 0.0;        ///< [m] 3D misfit with the gains of all joints
-  double rms_rigid = 0.0;  ///< [m] without
+  double rms_rigid = 0.0;  ///< [m] 3D misfit without gains
 };
 
-/// Fits from `start`, which is rigid, without effects and with the gains of all joints beside what is free of base,
-/// targets and geometry. Nothing where those errors are beyond any robot's. Of training rows.
+/// Fits the training rows from the rigid `start`, without and with the gains of all joints beside the free base,
+/// targets and geometry. Empty if the errors are implausible.
 std::optional<GainTrial> try_gains(const ErrorModel& model, const Measurements& measurements, const Estimate& start,
                                    const Unknowns& free);
 

@@ -44,7 +44,7 @@ std::vector<std::vector<std::size_t>> visits_of(const Measurements& measurements
   return visits;
 }
 
-// A linear least squares problem that grows by six columns which are zero in front of a visit: sums over visits.
+// Sums over visits of a linear least squares problem with six more columns that are zero before a visit.
 struct OrderSums {
   explicit OrderSums(Index columns) : cross(MatrixXd::Zero(columns, 6)), own(Matrix6::Zero()), right(Vector6::Zero()) {}
   void add(const MatrixXd& jacobian, const Eigen::Matrix<double, 3, 6>& columns, const Vector3d& residual) {
@@ -63,7 +63,7 @@ struct Gain {
   Vector6 step = Vector6::Zero();
 };
 
-// Everything that the steps are judged beside.
+// Residuals and Jacobians of all rows, to which columns of steps are added.
 class OrderedResiduals {
 public:
   OrderedResiduals(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
@@ -87,8 +87,8 @@ public:
   double squares() const { return squares_; }
   double freedom() const { return freedom_; }
   double points() const { return points_; }
-  // What the configurations' own misfits, which all their points and repeats share, are worth: three each, less what
-  // the parameters but the targets took.
+  // Degrees of freedom of the configurations' misfits (three each, shared by points and repeats), minus parameters
+  // other than targets.
   double freedom_of_configurations(double targets) const {
     std::set<int> configurations;
     for (const std::vector<std::size_t>& visit : visits_) {
@@ -102,7 +102,7 @@ public:
   const Observation& observation(std::size_t row) const { return measurements_.observations[row]; }
   Index columns() const { return columns_; }
 
-  // Motion of a row's point by the base's six coordinates, or by one target's three.
+  // Derivatives of a row's point by the base's six coordinates, or by one target's three.
   Eigen::Matrix<double, 3, 6> base_columns(std::size_t row) const {
     const Observation& o = observation(row);
     return base_[static_cast<std::size_t>(o.configuration)][static_cast<std::size_t>(o.target)];
@@ -121,9 +121,9 @@ public:
              residuals_[row]);
   }
 
-  // What columns with these sums take away of the squares beside all others.
+  // Decrease of the residual squares by columns with these sums, added to all others.
   Gain gain(const OrderSums& sums) const {
-    constexpr double kNothing = 1e-6;  // of what the columns are by themselves
+    constexpr double kNothing = 1e-6;  // relative to the columns' own norm
     const MatrixXd rooted = root_ * sums.cross;
     const Matrix6 own = sums.own - rooted.transpose() * rooted;
     const Vector6 right = sums.right - rooted.transpose() * root_right_;
@@ -167,9 +167,9 @@ private:
     freedom_ = 3.0 * points_ - static_cast<double>(root_.rows());
   }
 
-  // root^T root is the inverse where the information determines something; rank x columns.
+  // root^T root is the pseudo-inverse of the information; rank x columns.
   static MatrixXd root_of_inverse(const MatrixXd& information) {
-    if (information.size() == 0) {  // nothing is free, and Eigen decomposes no matrix without columns
+    if (information.size() == 0) {  // Eigen cannot decompose a matrix without columns
       return information;
     }
     const VectorXd scale = unit_scale_of_information(information);
@@ -196,11 +196,11 @@ private:
 
 constexpr double kFalseAlarm = 1e-5;
 
-// Chance of a gain as large where nothing but a misfit is there that all points of a configuration share.
+// p-value of the gain if there is only a misfit shared by all points of a configuration.
 double chance(const OrderedResiduals& residuals, double freedom, const Gain& gain) {
   const double rest = freedom - gain.freedom;
   const double left = std::max(residuals.squares() - gain.squares, 1e-12 * residuals.squares());
-  constexpr double kFewest = 5.0;  // that say how large the rest is
+  constexpr double kFewest = 5.0;  // degrees of freedom of the rest
   if (rest < kFewest || !(gain.freedom > 0.0) || !(left > 0.0)) {
     return 1.0;
   }
@@ -213,7 +213,7 @@ struct Candidate {
   double chance = 1.0;
 };
 
-// What is tried: a drift of the base, or a step of it or of a target before a visit.
+// A hypothesis: a drift of the base, or a step of the base or of a target before a visit.
 struct Trial {
   OrderFinding::Kind kind = OrderFinding::Kind::drift_of_base;
   int target = -1;
@@ -222,7 +222,7 @@ struct Trial {
 
 void keep_better(const OrderedResiduals& residuals, double freedom, const Trial& trial, const Gain& gain,
                  Candidate& best) {
-  // Where no double tells chances apart the larger gain does.
+  // If both p-values underflow, the larger gain decides.
   const double p = chance(residuals, freedom, gain);
   if (p < best.chance || (p == best.chance && gain.squares > best.gain.squares)) {
     best.chance = p;
@@ -255,7 +255,7 @@ struct Spread {
 
 // For each visit, whether the points before it and the points from it on both determine a pose of the base.
 std::vector<bool> both_parts_tell_a_base(const OrderedResiduals& residuals) {
-  constexpr double kShare = 0.05;  // of the spread of all
+  constexpr double kShare = 0.05;  // relative to the spread of all points
   const Vector3d origin = residuals.observation(residuals.rows(0).front()).position;
   Spread all;
   for (Index visit = 0; visit < residuals.visits(); ++visit) {
@@ -277,7 +277,7 @@ std::vector<bool> both_parts_tell_a_base(const OrderedResiduals& residuals) {
   return result;
 }
 
-// Root mean square motion of the points behind the step, or of all at the end of a drift.
+// RMS motion [m] of the points after the step, or of all at the end of a drift.
 double moved_points(const OrderedResiduals& residuals, const Candidate& found) {
   double sum = 0.0;
   double count = 0.0;
@@ -330,7 +330,7 @@ Candidate best_candidate(const OrderedResiduals& residuals, int targets) {
   return best.gain.squares > most_of_one ? best : Candidate();
 }
 
-// The model and the estimate with the effects that joints may have, all of them free, where the data leave a rest.
+// Model and estimate with effects of gravity and gains, all free, if the data leave enough freedom.
 struct Widened {
   ErrorModel model;
   Estimate estimate;
@@ -347,7 +347,7 @@ Widened widened(const ErrorModel& model, const Measurements& measurements, const
     result.estimate.effects = VectorXd::Zero(static_cast<Index>(result.model.effects.size()));
   }
   result.free = free.with_all(result.model, UnknownGroup::effects);
-  constexpr double kRest = 1.5;  // equations for every column
+  constexpr double kRest = 1.5;  // least number of equations per column
   const auto cells =
       static_cast<double>(measurements.joint_values.cols()) * static_cast<double>(measurements.targets.size());
   if (3.0 * cells < kRest * static_cast<double>(result.free.size())) {
@@ -384,7 +384,7 @@ std::optional<OrderFinding> best_finding(const ErrorModel& model, const Measurem
 
 std::optional<OrderFinding> check_order(const ErrorModel& model, const Measurements& measurements,
                                         const Estimate& estimate, const Unknowns& free, double least_share) {
-  constexpr double kLeastShareToLook = 0.25;  // of the share, where compliance still hides it
+  constexpr double kLeastShareToLook = 0.25;  // share of `least_share` required without effects in the model
   if (!best_finding(model, measurements, estimate, free, kLeastShareToLook * least_share)) {
     return std::nullopt;
   }

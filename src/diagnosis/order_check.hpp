@@ -1,6 +1,6 @@
 #pragma once
 
-// What the residuals tell in the order in which the points were measured. Not installed.
+// Checks the residuals in the order of measurement. Not installed.
 
 #include <optional>
 #include <string>
@@ -14,24 +14,23 @@ namespace kdl_calibration {
 struct OrderFinding {
   enum class Kind { step_of_base, drift_of_base, step_of_target };
   Kind kind = Kind::step_of_base;
-  int target = -1;              ///< of a step of a target
-  int last_before = -1;         ///< configuration in front of a step
+  int target = -1;              ///< for a step of a target, else -1
+  int last_before = -1;         ///< configuration before a step
   Eigen::Vector3d translation;  ///< [m] of the base in its own frame (of the target in the flange frame)
   Eigen::Vector3d rotation;     ///< [rad] of the base
-  double moved = 0.0;           ///< [m] root mean square of what it moves the points behind it (at the end of a drift)
-  double share = 0.0;           ///< of the misfit's squares that it takes away
+  double moved = 0.0;           ///< [m] RMS motion of the points after the step (at the end of a drift)
+  double share = 0.0;           ///< of the residual squares that it explains
   double left = 0.0;            ///< [m] 3D misfit without it
 };
 
-/// The best single explanation of the residuals by a step of the base between two visits of the arm (base.Tx … base.Rz
-/// from there on), by a drift of it in proportion to the visits, or by a step of one target, to first order and beside
-/// all free parameters and the joints' effects under gravity and gains, as far as the data leave freedom for those.
-/// A visit is a configuration's repeat; visits stand in the order of Measurements::order, else of their first rows.
-/// Nothing unless the gain is beyond chance: F test with a false alarm of 1e-5 over all places, as if all points of a
-/// configuration had the same misfit, unless it takes away `least_share` of the squares, and unless leaving out a
-/// single visit takes away less. A step of the base also needs points on both sides that determine a pose: they must
-/// spread across a line. A ball that sits in one socket after the other does not. The measurements are training rows
-/// alone.
+/// The best single explanation of the residuals: a step of the base between two visits, a drift of the base
+/// proportional to the visits, or a step of one target. It is first-order, beside all free parameters and, if the data
+/// leave enough freedom, effects of gravity and gains.
+/// A visit is a configuration's repeat. Visits are ordered by Measurements::order, else by their first rows. A finding
+/// must be significant (F test, false alarm 1e-5 over all places, as if a configuration's points had the same misfit).
+/// It must explain `least_share` of the squares, and more than leaving out a single visit. A step of the base also
+/// needs points on both sides that determine a pose, i.e. not all on a line. The measurements must be training rows
+/// only.
 std::optional<OrderFinding> check_order(const ErrorModel& model, const Measurements& measurements,
                                         const Estimate& estimate, const Unknowns& free, double least_share = 0.4);
 

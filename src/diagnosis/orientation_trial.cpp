@@ -41,18 +41,18 @@ const std::array<OrientationReading, 6>& readings() {
   return all;
 }
 
-// A measured orientation beside the flange's.
+// A measured orientation and that of the flange.
 struct Row {
   std::size_t row = 0;
   Quaterniond flange;    // in W
-  Quaterniond measured;  // as it was read
+  Quaterniond measured;  // as read from the file
 
   Quaterniond of_target(const OrientationReading& reading) const {
     return flange.conjugate() * reading.meant(measured);
   }
 };
 
-// By target.
+// Rows of each target.
 using OrientationRows = std::vector<std::vector<Row>>;
 
 OrientationRows rows_of(const ErrorModel& model, const Measurements& measurements, const Estimate& fit) {
@@ -72,8 +72,8 @@ OrientationRows rows_of(const ErrorModel& model, const Measurements& measurement
 }
 
 struct Consensus {
-  std::vector<Quaterniond> targets;  // in the flange's frame
-  std::size_t rows = 0;              // that agree
+  std::vector<Quaterniond> targets;  // orientation of each target in the flange frame
+  std::size_t rows = 0;              // number of rows that agree
 };
 
 Consensus consensus(const OrientationRows& rows, const OrientationReading& reading) {
@@ -114,7 +114,7 @@ bool is_constant(const OrientationRows& rows) {
 
 std::string of_rows(std::size_t some, std::size_t all) { return std::to_string(some) + " of " + std::to_string(all); }
 
-// A row and how far its orientation is from that of its target.
+// A row and the angle between its orientation and that of its target.
 struct Off {
   const Row* row;
   std::size_t target;
@@ -151,7 +151,7 @@ std::string label(const Measurements& measurements, const Off& off) {
 
 const std::string kNothingSwitched = "; nothing was switched";
 
-// `outliers` of `count` rows: another reading that all of them fit, or the worst of them.
+// For `outliers` of `count` rows: another reading that fits all of them, or else the worst row.
 OrientationTrial judged(const Measurements& measurements, const Consensus& agreed, const std::vector<Off>& outliers,
                         std::size_t count, double limit) {
   const std::string what =

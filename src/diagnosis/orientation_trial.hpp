@@ -1,6 +1,6 @@
 #pragma once
 
-// Whether measured orientations are those of the arm, and what else they may be. Not installed.
+// Other readings of the measured orientations. Not installed.
 
 #include <optional>
 #include <string>

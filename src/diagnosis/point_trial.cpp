@@ -27,7 +27,7 @@ Vector3d centroid(const Measurements& measurements) {
   return sum / static_cast<double>(std::max<std::size_t>(measurements.observations.size(), 1));
 }
 
-// The equations of A (column by column), c and the targets: H x = g.
+// Adds a point to the normal equations H x = g of A (column by column), c and the targets.
 void add_equations(const Eigen::Isometry3d& X_BF, const Vector3d& z, Index target, MatrixXd& H, VectorXd& g) {
   Eigen::Matrix<double, 3, 15> rows;
   for (Index axis = 0; axis < 3; ++axis) {
@@ -81,7 +81,8 @@ std::optional<Vector3d> coordinate_scales(const std::vector<Eigen::Isometry3d>& 
     add_equations(pose_of(X_BF, observation), (observation.position - centre).cwiseQuotient(spread), observation.target,
                   H, g);
   }
-  H.diagonal().array() += 1e-12 * H.diagonal().maxCoeff();  // a target that was not measured here, one configuration
+  H.diagonal().array() += 1e-12 * H.diagonal().maxCoeff();  // regularised for targets without rows and for a single
+                                                            // configuration
   const VectorXd x = H.ldlt().solve(g);
   Vector3d scales;
   for (Index axis = 0; axis < 3; ++axis) {
@@ -144,8 +145,8 @@ Measurements with_names_exchanged(Measurements measurements, int first, int seco
   return measurements;
 }
 
-// By configuration: how much nearer (sum of squares) the points of two targets lie to each other's places than to their
-// own; above zero where they are exchanged.
+// Per configuration: squared distances of two targets' points from their own predictions minus those from each other's.
+// Positive if they are exchanged.
 std::vector<double> nearer_to_each_other(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
                                          const Registration& registration, int first, int second) {
   std::vector<double> result(X_BF.size(), 0.0);
@@ -165,10 +166,10 @@ std::vector<double> nearer_to_each_other(const std::vector<Eigen::Isometry3d>& X
   return result;
 }
 
-// The configuration from which on `values` are above zero, as seen from the end where they are below; nothing where the
-// sides are not that clear.
+// The configuration at which `values` change from negative to positive (`behind`) or back; empty if either side is not
+// clear.
 std::optional<int> change_of_sign(const std::vector<double>& values, bool behind) {
-  constexpr double kClear = 0.9;  // of the configurations on either side
+  constexpr double kClear = 0.9;  // share of the configurations on either side
   const auto count = static_cast<int>(values.size());
   const auto exchanged = [&](int c) { return values[static_cast<std::size_t>(c)] > 0.0; };
   int right = 0;
@@ -177,7 +178,7 @@ std::optional<int> change_of_sign(const std::vector<double>& values, bool behind
   }
   int best = 0;
   int most = 0;
-  for (int from = 0; from <= count; ++from) {  // everything from there on is exchanged, or everything before it
+  for (int from = 0; from <= count; ++from) {  // exchanged from there on, or before it
     if (right > most) {
       most = right;
       best = from;

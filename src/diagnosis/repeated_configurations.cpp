@@ -27,7 +27,7 @@ std::vector<bool> tested_configurations(const Measurements& measurements, std::s
 std::vector<Twins> twins_of(const Measurements& measurements, const std::vector<bool>& tested) {
   const std::vector<Index> first = first_at_same_pose(measurements.joint_values);
   std::vector<Twins> twins;
-  std::vector<Index> last = first;  // so far, of those that the first one stands for
+  std::vector<Index> last = first;  // latest one with the pose of the first
   for (std::size_t c = 0; c < first.size(); ++c) {
     const auto own = static_cast<Index>(c);
     if (first[c] == own) {

@@ -23,7 +23,7 @@ double arm_length(const ErrorModel& model) {
 
 bool plausible(const ErrorModel& model, const VectorXd& errors) {
   constexpr double kLargestAngle = 0.35;   // [rad]
-  constexpr double kLargestShare = 0.005;  // of an arm of more than ten metres
+  constexpr double kLargestShare = 0.005;  // of the length of an arm of more than ten metres
   const double largest_length = std::max(0.05, kLargestShare * arm_length(model));
   for (std::size_t p = 0; p < model.parameters.size(); ++p) {
     const double limit = is_length(model, model.parameters[p]) ? largest_length : kLargestAngle;

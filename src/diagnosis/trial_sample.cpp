@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Of coordinates of targets those of their points, see Unknown::index.
+// The position coordinates among target coordinates, see Unknown::index.
 std::vector<std::size_t> coordinates(std::vector<std::size_t> of_targets) {
   std::erase_if(of_targets, [](std::size_t index) { return index % 6 >= 3; });
   return of_targets;

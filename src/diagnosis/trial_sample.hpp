@@ -1,6 +1,6 @@
 #pragma once
 
-// The part of the measurements with which other readings are tried. Not installed.
+// A sample of the measurements for trials of other readings. Not installed.
 
 #include <cstddef>
 
@@ -11,22 +11,22 @@
 
 namespace kdl_calibration {
 
-/// Positions alone of the train rows of configurations spread over the file, and what belongs to them.
+/// Positions of the train rows of configurations spread over the file, with their unknowns.
 struct TrialSample {
   Measurements measurements;
   Unknowns free;
-  double freedom = 0.0;  ///< distinct coordinates that the fit leaves
+  double freedom = 0.0;  ///< distinct coordinates minus unknowns
   double points_of_a_configuration = 1.0;
 };
 
 TrialSample trial_sample(const ErrorModel& model, const Measurements& measurements, const Unknowns& free,
                          std::size_t most_configurations);
 
-/// [m] of the points that stand for a measured orientation from the measured point.
+/// [m] distance from the measured point of the points that represent its orientation.
 constexpr double kLeverOfOrientations = 0.1;
 
 /// The measurements with every pose as four points: the measured one and one along each axis of the target's frame,
-/// targets "A", "A.x", "A.y" and "A.z". Known targets and free ones stay so.
+/// targets "A", "A.x", "A.y" and "A.z". Known targets stay known, free ones free.
 struct PosePoints {
   Measurements measurements;
   Estimate fit;

@@ -31,7 +31,7 @@ double unit_torque(const ErrorModel& model, std::size_t joint, const Vector3d& c
   return frames.axis(joint).dot(effect);
 }
 
-// Beyond its ends a table is what it is there.
+// Beyond its ends a table keeps the state of its end.
 bool is_withheld(const JointTable& table, double q) {
   const double held = std::clamp(q, table.lower, table.upper);
   return std::any_of(table.withheld.begin(), table.withheld.end(),

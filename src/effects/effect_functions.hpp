@@ -1,6 +1,6 @@
 #pragma once
 
-// What each effect says at given joint values, before its mean is taken off and its scale applied. Not installed.
+// Raw values of the effects at joint values, before mean and scale are applied. Not installed.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -13,8 +13,8 @@
 
 namespace kdl_calibration {
 
-/// Of every joint of the nominal robot in the base frame: the axes across it and its own as columns, before it moves,
-/// and the frame behind its motion; the tip's frame last.
+/// Joint frames of the nominal robot in the base frame. Per joint: the axes across it and its own as columns, before
+/// its motion, and the frame after its motion; the tip's frame last.
 struct JointFrames {
   std::pmr::vector<Eigen::Matrix3d> axes;
   std::pmr::vector<Eigen::Isometry3d> moved;
@@ -23,7 +23,7 @@ struct JointFrames {
 };
 JointFrames joint_frames(const ErrorModel& model, const Eigen::Ref<const Eigen::VectorXd>& q,
                          std::pmr::memory_resource* memory = std::pmr::get_default_resource());
-/// For every column of `joint_values` (joints x N).
+/// Frames for every column of `joint_values` (joints x N).
 std::vector<JointFrames> joint_frames_of_all(const ErrorModel& model, const Eigen::MatrixXd& joint_values);
 
 /// Torque (force for a prismatic joint) about the joint's axis of equal masses at the later joint frames and the tip,
@@ -48,6 +48,6 @@ struct Stops {
 };
 Eigen::VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, const Stops& stops);
 
-constexpr double kTableBeyond = 2.5;  ///< lengths that a table reaches beyond the measured range on each side
+constexpr double kTableBeyond = 2.5;  ///< extent of a table beyond each end of the measured range, in lengths
 
 }  // namespace kdl_calibration

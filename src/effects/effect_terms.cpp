@@ -23,15 +23,15 @@ using Eigen::VectorXd;
 
 bool slides(const ErrorModel& model, std::size_t joint) { return model.joints[joint].type == JointType::prismatic; }
 
-constexpr double kLeastLever = 1e-3;  // [m] on the average; less is no load that changes sides
-constexpr double kPlay = 0.15;        // of the torque's mean size, where the play has mostly changed sides
+constexpr double kLeastLever = 1e-3;  // [m] least mean lever of a load that moves the play
+constexpr double kPlay = 0.15;        // share of the mean torque at which the play has mostly changed sides
 
-constexpr double kFunctions = 3.4;  // per length: they carry 98.8 % of the variance
+constexpr double kFunctions = 3.4;  // functions per length: 98.8 % of the variance
 constexpr int kMostFunctions = 200;
-constexpr double kUsualRipple = 100.0;  // times a turn
+constexpr double kUsualRipple = 100.0;  // periods per turn
 
 constexpr int kSamples = 200;
-constexpr double kDistinct = 0.15;  // share of a torque that must be new
+constexpr double kDistinct = 0.15;  // least part of a torque not explained by others of its joint
 
 MatrixXd generic_configurations(const ErrorModel& model) {
   Random random(1);
@@ -102,7 +102,7 @@ void add_gravity(const ErrorModel& model, std::size_t joint, std::vector<EffectT
   }
 }
 
-// A bearing feels what hangs behind it: the next links, as those further out repeat them.
+// Tilting moments from the next links only, because those of further links are similar.
 void add_transverse(const ErrorModel& model, std::size_t joint, std::vector<EffectTerm>& terms) {
   constexpr std::size_t kLinks = 3;
   for (const EffectAxis across : {EffectAxis::across_x, EffectAxis::across_y}) {
@@ -152,15 +152,15 @@ void add_swing(const ErrorModel& model, std::size_t joint, Sinusoid swing, std::
   }
 }
 
-constexpr double kLeastScale = 0.05;  // of a function of unit size
-constexpr double kNew = 0.05;         // share of a function that others of its joint do not say
+constexpr double kLeastScale = 0.05;  // least standard deviation of a function of unit size
+constexpr double kNew = 0.05;         // least part of a function not explained by others of its joint
 
 bool has_no_unit_size(const EffectTerm& term) {
   const auto* const torque = std::get_if<MeasuredTorque>(&term.function);
   return std::holds_alternative<JointGain>(term.function) || (torque != nullptr && torque->play == 0.0);
 }
 
-// Takes off means, applies scales, and leaves out what N joint values do not tell apart.
+// Sets means and scales, and leaves out terms that the N joint values do not tell apart.
 std::vector<EffectTerm> told_apart(const ErrorModel& model, const std::vector<EffectTerm>& terms, const Stops& stops) {
   const Index stop_count = stops.q.cols();
   std::vector<EffectTerm> kept;
@@ -295,7 +295,7 @@ std::vector<EffectTerm> load_terms(const ErrorModel& model) {
   for (Candidate& candidate : all) {
     if (candidate.term.index != joint) {
       joint = candidate.term.index;
-      basis = VectorXd::Constant(kSamples, 1.0 / std::sqrt(kSamples));  // a constant is the joint's offset
+      basis = VectorXd::Constant(kSamples, 1.0 / std::sqrt(kSamples));  // a constant is equivalent to the joint offset
     }
     const VectorXd rest = candidate.torques - basis * (basis.transpose() * candidate.torques);
     const double peak = candidate.torques.cwiseAbs().maxCoeff();

@@ -87,7 +87,7 @@ Index motion_entry(const ErrorModel& model, const EffectTerm& term) {
 
 namespace {
 
-// What the term is of that moves its joint; nothing where it is a function of what is not known.
+// Standardised value of the term; 0 if it depends on an unknown signal.
 double scaled(const EffectTerm& term, double raw) { return std::isnan(raw) ? 0.0 : (raw - term.mean) / term.scale; }
 
 }  // namespace

@@ -19,7 +19,7 @@ Index oriented_points(const ObservedConfiguration& configuration) {
                        [](const ObservedPoint& point) { return point.orientation_weight > 0.0; });
 }
 
-// Of the points' positions: given in W, needed in F.
+// Transforms the information of the points' positions from W to F.
 void turn_information(const MatrixXd& given, const Matrix3d& R_FW, MatrixXd& information) {
   for (Index a = 0; a < given.rows(); a += 3) {
     for (Index b = 0; b < given.cols(); b += 3) {
@@ -152,8 +152,8 @@ void BlockPass::add_block(BlockWorkspace& workspace, NormalEquations& equations)
   Tt = block.twists.transpose();
   products.resize(Tt.rows());
   const ColumnRange effects = unknowns_.range(UnknownGroup::effects);
-  const Index rigid = effects.empty() ? chain : effects.first;  // columns with a twist of their own
-  // Adds Tt · vector, spread over the columns that each twist has, to the first `count` of `sums`.
+  const Index rigid = effects.empty() ? chain : effects.first;  // columns with their own twist
+  // Adds Tt · vector, spread over the columns of each twist, to the first `count` of `sums`.
   const auto add_spread = [&](const Vector6d& vector, Index count, auto&& sums) {
     const Index needed = count <= rigid ? count : Tt.rows();
     products.head(needed).noalias() = Tt.topRows(needed).lazyProduct(vector);

@@ -14,10 +14,10 @@ namespace kdl_calibration {
 
 /// One configuration, linearised in the flange frame. Rows: three per measured position, three per orientation.
 ///   residual = measured - predicted,  motion of the predicted points per flange twist = twist_rows (rows x 6),
-///   per target parameter = unit, so that row r belongs to the target column `columns[r]` (-1: fixed).
+///   per target parameter = 1, and row r belongs to the target column `columns[r]` (-1: fixed).
 ///
-/// Many effects turn the same joint: their columns are one twist times what each effect is worth there. `twists` holds
-/// every twist once, and chain column c is twists.col(twist_of[c]) · factors[c].
+/// Effects on the same joint have columns of one twist times each effect's basis value. So `twists` holds every twist
+/// once, and chain column c is twists.col(twist_of[c]) · factors[c].
 struct Block {
   Matrix6Xd twists;
   std::vector<Eigen::Index> twist_of;
@@ -33,7 +33,7 @@ class BlockLinearisation {
 public:
   BlockLinearisation(const ErrorModel& model, const Unknowns& unknowns, const Estimate& estimate);
 
-  /// At joint values q, effects included; `basis` holds basis(q) of the model's effects where one is free.
+  /// Linearises at joint values q, effects included. `basis`: basis(q) of the model's effects if some are free.
   void at(const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& basis,
           const ObservedConfiguration& configuration, Block& block) const;
 
@@ -44,25 +44,25 @@ private:
   const Unknowns& unknowns_;
   const Estimate& estimate_;
   FoldedChain chain_;
-  std::vector<ParameterTwist> twists_;  // every one once
+  std::vector<ParameterTwist> twists_;  // each once
   std::vector<Eigen::Index> twist_of_;
 };
 
-/// What a pass over the blocks needs to remember, for one thread.
+/// Buffers of a pass over the blocks, for one thread.
 struct BlockWorkspace {
   Block block;
   Eigen::Matrix<double, 6, Eigen::Dynamic> weighted_rows;
   Eigen::Matrix<double, Eigen::Dynamic, 6> transposed_twists;
-  Eigen::VectorXd products;  ///< of one column with every twist
+  Eigen::VectorXd products;  ///< of one column with all twists
   Eigen::VectorXd force;
 };
 
-/// Jacobian and, as last column, residual of a configuration, with the root of its information multiplied in.
+/// Whitened Jacobian of a configuration with its residual as last column.
 void whiten(const Block& block, Eigen::Index columns, Eigen::MatrixXd& rows);
 
 class BlockPass {
 public:
-  /// Keeps references to all of them.
+  /// Keeps references to its arguments.
   BlockPass(const ErrorModel& model, const Unknowns& unknowns, const ObservedData& data)
       : model_(model), unknowns_(unknowns), data_(data) {}
 
@@ -92,8 +92,7 @@ public:
     }
   }
 
-  /// Adds what all configurations tell, both triangles of the chain's part and the upper one that chain and targets
-  /// share.
+  /// Adds all configurations: both triangles of the chain's block, and the upper block of chain and targets.
   void add(const Estimate& estimate, BlockWorkspace& workspace, NormalEquations& equations) const;
   /// sum e^T W e.
   double cost(const Estimate& estimate, BlockWorkspace& workspace) const;

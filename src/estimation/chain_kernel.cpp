@@ -12,15 +12,15 @@ namespace kdl_calibration {
 namespace {
 
 constexpr std::size_t kBlocksInCache = 16;
-constexpr std::size_t kMostBlocks = 4;  // whose products are added up before they are added to the sums
+constexpr std::size_t kMostBlocks = 4;  // blocks accumulated before their products are added to the sums
 
-// What there is besides the cost, in the order of ChainKernelSums::lanes.
+// The sums besides the cost, in the order of ChainKernelSums::lanes.
 constexpr std::array kSummed = {&ChainKernelSums::gradient, &ChainKernelSums::coupling, &ChainKernelSums::force,
                                 &ChainKernelSums::turned,   &ChainKernelSums::weights,  &ChainKernelSums::gram,
                                 &ChainKernelSums::spread};
 
-// The sums over the lanes of `rows`, which hold them part by part, each of `at_once` lanes. Two lanes at a time, for
-// every part has an even number of them, and in an order that does not depend on the parts.
+// Sums over the lanes of `rows`, which are stored in parts of `at_once` lanes. Two lanes at a time (parts are even) and
+// in an order independent of the parts.
 void add_lanes(const std::vector<LaneRow>& rows, std::size_t at_once, ChainKernelSums& sums) {
   using Pair = double __attribute__((vector_size(16)));
   std::array<const double*, kLanes / 2> pairs{};
@@ -41,7 +41,7 @@ void add_lanes(const std::vector<LaneRow>& rows, std::size_t at_once, ChainKerne
   }
 }
 
-// The rotation vector of a matrix given row by row; by one function for all instruction sets.
+// The rotation vector of a matrix given row by row; the same function for all instruction sets.
 void take_rotation_vector(const std::array<double, 9>& R, std::array<double, 3>& vector) {
   Eigen::Map<Eigen::Vector3d>(vector.data()) =
       rotation_log(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(R.data()));
@@ -49,7 +49,7 @@ void take_rotation_vector(const std::array<double, 9>& R, std::array<double, 3>&
 
 }  // namespace
 
-// The same source for every instruction set: without fused multiplication and addition the results are the same.
+// The same source for every instruction set; without fused multiply-add the results are bitwise equal.
 namespace baseline {
 #define KDL_CALIBRATION_AT_ONCE 2
 #include "estimation/chain_kernel_body.hpp"

@@ -1,11 +1,11 @@
-// Included by chain_kernel.cpp inside a namespace, once per instruction set, with the doubles that one of its registers
-// holds in KDL_CALIBRATION_AT_ONCE.
+// Included by chain_kernel.cpp inside a namespace, once per instruction set. KDL_CALIBRATION_AT_ONCE is the number of
+// doubles in one of its registers.
 
 #include "estimation/chain_kernel_poses.hpp"
-// and, with what that declares,
+// uses the declarations of
 #include "estimation/chain_kernel_points.hpp"
 
-// The first three coordinates of a twist (v, a), or where it turns all six.
+// Number of nonzero coordinates of a twist (v, a): all six if it turns, else three.
 template <bool kTurns>
 constexpr std::size_t kCoordinates = kTurns ? 6 : 3;
 
@@ -29,19 +29,19 @@ static inline __attribute__((always_inline)) void twist_of(const ChainColumn& co
   }
 }
 
-// One block after its residuals: where the chain is, and what they are as a wrench on P.
+// One block after its residuals: the chain's poses, and the residuals as a wrench on P.
 struct PulledBlock {
   const Vector* poses;
   const Vector* wrench;
 };
 
-// Where the sums of a column or motion are.
+// Pointers to the sums of a column or motion.
 struct ColumnSums {
   Vector* gradient;
   Vector* coupling;
 };
 
-// The rows of a column, and what it adds.
+// Computes the rows of a column and adds to its sums.
 template <bool kTurns, class Points>
 static inline __attribute__((always_inline)) void add_column(const ChainColumn& column, const PulledBlock& block,
                                                              const Points& points, const ColumnSums& sums,
@@ -57,7 +57,7 @@ static inline __attribute__((always_inline)) void add_column(const ChainColumn& 
   *sums.gradient = gradient;
 }
 
-// The rows of one block's columns, and what these add to gradient and coupling.
+// Computes the rows of one block's columns and adds to gradient and coupling.
 template <class Points>
 static inline __attribute__((always_inline)) void add_columns(const ChainKernelInput& input, const PulledBlock& block,
                                                               const Points& points, const Sums& sums, Vector* rows) {
@@ -70,7 +70,7 @@ static inline __attribute__((always_inline)) void add_columns(const ChainKernelI
   }
 }
 
-// The rows of one block's motions, and of each what it adds to gradient and coupling.
+// Computes the rows of one block's motions and their additions to gradient and coupling.
 template <class Points>
 static inline void take_motions(const ChainKernelInput& input, const PulledBlock& block, const Points& points,
                                 Vector* rows, Vector* forces) {
@@ -98,8 +98,8 @@ struct ColumnRange {
   std::size_t last;
 };
 
-// Products of these columns with column `own` of one block's Jacobian, or of two blocks' that lie behind each other
-// with so many columns: two blocks at a time, for the sums are more than fits into the cache next to the registers.
+// Products of these columns with column `own` of one block's Jacobian, or of two consecutive blocks with that many
+// columns. Two at a time, because the sums exceed the first-level cache.
 template <std::size_t kBlocks, std::size_t kRows>
 static inline Vector* add_products(const Vector* J, std::size_t columns, std::size_t own, ColumnRange others,
                                    Vector* gram) {
@@ -147,7 +147,7 @@ static inline Vector product_of(const Vector* one, const Vector* other, bool tur
   return product;
 }
 
-// What `factors` add with the terms first, … last - 1 of each block. Gives the sum behind the last one.
+// Adds `factors` times the terms first, … last - 1 of each block. Returns a pointer past the last sum.
 template <std::size_t kBlocks>
 static inline __attribute__((always_inline)) Vector* add_terms(const Vector* factors, const Rows* terms,
                                                                ColumnRange range, Vector* sums) {
@@ -161,7 +161,7 @@ static inline __attribute__((always_inline)) Vector* add_terms(const Vector* fac
   return sums;
 }
 
-// What the terms add to gradient and coupling.
+// Adds the terms to gradient and coupling.
 template <std::size_t kBlocks>
 static inline void add_forces(const ChainKernelInput& input, const Vector* forces, const Rows* terms,
                               const Sums& sums) {
@@ -181,7 +181,7 @@ static inline void add_forces(const ChainKernelInput& input, const Vector* force
   }
 }
 
-// Products of the terms with the columns and with each other: those of their motions, spread over what they are worth.
+// Products of the terms with the columns and with each other: those of their motions times the terms' basis values.
 template <std::size_t kBlocks>
 static inline void add_spread(const ChainKernelInput& input, const Vector* J, const Rows* terms, Vector* spread) {
   const std::size_t columns = input.columns.size();
@@ -213,7 +213,7 @@ static inline void add_spread(const ChainKernelInput& input, const Vector* J, co
   }
 }
 
-// Where one block's go: rows of columns and motions, what motions add, what targets pull at.
+// Output of one block: rows of columns and motions, the motions' additions, the targets' pulls.
 struct BlockPlaces {
   Vector* jacobian;
   Vector* forces;
@@ -267,7 +267,7 @@ struct BlockRange {
   std::size_t part;
 };
 
-// What so many blocks add.
+// Adds kBlocks blocks.
 template <std::size_t kBlocks>
 static inline __attribute__((always_inline)) void add_blocks(const ChainKernelInput& input, const BlockRange& range,
                                                              bool cost_only, const Sums& sums, ChainKernelSums& all) {
@@ -306,7 +306,7 @@ static inline __attribute__((always_inline)) void add_blocks(const ChainKernelIn
 
 static void sum(const ChainKernelInput& input, bool cost_only, ChainKernelSums& all) {
   const std::size_t blocks = (input.configurations + kLanes - 1) / kLanes;
-  // One part after the other through a few blocks: the sums of all parts are more than the nearest cache holds.
+  // One part after the other for a few blocks, because the sums of all parts exceed the first-level cache.
   for (std::size_t begin = 0; begin < blocks; begin += kBlocksInCache) {
     const std::size_t end = std::min(begin + kBlocksInCache, blocks);
     for (std::size_t part = 0; part < kParts; ++part) {

@@ -1,8 +1,8 @@
-// Part of chain_kernel_body.hpp: what measured points say of the frame P.
+// Part of chain_kernel_body.hpp: residuals and information of measured points about the frame P.
 
 struct MeasuredBlock {
   Vector mask;  // which lanes hold a configuration
-  Rows data;    // of points, and orientations behind them
+  Rows data;    // of points, then of orientations
   const Vector* pose_in_base;
   const Vector* pose;  // of P in W
 };
@@ -40,12 +40,12 @@ static inline __attribute__((always_inline)) void residuals_of_points(const Chai
   sums.cost[0] = cost;
 }
 
-// The orientations that were measured, and o of each.
+// The measured orientations, with the weight o of each.
 struct Turns {
   std::size_t count;
   const Vector* weights;
 
-  // Adds what they need of a column's twist.
+  // Adds a column's twist to their coupling.
   template <bool kTurns>
   void add_coupling(const Vector* twist, Vector* sums) const {
     for (std::size_t k = 0; kTurns && k < count; ++k) {
@@ -56,13 +56,13 @@ struct Turns {
   }
 };
 
-// What points with noise that is alike in every direction make of a column's twist.
+// Rows and coupling of a column for points with isotropic noise.
 struct PointsAlike {
   const double* L;
   Turns turns;
 
   std::size_t width() const { return 6 + 3 * turns.count; }
-  // The rows [v; L^T a] from the twist (v, a), where it does not turn from v alone.
+  // The rows [v; L^T a] of the twist (v, a); only v if it does not turn.
   template <bool kTurns>
   void rows_of(const Vector* twist, Vector* out) const {
     for (std::size_t c = 0; c < 3; ++c) {
@@ -75,7 +75,7 @@ struct PointsAlike {
       out[5] = L[5] * a[2];
     }
   }
-  // Adds what the targets need of it.
+  // Adds it to the targets' coupling.
   template <bool kTurns>
   void add_coupling(const Vector* twist, Vector* sums) const {
     for (std::size_t c = 0; c < (kTurns ? 6 : 3); ++c) {
@@ -94,14 +94,14 @@ static inline void cross(const std::array<double, 3>& a, const Vector* b, Vector
 // The upper triangle of a symmetric matrix of six rows, row by row.
 constexpr std::size_t place_in_triangle(std::size_t row, std::size_t column) { return row * (11 - row) / 2 + column; }
 
-// The same for rows with errors of their own: P gets the information of all rows together.
+// The same for rows with independent errors, whose information about P is summed.
 struct PointsInRows {
   std::size_t targets;
   Turns turns;
-  Vector* pulls;           // 18 per target: of each coordinate, what a force along it is as a wrench on P
+  Vector* pulls;           // 18 per target: the wrench on P of a unit force along each coordinate
   Vector wrench[6];        // of the residuals on P
-  Vector information[21];  // of a twist of P, upper triangle
-  Vector root[21];         // M with information = M^T M, upper triangle but for zeros in front of it
+  Vector information[21];  // about a twist of P, upper triangle
+  Vector root[21];         // M with information = M^T M, upper triangle
 
   std::size_t width() const { return 3 * (targets + turns.count); }
   template <bool kTurns>
@@ -133,7 +133,7 @@ struct PointsInRows {
       pulls[k] = Vector{};
     }
   }
-  // A row of the derivative by a twist of P, and its residual.
+  // Adds a row of the derivative by a twist of P, and its residual.
   void add_row(const Vector* row, const Vector& e) {
     for (std::size_t i = 0; i < 6; ++i) {
       wrench[i] += row[i] * e;
@@ -148,8 +148,8 @@ struct PointsInRows {
     }
   }
 
-  // Cholesky: M is upper triangular. Directions of which nothing is known, as those of a lane without a configuration,
-  // have rows of zeros.
+  // Cholesky: M is upper triangular. Directions without information, as in a lane without a configuration, get rows of
+  // zeros.
   void take_root() {
     constexpr double kNothing = 1e-14;
     for (std::size_t row = 0; row < 6; ++row) {
@@ -173,7 +173,7 @@ struct PointsInRows {
   }
 };
 
-// What a target's coordinates pull at, and how the rows turn.
+// Computes the targets' pulls and the sums `turned`.
 static inline void pulls_of(const ChainKernelInput& input, const Vector* R, const Sums& sums, PointsInRows& points) {
   for (std::size_t x = 0; x < 3; ++x) {
     const Vector* const r = R + 3 * x;
@@ -229,15 +229,15 @@ static inline void residuals_by_axis(const ChainKernelInput& input, const Measur
   }
 }
 
-// A row j of U: g_jl of the targets first, … last - 1, and its derivative by a twist of P.
+// A row j of U: g_jl of targets first, … last - 1, and its derivative by a twist of P.
 struct OwnRow {
   std::size_t first;
   std::size_t last;
-  Vector* g;  // of all targets
+  Vector* g;  // for all targets
   Vector derivative[6];
 };
 
-// What it adds with its residual.
+// Adds the row with its residual.
 static inline void add_own_row(const OwnRow& row, const Vector& e, const Sums& sums, PointsInRows& points) {
   points.add_row(row.derivative, e);
   const std::size_t coordinates = 3 * points.targets;
@@ -253,7 +253,7 @@ static inline void add_own_row(const OwnRow& row, const Vector& e, const Sums& s
   }
 }
 
-// As residuals_of_points, for roots of the configurations' own.
+// As residuals_of_points, for configurations with their own roots.
 static inline void residuals_of_own_rows(const ChainKernelInput& input, const MeasuredBlock& block, bool cost_only,
                                          const Sums& sums, PointsInRows& points) {
   const std::size_t targets = points.targets;
@@ -267,7 +267,7 @@ static inline void residuals_of_own_rows(const ChainKernelInput& input, const Me
       errors[3 * l + c] -= input.points[l][c];
     }
   }
-  std::size_t at = 3 * targets;  // of the next number of U
+  std::size_t at = 3 * targets;  // index of the next number of U
   for (std::size_t j = 0; j < 3 * targets; ++j) {
     OwnRow row{
         .first = j / 3, .last = input.coupled ? targets : j / 3 + 1, .g = errors + 3 * targets, .derivative = {}};
@@ -297,7 +297,7 @@ static inline void residuals_of_own_rows(const ChainKernelInput& input, const Me
 
 // Rotation vectors of the matrices E, row by row. With s = sin(h), h half the angle, the angle over its sine is
 // arcsin(s) / (s sqrt(1 - s^2)), whose series has the terms (2 n)!! / (2 n + 1)!! s^(2 n); lanes far from the identity
-// are done one by one.
+// are computed one by one.
 static inline void rotation_vectors(const Vector* E, const Vector& mask, Vector* vectors) {
   constexpr double kNear = 0.01;  // of s^2: 11 degrees
   const Vector s2 = 0.25 * (3.0 - (E[0] + E[4] + E[8])) * mask;
@@ -324,13 +324,13 @@ static inline void rotation_vectors(const Vector* E, const Vector& mask, Vector*
   }
 }
 
-// What orientations tell of a block: the weight of each is written, what they are as a moment on P is added.
+// Output of a block's orientations: the weight of each, and their moment on P, which is added.
 struct TurnPlaces {
   Vector* weights;
   Vector* moment;
 };
 
-// Residuals of measured orientations; gives the information of a turn of P.
+// Residuals of measured orientations; returns their information about a rotation of P.
 static inline Vector residuals_of_orientations(const ChainKernelInput& input, const MeasuredBlock& block,
                                                bool cost_only, const Sums& sums, const TurnPlaces& places) {
   Rows measured = block.data.from(input.first_orientation() - input.prismatic.size());

@@ -1,4 +1,4 @@
-// Part of chain_kernel_body.hpp: where the chain is.
+// Part of chain_kernel_body.hpp: poses of the chain.
 
 constexpr std::size_t kAtOnce = KDL_CALIBRATION_AT_ONCE;
 constexpr std::size_t kParts = kLanes / kAtOnce;
@@ -6,14 +6,14 @@ constexpr std::size_t kParts = kLanes / kAtOnce;
 using Vector = double __attribute__((vector_size(kAtOnce * sizeof(double)), may_alias));
 using Integers = long long __attribute__((vector_size(kAtOnce * sizeof(double))));
 
-// The same part of the lanes of every row of data.
+// One register's part of the lanes of all rows of data.
 struct Rows {
   const Vector* first;
   const Vector& operator[](std::size_t row) const { return first[row * kParts]; }
   Rows from(std::size_t row) const { return {first + row * kParts}; }
 };
 
-// What one part of the lanes adds up.
+// Sums of one part of the lanes.
 struct Sums {
   Vector* gram;
   Vector* spread;
@@ -66,7 +66,7 @@ static inline void behind(const FrameNumbers& frame, const Vector* in, Vector* o
   }
 }
 
-// R^T v for the rotation at the head of a pose; v holds lanes or numbers.
+// R^T v for the rotation of a pose; v holds lanes or numbers.
 template <class Coordinates>
 static inline void turned_back(const Vector* R, const Coordinates& v, Vector* out) {
   for (std::size_t c = 0; c < 3; ++c) {
@@ -74,14 +74,14 @@ static inline void turned_back(const Vector* R, const Coordinates& v, Vector* ou
   }
 }
 
-// Where `mask` is 0 a lane has no rotation, and with that no columns.
+// Lanes with `mask` 0 get a zero rotation, so that their columns vanish.
 static inline void constant_pose(const FrameNumbers& frame, const Vector& mask, Vector* pose) {
   for (std::size_t i = 0; i < 12; ++i) {
     pose[i] = i < 9 ? frame[i] * mask : frame[i] - Vector{};
   }
 }
 
-// Turns a pose about the axis that is neither row `from` nor row `to`.
+// Rotates a pose in the plane of rows `from` and `to`.
 static inline __attribute__((always_inline)) void turn(const Vector* sine_and_cosine, std::size_t from, std::size_t to,
                                                        Vector* pose) {
   const Vector s = sine_and_cosine[0];
@@ -97,7 +97,7 @@ static inline __attribute__((always_inline)) void turn(const Vector* sine_and_co
   mix(pose[9 + from], pose[9 + to]);
 }
 
-// Joint values, and behind them tilts: what is commanded and what the terms add.
+// Joint values, then tilts: the commanded values plus the terms.
 static inline void moved_joints(const ChainKernelInput& input, const Rows& commanded, const Rows& terms, Vector* q) {
   const std::size_t joints = input.prismatic.size();
   for (std::size_t i = 0; i < joints; ++i) {
@@ -119,7 +119,7 @@ static inline void moved_joints(const ChainKernelInput& input, const Rows& comma
 static inline __attribute__((always_inline)) void chain_poses(const ChainKernelInput& input, const Vector& mask,
                                                               const Vector* q, Vector* turns, Vector* poses) {
   const std::size_t count = input.prismatic.size();
-  for (std::size_t i = 0; i < input.entries(); ++i) {  // independent of each other, unlike the poses
+  for (std::size_t i = 0; i < input.entries(); ++i) {  // all joints first: unlike the poses they are independent
     if (i >= count || input.prismatic[i] == 0) {
       sine_and_cosine(q[i], turns[2 * i], turns[2 * i + 1]);
     }

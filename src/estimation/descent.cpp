@@ -16,7 +16,7 @@ namespace {
 using Eigen::Index;
 using Eigen::VectorXd;
 
-// [m] of all links, one behind the other.
+// [m] sum of all link lengths and travels.
 double stretched(const ErrorModel& model) {
   double length = model.tip_origin.p.Norm();
   for (const MovingJoint& joint : model.joints) {
@@ -25,10 +25,10 @@ double stretched(const ErrorModel& model) {
   return length;
 }
 
-// What no robot is off by: an angle by a radian, a length by half of the arm as it is stretched out, its slides
-// included, and by half a metre where that is more. Points in feet ask for more of any arm that has one long link.
+// Limits of errors: a radian, and half the length of the stretched arm (travels included) but at least 0.5 m. Points in
+// feet exceed them for any arm with one long link.
 constexpr double kLargestAngle = 1.0;        // [rad]
-constexpr double kLargestShareOfArm = 0.5;   // of its length
+constexpr double kLargestShareOfArm = 0.5;   // share of its length
 constexpr double kLeastLargestLength = 0.5;  // [m]
 
 double largest_length(const ErrorModel& model) {
@@ -41,7 +41,7 @@ double largest_length(const ErrorModel& model) {
   return std::max(kLeastLargestLength, kLargestShareOfArm * length);
 }
 
-// How the fit has run away to errors beyond any robot's; nothing where it has not.
+// Message if errors exceed these limits, else nullptr.
 const char* run_away(const ErrorModel& model, const VectorXd& errors) {
   const double largest = largest_length(model);
   for (std::size_t p = 0; p < model.parameters.size(); ++p) {
@@ -59,22 +59,22 @@ constexpr double kDeficientPivot = 1e-11;
 
 constexpr double kUsualEffect = 0.005;  // [rad], [m] or per unit
 constexpr double kUsualTarget = 0.1;    // [m] from the flange
-constexpr double kUsualFrame = 3.0;     // [m] or [rad] of a frame from where it was registered: anywhere
+constexpr double kUsualFrame = 3.0;     // [m] or [rad] from the registered frame: practically no prior
 
-// What is usual is that of an arm of up to ten metres; a larger one has larger errors, and coarser rounding.
+// Usual errors and rounding are those of an arm up to ten metres; they grow with larger ones.
 double size_of(const ErrorModel& model) {
   constexpr double kLargeArm = 10.0;  // [m]
   return std::max(1.0, stretched(model) / kLargeArm);
 }
 
-// Of every column: how far the estimate is from what is expected beforehand, and the inverse square of the distance
-// that is usual. Errors and effects are expected to be zero, targets at the flange, frames where they start.
+// For every column the distance of the estimate from its prior mean, and the inverse square of the usual distance. The
+// prior mean of errors and effects is zero, of targets the flange, of frames their start.
 struct Expectation {
   VectorXd distance;
   VectorXd information;
 };
 
-// How far an unknown usually is from what is expected of it.
+// Usual distance of an unknown from its prior mean.
 double usual_distance(const ErrorModel& model, const Unknown& unknown) {
   switch (unknown.group) {
     case UnknownGroup::base:
@@ -160,15 +160,15 @@ private:
   static constexpr double kNegligible = 1e-6;      // prior weight below which it matters no more
   static constexpr double kFarthest = 50.0;        // Gauss-Newton step, in usual errors
   static constexpr double kStandstill = 1e15;
-  static constexpr double kRoundingOfPoints = 2e-14;  // [m] twice that of predicted points some metres away
-  static constexpr double kSettled = 1e-4;            // share of the cost that is not worth a step with a prior
-  static constexpr double kLittle = 1e-2;             // share of the cost of a step that ends a fit with a prior
+  static constexpr double kRoundingOfPoints = 2e-14;  // [m] twice the rounding of points some metres away
+  static constexpr double kSettled = 1e-4;            // smallest predicted share of the cost for a step with prior
+  static constexpr double kLittle = 1e-2;             // a fit with prior ends below this share of the cost
   static constexpr double kFirstDamping = 1e-3;
   static constexpr double kLeastGain = 0.1;
   static constexpr double kGoodGain = 0.7;
   static constexpr int kRefusals = 3;  // of Gauss-Newton steps, before they are left for the end
 
-  // Whether what lies above the goal did not halve; never below the goal, nor without one, as it is infinite then.
+  // Whether the excess over the goal did not halve; false below the goal, and without one, as it is infinite.
   bool is_in_vain() {
     constexpr int kFirst = 6;
     constexpr int kToHalve = 3;
@@ -249,7 +249,7 @@ private:
     enter(prior_weight_ < kNegligible ? Phase::gauss_newton : Phase::with_prior);
   }
 
-  // The reduction of the cost that the step predicts, and how far it moves the points.
+  // Predicted reduction of the cost, and RMS motion [m] of the points.
   void measure_step() {
     const VectorXd& step = solver_.solution();
     curvature_.noalias() = equations_.hessian * step;
@@ -266,8 +266,7 @@ private:
       accept();
       return true;
     }
-    // So close to the end the costs differ by their rounding alone, so the predicted reduction of the next step
-    // decides.
+    // Close to the end costs differ only by rounding, so the predicted reductions of successive steps decide.
     const double rounding = rounding_of_cost();
     if (predicted_reduction_ <= rounding && moved_equations_.cost <= equations_.cost + rounding) {
       smallest_pivot_ = solver_.smallest_pivot();

@@ -75,9 +75,9 @@ namespace {
 
 constexpr double kHuber = 2.5;
 constexpr double kTukey = 7.0;
-constexpr double kMedianChi3 = 1.5381722544550522;  // of the chi distribution with three degrees of freedom
+constexpr double kMedianChi3 = 1.5381722544550522;  // median of the chi distribution with three degrees of freedom
 constexpr int kReweightings = 50;
-constexpr double kSmallStep = 0.05;  // of the misfit
+constexpr double kSmallStep = 0.05;  // relative to the misfit
 
 double robust_weight(Loss loss, double r) {
   switch (loss) {
@@ -93,7 +93,7 @@ double robust_weight(Loss loss, double r) {
   return 1.0;
 }
 
-// Position residual of every row, in units of its own sigma (or in metres where none is stated).
+// Position residual of every row in units of its sigma (in metres if none is stated).
 std::vector<double> row_distances(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                                   const NoiseModel& noise) {
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
@@ -141,7 +141,7 @@ Identification fit(const FitProblem& problem) {
 
 namespace {
 
-// Of training rows alone.
+// Robust fit of training rows.
 RobustIdentification reweighted_fit(const FitProblem& problem) {
   const Measurements& measurements = problem.measurements;
   const Loss loss = problem.options.loss;
@@ -165,17 +165,17 @@ RobustIdentification reweighted_fit(const FitProblem& problem) {
   const std::vector<Loss> stages =
       loss == Loss::tukey ? std::vector<Loss>{Loss::huber, Loss::tukey} : std::vector<Loss>{loss};
   for (const Loss stage : stages) {
-    bool followed = true;  // to the end of the fit
+    bool followed = true;  // whether the fit was continued to its end
     for (int round = 0; round < kReweightings && loss != Loss::none; ++round) {
       const bool settled = update(stage) < 1e-6;
       if (settled && followed) {
         break;
       }
-      // As long as the weights change, a step that is small beside the misfit is taken and no further one.
+      // While the weights change, a fit ends at a step that is small relative to the misfit.
       followed = settled;
       reweighted.step_tolerance =
           settled ? options.step_tolerance : std::max(options.step_tolerance, kSmallStep * result.fit.rms);
-      // A row without weight keeps a trace of it, so that a target seen nowhere else stays determined.
+      // Zero weights are raised slightly, so that a target without other rows stays determined.
       reweighted.residuals.row_weights = result.weights;
       for (double& weight : reweighted.residuals.row_weights) {
         weight = std::max(weight, 1e-9);

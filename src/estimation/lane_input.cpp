@@ -54,7 +54,7 @@ KeptFrame set_points(const LaneGroup& group, const Estimate& estimate, ChainKern
   return kept;
 }
 
-// The middle of the targets.
+// Weighted mean of the targets and sum of their weights.
 KeptFrame middle_of(const LaneGroup& group, const Estimate& estimate) {
   KeptFrame kept;
   for (const std::size_t target : group.targets) {
@@ -104,7 +104,7 @@ KeptFrame set_rows(const LaneGroup& group, const Estimate& estimate, ChainKernel
   return kept;
 }
 
-// A group with the terms of another, without its data.
+// A group with the joints and terms of another, without its data.
 LaneGroup emptied(const LaneGroup& group) {
   LaneGroup empty;
   empty.joints = group.joints;
@@ -113,8 +113,7 @@ LaneGroup emptied(const LaneGroup& group) {
   return empty;
 }
 
-// Calls visitor(from, to) for the rows of each block of a group and of one that keeps less of each configuration, whose
-// joint values and terms are copied.
+// Calls visitor(from, to) for the rows of each block of a group and of a reduced group. Copies joint values and terms.
 template <class Visitor>
 void visit_blocks(const LaneGroup& group, LaneGroup& reduced, Visitor visitor) {
   const std::size_t blocks = group.data.size() / group.rows();

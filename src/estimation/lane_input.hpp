@@ -1,6 +1,6 @@
 #pragma once
 
-// What models, estimates and groups are to the kernel. Not installed.
+// Conversion of models, estimates and groups to the kernel's input. Not installed.
 
 #include <Eigen/Core>
 #include <vector>
@@ -12,22 +12,22 @@
 namespace kdl_calibration {
 
 FrameNumbers numbers_of(const Eigen::Matrix3d& R, const Eigen::Vector3d& p);
-/// `frame`: as ChainColumn counts them.
+/// `frame`: numbered as in ChainColumn.
 ChainColumn numbers_of(const ParameterTwist& twist, int frame);
 
-/// What moves the joints: the effects `terms`, in the order of terms_in_lanes().
+/// Motions of the joints by the effects `terms`, which are ordered as by terms_in_lanes().
 std::vector<ChainMotion> motions_of(const ErrorModel& model, const Unknowns& unknowns,
                                     const std::vector<std::size_t>& terms);
 
-/// Where the kept point `k` of a group that is not by axis is expected in the flange frame.
+/// Predicted position in the flange frame of the stored point `k` of a group that is not by axis.
 Eigen::Vector3d kept_target(const LaneGroup& group, std::size_t k, const Estimate& estimate);
 
-/// The frame P of what is kept of a configuration.
+/// The frame P of the stored points.
 struct KeptFrame {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< its origin in the flange frame
-  double weight = 1.0;                               ///< of the points together
+  double weight = 1.0;                               ///< sum of the points' weights
 };
-/// Writes what an estimate expects of the group's points or rows.
+/// Writes the estimate's predictions of the group's points or rows to `input`.
 KeptFrame set_kept(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input);
 
 /// Of a group by axis: the sum of the rows along each axis, one row.

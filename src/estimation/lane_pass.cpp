@@ -21,7 +21,7 @@ using Eigen::VectorXd;
 
 namespace {
 
-// The kernel's columns: those that turn come first.
+// Orders the kernel's columns, those that turn first.
 void order_columns(LaneWorkspace& work) {
   work.order.resize(work.twists.size());
   std::iota(work.order.begin(), work.order.end(), std::size_t{0});
@@ -114,7 +114,7 @@ void LanePass::summarise(const Estimate& estimate, LaneWorkspace& workspace, Whi
   }
 }
 
-// What the groups have in common at an estimate: the chain and its columns.
+// Prepares the input common to all groups: the chain and its columns at an estimate.
 void LanePass::prepare(const Estimate& estimate, LaneWorkspace& work) const {
   work.chain = folder_.shape();
   work.twists = twists_;
@@ -129,7 +129,7 @@ void LanePass::prepare(const Estimate& estimate, LaneWorkspace& work) const {
   set_motions(estimate, work);
 }
 
-// Nothing where the joints are rigid and stay so.
+// No motions if all effects are zero and fixed.
 void LanePass::set_motions(const Estimate& estimate, LaneWorkspace& work) const {
   const bool moved = estimate.effects.size() != 0 && !estimate.effects.isZero(0.0);
   work.input.values.assign(terms_.size(), 0.0);
@@ -146,7 +146,7 @@ void LanePass::set_motions(const Estimate& estimate, LaneWorkspace& work) const 
   work.order.insert(work.order.end(), term_columns_.begin(), term_columns_.end());
 }
 
-// The kernel's sums over one group; gives the weight of its points together.
+// Computes the kernel's sums over one group; returns the sum of its points' weights.
 double LanePass::sum(const LaneGroup& group, const Estimate& estimate, bool cost_only, LaneWorkspace& work) const {
   ChainKernelInput& input = work.input;
   const KeptFrame kept = set_kept(group, estimate, input);
@@ -159,11 +159,11 @@ double LanePass::sum(const LaneGroup& group, const Estimate& estimate, bool cost
   return kept.weight;
 }
 
-// Large groups in parts that do not depend on the number of threads.
+// Sums large groups in parts that do not depend on the number of threads.
 void LanePass::sum_strands(bool cost_only, LaneWorkspace& work) const {
   constexpr std::size_t kStrands = 8;
-  constexpr std::size_t kLeast = 2048;       // configurations of a strand
-  constexpr std::size_t kMostColumns = 500;  // whose sums may be had so often
+  constexpr std::size_t kLeast = 2048;       // least configurations of a strand
+  constexpr std::size_t kMostColumns = 500;  // above it strands need too much memory
   const ChainKernelInput& input = work.input;
   if (input.configurations < kStrands * kLeast || work.order.size() > kMostColumns) {
     sum_chain(input, cost_only, work.sums);
@@ -247,7 +247,7 @@ void LanePass::add_targets_of_rows(const LaneGroup& group, const LaneWorkspace& 
   }
 }
 
-// Of the measured orientations with each other and with all that turns them.
+// Adds the measured orientations: among each other, and with all columns that turn them.
 void LanePass::add_orientations(const LaneGroup& group, const LaneWorkspace& work, NormalEquations& equations) const {
   const ChainKernelInput& input = work.input;
   std::size_t next = 0;
@@ -273,7 +273,7 @@ void LanePass::add_orientations(const LaneGroup& group, const LaneWorkspace& wor
   }
 }
 
-// What columns and terms have with each other, in both triangles.
+// Adds the products of columns and terms, to both triangles.
 void LanePass::add_gram(double weight, const LaneWorkspace& work, MatrixXd& hessian) const {
   const auto add = [&](std::size_t i, std::size_t j, double product) {
     const auto a = static_cast<Index>(work.order[i]);
@@ -313,7 +313,7 @@ void LanePass::add_gram(double weight, const LaneWorkspace& work, MatrixXd& hess
   }
 }
 
-// Calls visitor(column, coordinate, share) for each free coordinate of the targets in the kept point `k`.
+// Calls visitor(column, coordinate, share) for each free target coordinate in the stored point `k`.
 template <class Visitor>
 void LanePass::visit_targets(const LaneGroup& group, std::size_t k, Visitor visitor) const {
   for (std::size_t l = k; l < group.mixed_end(k); ++l) {
@@ -356,7 +356,7 @@ void LanePass::add_sums_of_points(const LaneGroup& group, const Estimate& estima
   const auto count = static_cast<double>(group.configurations);
   summary.squares_of_sums += work.sums.cost;
   summary.sums.topLeftCorner(chain, chain) += own.hessian.topLeftCorner(chain, chain);
-  // The root of a target's weight in the sum over the points.
+  // Square root of a target's weight in the sum over the points.
   const auto root = [&](std::size_t l) {
     double sum = 0.0;
     for (std::size_t k = 0; k < points; ++k) {

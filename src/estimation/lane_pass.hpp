@@ -1,6 +1,6 @@
 #pragma once
 
-// The fast pass: configurations that are alike, several side by side (see chain_kernel.hpp). Not installed.
+// The fast pass: several similar configurations in parallel (see chain_kernel.hpp). Not installed.
 
 #include <cstddef>
 #include <vector>
@@ -12,35 +12,35 @@
 
 namespace kdl_calibration {
 
-/// A part of a group's configurations.
+/// A part of a group's configurations, summed by one thread.
 struct LaneStrand {
   ChainKernelInput input;
   ChainKernelSums sums;
 };
 
-/// What the pass needs to remember, for one caller.
+/// Buffers of the pass, for one caller.
 struct LaneWorkspace {
   FoldedChain chain;
   std::vector<ParameterTwist> twists;  // of base and geometric columns
-  std::vector<std::size_t> order;      // columns of the kernel's columns, those that turn first, then of its terms
+  std::vector<std::size_t> order;      // unknowns' columns in the kernel's order: turning ones first, then the terms'
   ChainKernelInput input;
   ChainKernelSums sums;
-  std::vector<LaneStrand> strands;  // of large groups
+  std::vector<LaneStrand> strands;  // parts of large groups
 };
 
-/// Whether summarise() takes a group: not where configurations have roots of their own or orientations.
+/// Whether summarise() supports the group: without own roots and orientations.
 bool has_summary(const LaneGroup& group);
 
 class LanePass {
 public:
-  /// Keeps references to all of them.
+  /// Keeps references to its arguments.
   LanePass(const ErrorModel& model, const Unknowns& unknowns, const std::vector<LaneGroup>& groups, int threads);
 
-  /// Adds what all groups tell, both triangles of the chain's part and the upper one that chain and targets share.
+  /// Adds all groups: both triangles of the chain's block, and the upper block of chain and targets.
   void add(const Estimate& estimate, LaneWorkspace& workspace, NormalEquations& equations) const;
   /// sum e^T W e.
   double cost(const Estimate& estimate, LaneWorkspace& workspace) const;
-  /// Adds all but the triangle and the priors.
+  /// Adds all members except the square-root information and the priors.
   void summarise(const Estimate& estimate, LaneWorkspace& workspace, WhitenedSummary& summary) const;
 
 private:
@@ -66,10 +66,10 @@ private:
   const Unknowns& unknowns_;
   const std::vector<LaneGroup>& groups_;
   ChainFolder folder_;
-  std::vector<ParameterTwist> twists_;  // those of the base, and room for the geometric ones
+  std::vector<ParameterTwist> twists_;  // of the base, then space for the geometric ones
   std::vector<std::size_t> terms_;      // as terms_in_lanes()
   std::vector<ChainMotion> motions_;
-  std::vector<std::size_t> term_columns_;  // of the terms that have columns, in their order
+  std::vector<std::size_t> term_columns_;  // columns of the free terms, in their order
   int threads_;
 };
 

@@ -1,6 +1,6 @@
 #pragma once
 
-// Several numbers side by side, one per lane, in GCC's and Clang's vector extension. Not installed.
+// SIMD vectors, one number per lane, in the vector extension of GCC and Clang. Not installed.
 
 namespace kdl_calibration {
 
@@ -8,7 +8,7 @@ constexpr int kLanes = 8;
 
 using Lanes = double __attribute__((vector_size(64)));
 
-/// For containers; aligned for every instruction set, which the vector type alone is not.
+/// For containers; unlike the vector type it is aligned for every instruction set.
 struct alignas(64) LaneRow {
   Lanes lanes = {};
 };

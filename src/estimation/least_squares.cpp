@@ -50,7 +50,7 @@ struct LeastSquaresProblem::Data {
         lanes(model, unknowns, observed.groups, options.threads),
         blocks(model, unknowns, observed) {}
 
-  // Its sizes alone: this is asked for every pass.
+  // Checks sizes only, because it runs in every pass.
   void require_fit(const Estimate& estimate) const {
     require_count("errors of an estimate", estimate.errors.size(), model.parameters.size());
     require_count("targets of an estimate", estimate.targets.size(), targets);
@@ -69,7 +69,7 @@ struct LeastSquaresProblem::Data {
     return count > kManyConfigurations && std::all_of(observed.groups.begin(), observed.groups.end(), has_summary);
   }
 
-  // Calls visitor(column, information, value) for each prior that there is.
+  // Calls visitor(column, information, value) for each prior.
   template <class Visitor>
   void visit_priors(const Estimate& estimate, Visitor visitor) const {
     for (Index column = 0; column < priors.size(); ++column) {
@@ -87,7 +87,7 @@ struct LeastSquaresProblem::Data {
   const Unknowns unknowns;
   const std::size_t targets;
   const ObservedData observed;
-  const VectorXd priors;  // information that they add to each column
+  const VectorXd priors;  // information added to each column
   const LanePass lanes;
   const BlockPass blocks;
 };
@@ -206,7 +206,7 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
   return summary.finish();
 }
 
-// Nothing where the information is too badly conditioned for its root.
+// Empty if the information is too badly conditioned for a Cholesky factor.
 std::optional<WhitenedSummary> LeastSquaresProblem::Data::summary_of_groups(const Estimate& estimate,
                                                                             const MatrixXd& information,
                                                                             LaneWorkspace& workspace) const {

@@ -17,10 +17,10 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// How configurations are put side by side.
+// Condition for configurations in one group.
 enum class Alike {
-  weights,  // with those that have the same points and weights
-  points,   // with those that have the same points, each with the root of its own information
+  weights,  // same points and weights
+  points,   // same points, each configuration with its own root of the information
 };
 
 bool is_coupled(const ObservedConfiguration& configuration) {
@@ -36,8 +36,8 @@ bool is_coupled(const ObservedConfiguration& configuration) {
   return false;
 }
 
-// What the configurations of a group have in common: the targets' weights, 0 where a target was not measured, those of
-// its orientations, and where points are correlated their information.
+// Key of a configuration's group: weights of the targets (0 if not measured) and of their orientations, and the
+// information of correlated points.
 std::vector<double> sort_of(const ObservedConfiguration& configuration, std::size_t targets, Alike alike) {
   std::vector<double> sort(2 * targets, 0.0);
   const bool weights = alike == Alike::weights;
@@ -54,7 +54,7 @@ std::vector<double> sort_of(const ObservedConfiguration& configuration, std::siz
   return sort;
 }
 
-// Upper triangular.
+// Upper triangular root of a configuration's information.
 MatrixXd root_of_information(const ObservedConfiguration& configuration) {
   if (configuration.information) {
     return configuration.information->llt().matrixU();
@@ -67,7 +67,7 @@ MatrixXd root_of_information(const ObservedConfiguration& configuration) {
   return root;
 }
 
-// Of the points' coordinates along one axis.
+// Information of the points' coordinates along one axis.
 MatrixXd information_along(Index axis, const MatrixXd& information) {
   const Index points = information.rows() / 3;
   MatrixXd result(points, points);
@@ -79,8 +79,7 @@ MatrixXd information_along(Index axis, const MatrixXd& information) {
   return result;
 }
 
-// For information that is alike along every axis; false where points that are not correlated would be made of others
-// with a loss of digits.
+// Transforms points with isotropic information to uncorrelated ones; false if that would lose digits.
 bool separate(LaneGroup& group) {
   constexpr double kMostMixing = 1e4;
   const MatrixXd W = information_along(0, *group.information);
@@ -126,7 +125,7 @@ LaneGroup group_for(const ObservedConfiguration& configuration, Alike alike, con
   return group;
 }
 
-// The numbers of one lane of a block, row after row: through a pointer, as a vector type's element has no reference.
+// Writes one lane of a block row by row, through a pointer because elements of vector types have no reference.
 class LaneWriter {
 public:
   LaneWriter(LaneRow& first, std::size_t lane) : next_(reinterpret_cast<double*>(&first) + lane) {}
@@ -146,13 +145,13 @@ struct GatheringTask {
   const ResidualOptions& options;
 };
 
-// False where too few configurations are alike.
+// False if too few configurations are alike.
 bool gather_groups(const GatheringTask& task, Alike alike, ObservedData& data) {
   const Measurements& measurements = task.measurements;
   data.groups.clear();
   Gathering gathering(measurements, task.options);
   std::map<std::vector<double>, std::size_t> numbers;
-  std::size_t number = 0;  // of the last configuration's group
+  std::size_t number = 0;  // index of the last configuration's group
   std::size_t configurations = 0;
   const Index joints = measurements.joint_values.rows();
   VectorXd basis;
@@ -168,7 +167,7 @@ bool gather_groups(const GatheringTask& task, Alike alike, ObservedData& data) {
       }
     }
     LaneGroup& group = data.groups[number];
-    if (configurations == 0) {  // most often the only group
+    if (configurations == 0) {  // usually the only group
       const auto blocks = static_cast<std::size_t>((measurements.joint_values.cols() + kLanes - 1) / kLanes);
       group.data.reserve(blocks * group.rows());
     }

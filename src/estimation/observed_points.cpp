@@ -17,7 +17,7 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// The rows sorted by configuration; empty where they already are.
+// Row indices sorted by configuration; empty if already sorted.
 std::vector<std::uint32_t> order_of_configurations(const Measurements& measurements) {
   const std::vector<Observation>& rows = measurements.observations;
   std::vector<std::uint32_t> order;
@@ -33,8 +33,8 @@ std::vector<std::uint32_t> order_of_configurations(const Measurements& measureme
   return order;
 }
 
-// Nothing where a coordinate has next to no variance of its own beside what the others of its repeat tell of it: no
-// digits are left then.
+// Empty if a coordinate's variance given the others of its repeat is negligible: the inverse would have no correct
+// digits.
 std::optional<MatrixXd> inverse_covariance(const MatrixXd& covariance) {
   constexpr double kLeastOwnShare = 1e-12;
   const Eigen::LLT<MatrixXd> root(covariance);
@@ -45,8 +45,8 @@ std::optional<MatrixXd> inverse_covariance(const MatrixXd& covariance) {
   return root.solve(MatrixXd::Identity(covariance.rows(), covariance.cols()));
 }
 
-// Information of the means of one configuration's targets, 3 coordinates each, with what the model misses added to
-// their covariance.
+// Information of the means of one configuration's targets, 3 coordinates each, with the misfit added to their
+// covariance.
 MatrixXd with_misfit(const MatrixXd& information, const NoiseModel& noise) {
   if (!noise.has_misfit()) {
     return information;
@@ -74,7 +74,7 @@ Gathering::Gathering(const Measurements& measurements, const ResidualOptions& op
       points_(measurements.targets.size()),
       seen_(measurements.targets.size(), false) {}
 
-// Rows that are held out, or whose weight is zero, are as good as not there.
+// Test rows and rows of weight zero are not fitted.
 bool Gathering::is_fitted(std::size_t row) const {
   return measurements_.observations[row].split == Split::train && options_.row_weight(row) > 0.0;
 }
@@ -104,7 +104,7 @@ const ObservedConfiguration* Gathering::next() {
   return &configuration_;
 }
 
-// Independent rows of equal sigma in every direction: running weighted mean and sum of squares about it (West 1979).
+// Adds an independent row with isotropic noise: running weighted mean and sum of squares about it (West 1979).
 void Gathering::add_row(std::size_t row) {
   const Observation& observation = measurements_.observations[row];
   const auto target = static_cast<std::size_t>(observation.target);
@@ -122,7 +122,7 @@ void Gathering::add_row(std::size_t row) {
   add_orientation(row, information, point);
 }
 
-// The mean of close rotations: along the geodesic by the new one's share.
+// Running mean of close rotations: along the geodesic by the new one's share.
 void Gathering::add_orientation(std::size_t row, double position_information, ObservedPoint& point) {
   if (measurements_.orientations.empty() || is_point(measurements_.orientations[row])) {
     return;
@@ -141,12 +141,12 @@ void Gathering::add_orientation(std::size_t row, double position_information, Ob
   totals_.equations += 3;
 }
 
-// Any covariance: the information of every repeat, a block over its points, is added up. With W = sum W_r and the mean
-// z = W^-1 sum W_r z_r, sum (z_r - f)^T W_r (z_r - f) = (z - f)^T W (z - f) + constant. All z are counted from the
-// first repeat of their target: the constant is a small difference of squares.
+// For any covariance: sums the information of the repeats, a block over the points each. With W = sum W_r and the mean
+// z = W^-1 sum W_r z_r, sum (z_r - f)^T W_r (z_r - f) = (z - f)^T W (z - f) + constant. All z are relative to the first
+// repeat of their target, because the constant is a small difference of squares.
 void Gathering::add_repeats() {
   sort_by_repeat();
-  if (options_.noise.tracker || !is_like_the_last()) {  // a tracker's noise is another at every place
+  if (options_.noise.tracker || !is_like_the_last()) {  // a tracker's noise depends on the position
     describe_repeats();
   }
   take_means();
@@ -163,7 +163,7 @@ void Gathering::sort_by_repeat() {
   }
 }
 
-// `before`: the row in front of it.
+// `before`: the previous row.
 Gathering::PatternRow Gathering::pattern_row(std::size_t i, const PatternRow& before) const {
   const Observation& observation = measurements_.observations[rows_[i]];
   const bool is_next = i > 0 && observation.repeat != measurements_.observations[rows_[i - 1]].repeat;
@@ -186,7 +186,7 @@ bool Gathering::is_like_the_last() const {
 void Gathering::describe_repeats() {
   const auto targets = static_cast<Index>(points_.size());
   const Matrix3d common = options_.noise.common.cwiseAbs2().asDiagonal();
-  MatrixXd sum = MatrixXd::Zero(3 * targets, 3 * targets);  // information of the repeats
+  MatrixXd sum = MatrixXd::Zero(3 * targets, 3 * targets);  // sum of the repeats' information
   std::vector<bool> measured(points_.size(), false);
   pattern_.rows.clear();
   for (std::size_t i = 0; i < rows_.size(); ++i) {
@@ -279,7 +279,7 @@ void Gathering::take_means() {
   }
 }
 
-// What was gathered becomes the configuration's, and the next one starts with nothing.
+// Moves the gathered points to the configuration and clears them for the next one.
 void Gathering::take_seen_points() {
   configuration_.points.clear();
   for (std::size_t k = 0; k < seen_.size(); ++k) {

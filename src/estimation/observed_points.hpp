@@ -12,58 +12,58 @@
 
 namespace kdl_calibration {
 
-/// A target in one configuration: the mean of its repeats and what that is worth.
+/// A target in one configuration: the mean of its repeats and its information.
 struct ObservedPoint {
   std::size_t target = 0;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // in W [m]
-  double weight = 0.0;                                 // information of each coordinate, where the noise is isotropic
-  double orientation_weight = 0.0;                     // 0: a point alone
+  double weight = 0.0;                                 // information of each coordinate, for isotropic noise
+  double orientation_weight = 0.0;                     // 0: orientation not measured
   Eigen::Matrix3d orientation = Eigen::Matrix3d::Identity();
 };
 
 struct ObservedConfiguration {
   Eigen::Index column = 0;            // of the joint values
   std::vector<ObservedPoint> points;  // ascending by target
-  /// 3 points x 3 points in W; none where the points' weights say all. Neighbours that are alike share it.
+  /// 3 · points x 3 · points in W; null if the points' weights suffice. Shared by equal consecutive configurations.
   std::shared_ptr<const Eigen::MatrixXd> information;
 };
 
-/// What of the measurements does not depend on the estimate.
+/// Figures of the measurements independent of the estimate.
 struct ObservedTotals {
-  long equations = 0;            // measured coordinates, repeats counted each
-  long points = 0;               // repeats counted each
-  double weight = 0.0;           // sum over the points of a coordinate's mean information
-  double cost_of_repeats = 0.0;  // the part of the cost that the means leave out
+  long equations = 0;            // measured coordinates, including repeats
+  long points = 0;               // measured points, including repeats
+  double weight = 0.0;           // sum of the mean information of a coordinate over the points
+  double cost_of_repeats = 0.0;  // the cost minus that of the means
 };
 
-/// The only place that looks at the split, the weight and the repeats of rows. Exact: with the means and their
-/// information instead of the rows the cost changes by a constant.
+/// Combines repeats to means. Only this class reads the split, weight and repeat of rows. Exact: using means and their
+/// information changes the cost by a constant.
 class Gathering {
 public:
-  /// Keeps references to both.
+  /// Keeps references to its arguments.
   Gathering(const Measurements& measurements, const ResidualOptions& options);
 
-  /// The next configuration that has fitted rows, in ascending order, until the next call; nullptr behind the last one.
-  /// Throws InputError where the noise of single points is lost beside what they share.
+  /// The next configuration with fitted rows, in ascending order, valid until the next call; nullptr after the last
+  /// one. Throws InputError if the independent noise is negligible beside the common part.
   const ObservedConfiguration* next();
-  /// Of all so far.
+  /// Totals of all configurations so far.
   const ObservedTotals& totals() const { return totals_; }
 
 private:
   struct PatternRow {
-    std::int32_t repeat = 0;  // counted within the configuration
+    std::int32_t repeat = 0;  // index within the configuration
     std::int32_t target = 0;
     double sigma = 0.0;
     double weight = 1.0;
     bool operator==(const PatternRow&) const = default;
   };
   struct Repeat {
-    std::size_t begin = 0;  // of its rows
+    std::size_t begin = 0;  // first of its rows
     std::size_t end = 0;
-    std::vector<Eigen::Index> coordinates;  // of its points among those of all targets
-    Eigen::MatrixXd inverse;                // of its covariance
+    std::vector<Eigen::Index> coordinates;  // of its points, among the coordinates of all targets
+    Eigen::MatrixXd inverse;                // inverse of its covariance
   };
-  /// What was measured in a configuration and what that is worth: the same for all that are alike.
+  /// Structure and information of a configuration, shared by all equal ones.
   struct Pattern {
     std::vector<PatternRow> rows;
     std::vector<Repeat> repeats;
@@ -86,22 +86,22 @@ private:
   const Measurements& measurements_;
   const ResidualOptions& options_;
   const bool isotropic_;
-  std::vector<std::uint32_t> order_;  // of the rows by configuration; empty where they are in order
+  std::vector<std::uint32_t> order_;  // rows sorted by configuration; empty if already sorted
   std::size_t next_ = 0;
   ObservedTotals totals_;
   ObservedConfiguration configuration_;
-  std::vector<std::uint32_t> rows_;    // of the configuration
-  std::vector<ObservedPoint> points_;  // of the configuration, by target
-  std::vector<bool> seen_;             // which of them there are
-  // What many repeats and configurations have in common is factorised and stored once.
-  Pattern pattern_;  // of the last configuration
+  std::vector<std::uint32_t> rows_;    // rows of the present configuration
+  std::vector<ObservedPoint> points_;  // of the present configuration, by target
+  std::vector<bool> seen_;             // targets seen in it
+  // Covariances common to many repeats and configurations are factorised once.
+  Pattern pattern_;  // of the previous configuration
   Eigen::MatrixXd covariance_;
   Eigen::MatrixXd inverse_;
-  Eigen::MatrixXd of_repeats_;  // information of the means by the repeats alone
+  Eigen::MatrixXd of_repeats_;  // information of the means from the repeats only
   Eigen::LLT<Eigen::MatrixXd> root_;
-  Eigen::VectorXd deviations_;  // of one repeat, from where its points were seen first
-  Eigen::VectorXd pulls_;       // the same times its information
-  Eigen::VectorXd weighted_;    // sum of these over the repeats, of all targets
+  Eigen::VectorXd deviations_;  // of one repeat from the first repeat of its points
+  Eigen::VectorXd pulls_;       // information of the repeat times `deviations_`
+  Eigen::VectorXd weighted_;    // sum of `pulls_` over the repeats, for all targets
 };
 
 }  // namespace kdl_calibration

@@ -34,7 +34,7 @@ struct TargetSums {
 };
 
 struct Sums {
-  double count = 0.0;  // of the observations
+  double count = 0.0;  // number of observations
   double weight = 0.0;
   Vector3d z_mean = Vector3d::Zero();
   Vector3d z = Vector3d::Zero();
@@ -102,7 +102,8 @@ struct RotationForm {
   double constant = 0.0;
   Matrix39d c_matrix;
   Vector3d c_vector;
-  Vector3d firmness = Vector3d::Ones();  // information that c has of its own beside the targets, over that with them
+  Vector3d firmness = Vector3d::Ones();  // eigenvalues of the information of c after elimination of the targets, over
+                                         // that before
 
   double value(const Matrix3d& A) const {
     const Eigen::Map<const Vector9d> theta(A.data());
@@ -110,8 +111,8 @@ struct RotationForm {
   }
 };
 
-// f(A exp([delta])) at delta = 0: half of its first and second derivative, the latter without and with the curvature of
-// the rotations. With it, it is zero along a rotation that changes no residual, whatever the residuals are.
+// f(A exp([delta])) at delta = 0: half of its first and second derivatives. `hessian` includes the curvature of the
+// rotations, `gauss_newton` does not. Only `hessian` is zero along every rotation that changes no residual.
 struct Slope {
   Vector3d gradient;
   Matrix3d gauss_newton;
@@ -125,7 +126,7 @@ Slope slope_at(const RotationForm& form, const Matrix3d& A) {
   const Matrix3d M = A.transpose() * Eigen::Map<const Matrix3d>(slope.data());
   // A exp([delta]) = A (I + [delta] + (delta delta^T - |delta|^2 I) / 2 + ...)
   const Matrix3d bend = 0.5 * (M + M.transpose()) - M.trace() * Matrix3d::Identity();
-  // Matrices so small that the blocks of Eigen's other product cost more than they save.
+  // lazyProduct, because the matrices are too small for Eigen's blocked product.
   const Eigen::Matrix<double, 9, 3> turned_slope = form.Q.lazyProduct(T);
   Slope result{
       .gradient = T.transpose() * slope, .gauss_newton = T.transpose().lazyProduct(turned_slope), .hessian = bend};
@@ -133,7 +134,7 @@ Slope slope_at(const RotationForm& form, const Matrix3d& A) {
   return result;
 }
 
-// With `ridge` times the squared length of each target added to the sum of squares.
+// Eliminates c and the targets, with `ridge` times the squared length of each target added to the sum of squares.
 RotationForm eliminate(const Sums& sums, double ridge) {
   RotationForm form;
   form.Q = kroneckerProduct(sums.zz, Matrix3d::Identity());
@@ -159,7 +160,7 @@ RotationForm eliminate(const Sums& sums, double ridge) {
     }
   }
   form.firmness = Eigen::SelfAdjointEigenSolver<Matrix3d>(C, Eigen::EigenvaluesOnly).eigenvalues() / sums.weight;
-  // One configuration alone leaves C singular: the least-norm c is as good as any.
+  // C is singular for a single configuration; the least-norm c is used.
   const Matrix3d C_inverse = C.completeOrthogonalDecomposition().pseudoInverse();
   form.c_matrix = C_inverse * C_theta;
   form.c_vector = -C_inverse * c_p;
@@ -169,7 +170,7 @@ RotationForm eliminate(const Sums& sums, double ridge) {
   return form;
 }
 
-// Newton's step, braked, along the size of the curvature where it is negative.
+// Damped Newton step; negative curvatures are replaced by their absolute values.
 Vector3d newton_step(const Slope& slope, double brake) {
   Eigen::SelfAdjointEigenSolver<Matrix3d> eigen;
   eigen.computeDirect(slope.hessian);
@@ -177,13 +178,12 @@ Vector3d newton_step(const Slope& slope, double brake) {
   return -eigen.eigenvectors() * (eigen.eigenvectors().transpose() * slope.gradient).cwiseQuotient(curvature);
 }
 
-// Levenberg-Marquardt on the rotations; the form is at hand, so a step costs no look at the data. Near a minimum that
-// leaves much its steps crawl: Newton's take over where they do not become half as long. Ends at a step shorter than
-// `tolerance` [rad].
+// Levenberg-Marquardt on the rotations; steps use the form, not the data. Near a minimum with a large misfit it
+// converges slowly: if the steps do not halve, Newton steps take over. Ends at a step shorter than `tolerance` [rad].
 Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
   constexpr int kIterations = 60;
   constexpr double kNear = 0.1;  // [rad]
-  // Close to the minimum the values differ by less than their rounding and the gradient decides alone.
+  // Close to the minimum values differ by less than rounding, so such steps are accepted.
   const double rounding = 1e-13 * std::abs(form.constant);
   double damping = 1e-3;
   double value = form.value(A);
@@ -248,7 +248,7 @@ std::vector<Matrix3d> cube_rotations() {
 struct RotationMinimum {
   Matrix3d A = Matrix3d::Identity();
   double value = std::numeric_limits<double>::infinity();
-  double second = std::numeric_limits<double>::infinity();  // the next best minimum
+  double second = std::numeric_limits<double>::infinity();  // value of the second best minimum
 };
 
 RotationMinimum minimise(const RotationForm& form) {
@@ -258,7 +258,7 @@ RotationMinimum minimise(const RotationForm& form) {
   if (unconstrained.allFinite()) {
     starts.push_back(nearest_rotation(Eigen::Map<const Matrix3d>(unconstrained.data())));
   }
-  // Every minimum is found from several starts, and as a rule followed to its end from the first of them.
+  // Several starts lead to each minimum; usually only the first of them is followed to its end.
   std::vector<Matrix3d> found;
   RotationMinimum best;
   const auto is_known = [&](const Matrix3d& A) {
@@ -283,27 +283,27 @@ RotationMinimum minimise(const RotationForm& form) {
   return best;
 }
 
-constexpr double kUsualTargetDistance = 0.1;  // [m] distance of a target from the flange, as good as any
+constexpr double kUsualTargetDistance = 0.1;  // [m] prior distance of a target from the flange
 constexpr double kTurn = 0.1;                 // [rad]
 
-// The form with its minimum. Where the tool hardly turns, a place of the base and one of the targets look alike and
-// small misfits move both by kilometres. The targets then have a prior about the flange, in units of the misfit u (mean
-// square of a whitened coordinate): sum w |r|^2 + u |t|^2 / L^2. What the measurements do not determine stays small,
-// and what they do determine is moved by a share of less than u / (L^2 w lambda) for the smallest eigenvalue lambda.
+// The form with its minimum. If the tool hardly turns, translations of base and targets are nearly equivalent, and
+// small misfits move both by kilometres. The targets then have a prior about the flange, scaled by the misfit u (mean
+// square of a whitened coordinate): sum w |r|^2 + u |t|^2 / L^2. Undetermined directions stay small, and determined
+// ones are changed by a relative amount below u / (L^2 w lambda) for the smallest eigenvalue lambda.
 struct Solution {
   RotationForm form;
   RotationMinimum minimum;
   double ridge = 0.0;
-  bool loose = false;  // base and targets are known to no better than kUsualTargetDistance / 3
-  int places = 0;      // in so many directions
-  int rotations = 0;   // about which base is known to no better than kTurn
+  bool loose = false;  // whether base and targets are uncertain by more than kUsualTargetDistance / 3
+  int places = 0;      // number of such directions
+  int rotations = 0;   // directions in which the base's rotation is uncertain by more than kTurn
 };
 
-// Directions in which the measurements alone do not determine the rotation at A: u is the mean square of a whitened
-// coordinate's misfit. Points that hardly move beside the flange determine it no better than kTurn.
+// Number of directions in which the measurements do not determine the rotation A. u: mean square of a whitened
+// coordinate's misfit. Points that hardly move relative to the flange count as undetermined.
 int open_rotations(const Sums& sums, const RotationForm& free, const Matrix3d& A, double u) {
   constexpr double kNumerical = 1e-10;
-  constexpr double kStandsStill = 0.05;  // of how far the flange moves
+  constexpr double kStandsStill = 0.05;  // share of the flange's motion
   const double flange = std::max(sums.pp - sums.p.squaredNorm() / sums.weight, 0.0);
   const Vector3d information =
       Eigen::SelfAdjointEigenSolver<Matrix3d>(slope_at(free, A).hessian, Eigen::EigenvaluesOnly).eigenvalues();
@@ -313,7 +313,7 @@ int open_rotations(const Sums& sums, const RotationForm& free, const Matrix3d& A
 }
 
 Solution solve(const Sums& sums) {
-  constexpr double kFirm = 1e-2;  // of orientations that differ by some six degrees
+  constexpr double kFirm = 1e-2;  // value for orientations that differ by about six degrees
   constexpr double kNumerical = 1e-13;
   Solution solution{.form = eliminate(sums, 0.0), .minimum = {}};
   const auto misfit = [&](const RotationMinimum& minimum) { return std::max(minimum.value, 0.0) / (3.0 * sums.count); };
@@ -332,7 +332,7 @@ Solution solve(const Sums& sums) {
   solution.rotations = open_rotations(sums, free, solution.minimum.A, u);
   const double firm = 9.0 * u / (kUsualTargetDistance * kUsualTargetDistance * sums.weight);
   solution.places = static_cast<int>((firmness.array() <= std::max(firm, kNumerical)).count());
-  // What no robot of this kind could tell (a planar one the height of its targets) is no matter of these measurements.
+  // Directions that no measurement of this robot could determine (e.g. the target height of a planar one) do not count.
   solution.loose = firmness[0] > kNumerical && firmness[0] < firm;
   return solution;
 }
@@ -388,7 +388,7 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
   const Sums sums = accumulate(X_BF, *training, options, known);
   Registration result;
   Matrix3d A = Matrix3d::Identity();
-  Vector3d c = Vector3d::Zero();  // of the centred measurements
+  Vector3d c = Vector3d::Zero();  // for the centred measurements
   double ridge = 0.0;
   if (options.known_base) {
     A = options.known_base->linear().transpose();
@@ -430,7 +430,7 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
 }
 
 double least_misfit(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements) {
-  constexpr double kRidge = 1e-10;  // of the form's size: a matrix that nothing determines stays small
+  constexpr double kRidge = 1e-10;  // relative to the form; keeps undetermined matrices small
   constexpr double kRounding = 1e-13;
   check_poses(X_BF, measurements);
   Measurements points = *TrainingRows(measurements);
@@ -440,7 +440,7 @@ double least_misfit(const std::vector<Eigen::Isometry3d>& X_BF, const Measuremen
   }
   const Sums sums = accumulate(X_BF, points, {}, std::vector<const TargetFrame*>(points.targets.size(), nullptr));
   const RotationForm form = eliminate(sums, 0.0);
-  // |A|^2 = 3 of a rotation: what the ridge adds to its value is known.
+  // |A|^2 = 3 for rotations, so the ridge adds a known constant.
   const double ridge = kRidge * form.Q.trace();
   const Vector9d theta = (form.Q + ridge * Matrix9d::Identity()).ldlt().solve(form.b);
   const double least = form.constant - form.b.dot(theta) - 3.0 * ridge - kRounding * sums.pp;

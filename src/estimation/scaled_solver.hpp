@@ -66,7 +66,7 @@ private:
     smallest_pivot_ = root.info() == Eigen::Success && pivot > kPivotInDoubt ? std::min(pivot, 1.0) : 0.0;
   }
 
-  // Four columns at a time; stops at a pivot in doubt.
+  // Four columns at a time; stops at a pivot that is too small.
   void factorise_small() {
     const Eigen::Index n = scaled_.cols();
     smallest_pivot_ = 1.0;

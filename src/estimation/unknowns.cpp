@@ -42,8 +42,8 @@ double prior_of_error(const Priors& priors, const Unknown& error) {
 
 double prior_of_effect(const Priors&, const Unknown& effect) { return effect.sigma; }
 
-// Groups of values that are added up, with the model's list of them and the sigma that their priors state. A new group
-// takes its line here, and one in UnknownGroup.
+// Groups of unknowns that move by addition, with the model's list and prior sigma. A new group needs an entry here and
+// in UnknownGroup.
 struct Values {
   UnknownGroup group;
   VectorXd Estimate::*values;
@@ -54,14 +54,14 @@ constexpr std::array<Values, 2> kValues = {
     {{UnknownGroup::geometric, &Estimate::errors, listed_errors, prior_of_error},
      {UnknownGroup::effects, &Estimate::effects, listed_effects, prior_of_effect}}};
 
-// Nothing for frames, which are moved.
+// nullptr for frames, which do not move by addition.
 const Values* values_of(UnknownGroup group) {
   const auto* const found =
       std::find_if(kValues.begin(), kValues.end(), [&](const Values& values) { return values.group == group; });
   return found == kValues.end() ? nullptr : found;
 }
 
-// Zero where the estimate does not hold the group at all.
+// Zero if the estimate has no values of the group.
 double value_at(const VectorXd& values, std::size_t index) {
   if (values.size() == 0) {
     return 0.0;
@@ -70,14 +70,14 @@ double value_at(const VectorXd& values, std::size_t index) {
   return values[static_cast<Index>(index)];
 }
 
-// The indices are ascending.
+// Checks the last index only, as indices are ascending.
 void require_last(const std::vector<std::size_t>& indices, const VectorXd& values) {
   if (!indices.empty()) {
     require_index("the unknown", indices.back(), values.size());
   }
 }
 
-// All that there are of a group, in the order of their index.
+// All unknowns of a group, in the order of their index.
 std::vector<Unknown> listed(UnknownGroup group, const ErrorModel& model, const std::vector<TargetFrame>& targets) {
   if (const Values* values = values_of(group)) {
     std::vector<Unknown> result = values->listed(model);
@@ -103,7 +103,7 @@ std::vector<Unknown> listed(UnknownGroup group, const ErrorModel& model, const s
   return result;
 }
 
-// The part of a step that moves one frame.
+// The part of a step for one frame.
 Vector6d motion_of(const VectorXd& step, const std::array<int, 6>& columns) {
   Vector6d motion = Vector6d::Zero();
   for (std::size_t i = 0; i < 6; ++i) {

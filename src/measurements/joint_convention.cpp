@@ -78,7 +78,7 @@ void check_convention_keys(const PlainJson& json, const std::string& source) {
   }
 }
 
-// One that came from no file.
+// Checks a convention that was not read from a file.
 void require_whole(const JointConvention& convention) {
   const std::size_t count = convention.urdf_joints.size();
   require_count("controller joints of a convention", convention.controller_joints.size(), count);

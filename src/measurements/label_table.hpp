@@ -21,7 +21,7 @@ public:
   LabelTable& operator=(const LabelTable&) = delete;
 
   /// The number of the label, or the size of the table for a new one.
-  /// Files go through their labels in order, so the last one and the one behind it are tried before the hash.
+  /// Labels usually appear in order, so the last one and its successor are tried before the hash.
   std::int32_t find(std::string_view label) {
     const std::int32_t next = last_ + 1 < size() ? last_ + 1 : 0;
     for (const std::int32_t guess : {last_, next}) {
@@ -40,7 +40,7 @@ public:
   std::int32_t size() const { return static_cast<std::int32_t>(labels_.size()); }
   const std::vector<std::string>& labels() const { return labels_; }
 
-  /// Leaves the table empty.
+  /// The labels; leaves the table empty.
   std::vector<std::string> take_labels() {
     index_ = Index(0, Hash{&labels_}, Equal{&labels_});
     last_ = 0;
@@ -48,7 +48,7 @@ public:
   }
 
 private:
-  // The set holds numbers alone; the text of a label is kept once.
+  // The set stores indices only, so that each label is stored once.
   struct Hash {
     using is_transparent = void;
     const std::vector<std::string>* labels;

@@ -25,7 +25,7 @@ struct FixedColumn {
   bool required = false;
 };
 
-/// Every column that is no joint.
+/// All columns other than joints.
 std::vector<FixedColumn> fixed_columns(Header& header) {
   using enum Quantity;
   auto& [x, y, z] = header.position;
@@ -47,13 +47,13 @@ std::vector<FixedColumn> fixed_columns(Header& header) {
   return columns;
 }
 
-/// A word in lower case as a file may have it, and what it stands for.
+/// A lower-case word of a file and its meaning.
 using Word = std::pair<std::string_view, std::string_view>;
 
 constexpr std::array kOtherNames = {Word{"name", "target"}, Word{"point", "target"}, Word{"pose", "configuration"},
                                     Word{"config", "configuration"}};
 
-/// The lone byte is the degree sign of Windows.
+/// The single byte is the degree sign in Windows-1252.
 constexpr std::array kUnitWords = {
     Word{"rad", "rad"},  Word{"deg", "deg"}, Word{"degree", "deg"}, Word{"degrees", "deg"}, Word{"\xc2\xb0", "deg"},
     Word{"\xb0", "deg"}, Word{"m", "m"},     Word{"mm", "mm"},      Word{"nm", "Nm"},       Word{"n", "N"}};
@@ -66,7 +66,7 @@ std::string lower_case(std::string_view text) {
   return result;
 }
 
-/// What the text stands for in any case, else the text.
+/// The meaning of the text, ignoring case; the text itself if unknown.
 std::string_view translated(std::string_view text, std::span<const Word> words) {
   const auto found =
       std::find_if(words.begin(), words.end(), [lower = lower_case(text)](const Word& w) { return w.first == lower; });
@@ -77,7 +77,7 @@ bool alike(std::string_view a, std::string_view b, bool any_case) {
   return any_case ? lower_case(a) == lower_case(b) : a == b;
 }
 
-/// Where the name is; in any case, where the only one is that is alike. Without one the number of names.
+/// Index of the name; with `any_case` of its only match ignoring case. The number of names if there is none.
 std::size_t index_of(const std::vector<std::string>& names, std::string_view name, bool any_case) {
   const auto same = [&](std::string_view other) { return alike(other, name, any_case); };
   const auto first = std::find_if(names.begin(), names.end(), same);
@@ -85,7 +85,7 @@ std::size_t index_of(const std::vector<std::string>& names, std::string_view nam
   return more ? names.size() : static_cast<std::size_t>(first - names.begin());
 }
 
-/// Where the bracket opens that closes at the end of the cell.
+/// Position of the opening bracket whose closing one ends the cell.
 std::size_t opening_bracket(std::string_view cell) {
   if (cell.ends_with(']')) return cell.rfind('[');
   return cell.ends_with(')') ? cell.rfind('(') : std::string_view::npos;
@@ -98,7 +98,7 @@ std::pair<std::string_view, std::optional<std::string_view>> name_and_unit(std::
   return {trimmed(cell.substr(0, open)), trimmed(cell.substr(open + 1, cell.size() - open - 2))};
 }
 
-/// The unit of a cell that has nothing else, in brackets or not.
+/// The unit of a cell that contains only a unit, in brackets or not.
 std::string_view unit_alone(std::string_view cell) {
   const auto [name, unit] = name_and_unit(trimmed(cell));
   return unit && name.empty() ? *unit : trimmed(cell);
@@ -151,14 +151,14 @@ public:
   }
 
 private:
-  /// What a name in the header stands for. Without a column: nothing.
+  /// Meaning of a name in the header; no column if unknown.
   struct Meaning {
     Column* column = nullptr;
     std::string name;
     std::vector<std::string_view> units;
   };
 
-  // Without the column of a drive, that of the joint which it moves takes its place.
+  // If a drive has no column, the column of its joint is used.
   void take_own_values() {
     header_.own_values.assign(header_.joints.size(), false);
     const std::vector<std::size_t> independent = independent_joints(joints_.joints);
@@ -195,7 +195,7 @@ private:
     *meaning.column = {index, unit_named(word)};
   }
 
-  // Names as they stand come first, a joint's own before others.
+  // Exact matches come first, joint names before others.
   Meaning meaning_of(std::string_view name) {
     for (const bool any_case : {false, true}) {
       const std::size_t joint = index_of(joint_names_, name, any_case);
@@ -241,7 +241,7 @@ private:
     return {"Nm", "N"};
   }
 
-  /// The unit as it is written here.
+  /// The unit in the library's notation.
   static std::string_view known_unit(std::string_view unit, std::string_view cell,
                                      const std::vector<std::string_view>& allowed, const Place& place) {
     const std::string_view word = translated(unit, kUnitWords);
@@ -253,7 +253,7 @@ private:
     return word;
   }
 
-  /// The unit of a column whose header says `word`, from the row of units.
+  /// The unit from the row of units for a column with unit `word` in the header.
   std::string_view unit_below(std::size_t index, std::string_view cell, std::string_view word,
                               const std::vector<std::string_view>& allowed) const {
     const std::string_view unit = unit_alone(units_->cells[index]);
@@ -317,7 +317,7 @@ private:
   const UnitRow* units_;
   Header header_;
   std::vector<FixedColumn> fixed_;
-  std::vector<std::string> joint_names_;  ///< the expected ones, then the followers'
+  std::vector<std::string> joint_names_;  ///< expected names, then followers
 };
 
 }  // namespace
@@ -349,7 +349,7 @@ ValueKind kind_of_value(const ExpectedJoints& joints, std::size_t i) {
 
 std::string OrientationForm::words() const { return comma_separated({names.begin(), names.begin() + count()}); }
 
-// The angles of orientations are none: they give way to joints of their names.
+// Not the angles of orientations: joints with those names take precedence.
 bool is_fixed_column(std::string_view name) {
   Header header;
   const auto fixed = fixed_columns(header);

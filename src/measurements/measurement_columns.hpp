@@ -19,10 +19,10 @@ namespace kdl_calibration {
 enum class Unit : std::uint8_t { none, rad, deg, m, mm };
 
 double to_si(double value, Unit unit);
-/// The SI value as a text in the unit, without the last digits that the conversion costs.
+/// The SI value as text in the unit, without the last digits, which the conversion makes inexact.
 std::string in_unit(double value, Unit unit);
 
-/// Where a quantity stands in a row.
+/// Position and unit of a quantity in a row.
 struct Column {
   static constexpr std::size_t kAbsent = std::numeric_limits<std::size_t>::max();
   std::size_t index = kAbsent;
@@ -31,11 +31,11 @@ struct Column {
 
 inline bool present(const Column& column) { return column.index != Column::kAbsent; }
 
-/// The columns by which a file may state an orientation.
+/// A set of columns that state an orientation.
 struct OrientationForm {
-  std::array<std::string_view, 4> names;  ///< the last one empty where there are three
+  std::array<std::string_view, 4> names;  ///< the last one is empty for three columns
   std::string_view what;
-  std::string_view degrees_by;  ///< a maker whose pendants show degrees, so that the unit is required; else empty
+  std::string_view degrees_by;  ///< maker whose pendants show degrees: the unit is required; else empty
 
   std::size_t count() const { return names.back().empty() ? 3 : 4; }
   std::string words() const;  ///< "rx, ry, rz"
@@ -50,7 +50,7 @@ inline constexpr std::array<OrientationForm, 5> kOrientationForms = {
      {.names = {"A", "B", "C", {}}, .what = "orientation", .degrees_by = "KUKA"},
      {.names = {"W", "P", "R", {}}, .what = "orientation", .degrees_by = "FANUC"}}};
 
-/// A row below the header that holds units alone.
+/// A row below the header with units only.
 struct UnitRow {
   const Fields& cells;
   std::size_t line;
@@ -59,55 +59,55 @@ struct UnitRow {
 struct Header {
   char separator = ',';
   std::size_t line = 0;
-  std::vector<std::string> names;  ///< as the file has them, for messages: units included, no empty ones at the end
-  std::size_t fields = 0;          ///< with the empty ones at the end
+  std::vector<std::string> names;  ///< as in the file, with units, without trailing empty ones; for messages
+  std::size_t fields = 0;          ///< number of fields, trailing empty ones included
   Column configuration, split, repeat, target, sigma, order;
   std::array<Column, 3> position;
-  /// The form of orientation that the file has, as a place in kOrientationForms; their number where it has none.
+  /// Index of the file's orientation form in kOrientationForms; their number if it has none.
   std::size_t orientation = kOrientationForms.size();
   std::array<std::array<Column, 4>, kOrientationForms.size()> orientations;  ///< of each form
   std::vector<Column> joints;                                                ///< in the order of the expected names
-  std::vector<Column> followers;   ///< in the order of ExpectedJoints::followers; absent ones as well
-  std::vector<bool> own_values;    ///< for each of `joints`, whether the column is the joint's own, not its drive's
-  std::vector<Column> torques;     ///< of the joints that the header is expected to name; absent ones as well
-  std::vector<std::string> notes;  ///< what is not as measurements_csv would write it
+  std::vector<Column> followers;   ///< in the order of ExpectedJoints::followers, absent ones included
+  std::vector<bool> own_values;    ///< whether each of `joints` is the joint's own column, not its drive's
+  std::vector<Column> torques;     ///< of the expected joints, absent ones included
+  std::vector<std::string> notes;  ///< differences from the format of measurements_csv
 };
 
 inline bool has_orientation(const Header& header) { return header.orientation < kOrientationForms.size(); }
 
-/// The joint names that the header must bear.
+/// The joint names expected in the header.
 struct ExpectedJoints {
   const std::vector<std::string>& names;       ///< the controller's with a convention, else the URDF's
   const std::vector<std::string>& urdf_names;  ///< of the independent joints, base to tip
   const JointConvention* convention;
   const std::vector<MovingJoint>& joints;  ///< of the chain, base to tip
-  std::vector<std::size_t> followers;      ///< those of them that mimic another or have a drive outside the chain
-  bool kinds_known = true;                 ///< whether `joints` says which of them turn and which slide
-  bool with_points = true;                 ///< whether the file must say which target was measured where
+  std::vector<std::size_t> followers;      ///< those that mimic another joint or have a drive outside the chain
+  bool kinds_known = true;                 ///< whether the types in `joints` are valid
+  bool with_points = true;                 ///< whether targets and coordinates are required
 };
 
 enum class ValueKind : std::uint8_t { unknown, angle, length };
 
-/// What value `i` of the expected joints (or follower) must be: behind a convention, what all joints are that follow
-/// from it.
+/// Kind of value `i` of the expected joints (or followers): with a convention, the kind of all joints that depend on
+/// it.
 ValueKind kind_of_value(const ExpectedJoints& joints, std::size_t i);
 ValueKind kind_of_joint(const ExpectedJoints& joints, std::size_t i);
 
-/// Whether a column of the measurements that is no joint has this name, and no joint may have it.
+/// Whether this name is reserved for a column that is not a joint.
 bool is_fixed_column(std::string_view name);
 
 /// "expected configuration, target, …" for messages.
 std::string expected_columns(const ExpectedJoints& joints);
 
-/// The header that this line is. Throws InputError: a missing, unknown or repeated column, an unknown unit or one that
-/// the row of units contradicts, two forms of orientation, a joint that is named like another column.
+/// Parses the header line. Throws InputError: a missing, unknown or repeated column, an unknown unit or one that
+/// contradicts the row of units, two forms of orientation, a joint named like another column.
 Header parse_header(std::string_view line, const ExpectedJoints& joints, const Place& place,
                     const UnitRow* units = nullptr);
 
-/// Whether every cell that is not empty is a unit or "-", and one is a unit.
+/// Whether every cell is empty, "-" or a unit, and at least one is a unit.
 bool is_unit_row(const Fields& cells);
 
-/// Throws InputError for an orientation without a unit where pendants show degrees.
+/// Throws InputError for an orientation without unit whose form requires it.
 void require_orientation_units(const Header& header, const std::string& source);
 
 }  // namespace kdl_calibration

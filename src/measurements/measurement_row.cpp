@@ -21,7 +21,7 @@ bool has_commas_of_numbers(std::string_view text) {
          text.find_first_not_of("0123456789+-.,eE") == std::string_view::npos;
 }
 
-// Why a cell that should hold a number does not.
+// Error message for a cell that is not a valid number.
 std::string number_fault(std::string_view text, std::errc error, double value, char separator) {
   if (text.empty()) return "is empty: expected a number";
   if (error == std::errc::result_out_of_range) return "is outside the range of a double";
@@ -33,11 +33,11 @@ std::string number_fault(std::string_view text, std::errc error, double value, c
   return "is not a number";
 }
 
-// The number that is the whole text.
+// Parses the whole text as a number.
 std::errc parse_number(std::string_view text, double& value) {
   const char* first = text.data();
   const char* last = first + text.size();
-  if (text.size() > 1 && text[0] == '+' && text[1] != '-') ++first;  // which from_chars does not take
+  if (text.size() > 1 && text[0] == '+' && text[1] != '-') ++first;  // from_chars accepts no plus sign
   const auto [end, error] = std::from_chars(first, last, value);
   return end == last ? error : std::errc::invalid_argument;
 }
@@ -138,7 +138,7 @@ Eigen::Quaterniond Row::orientation() const {
   if (header_.orientation == kRotationVector) {
     return Eigen::Quaterniond(Eigen::AngleAxisd(angles.norm(), angles.stableNormalized())).normalized();
   }
-  // R = Rz(yaw) Ry(pitch) Rx(roll). KUKA counts A, B, C about z, y, x; FANUC W, P, R about x, y, z.
+  // R = Rz(yaw) Ry(pitch) Rx(roll). KUKA's A, B, C are about z, y, x; FANUC's W, P, R about x, y, z.
   const bool z_first = header_.orientation == kKuka;
   const Eigen::AngleAxisd about_z(angles[z_first ? 0 : 2], Eigen::Vector3d::UnitZ());
   const Eigen::AngleAxisd about_y(angles[1], Eigen::Vector3d::UnitY());
@@ -147,7 +147,7 @@ Eigen::Quaterniond Row::orientation() const {
 }
 
 double Row::angle(const Column& column) const {
-  constexpr double kTurn = 2.0 * std::numbers::pi + 1e-3;  // written with a few digits
+  constexpr double kTurn = 2.0 * std::numbers::pi + 1e-3;  // with tolerance for few digits
   const double value = number(column);
   if (column.unit == Unit::none && std::abs(value) > kTurn) {
     const std::string& name = header_.names[column.index];
@@ -164,7 +164,7 @@ Eigen::Quaterniond Row::quaternion() const {
     fail(place_, "the norm of the quaternion (qw " + shown(text(columns[0])) + ", ...) is " + shortest(norm) +
                      ": expected 1 within 0.001");
   }
-  // What is normalised to rounding stays to the last bit, so that a written file reads back the same.
+  // Quaternions normalised to rounding are not changed, so that a written file reads back to the same bits.
   constexpr double kRounding = 8 * std::numeric_limits<double>::epsilon();
   return std::abs(norm - 1.0) <= kRounding ? q : Eigen::Quaterniond(q.coeffs() / norm);
 }

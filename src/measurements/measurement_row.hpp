@@ -14,14 +14,14 @@
 
 namespace kdl_calibration {
 
-/// Whether the numbers of a file have decimal points or commas. Known from the first cell that has one of them.
+/// Decimal mark of a file, point or comma, taken from the first cell with one of them.
 struct DecimalMark {
-  char mark = '\0';      ///< '\0' until then
-  std::size_t line = 0;  ///< of that cell
+  char mark = '\0';      ///< '\0' until known
+  std::size_t line = 0;  ///< line of that cell
 };
 
-/// One row of a measurements file, read cell by cell. Keeps references. What a cell cannot be throws InputError with
-/// its place.
+/// One row of a measurements file, read cell by cell. Keeps references. Invalid cells throw InputError with their
+/// place.
 class Row {
 public:
   Row(const Header& header, const Fields& fields, const Place& place, DecimalMark& decimals);
@@ -33,8 +33,8 @@ public:
   Split split() const;
   std::int32_t repeat() const;
   std::int64_t order() const;
-  double sigma() const;  ///< [m]; 0 where none is stated
-  /// All NaN where the row measures a point alone.
+  double sigma() const;  ///< [m]; 0 if none is stated
+  /// point_alone() if the row states no orientation.
   Eigen::Quaterniond orientation() const;
 
   [[noreturn]] void fail_cell(const Column& column, const std::string& what) const;

@@ -15,7 +15,7 @@
 namespace kdl_calibration {
 namespace {
 
-/// Mean of the orientations of the given rows, see averaged(); NaN where none of them has one.
+/// Mean of the orientations of the given rows, see averaged(); NaN if none of them has one.
 Eigen::Quaterniond mean_orientation(const std::vector<Eigen::Quaterniond>& orientations,
                                     const std::vector<std::size_t>& rows) {
   std::vector<Eigen::Quaterniond> given;
@@ -34,7 +34,7 @@ Eigen::Quaterniond mean_orientation(const std::vector<Eigen::Quaterniond>& orien
 Observation mean_observation(const std::vector<Observation>& observations, const std::vector<std::size_t>& rows) {
   Observation mean = observations[rows.front()];
   const auto count = static_cast<double>(rows.size());
-  Eigen::Vector3d difference = Eigen::Vector3d::Zero();  // from the first, so that equal rows have an exact mean
+  Eigen::Vector3d difference = Eigen::Vector3d::Zero();  // relative to the first, so that equal rows have an exact mean
   double variance = 0.0;
   bool all_stated = true;
   for (const std::size_t row : rows) {
@@ -98,7 +98,7 @@ Measurements without_rows(const Measurements& measurements, const std::vector<st
     const auto found = std::find(labels.begin(), labels.end(), label);
     return found == labels.end() ? -1 : static_cast<std::int32_t>(found - labels.begin());
   };
-  std::vector<std::pair<std::int32_t, std::int32_t>> left_out;  // configuration and target, of all targets -1
+  std::vector<std::pair<std::int32_t, std::int32_t>> left_out;  // configuration and target, -1 for all targets
   for (const std::string& name : names) {
     const std::size_t colon = name.rfind(':');
     const bool whole = number(measurements.configurations, name) >= 0 || colon == std::string::npos;
@@ -159,7 +159,7 @@ namespace {
 
 bool is_training(const Observation& observation) { return observation.split == Split::train; }
 
-// Keeps the values of training rows; of no values none.
+// Keeps the values of training rows; empty stays empty.
 template <class T>
 void keep_those_of_training(const std::vector<Observation>& rows, std::vector<T>& values) {
   if (values.empty()) {
@@ -268,7 +268,7 @@ Eigen::MatrixXd approach_directions(const Measurements& measurements) {
       }
     }
   }
-  return sums.cwiseQuotient(counts);  // 0 / 0 is not known
+  return sums.cwiseQuotient(counts);  // 0 / 0 gives NaN: unknown
 }
 
 JointRanges trained_ranges(const Measurements& measurements) {

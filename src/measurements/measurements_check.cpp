@@ -21,7 +21,7 @@ void require_size(const Measurements& measurements, const char* what, std::size_
   }
 }
 
-// The sizes of what may be left out.
+// Checks the size of an optional member.
 void require_size_if_any(const Measurements& measurements, const char* what, std::size_t size, std::size_t expected) {
   if (size != 0) {
     require_size(measurements, what, size, expected);

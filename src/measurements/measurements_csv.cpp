@@ -39,7 +39,7 @@ struct UsedColumns {
   bool sigma = false;
   bool quaternion = false;
   bool order = false;
-  std::vector<Eigen::Index> torques;  ///< joints for which some are known
+  std::vector<Eigen::Index> torques;  ///< joints with a known torque
 };
 
 UsedColumns used_columns(const Measurements& measurements) {
@@ -86,7 +86,7 @@ std::string csv_header(const Measurements& measurements, const UsedColumns& used
   return text + "\n";
 }
 
-/// Appends cells to a row, empty ones where a value is not known.
+/// Appends cells to a row, empty ones for unknown values.
 class Cells {
 public:
   explicit Cells(std::string& text) : text_(text) {}

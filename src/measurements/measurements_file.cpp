@@ -26,8 +26,8 @@ namespace kdl_calibration {
 namespace {
 
 constexpr std::int32_t kMostTargets = 100;
-constexpr double kSamePose = 1e-4;           // [rad] or [m] by which rows of one configuration may differ
-constexpr double kRoundedJointValue = 1e-5;  // [rad] or [m] that rounding may cost: half of 0.001 deg, of 0.01 mm
+constexpr double kSamePose = 1e-4;           // [rad] or [m] largest difference between rows of one configuration
+constexpr double kRoundedJointValue = 1e-5;  // [rad] or [m] rounding error: half of 0.001 deg or of 0.01 mm
 
 /// Gathers the rows of one file.
 class Collector {
@@ -89,7 +89,7 @@ public:
     result.orientations = std::move(orientations_);
     result.order = std::move(order_);
     if (joints.followers.empty()) {
-      std::exchange(lines_, {});  // before the joint values are there twice
+      std::exchange(lines_, {});  // frees memory before the joint values are copied
       std::exchange(first_rows_, {});
     }
     const auto rows = static_cast<Eigen::Index>(joint_columns_.size());
@@ -132,26 +132,26 @@ private:
     return number;
   }
 
-  /// How the file differs from one of measurements_csv, in words.
+  /// Text on how the file differs from one of measurements_csv.
   std::string recognised(const DecimalMark& decimals) const {
     std::vector<std::string> notes = header_.notes;
     if (decimals.mark == ',') notes.insert(notes.begin() + (header_.separator == '\t' ? 1 : 0), "decimal commas");
     return notes.empty() ? "" : "read with " + comma_separated(notes);
   }
 
-  /// Of a file of configurations that does not name its target.
+  /// Target index for a file of configurations without target names.
   std::int32_t only_target() {
     if (targets_.size() == 0) targets_.add("1");
     return 0;
   }
 
-  /// Of one that does not name them: each row is one.
+  /// For a file without configuration labels: each row is a new configuration.
   std::int32_t next_configuration() {
     configurations_.add(std::to_string(configurations_.size() + 1));
     return configurations_.size() - 1;
   }
 
-  /// The row's configuration, checked against the rows of the same one before.
+  /// The row's configuration, checked against its earlier rows.
   std::int32_t configuration(const Row& row, Split split) {
     const std::int32_t count = configurations_.size();
     const std::int32_t number =
@@ -185,7 +185,7 @@ private:
                               " in all rows of configuration " + shown(row.text(header_.configuration)));
   }
 
-  /// Joint values that were read back from row to row.
+  /// Replaces joint values that scatter between rows by their means.
   void take_means_of_scattered_values() {
     std::vector<double> rows(first_rows_.size(), 0.0);
     for (const Observation& o : observations_) rows[static_cast<std::size_t>(o.configuration)] += 1.0;
@@ -218,7 +218,7 @@ private:
              " is measured twice, before in line " + std::to_string(lines_[*twin]) + ": expected one row for each");
   }
 
-  /// One configuration after the other, so that its values do not depend on where it stands.
+  /// Column by column, so that a configuration's values do not depend on its position.
   void convert_joints(const JointConvention& convention) {
     const auto size = static_cast<Eigen::Index>(header_.joints.size());
     for (std::size_t c = 0; c < first_rows_.size(); ++c) {
@@ -231,7 +231,7 @@ private:
     }
   }
 
-  /// Throws where the column of a follower says otherwise than its leader's: `read` has one row for each column.
+  /// Throws if a follower's column contradicts its leader's. `read` has one row per column.
   void check_followers(const ExpectedJoints& joints, const Eigen::Ref<const Eigen::MatrixXd>& read,
                        const Eigen::MatrixXd& joint_values) const {
     Eigen::Index row = 0;
@@ -274,25 +274,25 @@ private:
   const Header& header_;
   const std::string& source_;
   const bool with_points_;
-  std::vector<Column> joint_columns_;  ///< the expected ones, then those of followers that the file has
+  std::vector<Column> joint_columns_;  ///< expected columns, then those of followers in the file
   LabelTable configurations_;
   LabelTable targets_;
-  std::vector<double> joint_values_;     ///< as the file has them but in SI, configuration by configuration
-  std::vector<std::size_t> first_rows_;  ///< of each configuration
+  std::vector<double> joint_values_;     ///< of the file's columns in SI, configuration by configuration
+  std::vector<std::size_t> first_rows_;  ///< first row of each configuration
   std::vector<double> joint_row_;
   std::map<std::int32_t, std::vector<double>>
-      scatter_;  ///< sums of differences from the first row, where there are any
+      scatter_;  ///< sums of differences from the first row, for configurations whose rows differ
   double largest_scatter_ = 0.0;
   std::vector<Observation> observations_;
   std::vector<Eigen::Quaterniond> orientations_;
   std::vector<std::int64_t> order_;
   TorqueMeans torques_;
-  std::vector<std::size_t> lines_;  ///< of each observation
+  std::vector<std::size_t> lines_;  ///< line of each observation
 };
 
-// What is known of the file beforehand.
+// Expected kind of the file.
 struct FileKind {
-  bool kinds_known = true;  // whether the chain says which of its joints turn and which slide
+  bool kinds_known = true;  // whether the joint types are known
   bool with_points = true;
 };
 
@@ -313,9 +313,9 @@ Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, c
   }
   std::string_view line;
   if (!next_record(lines, line)) fail(lines.source(), "empty: " + expected_columns(joints));
-  const std::string header_line(line);  // the next one may take its place in the buffer
+  const std::string header_line(line);  // copied, because the next line may overwrite the buffer
   Header header = parse_header(header_line, joints, lines.place());
-  // Where commas separate the columns, decimal commas are refused cell by cell.
+  // If commas separate the columns, decimal commas are refused.
   DecimalMark decimals{.mark = header.separator == ',' ? '.' : '\0', .line = header.line};
   Fields fields;
   bool more = next_record(lines, line);
@@ -331,13 +331,13 @@ Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, c
   for (bool first = true; more; first = false, more = next_record(lines, line)) {
     fields.split(line, header.separator, lines.place());
     collector.add(Row(header, fields, lines.place(), decimals), lines.place().line);
-    // Rows are about equally long; what is reserved too much is never touched.
+    // Rows have similar lengths; reserved memory in excess is never touched.
     if (first) collector.reserve(lines.size_hint() / line.size() + 1);
   }
   return std::move(collector).finish(joints, decimals);
 }
 
-/// Joints that follow none, of which only the names are known.
+/// Independent joints of which only the names are known.
 std::vector<MovingJoint> joints_named(const std::vector<std::string>& names) {
   std::vector<MovingJoint> joints(names.size());
   for (std::size_t i = 0; i < names.size(); ++i) joints[i].name = names[i];

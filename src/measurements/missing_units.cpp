@@ -12,7 +12,7 @@ namespace {
 
 std::string rounded(double value) { return shortest(std::round(value)); }
 
-// Two turns, or twice the widest limit.
+// [rad] Two turns, or twice the widest limit.
 double largest_angle(const ExpectedJoints& joints) {
   double largest = 2.0 * std::numbers::pi;
   for (const MovingJoint& joint : joints.joints) {
@@ -23,7 +23,7 @@ double largest_angle(const ExpectedJoints& joints) {
   return 2.0 * largest;
 }
 
-// Twenty times what the arm reaches, tools of a metre included.
+// [m] Twenty times the reach of the arm with a tool of one metre.
 double largest_length(const ExpectedJoints& joints) {
   double reach = 1.0;
   for (const MovingJoint& joint : joints.joints) {

@@ -11,16 +11,16 @@
 
 namespace kdl_calibration {
 
-/// What a file held. Keeps references.
+/// Values read from a file. Keeps references.
 struct ReadValues {
   const Header& header;
   const std::string& source;
   const std::vector<double>& joint_values;  ///< configuration by configuration
-  std::size_t columns;                      ///< values of each
+  std::size_t columns;                      ///< values per configuration
   const std::vector<Observation>& observations;
 };
 
-/// Throws InputError where a column without a unit holds what no robot has in rad or m.
+/// Throws InputError if a column without unit has values that are implausible in rad or m.
 void check_missing_units(const ExpectedJoints& joints, const ReadValues& read);
 
 }  // namespace kdl_calibration

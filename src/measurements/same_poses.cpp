@@ -19,7 +19,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double kSameValue = 1e-4;     // [rad] or [m]
-constexpr double kShareOfRange = 1e-3;  // of the widest
+constexpr double kShareOfRange = 1e-3;  // of the widest range
 
 VectorXd ranges_of(const MatrixXd& joint_values) {
   return joint_values.size() == 0 ? VectorXd(VectorXd::Zero(joint_values.rows()))
@@ -31,7 +31,7 @@ VectorXd same(const MatrixXd& joint_values) {
   return VectorXd::Constant(joint_values.rows(), std::min(kSameValue, kShareOfRange * widest));
 }
 
-// Whether nothing but the label tells the configurations apart.
+// Whether the configurations have the same directions of approach.
 bool are_driven_alike(const DriveSignals& signals, Index a, Index b) {
   const auto differ = [](double one, double other) { return one != other && !(std::isnan(one) && std::isnan(other)); };
   for (Index joint = 0; joint < signals.approach.rows(); ++joint) {
@@ -42,7 +42,7 @@ bool are_driven_alike(const DriveSignals& signals, Index a, Index b) {
   return true;
 }
 
-// Of the torques that are known.
+// Mean of the known torques.
 VectorXd mean_torques(const MatrixXd& torques, const std::vector<Index>& members) {
   VectorXd mean(torques.rows());
   for (Index joint = 0; joint < torques.rows(); ++joint) {
@@ -52,7 +52,7 @@ VectorXd mean_torques(const MatrixXd& torques, const std::vector<Index>& members
       sum += std::isnan(torques(joint, c)) ? 0.0 : torques(joint, c);
       count += std::isnan(torques(joint, c)) ? 0.0 : 1.0;
     }
-    mean[joint] = sum / count;  // NaN where none is known
+    mean[joint] = sum / count;  // NaN if none is known
   }
   return mean;
 }
@@ -62,7 +62,7 @@ std::vector<std::vector<Index>> members_of_poses(const Measurements& measurement
   const std::vector<bool> trained = trained_configurations(measurements);
   const std::vector<Index> first = first_at_same_pose(measurements.joint_values);
   std::vector<std::vector<Index>> poses;
-  std::map<Index, std::vector<std::size_t>> at;  // by the first configuration there
+  std::map<Index, std::vector<std::size_t>> at;  // by the first configuration of the pose
   for (std::size_t c = 0; c < first.size(); ++c) {
     const auto own = static_cast<Index>(c);
     std::vector<std::size_t>& candidates = at[first[c]];
@@ -81,14 +81,14 @@ std::vector<std::vector<Index>> members_of_poses(const Measurements& measurement
   return poses;
 }
 
-// The rows of the members become repeats of the pose, counted on from member to member.
+// Renumbers the members' rows as repeats of the pose.
 void renumber(Measurements& measurements, const std::vector<std::vector<Index>>& poses) {
   std::vector<std::int32_t> most(measurements.configurations.size(), 0);  // repeat
   for (const Observation& o : measurements.observations) {
     std::int32_t& repeat = most[static_cast<std::size_t>(o.configuration)];
     repeat = std::max(repeat, o.repeat);
   }
-  std::vector<std::pair<std::int32_t, std::int32_t>> place(most.size());  // pose, repeats before
+  std::vector<std::pair<std::int32_t, std::int32_t>> place(most.size());  // pose, repeats of earlier members
   for (std::size_t pose = 0; pose < poses.size(); ++pose) {
     std::int32_t before = 0;
     for (const Index c : poses[pose]) {
@@ -103,9 +103,9 @@ void renumber(Measurements& measurements, const std::vector<std::vector<Index>>&
   }
 }
 
-// For each column the first one that no joint value tells apart by more than its tolerance.
+// For each column the first one whose joint values are all within the tolerances.
 std::vector<Index> first_within(const MatrixXd& joint_values, const VectorXd& tolerances) {
-  // Along a direction that no joint is alone in, equal poses are neighbours.
+  // Equal poses are neighbours in the order along a generic direction.
   VectorXd direction(joint_values.rows());
   for (Index i = 0; i < direction.size(); ++i) {
     direction[i] = 1.0 / std::sqrt(static_cast<double>(i) + 2.0);
@@ -117,7 +117,7 @@ std::vector<Index> first_within(const MatrixXd& joint_values, const VectorXd& to
   std::sort(order.begin(), order.end(),
             [&](Index a, Index b) { return std::pair(along[a], a) < std::pair(along[b], b); });
   std::vector<Index> leader(order.size());
-  std::vector<Index> leaders;  // in this order, those within reach begin at `begin`
+  std::vector<Index> leaders;  // in this order; those within tolerance begin at `begin`
   std::size_t begin = 0;
   for (const Index c : order) {
     while (begin < leaders.size() && along[c] - along[leaders[begin]] > reach) {
@@ -169,7 +169,7 @@ Measurements with_poses_joined(Measurements measurements) {
     const std::vector<Index>& members = poses[pose];
     const auto column = static_cast<Index>(pose);
     const MatrixXd values = measurements.joint_values(Eigen::all, members);
-    // From the first, so that equal values have an exact mean.
+    // Relative to the first, so that equal values have an exact mean.
     joint_values.col(column) = values.col(0) + (values.colwise() - values.col(0)).rowwise().mean();
     scatter = std::max(scatter, (values.colwise() - joint_values.col(column)).cwiseAbs().maxCoeff());
     firsts.push_back(members.front());

@@ -18,7 +18,7 @@ constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 
 bool has_torques(const Header& header) { return std::any_of(header.torques.begin(), header.torques.end(), present); }
 
-// A product in which what is not known spoils only what depends on it.
+// Matrix product in which NaN marks an unknown input: only dependent outputs become NaN.
 VectorXd product_with_unknowns(const MatrixXd& matrix, const VectorXd& values) {
   VectorXd result = VectorXd::Zero(matrix.rows());
   for (Index i = 0; i < matrix.rows(); ++i) {

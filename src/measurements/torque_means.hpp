@@ -11,17 +11,17 @@
 
 namespace kdl_calibration {
 
-/// The torques that the rows of a file state, as means over the rows of each configuration.
+/// Mean torques of each configuration over its rows.
 class TorqueMeans {
 public:
   void add(const Header& header, const Row& row, std::int32_t configuration);
 
-  /// joints of the chain x configurations [Nm or N], NaN where none is stated; empty where the file has no such column.
-  /// Behind a convention q = M c + o the same virtual work, tau_q = M^-T tau_c.
+  /// Joints of the chain x configurations [Nm or N], NaN if not stated; empty without such columns. With a convention q
+  /// = M c + o, tau_q = M^-T tau_c (equal virtual work).
   Eigen::MatrixXd means(const Header& header, const ExpectedJoints& joints, std::size_t configurations) const;
 
 private:
-  std::vector<double> sums_;  // of each configuration the columns that the file has
+  std::vector<double> sums_;  // per configuration, for the columns in the file
   std::vector<int> counts_;
 };
 

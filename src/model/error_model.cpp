@@ -12,11 +12,11 @@ namespace {
 
 constexpr std::array<char, 3> kAxisOrder = {'z', 'x', 'y'};  // the order of the publication
 
-// The links' masses, each in the frame behind the moving joint that carries it.
+// The links' masses, each in the frame after the moving joint that carries it.
 std::vector<PointMass> link_masses(const Robot& robot) {
   std::vector<PointMass> masses;
   int frame = -1;
-  KDL::Frame pose = KDL::Frame::Identity();  // of the segment's link behind the last moving joint
+  KDL::Frame pose = KDL::Frame::Identity();  // of the segment's link, in the frame after the last moving joint
   for (const KDL::Segment& segment : robot.chain.segments) {
     if (segment.getJoint().getType() == KDL::Joint::Fixed) {
       pose = pose * segment.getFrameToTip();

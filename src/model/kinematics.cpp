@@ -41,7 +41,7 @@ Eigen::Vector3d rotation_log(const Eigen::Matrix3d& R) {
 
 FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors) {
   FoldedChain chain;
-  Eigen::Matrix3d turn_back = Eigen::Matrix3d::Identity();  // undoes the alignment of the joint before
+  Eigen::Matrix3d turn_back = Eigen::Matrix3d::Identity();  // undoes the alignment of the previous joint
   for (std::size_t i = 0; i <= model.joints.size(); ++i) {
     const bool tip = i == model.joints.size();
     const KDL::Frame& origin = tip ? model.tip_origin : model.joints[i].origin;
@@ -66,7 +66,7 @@ std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eige
   const auto joints = static_cast<int>(model.joints.size());
   std::vector<ParameterTwist> all(model.parameters.size());
   int frame = -1;
-  Eigen::Isometry3d behind;  // the joint frame in the frame just behind the factor
+  Eigen::Isometry3d behind;  // the joint frame in the frame after the factor
   for (std::size_t i = factors.size(); i-- > 0;) {
     const ChainFactor& factor = factors[i];
     if (factor.source != ChainFactor::Source::parameter) {
@@ -134,7 +134,7 @@ void ChainFolder::fold(const Eigen::VectorXd& errors, FoldedChain& chain, std::v
                        std::size_t first) const {
   require_count("links of a chain", chain.links.size(), frames_.size());
   for (std::size_t i = 0; i < frames_.size(); ++i) {
-    Eigen::Matrix3d R = frames_[i].turn;  // with p: the joint frame in the frame just behind the factor
+    Eigen::Matrix3d R = frames_[i].turn;  // with p: the joint frame in the frame after the factor
     Eigen::Vector3d p = Eigen::Vector3d::Zero();
     for (auto factor = frames_[i].factors.rbegin(); factor != frames_[i].factors.rend(); ++factor) {
       const Eigen::Vector3d& axis = factor->axis;
@@ -176,14 +176,14 @@ std::vector<ParameterTwist> base_twists() {
 
 namespace {
 
-// One for each joint, or with tilts.
+// Expects one value per joint, or three with tilts.
 void require_values(Eigen::Index count, const FoldedChain& chain) {
   if (!std::cmp_equal(count, 3 * chain.prismatic.size())) {
     require_count("joint values", count, chain.prismatic.size());
   }
 }
 
-// The rows of [R | p]: what comes in front of a pose mixes whole rows.
+// The rows of [R | p]: multiplication from the left combines whole rows.
 class PoseRows {
 public:
   explicit PoseRows(const Eigen::Isometry3d& pose) {
@@ -223,7 +223,7 @@ public:
       turn(value, rows_[0], rows_[1]);
     }
   }
-  /// Its tilts Rx Ry, where `q` has some behind the values of so many joints.
+  /// Its tilts Rx Ry, if `q` has more entries than `joints`.
   void tilt(const Eigen::Ref<const Eigen::VectorXd>& q, std::size_t joint, std::size_t joints) {
     const auto first = static_cast<Eigen::Index>(joints + 2 * joint);
     if (q.size() > first) {

@@ -92,22 +92,22 @@ private:
   const std::vector<TargetFrame>& targets_;
   const ReductionOptions& options_;
   FoldedChain chain_;
-  std::vector<ParameterTwist> twists_;  // of the base, then of the parameters
-  Matrix6Xd motions_;                   // of the flange, per unit of each
+  std::vector<ParameterTwist> twists_;  // of the base, then the parameters
+  Matrix6Xd motions_;                   // motion of the flange per unit of each
   std::vector<std::string> names_;
   std::size_t first_geometric_ = 0;
 };
 
-// A tenth of a radian then moves a point by ten nanometres, which no device sees.
+// Below this limit 0.1 rad moves a point by 10 nm, which no device can measure.
 bool without_effect(const Eigen::MatrixXd& columns, Eigen::Index column) {
   return columns.col(column).cwiseAbs().maxCoeff() < 1e-7;  // [m] or [rad] per unit
 }
 
 using Combination = std::map<std::string, double>;
 
-constexpr double kSpanned = 1e-7;  // of a column's norm: what may be left of it
+constexpr double kSpanned = 1e-7;  // largest remainder of a spanned column, relative to its norm
 
-// Some of the columns, of which others may be combinations. Keeps references.
+// The span of some of the columns. Keeps references.
 class Span {
 public:
   Span(const Eigen::MatrixXd& columns, const std::vector<std::string>& names, const std::vector<Eigen::Index>& among)
@@ -117,7 +117,7 @@ public:
     }
   }
 
-  // Coefficients of `column` over these; empty where more than `left` of its norm is left.
+  // Coefficients of `column` in the span; empty if the remainder exceeds `left` times its norm.
   Combination combination(Eigen::Index column, double left = kSpanned) const {
     Combination result;
     if (among_.empty()) {
@@ -147,7 +147,7 @@ private:
   Eigen::ColPivHouseholderQR<Eigen::MatrixXd> factors_;
 };
 
-// What is left of unit columns outside the span of those taken: modified Gram-Schmidt, column by column.
+// Remainders of unit columns outside the span of the kept ones: modified Gram-Schmidt, column by column.
 class Remainders {
 public:
   Remainders(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate)
@@ -164,7 +164,7 @@ public:
   double norm(Eigen::Index column) const { return norms_[column]; }
 
   void take(Eigen::Index column) {
-    // Once more against all: what is left of a column is much smaller than the column was.
+    // Orthogonalised again, because the remainder is much smaller than the column.
     Eigen::VectorXd direction = rest_.col(column).normalized();
     direction -= basis_.leftCols(taken_) * (basis_.leftCols(taken_).transpose() * direction);
     direction.normalize();
@@ -231,7 +231,7 @@ std::vector<bool> independent_columns(const Eigen::MatrixXd& columns, const std:
 
 namespace {
 
-// Norms that the remainders of the columns must have to be seen in noise: see reduced_model.
+// Least norms of the columns' remainders to be visible in noise, see reduced_model.
 Eigen::VectorXd visible_norms(const ErrorModel& model, const Eigen::MatrixXd& columns, double noise) {
   constexpr double kShareOfNoise = 0.1;
   Eigen::VectorXd norms = Eigen::VectorXd::Zero(columns.cols());
@@ -244,7 +244,7 @@ Eigen::VectorXd visible_norms(const ErrorModel& model, const Eigen::MatrixXd& co
   return norms;
 }
 
-// Which columns may be kept. Throws InputError where a fixed one is none of them.
+// Marks the names that are not fixed. Throws InputError for a fixed name that does not exist.
 std::vector<bool> not_fixed(const std::vector<std::string>& names, const std::vector<std::string>& fixed) {
   for (const std::string& name : fixed) {
     if (std::find(names.begin(), names.end(), name) == names.end()) {
@@ -257,10 +257,10 @@ std::vector<bool> not_fixed(const std::vector<std::string>& names, const std::ve
   return result;
 }
 
-// What takes the part of the columns that are not kept.
+// Replacements of the columns that are not kept.
 class Replacements {
 public:
-  // `frames`: the kept ones of base and targets. Keeps references to columns and names.
+  // `frames`: kept columns of base and targets. Keeps references to columns and names.
   Replacements(const Eigen::MatrixXd& columns, const std::vector<std::string>& names,
                const std::vector<Eigen::Index>& kept, const std::vector<Eigen::Index>& frames)
       : columns_(columns), names_(names), kept_(columns, names, kept), frames_(columns, names, frames) {}
@@ -282,7 +282,7 @@ public:
   }
 
 private:
-  // A single gauge parameter says it in one word where base or targets would need many.
+  // Prefers a single gauge parameter to a combination of base and target parameters.
   Combination replacement(Eigen::Index column) const {
     for (const Eigen::Index g : gauge_) {
       Combination by_gauge = Span(columns_, names_, {g}).combination(column);
@@ -290,14 +290,14 @@ private:
         return by_gauge;
       }
     }
-    return kept_.combination(column, 1.0);  // what the noise hides included
+    return kept_.combination(column, 1.0);  // including parts hidden by the noise
   }
 
   const Eigen::MatrixXd& columns_;
   const std::vector<std::string>& names_;
   Span kept_;
   Span frames_;
-  std::vector<Eigen::Index> gauge_;  // so far
+  std::vector<Eigen::Index> gauge_;  // found so far
 };
 
 }  // namespace

@@ -51,7 +51,7 @@ struct Scatter {
   double freedom = 0.0;
 };
 
-// Variances of the common and independent parts by the repeats alone.
+// Variances of the common and independent parts, from the repeats only.
 class RepeatVariances {
 public:
   RepeatVariances(const std::vector<Stratum>& strata, const MatrixXd& parts) : parts_(parts) {
@@ -128,7 +128,7 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   }
   VectorXd step = gradient;
   MatrixXd C = information;
-  if (free.size() > 0) {  // Eigen decomposes no matrix without columns
+  if (free.size() > 0) {  // Eigen cannot decompose a matrix without columns
     const auto factor = information.completeOrthogonalDecomposition();
     step = factor.solve(gradient);
     C = factor.pseudoInverse();

@@ -39,10 +39,10 @@ void add_orientation_scatter(const Measurements& measurements, RepeatNoise& nois
   }
 }
 
-// Of each repeat from the mean over the repeats.
+// Deviation of each repeat from the mean over the repeats.
 using RepeatDeviations = std::map<std::int32_t, Vector3d>;
 
-// Subtracts the mean; returns the squares of what is left, summed along each axis.
+// Subtracts the mean; returns the sum of the squared deviations along each axis.
 Vector3d centre(RepeatDeviations& repeats) {
   Vector3d mean = Vector3d::Zero();
   for (const auto& [repeat, position] : repeats) {
@@ -56,7 +56,7 @@ Vector3d centre(RepeatDeviations& repeats) {
   return squares;
 }
 
-// Of deviations of two targets in the same repeats.
+// Sums of products of two targets' deviations in the same repeats.
 struct Products {
   Vector3d sum = Vector3d::Zero();
   double freedom = 0.0;
@@ -83,7 +83,7 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
   if (std::none_of(rows.begin(), rows.end(), other_repeat)) {
     return {};
   }
-  std::map<std::int32_t, std::map<std::int32_t, RepeatDeviations>> cells;  // by configuration and target
+  std::map<std::int32_t, std::map<std::int32_t, RepeatDeviations>> cells;  // indexed by configuration and target
   for (const Observation& o : rows) {
     cells[o.configuration][o.target][o.repeat] = o.position;
   }

@@ -26,7 +26,7 @@ NoiseModel NoiseParts::model(const NoiseModel& stated) const {
   if (estimated[kCommon]) {
     result.common = variances.segment<3>(kCommon).cwiseSqrt();
   }
-  if (estimated[kIndependent]) {  // without any of its own a point would be known by the others of its repeat
+  if (estimated[kIndependent]) {  // at zero, the other points of a repeat would determine a point
     constexpr double kLeastShare = 1e-6;
     const double least = kLeastShare * point().trace() / 3.0;
     result.independent = variances.segment<3>(kIndependent).cwiseMax(least).cwiseSqrt();
@@ -57,7 +57,7 @@ double NoiseParts::freedom_of_point() const {
 
 namespace {
 
-// The strata of a fit, and what is to be found of their parts.
+// The strata of a fit and the parts to estimate.
 class SampledStrata {
 public:
   SampledStrata(const FitProblem& problem, const NoiseModel& stated)
@@ -84,7 +84,7 @@ public:
                                .prior_gradient = gradient_});
   }
 
-  // Of all configurations.
+  // The parts scaled from the sample to all configurations.
   NoiseParts whole(NoiseParts parts) const {
     if (strata_.stated()) {
       parts.variances.segment<3>(NoiseParts::kIndependent) = strata_.mean_known();
@@ -113,7 +113,7 @@ private:
   Variances stated_ = Variances::Zero();
 };
 
-// What rows are weighed with, where the noise of points is not known by stratum.
+// The variances behind the present weights; stated point noise is averaged over the rows.
 Variances variances_of(const ResidualOptions& weights, const NoiseStrata& strata) {
   const NoiseModel& noise = weights.noise;
   Variances result = Variances::Zero();

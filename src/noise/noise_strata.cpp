@@ -21,7 +21,7 @@ bool is_stated(const Measurements& measurements, const NoiseModel& noise) {
   return every_row || noise.tracker || !noise.independent.isZero(0.0);
 }
 
-// With unit noise, orientations included.
+// The system for unit noise, orientations included.
 WhitenedSystem unit_system(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                            const Unknowns& free, const ResidualOptions& options) {
   Measurements plain = measurements;
@@ -100,7 +100,7 @@ void NoiseStrata::add_means(const ErrorModel& model, const Estimate& estimate, c
   }
 }
 
-// Rows of orientations stand behind those of the configuration's points, times the root of their weight.
+// Rows of orientations follow those of the configuration's points, multiplied by the root of their weight.
 void NoiseStrata::add_orientations(const WhitenedSystem& system) {
   std::size_t block = 0;
   for (const auto& [c, cells] : configurations_) {
@@ -267,7 +267,7 @@ MatrixXd NoiseStrata::unknown_parts(PartsAsked asked) const {
 
 namespace {
 
-// Up to this many configurations are looked at.
+// Largest number of configurations in the sample.
 constexpr Eigen::Index kMostStrataConfigurations = 2000;
 
 }  // namespace

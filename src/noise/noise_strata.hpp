@@ -13,36 +13,36 @@
 
 namespace kdl_calibration {
 
-/// Combinations of measured coordinates that are independent of each other and have one variance
+/// A stratum: independent combinations of measured coordinates with the common variance
 ///   lambda = known + coefficients . variances,
-/// with J of these combinations: information J^T J, gradient J^T e and squares e^T e.
+/// and their sums over the Jacobian J: information J^T J, gradient J^T e and squares e^T e.
 struct Stratum {
-  bool predicted = false;  // by the model; else they are deviations that no parameter moves, without information
+  bool predicted = false;  // by the model; else deviations independent of the parameters, without information
   Eigen::MatrixXd information;
   Eigen::VectorXd gradient;
   double squares = 0.0;
   double count = 0.0;
   NoiseParts::Variances coefficients = NoiseParts::Variances::Zero();
   double known = 0.0;
-  double summed = 0.0;  // configurations that coefficients and known are sums over, until they are means
+  double summed = 0.0;  // configurations summed in coefficients and known, until divided to means
 
   void add_row(const Eigen::RowVectorXd& row, double residual, double factor);
   bool is_of_orientations() const { return coefficients[NoiseParts::kOrientation] != 0.0; }
-  /// Of positions that parameters move.
+  /// Whether it holds means of positions.
   bool is_of_means() const { return predicted && !is_of_orientations(); }
 };
 
 /// The rows of one target in one configuration.
 struct MeasuredCell {
   std::int32_t target = 0;
-  double weight = 0.0;  // of its rows, as many as there are repeats where nothing is down-weighted
+  double weight = 0.0;  // sum of its rows' weights; the number of repeats if all weights are 1
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  Eigen::Vector3d known = Eigen::Vector3d::Zero();  // stated variances of its mean
+  Eigen::Vector3d known = Eigen::Vector3d::Zero();  // stated variances of the mean
   double orientations = 0.0;
   std::vector<std::size_t> rows;
 };
 
-/// Of one configuration's targets.
+/// Residual means of one configuration's targets.
 struct Means {
   std::vector<Matrix3Xd> jacobians;
   std::vector<Eigen::Vector3d> residuals;  // [m] in W
@@ -50,28 +50,28 @@ struct Means {
   Eigen::Vector3d known = Eigen::Vector3d::Zero();
 };
 
-/// Which of the parts that nobody stated are to be estimated.
+/// Which of the unstated parts to estimate.
 enum class PartsAsked { all, without_misfits, of_repeats };
 
-/// Expects training rows only and does not look at their split. A row counts by its weight. Stated noise is a known
+/// Sums a set of training rows (their split is ignored) to strata. Rows count by their weight. Stated noise is a known
 /// variance and is not estimated. Keeps references.
 class NoiseStrata {
 public:
   NoiseStrata(const Measurements& measurements, const ResidualOptions& options);
 
-  /// Residuals of the means and their Jacobians at one estimate.
+  /// Adds residuals of the means and their Jacobians at one estimate.
   void add_means(const ErrorModel& model, const Estimate& estimate, const Unknowns& free);
 
   std::vector<Stratum> finished() const;
 
-  /// Whether the part of each point is.
+  /// Whether the independent part is stated.
   bool stated() const { return stated_; }
   bool several_targets() const { return several_targets_; }
-  /// Of the repeats, per axis; 0 without repeats.
+  /// Degrees of freedom of the repeats per axis; 0 without repeats.
   double repeat_freedom() const { return repeat_freedom_; }
-  /// Whether repeats hold several targets, so that what these share can be told from what is their own.
+  /// Whether repeats contain several targets, so that common and independent parts are separable.
   bool separates_common() const { return several_in_a_repeat_; }
-  /// Variance [m^2] of a point along the axes of W, mean over the rows where it is stated.
+  /// Stated variance [m^2] of a point along the axes of W, mean over the rows.
   Eigen::Vector3d mean_known() const;
   /// Selection matrix with one column for each unknown variance. Parts that share a variance share a column.
   Eigen::MatrixXd unknown_parts(PartsAsked asked) const;
@@ -102,7 +102,7 @@ private:
 struct NoiseSample {
   Measurements measurements;
   ResidualOptions options;
-  double share = 1.0;  ///< of all
+  double share = 1.0;  ///< share of all configurations
 };
 NoiseSample sampled(const Measurements& measurements, const ResidualOptions& options);
 

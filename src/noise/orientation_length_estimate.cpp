@@ -10,8 +10,8 @@ namespace {
 
 constexpr int kLengthRounds = 10;
 constexpr double kSettledLength = 1e-2;           // relative change of the length
-constexpr double kExactFit = 1e-10;               // [m] residuals that tell nothing
-constexpr double kLeastFreedomOfVariance = 10.0;  // with less a variance is a guess
+constexpr double kExactFit = 1e-10;               // [m] smaller residuals are rounding
+constexpr double kLeastFreedomOfVariance = 10.0;  // below it a variance is too uncertain
 constexpr double kLongest = 100.0;                // [m]
 constexpr double kShortest = 1e-3;
 

@@ -17,11 +17,11 @@ using Variances = NoiseParts::Variances;
 
 namespace {
 
-constexpr double kUsedUp = 0.5;       // degrees of freedom: what has less left stays zero, its likelihood is flat
-constexpr double kLeastShare = 1e-8;  // of a stratum's variance in those of its kind: less is rounding
+constexpr double kUsedUp = 0.5;       // degrees of freedom: a part with fewer stays zero, its likelihood is flat
+constexpr double kLeastShare = 1e-8;  // of a stratum's variance relative to its kind: less is rounding
 
-// Solves for the active unknowns and, where one of them would be negative, goes as far as the first becomes zero.
-// Whether all of the way was gone.
+// Moves to the solution of the active unknowns, but only until the first of them becomes zero. Returns whether the full
+// step was taken.
 bool go_to_active(const MatrixXd& normal, const VectorXd& right, std::vector<bool>& active, VectorXd& x) {
   std::vector<Index> chosen;
   for (Index i = 0; i < x.size(); ++i) {
@@ -109,8 +109,8 @@ VectorXd VarianceEstimation::variances(const VectorXd& x) const {
   return VectorXd(known_ + design_ * x).cwiseMax(floor_);
 }
 
-// Every unknown begins as the mean square of its kind, positions or orientations, at the solution that weighs all of a
-// kind alike. False where there is none.
+// Starts every unknown at the mean square of its kind, positions or orientations, of the solution with equal weights in
+// each kind. False if there is none.
 bool VarianceEstimation::start() {
   const auto count = static_cast<Index>(task_.strata.size());
   const auto stratum = [&](Index s) -> const Stratum& { return task_.strata[static_cast<std::size_t>(s)]; };
@@ -211,7 +211,7 @@ VarianceEstimation::Expectation VarianceEstimation::expectation(const Solution& 
   return result;
 }
 
-// Fisher scoring: where the residual squares at the present weights have the expectation that they do.
+// Fisher scoring: the variances whose expected residual squares at the present weights equal the actual ones.
 VectorXd VarianceEstimation::fisher_scoring_step() {
   const Expectation expected = expectation(solution_);
   const MatrixXd weight = 0.5 * solution_.weights.cwiseAbs2().asDiagonal().toDenseMatrix();
@@ -220,10 +220,10 @@ VectorXd VarianceEstimation::fisher_scoring_step() {
   return nonnegative_minimum(fisher_, design_.transpose() * weight * left);
 }
 
-// As far along the way as the likelihood does not fall. False where it falls at once.
+// Step towards x, shortened until the likelihood does not fall. False if it falls even for a short step.
 bool VarianceEstimation::go_towards(const VectorXd& x) {
   constexpr int kHalvings = 30;
-  constexpr double kRounding = 1e-12;  // of what is summed
+  constexpr double kRounding = 1e-12;  // relative to the terms of the sum
   const double allowed = kRounding * (1.0 + std::abs(solution_.minus_two_log));
   double step = 1.0;
   for (int halving = 0; halving < kHalvings; ++halving, step *= 0.5) {
@@ -243,7 +243,7 @@ bool VarianceEstimation::go_towards(const VectorXd& x) {
 bool VarianceEstimation::maximise() {
   constexpr int kRounds = 200;
   constexpr double kSettled = 1e-7;
-  constexpr double kNear = 1e-3;  // nearer than that a step fails by rounding alone
+  constexpr double kNear = 1e-3;  // smaller steps fail only by rounding
   if (!start()) {
     return false;
   }
@@ -268,7 +268,7 @@ bool VarianceEstimation::maximise() {
   return false;
 }
 
-// The likelihood never falls on the way there (minorisation and maximisation: Zhou, Hu, Qiao and Cho 2019, section 3):
+// A step that never decreases the likelihood (minorisation and maximisation: Zhou, Hu, Qiao and Cho 2019, section 3):
 // x_i^2 <- x_i^2 (sum_s w_s^2 d_si squares_s) / (sum_s w_s d_si freedom_s).
 VectorXd VarianceEstimation::mm_step() const {
   const Expectation expected = expectation(solution_);
@@ -278,11 +278,11 @@ VectorXd VarianceEstimation::mm_step() const {
   return (wanted.array() > 0.0).select(x_.cwiseProduct(found.cwiseQuotient(wanted).cwiseMax(0.0).cwiseSqrt()), 0.0);
 }
 
-// Whether the residual squares are what the variances let expect, positions and orientations each, within a factor of
-// 1.5 of 1 sigma. Noise that was stated may be larger, and is not judged where nothing was estimated.
+// Whether the residual squares of positions and of orientations agree with the variances within a factor of 1.5 in
+// sigma. Stated noise may be larger, and is not tested if nothing was estimated.
 bool VarianceEstimation::agrees() const {
   constexpr double kFactor = 1.5 * 1.5;
-  constexpr double kEnoughFreedom = 10.0;  // for squares to contradict anything
+  constexpr double kEnoughFreedom = 10.0;  // below it squares cannot contradict the variances
   const Expectation expected = expectation(solution_);
   const VectorXd squares = expected.by_variances * lambda_ + expected.by_priors;
   const VectorXd of_stated = expected.by_variances * known_;
@@ -347,7 +347,7 @@ bool VarianceEstimation::match(const Variances& weights) {
   if (agrees()) {
     return true;
   }
-  if (!maximise()) {  // the likeliest parts, and the solution that these weights have
+  if (!maximise()) {  // the maximum likelihood parts and the solution with their weights
     return false;
   }
   solution_ = solve(even.cwiseInverse());
@@ -374,7 +374,7 @@ double VarianceEstimation::tail_of_means() const {
   return freedom > 0.0 ? reduced_chi_squared_tail(ratio / freedom, freedom) : 1.0;
 }
 
-// Equations less the unknowns that they determine, priors counted by their share.
+// Equations minus determined unknowns, reduced by the share of the priors.
 double VarianceEstimation::freedom_of_residuals() const {
   double result = 0.0;
   for (std::size_t i = 0; i < task_.strata.size(); ++i) {

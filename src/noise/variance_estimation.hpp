@@ -9,44 +9,44 @@
 
 namespace kdl_calibration {
 
-/// What is known of strata, and which of the parts behind them are to be found.
+/// Strata and the unknown parts of their variances.
 struct VarianceTask {
   std::vector<Stratum> strata;
-  Eigen::MatrixXd unknown;         ///< parts x unknowns; a column ties parts that are one
+  Eigen::MatrixXd unknown;         ///< parts x unknowns; parts in one column share a variance
   NoiseParts::Variances stated;    ///< of the other parts
   Eigen::VectorXd priors;          ///< information of the columns
   Eigen::VectorXd prior_gradient;  ///< of the columns
 };
 
-/// The variances of the parts by the residual squares of the strata, about the solution that some weights have.
+/// Estimates the parts' variances from the residual squares of the strata, about a weighted solution.
 class VarianceEstimation {
 public:
   explicit VarianceEstimation(VarianceTask task);
 
   Eigen::Index unknowns() const { return task_.unknown.cols(); }
 
-  /// Restricted maximum likelihood (Patterson and Thompson 1971). False where it does not get there, or where the
-  /// residuals contradict what it found.
+  /// Restricted maximum likelihood (Patterson and Thompson 1971). False if it does not converge, or if the residuals
+  /// contradict the result.
   bool maximise();
-  /// The parts that the residuals of the solution with the weights of these variances have by expectation (minimum norm
-  /// quadratic unbiased estimation, Rao 1971, with those weights instead of the parts' own); the likeliest parts where
-  /// the residuals contradict those. False where they contradict these as well.
+  /// Parts for which the expected residual squares equal the actual ones, at the solution with weights from `weights`
+  /// (minimum norm quadratic unbiased estimation, Rao 1971). If the residuals contradict them, the maximum likelihood
+  /// parts. False if they contradict these as well.
   bool match(const NoiseParts::Variances& weights);
 
-  /// How probable squares of the means as large as theirs, or larger, are of these variances.
+  /// p-value of the means' residual squares under these variances.
   double tail_of_means() const;
   NoiseParts parts() const;
 
 private:
-  /// At weights, one for each stratum: the columns' covariance as the weights promise it, and what is left of the
+  /// The solution for weights, one per stratum: covariance of the columns if the weights are right, and residual
   /// squares.
   struct Solution {
     Eigen::VectorXd weights;
     Eigen::MatrixXd covariance;
     Eigen::VectorXd squares;
-    double minus_two_log = 0.0;  // of the restricted likelihood, up to a constant
+    double minus_two_log = 0.0;  // restricted likelihood, up to a constant
   };
-  /// Of these squares: by_variances . variances of the strata + by_priors.
+  /// Expected residual squares: by_variances. variances of the strata + by_priors.
   struct Expectation {
     Eigen::MatrixXd by_variances;
     Eigen::VectorXd by_priors;
@@ -66,7 +66,7 @@ private:
   VarianceTask task_;
   Eigen::MatrixXd design_;   // strata x unknowns
   Eigen::VectorXd known_;    // variances of the strata
-  Eigen::VectorXd floor_;    // of these
+  Eigen::VectorXd floor_;    // lower bounds of the variances
   Eigen::VectorXd x_;        // unknowns
   Eigen::VectorXd lambda_;   // variances of the strata
   Eigen::VectorXd freedom_;  // of the strata

@@ -23,7 +23,7 @@ using Eigen::Vector3d;
 constexpr std::uint64_t kConfigurationsOfPairs = 500;
 
 // A capsule along `axis` around everything within `half_length` of the origin along it and within `reach` across it.
-// Drawing the ends in by half the reach costs an eighth more radius and saves a third of the overshoot.
+// Moving the ends inwards by half the reach increases the radius by an eighth and reduces the overshoot by a third.
 Capsule around(const Vector3d& axis, double half_length, double reach) {
   const double drawn_in = std::min(half_length, 0.5 * reach);
   const Vector3d end = axis * (half_length - drawn_in);
@@ -37,7 +37,7 @@ Capsule around_box(const Vector3d& half) {
   return around(Vector3d::Unit(longest), half[longest], reach);
 }
 
-// None for a mesh.
+// The capsule around a shape; empty for a mesh.
 std::optional<Capsule> capsule_around(const LinkShape& shape) {
   std::optional<Capsule> capsule;
   switch (shape.kind) {
@@ -59,7 +59,7 @@ std::optional<Capsule> capsule_around(const LinkShape& shape) {
   return capsule;
 }
 
-// Number of moving joints in front of each link's frame.
+// Number of moving joints before each link's frame.
 std::vector<std::size_t> joints_in_front(const Robot& robot) {
   std::vector<std::size_t> counts = {0};
   for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
@@ -88,10 +88,10 @@ std::vector<Line> axes_at_zero(const Robot& robot) {
   return axes;
 }
 
-// Whether the axes are of revolute joints and go through one point, which they then do in every configuration.
+// Whether the axes are of revolute joints and meet in one point, and thus do so in every configuration.
 bool meet_in_one_point(const std::vector<Line>& axes, std::size_t first, std::size_t end) {
   constexpr double kTolerance = 1e-6;
-  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();  // of the least squares point closest to all axes
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();  // normal matrix of the point closest to all axes
   Vector3d right = Vector3d::Zero();
   for (std::size_t i = first; i < end; ++i) {
     const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - axes[i].direction * axes[i].direction.transpose();
@@ -145,7 +145,7 @@ ArmBody body_with_radius(const Robot& robot, double radius) {
   const std::vector<std::string> names = link_names(robot);
   ArmBody body;
   for (std::size_t frame = 0; frame + 1 < names.size(); ++frame) {
-    // Where the next link's joint sits in this link.
+    // Position of the next link's joint in this link.
     const KDL::Segment& next = robot.chain.getSegment(static_cast<unsigned>(frame));
     const bool fixed = next.getJoint().getType() == KDL::Joint::Fixed;
     const Vector3d end = to_eigen(fixed ? next.getFrameToTip().p : next.getJoint().JointOrigin());
@@ -168,11 +168,11 @@ std::vector<Capsule> tool_body(const Robot& robot, const std::vector<TargetFrame
   return capsules;
 }
 
-// Not by KDL's moving segments: they remember their last pose, so threads could not share them.
+// Does not use KDL's moving segments, which cache their last pose and so are not thread-safe.
 std::vector<Isometry3d> link_frames(const Robot& robot, const Eigen::Ref<const Eigen::VectorXd>& q) {
   require_count("joint values", q.size(), robot.joints.size());
   std::vector<Isometry3d> frames = {Isometry3d::Identity()};
-  Isometry3d moving = Isometry3d::Identity();  // the last link that a joint moves
+  Isometry3d moving = Isometry3d::Identity();  // frame of the last moved link
   std::size_t j = 0;
   for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
     const KDL::Segment& segment = robot.chain.getSegment(s);
@@ -201,7 +201,7 @@ double segment_distance(const Vector3d& a1, const Vector3d& b1, const Vector3d& 
   const double vv = v.squaredNorm();
   const double uv = u.dot(v);
   const double determinant = uu * vv - uv * uv;
-  // Inside both segments where the lines' closest points are; otherwise an end is the closest point of one of them.
+  // If the lines' closest points are not inside both segments, an end point is closest.
   if (determinant > 1e-12 * uu * vv) {
     const double s = (uv * v.dot(w) - vv * u.dot(w)) / determinant;
     const double t = (uu * v.dot(w) - uv * u.dot(w)) / determinant;
@@ -226,14 +226,14 @@ double segment_distance(const Vector3d& a, const Vector3d& b, const Box& box) {
     const Vector3d p = a + t * u;
     return Vector3d(p - p.cwiseMax(box.lower).cwiseMin(box.upper));
   };
-  // The squared distance is convex along the segment: bisect its derivative.
+  // The squared distance is convex along the segment, so its derivative is bisected.
   double lower = 0.0;
   double upper = 1.0;
   for (int i = 0; i < 50; ++i) {
     const double t = 0.5 * (lower + upper);
     (outside(t).dot(u) > 0.0 ? upper : lower) = t;
   }
-  // Where the segment goes through the box, `lower` is inside to the last digit: the distance is exactly 0.
+  // If the segment intersects the box, a point is inside to the last digit and the distance exactly 0.
   return std::min({outside(lower).norm(), outside(upper).norm(), outside(0.0).norm(), outside(1.0).norm()});
 }
 

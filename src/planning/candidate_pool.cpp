@@ -18,7 +18,7 @@ using Eigen::MatrixXf;
 using Eigen::VectorXd;
 using Eigen::VectorXf;
 
-constexpr std::size_t kCandidateBlock = 1024;  // configurations worked on in one piece
+constexpr std::size_t kCandidateBlock = 1024;  // configurations per block
 constexpr Index kTasksOfWorst = 5000;
 constexpr Index kSampleOfBasis = 1000;
 
@@ -89,7 +89,7 @@ Tasks::Tasks(const PointRows& rows, const MatrixXd& joint_values, bool worst, in
   if (worst) {
     packed_.assign(targets, RowMajorXf(count, features));
   }
-  // Sums block by block and then over the blocks: the same for any number of threads.
+  // Sums per block, then over the blocks: the result does not depend on the number of threads.
   const auto blocks = (static_cast<std::size_t>(count) + kCandidateBlock - 1) / kCandidateBlock;
   std::vector<MatrixXd> sums(blocks, MatrixXd::Zero(features, static_cast<Index>(targets)));
   parallel_blocks(static_cast<std::size_t>(count), kCandidateBlock, threads, [&](std::size_t first, std::size_t end) {

@@ -1,6 +1,6 @@
 #pragma once
 
-// Many configurations, packed so that a design's neighbours can be ranked fast. Not installed.
+// Many configurations, packed for fast ranking of a design's neighbours. Not installed.
 
 #include <Eigen/Core>
 #include <vector>
@@ -9,25 +9,25 @@
 
 namespace kdl_calibration {
 
-/// Ranking needs no more than single precision in a basis of the parameters in which nothing is nearly singular.
+/// Single precision suffices for ranking in a basis of the parameters in which the information is well conditioned.
 using RowMajorXf = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// The candidates. Keeps a reference to their joint values.
 class CandidatePool {
 public:
-  /// Throws InputError where all candidates and what is `given` together do not determine the parameters.
+  /// Throws InputError if all candidates and `given` together do not determine the parameters.
   CandidatePool(const Experiment& experiment, const Eigen::MatrixXd& joint_values, const Eigen::MatrixXd& given,
                 int threads);
 
   Eigen::Index size() const { return joint_values_.cols(); }
   const PointRows& rows() const { return rows_; }
   const RowMajorXf& features() const { return features_; }
-  const Eigen::MatrixXd& mean_information() const { return mean_; }  ///< of one candidate, in the basis
+  const Eigen::MatrixXd& mean_information() const { return mean_; }  ///< per candidate, in the basis
 
   /// Whitened rows A of candidate i in the basis.
   Eigen::MatrixXd block(Eigen::Index i) const { return rows_.whitened(joint_values_.col(i)); }
 
-  /// tr(A C A^T) of the first `count` candidates, a column for each C.
+  /// tr(A C A^T) of the first `count` candidates, one column per C.
   Eigen::MatrixXf traces(const std::vector<Eigen::MatrixXd>& forms, Eigen::Index count, int threads) const;
 
 private:
@@ -37,10 +37,10 @@ private:
   Eigen::MatrixXd mean_;
 };
 
-/// Where predictions matter. Keeps a reference to the rows, in whose basis covariances C and weights B are.
+/// Task configurations, at which to predict. Keeps a reference to the rows; C and B are in their basis.
 class Tasks {
 public:
-  /// `worst`: ready for worst() and power_mean(), which look at the first 5,000 of them.
+  /// `worst`: prepares worst() and power_mean(), which use the first 5,000 tasks.
   Tasks(const PointRows& rows, const Eigen::MatrixXd& joint_values, bool worst, int threads);
 
   /// B, so that tr(C B) is the mean variance of a target [m^2].
@@ -54,7 +54,7 @@ private:
   Eigen::MatrixXd variances(const Eigen::MatrixXd& C) const;
 
   const PointRows& rows_;
-  std::vector<RowMajorXf> packed_;  // for each target
+  std::vector<RowMajorXf> packed_;  // one per target
   Eigen::MatrixXd mean_;
 };
 

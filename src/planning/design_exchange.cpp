@@ -63,7 +63,7 @@ private:
 
   bool is_d() const { return options_.criterion == Criterion::d_optimal; }
 
-  // The same candidates are looked at again and again.
+  // Cached, because the same candidates are evaluated repeatedly.
   const MatrixXd& block(Index candidate) {
     const auto [found, is_new] = blocks_.try_emplace(candidate);
     if (is_new) {
@@ -72,7 +72,7 @@ private:
     return found->second;
   }
 
-  // Everything anew from the members, which takes away what rounding has gathered.
+  // Recomputes everything from the members, which removes accumulated rounding errors.
   void refresh() {
     MatrixXd M = problem_.given;
     for (const Index i : design_.members) {
@@ -95,7 +95,7 @@ private:
     }
   }
 
-  // One excursion of `depth` additions and as many removals; kept where it improves the design.
+  // One excursion of `depth` additions and as many removals; kept if it improves the design.
   bool excursion(int depth, bool additions_first) {
     const Design before = design_;
     const std::vector<bool> members_before = is_member_;
@@ -134,8 +134,8 @@ private:
                          [&](Index i) { return !is_member_[static_cast<std::size_t>(i)]; });
   }
 
-  // How much the value falls by adding A (sign 1), or rises by taking it away (sign -1). None where that leaves a
-  // singular design.
+  // Decrease of the value by adding A (sign 1), or increase by removing it (sign -1). Empty if the design becomes
+  // singular.
   std::optional<double> change(const MatrixXd& A, double sign) const {
     const MatrixXd A_C = A * design_.C;
     const Eigen::LLT<MatrixXd> llt(MatrixXd::Identity(A.rows(), A.rows()) + sign * A_C * A.transpose());
@@ -156,7 +156,7 @@ private:
     design_.C.noalias() -= sign * U.transpose() * U;
   }
 
-  // G's weights follow the design at every step.
+  // Updates the weights for G after every step.
   void renew_weights() {
     if (options_.criterion == Criterion::g_optimal) {
       problem_.tasks->power_mean(design_.C, power_, weights_);

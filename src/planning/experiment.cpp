@@ -21,11 +21,11 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr std::size_t kFeatureBlock = 64;  // configurations whose features fit the cache
+constexpr std::size_t kFeatureBlock = 64;  // configurations whose features fit into the cache
 
 MatrixXd symmetric(const MatrixXd& matrix) { return 0.5 * (matrix + matrix.transpose()); }
 
-// Whether all of it is positive definite beyond rounding, and its inverse.
+// Inverts the information; false if it is not positive definite beyond rounding.
 bool invert(const MatrixXd& information, MatrixXd& covariance) {
   const VectorXd scale = information.diagonal().cwiseSqrt().cwiseInverse();
   if (!scale.allFinite()) {
@@ -121,7 +121,7 @@ MatrixXd information(const Experiment& experiment, const Measurements& measureme
 
 namespace {
 
-// Informations that can be inverted, by their places, in the basis that `rows` has from now on.
+// Indices and covariances of the regular information matrices, in the basis of `rows` after the call.
 struct Regular {
   std::vector<std::size_t> places;
   std::vector<MatrixXd> covariances;
@@ -134,7 +134,7 @@ Regular regular_ones(const std::vector<MatrixXd>& informations, PointRows& rows)
     require_count("rows of the information", informations[k].rows(), rows.columns());
     require_count("columns of the information", informations[k].cols(), rows.columns());
     MatrixXd covariance;
-    // The first regular one gives the basis, so that packing loses no digits to nearly dependent columns.
+    // The first regular one defines the basis, so that nearly dependent columns lose no digits in packing.
     changed = changed || rows.change_basis(informations[k]);
     if (changed && invert(rows.in_basis(informations[k]), covariance)) {
       result.places.push_back(k);
@@ -144,7 +144,7 @@ Regular regular_ones(const std::vector<MatrixXd>& informations, PointRows& rows)
   return result;
 }
 
-// Trace of a predicted point's covariance: for each target joint_values.cols() x covariances.
+// Trace of a predicted point's covariance: per target a matrix of joint_values.cols() x covariances.
 std::vector<MatrixXd> predicted_variances(const PointRows& rows, const std::vector<MatrixXd>& covariances,
                                           const MatrixXd& joint_values, int threads) {
   const Index T = rows.targets();

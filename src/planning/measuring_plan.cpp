@@ -85,7 +85,7 @@ struct JointColumn {
   bool length = false;
 };
 
-// Columns for joint values, the URDF's or the controller's.
+// Joint columns, named and counted as in the URDF or by the controller.
 std::vector<JointColumn> joint_columns(const std::vector<MovingJoint>& joints, const JointConvention* convention) {
   std::vector<JointColumn> columns;
   const std::vector<std::size_t> independent = independent_joints(joints);

@@ -25,7 +25,7 @@ void require_whole(const MonteCarlo& experiment) {
 }
 
 struct Run {
-  std::vector<double> distances;  // configuration by configuration
+  std::vector<double> distances;  // ordered by configuration
   bool trusted = false;
 };
 
@@ -38,8 +38,8 @@ Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
   const Eigen::MatrixXd test = experiment.test(random);
   const Measurements measurements = measure(robot, train, experiment.noise, random);
   CalibrationOptions options = experiment.calibration;
-  options.validation.held_out = false;     // what it would tell, the truth tells
-  options.diagnosis.try_readings = false;  // what was simulated is read as it is
+  options.validation.held_out = false;     // the truth is known
+  options.diagnosis.try_readings = false;  // simulated data are read correctly
   const Calibration calibration = calibrate(experiment.model, measurements, options);
   const Measurements truth = measure(robot, test, {}, random, Split::test);
   return {.distances = position_errors(experiment.model, calibration.fit.identification.estimate, truth, Rows::test),
@@ -110,7 +110,7 @@ std::vector<double> predicted_errors(const MonteCarlo& experiment) {
   for (int r = 0; r < std::min(kRuns, experiment.runs); ++r) {
     Random random(experiment.seed, static_cast<std::uint64_t>(r));
     virtual_robot(experiment.model, experiment.with_errors, experiment.targets, experiment.sizes,
-                  random);  // draws before the configurations are drawn
+                  random);  // drawn before the configurations
     const Eigen::MatrixXd train = experiment.train(random);
     const Eigen::MatrixXd test = experiment.test(random);
     const Eigen::MatrixXd known = information(nominal, train);

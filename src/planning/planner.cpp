@@ -20,14 +20,14 @@ namespace {
 using Eigen::MatrixXd;
 
 constexpr int kRandomDraws = 200;
-// Whole thousandths of a degree and micrometres, as a pendant shows them.
+// Resolution of joint values: thousandths of a degree and micrometres, as on pendants.
 constexpr double kAngleStep = 1e-3 * std::numbers::pi / 180.0;
 constexpr double kLengthStep = 1e-6;
 
 constexpr double kUsualTerm = 3e-4;  // [rad or m] 1 sigma of a term
 
-// The terms of a group that a calibration has found, or that the candidates tell apart, as far as they are functions of
-// joint values. What the calibration knows of its terms comes with its covariance.
+// A group's terms found by the calibration, or else those that the candidates can tell apart; no terms of signals.
+// Prior sigmas of terms in the calibration's covariance are zero, because known_information covers them.
 std::vector<EffectTerm> planned_terms(const PlanRequest& request, const ErrorModel& model, EffectGroup group,
                                       const MatrixXd& candidates) {
   std::vector<EffectTerm> terms;
@@ -56,7 +56,7 @@ std::vector<EffectTerm> planned_terms(const PlanRequest& request, const ErrorMod
 }
 
 void add_effects(const PlanRequest& request, const MatrixXd& candidates, Experiment& experiment) {
-  constexpr double kMostNumbers = 5e8;  // that the candidates' information may fill
+  constexpr double kMostNumbers = 5e8;  // limit for the candidates' information matrices
   for (const EffectGroup group : request.effects) {
     const std::vector<EffectTerm> terms = planned_terms(request, experiment.model, group, candidates);
     experiment.model.effects.insert(experiment.model.effects.end(), terms.begin(), terms.end());
@@ -69,7 +69,8 @@ void add_effects(const PlanRequest& request, const MatrixXd& candidates, Experim
   }
 }
 
-// What a calibration tells of the experiment's columns, whatever it says of others; nothing of what it left open.
+// The calibration's information about the experiment's columns, marginalised over others; zero for undetermined
+// columns.
 MatrixXd known_information(const Experiment& experiment, const SavedCalibration& calibrated) {
   require_count("columns of a calibration's covariance", calibrated.covariance.cols(), calibrated.covariance.rows());
   std::vector<Eigen::Index> here;
@@ -117,7 +118,7 @@ Selection select(const PlanRequest& request, const Experiment& experiment, const
   return select_for_accuracy(experiment, among, *request.accuracy, request.accuracy_of, options);
 }
 
-// Numbers that no measured configuration bears.
+// Labels (numbers) that no measured configuration has.
 std::vector<std::string> free_labels(Eigen::Index count, const std::optional<Measurements>& measured) {
   std::set<std::string> taken;
   if (measured) {
@@ -177,7 +178,7 @@ void add_promises(const PlanRequest& request, const SelectionTask& among, Plan& 
   plan.efficiency = d_efficiency(experiment, among, information, count, request.threads);
 }
 
-// The configurations that are fitted already, then those of the plan.
+// The fitted configurations, then those of the plan.
 MatrixXd with_measured(const PlanRequest& request, const MatrixXd& chosen) {
   if (!request.measured) {
     return chosen;
@@ -260,7 +261,7 @@ Plan make_plan(const PlanRequest& request) {
 
 namespace {
 
-// From the least number of configurations that could determine the model to all of them, denser where there are few.
+// Counts from the least number that could determine the model up to all configurations, denser for small ones.
 std::vector<int> counts_to_show(const Experiment& experiment, int all, bool given) {
   constexpr double kStep = 1.15;
   const auto coordinates = static_cast<Eigen::Index>(3 * experiment.targets.size());

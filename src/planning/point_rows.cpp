@@ -12,7 +12,7 @@ using Eigen::VectorXd;
 
 namespace {
 
-// The lower triangle row by row; elements off the diagonal count twice.
+// Packs the lower triangle row by row, off-diagonal elements doubled.
 void pack_symmetric(const MatrixXd& C, VectorXd& weights) {
   Index k = 0;
   for (Index a = 0; a < C.cols(); ++a) {
@@ -132,7 +132,7 @@ MatrixXd PointRows::rows(const PointBlock& block, const Eigen::Ref<const VectorX
   return result;
 }
 
-// A tracker's noise depends on where the points are; else the rows of every configuration are whitened alike.
+// A tracker's noise depends on where the points are; else whitening is the same for every configuration.
 MatrixXd PointRows::whitened(const Eigen::Ref<const VectorXd>& q) const {
   if (!noise_.tracker) {
     return rows(whitened_, q);

@@ -1,7 +1,7 @@
 #pragma once
 
-// What an experiment measures in one configuration, linearised, and packed so that one product with a vector evaluates
-// a quadratic form for many configurations. Not installed.
+// Linearised measurements of an experiment per configuration, packed so that one matrix-vector product evaluates a
+// quadratic form for many configurations. Not installed.
 
 #include <Eigen/Dense>
 #include <optional>
@@ -33,26 +33,26 @@ public:
   Eigen::Index columns() const { return chain_columns() + points_.E.cols(); }
   Eigen::Index targets() const { return static_cast<Eigen::Index>(by_target_.size()); }
 
-  const PointBlock& points() const { return points_; }                     ///< of all targets
+  const PointBlock& points() const { return points_; }                     ///< all targets
   const std::vector<PointBlock>& by_target() const { return by_target_; }  ///< 3 rows each
 
-  /// The basis in which the information `mean` has the identity for the chain once the targets are eliminated; in it
-  /// no column is much longer or shorter than another, nor are they nearly dependent. False where `mean` is singular.
+  /// Changes to a basis in which the chain's block of the information `mean`, after elimination of the targets, is the
+  /// identity, so that columns are well conditioned. False if `mean` is singular.
   bool change_basis(const Eigen::MatrixXd& mean);
-  /// Information, or any matrix that transforms as it does, in the changed basis.
+  /// Information (or a matrix that transforms alike) in the changed basis.
   Eigen::MatrixXd in_basis(const Eigen::MatrixXd& information) const;
 
   Matrix6Xd jacobian(const Eigen::Ref<const Eigen::VectorXd>& q) const;
   /// [S J, E] for one of the blocks.
   Eigen::MatrixXd rows(const PointBlock& block, const Eigen::Ref<const Eigen::VectorXd>& q) const;
-  /// A: those of all targets with unit noise.
+  /// A: rows of all targets, whitened to unit noise.
   Eigen::MatrixXd whitened(const Eigen::Ref<const Eigen::VectorXd>& q) const;
 
-  /// What a configuration tells, packed: tr(A C A^T) = features . form(C).weights + form(C).constant for symmetric C.
+  /// Packed information of a configuration: tr(A C A^T) = features. form(C).weights + form(C).constant for symmetric C.
   Eigen::Index feature_count() const;
   void pack(const Eigen::Ref<const Eigen::VectorXd>& q, Eigen::Ref<Eigen::RowVectorXd> features) const;
   PackedForm form(const Eigen::MatrixXd& C) const;
-  /// Sum of w A^T A from the sums of w features and of w.
+  /// Sum of w A^T A from the sums of w · features and of w.
   Eigen::MatrixXd unpacked(const Eigen::VectorXd& features, double weight) const;
 
 private:
@@ -60,20 +60,20 @@ private:
   FoldedChain chain_;
   std::vector<ParameterTwist> twists_;
   std::vector<std::size_t> effects_;  // free terms of the model
-  ColumnRange effect_columns_;        // of them among the chain's
+  ColumnRange effect_columns_;        // columns of these terms among the chain's
   PointBlock points_;
-  PointBlock whitened_;     // where the noise has no direction
-  Matrix6d whitened_gram_;  // S^T S of it
+  PointBlock whitened_;     // for noise independent of the configuration
+  Matrix6d whitened_gram_;  // S^T S of whitened_
   PointNoise noise_;
   std::vector<TargetFrame> targets_;
   std::vector<PointBlock> by_target_;
-  std::optional<Eigen::MatrixXd> basis_;  // where it was changed
+  std::optional<Eigen::MatrixXd> basis_;  // empty: unchanged
 };
 
 Eigen::Index feature_count(Eigen::Index chain_columns);
 void pack_features(const Matrix6Xd& J, const Matrix6d& P, Eigen::Ref<Eigen::RowVectorXd> features);
 PackedForm packed_form(const PointBlock& block, const Eigen::MatrixXd& C, Eigen::Index chain_columns);
-/// Sum of w [S J, E]^T [S J, E] from the sums of w features and of w.
+/// Sum of w [S J, E]^T [S J, E] from the sums of w · features and of w.
 Eigen::MatrixXd unpacked_information(const PointBlock& block, const Eigen::VectorXd& features, double weight,
                                      Eigen::Index chain_columns);
 

@@ -27,7 +27,7 @@ using Eigen::VectorXd;
 constexpr Index kPoolOfStarts = 5000;
 constexpr double kRidge = 1e-6;  // of the average information, while designs may still be singular
 
-// Every number of any of them once, ascending.
+// Union of the sets, ascending.
 std::vector<Index> united(const std::vector<std::vector<Index>>& sets) {
   std::vector<Index> all;
   for (const std::vector<Index>& set : sets) {
@@ -38,7 +38,7 @@ std::vector<Index> united(const std::vector<std::vector<Index>>& sets) {
   return all;
 }
 
-// `count` different numbers below `below`, ascending.
+// `count` distinct random numbers below `below`, ascending.
 std::vector<Index> drawn(Index below, int count, Random& random) {
   std::vector<Index> all(static_cast<std::size_t>(below));
   std::iota(all.begin(), all.end(), Index{0});
@@ -56,7 +56,7 @@ void require_information(const Experiment& experiment, const MatrixXd& informati
   require_count("columns of the information", information.cols(), columns(experiment));
 }
 
-// The least number of configurations that can determine what `given` does not.
+// Least number of configurations that can determine the parameters together with `given`.
 int least_count(const Experiment& experiment, const MatrixXd& given) {
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(given, Eigen::EigenvaluesOnly);
   const Index missing = (eigen.eigenvalues().array() <= 1e-14 * eigen.eigenvalues().maxCoeff()).count();
@@ -121,8 +121,8 @@ Selection select_configurations(const Experiment& experiment, const SelectionTas
   DesignProblem problem{.pool = pool, .given = pool.rows().in_basis(given), .tasks = where ? &*where : nullptr};
   problem.given += kRidge * static_cast<double>(options.count) * pool.mean_information();
 
-  // For G the starts look for the best determinant, whose design is G-optimal as well if its weights may be any
-  // (Kiefer and Wolfowitz 1960), and close to it otherwise.
+  // For G the starts maximise the determinant: with arbitrary weights a D-optimal design is also G-optimal (Kiefer and
+  // Wolfowitz 1960), otherwise close to it.
   SelectionOptions search_options = options;
   if (options.criterion == Criterion::g_optimal) {
     search_options.criterion = Criterion::d_optimal;
@@ -209,7 +209,7 @@ std::vector<MatrixXd> random_designs(const Experiment& experiment, const Selecti
   });
   const PointRows rows(experiment);
   std::vector<VectorXd> sums(chosen.size(), VectorXd::Zero(rows.feature_count()));
-  // Most candidates are in many designs: what each tells is found once, for so many at a time.
+  // Most candidates occur in many designs, so each one's information is computed once, in batches.
   constexpr std::size_t kAtOnce = 256;
   const std::vector<Index> used = united(chosen);
   for (std::size_t first = 0; first < used.size(); first += kAtOnce) {

@@ -144,7 +144,7 @@ Eigen::Vector3d normal_vector(Random& random) {
   return v;
 }
 
-// Of a point at `position` in W, from three standard normal numbers.
+// Noise of a point at `position` in W, from three standard normal numbers.
 Eigen::Vector3d point_noise(const MeasuringNoise& noise, const Eigen::Vector3d& position,
                             const Eigen::Vector3d& normal) {
   if (!noise.tracker) {

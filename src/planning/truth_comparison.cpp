@@ -19,9 +19,9 @@ namespace {
 
 using Eigen::Index;
 
-constexpr Index kConfigurationsOfGauge = 60;  // as many as the reduction looks at
+constexpr Index kConfigurationsOfGauge = 60;  // as in the reduction
 
-// The truth with the estimate's targets alone, in their order.
+// The truth with the estimate's targets only, in their order.
 Estimate with_targets_of(const Estimate& estimate, Estimate truth) {
   std::vector<TargetFrame> targets;
   for (const TargetFrame& target : estimate.targets) {
@@ -40,7 +40,7 @@ Estimate with_targets_of(const Estimate& estimate, Estimate truth) {
 
 double rms(const std::vector<double>& distances) { return error_statistics(distances).rms; }
 
-// Those that were estimated, are gauge, or differ from nominal in the estimate or the truth.
+// Parameters that are estimated, gauge, or not nominal in the estimate or the truth.
 std::vector<ComparedParameter> compared_parameters(const ErrorModel& model, const Reduction& reduction,
                                                    const Estimate& estimate, const Estimate& truth,
                                                    const Estimate& truth_in_gauge) {
@@ -82,7 +82,7 @@ void take_largest_differences(const ErrorModel& model, const Estimate& estimate,
   result.largest_angle = angle;
 }
 
-// `count` values, those of `own` from `first` on.
+// `count` values: `own` from index `first` on, else zero.
 Eigen::VectorXd among(Index count, Index first, const Eigen::VectorXd& own) {
   Eigen::VectorXd result = Eigen::VectorXd::Zero(count);
   result.segment(first, own.size()) = own;
@@ -129,7 +129,7 @@ std::vector<double> distances_from_truth(const ErrorModel& model, const Estimate
 
 Estimate truth_in_gauge_of(const ErrorModel& model, const Reduction& reduction, const Estimate& estimate,
                            const Estimate& truth, const Eigen::MatrixXd& joint_values) {
-  Random none(0);  // nothing is drawn: the predictions are exact
+  Random none(0);  // unused: the predictions are exact
   const Measurements predictions = measure({.model = model, .truth = truth}, joint_values, {}, none);
   const Unknowns free = Unknowns(model, estimate.targets, reduction.kept);
   Estimate start = estimate;

@@ -11,17 +11,17 @@
 namespace kdl_calibration {
 namespace {
 
-// [m] Far below the motion of a point that a parameter 1e-10 m or rad away from the truth makes.
+// [m] Far below the motion of a point due to a parameter error of 1e-10 m or rad.
 constexpr double kStepTolerance = 1e-13;
 
-// With measurements that are noise alone, the step x = (J^T J)^-1 J^T e moves the points by the projection of e onto
-// the columns of J: of the 3N coordinates with variance sigma^2, as many as there are columns. Over N points that is
-// an RMS of sigma · sqrt(columns / N).
+// If the residuals are noise only, the step x = (J^T J)^-1 J^T e moves the points by the projection of e onto the
+// columns of J: as many of the 3N coordinates of variance sigma^2 as there are columns. Over N points this is an RMS of
+// sigma · sqrt(columns / N).
 double change_by_noise_alone(const Measurements& measurements, double sigma, std::size_t columns) {
   return sigma * std::sqrt(static_cast<double>(columns) / static_cast<double>(measurements.observations.size()));
 }
 
-// Each of the two linear problems of a round needs as many equations as it has unknowns.
+// Throws if one of a round's two linear problems has fewer equations than unknowns.
 void require_enough_equations(const Measurements& measurements, std::size_t geometric) {
   const std::size_t equations = 3 * measurements.observations.size();
   const std::size_t unknowns = std::max(geometric, 6 + 3 * measurements.targets.size());

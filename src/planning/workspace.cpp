@@ -23,7 +23,7 @@ using Eigen::Isometry3d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr std::size_t kSampleBlock = 4096;  // samples drawn before the next look at how many passed
+constexpr std::size_t kSampleBlock = 4096;  // samples per block, after which the passed ones are counted
 constexpr std::size_t kMostConstraints = 64;
 
 std::string whole_micrometres(double metres) { return shortest(std::round(metres * 1e6) / 1e3) + " mm"; }
@@ -31,7 +31,7 @@ std::string degrees(double radians) {
   return shortest(std::round(radians * 180.0 / std::numbers::pi * 1e6) / 1e6) + " deg";
 }
 
-// Where everything is at one sample; all in the base frame.
+// Positions at one sample, in the base frame.
 struct Posture {
   const VectorXd& q;
   std::vector<Isometry3d> frames;
@@ -48,7 +48,7 @@ bool contains(const Box& box, const Vector3d& p) {
   return (p.array() >= box.lower.array()).all() && (p.array() <= box.upper.array()).all();
 }
 
-// The constraints of a cell, ready to be asked about many samples.
+// The constraints of a cell, prepared for many samples.
 class Constraints {
 public:
   Constraints(const Robot& robot, const std::vector<TargetFrame>& targets, const Cell& cell)
@@ -109,7 +109,7 @@ private:
     }
   }
 
-  // Bounds may be infinite, the rest may not.
+  // Whether all numbers are finite; bounds may be infinite.
   bool are_numbers() const {
     const auto all_of = [](const auto& parts, const auto& are) { return std::all_of(parts.begin(), parts.end(), are); };
     const auto is_bound = [](double value) { return !std::isnan(value); };
@@ -170,7 +170,7 @@ private:
     }
   }
 
-  // Neither a target nor the body may come closer than 0, by `distance` of a segment from the zone.
+  // Adds a zone that targets and body must not touch; `distance` is that of a segment from the zone.
   template <class Distance>
   void add_zone(const std::string& name, Distance distance) {
     add(name, [this, distance](const Posture& posture) {
@@ -263,7 +263,7 @@ private:
     for (std::size_t i = 0; i < cell_.body.size(); ++i) {
       const Capsule& capsule = cell_.body[i];
       const auto& [a, b] = posture.body[i];
-      // What carries the target may enclose it.
+      // The parts that carry the target may enclose it.
       const bool carries = capsule.frame == robot_.chain.getNrOfSegments() || !moves_against_flange(capsule.frame);
       if (capsule.tool || (carries && segment_distance(a, b, to) <= capsule.radius)) {
         continue;

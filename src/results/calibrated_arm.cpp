@@ -20,7 +20,7 @@ using Eigen::VectorXd;
 
 constexpr double kStep = 1e-6;  // [rad or m]
 
-// Numbers on the stack, for few joints.
+// A vector on the stack if there are few joints.
 class Scratch {
 public:
   double* numbers(Index count) {

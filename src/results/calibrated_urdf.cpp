@@ -14,7 +14,7 @@ std::vector<OriginCorrection> origin_corrections(const ErrorModel& model, const 
   std::vector<OriginCorrection> corrections;
   for (int frame = 0; frame <= static_cast<int>(model.joints.size()); ++frame) {
     const KDL::Frame correction = frame_correction(model, errors, frame);
-    if (to_eigen(correction).matrix() == Eigen::Matrix4d::Identity()) {  // KDL's own comparison allows for 1e-6
+    if (to_eigen(correction).matrix() == Eigen::Matrix4d::Identity()) {  // KDL's comparison has a tolerance of 1e-6
       continue;
     }
     const bool tip = frame == static_cast<int>(model.joints.size());

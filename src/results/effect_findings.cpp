@@ -12,7 +12,7 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr double kLeastMotion = 1e-7;  // [rad or m] what is below is none
+constexpr double kLeastMotion = 1e-7;  // [rad or m] smaller motions are ignored
 
 // Two significant digits without an exponent, at most six decimals.
 std::string in_digits(double value) {
@@ -29,7 +29,7 @@ std::string amount(double value, bool length) {
   return in_digits(length ? value * 1e3 : value * 180.0 / std::numbers::pi) + (length ? " mm" : " degrees");
 }
 
-// How often a turn the strongest harmonic swings.
+// Periods per turn of the strongest harmonic.
 std::string times_a_turn(const Calibration& calibration, const EffectMotion& motion) {
   std::map<double, double> squares;
   for (const Eigen::Index place : motion.terms) {
@@ -86,7 +86,7 @@ std::string in_words(const Calibration& calibration, const EffectMotion& motion)
   return {};
 }
 
-// [m^2] at configurations held out, with the first `count` of the chosen groups.
+// [m^2] Mean square held-out error with the first `count` of the chosen groups.
 std::optional<double> left_with(const std::vector<ModelOption>& tried, std::size_t count) {
   const ModelOption& chosen = tried.front();
   const std::vector<std::string> names(chosen.effects.begin(),

@@ -12,22 +12,22 @@
 
 namespace kdl_calibration {
 
-/// What a group of effects does to one joint about one of its axes at the measured configurations.
+/// Motion of one joint about one of its axes by a group of effects, at the measured configurations.
 struct EffectMotion {
   MovedBy by;
-  std::vector<Eigen::Index> terms;  ///< of the model
+  std::vector<Eigen::Index> terms;  ///< indices into the model's effects
   double lowest = 0.0;              ///< [rad] or [m]
   double highest = 0.0;
 
-  double largest() const;  ///< in either direction
-  /// Whether it is a length rather than an angle.
+  double largest() const;  ///< largest absolute value
+  /// Whether the motion is a length rather than an angle.
   bool is_length(const ErrorModel& model) const;
 };
-/// In the order of the groups, then of the joints and their axes.
+/// Motions ordered by group, joint and axis.
 std::vector<EffectMotion> effect_motions(const Calibration& calibration, const Measurements& measurements);
 
-/// One sentence a group about the joint that it moves most, with what it explains of the squared errors that geometry
-/// leaves at configurations held out, where cross-validation has compared both.
+/// One sentence per group about the joint that it moves most. If cross-validation compared both, also the share of the
+/// geometry's squared held-out errors that it explains.
 std::vector<std::string> effect_findings(const Calibration& calibration, const std::vector<EffectMotion>& motions);
 
 }  // namespace kdl_calibration

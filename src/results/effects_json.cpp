@@ -27,7 +27,7 @@ using tree::number;
 
 const std::vector<std::string> kAxes = {"x", "y", "z", "slide", "own"};
 
-// Of the joint, as measured; null of nothing.
+// A joint's measured range; null if empty.
 Json range_json(const std::pair<double, double>& range) {
   return range.first <= range.second ? Json::array({range.first, range.second}) : Json(nullptr);
 }

@@ -1,7 +1,7 @@
 #pragma once
 
-// Not installed. The block `effects` of the result: what besides the geometry moves the arm, so that a program may
-// apply it.
+// Not installed. The block `effects` of the result: motions of joints beyond the geometry, complete enough for programs
+// to apply them.
 
 #include <nlohmann/json.hpp>
 #include <vector>
@@ -18,7 +18,7 @@ struct SavedEffects {
   Eigen::VectorXd values;
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);
 };
-/// Throws InputError where a term is not one of this robot's.
+/// Throws InputError if a term does not fit this robot.
 SavedEffects read_effects(const tree::Node& block, const ErrorModel& model);
 
 }  // namespace kdl_calibration

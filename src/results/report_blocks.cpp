@@ -24,7 +24,7 @@ using Eigen::Vector3d;
 
 constexpr std::size_t kLargestShown = 200;
 constexpr int kCurvePoints = 61;
-constexpr std::size_t kMostCorrelated = 14;  // parameters in the matrix
+constexpr std::size_t kMostCorrelated = 14;  // most parameters in the matrix
 constexpr std::size_t kStrongestPairs = 12;
 
 // The first three rows of the homogeneous matrix, row by row.
@@ -53,8 +53,8 @@ Json joints_json(const ErrorModel& model) {
   return joints;
 }
 
-// Link by link from the base: its frame in the one before it at zero, and the axis about or along which it then moves.
-// The errors of a link stand behind the origin of the joint at its far end.
+// Link by link from the base: its frame in the previous one at zero joint values, and the axis of its motion. A link's
+// errors follow the origin of the joint at its far end.
 Json segments_json(const Robot& robot, const ErrorModel& model, const Estimate& estimate) {
   Json segments = Json::array();
   int joint = 0;
@@ -76,7 +76,7 @@ Json segments_json(const Robot& robot, const ErrorModel& model, const Estimate& 
   return segments;
 }
 
-// Where a URDF describes no shapes or describes them wrongly the arm is drawn as a skeleton.
+// Without valid shapes in the URDF the arm is drawn as a skeleton.
 Json shapes_json(const Robot& robot) {
   const std::vector<std::string> names = link_names(robot);
   Json shapes = Json::array();
@@ -139,8 +139,8 @@ Json distributions_json(const Measurements& measurements, const std::vector<doub
 
 Json numbers_json(const Eigen::VectorXd& values) { return Json(std::vector<double>(values.begin(), values.end())); }
 
-// Ranges of the joints, and the box about the measured points, parallel to the axes of the base: of the rows that were
-// fitted or, where there are none, of all. Within what they span a page makes its promise.
+// Measured region for which the page states accuracy: joint ranges, and the box of the measured points parallel to the
+// base axes. From the fitted rows, or all rows if none was fitted.
 void add_reach(const Measurements& measurements, const Estimate& estimate, Json& result) {
   const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
   const TrainingRows training(measurements);
@@ -191,7 +191,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
   const std::vector<std::size_t> shown = shown_rows(distances);
   const bool has_effects = reported.estimate.effects.size() > 0 && !reported.estimate.effects.isZero(0.0);
 
-  std::vector<int> number(measurements.configurations.size(), -1);  // of a configuration on the page
+  std::vector<int> number(measurements.configurations.size(), -1);  // index of each configuration on the page
   Json configurations = Json::array();
   Json points = Json::array();
   for (const std::size_t row : shown) {
@@ -266,7 +266,7 @@ double slowest(const std::vector<EffectTerm>& terms, const std::vector<Index>& m
   return times;
 }
 
-// Three swings in the middle of the range: of more the curve's points would show another frequency.
+// Limits the range to three periods in its middle: with more, the curve's points would show an aliased frequency.
 void show_swings(double times, double& lower, double& upper) {
   const double middle = 0.5 * (lower + upper);
   const double half = std::min(0.5 * (upper - lower), 3.0 * std::numbers::pi / times);
@@ -290,7 +290,7 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
   for (const auto& [key, members] : terms_by_motion(saved.model)) {
     const auto& [group, joint, axis] = key;
     auto [lower, upper] = ranges[static_cast<std::size_t>(joint)];
-    if (!(lower <= upper) || group == EffectGroup::torque) {  // which is no function of joint values
+    if (!(lower <= upper) || group == EffectGroup::torque) {  // not a function of joint values
       continue;
     }
     if (group == EffectGroup::ripple) {

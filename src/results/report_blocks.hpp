@@ -1,6 +1,6 @@
 #pragma once
 
-// Parts of the JSON that a page shows beside a result.
+// JSON blocks that a page shows beside a result.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -15,14 +15,15 @@ namespace kdl_calibration {
 Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& estimate);
 Json measurements_block(const ReportedMeasurements& reported);
 
-/// Rows of which a page shows this many at most: all of them, or evenly spaced ones and the largest, ascending.
+/// Indices of the rows to show on a page: all or, above kMostPointsOfPage, evenly spaced ones and the largest;
+/// ascending.
 std::vector<std::size_t> shown_rows(const std::vector<double>& distances);
 
-/// {"count", "values"}: the values in ascending order, thinned where there are many.
+/// {"count", "values"}: the values in ascending order, thinned if there are many.
 Json distribution_json(std::vector<double> values);
 
-/// What each group of effects does to each joint over its measured range, the others at their middle, with its 95 %
-/// band: [joint value, effect, half width of the band] [rad] or [m].
+/// Effect of each group on each joint over its measured range, other joints at mid-range, with its 95 % band: [joint
+/// value, effect, half width of the band] [rad] or [m].
 Json effects_block(const SavedCalibration& saved, const Measurements& measurements);
 
 /// The strongest correlations of a covariance {"names", "lower_triangle"}, and the matrix of the parameters in them.

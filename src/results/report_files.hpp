@@ -6,7 +6,7 @@
 
 namespace kdl_calibration {
 
-std::string_view report_html();    ///< with {{style}}, {{script}} and {{data}} where these belong
+std::string_view report_html();    ///< with the placeholders {{style}}, {{script}} and {{data}}
 std::string_view report_style();   ///< CSS
 std::string_view report_script();  ///< JavaScript
 

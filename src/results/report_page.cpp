@@ -14,7 +14,7 @@
 namespace kdl_calibration {
 namespace {
 
-// Nothing in a name may end the element that the data stand in: JSON has another way to write `<`.
+// Escapes `<` in JSON, so that no name can end the page's data element.
 std::string escaped(const std::string& json) {
   std::string result;
   result.reserve(json.size());
@@ -28,7 +28,7 @@ std::string escaped(const std::string& json) {
   return result;
 }
 
-// Each place of the template filled in, once: what is put in is not looked at again.
+// Replaces each placeholder once, without searching inserted text.
 std::string filled_in(std::string_view html,
                       const std::array<std::pair<std::string_view, std::string_view>, 3>& parts) {
   std::string page;
@@ -59,7 +59,7 @@ std::string page_of(const Json& data) {
                    {{{"{{style}}", report_style()}, {"{{script}}", report_script()}, {"{{data}}", json}}});
 }
 
-// The rows of a result, at most as many as a page has, and whether these are all.
+// Keeps the shown rows of a result and notes whether these are all.
 void shorten_residuals(const std::vector<std::size_t>& shown, Json& residuals) {
   if (!residuals.contains("rows") || !residuals["rows"].is_array()) {
     residuals["complete"] = false;
@@ -73,7 +73,7 @@ void shorten_residuals(const std::vector<std::size_t>& shown, Json& residuals) {
   residuals["rows"] = std::move(rows);
 }
 
-// Of many configurations the influence of each stays, that of its points does not: a page should not be heavy.
+// Drops the influence of single points if there are many configurations, to limit the page's size.
 void shorten_influence(Json& influence) {
   constexpr std::size_t kMostWithPoints = 1000;
   const bool complete = influence.at("configurations").size() <= kMostWithPoints;
@@ -97,7 +97,7 @@ std::vector<double> distances_of_rows(const Json& residuals) {
   return distances;
 }
 
-// Why a section has no data, by what is absent.
+// Texts for sections without data, by the missing input.
 Json missing_json(const CalibrationPage& page) {
   Json missing = Json::object();
   if (page.robot == nullptr) {
@@ -154,7 +154,7 @@ Json calibration_data(const CalibrationPage& page, Json result) {
     }
   }
   result.erase("covariance");
-  result.erase("hashes");  // of blocks that are shortened here
+  result.erase("hashes");  // no longer valid for shortened blocks
   if (result.contains("residuals") && result["residuals"].is_object()) {
     shorten_residuals(shown_rows(distances_of_rows(result["residuals"])), result["residuals"]);
   }

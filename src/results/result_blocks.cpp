@@ -30,7 +30,7 @@ std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const C
 
 const char* split_name(const Observation& observation) { return observation.split == Split::train ? "train" : "test"; }
 
-// Nothing where there is no number.
+// Empty cell if not finite.
 std::string csv_number(double value) { return std::isfinite(value) ? shortest(value) : std::string(); }
 
 Json frame_block(const Eigen::Isometry3d& frame, bool with_orientation) {
@@ -41,7 +41,7 @@ Json frame_block(const Eigen::Isometry3d& frame, bool with_orientation) {
   return result;
 }
 
-// Null where a number is none.
+// Null if not finite.
 Json array_or_null(const Eigen::Vector3d& v) { return v.allFinite() ? array(v) : Json(nullptr); }
 
 Json files_json(const std::vector<HashedFile>& files) {
@@ -189,7 +189,7 @@ Json exported_urdf_json(const Robot& robot, const Calibration& calibration) {
   Json hash = nullptr;
   try {
     hash = sha256(calibrated_urdf(robot, calibration));
-  } catch (const InputError&) {  // there is no URDF that could carry the errors of the last link
+  } catch (const InputError&) {  // no URDF can represent the errors of the last link
   }
   return {{"parameters", parameters},
           {"base", frame_block(exported.estimate.X_WB, true)},

@@ -1,6 +1,6 @@
 #pragma once
 
-// Parts of the result's JSON.
+// JSON blocks of the result.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -17,23 +17,23 @@ using Json = nlohmann::ordered_json;
 
 Json array(const Eigen::Vector3d& v);
 Json quaternion(const Eigen::Matrix3d& R);  ///< w x y z, w not negative
-/// JSON has no infinity: what is not determined is null.
+/// The value, or null if not finite, as JSON has no infinity: not determined.
 Json finite_or_null(double value);
-Json statistics_json(const ErrorStatistics& statistics);  ///< null of nothing
+Json statistics_json(const ErrorStatistics& statistics);  ///< null if empty
 
 /// Up to kMostColumns columns, else null: {"names", "lower_triangle"}.
 constexpr std::size_t kMostColumns = 300;
 Json covariance_json(const Calibration& calibration);
 
-/// Measured minus predicted point of every row in W, up to kMostRows; of more the kLargestRows largest.
+/// Measured minus predicted point of every row in W, up to kMostRows; above, the kLargestRows largest.
 constexpr std::size_t kMostRows = 5000;
 constexpr std::size_t kLargestRows = 200;
 Json residuals_json(const Measurements& measurements, const Calibration& calibration);
 
-/// Points that were left out and predicted, up to kMostRows, else null: {"configuration", "target", "distance"}.
+/// Left-out points and their predictions, null if more than kMostRows: {"configuration", "target", "distance"}.
 Json held_out_points_json(const Measurements& measurements, const Calibration& calibration);
 
-/// The accuracy of the exported URDF alone.
+/// Accuracy of the exported URDF without effects.
 Json exported_urdf_json(const Robot& robot, const Calibration& calibration);
 
 Json provenance_json(const Provenance& provenance);

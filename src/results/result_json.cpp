@@ -138,7 +138,7 @@ Json tried_json(const std::vector<ModelOption>& options) {
   return tried;
 }
 
-// What goes beyond the fit: choice of model, lack of fit, predicted accuracy, down-weighted rows.
+// Adds model selection, lack of fit, predicted accuracy and down-weighted rows.
 void add_details(const Calibration& calibration, const Measurements& measurements, Json& result) {
   result["priors"] = priors_json(calibration.selection.priors);
   result["tried"] = tried_json(calibration.selection.tried);
@@ -212,7 +212,7 @@ Json input_json(const Robot& robot, const Measurements& measurements, const Cali
 Json parameters_json(const std::vector<ParameterEstimate>& parameters) {
   Json result = Json::array();
   for (const ParameterEstimate& parameter : parameters) {
-    if (parameter.kind == ParameterKind::effect) {  // has a block of its own
+    if (parameter.kind == ParameterKind::effect) {  // in a separate block
       continue;
     }
     result.push_back({{"name", parameter.name},
@@ -339,7 +339,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["warnings"] = calibration.diagnosis.warnings;
   result["provenance"] = provenance_json(provenance);
   result["hashes"] = tree::hashes(result);
-  return result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";  // names of files may not be UTF-8
+  return result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";  // file names may not be UTF-8
 }
 
 std::string model_json(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Reduction& reduction) {

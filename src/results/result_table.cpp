@@ -37,7 +37,7 @@ std::string priors_in_words(const Priors& priors) {
   return "priors of " + significant(priors.length * 1e3, 3) + " mm and " + significant(priors.angle * 1e3, 3) + " mrad";
 }
 
-// Positions errors of the means of the repeats, as in all tables.
+// Position errors of the means of the repeats, as in all tables.
 void add_errors(const Calibration& calibration, std::string& text) {
   text += "\n" + statistics_heading("position error [mm]");
   const auto add = [&](const std::string& what, const ErrorStatistics& before, const ErrorStatistics& after) {
@@ -81,7 +81,7 @@ void add_errors(const Calibration& calibration, std::string& text) {
   }
 }
 
-// "0.030 mm", or one for each axis of the measuring frame where they differ.
+// "0.030 mm", or one value per axis of W if they differ.
 std::string per_axis(const Eigen::Vector3d& sigma) {
   if ((sigma.array() == sigma.x()).all()) {
     return fixed(sigma.x() * 1e3, 3) + " mm";
@@ -175,10 +175,10 @@ void add_predictions(const std::vector<PredictedPoint>& points, std::string& tex
   }
 }
 
-// How people read a parameter.
+// Display unit of a parameter.
 struct DisplayUnit {
-  double per_si;  // how many of it are one metre or one radian
-  int decimals;   // down to some tenths of a micrometre or microradian
+  double per_si;  // display units per metre or radian
+  int decimals;   // resolution of some tenths of a micrometre or microradian
   const char* name;
 
   std::string of(double value) const { return cell(value * per_si, 10, decimals) + name; }
@@ -201,7 +201,7 @@ std::string in_words(const ErrorModel& model, const ParameterEstimate& parameter
          std::to_string(error.frame) + (parameter.joint.empty() ? "" : " (origin of " + parameter.joint + ")");
 }
 
-// Of the parameters that replace a dropped one, the one with the largest coefficient.
+// The parameter with the largest coefficient in the replacement of a dropped one.
 std::string replacement_of(const DroppedParameter& dropped) {
   const auto largest =
       std::max_element(dropped.replaced_by.begin(), dropped.replaced_by.end(),
@@ -209,7 +209,7 @@ std::string replacement_of(const DroppedParameter& dropped) {
   return largest == dropped.replaced_by.end() ? std::string() : largest->first;
 }
 
-// Why a parameter was not estimated; `fixed`: what is said if the user held it.
+// Reason why a parameter was not estimated; `fixed`: text if the user fixed it.
 std::string why_held(const Reduction& reduction, const ParameterEstimate& parameter, const std::string& fixed) {
   if (parameter.gauge) {
     return parameter.error == 0.0 ? "held, gauge" : "by gauge";
@@ -242,7 +242,7 @@ std::string parameter_line(const ErrorModel& model, const Reduction& reduction, 
 void add_parameters(const Calibration& calibration, const std::string& held, std::string& text) {
   text += "\ngeometric errors, +- half of the 95 % interval\n";
   for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
-    if (parameter.name.find('.') == std::string::npos) {  // no frame's and no effect's
+    if (parameter.name.find('.') == std::string::npos) {  // neither of a frame nor of an effect
       text += parameter_line(calibration.model, calibration.fit.reduction, parameter, held);
     }
   }
@@ -268,7 +268,7 @@ void add_effects(const Calibration& calibration, const Measurements& measurement
   }
 }
 
-// For mastering: what to add to the controller's values so that they are those of the joints.
+// For mastering: corrections to add to the controller's joint values.
 void add_controller_offsets(const Calibration& calibration, const JointConvention& convention, std::string& text) {
   const ErrorModel& model = calibration.model;
   Eigen::VectorXd offsets = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(convention.urdf_joints.size()));
@@ -326,7 +326,7 @@ std::string sizes(const Measurements& measurements, const Calibration& calibrati
          std::to_string(calibration.fit.free.size()) + " parameters";
 }
 
-// What holds, before any figure.
+// The verdict, shown before any figure.
 std::string verdict(const Measurements& measurements, const Calibration& calibration) {
   if (calibration.trusted()) {
     const std::string converged = "Calibration converged: " + sizes(measurements, calibration) + ".\n";

@@ -56,7 +56,7 @@ std::vector<TargetFrame> targets_of(const Node& top) {
   return targets;
 }
 
-// Files without hashes, such as a truth or one of version 0.1.0, have to agree with themselves.
+// Consistency check for files without hashes, such as a truth or a result of version 0.1.0.
 void require_sound(const Node& parameter, double error, bool is_angle) {
   constexpr double kRounding = 1e-9;
   constexpr double kTurn = 2.0 * std::numbers::pi;
@@ -74,7 +74,7 @@ void read_parameters(const Node& top, SavedCalibration& saved) {
   std::set<std::string> names;
   for (const Node& node : elements(member(top, "parameters"))) {
     const std::string name = tree::name(member(node, "name"));
-    if (name.find('.') != std::string::npos) {  // of the base or a target, which stand in blocks of their own
+    if (name.find('.') != std::string::npos) {  // base and targets are in separate blocks
       continue;
     }
     const auto known = std::find_if(saved.model.parameters.begin(), saved.model.parameters.end(),

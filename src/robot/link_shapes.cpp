@@ -18,7 +18,7 @@ namespace {
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
-// Numbers separated by blanks, in any locale.
+// Parses numbers separated by blanks, in any locale.
 template <int kSize>
 Eigen::Matrix<double, kSize, 1> numbers(const char* text, const std::string& where) {
   std::string_view rest = text == nullptr ? "" : text;

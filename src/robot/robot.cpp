@@ -107,7 +107,7 @@ void read_limits(const urdf::Joint& joint, MovingJoint& moving, const std::strin
   if (limits.velocity > 0.0) {
     moving.velocity = limits.velocity;
   }
-  // urdfdom gives zero for an absent lower or upper; a joint that may not move at all means that neither is stated.
+  // urdfdom returns zero for a missing lower or upper limit; both zero means that neither is stated.
   if (moving.type == JointType::continuous || (limits.lower == 0.0 && limits.upper == 0.0)) {
     return;
   }
@@ -154,7 +154,7 @@ bool is_moving(const urdf::ModelInterface& model, const std::string& name) {
                    joint->type == urdf::Joint::PRISMATIC);
 }
 
-/// The joint that moves `follower` in the end, through all joints that mimic in between: itself if it mimics none.
+/// The drive of `follower` at the end of its mimic chain; the joint itself if it mimics none.
 Drive resolved_drive(const urdf::ModelInterface& model, const std::string& source, const std::string& follower) {
   const std::string where = source + ": joint " + in_quotes(follower);
   const auto is_in_range = [](double value) { return std::abs(value) <= kLargestNumber; };
@@ -179,7 +179,7 @@ Drive resolved_drive(const urdf::ModelInterface& model, const std::string& sourc
                    ", expected a leader that follows none");
 }
 
-/// Narrows the leader's limits to those of its follower, of which urdfdom knows nothing.
+/// Narrows the leader's limits to those of its follower, which urdfdom does not do.
 void narrow_limits(const MovingJoint& follower, MovingJoint& leader, const std::string& source) {
   const double multiplier = follower.mimic->multiplier;
   const double offset = follower.mimic->offset;
@@ -204,7 +204,7 @@ void narrow_limits(const MovingJoint& follower, MovingJoint& leader, const std::
   }
 }
 
-/// The first joint that a drive outside the chain moves stands for it: the others follow that joint.
+/// The first joint of a drive outside the chain represents it; the drive's other joints follow that joint.
 void set_drive(const urdf::ModelInterface& model, const Robot& robot, const Drive& drive, MovingJoint& joint) {
   const std::string where = robot.source + ": joint " + in_quotes(joint.name);
   MovingJoint outside = moving_joint(*model.getJoint(drive.name), robot.source + ": joint " + in_quotes(drive.name));
@@ -222,7 +222,7 @@ void set_drive(const urdf::ModelInterface& model, const Robot& robot, const Driv
 }
 
 void resolve_mimics(const urdf::ModelInterface& model, Robot& robot) {
-  std::map<std::string, std::size_t> leaders;  // index of the joint of the chain that has or stands for each drive
+  std::map<std::string, std::size_t> leaders;  // index of the chain's joint that is or represents each drive
   std::vector<Drive> drives;
   for (std::size_t i = 0; i < robot.joints.size(); ++i) {
     leaders.emplace(robot.joints[i].name, i);
@@ -251,7 +251,7 @@ void resolve_mimics(const urdf::ModelInterface& model, Robot& robot) {
   }
 }
 
-/// Appends the URDF joint to the chain and to the joints or to the fixed part behind them.
+/// Appends the URDF joint to the chain, and to the moving joints or the fixed part after them.
 void append_joint(const urdf::Joint& joint, const urdf::ModelInterface& model, Robot& robot) {
   const std::string where = robot.source + ": joint " + in_quotes(joint.name);
   const KDL::Frame origin = to_kdl(joint.parent_to_joint_origin_transform);

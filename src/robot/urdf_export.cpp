@@ -23,18 +23,18 @@ const std::string kSource = "URDF";
 
 using Triple = std::array<double, 3>;
 
-/// Where an attribute's value stands in the text, without its quotes.
+/// Position of an attribute's value in the text, without quotes.
 struct AttributePlace {
   std::string_view name;
   std::size_t begin = 0;
   std::size_t end = 0;
 };
 
-/// Where an element's start tag stands in the text.
+/// Position of an element's start tag in the text.
 struct StartTag {
   std::string_view name;
   std::size_t name_end = 0;
-  std::size_t end = 0;  ///< behind '>'
+  std::size_t end = 0;  ///< one past '>'
   bool self_closing = false;
   std::vector<AttributePlace> attributes;
 };
@@ -46,7 +46,7 @@ struct Edit {
   std::string text;
 };
 
-/// Finds the start tags of XML that tinyxml2 has accepted, in the order of the text.
+/// Finds the start tags of XML accepted by tinyxml2, in the order of the text.
 class TagScanner {
 public:
   explicit TagScanner(std::string_view text) : text_(text) {}
@@ -158,9 +158,9 @@ private:
   std::map<const tinyxml2::XMLElement*, const StartTag*> tag_of_;
 };
 
-/// Roll, pitch and yaw of the rotation, of all that are equivalent those nearest to `old`; old angles of many turns are
-/// left, for their last digit is no small angle. Accurate at and near pitch +-90 degrees, where yaw alone is ill
-/// determined: roll and pitch are read from what remains once yaw is undone.
+/// Roll, pitch and yaw of the rotation; of equivalent angles the nearest to `old`. Ignores old angles of many turns,
+/// whose last digit is no small angle. Accurate near pitch +-90 degrees, where only yaw is ill determined: roll and
+/// pitch come from the rest after removing yaw.
 Triple rpy_of(const KDL::Rotation& r, const Triple& old) {
   constexpr double kManyTurns = 100.0;
   Triple nearest{};
@@ -188,7 +188,7 @@ Triple rpy_of(const KDL::Rotation& r, const Triple& old) {
   return nearest;
 }
 
-/// The attribute's three numbers as urdfdom reads them; zeros where it is absent.
+/// The attribute's three numbers as urdfdom reads them; zeros if it is missing.
 Triple read_triple(const tinyxml2::XMLElement* origin, const char* attribute, const std::string& joint) {
   const char* value = origin == nullptr ? nullptr : origin->Attribute(attribute);
   urdf::Vector3 triple;
@@ -207,7 +207,7 @@ std::string written(const Triple& numbers) {
   return shortest(numbers[0]) + " " + shortest(numbers[1]) + " " + shortest(numbers[2]);
 }
 
-/// Replaces those numbers of an attribute's value that change, in place.
+/// Replaces the changed numbers in an attribute's value.
 void edit_value(std::string_view text, const AttributePlace& place, const Triple& old, const Triple& now,
                 std::vector<Edit>& edits) {
   const std::string_view value = text.substr(place.begin, place.end - place.begin);
@@ -220,7 +220,7 @@ void edit_value(std::string_view text, const AttributePlace& place, const Triple
   if (old == now) {
     return;
   }
-  // A blank or digit written as an entity hides where a number begins.
+  // The position of a number is unknown if blanks or digits are written as entities.
   if (numbers.size() != 3 || value.find('&') != std::string_view::npos) {
     edits.push_back({place.begin, value.size(), written(now)});
     return;
@@ -233,7 +233,7 @@ void edit_value(std::string_view text, const AttributePlace& place, const Triple
   }
 }
 
-/// ` name="1 2 3"`, or nothing where all three are zero.
+/// ` name="1 2 3"`, or an empty text if all three are zero.
 std::string new_attribute(const char* name, const Triple& numbers, char quote) {
   return numbers == Triple{} ? std::string() : std::string(" ") + name + "=" + quote + written(numbers) + quote;
 }
@@ -272,7 +272,7 @@ void edit_origin(std::string_view text, const StartTag& tag, const Pose& old, co
   edits.push_back({xyz != nullptr ? xyz->end + 1 : tag.name_end, 0, added});
 }
 
-/// Adds an <origin> as the joint's first child, on a line of its own where the joint's first child has one.
+/// Adds an <origin> as the joint's first child, on its own line if the present first child has one.
 void add_origin(std::string_view text, const StartTag& joint, const Pose& now, std::vector<Edit>& edits) {
   const char quote = quote_of(text, joint);
   const std::string attributes = new_attribute("xyz", now.xyz, quote) + new_attribute("rpy", now.rpy, quote);

@@ -54,8 +54,7 @@ private:
   std::string text_;
 };
 
-/// Prints elements and attributes alone: all that a URDF consists of, in the form in which urdfdom's own XML parser
-/// cannot read it differently.
+/// Prints elements and attributes only, in a form that urdfdom's own XML parser cannot read differently.
 class ElementPrinter : public tinyxml2::XMLPrinter {
 public:
   ElementPrinter() : tinyxml2::XMLPrinter(nullptr, true) { PushHeader(false, true); }
@@ -87,7 +86,7 @@ void refuse_other_rotations(const tinyxml2::XMLElement& joint, const std::string
   }
 }
 
-/// Throws InputError where a link has two parents or is its own ancestor. urdfdom accepts both in places.
+/// Throws InputError if a link has two parents or is its own ancestor. urdfdom accepts both in some cases.
 void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
   std::map<std::string, std::pair<std::string, std::string>> parents;  // child link -> parent link, joint
   const char* tag = "joint";
@@ -100,7 +99,7 @@ void check_tree(const tinyxml2::XMLElement& robot, const std::string& source) {
     if (++count > kMostJoints) {
       throw InputError(source + ": more joints than the limit of " + std::to_string(kMostJoints));
     }
-    if (child.empty()) {  // which urdfdom refuses by the joint's name
+    if (child.empty()) {  // urdfdom refuses it later, naming the joint
       continue;
     }
     const auto [other, fresh] = parents.try_emplace(child, link_of(*joint, "parent"), name);
@@ -131,12 +130,12 @@ std::string replaced(std::string text, std::string_view from, std::string_view t
   return text;
 }
 
-/// What urdfdom finds wrong with `elements`. It hands on texts of the file as printf formats, in which a `%n` would
-/// write to memory: each % of the file is doubled, which prints as one.
+/// urdfdom's errors for `elements`. It uses texts of the file as printf formats, in which `%n` would write to memory,
+/// so each % is doubled before.
 std::string urdfdom_errors_in(const std::string& elements, UrdfdomErrors& errors) {
   UrdfdomErrors::listen();
   urdf::parseURDF(replaced(elements, "%", "%%"));
-  return replaced(errors.text(), "%%", "%");  // where it was no format
+  return replaced(errors.text(), "%%", "%");  // texts that were not used as a format
 }
 
 }  // namespace

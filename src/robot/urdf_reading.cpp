@@ -18,7 +18,7 @@ bool is_ascii_text(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 0x80U; });
 }
 
-// What stands in <?xml … encoding="…"?>, in capitals; empty where that says nothing.
+// The encoding stated in <?xml … encoding="…"?>, in capitals; empty if none.
 std::string stated_encoding(std::string_view text) {
   const std::size_t start = text.find("<?xml");
   const std::string_view declaration =
@@ -36,7 +36,7 @@ std::string stated_encoding(std::string_view text) {
 
 bool is_macro(const tinyxml2::XMLElement& element) { return std::string_view(element.Name()).starts_with("xacro:"); }
 
-// The first macro in an element that is not expanded, with its line: "7: <xacro:include>"; empty where there is none.
+// The first unexpanded macro in an element with its line, "7: <xacro:include>"; empty if there is none.
 std::string macro_in(const tinyxml2::XMLElement& element) {
   if (is_macro(element)) {
     return std::to_string(element.GetLineNum()) + ": <" + element.Name() + ">";
@@ -55,7 +55,7 @@ std::string macro_in(const tinyxml2::XMLElement& element) {
   return macro;
 }
 
-// Removes the children that hold macros, but macros themselves and the elements `kept`.
+// Removes children that contain macros, except macros themselves and the elements `kept`.
 void remove_with_macros(tinyxml2::XMLElement& parent, const std::set<std::string>& kept) {
   for (auto* child = parent.FirstChildElement(); child != nullptr;) {
     auto* const next = child->NextSiblingElement();

@@ -1,6 +1,6 @@
 #pragma once
 
-// What reading and rewriting a URDF have in common. Not installed.
+// Shared by reading and rewriting a URDF. Not installed.
 
 #include <tinyxml2.h>
 #include <urdf_model/pose.h>
@@ -16,11 +16,10 @@
 
 namespace kdl_calibration {
 
-/// Throws InputError with the line where a text is not in UTF-8, by its bytes or by what it says of letters beyond
-/// ASCII.
+/// Throws InputError with the line if the text is not UTF-8, by its bytes or by its stated encoding.
 void require_utf8(std::string_view text, const std::string& source);
 
-/// Parses into `document`; tinyxml2 bounds the depth. Throws InputError with the line of the first mistake.
+/// Parses into `document`; tinyxml2 bounds the depth. Throws InputError with the line of the first error.
 inline void parse_xml(tinyxml2::XMLDocument& document, std::string_view text, const std::string& source) {
   require_utf8(text, source);
   if (document.Parse(text.data(), text.size()) == tinyxml2::XML_SUCCESS) {
@@ -36,15 +35,14 @@ inline void parse_xml(tinyxml2::XMLDocument& document, std::string_view text, co
   throw InputError(source + ":" + std::to_string(document.ErrorLineNum()) + ": " + rule + " (" + name + ")");
 }
 
-/// Throws InputError, with the line and the cure, where macros of xacro are not expanded in links and joints. Those in
-/// the shapes and masses of links and in extensions, such as gazebo's, are removed with these elements: the calibrated
-/// geometry does not depend on them.
+/// Throws InputError, with the line and the remedy, for unexpanded xacro macros in links and joints. Shapes and masses
+/// of links and extensions (gazebo) that contain macros are removed, as the geometry does not depend on them.
 void refuse_xacro(tinyxml2::XMLElement& robot, const std::string& source);
 
 inline KDL::Vector to_kdl(const urdf::Vector3& v) { return {v.x, v.y, v.z}; }
 
-/// Exact zeros and ones of a turn about x, y or z are kept. One Newton step towards the nearest orthogonal matrix takes
-/// away what the quaternion's rounding leaves, so that the result is orthonormal to 1e-15.
+/// Keeps exact zeros and ones of rotations about x, y or z. One Newton step towards the nearest orthogonal matrix
+/// removes the quaternion's rounding error, so that the result is orthonormal to 1e-15.
 inline KDL::Rotation to_kdl(const urdf::Rotation& q) {
   Eigen::Matrix3d m = Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix();
   const Eigen::Matrix3d error = Eigen::Matrix3d::Identity() - m.transpose() * m;

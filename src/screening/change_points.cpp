@@ -19,7 +19,7 @@ namespace {
 // A step between the rows position - 1 and position of a series.
 struct Change {
   Index position = 0;
-  double statistic = 0.0;  // in units of the values; over sigma it is a norm of standard normal values
+  double statistic = 0.0;  // in units of the values; divided by sigma a norm of standard normal values
 };
 
 Index shortest(const QualityOptions& options) { return std::max(options.segment, 1); }
@@ -54,11 +54,11 @@ Change largest_change(const MatrixXd& values, Index first, Index end, const Qual
   return best;
 }
 
-// The step that leaves the smallest sum of absolute deviations from the medians on either side of `change`.
+// Position of the step near `change` with the smallest sum of absolute deviations from the medians of both sides.
 Index located(const MatrixXd& values, Index first, Index end, Index change, Index segment) {
   const VectorXd before = medians(values, first, change);
   const VectorXd after = medians(values, change, end);
-  double sum = 0.0;  // over the rows in front, relative to all of them being behind
+  double sum = 0.0;  // over the rows before, relative to all of them being after
   double smallest = kInfinity;
   Index best = change;
   for (Index i = first; i < end - segment; ++i) {
@@ -71,7 +71,7 @@ Index located(const MatrixXd& values, Index first, Index end, Index change, Inde
   return best;
 }
 
-// Binary segmentation.
+// State of the binary segmentation.
 struct Segmentation {
   const MatrixXd& values;
   double sigma;
@@ -111,7 +111,7 @@ Levels levels_of(const Series& series, const std::vector<Index>& changes) {
   return levels;
 }
 
-// Less tells no slip: what is left of a segment of three values beside their median is no measure of the noise.
+// Fewer rows cannot show a slip: deviations of three values from their median do not measure the noise.
 Index fewest_rows(const QualityOptions& options) { return std::max(Index{10}, 2 * shortest(options)); }
 
 }  // namespace

@@ -1,6 +1,6 @@
 #pragma once
 
-// Where a series of values steps from one level to another. Not installed.
+// Change points of series of values. Not installed.
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -11,22 +11,22 @@
 
 namespace kdl_calibration {
 
-/// One row per configuration in which it was measured: the medians over the repeats.
+/// A series: one row per measured configuration, the medians over the repeats.
 struct Series {
   std::vector<int> configurations;
   Eigen::MatrixXd values;
 };
 
-/// What was measured of one target or pair, in any order.
+/// Values of one target or pair, in any order.
 struct Repeats {
   std::vector<int> configurations;
-  std::vector<double> values;  // of each, one per axis
+  std::vector<double> values;  // of each row, one per axis
 };
 
-/// What a series is worth configuration by configuration: constant between its changes.
+/// Piecewise constant level of a series by configuration.
 struct Levels {
-  std::vector<int> starts;       // configuration in which the second, third … level begins
-  std::vector<int> last_before;  // the one measured before it
+  std::vector<int> starts;       // first configuration of the second, third … level
+  std::vector<int> last_before;  // the last one measured before it
   std::vector<Eigen::VectorXd> values;
 
   const Eigen::VectorXd& at(int configuration) const {
@@ -37,8 +37,8 @@ struct Levels {
 
 Series series_of(const Repeats& repeats, Eigen::Index axes);
 
-/// Levels of several series with one sigma. `fitted`: number of parameters that were estimated from the same values.
-/// `independent`: share of the values that are independent of each other.
+/// Levels of several series with a common sigma. `fitted`: number of parameters estimated from the same values.
+/// `independent`: share of mutually independent values.
 std::vector<Levels> find_levels(const std::vector<Series>& all, double fitted, double independent,
                                 const QualityOptions& options);
 

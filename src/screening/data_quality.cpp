@@ -6,7 +6,7 @@
 namespace kdl_calibration {
 namespace {
 
-// Whether a finding of the residuals speaks of a target that the distances blame, in the same place.
+// Whether both findings concern the same target at the same place.
 bool same_matter(const QualityFinding& residual, const QualityFinding& distance) {
   const bool slips = residual.kind == QualityKind::slipped_target;
   if (slips != (distance.kind == QualityKind::slipped_target) ||

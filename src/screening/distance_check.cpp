@@ -1,4 +1,4 @@
-// The distances between targets, which a rigid tool keeps.
+// Distances between targets, constant on a rigid tool.
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -23,13 +23,13 @@ namespace {
 
 using Eigen::Vector3d;
 
-using Pair = std::pair<std::size_t, std::size_t>;  // targets, the smaller number first
+using Pair = std::pair<std::size_t, std::size_t>;  // target indices, the smaller first
 
 Pair pair_of(std::size_t a, std::size_t b) { return {std::min(a, b), std::max(a, b)}; }
 
 struct DistanceLevels {
   std::map<Pair, Levels> levels;
-  double limit = kInfinity;  // [m] what a distance may deviate where the rows' relative sigmas are 1
+  double limit = kInfinity;  // [m] limit of a deviation for relative sigmas of 1
 };
 
 double distance(const Measurements& measurements, std::size_t a, std::size_t b) {
@@ -60,7 +60,7 @@ DistanceLevels distance_levels(const Measurements& measurements, const std::vect
   for (const auto& [pair, repeats] : by_pair) {
     all.push_back(series_of(repeats, 1));
   }
-  // The shape of m points has 3m - 6 degrees of freedom, however many distances there are.
+  // The distances of m points have only 3m - 6 degrees of freedom.
   const double freedom = std::max(3.0 * static_cast<double>(measurements.targets.size()) - 6.0, 1.0);
   const double independent = std::min(freedom / std::max(static_cast<double>(by_pair.size()), 1.0), 1.0);
   std::vector<Levels> levels = find_levels(all, 0.0, independent, options);
@@ -89,7 +89,7 @@ DistanceLevels distance_levels(const Measurements& measurements, const std::vect
   return result;
 }
 
-// A distance that changed by `amount`, of one repeat or from one configuration on.
+// A distance that deviates by `amount` in one repeat, or from one configuration on.
 struct Deviation {
   Pair pair;
   double amount = 0.0;
@@ -97,8 +97,8 @@ struct Deviation {
   int last_before = 0;  // of a change
 };
 
-// Whose blame the deviations are: the target with most of them, then with the largest; both targets of a pair that
-// stands alone. Takes the deviations that are explained out of the list.
+// The target responsible for most deviations, then for the largest; both targets of a single pair. Removes the
+// explained deviations from the list.
 std::pair<std::set<std::size_t>, double> blame(std::vector<Deviation>& deviations) {
   std::map<std::size_t, std::pair<int, double>> score;
   double largest = 0.0;
@@ -141,7 +141,7 @@ std::vector<QualityFinding> slips_in_distances(const Measurements& measurements,
   }
   std::vector<QualityFinding> findings;
   while (!changes.empty()) {
-    // The largest change locates best; the others of the same slip may be found one configuration beside it.
+    // The largest change locates the slip best; others of the same slip may be one configuration off.
     const Deviation largest = *std::max_element(
         changes.begin(), changes.end(),
         [](const Deviation& a, const Deviation& b) { return std::abs(a.amount) < std::abs(b.amount); });
@@ -161,13 +161,13 @@ std::vector<QualityFinding> slips_in_distances(const Measurements& measurements,
   return findings;
 }
 
-// Distances beyond their limit, and the squares of all.
+// Distances beyond their limit, and the sum of squares of all.
 struct Deviations {
   std::vector<Deviation> beyond;
-  double cost = 0.0;  // in sigmas
+  double cost = 0.0;  // sum of squares in units of sigma
 };
 
-// Those of a group's distances, with the targets' names as `name` gives them for the rows.
+// Deviations of a group's distances, with the rows' targets given by `name`.
 template <class Name>
 Deviations deviations(const Measurements& measurements, const Group& group, const DistanceLevels& distances,
                       const std::vector<double>& relative, const Name& name) {
@@ -185,7 +185,7 @@ Deviations deviations(const Measurements& measurements, const Group& group, cons
   return result;
 }
 
-// The two rows whose names, exchanged, make all distances right.
+// The two rows for which exchanging the names makes all distances right.
 std::optional<std::pair<std::size_t, std::size_t>> swap_in_distances(const Measurements& measurements,
                                                                      const Group& group,
                                                                      const DistanceLevels& distances,

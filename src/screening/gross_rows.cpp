@@ -19,18 +19,18 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kByChance = 1e-4;         // any group of correct measurements
-constexpr double kSmallMisfit = 1e-7;      // [m] below that nothing is gross
-constexpr double kMostOfMisfit = 1.0 / 3;  // that the others keep
-constexpr double kLeastRestFreedom = 3.0;  // of the others
-constexpr double kOnePointAlone = 0.9;     // of what its configuration explains
+constexpr double kByChance = 1e-4;         // probability of any finding among correct measurements
+constexpr double kSmallMisfit = 1e-7;      // [m] with a smaller misfit nothing is gross
+constexpr double kMostOfMisfit = 1.0 / 3;  // largest share that the others keep
+constexpr double kLeastRestFreedom = 3.0;  // least degrees of freedom of the others
+constexpr double kOnePointAlone = 0.9;     // share of its configuration's decrease
 constexpr double kWithoutWeight = 1e-9;
 
-// The means, which of them are in, and the fit of those.
+// The means, which of them are included, and their fit.
 struct Search {
   const FitProblem& problem;
   Measurements means;
-  std::vector<std::vector<std::size_t>> of_configuration;  // numbers of the means
+  std::vector<std::vector<std::size_t>> of_configuration;  // indices of the means
   std::vector<double> weights;
   Estimate estimate;
 };
@@ -50,17 +50,17 @@ Search begin(const FitProblem& problem) {
   return search;
 }
 
-// A group of means and what leaving it out explains.
+// A group of means and the effect of leaving it out.
 struct GrossGroup {
   std::vector<std::size_t> means;
   double decrease = 0.0;  // of the sum of squares
 };
 
-// The equations of what is in.
+// Equations of the included means.
 struct Equations {
   WhitenedSystem system;
   Eigen::LLT<MatrixXd> information;
-  std::vector<Index> first_row;  // of each mean; position rows alone are looked at
+  std::vector<Index> first_row;  // of each mean; position rows only
   double squares = 0.0;
   double freedom = 0.0;
   double rms = 0.0;  // [m]
@@ -122,7 +122,7 @@ GrossGroup group_of(const Equations& equations, std::vector<std::size_t> means) 
   const auto count = static_cast<Index>(rows.size());
   const MatrixXd rest = MatrixXd::Identity(count, count) - J * equations.information.solve(J.transpose());
   const Eigen::LDLT<MatrixXd> factor(rest);
-  constexpr double kDetermined = 1e-6;  // without the group
+  constexpr double kDetermined = 1e-6;  // least share of information without the group
   GrossGroup group{.means = std::move(means)};
   if (!(factor.vectorD().minCoeff() > kDetermined)) {
     return group;
@@ -131,7 +131,7 @@ GrossGroup group_of(const Equations& equations, std::vector<std::size_t> means) 
   return group;
 }
 
-// The group that explains most: a configuration, or one point of it that explains nearly as much.
+// The group with the largest decrease: a configuration, or one point of it with nearly the same decrease.
 GrossGroup largest_group(const Search& search, const Equations& equations) {
   GrossGroup largest;
   for (const std::vector<std::size_t>& all : search.of_configuration) {
@@ -173,7 +173,7 @@ bool may_be_chance(const GrossGroup& group, const Equations& equations, std::siz
 
 namespace {
 
-// How far groups are from where the others put them.
+// Messages' data: distances of groups from their predictions by the others.
 std::vector<GrossRow> described(const Search& search, const std::vector<GrossGroup>& groups) {
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(search.problem.model, search.estimate, search.means);
   const Measurements& means = search.means;
@@ -205,7 +205,7 @@ GrossRows find_gross_rows(const FitProblem& problem) {
   }
   found.rms = equations->rms;
   std::vector<GrossGroup> out;
-  double kept = equations->rms;  // of those that were accepted last
+  double kept = equations->rms;  // of the last accepted fit
   for (std::size_t taken = 0; taken < most; ++taken) {
     const GrossGroup group = largest_group(search, *equations);
     if (group.means.empty() || may_be_chance(group, *equations, groups)) {

@@ -12,10 +12,10 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr double kLeast = 1e-300;  // of a probability that is a divisor
+constexpr double kLeast = 1e-300;  // least probability used as a divisor
 constexpr double kNormalMedian = 0.6745;
 
-// The size of a Student's t with 1 / nu = `heaviness`; of a normal value where that is 0.
+// Absolute value of a Student's t with 1 / nu = `heaviness`; of a normal value if 0.
 class TailedSize {
 public:
   explicit TailedSize(double heaviness) : heaviness_(heaviness) {
@@ -30,12 +30,12 @@ public:
         heaviness_ == 0.0 ? std::erfc(size / std::numbers::sqrt2) : f_upper_tail(size * size, 1.0, 1.0 / heaviness_);
     return std::max(p, kLeast);
   }
-  // Of a size whose square this is.
+  // Log density of a size, given its square.
   double log_density(double square) const {
     return log_constant_ -
            (heaviness_ == 0.0 ? 0.5 * square : 0.5 * (1.0 / heaviness_ + 1.0) * std::log1p(square * heaviness_));
   }
-  // -size times the derivative of the log density, summed over sizes of which these, over `unit`, are the squares.
+  // Sum over sizes with squares `squares` / `unit` of -size times the derivative of the log density.
   double pull(const Eigen::ArrayXd& squares, double unit) const {
     return (1.0 + heaviness_) * (squares / (unit + heaviness_ * squares)).sum();
   }
@@ -45,7 +45,7 @@ private:
   double log_constant_;
 };
 
-// Ascending sizes of which the `censored` largest are known to be larger than the others, and no more.
+// Ascending sizes. Of the `censored` largest only that they are larger is used.
 class CensoredSizes {
 public:
   CensoredSizes(const std::vector<double>& sizes, std::size_t censored)
@@ -58,7 +58,7 @@ public:
     weight_ = static_cast<double>(known_) / static_cast<double>(squares_.size());
   }
 
-  // By bisection of the derivative of the log likelihood by the scale.
+  // Root of the derivative of the log likelihood by the scale, by bisection.
   double likeliest_scale(const TailedSize& tailed) const {
     const double middle = std::log(sizes_[sizes_.size() / 2] / kNormalMedian);
     double lower = middle - 1.5;
@@ -88,11 +88,11 @@ private:
   const std::vector<double>& sizes_;
   std::size_t known_;
   double censored_;
-  Eigen::ArrayXd squares_;  // of those that are summed
-  double weight_ = 1.0;     // of each
+  Eigen::ArrayXd squares_;  // of the summed sizes
+  double weight_ = 1.0;     // of each summed size
 };
 
-// The size that one of as many values exceeds with probability kChance, where the `censored` largest tell nothing.
+// The size exceeded by any of the values with probability kChance, with the `censored` largest censored.
 double limit_without(const std::vector<double>& sizes, std::size_t censored) {
   constexpr double kChance = 0.005;
   constexpr double kHeaviest = 0.4;
@@ -131,8 +131,8 @@ double limit_without(const std::vector<double>& sizes, std::size_t censored) {
 }  // namespace
 
 double limit_of_heavy_tails(std::vector<double> sizes) {
-  constexpr double kShare = 0.08;      // of the values: more are not supposed to be defects
-  constexpr std::size_t kFewest = 10;  // as many as a configuration of three targets that is off has
+  constexpr double kShare = 0.08;      // largest share of values that can be defects
+  constexpr std::size_t kFewest = 10;  // covers the 9 coordinates of one wrong configuration of three targets
   std::size_t censored = std::max(kFewest, static_cast<std::size_t>(kShare * static_cast<double>(sizes.size())));
   std::sort(sizes.begin(), sizes.end());
   if (sizes.size() < 3 * censored || !(sizes[sizes.size() / 2] > 0.0)) {

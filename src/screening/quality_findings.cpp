@@ -39,7 +39,7 @@ std::string where(const QualityFinding& finding, bool every_repeat, bool always)
   return text;
 }
 
-// `all`: nothing of that configuration's targets is left out.
+// `all`: the finding concerns all targets of the configuration.
 std::string describe(const QualityFinding& finding, bool all) {
   const std::string& first = finding.targets.front();
   const bool bound = finding.offset.isZero(0.0);

@@ -1,6 +1,6 @@
 #pragma once
 
-// What the checks of distances and of residuals share: rows that belong together, and findings put into words.
+// Shared by the checks of distances and of residuals: groups of rows, and messages of findings.
 // Not installed.
 
 #include <cstddef>
@@ -11,29 +11,29 @@
 
 namespace kdl_calibration {
 
-/// Rows that were measured together.
+/// Rows measured together.
 struct Group {
   int configuration = 0;
   int repeat = 0;
   std::vector<std::size_t> rows;
 };
 
-/// A finding and where it was made, before the repeats are put together.
+/// A finding and its rows, before findings of repeats are merged.
 struct Found {
   QualityFinding finding;
   int configuration = 0;
-  std::vector<std::size_t> rows;  // whose blame it is
+  std::vector<std::size_t> rows;  // rows responsible for it
 };
 
-/// Throws InputError where a threshold is negative or not finite.
+/// Throws InputError if a threshold is negative or not finite.
 void check(const QualityOptions& options);
 
 std::vector<Group> groups_of(const Measurements& measurements);
 
-/// Of each row its stated sigma over their median; 1 where not all rows state one.
+/// Each row's stated sigma over their median; 1 unless all rows state one.
 std::vector<double> relative_sigmas(const Measurements& measurements);
 
-/// One finding where all repeats of a configuration have the same.
+/// Merges findings that all repeats of a configuration have in common.
 std::vector<QualityFinding> put_together(const Measurements& measurements, const std::vector<Group>& groups,
                                          std::vector<Found> all_found);
 

@@ -24,16 +24,16 @@ namespace {
 using Eigen::Index;
 using Eigen::Vector3d;
 
-// Everything that the check of the residuals looks at, row by row.
+// Data of the residual check, row by row.
 struct ResidualTable {
   std::vector<Eigen::Isometry3d> X_WF;  // by configuration
   std::vector<Vector3d> targets;        // in the flange frame, as estimated
-  std::vector<Levels> levels;           // by target: its residual in the flange frame
-  std::vector<Vector3d> residuals;      // in W, less the level
-  std::vector<double> limits;           // [m] what a coordinate may deviate
+  std::vector<Levels> levels;           // by target: levels of its residual in the flange frame
+  std::vector<Vector3d> residuals;      // in W, minus the level
+  std::vector<double> limits;           // [m] limit of a coordinate's deviation
 
   bool out(std::size_t row) const { return residuals[row].cwiseAbs().maxCoeff() > limits[row]; }
-  // Where a target should be in a configuration.
+  // Predicted position of a target in W, at its level in that configuration.
   Vector3d expected(std::size_t target, int configuration) const {
     return X_WF[static_cast<std::size_t>(configuration)] * Vector3d(targets[target] + level(target, configuration));
   }
@@ -47,7 +47,7 @@ double fitted_parameters(const Estimate& estimate) {
          6.0 + 3.0 * static_cast<double>(estimate.targets.size());
 }
 
-// Scatter of the rows of one split; the floor where it has none.
+// Scatter of the rows of one split; the noise floor if it has none.
 double sigma_of_rows(const Measurements& measurements, const ResidualTable& table, const std::vector<double>& relative,
                      Split split, double floor) {
   std::vector<double> values;
@@ -61,7 +61,7 @@ double sigma_of_rows(const Measurements& measurements, const ResidualTable& tabl
   return std::max(robust_sigma(std::move(values)), floor);
 }
 
-// Coordinates that the fit had to explain; the repeats of a configuration share its misfit.
+// Number of fitted coordinates; repeats count once because they share the misfit.
 double fitted_coordinates(const Measurements& measurements) {
   std::set<std::pair<int, int>> points;
   const TrainingRows training(measurements);
@@ -71,8 +71,7 @@ double fitted_coordinates(const Measurements& measurements) {
   return 3.0 * static_cast<double>(points.size());
 }
 
-// How much larger than sigma the residual of a row may be that a robust fit left out: 1 / sqrt(1 - h) with its leverage
-// h, for which a multiple of the mean leverage is taken.
+// Factor on the limits for rows ignored by a robust fit: 1 / sqrt(1 - h), with a multiple of the mean leverage for h.
 double inflation(const Measurements& measurements, double fitted) {
   constexpr double kLargeLeverage = 2.5;
   const double h = kLargeLeverage * fitted / fitted_coordinates(measurements);
@@ -150,9 +149,9 @@ std::vector<QualityFinding> slips_in_residuals(const Measurements& measurements,
   return findings;
 }
 
-// The other target that a row which is out seems to show, by number.
+// Index of the other target at whose position an outlying row lies.
 std::optional<std::size_t> seems_to_be(const Measurements& measurements, const ResidualTable& table, std::size_t row) {
-  constexpr double kNear = 0.05;  // of the distance between the two
+  constexpr double kNear = 0.05;  // relative to the distance between the two
   const Observation& observation = measurements.observations[row];
   const Vector3d own = table.expected(target_of(measurements, row), observation.configuration);
   std::optional<std::size_t> best;
@@ -169,7 +168,7 @@ std::optional<std::size_t> seems_to_be(const Measurements& measurements, const R
   return best;
 }
 
-// The rows of a group whose targets were exchanged in a ring that begins with `row`; empty where they were not.
+// The rows of a group whose targets were exchanged cyclically, beginning with `row`; empty if none.
 std::vector<std::size_t> ring(const std::map<std::size_t, std::size_t>& row_of_target,
                               const std::map<std::size_t, std::size_t>& seems, std::size_t row) {
   std::vector<std::size_t> rows;
@@ -186,7 +185,7 @@ std::vector<std::size_t> ring(const std::map<std::size_t, std::size_t>& row_of_t
   return at == row ? rows : std::vector<std::size_t>{};
 }
 
-// Rings of exchanged targets and rows that lie where another target is. Takes the rows explained out of `rows`.
+// Cyclic exchanges of targets, and rows at another target's position. Removes the explained rows from `rows`.
 std::vector<Found> exchanged_targets(const Measurements& measurements, const ResidualTable& table, const Group& group,
                                      std::set<std::size_t>& rows) {
   std::map<std::size_t, std::size_t> row_of_target;
@@ -221,7 +220,7 @@ std::vector<Found> exchanged_targets(const Measurements& measurements, const Res
   return found;
 }
 
-// What the rows of the group that are not out have in common, e.g. the robot's own error there.
+// Common residual of the group's inliers, e.g. the robot's own error there.
 Vector3d common_residual(const ResidualTable& table, const Group& group) {
   Vector3d sum = Vector3d::Zero();
   double count = 0.0;
@@ -234,7 +233,7 @@ Vector3d common_residual(const ResidualTable& table, const Group& group) {
   return count > 0.0 ? Vector3d(sum / count) : sum;
 }
 
-// A row that is out by itself: one coordinate, or several.
+// Finding for a single outlying row: one coordinate, or several.
 Found displaced(const Measurements& measurements, const ResidualTable& table, const Group& group, std::size_t row) {
   const Vector3d offset = table.residuals[row] - common_residual(table, group);
   const auto axes_out = (table.residuals[row].cwiseAbs().array() > table.limits[row]).count();
@@ -248,8 +247,8 @@ Found displaced(const Measurements& measurements, const ResidualTable& table, co
   return found;
 }
 
-// All targets of a configuration together are off where the robot is: by so much that neither its elasticity nor
-// temperature, which the model does not know, is to blame.
+// Whether all targets of a configuration are off by more than unmodelled elasticity or temperature can explain, so that
+// the robot stood elsewhere.
 bool robot_is_elsewhere(const ResidualTable& table, const std::set<std::size_t>& rows) {
   constexpr double kBeyondTheModel = 5.0;
   return std::any_of(rows.begin(), rows.end(), [&](std::size_t row) {

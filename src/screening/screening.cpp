@@ -10,7 +10,7 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr std::size_t kMostRowsScreened = 20000;  // beyond that only the distances between targets are checked
+constexpr std::size_t kMostRowsScreened = 20000;  // above it only distances between targets are checked
 
 ErrorModel with_load_and_gain(ErrorModel model) {
   model.effects = load_and_gain_terms(model);

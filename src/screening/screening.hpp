@@ -1,6 +1,6 @@
 #pragma once
 
-// What is wrong with the measurements themselves, looked for by robust fits. Not installed.
+// Screening of the measurements for gross errors by robust fits. Not installed.
 
 #include <vector>
 
@@ -10,13 +10,13 @@
 
 namespace kdl_calibration {
 
-/// What is wrong with single measurements, by the distances between targets and by a preliminary robust fit from the
-/// start of `problem`. Only findings stay that remain when gravity and joint gains are in the model.
+/// Wrong single measurements, from distances between targets and a preliminary robust fit from the start of `problem`.
+/// Keeps only findings that remain with gravity and joint gains in the model.
 std::vector<QualityFinding> screen(const FitProblem& problem);
 
-/// See find_gross_rows. A gross row can keep effects from being selected, and their misfit then hides it: where nothing
-/// is found, gravity and joint gains are put into the model and the search is repeated. Nothing beyond 2,000
-/// configurations or 200 unknowns. `problem`: at its optimum.
+/// See find_gross_rows. A gross row can prevent the selection of effects, whose misfit then hides the row. So if none
+/// is found, the search is repeated with gravity and joint gains in the model. Empty above 2,000 configurations or 200
+/// unknowns. `problem`: at its optimum.
 GrossRows find_gross_rows_beside_effects(const FitProblem& problem);
 
 }  // namespace kdl_calibration

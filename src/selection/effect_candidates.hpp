@@ -12,12 +12,12 @@
 
 namespace kdl_calibration {
 
-/// The rows of the data and what they would be at zero errors and effects: y = J x, linearised at the optimum.
+/// The rows of the data as linear equations y = J x of errors and effects, linearised at the optimum.
 struct LinearRows {
   Eigen::MatrixXd J;
   Eigen::VectorXd y;
-  std::vector<Eigen::Index> first;  ///< row of each configuration, and the number of rows
-  double unit = 1.0;                ///< [m] that a residual of 1 stands for
+  std::vector<Eigen::Index> first;  ///< first row of each configuration, then the number of rows
+  double unit = 1.0;                ///< [m] per unit of residual
 };
 
 /// A model to be scored: the rigid parameters and some effect terms. The rows are linearised at zero effects, so the
@@ -25,22 +25,22 @@ struct LinearRows {
 struct Candidate {
   ErrorModel model;
   Unknowns free;
-  bool sized = false;  ///< the geometry, by evidence
+  bool sized = false;  ///< whether priors of the geometry are sized by evidence
 };
 Candidate with_terms(const ErrorModel& rigid, const Unknowns& free, const std::vector<EffectTerm>& terms, bool sized);
 
 LinearRows linear_rows(const Candidate& candidate, const Measurements& means, Estimate optimum,
                        double orientation_length);
-/// The offsets of all joints, which are motions about their own axes: one column for every joint, in their order.
+/// The offsets of all joints, rotations about (or motions along) their own axes: one column per joint, in order.
 Unknowns joint_offsets(const ErrorModel& model, const std::vector<TargetFrame>& targets);
-/// The rows of these.
+/// The rows with joint offsets as columns.
 LinearRows joint_rows(const ErrorModel& rigid, const Measurements& means, const Estimate& optimum,
                       double orientation_length);
 LinearSums sums_of(const LinearRows& rows, const std::vector<Eigen::Index>& configurations);
 
 bool is_of_table(const EffectTerm& term);
 
-/// The groups of a candidate: lengths and angles where their sizes are looked for or stated, then the effects'.
+/// The groups of a candidate: lengths and angles if their sizes are estimated or stated, then the effects.
 struct Groups {
   SizedGroups columns;
   std::vector<std::string> names;

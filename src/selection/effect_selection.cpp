@@ -48,14 +48,14 @@ bool has_groups(const CandidateModel& model, const std::vector<std::string>& nam
   return std::is_permutation(names.begin(), names.end(), model.names.begin(), model.names.end());
 }
 
-// A model, its score, and the groups that may still be added to it.
+// A model, its score, and the remaining candidate groups.
 struct Route {
   CandidateModel model;
   ModelScore score;
   std::vector<EffectOption> left;
 };
 
-// One of the groups that may be added, and the score of the model with it.
+// A candidate group, and the score of the model with it.
 struct Step {
   std::size_t option = 0;
   ModelScore score;
@@ -67,21 +67,21 @@ void take(Step step, Route& route) {
   route.score = std::move(step.score);
 }
 
-// Held-out configurations lie close to fitted ones, so cross-validation hardly tests a table inside a gap. The evidence
-// decides among lengths that predict equally well.
+// Cross-validation hardly tests a table inside a gap, because held-out configurations lie close to fitted ones.
+// Evidence decides among lengths that predict equally well.
 bool is_better_length(const ModelScore& shorter, const ModelScore& longer) {
   return shorter.determined && (shorter.held_out_rms < longer.held_out_rms ||
                                 (is_likelier(shorter, longer) && predicts_as_well(shorter, longer)));
 }
 
-// Likelier, and predicts better, or as well within a standard error with fewer terms.
+// Higher evidence and a better prediction, or an equal one within a standard error with fewer terms.
 bool is_preferable(const Route& one, const Route& other) {
   const bool fewer = one.model.terms.size() < other.model.terms.size();
   return is_likelier(one.score, other.score) &&
          (one.score.held_out_rms < other.score.held_out_rms || (fewer && predicts_as_well(one.score, other.score)));
 }
 
-// Nothing is known of it anywhere.
+// Whether the table is withheld over its whole range.
 bool is_withheld_throughout(const EffectTerm& term) {
   const auto* const table = std::get_if<JointTable>(&term.function);
   return table != nullptr && !table->withheld.empty() &&
@@ -96,10 +96,10 @@ std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const ModelSc
   return terms;
 }
 
-// The choice at one set of data.
+// Selection for one set of measurements.
 class ModelSelector {
 public:
-  // Inside another choice nobody is told what is being tried.
+  // A selection inside another one reports no progress.
   enum class Place { outermost, inside };
   ModelSelector(const ModelSelectionTask& task, const Measurements& means, int threads, Place place)
       : task_(task),
@@ -108,7 +108,7 @@ public:
         place_(place),
         scorer_(task, means, threads, place == Place::outermost) {}
 
-  // `terms`: those of the choice and those whose size is zero, as the columns of `values` behind the rigid ones.
+  // `terms`: selected terms and those of size zero, in the order of the columns of `values` after the rigid ones.
   struct Outcome {
     ModelSelection choice;
     std::vector<EffectTerm> terms;
@@ -165,7 +165,7 @@ private:
             .terms = allowed(effect_terms(task_.model, group, means_.joint_values, means_.signals))};
   }
 
-  // Tables get the length that predicts best; ripple is looked for in what all others leave.
+  // Tables get the length that predicts best; ripple is searched in the residuals of all other groups.
   void add_asked(Route& route, TriedModels& tried) const {
     const std::vector<EffectGroup>& groups = task_.options.effects.groups;
     const auto is_asked = [&](EffectGroup group) {
@@ -210,7 +210,7 @@ private:
     }
   }
 
-  // What joints still swing by beside a model.
+  // Ripple found in the residuals of a model.
   EffectOption ripple_beside(const CandidateModel& model, const ModelScore& score) const {
     EffectOption ripple{.name = to_string(EffectGroup::ripple), .terms = {}};
     if (!score.determined) {
@@ -232,8 +232,8 @@ private:
     return ripple;
   }
 
-  // Tables can be nearly what every other effect is. Where they came before others that help as well, those are taken
-  // first, too, and tables behind them.
+  // Tables can imitate nearly every other effect. If they were added before other helpful groups, a second route adds
+  // those first and tables last.
   void add_what_helps(Route& route, TriedModels& tried) const {
     for (const EffectGroup group : groups_allowed(configurations())) {
       route.left.push_back(option_of(group));
@@ -248,8 +248,8 @@ private:
     }
   }
 
-  // The likeliest of what helps, again and again. Where it is tables while others help as well, the model goes on from
-  // the likeliest of these, without tables, is returned too.
+  // Repeatedly adds the helpful group of highest evidence. If that is tables while other groups help too, also returns
+  // a second route, which continues with the best of those instead.
   std::optional<Route> follow(Route& route, TriedModels& tried) const {
     std::optional<Route> without_tables;
     while (route.score.determined) {
@@ -285,7 +285,7 @@ private:
     }
   }
 
-  // The likeliest of those options that help and have at least this evidence, tables of the longest length.
+  // The option of highest evidence among those that help and reach this evidence; tables with the longest length.
   template <class Filter>
   std::optional<Step> likeliest(Route& route, TriedModels& tried, Filter is_asked, double wanted) const {
     std::optional<Step> best;
@@ -305,13 +305,13 @@ private:
     return best;
   }
 
-  // Tables that forget themselves sooner, as long as they predict better, or as well and are likelier.
+  // Shortens the correlation length while the prediction improves, or stays equal with higher evidence.
   void shorten(const CandidateModel& beside, EffectOption& tables, ModelScore& best, TriedModels& tried) const {
     for (const double degrees : {10.0, 4.0}) {
       const double length = degrees * std::numbers::pi / 180.0;
       EffectOption shorter{.name = tables.name,
                            .terms = allowed(table_terms(task_.model, means_.joint_values, length))};
-      std::erase_if(shorter.terms, [&](const EffectTerm& term) {  // what is flat already is not bent more
+      std::erase_if(shorter.terms, [&](const EffectTerm& term) {  // flat tables are not shortened
         return size_of(best, size_name(term)) < kFlatTable;
       });
       if (shorter.terms.empty()) {
@@ -326,8 +326,8 @@ private:
     }
   }
 
-  // Ripple that was found beside less than what is known now is looked for again. Whether that is likelier and predicts
-  // better; it is the last group then.
+  // Repeats the ripple search with the present model. Returns whether evidence and prediction improve; ripple is then
+  // the last group.
   bool renew_ripple(Route& route, TriedModels& tried) const {
     const auto is_one = [](const EffectTerm& term) { return term.group() == EffectGroup::ripple; };
     CandidateModel model = route.model;
@@ -349,7 +349,7 @@ private:
     return true;
   }
 
-  // Whether the other model, with tables where they help, is the better one.
+  // Whether `other`, with tables added if they help, is preferable.
   bool takes_the_place(Route& other, const Route& route, TriedModels& tried) const {
     std::vector<std::string> names = other.model.names;
     names.emplace_back(to_string(EffectGroup::tables));
@@ -364,7 +364,7 @@ private:
     return is_preferable(other, route);
   }
 
-  // Where the measurements tell too little of them.
+  // Withholds tables where the measurements tell too little about them.
   void withhold_tables(Route& route) const {
     std::vector<EffectTerm>& terms = route.model.terms;
     if (route.score.sizes.sizes.empty() || std::none_of(terms.begin(), terms.end(), is_of_table)) {
@@ -406,7 +406,7 @@ ModelSelection select_effects(const ModelSelectionTask& task) {
 
 ModelSelection select_model(const ModelSelectionTask& task, const Identification& rigid, bool determined,
                             Method method) {
-  constexpr double kNothingToLearn = 1e-10;  // [m] misfits below that differ by rounding alone
+  constexpr double kNothingToLearn = 1e-10;  // [m] smaller misfits differ only by rounding
   ModelSelection as_stated{.priors = task.options.priors, .rigid_priors = task.options.priors};
   if (!is_open(task.options) || method != Method::joint || !(rigid.rms > kNothingToLearn)) {
     return as_stated;
@@ -435,7 +435,7 @@ std::vector<double> nested_distances(const ModelSelectionTask& task, const std::
     const Candidate candidate = with_terms(task.model, task.free, chosen.terms, false);
     const Measurements fold = subset(means, is_left_out);
     const LinearRows left = linear_rows(candidate, fold, task.optimum, task.orientation_length);
-    std::vector<bool> known(means.targets.size(), false);  // by the rest or by the user
+    std::vector<bool> known(means.targets.size(), false);  // determined by the other folds or stated by the user
     for (const Observation& o : rest.observations) {
       known[static_cast<std::size_t>(o.target)] = true;
     }

@@ -21,14 +21,14 @@ namespace {
 constexpr int kRounds = 60;
 constexpr int kRoundsFromNear = 8;
 constexpr double kSettledEvidence = 1e-3;  // relative change of a size
-constexpr double kSmallest = 1e-16;        // [m^2 or rad^2] a variance below that is none
+constexpr double kSmallest = 1e-16;        // [m^2 or rad^2] smaller variances count as zero
 constexpr double kLeastTold = 1e-6;        // number of values
 constexpr double kLeastOfAmple = 0.5;      // number of values
 constexpr double kFirstSize = 1e-3;        // [m or rad]
 constexpr double kLeastPivot = 1e-10;      // of free columns scaled to unit norm
 constexpr double kLeastFreedom = 1.0;      // equations left for the noise
 
-// In place, by halves: a third of the operations that solving for the columns of a unit matrix takes.
+// Inverts in place by recursive halving, a third of the operations of solving for a unit matrix.
 void invert_lower_triangle(Eigen::Ref<MatrixXd> L) {
   constexpr Index kSmall = 48;
   const Index n = L.rows();
@@ -102,7 +102,7 @@ SizeEstimator::SizeEstimator(const LinearSums& sums, const std::vector<Index>& c
   if (!determined_) {
     return;
   }
-  const auto solved = [&](auto right) {  // what is empty has no first entry, which Eigen would ask for
+  const auto solved = [&](auto right) {  // Eigen must not access the first entry of an empty matrix
     if (right.size() > 0) {
       right = (scale.asDiagonal() * root.solve(scale.asDiagonal() * right)).eval();
     }
@@ -122,7 +122,7 @@ SizeEstimator::Fit SizeEstimator::solve(const std::vector<double>& variances, do
   if (n == 0) {
     return {.x = {}, .gamma = VectorXd::Zero(static_cast<Index>(groups_.size())), .squares = std::max(squares_, 0.0)};
   }
-  // In units of the groups' sizes: M = I + S A S / sigma^2 is never singular, and a size of zero takes a group out.
+  // In units of the groups' sizes: M = I + S A S / sigma^2 is never singular, and a size of zero removes a group.
   VectorXd S = VectorXd::Zero(n);
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     for (const Index place : groups_[g]) {

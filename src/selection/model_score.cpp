@@ -26,14 +26,14 @@ using Eigen::VectorXd;
 
 constexpr std::size_t kMostSingleFolds = 40;
 constexpr int kFolds = 10;
-constexpr double kEvidenceToPrefer = 2.0;    // that makes a model likelier
-constexpr double kEvidenceToAddGroup = 7.0;  // of several that are looked at one is likelier by chance
+constexpr double kEvidenceToPrefer = 2.0;    // gain in log evidence
+constexpr double kEvidenceToAddGroup = 7.0;  // larger, as the best of several gains by chance
 constexpr double kClearlyBetter = 0.98;      // of the held-out RMS
 constexpr double kFileRounding = 1e-9;       // [m] of the numbers in a file
 constexpr double kLeastPrior = 1e-7;         // [m or rad]
-constexpr double kEquations = 1.1;           // for every column
+constexpr double kEquations = 1.1;           // least number per column
 
-// Unknowns of targets that the sums say nothing about are no unknowns there.
+// Columns with information in `sums`; those of targets that do not occur there are left out.
 std::vector<Index> told_columns(const Candidate& candidate, const LinearSums& sums, const LinearSums& all) {
   constexpr double kTold = 1e-9;  // of the information of all rows
   std::vector<Index> columns;
@@ -52,7 +52,7 @@ std::vector<Index> all_of(Index count) {
   return columns;
 }
 
-// Tables are tried in several lengths.
+// The groups' names, with the length of tables.
 std::string in_words(const CandidateModel& model) {
   double length = 0.0;
   for (const EffectTerm& term : model.terms) {
@@ -65,7 +65,7 @@ std::string in_words(const CandidateModel& model) {
          (degrees > 0 ? " of " + std::to_string(degrees) + " degrees" : "") + (model.sized ? " with priors" : "");
 }
 
-// Mean gain of a configuration's squares, over its standard error.
+// Mean decrease of a configuration's held-out squares, over its standard error.
 double certainty_of_gain(const ModelScore& with, const ModelScore& without) {
   const VectorXd gain = without.squares - with.squares;
   const auto n = static_cast<double>(gain.size());
@@ -103,7 +103,7 @@ ModelScorer::ModelScorer(const ModelSelectionTask& task, const Measurements& mea
     : task_(task), means_(means), threads_(threads), reports_progress_(reports_progress) {
   const std::vector<std::vector<Index>> singly = make_folds(means_, 0);
   folds_ = singly.size() < kMostSingleFolds ? singly : make_folds(means_, kFolds);
-  // A target that one fold alone has cannot be predicted from the others, by no model.
+  // No model can predict a target that occurs in one fold only.
   std::map<std::int32_t, std::pair<std::set<std::size_t>, std::size_t>> folds_and_points_of;
   for (std::size_t f = 0; f < folds_.size(); ++f) {
     for (const Observation& o : means_.observations) {

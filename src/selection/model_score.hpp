@@ -15,14 +15,14 @@
 
 namespace kdl_calibration {
 
-/// What a choice of priors and effects is made from. Keeps references.
+/// Input of the selection of priors and effects. Keeps references.
 struct ModelSelectionTask {
   const ErrorModel& model;  ///< rigid
   const Measurements& measurements;
-  const Estimate& optimum;  ///< of the rigid model: everything is linearised there
+  const Estimate& optimum;  ///< of the rigid model; the point of linearisation
   const Unknowns& free;     ///< of the rigid model
   const ModelSelectionOptions& options;
-  const std::vector<std::string>& fix;  ///< patterns of effects that stay out
+  const std::vector<std::string>& fix;  ///< patterns of excluded effects
   double orientation_length = 0.3;      ///< ResidualOptions::orientation_length
   int threads = 0;
   ProgressFunction progress = {};
@@ -30,60 +30,60 @@ struct ModelSelectionTask {
 
 /// The score of a model: evidence, and held-out error by cross-validation.
 struct ModelScore {
-  bool determined = false;  ///< by the rest of every fold; only then the held-out figures are any
+  bool determined = false;  ///< whether every fold's rest determines it; else there are no held-out figures
   GroupSizes sizes;
   Groups groups;
   Eigen::MatrixXd information;  ///< J^T J
   double noise = 0.0;           ///< [m] of a coordinate of a mean
-  double motion = 0.0;          ///< [m or rad] largest of a joint by all effects
+  double motion = 0.0;          ///< [m or rad] largest motion of a joint due to effects
   Eigen::VectorXd squares;      ///< [m^2] of each held-out configuration, summed over its points
   double held_out_rms = std::numeric_limits<double>::infinity();
 };
 
-/// Of a group, by its name; 0 where there is none.
+/// Size of the named group; 0 if absent.
 double size_of(const ModelScore& score, const std::string& name);
 
-/// The evidence that a model with one more group needs. It is above that of a mere preference, as the best of several
-/// groups is likelier by chance.
+/// The evidence required of a model with one more group. It exceeds evidence_to_prefer, because the best of several
+/// groups gains evidence by chance.
 double evidence_to_accept(const ModelScore& than);
 
-/// The evidence that makes a model likelier than this one.
+/// The evidence required to prefer a model to this one.
 double evidence_to_prefer(const ModelScore& than);
 bool is_likelier(const ModelScore& one, const ModelScore& other);
 
-/// Whether one, where both are determined, leaves no more of a configuration than the other, within a standard error.
+/// For determined models: whether one's held-out error is at most the other's, within a standard error.
 bool predicts_as_well(const ModelScore& one, const ModelScore& other);
 
-/// Whether one predicts better by so much that it matters, or where the other cannot.
+/// Whether one predicts clearly better, or the other is not determined.
 bool is_clearly_better(const ModelScore& one, const ModelScore& other);
 
-/// [m or rad] What moves a joint by more is no effect but a mistake.
+/// [m or rad] Largest motion of a joint that counts as an effect; above it the input is wrong.
 constexpr double kLargestMotion = 0.02;
 
-/// Whether what a model has more makes it predict better, by more than chance, and moves no joint too far.
+/// Whether the additional terms clearly improve the prediction, by over a standard error, and move no joint too far.
 bool helps(const ModelScore& with, const ModelScore& without);
 
-/// A model that may be chosen: rigid parameters and these terms, with priors for the rigid ones or without.
+/// A model that may be chosen: rigid parameters, with or without priors, and these terms.
 struct CandidateModel {
   std::vector<EffectTerm> terms;
-  std::vector<std::string> names;  ///< of the terms' groups
+  std::vector<std::string> names;  ///< names of the terms' groups
   bool sized = false;
 };
 
 /// Scores models on one set of means.
 class ModelScorer {
 public:
-  /// Keeps references. Where `reports_progress`, the options' progress says what is tried.
+  /// Keeps references. `reports_progress`: whether to call the options' progress.
   ModelScorer(const ModelSelectionTask& task, const Measurements& means, int threads, bool reports_progress);
 
-  /// Folds are predicted only where the evidence is at least `wanted`.
+  /// Folds are predicted only if the evidence is at least `wanted`.
   ModelScore score_of(const CandidateModel& model, TriedModels& tried,
                       double wanted = -std::numeric_limits<double>::infinity()) const;
 
-  /// Points of targets that one fold alone has: no model is compared by them.
+  /// Number of points whose target occurs in one fold only: not compared.
   double not_compared() const { return not_compared_; }
 
-  /// The rigid parameters' own where they are sized, else those of the options.
+  /// The estimated sizes of the rigid parameters if `sized`, else the options' priors.
   Priors priors_of(const ModelScore& score, bool sized) const;
 
 private:
@@ -96,7 +96,7 @@ private:
   int threads_;
   bool reports_progress_;
   std::vector<std::vector<Eigen::Index>> folds_;
-  double points_ = 0.0;  ///< that models are compared by
+  double points_ = 0.0;  ///< number of compared points
   double not_compared_ = 0.0;
 };
 

@@ -51,7 +51,7 @@ bool is_known_target(const ParameterOptions& options, const std::string& name) {
                      [&](const TargetFrame& target) { return target.name == name; });
 }
 
-// Base and target coordinates that are not estimated because they are known or fixed by choice.
+// Base and target coordinates that are known or fixed by the user.
 std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, const ParameterOptions& options,
                                       const std::set<std::string>& fixed, const std::set<std::string>& freed) {
   std::vector<std::string> result;

@@ -19,10 +19,10 @@ using Eigen::Matrix2d;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double kLowest = 2.0;  // times a turn, which harmonics have
+constexpr double kLowest = 2.0;  // per turn; the harmonics cover 1 and 2
 constexpr double kHighest = 400.0;
 constexpr double kLevel = 0.001;
-constexpr double kMostFrequencies = 20'000.0;  // of a joint that turns 25 times
+constexpr double kMostFrequencies = 20'000.0;  // enough for a joint range of 25 turns
 constexpr int kMostFound = 12;
 
 // Frequencies of one joint.
@@ -35,8 +35,8 @@ struct Grid {
   double times(Index i) const { return kLowest + step * static_cast<double>(i + 1); }
 };
 
-// The largest distance of which all distances between the values are multiples, to their rounding; 0 where there is
-// none. From the smallest value upwards each one makes the distance more certain.
+// Spacing of a lattice on which all values lie, up to rounding; 0 if there is none. It is refined with each value, in
+// ascending order.
 double lattice(std::vector<double> values) {
   constexpr double kRounding = 2e-4;  // [rad]
   std::sort(values.begin(), values.end());
@@ -51,7 +51,7 @@ double lattice(std::vector<double> values) {
   for (int part = 1; part <= kMostParts && least > 0.0; ++part) {
     double spacing = least / part;
     if (spacing < std::numbers::pi / kHighest) {
-      return 0.0;  // that limits nothing
+      return 0.0;  // no lattice
     }
     const bool fits = std::all_of(values.begin(), values.end(), [&](double value) {
       const double distance = value - values.front();
@@ -89,7 +89,7 @@ std::vector<Grid> grids(const ErrorModel& model, const MatrixXd& q) {
   return result;
 }
 
-// T^2 of the hypothesis that two values, of which each row of `sample` is one observation, have the mean zero.
+// Hotelling's T^2 for zero mean of the two columns of `sample`, one observation per row.
 double hotelling(const Eigen::MatrixX2d& sample) {
   const auto n = static_cast<double>(sample.rows());
   const Eigen::RowVector2d mean = sample.colwise().mean();
@@ -128,7 +128,7 @@ public:
 
   bool is_possible() const { return !grids_.empty(); }
 
-  /// The most certain one, where it is certain enough.
+  /// The most significant frequency; empty if not significant.
   std::optional<Swing> next(int threads) {
     const Index n = data_.joint_values.cols();
     std::vector<Swing> best(grids_.size());
@@ -152,7 +152,7 @@ public:
   }
 
 private:
-  // (motion of the joint) · (column of rows), for each configuration.
+  // Per configuration: (derivatives by the joint's motion) · `column`.
   VectorXd moments(std::size_t joint, const Eigen::Ref<const VectorXd>& column) const {
     VectorXd result(data_.joint_values.cols());
     for (Index c = 0; c < result.size(); ++c) {
@@ -162,7 +162,7 @@ private:
     return result;
   }
 
-  // The next frequency's sines and cosines are the last one's, turned by a step.
+  // Sines and cosines of the next frequency follow from the last by a rotation.
   Swing best_of(const Grid& grid) const {
     const VectorXd moment = moments(grid.joint, rest_);
     const Eigen::MatrixX2d step = functions(data_.joint_values, {.joint = grid.joint, .times = grid.step});
@@ -181,7 +181,7 @@ private:
     return best;
   }
 
-  // Between its neighbours on the grid, where most of the squares goes; to two decimals, as it is named.
+  // The frequency between its grid neighbours that reduces the squares most, to two decimals as in its name.
   Swing refined(const Swing& found, const Grid& grid) const {
     const VectorXd moment = moments(found.joint, rest_);
     const VectorXd weight = moments(found.joint, data_.joints.J.col(static_cast<Index>(found.joint)));
@@ -217,7 +217,7 @@ private:
     return result;
   }
 
-  // Less what the model's own columns say of them.
+  // The columns without their projection onto the model's columns.
   MatrixXd projected(const MatrixXd& columns) const {
     const MatrixXd all = data_.rows.J.transpose() * columns;
     const MatrixXd shared = all(data_.columns, Eigen::all);
@@ -227,7 +227,7 @@ private:
     return columns - data_.rows.J * own;
   }
 
-  // Of each configuration: projected columns · what is left.
+  // Per configuration: projected columns · residuals.
   Eigen::MatrixX2d sums(const MatrixXd& own) const {
     Eigen::MatrixX2d result(data_.joint_values.cols(), 2);
     for (Index c = 0; c < result.rows(); ++c) {

@@ -16,7 +16,7 @@ using Eigen::VectorXd;
 SizedInformation sized_information(const MatrixXd& information, const Groups& groups, const GroupSizes& sizes) {
   VectorXd added = VectorXd::Zero(information.cols());
   for (std::size_t g = 0; g < groups.columns.size(); ++g) {
-    const double ratio = sizes.sigma / sizes.sizes[g];  // infinite where the group is switched off
+    const double ratio = sizes.sigma / sizes.sizes[g];  // infinite if the group is switched off
     added(groups.columns[g]).setConstant(ratio * ratio);
   }
   SizedInformation result;
@@ -38,7 +38,7 @@ TableCertainty::TableCertainty(const Candidate& candidate, const MatrixXd& infor
   }
   const SizedInformation sized = sized_information(information, groups, sizes);
   const Eigen::LLT<MatrixXd> solver(sized.matrix);
-  std::map<int, std::vector<Index>> places;  // among the columns that take part
+  std::map<int, std::vector<Index>> places;  // among the columns that are left
   for (const std::size_t e : candidate.free.effects()) {
     const EffectTerm& term = candidate.model.effects[e];
     if (!is_of_table(term)) {
@@ -105,7 +105,7 @@ std::vector<std::pair<double, double>> TableCertainty::gaps(int joint) const {
       result.emplace_back(i == 0 ? value : value - step, value);
     }
     if (uncertain || inside) {
-      result.back().second = value;  // up to the first certain one
+      result.back().second = value;  // ends at the first certain value
     }
     inside = uncertain;
   }

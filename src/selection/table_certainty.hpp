@@ -11,33 +11,32 @@
 
 namespace kdl_calibration {
 
-/// J^T J plus the prior information of groups of these sizes, with rows of sigma 1. Columns of groups without size are
-/// left out.
+/// J^T J plus the groups' prior information, for rows of sigma 1. Columns of groups of size zero are left out.
 struct SizedInformation {
   std::vector<Eigen::Index> columns;
   Eigen::MatrixXd matrix;
 };
 SizedInformation sized_information(const Eigen::MatrixXd& information, const Groups& groups, const GroupSizes& sizes);
 
-/// What measurements tell of the tables of a candidate. Where the 1 sigma of a table stays above 0.8 of what it was
-/// beforehand, they tell so little that the table is better left out.
+/// Posterior uncertainty of a candidate's tables. A table is withheld where its 1 sigma exceeds 0.8 of the prior one:
+/// the measurements tell too little about it there.
 class TableCertainty {
 public:
   /// `information`: J^T J. Keeps a reference to `candidate`.
   TableCertainty(const Candidate& candidate, const Eigen::MatrixXd& information, const Groups& groups,
                  const GroupSizes& sizes);
 
-  /// Sets the columns of tables to zero that are better left out at these joint values.
+  /// Sets the columns of tables withheld at these joint values to zero.
   void withhold(const Eigen::VectorXd& joint_values, Eigen::VectorXd& columns) const;
-  /// Ranges within the measured one in which the joint's table is better left out.
+  /// Ranges within the measured one in which the joint's table is withheld.
   std::vector<std::pair<double, double>> gaps(int joint) const;
 
 private:
   struct Table {
-    std::vector<std::size_t> terms;     // of the model
-    std::vector<Eigen::Index> columns;  // of theirs
-    Eigen::MatrixXd covariance;         // of those
-    double sigma = 0.0;                 // beforehand
+    std::vector<std::size_t> terms;     // indices into the model's effects
+    std::vector<Eigen::Index> columns;  // columns of these terms
+    Eigen::MatrixXd covariance;         // of these columns
+    double sigma = 0.0;                 // prior 1 sigma
   };
   bool is_uncertain(const Table& table, double joint_value) const;
 

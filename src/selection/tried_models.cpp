@@ -16,7 +16,7 @@ namespace {
 
 constexpr int kDrawings = 2000;
 
-// How often each of them was drawn, with putting back.
+// Number of draws of each configuration, with replacement.
 VectorXd drawn(Index configurations, Random& random) {
   VectorXd times = VectorXd::Zero(configurations);
   for (Index i = 0; i < configurations; ++i) {

@@ -39,7 +39,7 @@ MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estima
       rows.col(base.first + c) = R_WB * (i < 3 ? axis : Eigen::Vector3d(axis.cross(p_B)));
     }
     rows.middleCols(geometric.first, geometric.count) = R_WB * point_columns(factors, product, free.geometric(), p_F);
-    for (std::size_t i = 0; i < 3; ++i) {  // a target's own rotation does not move its point
+    for (std::size_t i = 0; i < 3; ++i) {  // a target's rotation does not move its point
       if (const int column = free.target_columns(k)[i]; column >= 0) {
         rows.col(column) = R_WB * X_BF.linear().col(static_cast<Index>(i));
       }

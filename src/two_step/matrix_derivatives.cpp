@@ -13,7 +13,7 @@ namespace {
 
 struct MatrixFactor {
   Eigen::Matrix4d value;
-  Eigen::Matrix4d derivative;  // zero where the factor is fixed
+  Eigen::Matrix4d derivative;  // zero for a fixed factor
 };
 
 MatrixFactor matrix_factor(const ChainFactor& factor, const Eigen::VectorXd& errors, const Eigen::VectorXd& q) {

@@ -44,8 +44,8 @@ void update_base_and_tools(const std::vector<Eigen::Isometry3d>& T_robot, const 
   }
 }
 
-// Steps 6 and 7: dPi = (sum J^T J)^-1 sum J^T dp with base and tools held. Gives dPi and the RMS motion of the points
-// that it stands for.
+// Steps 6 and 7: dPi = (sum J^T J)^-1 sum J^T dp with base and tools held. Returns dPi and the resulting RMS motion of
+// the points.
 struct GeometryUpdate {
   VectorXd step;
   double effect = 0.0;
@@ -57,7 +57,7 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
                                const std::vector<std::size_t>& geometric) {
   const auto unknowns = static_cast<Index>(geometric.size());
   const std::vector<ChainFactor> factors = chain_factors(model);
-  MatrixProduct product;  // of the configuration that was looked at last
+  MatrixProduct product;  // of the last configuration
   Index configuration = -1;
   MatrixXd JtJ = MatrixXd::Zero(unknowns, unknowns);
   VectorXd Jtp = VectorXd::Zero(unknowns);
@@ -112,7 +112,7 @@ Identification identify_in_two_steps(const ErrorModel& model,
   require_function("what gives the measurements of a round", measurements_of_round);
   require_indices("parameter", geometric, model.parameters.size());
   Identification result;
-  result.estimate = start;  // (i) all errors zero, unless the caller knows better
+  result.estimate = start;  // (i) all errors zero unless the caller states others
   result.termination = Termination::iteration_limit;
   result.message = "still moving after " + std::to_string(options.rounds) + " rounds";
   Estimate& estimate = result.estimate;

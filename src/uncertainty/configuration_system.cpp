@@ -24,7 +24,7 @@ ConfigurationSystems::ConfigurationSystems(const FitProblem& fit, MatrixXd R)
       residuals_(fit.options.joint.residuals),
       estimate_(fit.start),
       R_(std::move(R)) {
-  // With every target free its columns are those of U.
+  // If all targets are free, their columns are those of U.
   std::vector<std::size_t> coordinates(6 * measurements_.targets.size());
   std::iota(coordinates.begin(), coordinates.end(), 0U);
   all_ = fit.free.with(model_, UnknownGroup::targets, coordinates);
@@ -50,7 +50,7 @@ std::vector<ConfigurationSystem> ConfigurationSystems::of(const std::vector<std:
   return results;
 }
 
-// The configurations in the order of these rows.
+// The whitened system of these rows' configurations, in their order.
 WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::vector<std::size_t>>& rows,
                                               std::vector<Oriented>& oriented) const {
   Measurements some{.source = measurements_.source, .joints = measurements_.joints, .targets = measurements_.targets};
@@ -80,7 +80,7 @@ WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::vector<std:
   return LeastSquaresProblem(model_, some, all_, residuals).whitened(estimate_);
 }
 
-// The rows of each point, those of the orientations behind those of all positions; gives the columns of U.
+// Sets the rows of each point (orientations follow all positions) and returns the columns of U.
 std::vector<Index> ConfigurationSystems::place_points(const Oriented& oriented, ConfigurationSystem& result) const {
   std::vector<Index> positions;
   std::vector<Index> orientations;

@@ -85,7 +85,7 @@ MatrixXd undetermined_directions(const MatrixXd& whitened_jacobian) {
   return scale.asDiagonal() * system.V.rightCols(columns - rank);
 }
 
-// |x| of x = C^(1/2) z, with z = rho v, is below r with the mean over the directions v of P(rho < r / |C^(1/2) v|).
+// For x = C^(1/2) z with z = rho v, P(|x| < r) is the mean over the directions v of P(rho < r / |C^(1/2) v|).
 double radius_of_probability(const Matrix3d& covariance, double probability) {
   const Vector3d variances =
       Eigen::SelfAdjointEigenSolver<Matrix3d>(covariance, Eigen::EigenvaluesOnly).eigenvalues().cwiseMax(0.0);
@@ -105,7 +105,7 @@ double radius_of_probability(const Matrix3d& covariance, double probability) {
   double r = 2.0 * std::sqrt(variances.sum());
   for (int step = 0; step < 60 && above - below > 1e-15 * above; ++step) {
     double inside = 0.0;
-    double density = 0.0;  // its derivative by r
+    double density = 0.0;  // derivative of the probability by r
     for (const double length : lengths) {
       const double t = length > 0.0 ? std::min(r / length, 40.0) : 40.0;
       const double bell = std::sqrt(2.0 / std::numbers::pi) * t * std::exp(-0.5 * t * t);

@@ -29,7 +29,7 @@ MatrixXd scaled_triangle(const MatrixXd& jacobian) {
   return qr.matrixQR().topRows(scaled.cols()).triangularView<Eigen::Upper>();
 }
 
-// Groups that share a parameter are one: the measurements cannot tell apart what is tied to the same thing.
+// Merges groups that share a parameter, because tied parameters form an equivalence class.
 std::vector<std::vector<std::string>> merged(const std::vector<std::vector<std::string>>& groups) {
   std::vector<std::vector<std::string>> result;
   for (std::vector<std::string> group : groups) {
@@ -52,8 +52,8 @@ std::vector<std::vector<std::string>> merged(const std::vector<std::vector<std::
   return result;
 }
 
-// Parameters that take part in a dependency, grouped: from left to right each column that the ones before it span,
-// together with those of them that it needs.
+// Groups of linearly dependent parameters: from left to right each column in the span of the previous ones, with the
+// ones that it depends on.
 std::vector<std::vector<std::string>> dependencies(const MatrixXd& sqrt_information,
                                                    const std::vector<std::string>& names, double tolerance) {
   std::vector<std::vector<std::string>> groups;

@@ -19,7 +19,7 @@ using Eigen::VectorXd;
 
 namespace {
 
-// Cook's distance times p s^2 of leaving out the coordinates whose whitened unit vectors are the columns of G.
+// Cook's distance times p s^2 without the coordinates whose whitened unit vectors are the columns of G.
 double change_without(const ConfigurationSystem& system, const MatrixXd& rest, const MatrixXd& G) {
   const Eigen::LDLT<MatrixXd> left(G.transpose() * rest * G);
   const VectorXd own = (G.transpose() * G).diagonal();
@@ -29,10 +29,10 @@ double change_without(const ConfigurationSystem& system, const MatrixXd& rest, c
   return (system.B.transpose() * (G * left.solve(G.transpose() * system.e))).squaredNorm();
 }
 
-// Over all configurations.
+// Sums over all configurations.
 struct Totals {
   double squares = 0.0;
-  double decided = 0.0;  // by the measurements, not by priors
+  double decided = 0.0;  // number of parameters determined by measurements, not priors
   double coordinates = 0.0;
   double points = 0.0;
 };
@@ -58,7 +58,7 @@ void add(const ConfigurationSystem& system, std::int32_t configuration, Configur
   totals.points += static_cast<double>(system.targets.size());
 }
 
-// Cook's distances in the unit of the fit, and what is large.
+// Divides Cook's distances by p s^2 and marks large values.
 void judge(const Totals& totals, Influence& result) {
   const double freedom = totals.coordinates - totals.decided;
   const double unit = freedom > 0.0 ? totals.decided * totals.squares / freedom : 0.0;

@@ -9,16 +9,16 @@
 
 namespace kdl_calibration {
 
-/// A singular value below this times the largest counts as zero, columns scaled to unit norm.
+/// For columns of unit norm: a singular value below this times the largest counts as zero.
 constexpr double kSingular = 1e-9;
 
-/// One over the columns' norms; 0 where a column is zero.
+/// 1 / norm of each column; 0 for a zero column.
 inline Eigen::VectorXd unit_scale(const Eigen::MatrixXd& jacobian) {
   return jacobian.colwise().norm().transpose().unaryExpr([](double norm) { return norm > 0.0 ? 1.0 / norm : 0.0; });
 }
 
-/// Of more columns than that, singular values are found by halves: as exact beside the largest one, not beside each,
-/// and ten times as fast.
+/// With more columns singular values come from divide and conquer: ten times faster, exact relative to the largest one
+/// only.
 constexpr Eigen::Index kManyColumns = 100;
 
 inline Eigen::VectorXd singular_values(const Eigen::MatrixXd& matrix) {
@@ -26,9 +26,8 @@ inline Eigen::VectorXd singular_values(const Eigen::MatrixXd& matrix) {
                                       : Eigen::JacobiSVD<Eigen::MatrixXd>(matrix).singularValues();
 }
 
-/// The inverse of an upper triangular matrix whose singular values are within a factor of a million, far from where one
-/// counts as zero; else nothing. The product of both Frobenius norms bounds that factor. A tenth of the cost of
-/// singular values.
+/// The inverse of an upper triangular matrix with a condition number below a million, else empty. The product of both
+/// Frobenius norms bounds that number, at a tenth of the cost of singular values.
 inline std::optional<Eigen::MatrixXd> regular_inverse(const Eigen::MatrixXd& sqrt_information) {
   constexpr double kRegular = 1e6;
   if (sqrt_information.rows() != sqrt_information.cols() || !sqrt_information.isUpperTriangular(0.0) ||
@@ -40,7 +39,7 @@ inline std::optional<Eigen::MatrixXd> regular_inverse(const Eigen::MatrixXd& sqr
   return sqrt_information.norm() * inverse.norm() < kRegular ? std::optional(std::move(inverse)) : std::nullopt;
 }
 
-/// With all right singular vectors.
+/// Singular values and all right singular vectors.
 struct SingularSystem {
   Eigen::VectorXd values;
   Eigen::MatrixXd V;

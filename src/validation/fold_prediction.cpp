@@ -27,7 +27,7 @@ using Eigen::VectorXd;
 
 constexpr double kAsGoodAsLinear = 0.1;       // of the noise
 constexpr double kExactPrediction = 1e-10;    // [m]
-constexpr double kLeftOfInformation = 1e-10;  // eigenvalue of what a fold leaves of the information of all
+constexpr double kLeftOfInformation = 1e-10;  // least eigenvalue of the rest's information relative to the whole
 
 struct Part {
   std::vector<HeldOutPoint> points;
@@ -35,8 +35,8 @@ struct Part {
   bool converged = true;
 };
 
-// Covariance C and step dy of the columns times R without a fold of rows B, e: C = (I - B^T B)^-1, dy = -C B^T e. A
-// fold has fewer rows than the columns of a wide model, and then with G = (I - B B^T)^-1
+// Covariance C and step dy, in columns multiplied by R, without a fold of rows B, e: C = (I - B^T B)^-1, dy = -C B^T e.
+// If the fold has fewer rows than columns, with G = (I - B B^T)^-1
 //   C = I + B^T G B,  dy = -B^T G e.
 class WithoutFold {
 public:
@@ -87,7 +87,7 @@ private:
   VectorXd step_;
 };
 
-// Everything that folds have in common. Keeps references.
+// Predicts folds with shared data of the fit. Keeps references.
 class FoldPredictor {
 public:
   FoldPredictor(const FoldTask& task, const std::vector<std::vector<Index>>& folds)
@@ -108,7 +108,7 @@ public:
         rows_[observation.configuration].push_back(row);
       }
     }
-    std::vector<Index> kept;  // by their numbers in the means
+    std::vector<Index> kept;  // configuration indices of the means
     for (const auto& [configuration, rows] : rows_) {
       kept.push_back(configuration);
     }
@@ -118,7 +118,7 @@ public:
     }
   }
 
-  // Of the configurations of these folds, in their order.
+  // Systems of the configurations of these folds, in their order.
   std::vector<ConfigurationSystem> systems_of(std::span<const std::vector<Index>> folds) const {
     std::vector<std::vector<std::size_t>> rows;
     for (const std::vector<Index>& fold : folds) {
@@ -129,7 +129,7 @@ public:
     return determined_ ? systems_.of(rows) : std::vector<ConfigurationSystem>(rows.size());
   }
 
-  // `systems`: of the fold's configurations.
+  // `systems`: those of the fold's configurations.
   Part predict(const std::vector<Index>& fold, std::span<const ConfigurationSystem> systems) const {
     Part part;
     std::optional<WithoutFold> without;
@@ -152,7 +152,7 @@ public:
     return part;
   }
 
-  // What of a held-out point was measured.
+  // Sets the measured mean and the number of repeats of a held-out point.
   void take_mean(HeldOutPoint& point) const {
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     point.repeats = 0.0;
@@ -175,7 +175,7 @@ private:
     return Eigen::HouseholderQR<MatrixXd>(sqrt_information).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
   }
 
-  // Of the configuration's points, in metres and flange frame: what is left by the step, and its covariance.
+  // Adds the configuration's points: residual after the step and covariance, in metres.
   void add_points(const ConfigurationSystem& system, Index configuration, const WithoutFold& without,
                   std::vector<HeldOutPoint>& points) const {
     const Eigen::PartialPivLU<MatrixXd> to_metres(system.U);
@@ -195,7 +195,7 @@ private:
     }
   }
 
-  // Whether the points of the fold, predicted at the moved estimate, are where the linear prediction has them.
+  // Whether the fold's points, predicted at the moved estimate, agree with the linear prediction.
   bool as_good_as_linear(const std::vector<Index>& fold, const WithoutFold& without,
                          const std::vector<HeldOutPoint>& points) const {
     Measurements held_out;
@@ -221,7 +221,7 @@ private:
     return true;
   }
 
-  // With the linear covariance, where there is one.
+  // Replaces residuals by those of the refit; keeps the linear covariance if there is one.
   static void take_refitted(const RefittedFold& refitted, bool with_covariance, Part& part) {
     part.refitted = true;
     part.converged = refitted.converged;
@@ -241,8 +241,8 @@ private:
   MatrixXd R_;
   bool determined_;
   ConfigurationSystems systems_;
-  Measurements means_;                              // of the configurations that are held out
-  std::map<Index, std::vector<std::size_t>> rows_;  // of these
+  Measurements means_;                              // of the held-out configurations
+  std::map<Index, std::vector<std::size_t>> rows_;  // rows of these configurations
   std::map<Index, std::vector<std::size_t>> rows_of_means_;
 };
 
@@ -265,7 +265,7 @@ FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector
   const FoldTask task_of_training{.problem = *training, .sqrt_information = task.sqrt_information, .noise = task.noise};
   const FoldPredictor predictor(task_of_training, folds);
   std::vector<std::vector<Index>> sorted = folds;
-  std::vector<std::pair<std::size_t, std::size_t>> some{{0, 0}};  // first fold and the one behind the last
+  std::vector<std::pair<std::size_t, std::size_t>> some{{0, 0}};  // first fold and one past the last
   std::size_t together = 0;
   for (std::size_t f = 0; f < sorted.size(); ++f) {
     std::sort(sorted[f].begin(), sorted[f].end());

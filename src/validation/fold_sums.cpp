@@ -22,7 +22,7 @@ constexpr int kMostSteps = 10;
 constexpr double kSettledOfNoise = 1e-3;  // of the noise
 constexpr double kExactSum = 1e-11;       // [m]
 
-// The folds' own measurements, and the normal equations of each at one estimate.
+// Measurements and normal equations of each fold at one estimate.
 class ConfigurationSums {
 public:
   ConfigurationSums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, int threads)
@@ -51,7 +51,7 @@ public:
 
   const Measurements& measurements(std::size_t fold) const { return measurements_[fold]; }
 
-  // All but one fold, and the priors.
+  // Sum over all folds but one, plus the priors.
   NormalEquations without(std::size_t fold, const Estimate& estimate, bool at_start) const {
     const Index columns = problem_.free.size();
     NormalEquations sum{.hessian = MatrixXd::Zero(columns, columns), .gradient = VectorXd::Zero(columns)};
@@ -86,7 +86,7 @@ private:
   std::vector<std::unique_ptr<LeastSquaresProblem>> parts_;
 };
 
-// With the columns scaled to unit norm.
+// Solution with columns scaled to unit norm.
 VectorXd solved(const NormalEquations& equations) {
   const VectorXd scale = unit_scale_of_information(equations.hessian);
   const MatrixXd scaled = scale.asDiagonal() * equations.hessian * scale.asDiagonal();

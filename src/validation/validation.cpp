@@ -102,7 +102,7 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
   for (const Observation& o : measurements.observations) {
     repeats[cell_of(o)] += is_among(o, rows) ? 1 : 0;
   }
-  std::map<std::size_t, Eigen::Vector3d> mean_of;  // only where there are repeats
+  std::map<std::size_t, Eigen::Vector3d> mean_of;  // for points with repeats only
   for (const Observation& o : means.observations) {
     if (repeats[cell_of(o)] > 1) {
       mean_of[cell_of(o)] = o.position;
@@ -125,11 +125,11 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
 
 namespace {
 
-// Neighbours are one, whatever their labels; ordered by the first of each.
+// Groups of neighbouring configurations, ordered by the first of each.
 std::vector<std::vector<Eigen::Index>> neighbours(const Measurements& measurements, const std::vector<bool>& trained) {
   const std::vector<Eigen::Index> first = first_of_neighbours(measurements.joint_values);
   constexpr auto kNowhere = std::numeric_limits<std::size_t>::max();
-  std::vector<std::size_t> place(trained.size(), kNowhere);  // of the group that the first one stands for
+  std::vector<std::size_t> place(trained.size(), kNowhere);  // group index of each first configuration
   std::vector<std::vector<Eigen::Index>> result;
   for (std::size_t c = 0; c < trained.size(); ++c) {
     if (!trained[c]) {
@@ -168,7 +168,7 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
 
 namespace {
 
-// Training rows, of which those of the given configurations become test rows.
+// Turns the rows of the given configurations into test rows.
 Measurements without(Measurements training, const std::vector<Eigen::Index>& left_out) {
   std::vector<bool> is_left_out(training.configurations.size(), false);
   for (const Eigen::Index c : left_out) {
