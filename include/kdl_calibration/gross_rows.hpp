@@ -25,7 +25,7 @@ struct GrossRows {
   bool beyond_chance = false;  ///< whether a decrease was significant, even if the rest fits hardly better
 };
 
-constexpr std::size_t kMostGrossGroups = 20;
+constexpr std::size_t kMostGrossGroups = 20;  ///< that find_gross_rows leaves out
 
 /// The few configurations or points (one of ten at most, up to kMostGrossGroups) without which the others fit more than
 /// three times as well. With the hat matrix H_g = J_g (J^T J)^-1 J_g^T of group g and its residuals e_g, leaving the

@@ -156,9 +156,9 @@ public:
 
 private:
   static constexpr double kKept = 0.5;             // least gain ratio of a Gauss-Newton step
-  static constexpr double kLeastReduction = 0.02;  // share of the cost below which the prior stands in the way
-  static constexpr double kNegligible = 1e-6;      // prior weight below which it matters no more
-  static constexpr double kFarthest = 50.0;        // Gauss-Newton step, in usual errors
+  static constexpr double kLeastReduction = 0.02;  // share of the cost below which the prior weight is lowered
+  static constexpr double kNegligible = 1e-6;      // prior weight below which steps are plain
+  static constexpr double kFarthest = 50.0;        // longest Gauss-Newton step, in usual errors
   static constexpr double kStandstill = 1e15;
   static constexpr double kRoundingOfPoints = 2e-14;  // [m] twice the rounding of points some metres away
   static constexpr double kSettled = 1e-4;            // smallest predicted share of the cost for a step with prior
@@ -166,7 +166,7 @@ private:
   static constexpr double kFirstDamping = 1e-3;
   static constexpr double kLeastGain = 0.1;
   static constexpr double kGoodGain = 0.7;
-  static constexpr int kRefusals = 3;  // of Gauss-Newton steps, before they are left for the end
+  static constexpr int kRefusals = 3;  // refused Gauss-Newton steps before they are left for the end
 
   // Whether the excess over the goal did not halve; false below the goal, and without one, as it is infinite.
   bool is_in_vain() {
@@ -208,7 +208,8 @@ private:
   // Without a look at its equations, as no step follows.
   void take_last_step() {
     smallest_pivot_ = solver_.smallest_pivot();
-    // So small a step changes the cost by less than its rounding, so the predicted reduction decides.
+    // The step changes the cost by less than its rounding, so it is accepted if it does not raise the cost beyond
+    // that.
     if (const double cost = problem_.cost(moved_, workspace_); cost <= equations_.cost + rounding_of_cost()) {
       equations_.cost = cost;
       std::swap(result_.estimate, moved_);
@@ -227,7 +228,7 @@ private:
       if (steps_ == Steps::prior) {
         return;
       }
-      if (effect_ <= tolerance_) {  // the prior may be all that holds the step back
+      if (effect_ <= tolerance_) {  // the prior alone may shorten the step
         enter(Phase::gauss_newton);
       } else if (phase_ == Phase::damped || predicted_reduction_ >= kLeastReduction * equations_.cost) {
         return;

@@ -56,7 +56,7 @@ private:
 
   // scaled_ = L L^T in place; smallest_pivot_ is zero where a pivot is in doubt.
   void factorise() {
-    constexpr Eigen::Index kLarge = 128;  // for Eigen's blocks
+    constexpr Eigen::Index kLarge = 128;  // size from which Eigen's blocked algorithm is faster
     if (scaled_.cols() < kLarge) {
       factorise_small();
       return;
@@ -83,7 +83,7 @@ private:
         }
         scaled_.col(j).tail(n - j) /= std::sqrt(scaled_(j, j));
       }
-      for (Eigen::Index c = end; c < n; ++c) {  // only reached behind four full columns
+      for (Eigen::Index c = end; c < n; ++c) {  // only reached after four full columns
         const auto part = [&](Eigen::Index k) { return scaled_(c, first + k) * scaled_.col(first + k).tail(n - c); };
         scaled_.col(c).tail(n - c) -= (part(0) + part(1)) + (part(2) + part(3));
       }

@@ -13,9 +13,9 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 
 constexpr Index kShortlist = 16;     // candidates evaluated exactly
-constexpr double kLeastGain = 1e-9;  // relative, of an excursion
+constexpr double kLeastGain = 1e-9;  // least relative gain of an excursion
 
-// A design and its neighbours.
+// Exchange search from a design.
 class DesignExchange {
 public:
   DesignExchange(const DesignProblem& problem, Index candidates, const SelectionOptions& options,
@@ -29,7 +29,7 @@ public:
     refresh();
   }
 
-  // Excursions until none helps.
+  // Makes excursions until none improves the design.
   ExchangedDesign improved() {
     for (int depth = 1; depth <= options_.depth;) {
       depth = excursion(depth, true) || excursion(depth, false) ? 1 : depth + 1;
@@ -37,8 +37,8 @@ public:
     return {.members = design_.members, .value = design_.value, .exchanges = exchanges_};
   }
 
-  // A mean of high powers has many local minima, one of low powers is not the largest variance: raised step by step,
-  // and the design with the smallest of the largest variances kept.
+  // A mean of high powers has many local minima; one of low powers differs from the maximum. So the power is raised
+  // stepwise, and the design with the smallest maximum is kept.
   ExchangedDesign least_worst() {
     ExchangedDesign best{.members = design_.members, .value = problem_.tasks->worst(design_.C)};
     for (const double power : {8.0, 16.0, 32.0, 64.0, 128.0}) {

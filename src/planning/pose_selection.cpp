@@ -25,7 +25,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr Index kPoolOfStarts = 5000;
-constexpr double kRidge = 1e-6;  // of the average information, while designs may still be singular
+constexpr double kRidge = 1e-6;  // relative to the average information; used while designs may be singular
 
 // Union of the sets, ascending.
 std::vector<Index> united(const std::vector<std::vector<Index>>& sets) {
