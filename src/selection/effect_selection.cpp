@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <functional>
-#include <map>
 #include <numbers>
 #include <optional>
 #include <utility>
@@ -79,13 +78,6 @@ bool is_preferable(const Route& one, const Route& other) {
   const bool fewer = one.model.terms.size() < other.model.terms.size();
   return is_likelier(one.score, other.score) &&
          (one.score.held_out_rms < other.score.held_out_rms || (fewer && predicts_as_well(one.score, other.score)));
-}
-
-// Whether the table is withheld over its whole range.
-bool is_withheld_throughout(const EffectTerm& term) {
-  const auto* const table = std::get_if<JointTable>(&term.function);
-  return table != nullptr && !table->withheld.empty() &&
-         table->withheld.front() == std::pair(table->lower, table->upper);
 }
 
 std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const ModelScore& score) {
@@ -371,19 +363,7 @@ private:
       return;
     }
     const Candidate candidate = with_terms(task_.model, task_.free, terms, route.model.sized);
-    const TableCertainty certainty(candidate, route.score.information, route.score.groups, route.score.sizes);
-    std::map<int, std::vector<std::pair<double, double>>> gaps;
-    for (EffectTerm& term : terms) {
-      auto* const table = std::get_if<JointTable>(&term.function);
-      if (table == nullptr) {
-        continue;
-      }
-      const auto [own, is_new] = gaps.try_emplace(term.index);
-      if (is_new) {
-        own->second = certainty.gaps(term.index);
-      }
-      table->withheld = own->second;
-    }
+    TableCertainty(candidate, route.score.information, route.score.groups, route.score.sizes).withhold_gaps(terms);
   }
 
   const ModelSelectionTask& task_;

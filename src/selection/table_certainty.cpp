@@ -112,4 +112,23 @@ std::vector<std::pair<double, double>> TableCertainty::gaps(int joint) const {
   return result;
 }
 
+void TableCertainty::withhold_gaps(std::vector<EffectTerm>& terms) const {
+  std::map<int, std::vector<std::pair<double, double>>> of_joint;
+  for (EffectTerm& term : terms) {
+    if (auto* const table = std::get_if<JointTable>(&term.function)) {
+      const auto [own, is_new] = of_joint.try_emplace(term.index);
+      if (is_new) {
+        own->second = gaps(term.index);
+      }
+      table->withheld = own->second;
+    }
+  }
+}
+
+bool is_withheld_throughout(const EffectTerm& term) {
+  const auto* const table = std::get_if<JointTable>(&term.function);
+  return table != nullptr && !table->withheld.empty() &&
+         table->withheld.front() == std::pair(table->lower, table->upper);
+}
+
 }  // namespace kdl_calibration

@@ -30,6 +30,8 @@ public:
   void withhold(const Eigen::VectorXd& joint_values, Eigen::VectorXd& columns) const;
   /// Ranges within the measured one in which the joint's table is withheld.
   std::vector<std::pair<double, double>> gaps(int joint) const;
+  /// Writes these ranges into the tables among `terms`.
+  void withhold_gaps(std::vector<EffectTerm>& terms) const;
 
 private:
   struct Table {
@@ -43,5 +45,8 @@ private:
   const Candidate& candidate_;
   std::map<int, Table> tables_;  // by joint
 };
+
+/// Whether the term belongs to a table that is withheld over its whole range.
+bool is_withheld_throughout(const EffectTerm& term);
 
 }  // namespace kdl_calibration
