@@ -38,7 +38,7 @@ struct Identification {
 };
 
 /// Whether a fit ended where its gradient vanishes.
-bool arrived(const Identification& found);
+bool has_converged(const Identification& found);
 
 /// Zero errors, with base and targets registered.
 Estimate nominal_start(const ErrorModel& model, const Measurements& measurements,

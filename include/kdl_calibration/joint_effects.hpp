@@ -22,15 +22,16 @@ std::optional<EffectGroup> effect_group(const std::string& name);
 std::vector<std::string> effect_group_names();
 
 /// A group of effects on one joint about one of its axes.
-struct MovedBy {
+struct EffectMotionKey {
   EffectGroup group = EffectGroup::gravity;
   int joint = 0;
   EffectAxis axis = EffectAxis::own;
 
-  friend auto operator<=>(const MovedBy&, const MovedBy&) = default;  // NOLINT(modernize-use-nullptr): false
+  friend auto operator<=>(const EffectMotionKey&,
+                          const EffectMotionKey&) = default;  // NOLINT(modernize-use-nullptr): false
 };
 /// Indices of the model's terms, grouped by what they move.
-std::map<MovedBy, std::vector<Eigen::Index>> terms_by_motion(const ErrorModel& model);
+std::map<EffectMotionKey, std::vector<Eigen::Index>> terms_by_motion(const ErrorModel& model);
 
 /// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N. 0 if the direction of
 /// approach is unknown. Throws InputError if a required torque is missing.

@@ -53,7 +53,7 @@ void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, co
                  double sigma, Random& random);
 
 /// Signals that a virtual robot's drives report.
-struct ToldByDrives {
+struct SimulatedSignals {
   bool approach = false;
   /// The gravity torque of 10 kg at every later joint frame, plus a random part of a tenth of it (1 sigma), at least 1
   /// Nm or N.
@@ -61,8 +61,8 @@ struct ToldByDrives {
   std::uint64_t seed = 1;
 };
 /// Signals at `stops` (joints x N) of an arm that was at the stops `before` (joints x M, or empty).
-DrivenConfigurations driven_to(const ErrorModel& model, const Eigen::MatrixXd& stops, const Eigen::MatrixXd& before,
-                               const ToldByDrives& told);
+DrivenConfigurations simulated_signals(const ErrorModel& model, const Eigen::MatrixXd& stops,
+                                       const Eigen::MatrixXd& before, const SimulatedSignals& told);
 
 struct MeasuringNoise {
   double sigma = 0.0;              ///< [m] of every coordinate, independent

@@ -140,7 +140,7 @@ struct WeighedFit {
 };
 
 WeighedFit weigh_by_residuals(FitProblem problem, DeterminedFit fit, NoiseBeforehand noise) {
-  noise.estimated = noise.estimated && arrived(fit.identification);
+  noise.estimated = noise.estimated && has_converged(fit.identification);
   FitProblem at_optimum = problem;
   at_optimum.start = fit.identification.estimate;
   at_optimum.free = fit.free;
@@ -194,7 +194,7 @@ WeighedFit fit_selected(const FitProblem& problem, const DeterminedFit& rigid_fi
 // The validation's input. The folds of a fit without a loss are predicted from its linear system.
 ValidationTask validation_task(const WeighedFit& fitted, const Assessment& assessed, const Measurements& measurements,
                                const ModelSelectionTask& choice, const CalibrationOptions& options) {
-  const bool linear = is_plain(options.estimator) && arrived(fitted.fit.identification);
+  const bool linear = is_plain(options.estimator) && has_converged(fitted.fit.identification);
   return {.problem = fitted.problem,
           .measurements = measurements,
           .fit = fitted.fit,

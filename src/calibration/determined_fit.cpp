@@ -77,7 +77,7 @@ Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eige
 }
 
 // Prepends the iterations of an earlier fit.
-void put_before(const Identification& earlier, Identification& later) {
+void prepend_history(const Identification& earlier, Identification& later) {
   later.iterations += earlier.iterations;
   later.rms_history.insert(later.rms_history.begin(), earlier.rms_history.begin(), earlier.rms_history.end());
 }
@@ -110,7 +110,7 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
   for (int round = 0; round < kGaugeRounds; ++round) {
     const Identification earlier = std::move(fitted.identification);
     fitted = identify(with_free(problem, free), estimator, steps);
-    put_before(earlier, fitted.identification);
+    prepend_history(earlier, fitted.identification);
     const Unknowns there = determined_at(fitted.identification.estimate, free);
     if (there == free || round + 1 == kGaugeRounds) {
       break;
@@ -152,7 +152,7 @@ bool has_more_to_explain(const FitProblem& complete, const Identification& found
 constexpr double kBeyondGeometry = 0.005;  // [m] geometric errors do not leave a larger misfit
 
 // Fits the complete set from the start, then the set that the measurements determine at its end.
-DeterminedFit go_on_in_complete_set(const FitProblem& complete, const FitRules& rules) {
+DeterminedFit continue_in_complete_model(const FitProblem& complete, const FitRules& rules) {
   const Identification wide = descend(equations_of(complete), complete.start, complete.options.joint, Steps::prior);
   ParameterSelection choice =
       select_parameters(complete.model, wide.estimate.targets, rules.parameters, {.errors = wide.estimate.errors});
@@ -161,7 +161,7 @@ DeterminedFit go_on_in_complete_set(const FitProblem& complete, const FitRules& 
   DeterminedFit result = assembled(identify_in_gauge(from_there, rules.estimator, Steps::plain),
                                    std::move(choice.reduction), from_there.free);
   const Identification narrow = std::exchange(result.identification, wide);
-  if (arrived(narrow) && narrow.rms <= std::max(wide.rms, kEqualMisfits)) {
+  if (has_converged(narrow) && narrow.rms <= std::max(wide.rms, kEqualMisfits)) {
     result.identification = narrow;
   } else if (wide.termination == Termination::converged) {
     const bool explained = wide.rms < kBeyondGeometry;
@@ -181,17 +181,17 @@ DeterminedFit go_on_in_complete_set(const FitProblem& complete, const FitRules& 
 
 // The fit that converged, or the one with the smaller misfit. Iterations of `before` count for `next`.
 DeterminedFit better_of(DeterminedFit before, DeterminedFit next) {
-  put_before(before.identification, next.identification);
+  prepend_history(before.identification, next.identification);
   const Identification& now = next.identification;
-  const bool same = arrived(now) == arrived(before.identification);
-  return (same ? now.rms < before.identification.rms : arrived(now)) ? std::move(next) : std::move(before);
+  const bool same = has_converged(now) == has_converged(before.identification);
+  return (same ? now.rms < before.identification.rms : has_converged(now)) ? std::move(next) : std::move(before);
 }
 
 // Fits through the complete set or, if that does not converge, the first set with all kinds of steps.
-DeterminedFit take_the_long_way(const FitProblem& problem, const FitProblem& complete, const FitRules& rules,
-                                const DeterminedFit& first) {
-  DeterminedFit result = better_of(first, go_on_in_complete_set(complete, rules));
-  if (!arrived(result.identification)) {
+DeterminedFit fit_via_complete_model(const FitProblem& problem, const FitProblem& complete, const FitRules& rules,
+                                     const DeterminedFit& first) {
+  DeterminedFit result = better_of(first, continue_in_complete_model(complete, rules));
+  if (!has_converged(result.identification)) {
     result = better_of(std::move(result), assembled(identify_in_gauge(problem, rules.estimator, Steps::any),
                                                     first.reduction, first.candidates));
   }
@@ -209,10 +209,10 @@ DeterminedFit fix_parameters_below_noise(const FitProblem& problem, const FitRul
   }
   DeterminedFit result =
       assembled(identify_in_gauge(seen, rules.estimator, Steps::any), std::move(choice.reduction), seen.free);
-  if (!arrived(result.identification) || result.identification.rms > kCost * fit.identification.rms) {
+  if (!has_converged(result.identification) || result.identification.rms > kCost * fit.identification.rms) {
     return fit;
   }
-  put_before(fit.identification, result.identification);
+  prepend_history(fit.identification, result.identification);
   return result;
 }
 
@@ -229,11 +229,11 @@ DeterminedFit fit_determined_parameters(const FitProblem& problem, const Paramet
                                    choice.reduction, problem.free);
   if (may_go_on) {
     const FitProblem complete = with_free(problem, parameters_of(problem, choice.complete));
-    if (!arrived(result.identification) || has_more_to_explain(complete, result.identification)) {
-      result = take_the_long_way(problem, complete, rules, result);
+    if (!has_converged(result.identification) || has_more_to_explain(complete, result.identification)) {
+      result = fit_via_complete_model(problem, complete, rules, result);
     }
   }
-  if (chosen && arrived(result.identification) && !result.reduction.faint.empty()) {
+  if (chosen && has_converged(result.identification) && !result.reduction.faint.empty()) {
     result = fix_parameters_below_noise(problem, rules, std::move(result));
   }
   return result;

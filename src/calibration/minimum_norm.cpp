@@ -29,7 +29,7 @@ std::optional<Identification> smallest_errors(const FitProblem& task, const Dete
   constexpr int kMostRounds = 10;
   constexpr double kSettled = 1e-9;  // of a usual error
   constexpr double kWorse = 1e-9;    // of the misfit
-  if (fit.free == fit.candidates || !arrived(fit.identification)) {
+  if (fit.free == fit.candidates || !has_converged(fit.identification)) {
     return std::nullopt;
   }
   const ResidualOptions& residuals = task.options.joint.residuals;
@@ -46,7 +46,7 @@ std::optional<Identification> smallest_errors(const FitProblem& task, const Dete
     const VectorXd move = -open * along.completeOrthogonalDecomposition().solve(errors);
     const Identification next = identify_jointly(
         task.model, task.measurements, fit.candidates.moved(found.estimate, move), fit.free, {.residuals = residuals});
-    if (!arrived(next) || next.rms > (1.0 + kWorse) * fit.identification.rms + 1e-10) {
+    if (!has_converged(next) || next.rms > (1.0 + kWorse) * fit.identification.rms + 1e-10) {
       return std::nullopt;
     }
     found.estimate = next.estimate;

@@ -151,13 +151,14 @@ NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, 
   }
   if (estimated.parts) {
     report_parts(*estimated.parts, noise);
-    const Eigen::MatrixXd promised = covariance(fitted.system.sqrt_information, 1.0);
+    const Eigen::MatrixXd nominal_covariance = covariance(fitted.system.sqrt_information, 1.0);
     for (const Eigen::MatrixXd& sensitivity : estimated.parts->sensitivity) {
-      noise.covariance_derivatives.push_back(sensitivity.size() > 0 ? sandwich(promised, sensitivity)
+      noise.covariance_derivatives.push_back(sensitivity.size() > 0 ? sandwich(nominal_covariance, sensitivity)
                                                                     : Eigen::MatrixXd());
     }
     const Eigen::MatrixXd& scatter = estimated.parts->scatter;
-    return {.report = std::move(noise), .covariance = scatter.size() > 0 ? sandwich(promised, scatter) : promised};
+    return {.report = std::move(noise),
+            .covariance = scatter.size() > 0 ? sandwich(nominal_covariance, scatter) : nominal_covariance};
   }
   const double variance =
       noise.degrees_of_freedom > 0.0 ? fitted.problem.linearise(fitted.estimate).cost / freedom : 0.0;

@@ -97,7 +97,7 @@ std::optional<FitProblem> weighed_by(const NoiseModel& noise, const FitProblem& 
   FitProblem weighed = plain;
   weighed.options.joint.residuals.noise = noise;
   Identification found = kdl_calibration::fit(weighed);
-  if (!arrived(found)) {
+  if (!has_converged(found)) {
     return std::nullopt;
   }
   weighed.start = std::move(found.estimate);
@@ -113,7 +113,7 @@ std::optional<NoiseModel> weights_by_estimated_noise(const FitProblem& problem, 
   FitProblem plain = problem;
   plain.options = {.joint = {.residuals = problem.options.joint.residuals}};
   const Identification found = kdl_calibration::fit(plain);
-  if (!arrived(found)) {
+  if (!has_converged(found)) {
     return std::nullopt;
   }
   plain.start = found.estimate;

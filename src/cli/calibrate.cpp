@@ -193,7 +193,7 @@ void say_what_is_doubted(const CalibrateArguments& arguments, const Calibration&
   const bool just_said = !arguments.json && ::isatty(STDOUT_FILENO) == 1 && ::isatty(STDERR_FILENO) == 1;
   if (!just_said) {
     for (const Doubt& doubt : calibration.diagnosis.doubts) {
-      doubt_aloud(doubt.message);
+      print_doubt(doubt.message);
     }
     if (calibration.diagnosis.reservation) {
       warn("trusted where it was measured: " + calibration.diagnosis.reservation->message);
@@ -295,7 +295,7 @@ ExitStatus run(const CalibrateArguments& arguments) {
               arguments.json ? result.text : table(arguments, robot, measurements, calibration));
   say_what_is_doubted(arguments, calibration);
   for (const std::string& requirement : result.missed) {
-    require_aloud(requirement);
+    print_requirement(requirement);
   }
   return calibration.trusted() && result.missed.empty() ? done : not_to_be_trusted;
 }

@@ -126,7 +126,8 @@ Eigen::MatrixXd to_fit(const SimulateArguments& arguments, const Setup& set, Ran
 DrivenConfigurations driven(const SimulateArguments& arguments, const Setup& set, const Eigen::MatrixXd& stops,
                             const Eigen::MatrixXd& before = {}) {
   const bool torques = std::find(set.effects.begin(), set.effects.end(), EffectGroup::torque) != set.effects.end();
-  return driven_to(set.model, stops, before, {.approach = arguments.order, .torques = torques, .seed = arguments.seed});
+  return simulated_signals(set.model, stops, before,
+                           {.approach = arguments.order, .torques = torques, .seed = arguments.seed});
 }
 
 // Adds the requested effects, drawn from a separate stream, so that all other random values stay the same.

@@ -58,8 +58,8 @@ void say(const char* what, const std::string& text) {
 
 void warn(const std::string& text) { say("warning", text); }
 
-void doubt_aloud(const std::string& text) { say("not to be trusted", text); }
+void print_doubt(const std::string& text) { say("not to be trusted", text); }
 
-void require_aloud(const std::string& text) { say("required", text); }
+void print_requirement(const std::string& text) { say("required", text); }
 
 }  // namespace kdl_calibration::cli

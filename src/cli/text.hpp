@@ -22,8 +22,8 @@ void print(std::string_view text);
 /// One line on standard error that starts with "kdlcal: warning: ".
 void warn(const std::string& text);
 /// One line on standard error that starts with "kdlcal: not to be trusted: ".
-void doubt_aloud(const std::string& text);
+void print_doubt(const std::string& text);
 /// One line on standard error that starts with "kdlcal: required: ".
-void require_aloud(const std::string& text);
+void print_requirement(const std::string& text);
 
 }  // namespace kdl_calibration::cli

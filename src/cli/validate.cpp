@@ -365,7 +365,7 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
     }
   }
   for (const std::string& requirement : missed) {
-    require_aloud(requirement);
+    print_requirement(requirement);
   }
   return missed.empty() && words.doubts.empty() ? done : not_to_be_trusted;
 }

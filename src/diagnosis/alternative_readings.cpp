@@ -33,7 +33,7 @@ using Eigen::Vector3d;
 constexpr std::size_t kMostSampled = 300;
 constexpr std::size_t kMostPoses = 75;  // four points each
 constexpr int kSteps = 20;              // iterations of a trial fit
-constexpr double kThird = 1.0 / 3.0;
+constexpr double kMostMisfitLeft = 1.0 / 3.0;
 constexpr double kFalseAlarmRate = 1e-4;      // of all readings together
 constexpr double kNoMisfit = 1e-7;            // [m]
 constexpr double kLeastFactor = 0.02;         // least deviation from 1 of the points' scale for the nominal robot
@@ -51,7 +51,7 @@ bool is_misfit(double present, double freedom) { return present > kNoMisfit && f
 
 // Whether another reading reduces the misfit to less than a third, significantly among `readings` trials.
 bool explains(double other, double present, double freedom, double readings) {
-  if (!is_misfit(present, freedom) || !(other < kThird * present)) {
+  if (!is_misfit(present, freedom) || !(other < kMostMisfitLeft * present)) {
     return false;
   }
   const double ratio = present / std::max(other, kNoMisfit * 1e-3);
@@ -62,10 +62,10 @@ bool explains(double other, double present, double freedom, double readings) {
 JointOptions trial_fits() { return {.max_iterations = kSteps, .residuals = {}}; }
 
 // Tries the readings one after the other.
-class Inquiry {
+class ReadingTrials {
 public:
-  Inquiry(const ErrorModel& model, const Measurements& measurements, const Estimate& fit, TrialSample sample,
-          const ReadingOptions& options)
+  ReadingTrials(const ErrorModel& model, const Measurements& measurements, const Estimate& fit, TrialSample sample,
+                const ReadingOptions& options)
       : model_(model),
         measurements_(measurements),
         fit_(fit),
@@ -99,7 +99,7 @@ public:
   }
 
   // Readings of the joint values only, for points derived from poses.
-  std::vector<AlternativeReading> verdict_of_poses() {
+  std::vector<AlternativeReading> trials_of_poses() {
     remark_ += " (orientations as points " + in_mm(kLeverOfOrientations) + " away)";
     if (!(fitted_ < options_.least_misfit)) {
       try_joint_values_and_points();
@@ -179,7 +179,7 @@ private:
       return;
     }
     JointOptions other = trial_fits();
-    other.goal = kThird * fitted_;
+    other.goal = kMostMisfitLeft * fitted_;
     const std::vector<ConventionTrial> trials = try_conventions(model_, sample_.measurements, sample_.free,
                                                                 {.used = options_.used,
                                                                  .others = options_.others,
@@ -333,7 +333,7 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
     return trial_sample(model, all, unknowns, most);
   };
   std::vector<AlternativeReading> found =
-      Inquiry(model, measurements, fit, sample(measurements, free, kMostSampled), options).verdict();
+      ReadingTrials(model, measurements, fit, sample(measurements, free, kMostSampled), options).verdict();
   const bool doubted = std::any_of(found.begin(), found.end(), [](const AlternativeReading& one) { return one.doubt; });
   if (!doubted && !measurements.orientations.empty()) {
     const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
@@ -347,9 +347,9 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
     PosePoints points = pose_points(model, measurements, fit, free, options.registration);
     ReadingOptions of_points = options;
     of_points.registration = std::move(points.registration);
-    Inquiry inquiry(model, points.measurements, points.fit, sample(points.measurements, points.free, kMostPoses),
-                    of_points);
-    std::vector<AlternativeReading> more = inquiry.verdict_of_poses();
+    ReadingTrials inquiry(model, points.measurements, points.fit, sample(points.measurements, points.free, kMostPoses),
+                          of_points);
+    std::vector<AlternativeReading> more = inquiry.trials_of_poses();
     if (more.empty() && turned) {
       more.push_back(of_orientations());
     }

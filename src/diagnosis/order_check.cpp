@@ -331,15 +331,15 @@ Candidate best_candidate(const OrderedResiduals& residuals, int targets) {
 }
 
 // Model and estimate with effects of gravity and gains, all free, if the data leave enough freedom.
-struct Widened {
+struct ModelWithEffects {
   ErrorModel model;
   Estimate estimate;
   Unknowns free;
 };
 
-Widened widened(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                const Unknowns& free) {
-  Widened result{.model = model, .estimate = estimate, .free = free};
+ModelWithEffects with_free_effects(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
+                                   const Unknowns& free) {
+  ModelWithEffects result{.model = model, .estimate = estimate, .free = free};
   if (result.model.effects.empty()) {
     result.model.effects = load_and_gain_terms(model);
     result.estimate.effects = VectorXd::Zero(static_cast<Index>(result.model.effects.size()));
@@ -388,7 +388,7 @@ std::optional<OrderFinding> check_order(const ErrorModel& model, const Measureme
   if (!best_finding(model, measurements, estimate, free, kLeastShareToLook * least_share)) {
     return std::nullopt;
   }
-  const Widened wide = widened(model, measurements, estimate, free);
+  const ModelWithEffects wide = with_free_effects(model, measurements, estimate, free);
   return best_finding(wide.model, measurements, wide.estimate, wide.free, least_share);
 }
 

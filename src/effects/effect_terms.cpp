@@ -161,7 +161,8 @@ bool has_no_unit_size(const EffectTerm& term) {
 }
 
 // Sets means and scales, and leaves out terms that the N joint values do not tell apart.
-std::vector<EffectTerm> told_apart(const ErrorModel& model, const std::vector<EffectTerm>& terms, const Stops& stops) {
+std::vector<EffectTerm> distinguishable_terms(const ErrorModel& model, const std::vector<EffectTerm>& terms,
+                                              const Stops& stops) {
   const Index stop_count = stops.q.cols();
   std::vector<EffectTerm> kept;
   MatrixXd basis(stop_count, 0);
@@ -224,7 +225,7 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
       add_swing(model, joint, {.times = 2.0}, all);
     }
   }
-  return told_apart(model, all, stops);
+  return distinguishable_terms(model, all, stops);
 }
 
 std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& joint_values, std::size_t joint,
@@ -234,8 +235,8 @@ std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& jo
   std::vector<EffectTerm> pair;
   add_swing(model, joint, {.times = times_a_turn, .is_ripple = true}, pair);
   const DriveSignals none;
-  return told_apart(model, pair,
-                    {.q = joint_values, .signals = none, .frames = joint_frames_of_all(model, joint_values)});
+  return distinguishable_terms(
+      model, pair, {.q = joint_values, .signals = none, .frames = joint_frames_of_all(model, joint_values)});
 }
 
 std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joint_values, double length) {

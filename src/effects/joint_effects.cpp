@@ -63,8 +63,8 @@ std::string size_name(const EffectTerm& term) {
   return term.group() == EffectGroup::tables ? group + "." + std::to_string(term.index + 1) : group;
 }
 
-std::map<MovedBy, std::vector<Index>> terms_by_motion(const ErrorModel& model) {
-  std::map<MovedBy, std::vector<Index>> result;
+std::map<EffectMotionKey, std::vector<Index>> terms_by_motion(const ErrorModel& model) {
+  std::map<EffectMotionKey, std::vector<Index>> result;
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const EffectTerm& term = model.effects[e];
     result[{.group = term.group(), .joint = term.index, .axis = term.axis}].push_back(static_cast<Index>(e));

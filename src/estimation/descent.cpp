@@ -132,7 +132,7 @@ public:
 
   Identification run() {
     problem_.linearise(result_.estimate, workspace_, equations_);
-    for (bool going = true; going && result_.iterations < options_.max_iterations && !is_in_vain();) {
+    for (bool going = true; going && result_.iterations < options_.max_iterations && !misses_goal();) {
       ++result_.iterations;
       result_.rms_history.push_back(rms());
       going = iterate();
@@ -169,7 +169,7 @@ private:
   static constexpr int kRefusals = 3;  // refused Gauss-Newton steps before they are left for the end
 
   // Whether the excess over the goal did not halve; false below the goal, and without one, as it is infinite.
-  bool is_in_vain() {
+  bool misses_goal() {
     constexpr int kFirst = 6;
     constexpr int kToHalve = 3;
     if (result_.iterations < kFirst) {

@@ -124,7 +124,7 @@ TrainingProblem::TrainingProblem(const FitProblem& problem)
   weights = rows_.values_of(std::move(weights));
 }
 
-bool arrived(const Identification& found) {
+bool has_converged(const Identification& found) {
   return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
 }
 

@@ -38,7 +38,7 @@ bool is_coupled(const ObservedConfiguration& configuration) {
 
 // Key of a configuration's group: weights of the targets (0 if not measured) and of their orientations, and the
 // information of correlated points.
-std::vector<double> sort_of(const ObservedConfiguration& configuration, std::size_t targets, Alike alike) {
+std::vector<double> group_key(const ObservedConfiguration& configuration, std::size_t targets, Alike alike) {
   std::vector<double> sort(2 * targets, 0.0);
   const bool weights = alike == Alike::weights;
   for (const ObservedPoint& point : configuration.points) {
@@ -158,7 +158,7 @@ bool gather_groups(const GatheringTask& task, Alike alike, ObservedData& data) {
   while (const ObservedConfiguration* configuration = gathering.next()) {
     if (data.groups.empty() || !data.groups[number].takes(*configuration)) {
       const auto [found, is_new] =
-          numbers.emplace(sort_of(*configuration, measurements.targets.size(), alike), data.groups.size());
+          numbers.emplace(group_key(*configuration, measurements.targets.size(), alike), data.groups.size());
       number = found->second;
       if (is_new) {
         data.groups.push_back(group_for(*configuration, alike, task.options.noise));

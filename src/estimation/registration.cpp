@@ -102,8 +102,8 @@ struct RotationForm {
   double constant = 0.0;
   Matrix39d c_matrix;
   Vector3d c_vector;
-  Vector3d firmness = Vector3d::Ones();  // eigenvalues of the information of c after elimination of the targets, over
-                                         // that before
+  Vector3d relative_information = Vector3d::Ones();  // eigenvalues of the information of c after elimination of the
+                                                     // targets, over that before
 
   double value(const Matrix3d& A) const {
     const Eigen::Map<const Vector9d> theta(A.data());
@@ -159,7 +159,8 @@ RotationForm eliminate(const Sums& sums, double ridge) {
                 target.Rt_Z.transpose() * target.Rt_Z / target.orientation_weight;
     }
   }
-  form.firmness = Eigen::SelfAdjointEigenSolver<Matrix3d>(C, Eigen::EigenvaluesOnly).eigenvalues() / sums.weight;
+  form.relative_information =
+      Eigen::SelfAdjointEigenSolver<Matrix3d>(C, Eigen::EigenvaluesOnly).eigenvalues() / sums.weight;
   // C is singular for a single configuration; the least-norm c is used.
   const Matrix3d C_inverse = C.completeOrthogonalDecomposition().pseudoInverse();
   form.c_matrix = C_inverse * C_theta;
@@ -171,10 +172,10 @@ RotationForm eliminate(const Sums& sums, double ridge) {
 }
 
 // Damped Newton step; negative curvatures are replaced by their absolute values.
-Vector3d newton_step(const Slope& slope, double brake) {
+Vector3d newton_step(const Slope& slope, double added_damping) {
   Eigen::SelfAdjointEigenSolver<Matrix3d> eigen;
   eigen.computeDirect(slope.hessian);
-  const Vector3d curvature = eigen.eigenvalues().cwiseAbs().array() + brake;
+  const Vector3d curvature = eigen.eigenvalues().cwiseAbs().array() + added_damping;
   return -eigen.eigenvectors() * (eigen.eigenvectors().transpose() * slope.gradient).cwiseQuotient(curvature);
 }
 
@@ -188,13 +189,14 @@ Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
   double damping = 1e-3;
   double value = form.value(A);
   double before = std::numeric_limits<double>::infinity();
-  bool crawls = false;
+  bool converges_slowly = false;
   for (int i = 0; i < kIterations; ++i) {
     const Slope slope = slope_at(form, A);
-    const double brake = damping * slope.gauss_newton.trace() / 3.0;
+    const double added_damping = damping * slope.gauss_newton.trace() / 3.0;
     const Vector3d step =
-        crawls ? newton_step(slope, brake)
-               : Vector3d(-(slope.gauss_newton + brake * Matrix3d::Identity()).ldlt().solve(slope.gradient));
+        converges_slowly
+            ? newton_step(slope, added_damping)
+            : Vector3d(-(slope.gauss_newton + added_damping * Matrix3d::Identity()).ldlt().solve(slope.gradient));
     if (!step.allFinite()) {
       break;
     }
@@ -208,7 +210,7 @@ Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
       damping *= 10.0;
     }
     const double length = step.norm();
-    crawls = crawls || (length < kNear && length > 0.5 * before);
+    converges_slowly = converges_slowly || (length < kNear && length > 0.5 * before);
     before = length;
     if (length < tolerance || damping > 1e12) {
       break;
@@ -294,9 +296,9 @@ struct Solution {
   RotationForm form;
   RotationMinimum minimum;
   double ridge = 0.0;
-  bool loose = false;  // whether base and targets are uncertain by more than kUsualTargetDistance / 3
-  int places = 0;      // number of such directions
-  int rotations = 0;   // directions in which the base's rotation is uncertain by more than kTurn
+  bool weakly_determined = false;  // whether base and targets are uncertain by more than kUsualTargetDistance / 3
+  int places = 0;                  // number of such directions
+  int rotations = 0;               // directions in which the base's rotation is uncertain by more than kTurn
 };
 
 // Number of directions in which the measurements do not determine the rotation A. u: mean square of a whitened
@@ -317,12 +319,12 @@ Solution solve(const Sums& sums) {
   constexpr double kNumerical = 1e-13;
   Solution solution{.form = eliminate(sums, 0.0), .minimum = {}};
   const auto misfit = [&](const RotationMinimum& minimum) { return std::max(minimum.value, 0.0) / (3.0 * sums.count); };
-  if (solution.form.firmness[0] > kFirm) {
+  if (solution.form.relative_information[0] > kFirm) {
     solution.minimum = minimise(solution.form);
     solution.rotations = open_rotations(sums, solution.form, solution.minimum.A, misfit(solution.minimum));
     return solution;
   }
-  const Vector3d firmness = solution.form.firmness.cwiseMax(0.0);
+  const Vector3d relative_information = solution.form.relative_information.cwiseMax(0.0);
   const double numerical = kNumerical * sums.weight;
   const RotationForm free = eliminate(sums, numerical);
   const double u = misfit(minimise(free));
@@ -331,15 +333,15 @@ Solution solve(const Sums& sums) {
   solution.minimum = minimise(solution.form);
   solution.rotations = open_rotations(sums, free, solution.minimum.A, u);
   const double firm = 9.0 * u / (kUsualTargetDistance * kUsualTargetDistance * sums.weight);
-  solution.places = static_cast<int>((firmness.array() <= std::max(firm, kNumerical)).count());
+  solution.places = static_cast<int>((relative_information.array() <= std::max(firm, kNumerical)).count());
   // Directions that no measurement of this robot could determine (e.g. the target height of a planar one) do not count.
-  solution.loose = firmness[0] > kNumerical && firmness[0] < firm;
+  solution.weakly_determined = relative_information[0] > kNumerical && relative_information[0] < firm;
   return solution;
 }
 
 std::string ambiguity(const Solution& solution, double weight) {
   const RotationMinimum& minimum = solution.minimum;
-  if (solution.loose) {
+  if (solution.weakly_determined) {
     return "the tool hardly turns: where base and targets are is not determined along every direction; the "
            "targets were kept near the flange";
   }

@@ -113,8 +113,8 @@ Eigen::MatrixXd virtual_torques(const ErrorModel& model, const Eigen::MatrixXd& 
 
 }  // namespace
 
-DrivenConfigurations driven_to(const ErrorModel& model, const Eigen::MatrixXd& stops, const Eigen::MatrixXd& before,
-                               const ToldByDrives& told) {
+DrivenConfigurations simulated_signals(const ErrorModel& model, const Eigen::MatrixXd& stops,
+                                       const Eigen::MatrixXd& before, const SimulatedSignals& told) {
   constexpr std::uint64_t kStream = 2;
   require_count("joint values", stops.rows(), model.joints.size());
   DrivenConfigurations result{.joint_values = stops, .signals = {}};

@@ -14,7 +14,7 @@ namespace kdl_calibration {
 
 /// Motion of one joint about one of its axes by a group of effects, at the measured configurations.
 struct EffectMotion {
-  MovedBy by;
+  EffectMotionKey by;
   std::vector<Eigen::Index> terms;  ///< indices into the model's effects
   double lowest = 0.0;              ///< [rad] or [m]
   double highest = 0.0;

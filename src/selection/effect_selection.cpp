@@ -392,7 +392,7 @@ ModelSelection select_model(const ModelSelectionTask& task, const Identification
     return as_stated;
   }
   const bool automatic = task.options.automatic_priors || task.options.effects.automatic;
-  if (!arrived(rigid)) {
+  if (!has_converged(rigid)) {
     as_stated.not_tried = "priors and effects (the fit of the geometry alone did not converge)";
   } else if (automatic && !determined) {
     as_stated.not_tried = "priors and effects (the measurements do not determine all geometric errors)";

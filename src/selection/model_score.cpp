@@ -34,7 +34,7 @@ constexpr double kLeastPrior = 1e-7;         // [m or rad]
 constexpr double kEquations = 1.1;           // least number per column
 
 // Columns with information in `sums`; those of targets that do not occur there are left out.
-std::vector<Index> told_columns(const Candidate& candidate, const LinearSums& sums, const LinearSums& all) {
+std::vector<Index> informed_columns(const Candidate& candidate, const LinearSums& sums, const LinearSums& all) {
   constexpr double kTold = 1e-9;  // of the information of all rows
   std::vector<Index> columns;
   for (Index c = 0; c < sums.information.cols(); ++c) {
@@ -133,7 +133,7 @@ ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried
       reports_progress_ ? counted_fits(task_.progress, in_words(model), folds_.size()) : nullptr;
   const Index configurations = static_cast<Index>(rows.first.size()) - 1;
   LinearSums all = sums_of(rows, all_of(configurations));
-  const std::vector<Index> columns = told_columns(candidate, all, all);
+  const std::vector<Index> columns = informed_columns(candidate, all, all);
   const double rounding = kFileRounding / rows.unit;
   const SizeEstimator whole(all, columns, score.groups.columns);
   if (!whole.is_determined()) {
@@ -182,7 +182,7 @@ void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& ro
   parallel_for(folds_.size(), threads_, [&](std::size_t f) {
     LinearSums without = all;
     without -= sums_of(rows, folds_[f]);
-    const std::vector<Index> columns = told_columns(candidate, without, all);
+    const std::vector<Index> columns = informed_columns(candidate, without, all);
     std::vector<Index> untold = all_of(rows.J.cols());
     std::erase_if(untold, [&](Index c) { return std::binary_search(columns.begin(), columns.end(), c); });
     const SizeEstimator rest(without, columns, score.groups.columns);

@@ -150,7 +150,7 @@ TEST(DeterminedFit, ArrivedWhereItsGradientVanishes) {
   for (const Termination termination : {Termination::converged, Termination::rank_deficient, Termination::stalled,
                                         Termination::iteration_limit, Termination::diverged}) {
     const bool expected = termination == Termination::converged || termination == Termination::rank_deficient;
-    EXPECT_EQ(arrived({.termination = termination}), expected) << to_string(termination);
+    EXPECT_EQ(has_converged({.termination = termination}), expected) << to_string(termination);
   }
 }
 

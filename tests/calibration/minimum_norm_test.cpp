@@ -82,7 +82,7 @@ TEST(MinimumNorm, IsNotTakenWhereItCostsAMisfit) {
   Fitted f(0.03);
   const DeterminedFit before = f.fit;
   const double rms = before.identification.rms;
-  ASSERT_TRUE(arrived(before.identification)) << before.identification.message;
+  ASSERT_TRUE(has_converged(before.identification)) << before.identification.message;
   ASSERT_GT(rms, 0.04);
   for (const double share : {0.9, 1.1}) {
     f.fit = before;

@@ -31,8 +31,8 @@ TEST(Help, NumbersAreReadWhole) {
 
 TEST(Help, EachSortOfMessageHasItsBeginning) {
   EXPECT_EQ(said_by([] { cli::warn("two\nlines"); }), "kdlcal: warning: two lines\n");
-  EXPECT_EQ(said_by([] { cli::doubt_aloud("x"); }), "kdlcal: not to be trusted: x\n");
-  EXPECT_EQ(said_by([] { cli::require_aloud("x"); }), "kdlcal: required: x\n");
+  EXPECT_EQ(said_by([] { cli::print_doubt("x"); }), "kdlcal: not to be trusted: x\n");
+  EXPECT_EQ(said_by([] { cli::print_requirement("x"); }), "kdlcal: required: x\n");
 }
 
 TEST(Help, ProgressIsALineInTenSecondsAtMostWhereNobodyLooks) {

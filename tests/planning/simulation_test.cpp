@@ -191,17 +191,18 @@ TEST(Simulation, DrivesTellWhereTheyCameFromAndTheTorquesOfTenKilograms) {
   const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 30, random);
   const Eigen::MatrixXd stops = q.rightCols(20);
   const Eigen::MatrixXd before = q.leftCols(10);
-  const DrivenConfigurations untold = driven_to(model, stops, before, {});
+  const DrivenConfigurations untold = simulated_signals(model, stops, before, {});
   EXPECT_EQ(untold.joint_values, stops);
   EXPECT_EQ(untold.signals.approach.size() + untold.signals.torques.size(), 0);
 
-  const DrivenConfigurations told = driven_to(model, stops, before, {.approach = true, .torques = true, .seed = 7});
+  const DrivenConfigurations told =
+      simulated_signals(model, stops, before, {.approach = true, .torques = true, .seed = 7});
   for (Eigen::Index j = 0; j < 6; ++j) {
     for (Eigen::Index c = 0; c < 20; ++c) {
       EXPECT_EQ(told.signals.approach(j, c), stops(j, c) > q(j, c + 9) ? 1.0 : -1.0) << j << " " << c;
     }
   }
-  EXPECT_TRUE(std::isnan(driven_to(model, stops, {}, {.approach = true}).signals.approach(0, 0)));
+  EXPECT_TRUE(std::isnan(simulated_signals(model, stops, {}, {.approach = true}).signals.approach(0, 0)));
   const Eigen::MatrixXd gravity = 10.0 * 9.81 * gravity_torques(model, stops);
   Random noise(7 + 10, 2);
   for (Eigen::Index j = 0; j < 6; ++j) {

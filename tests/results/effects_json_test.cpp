@@ -30,7 +30,7 @@ struct EverySort {
   EverySort() {
     Random random(3);
     const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
-    driven = driven_to(model, q, {}, {.approach = true, .torques = true});
+    driven = simulated_signals(model, q, {}, {.approach = true, .torques = true});
     for (const std::string& name : effect_group_names()) {
       for (EffectTerm& term : effect_terms(model, *effect_group(name), q, driven.signals)) {
         term.sigma = 1e-4;

@@ -288,7 +288,7 @@ struct Saved {
 
   Saved() {
     const MatrixXd q = arm.configurations(30);
-    const DrivenConfigurations driven = driven_to(arm.model, q, {}, {.approach = true, .torques = true});
+    const DrivenConfigurations driven = simulated_signals(arm.model, q, {}, {.approach = true, .torques = true});
     saved.model = arm.model;
     for (const std::string& group : effect_group_names()) {
       const std::vector<EffectTerm> terms = effect_terms(arm.model, *effect_group(group), q, driven.signals);

@@ -677,8 +677,8 @@ struct DrivenArm : testing::VirtualExperiment {
                            .random = Random(seed)}) {
     const Eigen::MatrixXd q = configurations(60);
     const Eigen::MatrixXd elsewhere = configurations(100);
-    const ToldByDrives told{.approach = true, .torques = true, .seed = seed};
-    const DrivenConfigurations driven = driven_to(model, q, {}, told);
+    const SimulatedSignals told{.approach = true, .torques = true, .seed = seed};
+    const DrivenConfigurations driven = simulated_signals(model, q, {}, told);
     robot.model.effects = effect_terms(model, group, q, driven.signals);
     std::erase_if(robot.model.effects, is_of_load);
     robot.truth.effects.resize(static_cast<Eigen::Index>(robot.model.effects.size()));
@@ -686,7 +686,7 @@ struct DrivenArm : testing::VirtualExperiment {
       value = size * random.normal();
     }
     measured = testing::without_sigmas(kdl_calibration::measure(robot, driven, {.sigma = kNoise}, random));
-    unseen = kdl_calibration::measure(robot, driven_to(model, elsewhere, q, told), {}, random);
+    unseen = kdl_calibration::measure(robot, simulated_signals(model, elsewhere, q, told), {}, random);
   }
 
   double error_at_unseen(const Calibration& found) const {
