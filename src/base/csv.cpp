@@ -171,7 +171,7 @@ std::string_view Fields::take_quoted(std::string_view& line, char separator, con
     if (line.starts_with('"')) unescaped_ += '"';
   } while (line.starts_with('"'));
   skip_blanks(line, separator);
-  if (!line.empty() && line.front() != separator) fail(place, "text behind the closing quote of " + shown(whole));
+  if (!line.empty() && line.front() != separator) fail(place, "text after the closing quote of " + shown(whole));
   return std::string_view(unescaped_).substr(begin);
 }
 

@@ -59,7 +59,7 @@ Doubts of_convergence(const Calibration& found) {
                 " and no arm near the nominal one explains the measurements better; " + kWrongInput;
       break;
     case Termination::diverged:
-      message = "the fit did not converge: it ran away to errors beyond any robot's; " + kWrongInput;
+      message = "the fit did not converge: it diverged to errors beyond any robot's; " + kWrongInput;
       break;
   }
   return {{.cause = Cause::not_converged, .message = message}};
@@ -121,15 +121,16 @@ Doubts of_predictions(const Calibration& found) {
   if (found.accuracy.test && found.accuracy.test->after.rms > found.accuracy.test->before.rms) {
     doubts.push_back({.cause = Cause::worse_than_nominal,
                       .message = worse(*found.accuracy.test, "at the test rows") +
-                                 "; were they measured under the same conditions, and near the fitted ones?"});
+                                 "; check that they were measured under the same conditions and in the same region"});
   }
   if (is_no_better_than_nominal(found.accuracy)) {
-    doubts.push_back({.cause = Cause::worse_than_nominal,
-                      .message = worse(*found.accuracy.held_out(),
-                                       "at configurations that were not fitted (" + held_out_name(found) + ")") +
-                                 "; either there is nothing to correct that these measurements could show, or they are "
-                                 "too few, or some input is wrong: " +
-                                 kWrongInput});
+    doubts.push_back(
+        {.cause = Cause::worse_than_nominal,
+         .message = worse(*found.accuracy.held_out(),
+                          "at configurations that were not fitted (" + held_out_name(found) + ")") +
+                    "; the errors may be too small for these measurements, the measurements too few, or some "
+                    "input wrong: " +
+                    kWrongInput});
     doubts.push_back({.cause = Cause::nominal_kept,
                       .message = "the calibration does not help: the nominal robot is kept, and the URDF to write is "
                                  "the one that was read"});
@@ -301,7 +302,7 @@ std::vector<std::string> said_of_gauge(const Calibration& found) {
   }
   if (found.fit.minimum_norm) {
     result.push_back("what the measurements cannot tell apart (" + some_of(found.uncertainty.fixed_by_gauge) +
-                     ") was shared out so that the errors are smallest; predictions hold, single parameters do not");
+                     ") was set to the smallest errors that fit; predictions hold, single parameters do not");
   } else if (!found.uncertainty.fixed_by_gauge.empty()) {
     result.push_back("fixed by gauge: " + comma_separated(found.uncertainty.fixed_by_gauge) +
                      " (errors at zero, frames as registered); predictions hold where it was measured, single "
@@ -377,8 +378,8 @@ std::vector<std::string> warnings(const Calibration& found, const Diagnosis& dia
   }
   if (const double excess = excess_over_priors(found); excess > 1.0) {
     result.push_back("the estimated errors are " + four_digits(excess) +
-                     " times as large as the priors expect and were held too close to nominal; state larger priors, or "
-                     "none");
+                     " times as large as the priors expect, so the priors hold them too close to nominal; state larger "
+                     "priors, or none");
   }
   if (found.noise.lack_of_fit && found.noise.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");

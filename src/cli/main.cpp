@@ -177,7 +177,7 @@ int run_or_refuse(int argc, const char* const* argv) {
     require_stack();
     return run(argc, argv);
   } catch (const std::bad_alloc&) {
-    return refuse("kdlcal: the memory does not suffice, expected less data");
+    return refuse("kdlcal: out of memory, expected less data");
   } catch (const OptionError& error) {
     return refuse("kdlcal: " + in_options(error));
   } catch (const std::exception& error) {

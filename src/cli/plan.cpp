@@ -253,7 +253,7 @@ std::string table(const PlanArguments& arguments, const Plan& plan) {
   text += line("  this plan", plan.planned, plan.worst_configuration);
   text += line("  random choice", plan.random, plan.random.worst_configuration);
   if (plan.floor) {
-    text += padded("  the least that any plan could promise", -54) + padded(fixed(*plan.floor * 1e3, 4), 10) + "\n";
+    text += padded("  lower bound for any plan", -54) + padded(fixed(*plan.floor * 1e3, 4), 10) + "\n";
   }
   text += "observability           O1 " + fixed(o.O1, 4) + ", O2 " + fixed(o.O2, 5) + ", O3 " + fixed(o.O3, 4) +
           ", O4 " + fixed(o.O4, 5) + ", O5 " + fixed(o.O5, 5) + " (m, rad)\n";

@@ -121,7 +121,7 @@ private:
   void add_reading(Cause cause, const std::string& what, double left, double instead) {
     readings_.push_back({.cause = cause,
                          .message = "as they were read the measurements leave a misfit of " + in_mm(instead) + remark_ +
-                                    "; with " + what + " it is " + in_mm(left) + "; nothing was switched"});
+                                    "; with " + what + " it is " + in_mm(left) + "; the input was used as read"});
   }
 
   // Tries points whose distances are too large or too small for the nominal robot, or that hardly move.
@@ -285,7 +285,7 @@ private:
                          .message = "all lengths of the arm are found " + significant(common.factor, 5) +
                                     " times as long as nominal (" +
                                     (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) +
-                                    "); the fit absorbs that, nothing was switched"});
+                                    "); the fit absorbs that, the input was used as read"});
   }
 
   void try_joint_functions() {

@@ -149,7 +149,7 @@ std::string label(const Measurements& measurements, const Off& off) {
          ", target " + measurements.targets[off.target];
 }
 
-const std::string kNothingSwitched = "; nothing was switched";
+const std::string kNothingSwitched = "; the input was used as read";
 
 // For `outliers` of `count` rows: another reading that fits all of them, or else the worst row.
 OrientationTrial judged(const Measurements& measurements, const Consensus& agreed, const std::vector<Off>& outliers,

@@ -67,7 +67,7 @@ std::vector<AlternativeReading> repeated_configurations(const Measurements& meas
   const auto [one, other] = twins.front();
   const std::string message = tested[static_cast<std::size_t>(other)]
                                   ? "test configuration " + label(other) + " is at the pose of train configuration " +
-                                        label(one) + more + ": it tests no new pose"
+                                        label(one) + more + ": that is no independent test"
                                   : "configurations " + label(one) + " and " + label(other) + more +
                                         " are at the same pose: they are left out together";
   std::vector<AlternativeReading> remarks = {{.cause = Cause::same_configuration, .message = message, .doubt = false}};
@@ -78,7 +78,7 @@ std::vector<AlternativeReading> repeated_configurations(const Measurements& meas
     remarks.push_back({.cause = Cause::copied_rows,
                        .message = "test configuration " + label(copied->second) +
                                   " has the very points of train configuration " + label(copied->first) +
-                                  ": copied rows test nothing",
+                                  ": copied rows are no independent test",
                        .doubt = false});
   }
   return remarks;

@@ -179,7 +179,7 @@ private:
     if (rms() - options_.goal <= 0.5 * (before - options_.goal)) {
       return false;
     }
-    finish(Termination::stalled, "what lies above the goal did not halve within three iterations");
+    finish(Termination::stalled, "the excess over the goal did not halve within three iterations");
     return true;
   }
 
@@ -192,7 +192,7 @@ private:
     if (steps_ == Steps::prior && phase_ == Phase::with_prior &&
         (effect_ <= tolerance_ || predicted_reduction_ < kSettled * equations_.cost)) {
       smallest_pivot_ = solver_.smallest_pivot();
-      finish(Termination::converged, "the errors that are usual of an arm explain no more");
+      finish(Termination::converged, "errors of usual size do not reduce the misfit further");
       return false;
     }
     problem_.unknowns().move(result_.estimate, solver_.solution(), moved_);
@@ -280,7 +280,7 @@ private:
       return false;
     }
     if (steps_ == Steps::plain) {
-      finish(Termination::stalled, "a step did not reduce the misfit as it should");
+      finish(Termination::stalled, "the gain ratio of a step is too small");
       return false;
     }
     ++refused_;
@@ -306,7 +306,7 @@ private:
     const bool little = equations_.cost - moved_equations_.cost < kLittle * equations_.cost;
     accept();
     if (steps_ == Steps::prior && little) {
-      finish(Termination::converged, "the errors that are usual of an arm explain no more");
+      finish(Termination::converged, "errors of usual size do not reduce the misfit further");
       return false;
     }
     if (gain <= kGoodGain) {

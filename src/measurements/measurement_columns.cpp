@@ -112,7 +112,7 @@ std::string_view unit_alone(std::string_view cell) {
                     joints.convention->name + " the controller's are expected: " + comma_separated(joints.names));
   }
   const std::string hint =
-      joints.convention == nullptr ? " (where joints bear the controller's names, a joint convention has to tell)" : "";
+      joints.convention == nullptr ? " (where joints have the controller's names, a joint convention is needed)" : "";
   fail(place, "unknown column " + shown(cell) + ": " + expected_columns(joints) + hint);
 }
 

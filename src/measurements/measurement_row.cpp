@@ -93,7 +93,7 @@ Split Row::split() const {
   const std::string_view text = trimmed(fields_[header_.split.index]);
   if (text == "train") return Split::train;
   if (text == "test") return Split::test;
-  fail_cell(header_.split, "is no split: expected train or test");
+  fail_cell(header_.split, "is not a valid split: expected train or test");
 }
 
 std::int32_t Row::repeat() const {

@@ -65,7 +65,7 @@ public:
 
   Measurements finish(const ExpectedJoints& joints, const DecimalMark& decimals) && {
     if (observations_.empty()) {
-      fail(source_, "no measurement behind the header in line " + std::to_string(header_.line));
+      fail(source_, "no rows after the header in line " + std::to_string(header_.line));
     }
     check_duplicates();
     take_means_of_scattered_values();

@@ -95,7 +95,7 @@ MatrixXd information(const Experiment& experiment, const Measurements& measureme
     const auto found = std::find_if(experiment.targets.begin(), experiment.targets.end(),
                                     [&](const TargetFrame& target) { return target.name == name; });
     if (found == experiment.targets.end()) {
-      throw InputError(measurements.source + ": target '" + name + "' is none of those that are planned for");
+      throw InputError(measurements.source + ": target '" + name + "' is not a target of the plan");
     }
     target_of.push_back(static_cast<std::int32_t>(found - experiment.targets.begin()));
   }

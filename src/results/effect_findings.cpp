@@ -60,7 +60,7 @@ std::string in_words(const Calibration& calibration, const EffectMotion& motion)
   const std::string most = amount(motion.largest(), length);
   switch (motion.by.group) {
     case EffectGroup::gravity:
-      return joint.name + " gives way by up to " + most + " under the arm's weight";
+      return joint.name + " deflects by up to " + most + " under the arm's weight";
     case EffectGroup::transverse:
       return joint.name + " tilts by up to " + most + " across its axis under the arm's weight";
     case EffectGroup::gain: {
@@ -81,7 +81,7 @@ std::string in_words(const Calibration& calibration, const EffectMotion& motion)
     case EffectGroup::tables:
       return joint.name + " is off by up to " + most + " along its range";
     case EffectGroup::torque:
-      return joint.name + " gives way by up to " + most + " under its measured torque";
+      return joint.name + " deflects by up to " + most + " under its measured torque";
   }
   return {};
 }

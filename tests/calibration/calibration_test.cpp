@@ -181,7 +181,7 @@ TEST(Calibration, CompleteModelHasTheSmallestErrorsOfAllThatAreAsGood) {
     const Calibration complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
     EXPECT_TRUE(complete.fit.minimum_norm);
     EXPECT_FALSE(irreducible.fit.minimum_norm);
-    EXPECT_THAT(complete.diagnosis.warnings, Contains(HasSubstr("so that the errors are smallest")));
+    EXPECT_THAT(complete.diagnosis.warnings, Contains(HasSubstr("smallest errors that fit")));
     const OpenErrors smallest(complete, s.measured, complete.fit.candidates);
     const OpenErrors other(irreducible, s.measured, complete.fit.candidates);
     EXPECT_EQ(smallest.open.cols(), complete.uncertainty.identifiability.columns - 33);

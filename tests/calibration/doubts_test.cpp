@@ -173,8 +173,8 @@ TEST(DoubtsByHand, TestRowsMayBeAsGoodAsNominalAndHeldOutRowsMayNot) {
   tested.calibration.accuracy.test = pair(1e-3, 1.001e-3);
   EXPECT_THAT(tested.doubted(),
               ElementsAre("worse_than_nominal: the calibrated robot is no better than the nominal one at the test "
-                          "rows: 1.001 mm against 1 mm; were they measured under the same conditions, and near the "
-                          "fitted ones?"));
+                          "rows: 1.001 mm against 1 mm; check that they were measured under the same conditions and in "
+                          "the same region"));
   Found held_out;
   held_out.calibration.accuracy.leave_one_out = pair(1.001e-3, 1e-3);
   EXPECT_FALSE(is_no_better_than_nominal(held_out.calibration.accuracy));
@@ -182,12 +182,13 @@ TEST(DoubtsByHand, TestRowsMayBeAsGoodAsNominalAndHeldOutRowsMayNot) {
   EXPECT_TRUE(is_no_better_than_nominal(held_out.calibration.accuracy));
   EXPECT_THAT(
       held_out.doubted(),
-      ElementsAre("worse_than_nominal: the calibrated robot is no better than the nominal one at configurations that "
-                  "were not fitted (leave-one-out): 1 mm against 1 mm; either there is nothing to correct that these "
-                  "measurements could show, or they are too few, or some input is wrong: " +
-                      kWrongInput,
-                  "nominal_kept: the calibration does not help: the nominal robot is kept, and the URDF to write is "
-                  "the one that was read"));
+      ElementsAre(
+          "worse_than_nominal: the calibrated robot is no better than the nominal one at configurations that "
+          "were not fitted (leave-one-out): 1 mm against 1 mm; the errors may be too small for these measurements, "
+          "the measurements too few, or some input wrong: " +
+              kWrongInput,
+          "nominal_kept: the calibration does not help: the nominal robot is kept, and the URDF to write is "
+          "the one that was read"));
   held_out.calibration.accuracy.leave_one_out->after.rms = kInfinity;
   EXPECT_TRUE(is_no_better_than_nominal(held_out.calibration.accuracy));
   held_out.calibration.accuracy.leave_one_out->after.count = 0;
@@ -259,8 +260,8 @@ TEST(WarningsByHand, WhatIsTiedIsNamedWhereNoPriorsToldItApart) {
             "single parameters do not");
   found.calibration.fit.minimum_norm = true;
   EXPECT_THAT(found.warned(),
-              ElementsAre("what the measurements cannot tell apart (Ry1, dq2) was shared out so that the errors are "
-                          "smallest; predictions hold, single parameters do not"));
+              ElementsAre("what the measurements cannot tell apart (Ry1, dq2) was set to the smallest errors that "
+                          "fit; predictions hold, single parameters do not"));
 }
 
 TEST(WarningsByHand, FindingsAndTheRegistrationAreHandedOn) {
@@ -563,9 +564,8 @@ std::vector<Scenario> scenarios() {
        [] { return with_priors(0.0001); },
        Termination::converged,
        {},
-       {"the estimated errors are [0-9.]+ times as large as the priors expect and were held too close to nominal; "
-        "state "
-        "larger priors, or none"}},
+       {"the estimated errors are [0-9.]+ times as large as the priors expect, so the priors hold them too close to "
+        "nominal; state larger priors, or none"}},
       {"nine residual degrees of freedom",
        [] { return with_few_rows(12); },
        Termination::converged,

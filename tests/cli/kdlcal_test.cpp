@@ -269,7 +269,7 @@ TEST_F(BadMeasurements, DoNotExist) {
 
 TEST_F(BadMeasurements, AreEmpty) {
   refuse("", {"expected"});
-  refuse(kHeader, {"no measurement", "header"});
+  refuse(kHeader, {"no rows", "header"});
 }
 
 TEST_F(BadMeasurements, LackAColumn) {

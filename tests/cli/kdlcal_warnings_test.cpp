@@ -72,7 +72,7 @@ const std::string kFileDoesNotSaySo =
     R"(c\.urdf comes from an answer that is not to be trusted; the file itself does not say so)";
 const std::string kHint =
     R"(as they were read the measurements leave a misfit of [0-9.]+ mm(| with its geometry fitted); with the convention )"
-    R"(fanuc_r2000ic_165f_serial\.json it is [0-9.]+ mm; nothing was switched)";
+    R"(fanuc_r2000ic_165f_serial\.json it is [0-9.]+ mm; the input was used as read)";
 
 TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
   write("m.csv", measurements_csv(measured));
@@ -171,7 +171,7 @@ TEST_F(CommandLineWarnings, CalibrateNamesNoConventionWhereTheMeasurementsAreToB
   write("serial.csv", controller_csv(at(q), kSerial));
   const Outcome outcome = run({"calibrate", "--measurements", "serial.csv", "--joint-convention", kSerial});
   EXPECT_EQ(outcome.status, 0);
-  EXPECT_THAT(outcome.err, ::testing::Not(::testing::HasSubstr("nothing was switched")));
+  EXPECT_THAT(outcome.err, ::testing::Not(::testing::HasSubstr("the input was used as read")));
 }
 
 TEST_F(CommandLineWarnings, CalibrateDoubtsARowThatSpoilsTheFitAndTellsHowToLeaveItOut) {
@@ -252,7 +252,7 @@ TEST_F(CommandLineWarnings, ValidateDoubtsAnotherJointConvention) {
   expect({"validate", "--measurements", "flipped.csv"}, 1,
          {"as they were read the measurements leave a misfit of [0-9.]+ mm with its geometry fitted; with joint_2 with "
           "the opposite "
-          "sign it is [0-9.]+ mm; nothing was switched"});
+          "sign it is [0-9.]+ mm; the input was used as read"});
   for (Observation& observation : flipped.observations) {
     observation.split = Split::test;
   }

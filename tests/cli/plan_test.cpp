@@ -554,7 +554,7 @@ TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
   ASSERT_EQ(plan.status, 0) << plan.err;
   EXPECT_THAT(plan.out, HasSubstr(" exchanges"));
   EXPECT_THAT(plan.out, HasSubstr("range of J3 removes "));
-  EXPECT_THAT(plan.out, HasSubstr("the least that any plan could promise"));
+  EXPECT_THAT(plan.out, HasSubstr("lower bound for any plan"));
   EXPECT_THAT(text_of("plan.csv"), HasSubstr("configuration,target,J1[deg],J2[deg]"));
   EXPECT_THAT(text_of("plan.csv"), HasSubstr("home pose"));
   expect_refused({"calibrate", "--measurements", "plan.csv", "--joint-convention", convention},
@@ -688,7 +688,7 @@ TEST_F(PlanCommand, TheTableShowsTheNumbersOfTheJson) {
     EXPECT_THAT(table, HasSubstr("O1 " + decimals(plan["observability"]["O1"], 4)));
     EXPECT_THAT(table, HasSubstr("at least " + decimals(plan["d_efficiency"], 3) + "\n"));
     EXPECT_THAT(table, HasSubstr(" " + decimals(plan["travel_seconds"], 0) + " s at full speed"));
-    EXPECT_EQ(table.find("the least that any plan could promise") != std::string::npos, floor);
+    EXPECT_EQ(table.find("lower bound for any plan") != std::string::npos, floor);
     EXPECT_EQ(table.find(" removes ") != std::string::npos, refuses);
     return table;
   };

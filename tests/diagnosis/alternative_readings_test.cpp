@@ -141,7 +141,7 @@ TEST(AlternativeReadings, StateTheMisfitOfBothReadings) {
   ASSERT_EQ(found.size(), 1U) << text(found);
   EXPECT_THAT(found.front().message,
               ::testing::MatchesRegex("as they were read the measurements leave a misfit of [0-9]+ mm; with joint_2 "
-                                      "with the opposite sign it is 0\\.0[0-9]+ mm; nothing was switched"));
+                                      "with the opposite sign it is 0\\.0[0-9]+ mm; the input was used as read"));
 }
 
 TEST(AlternativeReadings, TakeTheOrderFromTheColumnAndElseSayThatTheFileGaveIt) {
@@ -211,7 +211,7 @@ TEST(AlternativeReadings, RemarkThatAConfigurationHasTwoLabelsAndThatTestRowsAre
   const std::vector<AlternativeReading> found = suspicions_of(m);
   ASSERT_THAT(causes(found), ElementsAre("same_configuration", "copied_rows")) << text(found);
   EXPECT_THAT(found[0].message,
-              HasSubstr("test configuration 8 is at the pose of train configuration 3: it tests no new pose"));
+              HasSubstr("test configuration 8 is at the pose of train configuration 3: that is no independent test"));
   EXPECT_THAT(found[1].message, HasSubstr("test configuration 8 has the very points of train configuration 3"));
   EXPECT_FALSE(found[0].doubt || found[1].doubt);
 }

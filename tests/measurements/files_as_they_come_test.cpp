@@ -271,7 +271,7 @@ TEST(FilesAsTheyCome, AreRefusedWithTheCureWhereTheyMayMeanTwoThings) {
       // Tabs.
       {"configuration\ttarget\tjoint_1\tjoint_2\tx\ty\tz\n1\t\"A\tB\"\t1\t2\t3\t4\t5\n",
        "m.csv:2: target 'A\\x09B' has a control character"},
-      {"configuration\ttarget\tjoint_1\tjoint_2\tx\ty\tz\n1\t\"A\"B\t1\t2\t3\t4\t5\n", "m.csv:2: text behind the"},
+      {"configuration\ttarget\tjoint_1\tjoint_2\tx\ty\tz\n1\t\"A\"B\t1\t2\t3\t4\t5\n", "m.csv:2: text after the"},
       // Columns.
       {"name;" + header + "\n", "m.csv:1: column 'target' repeats 'name'"},
       {header + ";X [mm]\n", "m.csv:1: column 'X [mm]' repeats 'x'"},
@@ -288,7 +288,7 @@ TEST(FilesAsTheyCome, AreRefusedWithTheCureWhereTheyMayMeanTwoThings) {
       {commas + "\n,,deg,deg,mm,mm\n", "m.csv:2: 6 fields, expected 7 as in the header in line 1"},
       {commas + ",\n,,deg,deg,mm,mm,mm,mm\n", "m.csv:2: value 'mm' in a column without a name"},
       {commas + "\n-,-,-,-,-,-,-\n", "m.csv:2: joint_1 '-' is not a number"},
-      {commas + "\n,,deg,deg,mm,mm,mm\n", "m.csv: no measurement behind the header in line 1"},
+      {commas + "\n,,deg,deg,mm,mm,mm\n", "m.csv: no rows after the header in line 1"},
       {fanuc + "W,P,R\n,,mm,,,,,,,,,,,\n", "m.csv:2: unknown unit 'mm' in column 'J1[deg]': expected [rad], [deg]",
        Arm::fanuc},
       // Orientations.

@@ -292,7 +292,7 @@ TEST(MeasurementsInput, EmptyFileAndHeaderAloneAreRefused) {
     EXPECT_THAT(csv_message(text), AllOf(StartsWith("m.csv: empty"), HasSubstr("joint_1, joint_2"))) << text;
   }
   EXPECT_THAT(csv_message("\n" + kHeader + "# nothing\n"),
-              AllOf(StartsWith("m.csv: no measurement"), HasSubstr("line 2")));
+              AllOf(StartsWith("m.csv: no rows"), HasSubstr("line 2")));
 }
 
 TEST(MeasurementsInput, NamesEveryMissingColumn) {
@@ -445,7 +445,7 @@ TEST(MeasurementsInput, LabelsArePlainText) {
 
 TEST(MeasurementsInput, QuotesMustBeWhole) {
   EXPECT_THAT(row_message("\"c1,A,1,2,3,4,5\nc2,A,1,2,3,4,5\n"), StartsWith("m.csv:2: no closing quote"));
-  EXPECT_THAT(row_message("\"c1\"x,A,1,2,3,4,5\n"), StartsWith("m.csv:2: text behind the closing quote"));
+  EXPECT_THAT(row_message("\"c1\"x,A,1,2,3,4,5\n"), StartsWith("m.csv:2: text after the closing quote"));
   EXPECT_THAT(row_message("c\"1,A,1,2,3,4,5\n"), StartsWith("m.csv:2: a quote inside the field 'c\"1'"));
 }
 

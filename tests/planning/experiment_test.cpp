@@ -314,7 +314,7 @@ TEST(Experiment, RefusesMeasurementsOfOtherTargets) {
   const VirtualRobot robot = virtual_robot(experiment.model, {}, other, {}, random);
   const Measurements measured = measure(robot, Eigen::MatrixXd::Constant(6, 3, 0.2), {}, random);
   EXPECT_THAT([&] { information(experiment, measured); },
-              ::testing::ThrowsMessage<InputError>(::testing::HasSubstr("target 'Z' is none of those")));
+              ::testing::ThrowsMessage<InputError>(::testing::HasSubstr("target 'Z' is not a target")));
 }
 
 }  // namespace

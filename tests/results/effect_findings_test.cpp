@@ -97,7 +97,7 @@ TEST(EffectFindings, StateTheRangeOfAPlayAndTheLargestMotionUnderGravity) {
   const EffectMotion motion = effect_motions(weight.calibration, weight.measurements)[0];
   EXPECT_EQ(motion.by.joint, 1);
   EXPECT_NEAR(motion.largest(), moved.row(1).cwiseAbs().maxCoeff(), 1e-15);
-  EXPECT_THAT(weight.words()[0], ::testing::MatchesRegex("joint_2 gives way by up to 0.0[0-9]+ degrees under the arm's "
+  EXPECT_THAT(weight.words()[0], ::testing::MatchesRegex("joint_2 deflects by up to 0.0[0-9]+ degrees under the arm's "
                                                          "weight"));
 }
 
@@ -237,7 +237,7 @@ TEST(EffectFindings, SayHowFarMeasuredTorquesBendAJoint) {
       Eigen::VectorXd::Zero(static_cast<Eigen::Index>(found.calibration.model.effects.size()));
   found.set(found.term(3, any), 1e-6);
   EXPECT_THAT(found.words().at(0),
-              ::testing::MatchesRegex("joint_4 gives way by up to 0\\.[0-9]+ degrees under its measured torque"));
+              ::testing::MatchesRegex("joint_4 deflects by up to 0\\.[0-9]+ degrees under its measured torque"));
 }
 
 TEST(EffectFindings, OfTheFirstGroupIsWhatItTakesOffGeometryAlone) {

@@ -34,13 +34,13 @@ void expect_a_tenth_of_a_millimetre_of_two_steps(std::uint64_t seeds) {
   EXPECT_LT(factor, 0.75);
 }
 
-TEST(TwoStep, WithFreshConfigurationsReachATenthOfAMillimetre) { expect_a_tenth_of_a_millimetre_of_two_steps(4); }
+TEST(TwoStepProcedure, WithFreshConfigurationsReachATenthOfAMillimetre) { expect_a_tenth_of_a_millimetre_of_two_steps(4); }
 
-TEST(TwoStepLongRun, WithFreshConfigurationsReachATenthOfAMillimetre) {
+TEST(TwoStepProcedureLongRun, WithFreshConfigurationsReachATenthOfAMillimetre) {
   expect_a_tenth_of_a_millimetre_of_two_steps(20);
 }
 
-TEST(TwoStep, WithRecordedConfigurationsConvergeMoreSlowlyToTheTruth) {
+TEST(TwoStepProcedure, WithRecordedConfigurationsConvergeMoreSlowlyToTheTruth) {
   VirtualExperiment experiment = published_experiment(3);
   const Measurements recorded = experiment.measure(30);
   const Estimate start = nominal_start(experiment.model, recorded);
@@ -53,7 +53,7 @@ TEST(TwoStep, WithRecordedConfigurationsConvergeMoreSlowlyToTheTruth) {
   EXPECT_LT(held_out_rms(experiment, two_step.estimate, 100), 1e-9);
 }
 
-TEST(TwoStep, ThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) {
+TEST(TwoStepProcedure, ThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) {
   VirtualExperiment experiment = published_experiment(3);
   const Measurements recorded = experiment.measure(30);
   const Estimate start = nominal_start(experiment.model, recorded);
@@ -68,7 +68,7 @@ TEST(TwoStep, ThatGoOnIntoRoundingStateTheFactorOfThoseThatStop) {
   EXPECT_NEAR(longer.convergence_factor, stopped.convergence_factor, 0.01);
 }
 
-TEST(TwoStep, WithNoiseEndNearTheJointOptimum) {
+TEST(TwoStepProcedure, WithNoiseEndNearTheJointOptimum) {
   // Near it, not at it: the published A turns the base about the flange's lever alone, without the tool's.
   VirtualExperiment experiment = published_experiment(4);
   const double sigma = 0.00003;
