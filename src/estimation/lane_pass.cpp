@@ -3,7 +3,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
 #include "base/parallel.hpp"
@@ -23,19 +22,25 @@ namespace {
 
 // Orders the kernel's columns, those that turn first.
 void order_columns(LaneWorkspace& work) {
-  work.order.resize(work.twists.size());
-  std::iota(work.order.begin(), work.order.end(), std::size_t{0});
-  const auto others = std::stable_partition(work.order.begin(), work.order.end(),
-                                            [&](std::size_t i) { return !work.twists[i].angular.isZero(0.0); });
-  work.input.turning = static_cast<std::size_t>(others - work.order.begin());
+  work.order.clear();
+  for (const bool turning : {true, false}) {
+    for (std::size_t i = 0; i < work.twists.size(); ++i) {
+      if (work.twists[i].angular.isZero(0.0) != turning) {
+        work.order.push_back(i);
+      }
+    }
+    if (turning) {
+      work.input.turning = work.order.size();
+    }
+  }
   work.input.columns.clear();
   for (const std::size_t i : work.order) {
     work.input.columns.push_back(numbers_of(work.twists[i], work.twists[i].frame + 1));
   }
 }
 
-// Place of the entry (a, b) of a symmetric n x n matrix whose upper triangle is stored row by row. Row i of it has n -
-// i entries, from the diagonal on, so that the diagonal's entry of row a stands at n + (n - 1) + … + (n - a + 1).
+// Place of the entry (a, b) of a symmetric n x n matrix whose upper triangle is stored row by row. Row i has the n - i
+// entries from the diagonal on, so that row a begins at n + (n - 1) + … + (n - a + 1).
 std::size_t place_in_triangle(std::size_t a, std::size_t b, std::size_t n) {
   const auto [row, column] = std::minmax(a, b);
   return row * (2 * n - row + 1) / 2 + (column - row);
