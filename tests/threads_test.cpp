@@ -77,6 +77,7 @@ struct Shared {
   LeastSquaresProblem problem{model, data, free};
   PositionPredictor predictor{model, estimate, free};
   ChainFolder folder{model, {0, 1, 2}};
+  EffectTerm gain{.name = "gain.1", .joint = model.joints.front().name, .function = JointGain{}};
   CalibratedArm arm{model, estimate.errors, {}};
   VectorXd q = data.joint_values.col(0);
   std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, data.joint_values);
@@ -184,6 +185,7 @@ std::vector<Asked> other_methods() {
          return s.arm.flange_pose(s.q, jacobian).matrix().sum() + s.arm.flange_pose(s.q).matrix().sum() +
                 jacobian.sum();
        }},
+      {"EffectTerm::group", [&] { return static_cast<double>(s.gain.group()); }},
       {"ChainFolder::shape", [&] { return static_cast<double>(s.folder.shape().links.size()); }},
       {"ChainFolder::fold",
        [&] {

@@ -284,7 +284,35 @@ TEST(JointEffects, GravityTermsThatRepeatEachOtherOrHardlyChangeAreLeftOut) {
   EXPECT_TRUE(effect_terms(model, EffectGroup::gravity, q.leftCols(1)).empty()) << "of one configuration";
 }
 
-// Of a robot with its joints' axes across each other, by hand: products of KDL frames.
+// By products of KDL frames: about the joint's own axis or one across it, seen in the frame of the joint's origin.
+double moment_by_hand(const ErrorModel& model, const EffectTerm& term, const Eigen::VectorXd& q) {
+  const auto& [link, axis_of_link] = std::get<GravityMoment>(term.function);
+  const Eigen::Vector3d own = to_eigen(model.joints[static_cast<std::size_t>(term.index)].axis);
+  const bool is_own = term.axis == EffectAxis::own;
+  const Eigen::Vector3d axis = is_own ? own : z_onto(own).col(term.axis == EffectAxis::across_x ? 0 : 1);
+  EXPECT_NEAR(axis.dot(own), is_own ? 1.0 : 0.0, 1e-15);
+  EXPECT_NEAR(axis.norm(), 1.0, 1e-15);
+  KDL::Frame pose = KDL::Frame::Identity();
+  KDL::Vector about;
+  KDL::Vector along;  // the way of the link's joint
+  for (int i = 0; i <= link; ++i) {
+    const MovingJoint& joint = model.joints[static_cast<std::size_t>(i)];
+    pose = pose * joint.origin;
+    if (i == term.index) {
+      about = pose.M * KDL::Vector(axis.x(), axis.y(), axis.z());
+    }
+    along = pose.M * joint.axis * q[i];
+    pose = pose * (joint.type == JointType::prismatic ? KDL::Frame(joint.axis * q[i])
+                                                      : KDL::Frame(KDL::Rotation::Rot2(joint.axis, q[i])));
+  }
+  if (axis_of_link == GravityMoment::kOwn) {
+    return KDL::dot(about, model.gravity);
+  }
+  const KDL::Vector levers[] = {pose.M.UnitX(), pose.M.UnitY(), pose.M.UnitZ(), along};
+  return KDL::dot(about, levers[axis_of_link] * model.gravity);
+}
+
+// Of a robot with its joints' axes across each other.
 TEST(JointEffects, JointsAndBearingsFeelTheMomentsOfGravity) {
   ErrorModel model = complete_model(parse_robot(testing::kOddArm));
   model.gravity = KDL::Vector(0.48, -0.6, -0.64);
@@ -293,46 +321,22 @@ TEST(JointEffects, JointsAndBearingsFeelTheMomentsOfGravity) {
   std::set<std::pair<EffectGroup, int>> seen;  // with the axes of the links
   for (const EffectGroup group : {EffectGroup::gravity, EffectGroup::transverse}) {
     for (const EffectTerm& term : effect_terms(model, group, q)) {
-      seen.emplace(term.group(), std::get<GravityMoment>(term.function).axis);
+      const auto& [link, axis] = std::get<GravityMoment>(term.function);
+      EXPECT_EQ(term.axis == EffectAxis::own, group == EffectGroup::gravity) << term.name;
+      EXPECT_GE(link, term.index) << term.name;
+      EXPECT_LE(link, group == EffectGroup::gravity ? 4 : term.index + 2) << term.name;
+      seen.emplace(term.group(), axis);
       model.effects.push_back(term);
     }
   }
-  ASSERT_EQ(seen.size(), 8U) << "those of a slide are not across";
+  EXPECT_EQ(seen.size(), 8U) << "those of a slide are not across";
   const Eigen::MatrixXd basis = effect_basis(model, q);
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const EffectTerm& term = model.effects[e];
-    const auto joint = static_cast<std::size_t>(term.index);
-    const auto& [link, of_link] = std::get<GravityMoment>(term.function);
-    const auto last = static_cast<std::size_t>(link);
-    EXPECT_GE(link, term.index) << term.name;
-    const bool is_own = term.axis == EffectAxis::own;
-    ASSERT_EQ(is_own, term.group() == EffectGroup::gravity) << term.name;
-    EXPECT_LE(link, is_own ? 4 : term.index + 2) << term.name;
-    // About the joint's own axis or one across it, seen in the frame of the joint's origin.
-    const Eigen::Vector3d own = to_eigen(model.joints[joint].axis);
-    const Eigen::Vector3d across = is_own ? own : z_onto(own).col(term.axis == EffectAxis::across_x ? 0 : 1);
-    ASSERT_NEAR(across.dot(own), is_own ? 1.0 : 0.0, 1e-15);
-    ASSERT_NEAR(across.norm(), 1.0, 1e-15);
     for (Eigen::Index c = 0; c < q.cols(); ++c) {
-      KDL::Frame pose = KDL::Frame::Identity();
-      KDL::Vector about;
-      for (std::size_t i = 0; i <= last; ++i) {
-        pose = pose * model.joints[i].origin;
-        if (i == joint) {
-          about = pose.M * KDL::Vector(across.x(), across.y(), across.z());
-        }
-        const double value = q(static_cast<Eigen::Index>(i), c);
-        const KDL::Vector& axis = model.joints[i].axis;
-        pose = pose * (model.joints[i].type == JointType::prismatic ? KDL::Frame(axis * value)
-                                                                    : KDL::Frame(KDL::Rotation::Rot2(axis, value)));
-      }
-      const KDL::Vector lever = of_link == 0   ? pose.M.UnitX()
-                                : of_link == 1 ? pose.M.UnitY()
-                                : of_link == 2 ? pose.M.UnitZ()
-                                               : pose.M * model.joints[last].axis * q(link, c);  // of a slide
-      const bool is_force = of_link == GravityMoment::kOwn;
-      const double raw = KDL::dot(about, is_force ? model.gravity : lever * model.gravity);
-      EXPECT_NEAR(basis(static_cast<Eigen::Index>(e), c) * term.scale + term.mean, raw, 1e-12) << term.name;
+      EXPECT_NEAR(basis(static_cast<Eigen::Index>(e), c) * term.scale + term.mean,
+                  moment_by_hand(model, term, q.col(c)), 1e-12)
+          << term.name;
     }
   }
 }
