@@ -22,8 +22,7 @@ using Vector9d = Eigen::Matrix<double, 9, 1>;
 using Matrix9d = Eigen::Matrix<double, 9, 9>;
 using Matrix39d = Eigen::Matrix<double, 3, 9>;
 
-// Weighted sums over the observations of one target: everything the elimination needs. vec(A) stacks the columns of A,
-// so that vec(B A Z) = kron(Z^T, B) vec(A).
+// Weighted sums over the observations of one target. With vec(A) the stacked columns, vec(B A Z) = kron(Z^T, B) vec(A).
 struct TargetSums {
   double weight = 0.0;
   Matrix3d R = Matrix3d::Zero();       // sum w R_BF
@@ -102,8 +101,7 @@ struct RotationForm {
   double constant = 0.0;
   Matrix39d c_matrix;
   Vector3d c_vector;
-  Vector3d relative_information = Vector3d::Ones();  // eigenvalues of the information of c after elimination of the
-                                                     // targets, over that before
+  Vector3d relative_information = Vector3d::Ones();  // of c: with unknown over with known targets
 
   double value(const Matrix3d& A) const {
     const Eigen::Map<const Vector9d> theta(A.data());
