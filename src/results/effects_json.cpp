@@ -33,7 +33,9 @@ Json range_json(const std::pair<double, double>& range) {
 }
 
 // What each kind of function is made of, beside its group and joint.
-Json function_json(const GravityMoment& moment) { return {{"link", moment.link + 1}, {"axis", kAxes[moment.axis]}}; }
+Json function_json(const GravityMoment& moment) {
+  return {{"link", moment.link + 1}, {"axis", kAxes[static_cast<std::size_t>(moment.axis)]}};
+}
 
 Json function_json(const LoadTorque& /*load*/) {
   throw InputError("effects: the torque of known masses has no form in a result, expected terms of effect_terms");
