@@ -125,8 +125,8 @@ public:
 
   /// Fails the test where what kdlcal said on standard error shows that the memory ended it.
   void expect_memory_sufficed(const std::string& err) const {
-    const bool exhausted = err.find("out of memory") != std::string::npos ||
-                           err.find("hard rss limit exhausted") != std::string::npos;
+    const bool exhausted =
+        err.find("out of memory") != std::string::npos || err.find("hard rss limit exhausted") != std::string::npos;
     EXPECT_FALSE(exhausted) << command_ << " was ended: expected at most " << surroundings_.memory << " bytes";
   }
 

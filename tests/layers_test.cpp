@@ -19,9 +19,10 @@ namespace {
 namespace fs = std::filesystem;
 
 /// From the ground up.
-const std::vector<std::string> kWings = {
-    "base",       "robot",     "measurements", "model",     "effects",     "estimation", "two_step", "noise",    "uncertainty",
-    "validation", "screening", "diagnosis",    "selection", "calibration", "results",    "planning", "cli"};
+const std::vector<std::string> kWings = {"base",       "robot",     "measurements", "model",       "effects",
+                                         "estimation", "two_step",  "noise",        "uncertainty", "validation",
+                                         "screening",  "diagnosis", "selection",    "calibration", "results",
+                                         "planning",   "cli"};
 
 /// Public headers without a source of their own.
 const std::map<std::string, std::string> kHeadersAlone = {{"input_error", "base"},

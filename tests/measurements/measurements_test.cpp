@@ -291,8 +291,7 @@ TEST(MeasurementsInput, EmptyFileAndHeaderAloneAreRefused) {
   for (const char* text : {"", "\n\n", "# only a comment", "\xef\xbb\xbf", ";;;\n"}) {
     EXPECT_THAT(csv_message(text), AllOf(StartsWith("m.csv: empty"), HasSubstr("joint_1, joint_2"))) << text;
   }
-  EXPECT_THAT(csv_message("\n" + kHeader + "# nothing\n"),
-              AllOf(StartsWith("m.csv: no rows"), HasSubstr("line 2")));
+  EXPECT_THAT(csv_message("\n" + kHeader + "# nothing\n"), AllOf(StartsWith("m.csv: no rows"), HasSubstr("line 2")));
 }
 
 TEST(MeasurementsInput, NamesEveryMissingColumn) {

@@ -34,7 +34,9 @@ void expect_a_tenth_of_a_millimetre_of_two_steps(std::uint64_t seeds) {
   EXPECT_LT(factor, 0.75);
 }
 
-TEST(TwoStepProcedure, WithFreshConfigurationsReachATenthOfAMillimetre) { expect_a_tenth_of_a_millimetre_of_two_steps(4); }
+TEST(TwoStepProcedure, WithFreshConfigurationsReachATenthOfAMillimetre) {
+  expect_a_tenth_of_a_millimetre_of_two_steps(4);
+}
 
 TEST(TwoStepProcedureLongRun, WithFreshConfigurationsReachATenthOfAMillimetre) {
   expect_a_tenth_of_a_millimetre_of_two_steps(20);
