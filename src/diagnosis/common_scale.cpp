@@ -17,9 +17,9 @@ using Eigen::VectorXd;
 
 // Sums over all points z, with J the derivatives by what is free and J_all those by every geometric error.
 struct NormalSums {
-  MatrixXd JtJ;
-  MatrixXd JtJ_all;
-  VectorXd Jtz;
+  MatrixXd information;  // J^T J
+  MatrixXd cross;        // J^T J_all
+  VectorXd right_side;   // J^T z
 };
 
 NormalSums normal_sums(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
@@ -34,15 +34,15 @@ NormalSums normal_sums(const ErrorModel& model, const Measurements& measurements
     J_all.push_back(of_all.jacobians(measurements, i));
   }
   const Index columns = J.front().front().cols();
-  NormalSums sums{.JtJ = MatrixXd::Zero(columns, columns),
-                  .JtJ_all = MatrixXd::Zero(columns, static_cast<Index>(model.parameters.size())),
-                  .Jtz = VectorXd::Zero(columns)};
+  NormalSums sums{.information = MatrixXd::Zero(columns, columns),
+                  .cross = MatrixXd::Zero(columns, static_cast<Index>(model.parameters.size())),
+                  .right_side = VectorXd::Zero(columns)};
   for (const Observation& observation : measurements.observations) {
     const auto i = static_cast<std::size_t>(observation.configuration);
     const auto t = static_cast<std::size_t>(observation.target);
-    sums.JtJ += J[i][t].transpose() * J[i][t];
-    sums.JtJ_all += J[i][t].transpose() * J_all[i][t];
-    sums.Jtz += J[i][t].transpose() * observation.position;
+    sums.information += J[i][t].transpose() * J[i][t];
+    sums.cross += J[i][t].transpose() * J_all[i][t];
+    sums.right_side += J[i][t].transpose() * observation.position;
   }
   return sums;
 }
@@ -79,9 +79,9 @@ CommonScale common_scale(const ErrorModel& model, const Measurements& measuremen
     return {};
   }
   const NormalSums sums = normal_sums(model, measurements, fit, free);
-  const Eigen::LDLT<MatrixXd> JtJ(sums.JtJ);
-  const VectorXd x = JtJ.solve(sums.Jtz).segment(first, count);
-  MatrixXd usual = JtJ.solve(sums.JtJ_all).middleRows(first, count);
+  const Eigen::LDLT<MatrixXd> JtJ(sums.information);
+  const VectorXd x = JtJ.solve(sums.right_side).segment(first, count);
+  MatrixXd usual = JtJ.solve(sums.cross).middleRows(first, count);
   for (Index p = 0; p < usual.cols(); ++p) {
     usual.col(p) *= usual_error(model, model.parameters[static_cast<std::size_t>(p)]);
   }
@@ -90,7 +90,7 @@ CommonScale common_scale(const ErrorModel& model, const Measurements& measuremen
     errors[i] = fit.errors[static_cast<Index>(free.geometric()[static_cast<std::size_t>(i)])];
   }
   const double variance = std::pow(rms_of(model, measurements, fit), 2) / 3.0;
-  const MatrixXd inverse = JtJ.solve(MatrixXd::Identity(sums.JtJ.rows(), sums.JtJ.cols()));
+  const MatrixXd inverse = JtJ.solve(MatrixXd::Identity(sums.information.rows(), sums.information.cols()));
   const auto [slope, explained, left] =
       regression(x, errors, usual * usual.transpose() + variance * inverse.block(first, first, count, count));
   if (!std::isfinite(slope) || !(left > 0.0)) {
