@@ -57,7 +57,7 @@ constexpr std::size_t kEffectGroups = 8;
 /// Axis of a joint's additional motion: its own, or one of the two across it, the images of x and y under z_onto(axis).
 enum class EffectAxis : std::uint8_t { own, across_x, across_y };
 
-/// A linear function of the direction of gravity seen from a link: the torque about a joint is made of these.
+/// One component of the gravity direction in a link's frame. The torque about a joint is linear in these components.
 struct GravityMoment {
   int link = 0;  ///< index of the joint before the link, from 0
   /// 0 to 2: axis of the link's frame; kSlide: travel of that prismatic joint; kOwn: gravity along the moved prismatic
@@ -67,15 +67,16 @@ struct GravityMoment {
   static constexpr int kOwn = 4;
 };
 
-/// The torque of known masses about the joint, with g = 1.
+/// The torque of these masses about the joint, with g = 1.
 struct LoadTorque {
   std::vector<PointMass> masses;
 };
 
-/// The joint's value.
+/// The joint's own value.
 struct JointGain {};
 
-/// tanh of the torque of equal masses at the later joint frames and the tip: the side on which the joint's play lies.
+/// The side of its backlash to which the load pulls the joint: tanh of the torque of equal masses at all later joint
+/// frames and the tip.
 struct LoadSide {
   double mass = 1.0;
 };
@@ -83,9 +84,9 @@ struct LoadSide {
 /// The sign of the joint's last motion, DriveSignals::approach.
 struct ApproachSide {};
 
-/// sin(times · q), or the cosine. Of the group harmonics, or of ripple.
+/// sin(times · q) or cos(times · q): an encoder off centre (harmonics), or gear ripple.
 struct Sinusoid {
-  double times = 1.0;  ///< a turn
+  double times = 1.0;  ///< periods per turn
   bool is_cosine = false;
   bool is_ripple = false;
 };
@@ -102,10 +103,10 @@ struct JointTable {
 
 /// The torque that the drive measured, DriveSignals::torques.
 struct MeasuredTorque {
-  double play = 0.0;  ///< [Nm or N] tanh(torque / play) instead, where above 0
+  double play = 0.0;  ///< [Nm or N] if above 0 the function is tanh(torque / play)
 };
 
-/// One struct for each kind of function.
+/// The function of an effect, one struct per kind.
 using EffectFunction =
     std::variant<GravityMoment, LoadTorque, JointGain, LoadSide, ApproachSide, Sinusoid, JointTable, MeasuredTorque>;
 
@@ -120,7 +121,7 @@ struct EffectTerm {
   std::string joint;  ///< URDF joint
   int index = 0;      ///< of the joint
   EffectAxis axis = EffectAxis::own;
-  EffectFunction function;  ///< raw
+  EffectFunction function;  ///< gives `raw`
   double mean = 0.0;
   double scale = 1.0;
   double sigma = 0.0;  ///< prior 1 sigma of the value [rad, m or per unit], 0: no prior
@@ -200,6 +201,9 @@ struct TargetFrame {
   Eigen::Isometry3d X_FT = Eigen::Isometry3d::Identity();
   bool with_orientation = false;
 };
+
+/// The target with this name; a null pointer if there is none.
+const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const std::string& name);
 
 /// Names "base.Tx" … "base.Rz".
 const std::vector<std::string>& base_parameter_names();

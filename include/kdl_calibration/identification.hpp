@@ -40,6 +40,9 @@ struct Identification {
 /// Whether a fit ended where its gradient vanishes.
 bool has_converged(const Identification& found);
 
+/// Puts the iterations of an earlier fit before those of the one that continues it.
+void prepend_history(const Identification& earlier, Identification& later);
+
 /// Zero errors, with base and targets registered.
 Estimate nominal_start(const ErrorModel& model, const Measurements& measurements,
                        const RegistrationOptions& options = {});

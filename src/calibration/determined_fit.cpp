@@ -76,12 +76,6 @@ Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eige
   return candidates.subset(marked);
 }
 
-// Prepends the iterations of an earlier fit.
-void prepend_history(const Identification& earlier, Identification& later) {
-  later.iterations += earlier.iterations;
-  later.rms_history.insert(later.rms_history.begin(), earlier.rms_history.begin(), earlier.rms_history.end());
-}
-
 constexpr int kGaugeRounds = 3;
 
 struct FittedInGauge {

@@ -180,9 +180,8 @@ std::string table(const CalibrateArguments& arguments, const Robot& robot, const
   for (const OutputFile& file : outputs(arguments)) {
     options.written.push_back(file.path);
   }
-  std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention);
+  const std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention, robot);
   if (convention) {
-    convention = matched_convention(*convention, independent_joint_names(robot.joints));
     options.convention = &*convention;
   }
   return result_table(measurements, calibration, options);

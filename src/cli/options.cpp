@@ -247,13 +247,10 @@ void add_arm_at_joints(CLI::App& app, ArmAtJoints& arguments) {
 }
 
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments) {
-  Eigen::VectorXd q;
-  if (arguments.joint_convention.empty()) {
-    q = given_values(robot, arguments, nullptr);
-  } else {
-    const JointConvention convention =
-        matched_convention(read_joint_convention(arguments.joint_convention), independent_joint_names(robot.joints));
-    q = convention.matrix * given_values(robot, arguments, &convention) + convention.offset;
+  const std::optional<JointConvention> convention = convention_of(arguments.joint_convention, robot);
+  Eigen::VectorXd q = given_values(robot, arguments, convention ? &*convention : nullptr);
+  if (convention) {
+    q = convention->matrix * q + convention->offset;
   }
   q = all_joint_values(robot.joints, q);
   warn_outside_limits(robot, q);
@@ -262,6 +259,14 @@ Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments
 
 std::optional<JointConvention> convention_of(const std::string& file) {
   return file.empty() ? std::nullopt : std::optional(read_joint_convention(file));
+}
+
+std::optional<JointConvention> convention_of(const std::string& file, const Robot& robot) {
+  std::optional<JointConvention> convention = convention_of(file);
+  if (convention) {
+    convention = matched_convention(*convention, independent_joint_names(robot.joints));
+  }
+  return convention;
 }
 
 Measurements configurations_of(const Robot& robot, const std::string& file, const std::string& joint_convention) {

@@ -41,12 +41,12 @@ CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file,
 void add_json_flag(CLI::App& app, bool& json);
 /// Adds an example command to the end of the help.
 void add_example(CLI::App& app, const std::string& command);
-/// An option that takes one of a few words.
+/// Adds an option for one of `words`.
 CLI::Option* add_word(CLI::App& app, const std::string& name, std::string& value, const std::vector<std::string>& words,
                       const std::string& help);
-/// Makes the option take a whole number from the first to the second of the range.
+/// Restricts the option to whole numbers within `range`.
 CLI::Option* limit_count(CLI::Option* option, std::pair<int, int> range);
-/// Such an option, whose default is named.
+/// Adds an option for a whole number within `range`; help shows the default.
 CLI::Option* add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range,
                        const std::string& help);
 /// --seed
@@ -78,10 +78,11 @@ bool value_is_length(const Robot& robot, const JointConvention* convention, Eige
 /// The URDF's values of all joints [rad] or [m]; warns of values outside the limits.
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
 
-/// That of a file; none where no file is named.
+/// The joint convention in a file; empty if `file` is. With a robot its columns are in the order of the URDF's joints.
 std::optional<JointConvention> convention_of(const std::string& file);
-/// Each configuration of a file once, in its order, whose joint values the convention of another file may turn into the
-/// URDF's.
+std::optional<JointConvention> convention_of(const std::string& file, const Robot& robot);
+/// Configurations of a file, each once, in its order. `joint_convention`: a file as well, for controller's joint
+/// values.
 Measurements configurations_of(const Robot& robot, const std::string& file, const std::string& joint_convention);
 
 /// Options for an arm, nominal or calibrated, at joint values: those above, --result and --json.

@@ -128,10 +128,7 @@ Setting setting(const PlanArguments& arguments) {
   PlanRequest& request = result.request;
   request.robot = load(arguments.robot);
   const ErrorModel model = complete_model(request.robot);
-  result.convention = convention_of(arguments.joint_convention);
-  if (result.convention) {
-    result.convention = matched_convention(*result.convention, independent_joint_names(request.robot.joints));
-  }
+  result.convention = convention_of(arguments.joint_convention, request.robot);
   const JointConvention* convention = result.joint_convention();
   if (!arguments.measured.empty()) {
     request.measured = read_measurements(request.robot, arguments.measured, convention);

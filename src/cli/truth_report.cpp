@@ -39,8 +39,7 @@ Json targets_json(const Estimate& estimate, const Estimate& truth, const Estimat
   for (std::size_t t = 0; t < estimate.targets.size(); ++t) {
     const Eigen::Vector3d estimated = estimate.targets[t].X_FT.translation();
     const Eigen::Vector3d in_gauge = truth_in_gauge.targets[t].X_FT.translation();
-    const auto drawn = std::find_if(truth.targets.begin(), truth.targets.end(),
-                                    [&](const TargetFrame& target) { return target.name == estimate.targets[t].name; });
+    const TargetFrame* const drawn = find_target(truth.targets, estimate.targets[t].name);
     list.push_back({{"name", estimate.targets[t].name},
                     {"estimated", position_json(estimated)},
                     {"true", position_json(drawn->X_FT.translation())},

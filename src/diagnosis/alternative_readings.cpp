@@ -121,7 +121,7 @@ private:
   void add_reading(Cause cause, const std::string& what, double left, double instead) {
     readings_.push_back({.cause = cause,
                          .message = "as they were read the measurements leave a misfit of " + in_mm(instead) + remark_ +
-                                    "; with " + what + " it is " + in_mm(left) + "; the input was used as read"});
+                                    "; with " + what + " it is " + in_mm(left) + "; " + kUsedAsRead});
   }
 
   // Tries points whose distances are too large or too small for the nominal robot, or that hardly move.
@@ -285,7 +285,7 @@ private:
                          .message = "all lengths of the arm are found " + significant(common.factor, 5) +
                                     " times as long as nominal (" +
                                     (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) +
-                                    "); the fit absorbs that, the input was used as read"});
+                                    "); the fit absorbs that, " + kUsedAsRead});
   }
 
   void try_joint_functions() {
@@ -347,9 +347,9 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
     PosePoints points = pose_points(model, measurements, fit, free, options.registration);
     ReadingOptions of_points = options;
     of_points.registration = std::move(points.registration);
-    ReadingTrials inquiry(model, points.measurements, points.fit, sample(points.measurements, points.free, kMostPoses),
-                          of_points);
-    std::vector<AlternativeReading> more = inquiry.trials_of_poses();
+    ReadingTrials trials(model, points.measurements, points.fit, sample(points.measurements, points.free, kMostPoses),
+                         of_points);
+    std::vector<AlternativeReading> more = trials.trials_of_poses();
     if (more.empty() && turned) {
       more.push_back(of_orientations());
     }
@@ -371,9 +371,9 @@ Unknowns unknowns_of_reduced_model(const ErrorModel& model, const std::vector<Ta
     hold(base_parameter_names());
   }
   for (const TargetFrame& target : targets) {
-    const bool is_known = std::any_of(known.known_targets.begin(), known.known_targets.end(),
-                                      [&](const TargetFrame& other) { return other.name == target.name; });
-    hold(is_known ? target_parameter_names(target) : std::vector<std::string>());
+    if (find_target(known.known_targets, target.name) != nullptr) {
+      hold(target_parameter_names(target));
+    }
   }
   return Unknowns(model, targets, reduced_model(model, targets, options).kept);
 }

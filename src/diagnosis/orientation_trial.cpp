@@ -11,6 +11,7 @@
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/robust_statistics.hpp"
+#include "diagnosis/trial_fit.hpp"
 #include "kdl_calibration/prediction.hpp"
 
 namespace kdl_calibration {
@@ -149,8 +150,6 @@ std::string label(const Measurements& measurements, const Off& off) {
          ", target " + measurements.targets[off.target];
 }
 
-const std::string kNothingSwitched = "; the input was used as read";
-
 // For `outliers` of `count` rows: another reading that fits all of them, or else the worst row.
 OrientationTrial judged(const Measurements& measurements, const Consensus& agreed, const std::vector<Off>& outliers,
                         std::size_t count, double limit) {
@@ -162,7 +161,7 @@ OrientationTrial judged(const Measurements& measurements, const Consensus& agree
         })) {
       return {.explained = true,
               .message = what + ", from " + label(measurements, outliers.front()) + " on; they do if they are read " +
-                         reading.words + kNothingSwitched};
+                         reading.words + "; " + kUsedAsRead};
     }
   }
   const Off& worst =
@@ -193,8 +192,8 @@ std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const 
   if (usual != &readings().front()) {
     return OrientationTrial{.explained = true,
                             .message = "the measured orientations do not turn with the arm; " +
-                                       of_rows(best.rows, count) + " do if they are read " + usual->words +
-                                       kNothingSwitched};
+                                       of_rows(best.rows, count) + " do if they are read " + usual->words + "; " +
+                                       kUsedAsRead};
   }
   const double limit = limit_of(all);
   std::erase_if(all, [&](const Off& off) { return off.angle <= limit; });

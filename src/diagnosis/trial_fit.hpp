@@ -23,6 +23,9 @@ constexpr double kWorthAFit = 2.0;
 /// reading look that much worse than a wrong one.
 constexpr double kWorthAFitBesideTheNearest = 5.0;
 
+/// Ends the message of every other reading.
+constexpr const char* kUsedAsRead = "the input was used as read";
+
 /// [m] sum of the link lengths, base included.
 double arm_length(const ErrorModel& model);
 

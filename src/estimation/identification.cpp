@@ -128,6 +128,11 @@ bool has_converged(const Identification& found) {
   return found.termination == Termination::converged || found.termination == Termination::rank_deficient;
 }
 
+void prepend_history(const Identification& earlier, Identification& later) {
+  later.iterations += earlier.iterations;
+  later.rms_history.insert(later.rms_history.begin(), earlier.rms_history.begin(), earlier.rms_history.end());
+}
+
 Identification fit(const FitProblem& problem) {
   Identification found =
       problem.options.loss == Loss::none
@@ -182,9 +187,7 @@ RobustIdentification reweighted_fit(const FitProblem& problem) {
       }
       const Identification before = std::move(result.fit);
       result.fit = identify_jointly(problem.model, measurements, before.estimate, problem.free, reweighted);
-      result.fit.iterations += before.iterations;
-      result.fit.rms_history.insert(result.fit.rms_history.begin(), before.rms_history.begin(),
-                                    before.rms_history.end());
+      prepend_history(before, result.fit);
     }
   }
   if (loss == Loss::none) {

@@ -380,9 +380,7 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
   check(options);
   std::vector<const TargetFrame*> known;
   for (const std::string& name : measurements.targets) {
-    const auto found = std::find_if(options.known_targets.begin(), options.known_targets.end(),
-                                    [&](const TargetFrame& target) { return target.name == name; });
-    known.push_back(found == options.known_targets.end() ? nullptr : &*found);
+    known.push_back(find_target(options.known_targets, name));
   }
   const TrainingRows training(measurements);
   const Sums sums = accumulate(X_BF, *training, options, known);

@@ -261,6 +261,12 @@ ParameterChain parameter_chain(const ErrorModel& model) {
   return result;
 }
 
+const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const std::string& name) {
+  const auto found =
+      std::find_if(targets.begin(), targets.end(), [&](const TargetFrame& target) { return target.name == name; });
+  return found == targets.end() ? nullptr : &*found;
+}
+
 const std::vector<std::string>& base_parameter_names() {
   static const std::vector<std::string> names = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
   return names;

@@ -92,12 +92,11 @@ MatrixXd information(const Experiment& experiment, const Measurements& measureme
   matched.orientations.clear();
   std::vector<std::int32_t> target_of;
   for (const std::string& name : measurements.targets) {
-    const auto found = std::find_if(experiment.targets.begin(), experiment.targets.end(),
-                                    [&](const TargetFrame& target) { return target.name == name; });
-    if (found == experiment.targets.end()) {
+    const TargetFrame* const found = find_target(experiment.targets, name);
+    if (found == nullptr) {
       throw InputError(measurements.source + ": target '" + name + "' is not a target of the plan");
     }
-    target_of.push_back(static_cast<std::int32_t>(found - experiment.targets.begin()));
+    target_of.push_back(static_cast<std::int32_t>(found - experiment.targets.data()));
   }
   for (Observation& observation : matched.observations) {
     observation.target = target_of[static_cast<std::size_t>(observation.target)];

@@ -25,9 +25,8 @@ constexpr Index kConfigurationsOfGauge = 60;  // as in the reduction
 Estimate with_targets_of(const Estimate& estimate, Estimate truth) {
   std::vector<TargetFrame> targets;
   for (const TargetFrame& target : estimate.targets) {
-    const auto found = std::find_if(truth.targets.begin(), truth.targets.end(),
-                                    [&](const TargetFrame& other) { return other.name == target.name; });
-    if (found == truth.targets.end()) {
+    const TargetFrame* const found = find_target(truth.targets, target.name);
+    if (found == nullptr) {
       throw InputError("target '" + target.name + "' of the result is not in the truth, expected the truth of the " +
                        "robot that was measured");
     }

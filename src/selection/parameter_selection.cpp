@@ -46,11 +46,6 @@ std::vector<std::string> all_names(const ErrorModel& model, const std::vector<Ta
   return names;
 }
 
-bool is_known_target(const ParameterOptions& options, const std::string& name) {
-  return std::any_of(options.known_targets.begin(), options.known_targets.end(),
-                     [&](const TargetFrame& target) { return target.name == name; });
-}
-
 // Base and target coordinates that are known or fixed by the user.
 std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, const ParameterOptions& options,
                                       const std::set<std::string>& fixed, const std::set<std::string>& freed) {
@@ -68,7 +63,7 @@ std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, c
   }
   for (const TargetFrame& target : targets) {
     for (const std::string& name : target_parameter_names(target)) {
-      consider(name, is_known_target(options, target.name), "known_targets");
+      consider(name, find_target(options.known_targets, target.name) != nullptr, "known_targets");
     }
   }
   return result;
