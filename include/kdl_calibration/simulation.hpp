@@ -62,7 +62,7 @@ struct SimulatedSignals {
 };
 /// Signals at `stops` (joints x N) of an arm that was at the stops `before` (joints x M, or empty).
 DrivenConfigurations simulated_signals(const ErrorModel& model, const Eigen::MatrixXd& stops,
-                                       const Eigen::MatrixXd& before, const SimulatedSignals& told);
+                                       const Eigen::MatrixXd& before, const SimulatedSignals& wanted);
 
 struct MeasuringNoise {
   double sigma = 0.0;              ///< [m] of every coordinate, independent

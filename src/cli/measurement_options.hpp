@@ -34,8 +34,7 @@ std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values);
 /// Known base and targets. Throws InputError if none of the known targets was measured.
 RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements);
 
-/// The joint conventions beside the given one and beside the robots that come with kdlcal: others that may have been
-/// meant.
+/// Other conventions that the user may have meant: files beside the given one and beside the bundled robots.
 std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arguments);
 
 }  // namespace kdl_calibration::cli

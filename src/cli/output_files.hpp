@@ -18,7 +18,7 @@ struct NamedFile {
   std::string path;
 };
 
-/// Those to write: the files whose option is given.
+/// The output files whose option was given.
 std::vector<OutputFile> given_outputs(const std::vector<NamedFile>& files);
 
 /// Registers the input files of the command line. They and the bundled robot are never written to under any name

@@ -14,8 +14,7 @@ namespace kdl_calibration::cli {
 /// {"count", "mean", "rms", "p95", "max", "std"}; null if the count is 0.
 Json statistics_json(const ErrorStatistics& statistics);
 
-/// What was drawn of a virtual robot: "parameters" (those with errors), "base", "targets", and "effects" if it has
-/// some.
+/// The drawn values of a virtual robot: "parameters" (those with errors), "base", "targets", and "effects" if any.
 Json drawn_json(const VirtualRobot& robot, const std::vector<std::size_t>& with_errors, const Reduction& reduction);
 
 /// Comparison of an estimate with the truth: "parameters", "base", "targets", "largest_difference", "gauge_misfit",

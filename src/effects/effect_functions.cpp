@@ -105,7 +105,7 @@ double load_torque(const ErrorModel& model, std::size_t joint, double mass, cons
 
 namespace {
 
-// The value of each kind of function for one term at one stop.
+// Evaluates each kind of function for one term at one configuration.
 struct RawValue {
   const ErrorModel& model;
   const EffectTerm& term;
@@ -137,14 +137,14 @@ struct RawValue {
   }
   double operator()(const JointGain& /*gain*/) const { return own; }
   double operator()(const LoadSide& side) const { return std::tanh(load_torque(model, joint, side.mass, stop.frames)); }
-  double operator()(const ApproachSide& /*side*/) const { return told(stop.signals.approach); }
+  double operator()(const ApproachSide& /*side*/) const { return signal(stop.signals.approach); }
   double operator()(const Sinusoid& swing) const {
     return swing.is_cosine ? std::cos(swing.times * own) : std::sin(swing.times * own);
   }
   double operator()(const JointTable& table) const { return is_withheld(table, own) ? 0.0 : table_value(table, own); }
 
   double operator()(const MeasuredTorque& measured) const {
-    const double torque = told(stop.signals.torques);
+    const double torque = signal(stop.signals.torques);
     if (std::isnan(torque)) {
       throw InputError(
           "no measured torque of " + model.joints[joint].name +
@@ -154,8 +154,8 @@ struct RawValue {
     return measured.play > 0.0 ? std::tanh(torque / measured.play) : torque;
   }
 
-  // NaN of nothing.
-  double told(const MatrixXd& values) const {
+  // NaN if no such signals were measured.
+  double signal(const MatrixXd& values) const {
     return values.size() > 0 ? values(term.index, stop.column) : std::numeric_limits<double>::quiet_NaN();
   }
 };

@@ -26,21 +26,22 @@ JointFrames joint_frames(const ErrorModel& model, const Eigen::Ref<const Eigen::
 /// Frames for every column of `joint_values` (joints x N).
 std::vector<JointFrames> joint_frames_of_all(const ErrorModel& model, const Eigen::MatrixXd& joint_values);
 
-/// Torque (force for a prismatic joint) about the joint's axis of equal masses at the later joint frames and the tip,
-/// with g = 1.
+/// Torque about the joint's axis (force along it for a prismatic joint) of equal masses at all later joint frames and
+/// the tip, with g = 1.
 double load_torque(const ErrorModel& model, std::size_t joint, double mass, const JointFrames& frames);
 
-/// One configuration: its joint values, where the nominal arm's joints then are, and its column of the signals.
+/// One configuration: joint values, joint frames of the nominal arm, and the column of the signals.
 struct Stop {
   Eigen::Ref<const Eigen::VectorXd> q;
   const JointFrames& frames;
   const DriveSignals& signals;
   Eigen::Index column = 0;
 };
-/// NaN where the term asks for a direction of approach that is not known. Throws InputError where a torque is not.
+/// The function of the term at a configuration; NaN if it needs an unknown direction of approach. Throws InputError if
+/// it needs an unknown torque.
 double raw_value(const ErrorModel& model, const EffectTerm& term, const Stop& stop);
 
-/// Many: joints x N.
+/// N configurations, with `q` joints x N.
 struct Stops {
   const Eigen::MatrixXd& q;
   const DriveSignals& signals;

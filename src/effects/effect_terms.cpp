@@ -70,7 +70,7 @@ std::vector<EffectTerm> candidates(const ErrorModel& model, std::size_t joint) {
   return result;
 }
 
-// Named after its group and joint, and what else tells it from others.
+// The name is group, joint and `last`, joined by points.
 EffectTerm term_of(const ErrorModel& model, std::size_t joint, EffectFunction function, const std::string& last = {},
                    EffectAxis axis = EffectAxis::own) {
   EffectTerm term{.name = {},

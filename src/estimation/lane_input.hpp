@@ -30,14 +30,14 @@ struct KeptFrame {
 /// Writes the estimate's predictions of the group's points or rows to `input`.
 KeptFrame set_kept(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input);
 
-/// Of a group by axis: the sum of the rows along each axis, one row.
+/// For a group by axis: a group with one row per axis, the sum of its rows along that axis.
 LaneGroup sums_by_axis(const LaneGroup& group);
 
 /// The weighted means of a group's points. The sum of sqrt(w_k) e_k over the points is W (z - t) for the mean z.
 struct LaneMeans {
   double W = 0.0;                                    ///< sum sqrt(w_k), whose square is the weight of the mean
   Eigen::Vector3d target = Eigen::Vector3d::Zero();  ///< t
-  LaneGroup group;                                   ///< of these means
+  LaneGroup group;                                   ///< one point per configuration: the mean
 };
 LaneMeans means_of(const LaneGroup& group, const Estimate& estimate);
 

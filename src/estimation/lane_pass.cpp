@@ -39,15 +39,15 @@ void order_columns(LaneWorkspace& work) {
   }
 }
 
-// Place of the entry (a, b) of a symmetric n x n matrix whose upper triangle is stored row by row. Row i has the n - i
-// entries from the diagonal on, so that row a begins at n + (n - 1) + … + (n - a + 1).
+// Index of the entry (a, b) of a symmetric n x n matrix whose upper triangle is stored row by row. Row i has n - i
+// entries, from the diagonal on.
 std::size_t place_in_triangle(std::size_t a, std::size_t b, std::size_t n) {
   const auto [row, column] = std::minmax(a, b);
   return row * (2 * n - row + 1) / 2 + (column - row);
 }
 
-// The entry of the normal equations that coordinate c of target l (a = 3 l + c) and coordinate d of target m
-// (b = 3 m + d) share, from the sums of chain_kernel.hpp. Each row j of the root U of the information adds
+// Entry (a, b) of the normal equations, for coordinate c of target l (a = 3 l + c) and d of target m (b = 3 m + d),
+// from the sums of chain_kernel.hpp. Each row j of the root U of the information adds
 //   own roots:  g_jl,c g_jm,d, whose sum over rows and configurations is `turned`
 //   by axis:    U_jl,x U_jm,x r_xc r_xd for each axis x, together sum_x (U_x^T U_x)_lm T_x,cd, T_x = sum r_x r_x^T
 double product_of_targets(const LaneGroup& group, const ChainKernelSums& sums, std::size_t a, std::size_t b) {

@@ -148,7 +148,7 @@ private:
     return llt.solve(A_C * weights_ * A_C.transpose()).trace();
   }
 
-  // C of M + sign A^T A.
+  // Updates C for M + sign A^T A.
   void update(const MatrixXd& A, double sign) {
     const MatrixXd A_C = A * design_.C;
     const Eigen::LLT<MatrixXd> llt(MatrixXd::Identity(A.rows(), A.rows()) + sign * A_C * A.transpose());
@@ -236,7 +236,7 @@ private:
   std::unordered_map<Index, MatrixXd> blocks_;
   std::vector<bool> is_member_;
   MatrixXd weights_;
-  double power_ = 1.0;  // for G: of the variances whose mean is made small
+  double power_ = 1.0;  // for G: power of the variances whose mean is minimised
   long exchanges_ = 0;
 };
 

@@ -12,17 +12,17 @@ namespace kdl_calibration {
 
 struct DesignProblem {
   const CandidatePool& pool;
-  Eigen::MatrixXd given;         ///< information beforehand, in the pool's basis; regular
-  const Tasks* tasks = nullptr;  ///< for G and I
+  Eigen::MatrixXd given;         ///< prior information, in the pool's basis; regular
+  const Tasks* tasks = nullptr;  ///< needed for G and I
 };
 
 struct ExchangedDesign {
   std::vector<Eigen::Index> members;
-  double value = 0.0;  ///< made small: -log det M, or the largest or mean variance of a target
-  long exchanges = 0;  ///< of one configuration for another
+  double value = 0.0;  ///< minimised: -log det M, or the largest or mean variance of a target
+  long exchanges = 0;  ///< number of configurations exchanged
 };
 
-/// The design `members` after all excursions that improve it, among the first `candidates` of the pool.
+/// Improves the design `members` by excursions among the first `candidates` of the pool until none helps.
 ExchangedDesign exchanged_design(const DesignProblem& problem, Eigen::Index candidates, const SelectionOptions& options,
                                  const std::vector<Eigen::Index>& members);
 

@@ -114,11 +114,11 @@ Eigen::MatrixXd virtual_torques(const ErrorModel& model, const Eigen::MatrixXd& 
 }  // namespace
 
 DrivenConfigurations simulated_signals(const ErrorModel& model, const Eigen::MatrixXd& stops,
-                                       const Eigen::MatrixXd& before, const SimulatedSignals& told) {
+                                       const Eigen::MatrixXd& before, const SimulatedSignals& wanted) {
   constexpr std::uint64_t kStream = 2;
   require_count("joint values", stops.rows(), model.joints.size());
   DrivenConfigurations result{.joint_values = stops, .signals = {}};
-  if (told.approach) {
+  if (wanted.approach) {
     Eigen::MatrixXd all(stops.rows(), before.cols() + stops.cols());
     if (before.size() > 0) {
       require_count("joint values before", before.rows(), model.joints.size());
@@ -127,8 +127,8 @@ DrivenConfigurations simulated_signals(const ErrorModel& model, const Eigen::Mat
     all.rightCols(stops.cols()) = stops;
     result.signals.approach = directions_of_motion(all).rightCols(stops.cols());
   }
-  if (told.torques) {
-    Random random(told.seed + static_cast<std::uint64_t>(before.cols()), kStream);
+  if (wanted.torques) {
+    Random random(wanted.seed + static_cast<std::uint64_t>(before.cols()), kStream);
     result.signals.torques = virtual_torques(model, stops, random);
   }
   return result;

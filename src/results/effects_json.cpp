@@ -32,7 +32,7 @@ Json range_json(const std::pair<double, double>& range) {
   return range.first <= range.second ? Json::array({range.first, range.second}) : Json(nullptr);
 }
 
-// What each kind of function is made of, beside its group and joint.
+// The parameters of each kind of function.
 Json function_json(const GravityMoment& moment) {
   return {{"link", moment.link + 1}, {"axis", kAxes[static_cast<std::size_t>(moment.axis)]}};
 }
@@ -93,7 +93,7 @@ double positive(const Node& node) {
   return value;
 }
 
-// The place of the node's name among these.
+// Index of the node's text among `names`.
 std::size_t place_among(const std::vector<std::string>& names, const Node& node, const std::string& expected) {
   const auto found = std::find(names.begin(), names.end(), tree::name(node));
   if (found == names.end()) {

@@ -35,11 +35,11 @@ constexpr double kEquations = 1.1;           // least number per column
 
 // Columns with information in `sums`; those of targets that do not occur there are left out.
 std::vector<Index> informed_columns(const Candidate& candidate, const LinearSums& sums, const LinearSums& all) {
-  constexpr double kTold = 1e-9;  // of the information of all rows
+  constexpr double kLeastShare = 1e-9;  // of the information of all rows
   std::vector<Index> columns;
   for (Index c = 0; c < sums.information.cols(); ++c) {
     const bool of_target = candidate.free.columns()[static_cast<std::size_t>(c)].group == UnknownGroup::targets;
-    if (!of_target || sums.information(c, c) > kTold * all.information(c, c)) {
+    if (!of_target || sums.information(c, c) > kLeastShare * all.information(c, c)) {
       columns.push_back(c);
     }
   }
@@ -183,8 +183,8 @@ void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& ro
     LinearSums without = all;
     without -= sums_of(rows, folds_[f]);
     const std::vector<Index> columns = informed_columns(candidate, without, all);
-    std::vector<Index> untold = all_of(rows.J.cols());
-    std::erase_if(untold, [&](Index c) { return std::binary_search(columns.begin(), columns.end(), c); });
+    std::vector<Index> uninformed = all_of(rows.J.cols());
+    std::erase_if(uninformed, [&](Index c) { return std::binary_search(columns.begin(), columns.end(), c); });
     const SizeEstimator rest(without, columns, score.groups.columns);
     if (!rest.is_determined()) {
       return;
@@ -197,7 +197,7 @@ void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& ro
       const Index first = rows.first[static_cast<std::size_t>(c)];
       const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
       VectorXd error = rows.y.segment(first, count) - rows.J.middleRows(first, count) * x;
-      for (const Index column : untold) {
+      for (const Index column : uninformed) {
         error = (rows.J.col(column).segment(first, count).array() != 0.0).select(0.0, error);
       }
       score.squares[c] = error.squaredNorm();
