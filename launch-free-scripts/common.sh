@@ -5,8 +5,8 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 jobs=$(nproc)
 assume_yes=no
 
-build_packages=(build-essential cmake libboost-dev libcli11-dev libconsole-bridge-dev libeigen3-dev liborocos-kdl-dev
-  libtinyxml2-dev liburdfdom-dev liburdfdom-headers-dev nettle-dev nlohmann-json3-dev)
+build_packages=(build-essential cmake libboost-dev libcli11-dev libconsole-bridge-dev libeigen3-dev libfmt-dev
+  liborocos-kdl-dev libtinyxml2-dev liburdfdom-dev liburdfdom-headers-dev nettle-dev nlohmann-json3-dev)
 test_packages=(libgmock-dev libgtest-dev locales)
 clang_packages=(clang libclang-rt-14-dev)
 browser_packages=(chromium chromium-driver python3-selenium)  # for the test of the pages, which is skipped without
