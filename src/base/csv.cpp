@@ -1,5 +1,6 @@
 #include "base/csv.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -36,7 +37,7 @@ bool begins_a_formula(std::string_view name) {
 }  // namespace
 
 void fail(const Place& place, const std::string& what) {
-  throw InputError(place.source + ":" + std::to_string(place.line) + ": " + what);
+  throw InputError(fmt::format("{}:{}: {}", place.source, place.line, what));
 }
 
 void fail(const std::string& source, const std::string& what) { throw InputError(source + ": " + what); }

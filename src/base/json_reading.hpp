@@ -2,6 +2,7 @@
 
 // Parsing of all JSON input. Not installed.
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cstddef>
 #include <nlohmann/json.hpp>
@@ -29,7 +30,7 @@ Json parse_json(std::string_view text, const std::string& source, const Check& c
   } catch (const typename Json::parse_error& error) {
     const std::size_t end = std::min(error.byte, text.size());
     const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
-    throw InputError(source + ":" + std::to_string(line) + ": malformed JSON at byte " + std::to_string(error.byte));
+    throw InputError(fmt::format("{}:{}: malformed JSON at byte {}", source, line, error.byte));
   } catch (const typename Json::exception&) {
     throw InputError(source + ": JSON with a number outside the range of a double, expected finite numbers");
   }

@@ -1,5 +1,6 @@
 #include "calibration/diagnosis.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <utility>
 
@@ -44,9 +45,8 @@ std::vector<std::string> earlier_warnings(const ModelSelection& selection, const
                                           const std::vector<std::string>& of_validation) {
   std::vector<std::string> result;
   if (const std::size_t points = selection.not_compared; points > 0) {
-    result.push_back("models were compared without " + std::to_string(points) +
-                     (points == 1 ? " point, whose target" : " points, whose targets") +
-                     " no other fold of the cross-validation has");
+    result.push_back(fmt::format("models were compared without {}{} no other fold of the cross-validation has", points,
+                                 points == 1 ? " point, whose target" : " points, whose targets"));
   }
   result.insert(result.end(), of_validation.begin(), of_validation.end());
   if (!measurements.remark.empty()) {

@@ -1,5 +1,6 @@
 #include "calibration/doubts.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -19,9 +20,7 @@
 namespace kdl_calibration {
 namespace {
 
-std::string four_digits(double value) { return significant(value, 4); }
-
-std::string in_millimetres(double metres) { return four_digits(metres * 1e3) + " mm"; }
+std::string in_millimetres(double metres) { return fmt::format("{:.4g} mm", metres * 1e3); }
 
 // "a, b, c and 5 more"
 std::string some_of(const std::vector<std::string>& names) {
@@ -29,12 +28,11 @@ std::string some_of(const std::vector<std::string>& names) {
   if (names.size() <= kShown + 1) {
     return comma_separated(names);
   }
-  return comma_separated({names.begin(), names.begin() + kShown}) + " and " + std::to_string(names.size() - kShown) +
-         " more";
+  return fmt::format("{} and {} more", comma_separated({names.begin(), names.begin() + kShown}), names.size() - kShown);
 }
 
 std::string held_out_name(const Calibration& found) {
-  return found.accuracy.leave_one_out ? "leave-one-out" : std::to_string(found.accuracy.folds) + "-fold";
+  return found.accuracy.leave_one_out ? "leave-one-out" : fmt::format("{}-fold", found.accuracy.folds);
 }
 
 const std::string kWrongInput =
@@ -51,8 +49,9 @@ Doubts of_convergence(const Calibration& found) {
     case Termination::rank_deficient:
       return {};
     case Termination::iteration_limit:
-      message = "the fit did not converge: the parameters were still changing after " + std::to_string(fit.iterations) +
-                " iterations; allow more of them";
+      message = fmt::format(
+          "the fit did not converge: the parameters were still changing after {} iterations; allow more of them",
+          fit.iterations);
       break;
     case Termination::stalled:
       message = "the fit did not converge: it stands at a misfit of " + misfit +
@@ -101,8 +100,8 @@ Doubts of_determination(const Calibration& found, const Measurements& measuremen
   }
   std::string message = missing.empty()
                             ? "the measurements do not determine all parameters"
-                            : "the measurements do not determine " + std::to_string(missing.size()) +
-                                  (missing.size() == 1 ? " parameter" : " parameters") + " (" + some_of(missing) + ")";
+                            : fmt::format("the measurements do not determine {}{} ({})", missing.size(),
+                                          missing.size() == 1 ? " parameter" : " parameters", some_of(missing));
   const std::vector<std::string> still = joints_at_rest(found, measurements);
   if (!still.empty()) {
     message += ": " + comma_separated(still) + (still.size() == 1 ? " never moves" : " never move");
@@ -166,10 +165,9 @@ Doubts of_size(const Calibration& found, const Measurements& measurements) {
   const double misfit = misfit_of(found, measurements);
   if (length > 0.0 && misfit > std::min(kMostOfReach * length, rigid)) {
     doubts.push_back({.cause = Cause::large_misfit,
-                      .message = "a misfit of " + in_millimetres(misfit) + " is left, and an arm with a reach of " +
-                                 four_digits(length) +
-                                 " m that is rigid and was measured well keeps at most 5 mm and 1 % of its reach; " +
-                                 kWrongInput});
+                      .message = fmt::format("a misfit of {} is left, and an arm with a reach of {:.4g} m that is "
+                                             "rigid and was measured well keeps at most 5 mm and 1 % of its reach; {}",
+                                             in_millimetres(misfit), length, kWrongInput)});
   }
   std::vector<std::string> unknown;
   for (const ParameterEstimate& parameter : found.uncertainty.parameters) {
@@ -205,7 +203,7 @@ Doubts of_errors(const Calibration& found) {
     const double size = std::abs(parameter.error);
     if (size - kSignificant * parameter.std > (length ? most_length : kMostAngle)) {
       const std::string amount =
-          length ? in_millimetres(size) : four_digits(size * 180.0 / std::numbers::pi) + " degrees";
+          length ? in_millimetres(size) : fmt::format("{:.4g} degrees", size * 180.0 / std::numbers::pi);
       return {{.cause = Cause::large_error,
                .message = "an error of " + amount + " in " + parameter.name + " (" + parameter.joint +
                           ") is beyond what builders and mastering leave; check " +
@@ -362,24 +360,26 @@ std::vector<std::string> warnings(const Calibration& found, const Diagnosis& dia
     result.push_back("registration: " + ambiguity);
   }
   if (const int outside = configurations_outside_limits(found.model, measurements); outside > 0) {
-    result.push_back(std::to_string(outside) + " of " + std::to_string(measurements.joint_values.cols()) +
-                     " configurations have joint values outside the limits of the URDF");
+    result.push_back(fmt::format("{} of {} configurations have joint values outside the limits of the URDF", outside,
+                                 measurements.joint_values.cols()));
   }
   if (found.noise.variance_factor > 1.0) {
-    result.push_back("the residuals are " + four_digits(std::sqrt(found.noise.variance_factor)) +
-                     " times the stated noise; " +
-                     (found.noise.parts ? "what is beyond it counts as misfit of the model"
-                                        : "the uncertainties were scaled up by that"));
+    result.push_back(fmt::format("the residuals are {:.4g} times the stated noise; {}",
+                                 std::sqrt(found.noise.variance_factor),
+                                 found.noise.parts ? "what is beyond it counts as misfit of the model"
+                                                   : "the uncertainties were scaled up by that"));
   }
   constexpr double kFew = 10.0;
   if (found.noise.source != NoiseSource::stated && found.noise.degrees_of_freedom < kFew) {
-    result.push_back("few data: all uncertainties rest on " + four_digits(found.noise.degrees_of_freedom) +
-                     " degrees of freedom; measure more configurations or state the noise");
+    result.push_back(fmt::format(
+        "few data: all uncertainties rest on {:.4g} degrees of freedom; measure more configurations or state the noise",
+        found.noise.degrees_of_freedom));
   }
   if (const double excess = excess_over_priors(found); excess > 1.0) {
-    result.push_back("the estimated errors are " + four_digits(excess) +
-                     " times as large as the priors expect, so the priors hold them too close to nominal; state larger "
-                     "priors, or none");
+    result.push_back(
+        fmt::format("the estimated errors are {:.4g} times as large as the priors expect, so the priors hold them too "
+                    "close to nominal; state larger priors, or none",
+                    excess));
   }
   if (found.noise.lack_of_fit && found.noise.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");

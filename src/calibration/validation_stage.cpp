@@ -1,5 +1,6 @@
 #include "calibration/validation_stage.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cstddef>
 
@@ -110,8 +111,8 @@ PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& fold
     after = left_out(task.model, compared.fit.free, estimate, task.options);
   }
   if (after.not_converged > 0) {
-    result.warnings.push_back(std::to_string(after.not_converged) + " of " + std::to_string(after.refits) + " " + name +
-                              " fits did not converge");
+    result.warnings.push_back(
+        fmt::format("{} of {} {} fits did not converge", after.not_converged, after.refits, name));
   }
   result.errors.before = error_statistics(nominal_folds(compared, folds, nominal));
   result.errors.after = error_statistics(after.distances);
@@ -202,9 +203,10 @@ std::vector<std::string> said_of_neighbours(const Folds& singly, const Measureme
   if (together <= 0) {
     return {};
   }
-  return {std::to_string(together) +
-          " configurations are neighbours of others (no joint differs by more than 3 degrees, 50 mm or a twentieth of "
-          "its range): they are left out together"};
+  return {
+      fmt::format("{} configurations are neighbours of others (no joint differs by more than 3 degrees, 50 mm or a "
+                  "twentieth of its range): they are left out together",
+                  together)};
 }
 
 // Adds the errors at left-out configurations to `rows`.
@@ -240,7 +242,7 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows) {
   if (options.k_fold > 1 || (by_default && many)) {
     const Folds folds = options.k_fold > 1 ? make_folds(task.measurements, options.k_fold) : default_folds;
     accuracy.folds = static_cast<int>(folds.size());
-    accuracy.k_fold = predict(folds, std::to_string(folds.size()) + "-fold");
+    accuracy.k_fold = predict(folds, fmt::format("{}-fold", folds.size()));
   }
   return result;
 }

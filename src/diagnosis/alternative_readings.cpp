@@ -1,5 +1,6 @@
 #include "kdl_calibration/alternative_readings.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
@@ -43,7 +44,7 @@ constexpr double kStandsStill = 0.05;         // share of the flange's motion
 std::string in_mm(double metres) {
   const double value = metres * 1e3;
   const int decimals = value >= 99.95 ? 0 : value >= 0.995 ? 1 : 3;
-  return fixed(value, decimals) + " mm";
+  return fmt::format("{:.{}f} mm", value, decimals);
 }
 
 // Whether there is a misfit for another reading to explain.
@@ -161,17 +162,17 @@ private:
       Index axis = 0;
       (factors / std::cbrt(factors.prod())).array().log().abs().maxCoeff(&axis);
       add_reading(Cause::length_unit,
-                  std::string(1, static_cast<char>('x' + axis)) +
-                      " in another unit than the other coordinates (x, y and z are " + significant(factors[0], 3) +
-                      ", " + significant(factors[1], 3) + " and " + significant(factors[2], 3) + " times too large)",
+                  fmt::format("{} in another unit than the other coordinates (x, y and z are {:.3g}, {:.3g} and {:.3g} "
+                              "times too large)",
+                              static_cast<char>('x' + axis), factors[0], factors[1], factors[2]),
                   left, registered_);
       return;
     }
     const std::string units = units_of_factor(factors[0]);
-    const std::string apart = "points that are " + significant(factors[0], 4) + " times too far apart (";
     add_reading(units.empty() ? Cause::scale : Cause::length_unit,
-                apart + (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) + ")", left,
-                registered_);
+                fmt::format("points that are {:.4g} times too far apart ({})", factors[0],
+                            units.empty() ? "a unit, a temperature or a tracker set wrong" : units),
+                left, registered_);
   }
 
   void try_joint_values_and_points() {
@@ -247,12 +248,12 @@ private:
     }
     const MovingJoint& joint = model_.joints[found->joint];
     const bool turns = joint.type != JointType::prismatic;
-    add_reading(Cause::joint_gain,
-                joint.name + (turns ? " turning " : " moving ") + significant(found->factor, 4) +
-                    " times as far as its values say" +
-                    (found->others > 0 ? ", and " + std::to_string(found->others) + " more joints likewise" : "") +
-                    " (a unit, a gear ratio or an encoder set wrong)",
-                found->rms, found->rms_rigid);
+    add_reading(
+        Cause::joint_gain,
+        fmt::format("{}{}{:.4g} times as far as its values say{} (a unit, a gear ratio or an encoder set wrong)",
+                    joint.name, turns ? " turning " : " moving ", found->factor,
+                    found->others > 0 ? fmt::format(", and {} more joints likewise", found->others) : ""),
+        found->rms, found->rms_rigid);
   }
 
   void try_order() {
@@ -261,7 +262,7 @@ private:
       return;
     }
     const std::string how =
-        in_mm(found->moved) + " (turned by " + significant(found->rotation.norm() * 1e3, 2) + " mrad)";
+        fmt::format("{} (turned by {:.2g} mrad)", in_mm(found->moved), found->rotation.norm() * 1e3);
     const std::string order = sample_.measurements.order.empty() ? " if the file is in the order of measurement" : "";
     if (found->kind == OrderFinding::Kind::drift_of_base) {
       add_reading(Cause::drift, "a base that drifts against the measuring device, by " + how + " in all," + order,
@@ -281,11 +282,11 @@ private:
       return;
     }
     const std::string units = units_of_factor(common.factor);
-    readings_.push_back({.cause = units.empty() ? Cause::scale : Cause::length_unit,
-                         .message = "all lengths of the arm are found " + significant(common.factor, 5) +
-                                    " times as long as nominal (" +
-                                    (units.empty() ? "a unit, a temperature or a tracker set wrong" : units) +
-                                    "); the fit absorbs that, " + kUsedAsRead});
+    readings_.push_back(
+        {.cause = units.empty() ? Cause::scale : Cause::length_unit,
+         .message = fmt::format(
+             "all lengths of the arm are found {:.5g} times as long as nominal ({}); the fit absorbs that, {}",
+             common.factor, units.empty() ? "a unit, a temperature or a tracker set wrong" : units, kUsedAsRead)});
   }
 
   void try_joint_functions() {
@@ -298,11 +299,11 @@ private:
     for (std::size_t j = 0; j < shares.size(); ++j) {
       const double p_value = f_upper_tail(shares[j] / 6.0 / std::max(1.0 - shares[j], 1e-12) * rest, 6.0, rest);
       if (shares[j] > 0.5 && p_value < 1e-3) {
-        readings_.push_back({.cause = Cause::joint_function,
-                             .message = "a function of " + model_.joints[j].name + " alone explains " +
-                                        significant(100.0 * shares[j], 2) +
-                                        " % of the residuals' squares (p = " + significant(p_value, 1) + ")",
-                             .doubt = false});
+        readings_.push_back(
+            {.cause = Cause::joint_function,
+             .message = fmt::format("a function of {} alone explains {:.2g} % of the residuals' squares (p = {:.1g})",
+                                    model_.joints[j].name, 100.0 * shares[j], p_value),
+             .doubt = false});
       }
     }
   }

@@ -1,5 +1,6 @@
 #include "diagnosis/orientation_trial.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -113,7 +114,7 @@ bool is_constant(const OrientationRows& rows) {
   return turns;
 }
 
-std::string of_rows(std::size_t some, std::size_t all) { return std::to_string(some) + " of " + std::to_string(all); }
+std::string of_rows(std::size_t some, std::size_t all) { return fmt::format("{} of {}", some, all); }
 
 // A row and the angle between its orientation and that of its target.
 struct Off {
@@ -166,8 +167,8 @@ OrientationTrial judged(const Measurements& measurements, const Consensus& agree
   }
   const Off& worst =
       *std::max_element(outliers.begin(), outliers.end(), [](const Off& a, const Off& b) { return a.angle < b.angle; });
-  return {.message = what + ": " + label(measurements, worst) + " is off by " + significant(worst.angle / kDegree, 3) +
-                     " degrees"};
+  return {.message =
+              fmt::format("{}: {} is off by {:.3g} degrees", what, label(measurements, worst), worst.angle / kDegree)};
 }
 
 }  // namespace

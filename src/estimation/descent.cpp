@@ -1,5 +1,6 @@
 #include "kdl_calibration/descent.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
@@ -126,8 +127,7 @@ public:
         phase_(steps == Steps::prior ? Phase::with_prior : Phase::gauss_newton) {
     result_.estimate = start;
     result_.rms_history.reserve(static_cast<std::size_t>(std::max(options.max_iterations, 0)));
-    finish(Termination::iteration_limit,
-           "still moving after " + std::to_string(options.max_iterations) + " iterations");
+    finish(Termination::iteration_limit, fmt::format("still moving after {} iterations", options.max_iterations));
   }
 
   Identification run() {

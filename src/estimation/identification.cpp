@@ -1,5 +1,6 @@
 #include "kdl_calibration/identification.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -52,10 +53,9 @@ namespace {
 
 void require_enough_equations(const LeastSquaresProblem& problem, const std::string& source) {
   if (problem.equations() < problem.columns()) {
-    throw InputError(source + ": too few measurements: " + std::to_string(problem.equations()) +
-                     " measured coordinates for " + std::to_string(problem.columns()) + " unknowns; at least " +
-                     std::to_string(problem.columns()) + " are needed (" + std::to_string((problem.columns() + 2) / 3) +
-                     " points)");
+    throw InputError(fmt::format(
+        "{}: too few measurements: {} measured coordinates for {} unknowns; at least {} are needed ({} points)", source,
+        problem.equations(), problem.columns(), problem.columns(), (problem.columns() + 2) / 3));
   }
 }
 

@@ -1,5 +1,6 @@
 #include "kdl_calibration/input_check.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -28,8 +29,8 @@ void check(const Measurements& measurements, const ErrorModel& model) {
   check(measurements);
   const auto joints = static_cast<std::size_t>(measurements.joint_values.rows());
   if (joints != model.joints.size()) {
-    throw InputError(measurements.source + ": joint values of " + std::to_string(joints) +
-                     " joints, expected the robot's " + std::to_string(model.joints.size()));
+    throw InputError(fmt::format("{}: joint values of {} joints, expected the robot's {}", measurements.source, joints,
+                                 model.joints.size()));
   }
   for (std::size_t j = 0; j < measurements.joints.size(); ++j) {
     if (measurements.joints[j] != model.joints[j].name) {

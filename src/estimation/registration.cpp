@@ -1,5 +1,6 @@
 #include "kdl_calibration/registration.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
@@ -367,8 +368,8 @@ double rms_of(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& tr
 void check_poses(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements) {
   check(measurements);
   if (X_BF.size() != measurements.configurations.size()) {
-    throw InputError(measurements.source + ": " + std::to_string(X_BF.size()) + " poses of the flange, expected " +
-                     std::to_string(measurements.configurations.size()) + ", one for each configuration");
+    throw InputError(fmt::format("{}: {} poses of the flange, expected {}, one for each configuration",
+                                 measurements.source, X_BF.size(), measurements.configurations.size()));
   }
 }
 

@@ -1,5 +1,6 @@
 #include "kdl_calibration/drive_signals.hpp"
 
+#include <fmt/core.h>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -14,9 +15,7 @@ bool has_torques(const DriveSignals& signals, Index joint) {
 }
 
 std::string fault_of(const DriveSignals& signals, const MatrixXd& joint_values, const std::string& what) {
-  const auto size = [](const MatrixXd& matrix) {
-    return std::to_string(matrix.rows()) + " x " + std::to_string(matrix.cols());
-  };
+  const auto size = [](const MatrixXd& matrix) { return fmt::format("{} x {}", matrix.rows(), matrix.cols()); };
   for (const auto& [name, values] :
        {std::pair{"directions of approach", &signals.approach}, std::pair{"torques", &signals.torques}}) {
     if (values->size() == 0) {

@@ -1,5 +1,6 @@
 #include "kdl_calibration/joint_convention.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -49,9 +50,9 @@ std::vector<std::string> convention_names(const PlainJson& json, const std::stri
 /// `where` names the list in messages.
 Eigen::VectorXd convention_numbers(const PlainJson& list, std::size_t count, const std::string& where,
                                    const std::string& source) {
-  const std::string expected = "expected a list of " + std::to_string(count) + " numbers, one per joint";
+  const std::string expected = fmt::format("expected a list of {} numbers, one per joint", count);
   if (!list.is_array()) fail(source, where + ": " + shown(list.dump()) + " is no list: " + expected);
-  if (list.size() != count) fail(source, where + " has " + std::to_string(list.size()) + " entries: " + expected);
+  if (list.size() != count) fail(source, fmt::format("{} has {} entries: {}", where, list.size(), expected));
   Eigen::VectorXd values(static_cast<Eigen::Index>(count));
   for (std::size_t i = 0; i < count; ++i) {
     if (!list[i].is_number()) fail(source, where + ": " + shown(list[i].dump()) + " is no number: " + expected);
@@ -99,24 +100,23 @@ JointConvention parse_joint_convention(std::string_view json, const std::string&
   convention.urdf_joints = convention_names(document, "urdf_joints", source);
   const std::size_t count = convention.controller_joints.size();
   if (convention.urdf_joints.size() != count) {
-    fail(source, "key 'urdf_joints' has " + std::to_string(convention.urdf_joints.size()) + " names: expected " +
-                     std::to_string(count) + " as in 'controller_joints'");
+    fail(source, fmt::format("key 'urdf_joints' has {} names: expected {} as in 'controller_joints'",
+                             convention.urdf_joints.size(), count));
   }
   const PlainJson& rows = document.at("matrix");
   if (!rows.is_array() || rows.size() != count) {
-    fail(source, "key 'matrix' has " + (rows.is_array() ? std::to_string(rows.size()) : "no") + " rows: expected " +
-                     std::to_string(count) + ", one per joint");
+    fail(source, fmt::format("key 'matrix' has {} rows: expected {}, one per joint",
+                             rows.is_array() ? std::to_string(rows.size()) : "no", count));
   }
   const auto size = static_cast<Eigen::Index>(count);
   convention.matrix.resize(size, size);
   for (std::size_t i = 0; i < count; ++i) {
-    const std::string where = "key 'matrix', row " + std::to_string(i + 1);
+    const std::string where = fmt::format("key 'matrix', row {}", i + 1);
     convention.matrix.row(static_cast<Eigen::Index>(i)) = convention_numbers(rows[i], count, where, source);
   }
   const Eigen::Index rank = convention.matrix.fullPivLu().rank();
   if (rank < size) {
-    fail(source,
-         "key 'matrix' is singular: its rank is " + std::to_string(rank) + ", expected " + std::to_string(count));
+    fail(source, fmt::format("key 'matrix' is singular: its rank is {}, expected {}", rank, count));
   }
   convention.offset = document.contains("offset")
                           ? convention_numbers(document.at("offset"), count, "key 'offset'", source)

@@ -1,5 +1,6 @@
 #include "measurements/measurement_row.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -84,8 +85,9 @@ void Row::note_decimals(const Column& column, char mark) const {
   if (decimals_.mark == '\0') decimals_ = {.mark = mark, .line = place_.line};
   if (decimals_.mark == mark) return;
   const auto name = [](char of) { return std::string(of == ',' ? "comma" : "point"); };
-  fail_cell(column, "has a decimal " + name(mark) + ", but numbers have decimal " + name(decimals_.mark) +
-                        "s since line " + std::to_string(decimals_.line) + ": expected one of them in all numbers");
+  fail_cell(column, fmt::format("has a decimal {}, but numbers have decimal {}s since line {}: expected one of them in "
+                                "all numbers",
+                                name(mark), name(decimals_.mark), decimals_.line));
 }
 
 Split Row::split() const {
@@ -177,9 +179,9 @@ void Row::fail_row(const std::string& what) const { fail(place_, what); }
 void Row::fail_ragged() const {
   const bool more_commas = header_.separator == ',' && fields_.size() > header_.fields;
   fail(place_,
-       std::to_string(fields_.size()) + " fields, expected " + std::to_string(header_.fields) +
-           " as in the header in line " + std::to_string(header_.line) +
-           (more_commas ? " (decimal commas are not read between commas: separate the columns by semicolons)" : ""));
+       fmt::format(
+           "{} fields, expected {} as in the header in line {}{}", fields_.size(), header_.fields, header_.line,
+           more_commas ? " (decimal commas are not read between commas: separate the columns by semicolons)" : ""));
 }
 
 }  // namespace kdl_calibration

@@ -1,5 +1,6 @@
 #include "kdl_calibration/measurements_check.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -16,8 +17,7 @@ namespace {
 
 void require_size(const Measurements& measurements, const char* what, std::size_t size, std::size_t expected) {
   if (size != expected) {
-    refuse(measurements,
-           std::to_string(size) + " " + what + ", expected " + std::to_string(expected) + ", one for each");
+    refuse(measurements, fmt::format("{} {}, expected {}, one for each", size, what, expected));
   }
 }
 
@@ -31,17 +31,16 @@ void require_size_if_any(const Measurements& measurements, const char* what, std
 void require_sound(const Measurements& measurements, std::size_t row) {
   const Observation& observation = measurements.observations[row];
   const auto refuse_row = [&](const std::string& fault) {
-    refuse(measurements, "observation " + std::to_string(row) + ": " + fault);
+    refuse(measurements, fmt::format("observation {}: {}", row, fault));
   };
   const auto configurations = static_cast<std::ptrdiff_t>(measurements.configurations.size());
   const auto targets = static_cast<std::ptrdiff_t>(measurements.targets.size());
   if (observation.configuration < 0 || observation.configuration >= configurations) {
-    refuse_row("configuration " + std::to_string(observation.configuration) + " is not there, expected 0 to " +
-               std::to_string(configurations - 1));
+    refuse_row(
+        fmt::format("configuration {} is not there, expected 0 to {}", observation.configuration, configurations - 1));
   }
   if (observation.target < 0 || observation.target >= targets) {
-    refuse_row("target " + std::to_string(observation.target) + " is not there, expected 0 to " +
-               std::to_string(targets - 1));
+    refuse_row(fmt::format("target {} is not there, expected 0 to {}", observation.target, targets - 1));
   }
   if (!observation.position.allFinite()) {
     refuse_row("a coordinate is not finite");
@@ -80,8 +79,8 @@ void check(const Measurements& measurements) {
   const auto wrong =
       std::find_if_not(measurements.orientations.begin(), measurements.orientations.end(), is_orientation);
   if (wrong != measurements.orientations.end()) {
-    refuse(measurements, "observation " + std::to_string(wrong - measurements.orientations.begin()) +
-                             ": the orientation is no unit quaternion");
+    refuse(measurements, fmt::format("observation {}: the orientation is no unit quaternion",
+                                     wrong - measurements.orientations.begin()));
   }
 }
 

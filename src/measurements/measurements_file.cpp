@@ -1,5 +1,6 @@
 #include "kdl_calibration/measurements_file.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -65,7 +66,7 @@ public:
 
   Measurements finish(const ExpectedJoints& joints, const DecimalMark& decimals) && {
     if (observations_.empty()) {
-      fail(source_, "no rows after the header in line " + std::to_string(header_.line));
+      fail(source_, fmt::format("no rows after the header in line {}", header_.line));
     }
     check_duplicates();
     take_means_of_scattered_values();
@@ -115,9 +116,9 @@ public:
     result.signals.approach = approach_directions(result);
     result.remark = recognised(decimals);
     if (!scatter_.empty()) {
-      result.remark += std::string(result.remark.empty() ? "" : "; ") + "joint values of " +
-                       std::to_string(scatter_.size()) + " configurations scatter by up to " +
-                       significant(largest_scatter_, 2) + " rad or m from row to row: their means are used";
+      result.remark += fmt::format(
+          "{}joint values of {} configurations scatter by up to {:.2g} rad or m from row to row: their means are used",
+          result.remark.empty() ? "" : "; ", scatter_.size(), largest_scatter_);
     }
     return result;
   }
@@ -181,8 +182,8 @@ private:
 
   [[noreturn]] void fail_inconsistent(const Row& row, const Column& column, const std::string& rule,
                                       std::size_t first_row) const {
-    row.fail_cell(column, "differs from line " + std::to_string(lines_[first_row]) + ": expected one " + rule +
-                              " in all rows of configuration " + shown(row.text(header_.configuration)));
+    row.fail_cell(column, fmt::format("differs from line {}: expected one {} in all rows of configuration {}",
+                                      lines_[first_row], rule, shown(row.text(header_.configuration))));
   }
 
   /// Replaces joint values that scatter between rows by their means.
@@ -213,9 +214,10 @@ private:
     if (twin == rows.end()) return;
     const Observation& o = observations_[*twin];
     fail(Place{source_, lines_[*(twin + 1)]},
-         "configuration " + shown(configurations_.labels()[static_cast<std::size_t>(o.configuration)]) + ", repeat " +
-             std::to_string(o.repeat) + ", target " + shown(targets_.labels()[static_cast<std::size_t>(o.target)]) +
-             " is measured twice, before in line " + std::to_string(lines_[*twin]) + ": expected one row for each");
+         fmt::format(
+             "configuration {}, repeat {}, target {} is measured twice, before in line {}: expected one row for each",
+             shown(configurations_.labels()[static_cast<std::size_t>(o.configuration)]), o.repeat,
+             shown(targets_.labels()[static_cast<std::size_t>(o.target)]), lines_[*twin]));
   }
 
   /// Column by column, so that a configuration's values do not depend on its position.

@@ -1,5 +1,6 @@
 #include "kdl_calibration/same_poses.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -183,10 +184,10 @@ Measurements with_poses_joined(Measurements measurements) {
   for (std::size_t pose = 0; pose < poses.size() && signals.torques.size() > 0; ++pose) {
     signals.torques.col(static_cast<Index>(pose)) = mean_torques(measurements.signals.torques, poses[pose]);
   }
-  measurements.remark +=
-      (measurements.remark.empty() ? "" : "; ") + std::to_string(measurements.configurations.size()) +
-      " labels stand for " + std::to_string(poses.size()) + " poses (" + example +
-      " are one): rows at joint values within " + significant(scatter, 2) + " rad or m of their mean are repeats";
+  measurements.remark += fmt::format(
+      "{}{} labels stand for {} poses ({} are one): rows at joint values within {:.2g} rad or m of their mean are "
+      "repeats",
+      measurements.remark.empty() ? "" : "; ", measurements.configurations.size(), poses.size(), example, scatter);
   measurements.joint_values = std::move(joint_values);
   measurements.signals = std::move(signals);
   measurements.configurations = std::move(labels);

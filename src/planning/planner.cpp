@@ -1,5 +1,6 @@
 #include "kdl_calibration/planner.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -64,8 +65,8 @@ void add_effects(const PlanRequest& request, const MatrixXd& candidates, Experim
   experiment.free = experiment.free.with_all(experiment.model, UnknownGroup::effects);
   const auto columns = static_cast<double>(experiment.free.size());
   if (0.5 * columns * columns * static_cast<double>(candidates.cols()) > kMostNumbers) {
-    throw OptionError("effects", "" + std::to_string(experiment.model.effects.size()) + " terms at " +
-                                     std::to_string(candidates.cols()) + " candidates, expected fewer of either");
+    throw OptionError("effects", fmt::format("{} terms at {} candidates, expected fewer of either",
+                                             experiment.model.effects.size(), candidates.cols()));
   }
 }
 

@@ -1,5 +1,6 @@
 #include "kdl_calibration/pose_selection.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -70,16 +71,16 @@ void require_possible(const Experiment& experiment, Index candidates, const Matr
     throw InputError("the numbers of configurations, starts and the depth must be positive");
   }
   if (candidates < options.count) {
-    throw InputError(std::to_string(candidates) + " candidates, expected at least the " +
-                     std::to_string(options.count) + " configurations to choose");
+    throw InputError(
+        fmt::format("{} candidates, expected at least the {} configurations to choose", candidates, options.count));
   }
   require_information(experiment, given);
   const Index p = columns(experiment);
   const int needed = least_count(experiment, given);
   if (options.count < needed) {
-    throw InputError(std::to_string(options.count) + " configurations of " + std::to_string(experiment.targets.size()) +
-                     " targets cannot determine " + std::to_string(p) + " parameters, expected at least " +
-                     std::to_string(needed) + " configurations");
+    throw InputError(fmt::format(
+        "{} configurations of {} targets cannot determine {} parameters, expected at least {} configurations",
+        options.count, experiment.targets.size(), p, needed));
   }
 }
 
@@ -175,8 +176,9 @@ Selection select_for_accuracy(const Experiment& experiment, const SelectionTask&
   Selection best = attempt(enough);
   while (!(reached <= accuracy)) {
     if (enough == most) {
-      throw InputError("the accuracy cannot be reached: " + std::to_string(most) + " configurations promise " +
-                       shortest(reached * 1e3) + " mm, expected at most " + shortest(accuracy * 1e3) + " mm");
+      throw InputError(
+          fmt::format("the accuracy cannot be reached: {} configurations promise {} mm, expected at most {} mm", most,
+                      shortest(reached * 1e3), shortest(accuracy * 1e3)));
     }
     too_few = enough;
     enough = std::min(most, 2 * enough);

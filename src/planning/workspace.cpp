@@ -1,5 +1,6 @@
 #include "kdl_calibration/workspace.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -60,8 +61,8 @@ public:
     add_clearance();
     add_tracker();
     if (constraints_.size() > kMostConstraints) {
-      throw InputError("the cell has " + std::to_string(constraints_.size()) + " constraints, expected at most " +
-                       std::to_string(kMostConstraints));
+      throw InputError(
+          fmt::format("the cell has {} constraints, expected at most {}", constraints_.size(), kMostConstraints));
     }
   }
 
@@ -89,7 +90,7 @@ private:
     const auto joints = robot_.joints.size();
     const auto is_wrong = [&](const JointSum& sum) { return static_cast<std::size_t>(sum.weights.size()) != joints; };
     if (cell_.ranges.size() != joints || std::any_of(cell_.sums.begin(), cell_.sums.end(), is_wrong)) {
-      throw InputError("the cell's joint ranges do not fit the robot, expected " + std::to_string(joints) + " joints");
+      throw InputError(fmt::format("the cell's joint ranges do not fit the robot, expected {} joints", joints));
     }
     for (std::size_t i = 0; i < joints; ++i) {
       if (!(cell_.ranges[i].first <= cell_.ranges[i].second)) {
@@ -98,8 +99,8 @@ private:
       }
     }
     if (!cell_.facing.empty() && cell_.facing.size() != targets_.size()) {
-      throw InputError("the cell has " + std::to_string(cell_.facing.size()) + " facing directions, expected one for " +
-                       "each of " + std::to_string(targets_.size()) + " targets");
+      throw InputError(fmt::format("the cell has {} facing directions, expected one for each of {} targets",
+                                   cell_.facing.size(), targets_.size()));
     }
     require_finite("a cell", are_numbers());
     for (const Capsule& capsule : cell_.body) {
@@ -191,13 +192,13 @@ private:
   void add_zones() {
     for (std::size_t k = 0; k < cell_.out_spheres.size(); ++k) {
       const Sphere& sphere = cell_.out_spheres[k];
-      add_zone("keep-out sphere " + std::to_string(k + 1), [&sphere](const Vector3d& a, const Vector3d& b) {
+      add_zone(fmt::format("keep-out sphere {}", k + 1), [&sphere](const Vector3d& a, const Vector3d& b) {
         return segment_distance(a, b, sphere.center) - sphere.radius;
       });
     }
     for (std::size_t k = 0; k < cell_.out_boxes.size(); ++k) {
       const Box& box = cell_.out_boxes[k];
-      add_zone("keep-out box " + std::to_string(k + 1),
+      add_zone(fmt::format("keep-out box {}", k + 1),
                [&box](const Vector3d& a, const Vector3d& b) { return segment_distance(a, b, box); });
     }
   }
@@ -323,12 +324,12 @@ void count_refusals(std::uint64_t bits, std::vector<Refusals>& refusals) {
 }
 
 [[noreturn]] void fail_for_too_few(const Candidates& found, std::size_t passed, int wanted) {
-  std::string message = "the constraints leave " + std::to_string(passed) + " of " + std::to_string(found.samples) +
-                        " sampled configurations, expected " + std::to_string(wanted);
+  std::string message =
+      fmt::format("the constraints leave {} of {} sampled configurations, expected {}", passed, found.samples, wanted);
   for (std::size_t k = 0; k < found.refusals.size(); ++k) {
     const Refusals& refusals = found.refusals[k];
-    message += (k == 0 ? "; " : ", ") + refusals.constraint + " removes " + std::to_string(refusals.samples) + " (" +
-               std::to_string(refusals.alone) + " alone)";
+    message += fmt::format("{}{} removes {} ({} alone)", k == 0 ? "; " : ", ", refusals.constraint, refusals.samples,
+                           refusals.alone);
   }
   throw InputError(message);
 }

@@ -1,5 +1,6 @@
 #include "kdl_calibration/robot.hpp"
 
+#include <fmt/core.h>
 #include <urdf_model/model.h>
 
 #include <algorithm>
@@ -28,7 +29,7 @@ std::string listed(const std::vector<std::string>& names) {
   for (std::size_t i = 0; i < std::min(names.size(), kMostShown); ++i) {
     list += (list.empty() ? "" : ", ") + one_line(names[i]);
   }
-  return names.size() > kMostShown ? list + ", ... (" + std::to_string(names.size()) + " in all)" : list;
+  return names.size() > kMostShown ? fmt::format("{}, ... ({} in all)", list, names.size()) : list;
 }
 
 void collect_leaves(const urdf::ModelInterface& model, const std::string& base, std::vector<std::string>& leaves,
@@ -306,9 +307,9 @@ Robot parse_robot(std::string_view urdf, const RobotOptions& options, const std:
     append_joint(*joint, *model, robot);
   }
   if (robot.joints.size() > kMostMovingJoints) {
-    throw InputError(source + ": " + std::to_string(robot.joints.size()) + " moving joints between base link " +
-                     in_quotes(robot.base) + " and tip link " + in_quotes(robot.tip) + ", expected at most " +
-                     std::to_string(kMostMovingJoints));
+    throw InputError(fmt::format("{}: {} moving joints between base link {} and tip link {}, expected at most {}",
+                                 source, robot.joints.size(), in_quotes(robot.base), in_quotes(robot.tip),
+                                 kMostMovingJoints));
   }
   if (robot.joints.empty()) {
     throw InputError(source + ": no moving joint between base link " + in_quotes(robot.base) + " and tip link " +

@@ -1,5 +1,6 @@
 #include "kdl_calibration/urdf_export.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -69,7 +70,7 @@ public:
 private:
   [[noreturn]] void fail() const {
     const auto line = 1 + std::count(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(at_), '\n');
-    throw InputError(kSource + ":" + std::to_string(line) + ": malformed XML, expected an element");
+    throw InputError(fmt::format("{}:{}: malformed XML, expected an element", kSource, line));
   }
 
   char peek() const {
@@ -145,8 +146,8 @@ public:
   using tinyxml2::XMLVisitor::VisitEnter;
   bool VisitEnter(const tinyxml2::XMLElement& element, const tinyxml2::XMLAttribute* /*first*/) override {
     if (tag_of_.size() == tags_.size() || tags_[tag_of_.size()].name != element.Name()) {
-      throw InputError(kSource + ":" + std::to_string(element.GetLineNum()) + ": element " + in_quotes(element.Name()) +
-                       " has no start tag of its own, expected plain XML");
+      throw InputError(fmt::format("{}:{}: element {} has no start tag of its own, expected plain XML", kSource,
+                                   element.GetLineNum(), in_quotes(element.Name())));
     }
     tag_of_.emplace(&element, &tags_[tag_of_.size()]);
     return true;
@@ -196,8 +197,8 @@ Triple read_triple(const tinyxml2::XMLElement* origin, const char* attribute, co
     try {
       triple.init(value);
     } catch (const std::exception&) {
-      throw InputError(kSource + ":" + std::to_string(origin->GetLineNum()) + ": joint " + in_quotes(joint) +
-                       ": origin has " + attribute + " " + in_quotes(value) + ", expected three numbers");
+      throw InputError(fmt::format("{}:{}: joint {}: origin has {} {}, expected three numbers", kSource,
+                                   origin->GetLineNum(), in_quotes(joint), attribute, in_quotes(value)));
     }
   }
   return {triple.x, triple.y, triple.z};
@@ -322,8 +323,8 @@ const tinyxml2::XMLElement& find_joint(const tinyxml2::XMLElement& robot, const 
       continue;
     }
     if (found != nullptr) {
-      throw InputError(kSource + ":" + std::to_string(joint->GetLineNum()) + ": joint " + in_quotes(name) +
-                       " exists twice, expected one joint of each name");
+      throw InputError(fmt::format("{}:{}: joint {} exists twice, expected one joint of each name", kSource,
+                                   joint->GetLineNum(), in_quotes(name)));
     }
     found = joint;
   }
@@ -344,8 +345,8 @@ void edit_joint(std::string_view text, const tinyxml2::XMLElement& joint, const 
   } else if (!pairing.tag(joint).self_closing) {
     add_origin(text, pairing.tag(joint), now, edits);
   } else {
-    throw InputError(kSource + ":" + std::to_string(joint.GetLineNum()) + ": joint " + in_quotes(correction.joint) +
-                     " is empty, expected a parent and a child");
+    throw InputError(fmt::format("{}:{}: joint {} is empty, expected a parent and a child", kSource, joint.GetLineNum(),
+                                 in_quotes(correction.joint)));
   }
 }
 

@@ -1,5 +1,6 @@
 #include "robot/urdf_reading.hpp"
 
+#include <fmt/core.h>
 #include <cctype>
 #include <set>
 #include <string>
@@ -11,7 +12,7 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& source, std::string_view before, const std::string& what) {
   const auto line = 1 + std::count(before.begin(), before.end(), '\n');
-  throw InputError(source + ":" + std::to_string(line) + ": " + what + ", expected XML in UTF-8");
+  throw InputError(fmt::format("{}:{}: {}, expected XML in UTF-8", source, line, what));
 }
 
 bool is_ascii_text(std::string_view text) {
@@ -39,12 +40,12 @@ bool is_macro(const tinyxml2::XMLElement& element) { return std::string_view(ele
 // The first unexpanded macro in an element with its line, "7: <xacro:include>"; empty if there is none.
 std::string macro_in(const tinyxml2::XMLElement& element) {
   if (is_macro(element)) {
-    return std::to_string(element.GetLineNum()) + ": <" + element.Name() + ">";
+    return fmt::format("{}: <{}>", element.GetLineNum(), element.Name());
   }
   for (const auto* attribute = element.FirstAttribute(); attribute != nullptr; attribute = attribute->Next()) {
     const std::string_view value = attribute->Value();
     if (value.find("${") != std::string_view::npos || value.find("$(") != std::string_view::npos) {
-      return std::to_string(attribute->GetLineNum()) + ": " + shown(value);
+      return fmt::format("{}: {}", attribute->GetLineNum(), shown(value));
     }
   }
   std::string macro;

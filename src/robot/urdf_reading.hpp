@@ -2,6 +2,7 @@
 
 // Shared by reading and rewriting a URDF. Not installed.
 
+#include <fmt/core.h>
 #include <tinyxml2.h>
 #include <urdf_model/pose.h>
 
@@ -32,7 +33,7 @@ inline void parse_xml(tinyxml2::XMLDocument& document, std::string_view text, co
                          ? "elements are nested too deeply, expected at most 100 levels"
                          : "malformed XML";
   const std::string name = document.ErrorName();
-  throw InputError(source + ":" + std::to_string(document.ErrorLineNum()) + ": " + rule + " (" + name + ")");
+  throw InputError(fmt::format("{}:{}: {} ({})", source, document.ErrorLineNum(), rule, name));
 }
 
 /// Throws InputError, with the line and the remedy, for unexpanded xacro macros in links and joints. Shapes and masses

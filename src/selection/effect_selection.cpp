@@ -1,5 +1,6 @@
 #include "selection/effect_selection.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
@@ -196,9 +197,8 @@ private:
 
   void require_enough(const Route& route) const {
     if (route.score.sizes.sizes.empty()) {
-      throw InputError(means_.source + ": too few measurements for the effects asked for, " +
-                       std::to_string(route.model.terms.size()) + " terms beside " + std::to_string(task_.free.size()) +
-                       " parameters");
+      throw InputError(fmt::format("{}: too few measurements for the effects asked for, {} terms beside {} parameters",
+                                   means_.source, route.model.terms.size(), task_.free.size()));
     }
   }
 
