@@ -87,6 +87,11 @@ std::string shortened(const std::string& text, std::size_t longest) {
 
 std::string in_quotes(const std::string& name) { return "'" + one_line(name) + "'"; }
 
+std::string padded(std::string text, std::size_t width) {
+  text.resize(std::max(width, text.size()), ' ');
+  return text;
+}
+
 std::string comma_separated(const std::vector<std::string>& words) {
   std::string text;
   for (const std::string& word : words) {

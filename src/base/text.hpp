@@ -24,6 +24,8 @@ std::string escaped(std::string_view text);
 /// The text if it has at most `longest` bytes, else its beginning and an ellipsis.
 std::string shortened(const std::string& text, std::size_t longest);
 std::string in_quotes(const std::string& name);
+/// The text, with blanks after it up to so many bytes.
+std::string padded(std::string text, std::size_t width);
 
 /// At most about 40 characters of a text, on one line and printable, for messages.
 std::string printable(std::string_view value);

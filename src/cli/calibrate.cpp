@@ -2,6 +2,7 @@
 #include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 
+#include <fmt/core.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -107,7 +108,7 @@ Eigen::Vector3d axis_values(const std::vector<double>& values, const std::string
     return Eigen::Vector3d::Zero();
   }
   if (values.size() != 1 && values.size() != 3) {
-    throw InputError(option + ": has " + std::to_string(values.size()) + " values, expected 1 or 3 (x,y,z)");
+    throw InputError(fmt::format("{}: has {} values, expected 1 or 3 (x,y,z)", option, values.size()));
   }
   return values.size() == 1 ? Eigen::Vector3d::Constant(values[0]) : Eigen::Vector3d(values[0], values[1], values[2]);
 }

@@ -1,5 +1,6 @@
 #include "cli/cell_options.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <limits>
@@ -281,8 +282,8 @@ FacingTargets facing_targets_of(const Json& json, const std::string& source) {
         facing = {given[0].get<double>(), given[1].get<double>(), given[2].get<double>()};
       }
       if (!(facing.norm() > 0.0) || !facing.allFinite()) {
-        throw InputError(source + ": targets[" + std::to_string(k) +
-                         "]: facing: expected three numbers that are not all zero");
+        throw InputError(
+            fmt::format("{}: targets[{}]: facing: expected three numbers that are not all zero", source, k));
       }
     }
     result.facing.push_back(facing);

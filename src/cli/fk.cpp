@@ -1,9 +1,11 @@
+#include <fmt/core.h>
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <memory>
 #include <numbers>
 #include <utility>
 
 #include "base/number_text.hpp"
+#include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/subcommands.hpp"
@@ -67,27 +69,23 @@ std::string json(const std::vector<NamedFrame>& frames) {
 }
 
 std::string table(const Robot& robot, const std::vector<NamedFrame>& frames) {
-  constexpr int kColumn = 12;
-  int name_column = static_cast<int>(robot.base.size()) + 5;
+  std::size_t name_column = robot.base.size() + 5;
   for (const NamedFrame& frame : frames) {
-    name_column = std::max(name_column, static_cast<int>(frame.name.size()) + 2);
+    name_column = std::max(name_column, frame.name.size() + 2);
   }
-  std::string text = padded("in " + robot.base, -name_column);
-  for (const char* heading : {"x[mm]", "y[mm]", "z[mm]", "roll[deg]", "pitch[deg]", "yaw[deg]"}) {
-    text += padded(heading, kColumn);
-  }
-  text += "\n";
+  std::string text = padded("in " + robot.base, name_column) +
+                     "       x[mm]       y[mm]       z[mm]   roll[deg]  pitch[deg]    yaw[deg]\n";
   for (const NamedFrame& frame : frames) {
     double roll = 0.0;
     double pitch = 0.0;
     double yaw = 0.0;
     frame.X_BL.M.GetRPY(roll, pitch, yaw);
-    text += padded(frame.name, -name_column);
+    text += padded(frame.name, name_column);
     for (const double metres : {frame.X_BL.p.x(), frame.X_BL.p.y(), frame.X_BL.p.z()}) {
-      text += padded(fixed(metres * 1e3, 4), kColumn);
+      text += fmt::format("{:>12}", fixed(metres * 1e3, 4));
     }
     for (const double angle : {roll, pitch, yaw}) {
-      text += padded(fixed(angle * 180.0 / std::numbers::pi, 5), kColumn);
+      text += fmt::format("{:>12}", fixed(angle * 180.0 / std::numbers::pi, 5));
     }
     text += "\n";
   }

@@ -1,5 +1,6 @@
 #include "cli/frames.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -38,8 +39,7 @@ std::vector<TargetFrame> targets_of(const Json& json, const std::string& source)
   constexpr std::size_t kMostTargets = 100;
   const std::vector<Node> nodes = elements(member({.json = json, .where = source}, "targets"));
   if (nodes.size() > kMostTargets) {
-    throw InputError(source + ": targets: " + std::to_string(nodes.size()) + ", expected at most " +
-                     std::to_string(kMostTargets));
+    throw InputError(fmt::format("{}: targets: {}, expected at most {}", source, nodes.size(), kMostTargets));
   }
   std::vector<TargetFrame> targets;
   std::set<std::string> names;

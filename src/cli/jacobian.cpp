@@ -1,3 +1,4 @@
+#include <fmt/core.h>
 #include <memory>
 #include <optional>
 
@@ -38,20 +39,20 @@ std::string json(const ManipulatorJacobians& jacobians) {
 }
 
 std::string table(const Robot& robot, const ManipulatorJacobians& jacobians) {
-  constexpr int kLabel = 10;
-  std::vector<int> widths;
+  std::vector<std::size_t> widths;
   std::string text = robot.tip + " in " + robot.base + ", per rad (or m) of each joint; m/rad above, rad/rad below\n" +
-                     padded("", -kLabel);
+                     std::string(10, ' ');
   for (const MovingJoint& joint : robot.joints) {
-    widths.push_back(std::max(12, static_cast<int>(joint.name.size()) + 2));
-    text += padded(joint.name, widths.back());
+    widths.push_back(std::max<std::size_t>(12, joint.name.size() + 2));
+    text += std::string(widths.back() - joint.name.size(), ' ') + joint.name;
   }
   text += "\n";
   const std::vector<std::string> labels = {"v_x", "v_y", "v_z", "omega_x", "omega_y", "omega_z"};
   for (std::size_t r = 0; r < labels.size(); ++r) {
-    text += padded(labels[r], -kLabel);
+    text += fmt::format("{:<10}", labels[r]);
     for (std::size_t c = 0; c < widths.size(); ++c) {
-      text += padded(fixed(jacobians.kdl(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c)), 7), widths[c]);
+      text += fmt::format("{:>{}}", fixed(jacobians.kdl(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c)), 7),
+                          widths[c]);
     }
     text += "\n";
   }
@@ -131,9 +132,8 @@ ExitStatus run_identification(const JacobianArguments& arguments) {
     text = json_text(identification_json(at));
   } else if (!files.empty()) {
     const std::size_t targets = at.estimate.targets.size();
-    text = std::to_string(at.configurations.size()) + " configurations, in each the identification Jacobian, " +
-           std::to_string(3 * targets) + " x " + std::to_string(at.free.size()) + ", and A, " +
-           std::to_string(3 * targets) + " x " + std::to_string(6 + 3 * targets) + "\n";
+    text = fmt::format("{} configurations, in each the identification Jacobian, {} x {}, and A, {} x {}\n",
+                       at.configurations.size(), 3 * targets, at.free.size(), 3 * targets, 6 + 3 * targets);
   }
   write_whole(files, arguments.force, text);
   return done;

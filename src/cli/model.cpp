@@ -1,3 +1,4 @@
+#include <fmt/core.h>
 #include <memory>
 
 #include "base/number_text.hpp"
@@ -24,7 +25,7 @@ std::string combination(const DroppedParameter& dropped) {
   std::string text;
   for (const auto& [name, coefficient] : dropped.replaced_by) {
     const std::string sign = coefficient < 0.0 ? "- " : text.empty() ? "" : "+ ";
-    text += (text.empty() ? "" : " ") + sign + fixed(std::abs(coefficient), 3) + " " + name;
+    text += fmt::format("{}{}{:.3f} {}", text.empty() ? "" : " ", sign, std::abs(coefficient), name);
   }
   return text.empty() ? "nothing: it has no effect" : text;
 }
@@ -55,19 +56,19 @@ std::string table(const Robot& robot, const ErrorModel& model, const ModelArgume
   for (const std::string& name : reduction.kept) {
     kept += (kept.empty() ? "" : " ") + name;
   }
-  std::string text = robot.name + ": " + robot.base + " to " + robot.tip + ", " + std::to_string(robot.joints.size()) +
-                     " joints" + followers(robot) + ", " + std::to_string(arguments.targets) + " measured " +
-                     (arguments.poses ? "poses" : "points") + " on the tool\n";
-  text += "complete model, " + std::to_string(model.parameters.size()) + " geometric parameters:\n  " + complete + "\n";
-  text += "irreducible model, rank " + std::to_string(reduction.rank) + " of " + std::to_string(reduction.candidates) +
-          " candidates:\n  " + kept + "\n";
+  std::string text =
+      fmt::format("{}: {} to {}, {} joints{}, {} measured {} on the tool\n", robot.name, robot.base, robot.tip,
+                  robot.joints.size(), followers(robot), arguments.targets, arguments.poses ? "poses" : "points");
+  text += fmt::format("complete model, {} geometric parameters:\n  {}\n", model.parameters.size(), complete);
+  text +=
+      fmt::format("irreducible model, rank {} of {} candidates:\n  {}\n", reduction.rank, reduction.candidates, kept);
   text += "gauge, held at zero:\n";
   for (const GaugeParameter& gauge : reduction.gauge) {
-    text += "  " + padded(gauge.name, -8) + "tied to " + comma_separated(gauge.tied_to) + "\n";
+    text += fmt::format("  {:<8}tied to {}\n", gauge.name, comma_separated(gauge.tied_to));
   }
   text += "dropped, replaced to first order by:\n";
   for (const DroppedParameter& dropped : reduction.dropped) {
-    text += "  " + padded(dropped.name, -8) + combination(dropped) + "\n";
+    text += fmt::format("  {:<8}{}\n", dropped.name, combination(dropped));
   }
   return text;
 }

@@ -1,5 +1,6 @@
 #include "cli/options.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -48,8 +49,8 @@ Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments
   const std::vector<std::string> names =
       convention == nullptr ? independent_joint_names(robot.joints) : convention->controller_joints;
   if (arguments.joints.size() != names.size()) {
-    throw InputError("--joints: has " + std::to_string(arguments.joints.size()) + " values, expected " +
-                     std::to_string(names.size()) + ": " + comma_separated(names));
+    throw InputError(fmt::format("--joints: has {} values, expected {}: {}", arguments.joints.size(), names.size(),
+                                 comma_separated(names)));
   }
   Eigen::VectorXd values(static_cast<Eigen::Index>(names.size()));
   for (std::size_t i = 0; i < names.size(); ++i) {
@@ -79,8 +80,8 @@ void warn_outside_limits(const Robot& robot, const Eigen::VectorXd& q) {
     }
   }
   if (!outside.empty()) {
-    warn("joint values outside the limits of the URDF (" + std::to_string(outside.size()) + " of " +
-         std::to_string(robot.joints.size()) + "): " + comma_separated(outside));
+    warn(fmt::format("joint values outside the limits of the URDF ({} of {}): {}", outside.size(), robot.joints.size(),
+                     comma_separated(outside)));
   }
 }
 
@@ -162,8 +163,8 @@ CLI::Option* add_word(CLI::App& app, const std::string& name, std::string& value
 
 CLI::Option* limit_count(CLI::Option* option, std::pair<int, int> range) {
   const auto [least, most] = range;
-  return option->type_name("N")->check(whole_number_between(
-      least, most, "a whole number from " + std::to_string(least) + " to " + std::to_string(most)));
+  return option->type_name("N")->check(
+      whole_number_between(least, most, fmt::format("a whole number from {} to {}", least, most)));
 }
 
 CLI::Option* add_count(CLI::App& app, const std::string& name, int& value, std::pair<int, int> range,

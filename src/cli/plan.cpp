@@ -1,3 +1,4 @@
+#include <fmt/core.h>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -92,7 +93,7 @@ Eigen::VectorXd home(const PlanArguments& arguments, const Setting& setting) {
     return all_joint_values(joints, values);
   }
   const std::vector<double> given =
-      numbers("--home", arguments.home, count, std::to_string(count) + " joint values in degrees (mm for lengths)");
+      numbers("--home", arguments.home, count, fmt::format("{} joint values in degrees (mm for lengths)", count));
   for (std::size_t i = 0; i < count; ++i) {
     const bool length = value_is_length(setting.request.robot, setting.joint_convention(), static_cast<Index>(i));
     values[static_cast<Index>(i)] = given[i] * (length ? 1e-3 : kDegree);
@@ -222,46 +223,45 @@ std::string json(const PlanArguments& arguments, const Setting& setting, const P
 }
 
 std::string line(const std::string& label, const Prediction& prediction, double worst) {
-  std::string text = padded(label, -24);
+  std::string text = fmt::format("{:<24}", label);
   for (const double value : {prediction.sigma.mean, prediction.sigma.p95, prediction.sigma.max, worst}) {
-    text += padded(std::isfinite(value) ? fixed(value * 1e3, 4) : "-", 10);
+    text += std::isfinite(value) ? fmt::format("{:>10.4f}", value * 1e3) : "         -";
   }
   return text + "\n";
 }
 
 std::string table(const PlanArguments& arguments, const Plan& plan) {
-  const auto number = [](auto value) { return std::to_string(value); };
   const ObservabilityIndices& o = plan.observability;
-  std::string text =
-      number(plan.selection.chosen.size()) + " configurations of " + number(arguments.candidates) + " candidates, " +
-      arguments.criterion + "-optimal; " + number(plan.sheet.targets.size()) + " targets, " +
-      number(columns(plan.experiment)) + " parameters" +
-      (plan.experiment.model.effects.empty() ? ""
-                                             : ", " + number(plan.experiment.model.effects.size()) + " of effects") +
-      ", noise " + (plan.experiment.noise.tracker ? "of the tracker" : fixed(arguments.noise.sigma * 1e3, 4) + " mm") +
-      "\n";
-  text += "search                  " + number(arguments.starts) + " starts, " + number(plan.selection.exchanges) +
-          " exchanges; seed " + number(arguments.seed) + "\n";
-  text += "samples                 " + number(plan.drawn.samples) + " drawn";
+  const std::size_t effects = plan.experiment.model.effects.size();
+  std::string text = fmt::format(
+      "{} configurations of {} candidates, {}-optimal; {} targets, {} parameters{}, noise {}\n"
+      "search                  {} starts, {} exchanges; seed {}\n"
+      "samples                 {} drawn",
+      plan.selection.chosen.size(), arguments.candidates, arguments.criterion, plan.sheet.targets.size(),
+      columns(plan.experiment), effects == 0 ? "" : fmt::format(", {} of effects", effects),
+      plan.experiment.noise.tracker ? "of the tracker" : fixed(arguments.noise.sigma * 1e3, 4) + " mm",
+      arguments.starts, plan.selection.exchanges, arguments.seed, plan.drawn.samples);
   for (const Refusals& entry : plan.drawn.refusals) {
-    text += "; " + entry.constraint + " removes " + number(entry.samples);
+    text += fmt::format("; {} removes {}", entry.constraint, entry.samples);
   }
   text += "\npredicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
   text += line("  this plan", plan.planned, plan.worst_configuration);
   text += line("  random choice", plan.random, plan.random.worst_configuration);
   if (plan.floor) {
-    text += padded("  lower bound for any plan", -54) + padded(fixed(*plan.floor * 1e3, 4), 10) + "\n";
+    text += fmt::format("{:<54}{:>10.4f}\n", "  lower bound for any plan", *plan.floor * 1e3);
   }
-  text += "observability           O1 " + fixed(o.O1, 4) + ", O2 " + fixed(o.O2, 5) + ", O3 " + fixed(o.O3, 4) +
-          ", O4 " + fixed(o.O4, 5) + ", O5 " + fixed(o.O5, 5) + " (m, rad)\n";
-  text += "D-efficiency            at least " + fixed(plan.efficiency, 3) + "\n";
-  text += "travel                  " + fixed(plan.seconds, 0) + " s at full speed, without the stops\n";
+  text += fmt::format(
+      "observability           O1 {:.4f}, O2 {:.5f}, O3 {:.4f}, O4 {:.5f}, O5 {:.5f} (m, rad)\n"
+      "D-efficiency            at least {:.3f}\n"
+      "travel                  {:.0f} s at full speed, without the stops\n",
+      o.O1, o.O2, o.O3, o.O4, o.O5, plan.efficiency, plan.seconds);
   if (plan.monte_carlo) {
     const MonteCarloResult& runs = *plan.monte_carlo;
-    text += "Monte Carlo             " + number(runs.runs) + " runs, " + number(runs.not_trusted) +
-            " not to be trusted; held-out error [mm] mean " + fixed(runs.all.mean * 1e3, 4) + ", p95 " +
-            fixed(runs.all.p95 * 1e3, 4) + ", max " + fixed(runs.all.max * 1e3, 4) + "; RMS of a point, mean " +
-            fixed(runs.rms.mean() * 1e3, 4) + "\n";
+    text += fmt::format(
+        "Monte Carlo             {} runs, {} not to be trusted; held-out error [mm] mean {:.4f}, p95 {:.4f}, max "
+        "{:.4f}; RMS of a point, mean {:.4f}\n",
+        runs.runs, runs.not_trusted, runs.all.mean * 1e3, runs.all.p95 * 1e3, runs.all.max * 1e3,
+        runs.rms.mean() * 1e3);
   }
   return text;
 }

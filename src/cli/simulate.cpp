@@ -4,6 +4,7 @@
 #include "kdl_calibration/result_table.hpp"
 #include "kdl_calibration/simulation.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <functional>
 #include <memory>
@@ -94,8 +95,8 @@ void require_few_rows(const SimulateArguments& arguments, std::size_t targets) {
   const double rows = static_cast<double>(arguments.configurations + arguments.test_configurations) *
                       static_cast<double>(arguments.noise.repeats) * static_cast<double>(targets);
   if (rows > kMost) {
-    throw InputError("--configurations, --test-configurations, --repeats: " + fixed(rows, 0) +
-                     " rows, expected at most 10000000");
+    throw InputError(fmt::format(
+        "--configurations, --test-configurations, --repeats: {:.0f} rows, expected at most 10000000", rows));
   }
 }
 
@@ -184,15 +185,16 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
 std::string summary(const SimulateArguments& arguments, const Simulation& simulation) {
   const std::size_t terms = simulation.robot.model.effects.size();
   const std::string test =
-      arguments.test_configurations > 0 ? " and " + std::to_string(arguments.test_configurations) + " to test" : "";
-  return simulation.truth["configurations"].dump() + " configurations to fit" + test + ", " +
-         std::to_string(simulation.measurements.targets.size()) + (arguments.poses ? " poses, " : " targets, ") +
-         std::to_string(simulation.measurements.observations.size()) + " rows\n" + "noise " +
-         fixed(arguments.noise.sigma * 1e3, 4) + " mm; " + std::to_string(simulation.truth["parameters"].size()) +
-         " true errors, lengths " + fixed(arguments.sizes.length * 1e3, 3) + " mm, angles " +
-         fixed(arguments.sizes.angle / kDegree, 4) + " deg (1 sigma); " +
-         (terms > 0 ? std::to_string(terms) + " effects, " + fixed(arguments.effect_sigma * 1e3, 3) + " mrad; " : "") +
-         "seed " + std::to_string(arguments.seed) + "\n";
+      arguments.test_configurations > 0 ? fmt::format(" and {} to test", arguments.test_configurations) : "";
+  return fmt::format(
+      "{} configurations to fit{}, {}{}{} rows\n"
+      "noise {} mm; {} true errors, lengths {} mm, angles {} deg (1 sigma); {}seed {}\n",
+      simulation.truth["configurations"].dump(), test, simulation.measurements.targets.size(),
+      arguments.poses ? " poses, " : " targets, ", simulation.measurements.observations.size(),
+      fixed(arguments.noise.sigma * 1e3, 4), simulation.truth["parameters"].size(),
+      fixed(arguments.sizes.length * 1e3, 3), fixed(arguments.sizes.angle / kDegree, 4),
+      terms > 0 ? fmt::format("{} effects, {} mrad; ", terms, fixed(arguments.effect_sigma * 1e3, 3)) : "",
+      arguments.seed);
 }
 
 // Settings of the simulation, for a page.
@@ -200,9 +202,9 @@ PageFacts in_words(const SimulateArguments& arguments, const Robot& robot, const
   return {{"robot", robot.name},
           {"configurations", std::to_string(set.configurations)},
           {"targets", std::to_string(set.targets.size())},
-          {"noise", fixed(arguments.noise.sigma * 1e3, 4) + " mm of a coordinate, 1 sigma"},
-          {"true errors", "lengths " + fixed(arguments.sizes.length * 1e3, 3) + " mm, angles " +
-                              fixed(arguments.sizes.angle / kDegree, 4) + " deg, 1 sigma"},
+          {"noise", fmt::format("{} mm of a coordinate, 1 sigma", fixed(arguments.noise.sigma * 1e3, 4))},
+          {"true errors", fmt::format("lengths {} mm, angles {} deg, 1 sigma", fixed(arguments.sizes.length * 1e3, 3),
+                                      fixed(arguments.sizes.angle / kDegree, 4))},
           {"seed", std::to_string(arguments.seed)}};
 }
 
@@ -253,10 +255,10 @@ ExitStatus run_many(const SimulateArguments& arguments) {
   write_whole(files, arguments.force,
               arguments.json
                   ? json_text(monte_carlo_json(result))
-                  : std::to_string(result.runs) + " runs, " + std::to_string(result.not_trusted) +
-                        " of them not to be trusted\n" + statistics_heading("held-out error [mm]") +
-                        statistics_row("all points", result.all) + statistics_row("mean of a run", result.means) +
-                        statistics_row("largest of a run", result.maxima));
+                  : fmt::format("{} runs, {} of them not to be trusted\n{}{}{}{}", result.runs, result.not_trusted,
+                                statistics_heading("held-out error [mm]"), statistics_row("all points", result.all),
+                                statistics_row("mean of a run", result.means),
+                                statistics_row("largest of a run", result.maxima)));
   return done;
 }
 
@@ -275,10 +277,11 @@ void require_two_step(const SimulateArguments& arguments) {
 
 std::string two_step_heading(const SimulateArguments& arguments, const Setup& set, Eigen::Index held_out) {
   const std::string count = std::to_string(set.configurations);
-  return "the two-step procedure against a virtual robot: in every round " +
-         (arguments.recorded ? "the same " + count : count + " fresh") + " configurations, " +
-         std::to_string(set.targets.size()) + " targets, noise " + fixed(arguments.noise.sigma * 1e3, 4) +
-         " mm; held out " + std::to_string(held_out) + " configurations; seed " + std::to_string(arguments.seed) + "\n";
+  return fmt::format(
+      "the two-step procedure against a virtual robot: in every round {} configurations, {} targets, noise {} mm; held "
+      "out {} configurations; seed {}\n",
+      arguments.recorded ? "the same " + count : count + " fresh", set.targets.size(),
+      fixed(arguments.noise.sigma * 1e3, 4), held_out, arguments.seed);
 }
 
 // Rounds of the same robot with the other kind of measurements, recorded or fresh.

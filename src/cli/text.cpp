@@ -1,12 +1,9 @@
 #include "cli/text.hpp"
 
-#include <algorithm>
-#include <array>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <system_error>
 
 #include "base/text.hpp"
@@ -24,19 +21,6 @@ std::optional<double> parsed_number(std::string_view text) {
     return std::nullopt;
   }
   return value;
-}
-
-std::string scientific(double value, int decimals) {
-  std::array<char, 64> buffer{};
-  const auto result =
-      std::to_chars(buffer.data(), buffer.data() + buffer.size(), value + 0.0, std::chars_format::scientific, decimals);
-  return {buffer.data(), result.ptr};
-}
-
-std::string padded(const std::string& text, int width) {
-  const auto wanted = static_cast<std::size_t>(std::abs(width));
-  const std::string blanks(wanted - std::min(wanted, text.size()), ' ');
-  return width < 0 ? text + blanks : blanks + text;
 }
 
 void print(std::string_view text) {

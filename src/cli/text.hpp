@@ -10,12 +10,6 @@ namespace kdl_calibration::cli {
 /// Parses the whole text as a finite number, in any locale; else empty.
 std::optional<double> parsed_number(std::string_view text);
 
-/// "1.23e-05" for 0.000012345 with 2 decimals.
-std::string scientific(double value, int decimals);
-
-/// The text padded to this many characters, on the left (for a negative width on the right).
-std::string padded(const std::string& text, int width);
-
 /// Writes to standard output. Throws InputError on failure.
 void print(std::string_view text);
 

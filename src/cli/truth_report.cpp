@@ -1,10 +1,11 @@
 #include "cli/truth_report.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
-#include "cli/text.hpp"
+#include "base/text.hpp"
 #include "kdl_calibration/result_json.hpp"
 
 namespace kdl_calibration::cli {
@@ -49,28 +50,26 @@ Json targets_json(const Estimate& estimate, const Estimate& truth, const Estimat
   return list;
 }
 
-// The value in mm or degrees.
-double shown(double value, bool length) { return length ? value * 1e3 : value / kDegree; }
+// The value in mm or degrees, never -0.
+double shown(double value, bool length) { return (length ? value * 1e3 : value / kDegree) + 0.0; }
 
-std::string parameter_line(const ErrorModel& model, const ComparedParameter& compared, int joint_width) {
+std::string parameter_line(const ErrorModel& model, const ComparedParameter& compared, std::size_t joint_width) {
   const ErrorParameter& parameter = model.parameters[compared.index];
   const bool length = is_length(model, parameter);
   std::string text =
-      "  " + padded(parameter.name, -6) + padded(parameter.joint, -joint_width) + (length ? "mm " : "deg");
+      fmt::format("  {:<6}{}{}", parameter.name, padded(parameter.joint, joint_width), length ? "mm " : "deg");
   for (const double value : {compared.estimated, compared.truth, compared.truth_in_gauge}) {
-    text += padded(fixed(shown(value, length), 6), 15);
+    text += fmt::format("{:>15}", fixed(shown(value, length), 6));
   }
-  return text +
-         padded(compared.gauge ? "gauge" : scientific(shown(compared.estimated - compared.truth_in_gauge, length), 2),
-                13) +
-         "\n";
+  const double difference = shown(compared.estimated - compared.truth_in_gauge, length);
+  return text + (compared.gauge ? "        gauge\n" : fmt::format("{:>13.2e}\n", difference));
 }
 
 std::string differences_line(const std::string& label, const Eigen::Ref<const Eigen::VectorXd>& differences,
                              bool length) {
-  std::string text = "  " + padded(label, -28) + (length ? "mm " : "deg");
+  std::string text = "  " + padded(label, 28) + (length ? "mm " : "deg");
   for (const double value : differences) {
-    text += padded(scientific(shown(value, length), 2), 13);
+    text += fmt::format("{:>13.2e}", shown(value, length));
   }
   return text + "\n";
 }
@@ -125,12 +124,12 @@ Json truth_json(const ErrorModel& model, const Estimate& estimate, const Estimat
 }
 
 std::string truth_table(const ErrorModel& model, const Estimate& estimate, const TruthComparison& comparison) {
-  int joint_width = 7;
+  std::size_t joint_width = 7;
   for (const ComparedParameter& parameter : comparison.parameters) {
-    joint_width = std::max(joint_width, static_cast<int>(model.parameters[parameter.index].joint.size()) + 2);
+    joint_width = std::max(joint_width, model.parameters[parameter.index].joint.size() + 2);
   }
-  std::string text = "  " + padded("", -(joint_width + 9)) + padded("estimated", 15) + padded("true", 15) +
-                     padded("true in gauge", 15) + padded("difference", 13) + "\n";
+  std::string text = fmt::format("{:{}}{:>15}{:>15}{:>15}{:>13}\n", "", joint_width + 11, "estimated", "true",
+                                 "true in gauge", "difference");
   for (const ComparedParameter& parameter : comparison.parameters) {
     text += parameter_line(model, parameter, joint_width);
   }
@@ -142,8 +141,8 @@ std::string truth_table(const ErrorModel& model, const Estimate& estimate, const
         estimate.targets[t].X_FT.translation() - comparison.truth_in_gauge.targets[t].X_FT.translation();
     text += differences_line("target " + estimate.targets[t].name, difference, true);
   }
-  return text + "largest difference up to the gauge: " + scientific(comparison.largest_length * 1e3, 2) + " mm and " +
-         scientific(comparison.largest_angle / kDegree, 2) + " deg\n";
+  return fmt::format("{}largest difference up to the gauge: {:.2e} mm and {:.2e} deg\n", text,
+                     comparison.largest_length * 1e3, comparison.largest_angle / kDegree);
 }
 
 Json rounds_json(const TwoStepTrialResult& result) {
@@ -162,24 +161,20 @@ Json rounds_json(const TwoStepTrialResult& result) {
 }
 
 std::string rounds_table(const TwoStepTrialResult& result) {
-  std::string text = padded("round", -7);
-  for (const char* heading : {"change [mm]", "misfit [mm]", "held out, rms", "max [mm]"}) {
-    text += padded(heading, 15);
-  }
-  text += "\n";
+  std::string text = "round      change [mm]    misfit [mm]  held out, rms       max [mm]\n";
   for (const TwoStepTrialRound& entry : result.rounds) {
-    text += padded(std::to_string(entry.round.number), 5) + "  ";
+    text += fmt::format("{:5}  ", entry.round.number);
     for (const double metres : {entry.round.change, entry.round.misfit, entry.held_out.rms, entry.held_out.max}) {
-      text += padded(scientific(metres * 1e3, 4), 15);
+      text += fmt::format("{:>15.4e}", metres * 1e3);
     }
     text += "\n";
   }
   text += to_string(result.identification.termination) + ": " + result.identification.message + "\n";
   if (result.settled && result.identification.termination != Termination::converged) {
-    text += "the last change is what noise alone causes, " + scientific(result.floor * 1e3, 2) + " mm a round\n";
+    text += fmt::format("the last change is what noise alone causes, {:.2e} mm a round\n", result.floor * 1e3);
   }
   if (result.factor > 0.0) {
-    text += "each round left " + fixed(result.factor, 3) + " of the change of the round before\n";
+    text += fmt::format("each round left {:.3f} of the change of the round before\n", result.factor);
   }
   return text;
 }

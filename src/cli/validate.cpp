@@ -1,3 +1,4 @@
+#include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -6,6 +7,7 @@
 
 #include "base/number_text.hpp"
 #include "base/sha256.hpp"
+#include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "cli/frames.hpp"
 #include "cli/measurement_options.hpp"
@@ -100,10 +102,10 @@ void require_freedom(const Freedom& freedom, const std::string& source) {
     return;
   }
   const int needed = freedom.unknowns / (3 * std::max(freedom.points, 1)) + 1;
-  throw InputError(source + ": " + std::to_string(freedom.coordinates) + " coordinates in " +
-                   std::to_string(freedom.configurations) + " configurations, and base and targets take " +
-                   std::to_string(freedom.spent()) + " of them: nothing is left to show an error, expected at least " +
-                   std::to_string(needed) + " configurations (or --known-base and --known-targets)");
+  throw InputError(
+      fmt::format("{}: {} coordinates in {} configurations, and base and targets take {} of them: nothing is left to "
+                  "show an error, expected at least {} configurations (or --known-base and --known-targets)",
+                  source, freedom.coordinates, freedom.configurations, freedom.spent(), needed));
 }
 
 constexpr int kPlenty = 4;  // coordinates per unknown
@@ -138,9 +140,9 @@ std::string line(const std::string& label, const ErrorStatistics& statistics) {
 }
 
 std::string point(const std::string& label, const Eigen::Vector3d& position) {
-  std::string text = padded(label, -24);
+  std::string text = padded(label, 24);
   for (const double value : position) {
-    text += padded(fixed(value * 1e3, 3), 12);
+    text += fmt::format("{:>12}", fixed(value * 1e3, 3));
   }
   return text + "\n";
 }
@@ -215,13 +217,15 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
                  {"seed", arguments.seed}});
     print(json_text(json));
   } else {
-    print("distance of predicted from true points at " + std::to_string(joint_values.cols()) + " configurations\n" +
-          statistics_heading("targets [mm]") + line("all", comparison.points) + "\n" +
-          truth_table(model, estimate, comparison));
+    print(fmt::format("distance of predicted from true points at {} configurations\n{}{}\n{}", joint_values.cols(),
+                      statistics_heading("targets [mm]"), line("all", comparison.points),
+                      truth_table(model, estimate, comparison)));
   }
   if (!comparison.comparable()) {
-    warn("the parameters that can be told apart here cannot say what the truth is (" +
-         scientific(comparison.gauge_misfit * 1e3, 1) + " mm remain): compare points, not parameters");
+    warn(
+        fmt::format("the parameters that can be told apart here cannot say what the truth is ({:.1e} mm remain): "
+                    "compare points, not parameters",
+                    comparison.gauge_misfit * 1e3));
   }
   return comparison.comparable() ? done : not_to_be_trusted;
 }
@@ -274,9 +278,9 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
     warnings.push_back("registration: " + registration.message);
   }
   if (freedom.spent() > 0 && freedom.coordinates < kPlenty * freedom.spent()) {
-    warnings.push_back(placed + " took " + std::to_string(freedom.spent()) + " of " +
-                       std::to_string(freedom.coordinates) + " coordinates: corrected for that, the rms is " +
-                       fixed(registration.rms * freedom.correction() * 1e3, 4) + " mm");
+    warnings.push_back(fmt::format("{} took {} of {} coordinates: corrected for that, the rms is {:.4f} mm", placed,
+                                   freedom.spent(), freedom.coordinates,
+                                   registration.rms * freedom.correction() * 1e3));
   }
   return warnings;
 }
@@ -338,9 +342,9 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const std::string result = json(errors, registration, freedom);
   Words words = judged(arguments, model, fitted, estimate, known);
   if (words.doubts.empty() && absurd(model, registration.rms)) {
-    words.doubts.push_back(
-        "a misfit of " + fixed(registration.rms * 1e3, 1) +
-        " mm is more than geometric errors explain; are units, signs and order of the joints right?");
+    words.doubts.push_back(fmt::format(
+        "a misfit of {:.1f} mm is more than geometric errors explain; are units, signs and order of the joints right?",
+        registration.rms * 1e3));
   }
   const std::string placed = registered(known, registration);
   const std::vector<std::string> before = warnings_of(measurements, registration, freedom, placed);

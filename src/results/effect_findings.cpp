@@ -1,5 +1,6 @@
 #include "results/effect_findings.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -40,7 +41,7 @@ std::string times_a_turn(const Calibration& calibration, const EffectMotion& mot
   const auto strongest = std::max_element(squares.begin(), squares.end(),
                                           [](const auto& a, const auto& b) { return a.second < b.second; });
   const double times = strongest->first;
-  return times == 1.0 ? "once" : times == 2.0 ? "twice" : significant(times, 4) + " times";
+  return times == 1.0 ? "once" : times == 2.0 ? "twice" : fmt::format("{:.4g} times", times);
 }
 
 bool is_mostly_of_approach(const Calibration& calibration, const EffectMotion& motion) {

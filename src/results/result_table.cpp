@@ -1,5 +1,6 @@
 #include "kdl_calibration/result_table.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -19,22 +20,15 @@
 namespace kdl_calibration {
 namespace {
 
-std::string padded(std::string text, std::size_t width) {
-  text.resize(std::max(width, text.size()), ' ');
-  return text;
+std::string cell(double value, int width, int decimals = 3) {
+  return fmt::format("{:>{}}", fixed(value, decimals), width);
 }
-
-std::string right(const std::string& text, std::size_t width) {
-  return std::string(width - std::min(width, text.size()), ' ') + text;
-}
-
-std::string cell(double value, std::size_t width, int decimals = 3) { return right(fixed(value, decimals), width); }
 
 std::string priors_in_words(const Priors& priors) {
   if (!(priors.length > 0.0) && !(priors.angle > 0.0)) {
     return "no priors";
   }
-  return "priors of " + significant(priors.length * 1e3, 3) + " mm and " + significant(priors.angle * 1e3, 3) + " mrad";
+  return fmt::format("priors of {:.3g} mm and {:.3g} mrad", priors.length * 1e3, priors.angle * 1e3);
 }
 
 // Position errors of the means of the repeats, as in all tables.
@@ -70,14 +64,15 @@ void add_errors(const Calibration& calibration, std::string& text) {
     text += statistics_row("left out, choice anew", *calibration.accuracy.nested_leave_one_out);
   }
   if (calibration.accuracy.k_fold) {
-    add_held_out(std::to_string(calibration.accuracy.folds) + "-fold", *calibration.accuracy.k_fold);
+    add_held_out(fmt::format("{}-fold", calibration.accuracy.folds), *calibration.accuracy.k_fold);
   }
   const ErrorStatistics& repeatability = calibration.accuracy.iso_after.repeatability;
   if (repeatability.count > 0) {
-    text += "AP and RP by the formulas of ISO 9283 (not its test cycle), largest:\n  AP nominal " +
-            fixed(calibration.accuracy.iso_before.accuracy.max * 1e3, 3) + " mm, calibrated " +
-            fixed(calibration.accuracy.iso_after.accuracy.max * 1e3, 3) + " mm; RP " +
-            fixed(repeatability.max * 1e3, 3) + " mm\n";
+    text += fmt::format(
+        "AP and RP by the formulas of ISO 9283 (not its test cycle), largest:\n  AP nominal {:.3f} mm, calibrated "
+        "{:.3f} mm; RP {:.3f} mm\n",
+        calibration.accuracy.iso_before.accuracy.max * 1e3, calibration.accuracy.iso_after.accuracy.max * 1e3,
+        repeatability.max * 1e3);
   }
 }
 
@@ -86,7 +81,7 @@ std::string per_axis(const Eigen::Vector3d& sigma) {
   if ((sigma.array() == sigma.x()).all()) {
     return fixed(sigma.x() * 1e3, 3) + " mm";
   }
-  return fixed(sigma.x() * 1e3, 3) + ", " + fixed(sigma.y() * 1e3, 3) + ", " + fixed(sigma.z() * 1e3, 3) + " mm";
+  return fmt::format("{}, {}, {} mm", fixed(sigma.x() * 1e3, 3), fixed(sigma.y() * 1e3, 3), fixed(sigma.z() * 1e3, 3));
 }
 
 std::string noise_line(const NoiseReport& noise) {
@@ -115,17 +110,17 @@ std::string noise_line(const NoiseReport& noise) {
 void add_figures(const Calibration& calibration, std::string& text) {
   const Identification& found = calibration.fit.identification;
   text += "\n" + wrapped(noise_line(calibration.noise), 0, 2);
-  text += "rank " + std::to_string(calibration.uncertainty.identifiability.rank) + " of " +
-          std::to_string(calibration.uncertainty.identifiability.columns) + " parameters, condition number " +
-          fixed(calibration.uncertainty.identifiability.condition, 0) + ", " + std::to_string(found.iterations) +
-          " iterations\n";
+  text += fmt::format("rank {} of {} parameters, condition number {:.0f}, {} iterations\n",
+                      calibration.uncertainty.identifiability.rank, calibration.uncertainty.identifiability.columns,
+                      calibration.uncertainty.identifiability.condition, found.iterations);
   if (found.convergence_factor > 0.0) {
-    text += "each round left " + fixed(found.convergence_factor, 3) + " of the error of the round before\n";
+    text += fmt::format("each round left {:.3f} of the error of the round before\n", found.convergence_factor);
   }
   if (calibration.uncertainty.predicted.workspace.count > 0) {
-    text += "1 sigma of a predicted point, from the uncertainty of the parameters alone:\n  " +
-            fixed(calibration.uncertainty.predicted.measured.rms * 1e3, 3) + " mm at the measured configurations, " +
-            fixed(calibration.uncertainty.predicted.workspace.rms * 1e3, 3) + " mm over the whole workspace\n";
+    text += fmt::format(
+        "1 sigma of a predicted point, from the uncertainty of the parameters alone:\n  {:.3f} mm at the measured "
+        "configurations, {:.3f} mm over the whole workspace\n",
+        calibration.uncertainty.predicted.measured.rms * 1e3, calibration.uncertainty.predicted.workspace.rms * 1e3);
   }
   if (!calibration.selection.tried.empty()) {
     const ModelOption& chosen = calibration.selection.tried.front();
@@ -148,12 +143,13 @@ void add_most_influential(const Measurements& measurements, const Influence& inf
   }
   std::stable_sort(order.begin(), order.end(), [](const auto& a, const auto& b) { return a.cook > b.cook; });
   const auto count = [&](auto member) {
-    return std::to_string(std::count_if(order.begin(), order.end(), [&](const auto& entry) { return entry.*member; }));
+    return std::count_if(order.begin(), order.end(), [&](const auto& entry) { return entry.*member; });
   };
-  text += "\nmost influential: " + count(&ConfigurationInfluence::influential) + " of " + std::to_string(order.size()) +
-          " configurations have a Cook's distance above " + fixed(influence.cook_limit, 3) + ",\n" +
-          count(&ConfigurationInfluence::high_leverage) + " a high leverage (*)\n";
-  text += padded("  configuration", 26) + "    Cook's  leverage\n";
+  text += fmt::format(
+      "\nmost influential: {} of {} configurations have a Cook's distance above {:.3f},\n{} a high leverage (*)\n",
+      count(&ConfigurationInfluence::influential), order.size(), influence.cook_limit,
+      count(&ConfigurationInfluence::high_leverage));
+  text += "  configuration               Cook's  leverage\n";
   for (std::size_t i = 0; i < std::min(kShown, order.size()); ++i) {
     text += padded("  " + measurements.configurations[static_cast<std::size_t>(order[i].configuration)], 26) +
             cook_number(order[i].cook) + cell(order[i].leverage, 10) + (order[i].high_leverage ? " *" : "") + "\n";
@@ -164,13 +160,13 @@ void add_predictions(const std::vector<PredictedPoint>& points, std::string& tex
   if (points.empty()) {
     return;
   }
-  text += "\n" + padded("predicted, in the base [mm]", 28) + "          x          y          z  sigma   95 %\n";
+  text += "\npredicted, in the base [mm]           x          y          z  sigma   95 %\n";
   for (const PredictedPoint& point : points) {
     const Eigen::Vector3d p = point.position * 1e3;
     text += padded("  " + point.configuration + " " + point.target, 28) + cell(p.x(), 11) + cell(p.y(), 11) +
             cell(p.z(), 11);
-    text +=
-        std::isfinite(point.sigma) ? cell(point.sigma * 1e3, 7) + cell(point.radius_95 * 1e3, 7) : "  not determined";
+    text += std::isfinite(point.sigma) ? fmt::format("{:>7.3f}{:>7.3f}", point.sigma * 1e3, point.radius_95 * 1e3)
+                                       : "  not determined";
     text += "\n";
   }
 }
@@ -197,8 +193,9 @@ std::string in_words(const ErrorModel& model, const ParameterEstimate& parameter
     return "zero offset of " + parameter.joint;
   }
   const ErrorParameter& error = model.parameters[parameter_index(model, parameter.name)];
-  return parameter.axis + (parameter.kind == ParameterKind::translation ? " shift" : " turn") + " of link " +
-         std::to_string(error.frame) + (parameter.joint.empty() ? "" : " (origin of " + parameter.joint + ")");
+  return fmt::format("{}{} of link {}{}", parameter.axis,
+                     parameter.kind == ParameterKind::translation ? " shift" : " turn", error.frame,
+                     parameter.joint.empty() ? "" : " (origin of " + parameter.joint + ")");
 }
 
 // The parameter with the largest coefficient in the replacement of a dropped one.
@@ -233,8 +230,8 @@ std::string parameter_line(const ErrorModel& model, const Reduction& reduction, 
   const std::string line =
       "  " + padded(parameter.name, width) + padded(in_words(model, parameter), 40) + unit.of(parameter.error);
   if (parameter.identifiable) {
-    return line + "  +- " +
-           fixed(unit.per_si * half_width_95(parameter.std, parameter.degrees_of_freedom), unit.decimals) + "\n";
+    return fmt::format("{}  +- {}\n", line,
+                       fixed(unit.per_si * half_width_95(parameter.std, parameter.degrees_of_freedom), unit.decimals));
   }
   return line + "  " + why_held(reduction, parameter, fixed_by_user) + "\n";
 }
@@ -300,16 +297,16 @@ std::string row_of(const std::string& label, const Eigen::Vector3d& position) {
 
 void add_frames(const Estimate& estimate, std::string& text) {
   const std::string axes = "           x           y           z\n";
-  text += "\n" + padded("base, as measured [mm]", 26) + axes + row_of("origin", estimate.X_WB.translation());
+  text += "\nbase, as measured [mm]    " + axes + row_of("origin", estimate.X_WB.translation());
   double roll = 0.0;
   double pitch = 0.0;
   double yaw = 0.0;
   to_kdl(estimate.X_WB).M.GetRPY(roll, pitch, yaw);
-  text += padded("  roll, pitch, yaw [deg]", 26);
+  text += "  roll, pitch, yaw [deg]  ";
   for (const double angle : {roll, pitch, yaw}) {
     text += cell(angle * kDegrees.per_si, 12, kDegrees.decimals);
   }
-  text += "\n\n" + padded("targets on the flange [mm]", 26) + axes;
+  text += "\n\ntargets on the flange [mm]" + axes;
   for (const TargetFrame& target : estimate.targets) {
     text += row_of(target.name, target.X_FT.translation());
   }
@@ -321,9 +318,8 @@ long fitted_configurations(const Measurements& measurements) {
 }
 
 std::string sizes(const Measurements& measurements, const Calibration& calibration) {
-  return std::to_string(fitted_configurations(measurements)) + " configurations, " +
-         std::to_string(calibration.accuracy.train.after.count) + " points, " +
-         std::to_string(calibration.fit.free.size()) + " parameters";
+  return fmt::format("{} configurations, {} points, {} parameters", fitted_configurations(measurements),
+                     calibration.accuracy.train.after.count, calibration.fit.free.size());
 }
 
 // The verdict, shown before any figure.
@@ -346,23 +342,23 @@ std::string verdict(const Measurements& measurements, const Calibration& calibra
 }
 
 void add_main_figures(const Calibration& calibration, std::string& text) {
-  text += "Position error, rms:  nominal " + fixed(calibration.accuracy.iso_before.accuracy.rms * 1e3, 3) +
-          " mm -> calibrated " + fixed(calibration.accuracy.iso_after.accuracy.rms * 1e3, 3) + " mm  (fitted)\n";
+  text += fmt::format("Position error, rms:  nominal {:.3f} mm -> calibrated {:.3f} mm  (fitted)\n",
+                      calibration.accuracy.iso_before.accuracy.rms * 1e3,
+                      calibration.accuracy.iso_after.accuracy.rms * 1e3);
   if (calibration.accuracy.test && calibration.accuracy.iso_test_after) {
-    text += "                      at the test rows " +
-            fixed(calibration.accuracy.iso_test_after->accuracy.rms * 1e3, 3) + " mm\n";
+    text += fmt::format("                      at the test rows {:.3f} mm\n",
+                        calibration.accuracy.iso_test_after->accuracy.rms * 1e3);
   }
   const BeforeAfter* held_out = calibration.accuracy.held_out();
   if (held_out == nullptr) {
     text += "                      at unseen configurations: not known\n";
   } else {
-    text += "                      at unseen configurations " + fixed(held_out->after.rms * 1e3, 3) + " mm  (" +
-            (calibration.accuracy.leave_one_out ? std::string("leave-one-out")
-                                                : std::to_string(calibration.accuracy.folds) + "-fold") +
-            ")\n";
+    text += fmt::format(
+        "                      at unseen configurations {:.3f} mm  ({})\n", held_out->after.rms * 1e3,
+        calibration.accuracy.leave_one_out ? "leave-one-out" : fmt::format("{}-fold", calibration.accuracy.folds));
     if (held_out->rigid) {
       text +=
-          "                      there by the exported URDF alone " + fixed(held_out->rigid->rms * 1e3, 3) + " mm\n";
+          fmt::format("                      there by the exported URDF alone {:.3f} mm\n", held_out->rigid->rms * 1e3);
     }
   }
 }
@@ -370,15 +366,15 @@ void add_main_figures(const Calibration& calibration, std::string& text) {
 }  // namespace
 
 std::string statistics_heading(const std::string& label, const std::string& counted) {
-  return padded(label, 24) + "         rms        mean         p95         max" + right(counted, 8) + "\n";
+  return fmt::format("{}         rms        mean         p95         max{:>8}\n", padded(label, 24), counted);
 }
 
 std::string statistics_row(const std::string& label, const ErrorStatistics& statistics) {
   std::string text = padded(label, 24);
   for (const double value : {statistics.rms, statistics.mean, statistics.p95, statistics.max}) {
-    text += statistics.count > 0 ? cell(value * 1e3, 12) : right("-", 12);
+    text += statistics.count > 0 ? fmt::format("{:>12.3f}", value * 1e3) : "           -";
   }
-  return text + right(std::to_string(statistics.count), 8) + "\n";
+  return text + fmt::format("{:8}\n", statistics.count);
 }
 
 std::string result_table(const Measurements& measurements, const Calibration& calibration,

@@ -20,13 +20,6 @@ TEST(Help, NumbersAreReadWhole) {
   for (const char* text : {"", "+", "-", "+-1", "++1", "-+1", "1 ", " 1", "1x", "0x1", "nan", "inf", "1e999", "1,5"}) {
     EXPECT_FALSE(cli::parsed_number(text)) << text;
   }
-  EXPECT_EQ(cli::scientific(0.000012345, 2), "1.23e-05");
-  EXPECT_EQ(cli::scientific(-0.0, 1), "0.0e+00");
-  EXPECT_EQ(cli::scientific(-1234.5, 3), "-1.234e+03");
-  EXPECT_EQ(cli::padded("abc", 5), "  abc");
-  EXPECT_EQ(cli::padded("abc", -5), "abc  ");
-  EXPECT_EQ(cli::padded("abc", 2), "abc");
-  EXPECT_EQ(cli::padded("", -2), "  ");
 }
 
 TEST(Help, EachSortOfMessageHasItsBeginning) {
