@@ -27,8 +27,7 @@
 #include "cli_support.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {

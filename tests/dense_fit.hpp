@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "estimation/least_squares.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "support.hpp"
 

@@ -10,10 +10,10 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "effects/effect_terms.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "model/kinematics.hpp"
+#include "planning/simulation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {

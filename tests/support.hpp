@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "base/random.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/random.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration::testing {

@@ -12,9 +12,14 @@
 #include <thread>
 #include <vector>
 
-#include "kdl_calibration/kdl_calibration.hpp"
-#include "kdl_calibration/two_step.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "estimation/residual_options.hpp"
+#include "every_header.hpp"
+#include "interface/calibration_parts.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/training_rows.hpp"
 #include "mistakes_support.hpp"
+#include "two_step/two_step.hpp"
 
 namespace kdl_calibration::threads_test {
 namespace {
@@ -68,8 +73,11 @@ struct Shared {
   const Measurements& data = measured.data;
   const Unknowns& free = measured.free;
   Estimate start = nominal_start(model, data);
-  CalibrationOptions options = {.threads = 1};
-  Calibration calibration = calibrate(model, data, options);
+  CalibrationSettings options = {.threads = 1};
+  CalibrationResult calibration = calibrate(model, data, options);
+  Calibration found =
+      kdl_calibration::calibrate(robot, data, CalibrationOptions{.diagnosis = {.try_readings = false}, .threads = 1});
+  CalibratedArm calibrated = found.arm();
   const Estimate& estimate = calibration.fit.identification.estimate;
   FitProblem fit_problem{.model = model, .measurements = data, .start = estimate, .free = free};
   TrainingRows rows{data};
@@ -78,7 +86,7 @@ struct Shared {
   PositionPredictor predictor{model, estimate, free};
   ChainFolder folder{model, {0, 1, 2}};
   EffectTerm gain{.name = "gain.1", .joint = model.joints.front().name, .function = JointGain{}};
-  CalibratedArm arm{model, estimate.errors, {}};
+  ArmKinematics arm{model, estimate.errors, {}};
   VectorXd q = data.joint_values.col(0);
   std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, data.joint_values);
   WhitenedSummary summary = problem.whitened_summary(estimate);
@@ -178,8 +186,8 @@ std::vector<Asked> methods_of_estimation() {
 std::vector<Asked> other_methods() {
   const Shared& s = shared();
   return {
-      {"CalibratedArm::joints", [&] { return static_cast<double>(s.arm.joints()); }},
-      {"CalibratedArm::flange_pose",
+      {"ArmKinematics::joints", [&] { return static_cast<double>(s.arm.joints()); }},
+      {"ArmKinematics::flange_pose",
        [&] {
          Matrix6Xd jacobian;
          return s.arm.flange_pose(s.q, jacobian).matrix().sum() + s.arm.flange_pose(s.q).matrix().sum() +
@@ -217,7 +225,31 @@ std::vector<Asked> other_methods() {
       {"NoiseParts::freedom_of_point", [&] { return s.parts.freedom_of_point(); }},
       {"ResidualNoise::total", [&] { return noise_from_residuals(s.summary, 30, 1.0).total(); }},
       {"NoiseReport::freedom_of_covariance", [&] { return s.calibration.noise.freedom_of_covariance(); }},
-      {"Calibration::trusted", [&] { return s.calibration.trusted() ? 1.0 : 0.0; }},
+      {"CalibrationResult::trusted", [&] { return s.calibration.trusted() ? 1.0 : 0.0; }},
+      {"CalibrationResult::verdict", [&] { return static_cast<double>(s.calibration.verdict()); }},
+      {"MeasuredRegion::holds",
+       [&] { return s.calibration.uncertainty.predicted.region.holds(s.q, Eigen::Matrix3d::Zero()) ? 1.0 : 0.0; }},
+      {"Freedom::left", [&] { return registered_errors(s.X_BF, s.data, {}).freedom.left(); }},
+      {"Freedom::spent", [&] { return registered_errors(s.X_BF, s.data, {}).freedom.spent(); }},
+      {"Freedom::correction", [&] { return registered_errors(s.X_BF, s.data, {}).freedom.correction(); }},
+      {"Calibration::verdict", [&] { return static_cast<double>(s.found.verdict()); }},
+      {"Calibration::doubts", [&] { return static_cast<double>(s.found.doubts().size()); }},
+      {"Calibration::warnings", [&] { return number(s.found.warnings()); }},
+      {"Calibration::accuracy", [&] { return s.found.accuracy().train.after.rms; }},
+      {"Calibration::parameters", [&] { return static_cast<double>(s.found.parameters().size()); }},
+      {"Calibration::parameter", [&] { return s.found.parameter("Tx1").value; }},
+      {"Calibration::error", [&] { return s.found.error("Tx1"); }},
+      {"Calibration::std", [&] { return s.found.std("Tx1"); }},
+      {"Calibration::estimated", [&] { return number(s.found.estimated()); }},
+      {"Calibration::covariance", [&] { return s.found.covariance().sum(); }},
+      {"Calibration::arm", [&] { return s.found.arm().flange_pose(s.q).matrix().sum(); }},
+      {"Calibration::urdf_chain", [&] { return s.found.urdf_chain().getNrOfSegments(); }},
+      {"Calibration::parts", [&] { return s.found.parts().urdf_errors.sum(); }},
+      {"CalibratedArm::joints", [&] { return number(s.calibrated.joints()); }},
+      {"CalibratedArm::targets", [&] { return number(s.calibrated.targets()); }},
+      {"CalibratedArm::base", [&] { return s.calibrated.base().matrix().sum(); }},
+      {"CalibratedArm::flange_pose", [&] { return s.calibrated.flange_pose(s.q).matrix().sum(); }},
+      {"CalibratedArm::predict", [&] { return s.calibrated.predict(s.q, "A").radius_95; }},
       {"Accuracy::held_out", [&] { return s.calibration.accuracy.held_out()->after.rms; }},
       {"SizeEstimator::is_determined", [&] { return s.sizes.is_determined() ? 1.0 : 0.0; }},
       {"SizeEstimator::estimate", [&] { return s.sizes.estimate({}, {}, 1e-9).values.sum(); }},
@@ -346,14 +378,25 @@ TEST(Threads, MayAssessTheSameFit) { expect_the_same_from_two_threads(functions_
 
 TEST(Threads, MayDoTheWholeJobOnTheSameMeasurements) { expect_the_same_from_two_threads(functions_of_whole_jobs()); }
 
-// The names of const methods in the public headers; operators are asked beside the others of their class.
+// The names of const methods in the public headers and those of every wing; operators are asked beside the others of
+// their class.
 std::set<std::string> const_methods() {
   const std::regex declaration(R"((\w+)\(([^;{}()]|\([^()]*\))*\)\s*const\s*[;{])");
   const std::set<std::string> of_nobody_else = {"solve", "all_values"};  // private
   std::set<std::string> names;
+  std::vector<std::filesystem::path> headers;
   for (const auto& header :
        std::filesystem::directory_iterator(std::string(PROJECT_DIR) + "/include/kdl_calibration")) {
-    std::ifstream file(header.path());
+    headers.push_back(header.path());
+  }
+  std::ifstream list(std::string(PROJECT_DIR) + "/tests/every_header.hpp");
+  for (std::string line; std::getline(list, line);) {
+    if (const std::size_t name = line.find('"'); name != std::string::npos) {
+      headers.push_back(std::string(PROJECT_DIR) + "/src/" + line.substr(name + 1, line.size() - name - 2));
+    }
+  }
+  for (const auto& header : headers) {
+    std::ifstream file(header);
     const std::string text((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
     for (std::sregex_iterator found(text.begin(), text.end(), declaration); found != std::sregex_iterator(); ++found) {
       if (of_nobody_else.count((*found)[1]) == 0) {
@@ -364,7 +407,7 @@ std::set<std::string> const_methods() {
   return names;
 }
 
-TEST(Threads, AreTriedOnEveryConstMethodOfThePublicHeaders) {
+TEST(Threads, AreTriedOnEveryConstMethodOfTheHeaders) {
   std::set<std::string> asked;
   for (const std::vector<Asked>& questions : {methods_of_estimation(), other_methods()}) {
     for (const Asked& question : questions) {

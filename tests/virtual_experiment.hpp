@@ -8,14 +8,14 @@
 #include <optional>
 #include <vector>
 
+#include "base/random.hpp"
+#include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/kinematics.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/random.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/unknowns.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
+#include "robot/joint_ranges.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing {

@@ -3,26 +3,23 @@
 // The whole calibration in one call.
 //
 //     const Robot robot = load_robot("robot.urdf");
-//     const Calibration found = calibrate(complete_model(robot), read_measurements(robot, "measurements.csv"));
-//     std::cout << found.accuracy.train.after.rms << " m\n";
+//     const Calibration found = calibrate(robot, read_measurements(robot, "measurements.csv"));
+//     if (found.trusted()) write_urdf("calibrated.urdf", robot, found);
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/calibration_options.hpp"
-#include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
 
-/// The whole calibration: registration, reduction to the parameters that the targets can identify, choice of priors and
-/// effects, identification, covariance, validation. No starting values are needed.
+/// Registration, choice of the parameters that the targets can identify, of priors and of effects, identification,
+/// uncertainty, validation and diagnosis, as `kdlcal calibrate` does. No starting values are needed.
 /// Throws InputError: inconsistent measurements or those of another robot, a sigma or prior that is negative or not
 /// finite, a pattern that matches nothing, a fixed base or target coordinate that is not known, two-step with known
 /// frames, measured orientations, priors, effects or a loss, fewer equations than unknowns, no training rows, noise
-/// from repeats without repeats, a sigma of orientations without one of positions or without orientations. The joint
-/// estimator resolves candidates that the data cannot tell apart in the reduction's order: base, targets, joint
-/// offsets, links. A candidate is kept only if its column raises the rank. Dropped ones stay exactly at zero, and the
-/// result counts as rank deficient.
-Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
-                      const CalibrationOptions& options = {});
+/// from repeats without repeats, a sigma of orientations without one of positions or without orientations, a direction
+/// of gravity without length.
+Calibration calibrate(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options = {});
 
 }  // namespace kdl_calibration

@@ -1,38 +1,66 @@
 #pragma once
 
+// Where the calibrated arm really goes, effects included, and how well that is known.
+//
+//     const CalibratedArm arm = load_calibration("result.json", robot).arm();
+//     const PredictedPoint p = arm.predict(q, "A");
+//     std::cout << p.position.transpose() << " m, within " << p.radius_95 << " m\n";
+
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-
-#include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include <memory>
+#include <string>
+#include <vector>
 
 namespace kdl_calibration {
 
-/// Forward kinematics of the calibrated arm, effects included, for repeated calls: everything independent of the joint
-/// values is prepared once. Thread-safe. With up to 32 joints calls allocate nothing, except to resize a Jacobian.
+struct PredictionBasis;
+
+/// B: the robot's base. W: the frame of the measuring device, in which the measurements are.
+enum class PredictionFrame { base, measuring };
+
+/// Predicted position of a target and its uncertainty, in the frame that was asked for.
+struct PredictedPoint {
+  Eigen::Vector3d position;         ///< [m]
+  Eigen::Matrix3d covariance;       ///< [m^2] by the parameters alone; infinite where they are not determined
+  double radius_95 = 0.0;           ///< [m] of the sphere that holds a new measured point with 95 %
+  bool outside = false;             ///< outside the measured region: the radius does not hold there
+  double degrees_of_freedom = 0.0;  ///< of the radius
+};
+
+/// Cheap to copy. Its functions may be called from several threads. Each throws InputError for another number of joint
+/// values, values that are not finite, and an unknown target. Joint values are those of measurements: one per moving
+/// joint of the chain, mimic joints included, in the URDF's convention [rad or m].
 class CalibratedArm {
 public:
-  /// The model of a calibration, fitted or read back, with the `errors` and `effects` of its estimate; an empty vector
-  /// means no effects. Throws InputError for vectors of the wrong size, values that are not finite, and effects of
-  /// measured torques (see flange_poses). The direction of approach counts as unknown.
-  CalibratedArm(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::VectorXd& effects);
+  /// Throws InputError for effects of measured torques, as the pose then depends on more than the joint values.
+  explicit CalibratedArm(std::shared_ptr<const PredictionBasis> basis);
+  // Moving copies, so that there is no empty one.
+  CalibratedArm(const CalibratedArm&) = default;
+  CalibratedArm& operator=(const CalibratedArm&) = default;
+  ~CalibratedArm() = default;
 
-  Eigen::Index joints() const { return static_cast<Eigen::Index>(model_.joints.size()); }
+  std::vector<std::string> joints() const;
+  std::vector<std::string> targets() const;
 
-  /// X_BF at joint values `q`, as measurements give them: one per joint, mimic joints included [rad or m]. Throws
-  /// InputError for another number of values.
+  /// X_BF, the flange in the base frame. With up to 32 joints it allocates nothing, except to resize `jacobian`.
   Eigen::Isometry3d flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const;
+  /// The same; fills `jacobian` (6 x joints) with the flange's twist in the base frame per unit of each joint value:
+  /// linear velocity of the flange's origin, then angular velocity. Effects included (error below 1e-8).
+  Eigen::Isometry3d flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q,
+                                Eigen::Matrix<double, 6, Eigen::Dynamic>& jacobian) const;
 
-  /// The same; fills `jacobian` (6 x joints) with the flange's twist in the base frame per unit of each of these
-  /// values: linear velocity of the flange's origin, then angular velocity. It includes the derivatives of the effects,
-  /// by central differences (error below 1e-8). The pose jumps where a joint enters a range in which its table is
-  /// withheld.
-  Eigen::Isometry3d flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) const;
+  /// Also throws InputError where the result file holds no covariance: of version 0.1, or with more than 300
+  /// parameters.
+  PredictedPoint predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,
+                         PredictionFrame frame = PredictionFrame::base) const;
+
+  /// X_WB, the base in the frame of the measuring device.
+  Eigen::Isometry3d base() const;
 
 private:
-  ErrorModel model_;
-  Eigen::VectorXd effects_;  // one per term; empty if all are zero
-  FoldedChain chain_;
+  struct Parts;
+  std::shared_ptr<const Parts> parts_;
 };
 
 }  // namespace kdl_calibration

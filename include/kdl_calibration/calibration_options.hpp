@@ -1,10 +1,10 @@
 #pragma once
 
-// Options of a calibration.
+// What a user may state about a calibration. Everything else is chosen by the data.
 //
 //     CalibrationOptions options;
 //     options.parameters.fix = {"Tx*"};
-//     const Calibration found = calibrate(model, measurements, options);
+//     const Calibration found = calibrate(robot, measurements, options);
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -14,12 +14,10 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/drive_signals.hpp"
-#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/model_selection.hpp"
+#include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "kdl_calibration/registration.hpp"
 
 namespace kdl_calibration {
 
@@ -37,24 +35,36 @@ struct EstimatorOptions {
   int iterations = 0;  ///< limit; 0: 50 for the joint estimator, 1000 rounds for the two-step one
   Loss loss = Loss::none;
 };
-/// Whether this is joint least squares without a robust loss.
-inline bool is_plain(const EstimatorOptions& options) {
-  return options.method == Method::joint && options.loss == Loss::none;
-}
 
 struct ParameterOptions {
   ModelChoice model = ModelChoice::irreducible;
-  std::vector<std::string> fix;                 ///< names or patterns with * and ? that are not estimated
-  std::vector<std::string> free;                ///< names or patterns that are estimated in addition
-  std::optional<Eigen::Isometry3d> known_base;  ///< X_WB
-  std::vector<TargetFrame> known_targets;
+  std::vector<std::string> fix = {};   ///< names or patterns with * and ? that are not estimated
+  std::vector<std::string> free = {};  ///< names or patterns that are estimated in addition
+  std::optional<Eigen::Isometry3d> known_base = std::nullopt;  ///< X_WB
+  std::vector<TargetFrame> known_targets = {};
 };
-inline RegistrationOptions known_frames(const ParameterOptions& options) {
-  return {.known_base = options.known_base, .known_targets = options.known_targets};
-}
+
+// Priors and effects that are not stated are chosen by cross-validation. Plain fits (the two-step estimator, the
+// complete model, a robust loss) have neither unless they are stated.
+
+/// 1 sigma of the geometric errors beforehand.
+struct PriorOptions {
+  Priors stated = {};
+  /// Whether the sizes are estimated and used where they predict better. Default: where none are stated.
+  std::optional<bool> automatic = std::nullopt;
+};
+
+/// Motions of the joints beyond the geometry.
+struct EffectOptions {
+  std::vector<EffectGroup> groups = {};
+  /// Whether the groups are chosen. Default: where none is named. False without groups: a rigid arm.
+  std::optional<bool> automatic = std::nullopt;
+  /// Direction of gravity in the base frame, of any length. Not down for an arm on a wall or ceiling.
+  Eigen::Vector3d gravity_direction = Eigen::Vector3d(0.0, 0.0, -1.0);
+};
 
 struct NoiseOptions {
-  NoiseModel stated;  ///< by the user; default: equal weights
+  NoiseModel stated = {};  ///< by the user; default: equal weights
   Weights weights = Weights::automatic;
 };
 
@@ -74,8 +84,8 @@ constexpr int kFoldsOfMany = 10;
 struct DiagnosisOptions {
   bool try_readings = true;  ///< whether other readings of the data are tried
   /// The convention that converted the joint values, and others that the user may have meant. Other readings try them.
-  std::optional<JointConvention> convention;
-  std::vector<JointConvention> other_conventions;
+  std::optional<JointConvention> convention = std::nullopt;
+  std::vector<JointConvention> other_conventions = {};
 };
 
 struct Configurations {
@@ -88,16 +98,18 @@ struct Configurations {
 /// thread, one at a time.
 using ProgressFunction = std::function<void(const std::string& what, std::size_t done, std::size_t of)>;
 
+/// The defaults are those of `kdlcal calibrate`.
 struct CalibrationOptions {
-  EstimatorOptions estimator;
-  ParameterOptions parameters;
-  NoiseOptions noise;
-  ModelSelectionOptions selection;
-  ValidationOptions validation;
-  DiagnosisOptions diagnosis;
-  Configurations predict_at;  ///< where to predict the accuracy
-  int threads = 0;            ///< 0: all
-  ProgressFunction progress;
+  EstimatorOptions estimator = {};
+  ParameterOptions parameters = {};
+  PriorOptions priors = {};
+  EffectOptions effects = {};
+  NoiseOptions noise = {};
+  ValidationOptions validation = {};
+  DiagnosisOptions diagnosis = {};
+  Configurations predict_at = {};  ///< where to predict the accuracy
+  int threads = 0;                 ///< 0: all
+  ProgressFunction progress = {};
 };
 
 }  // namespace kdl_calibration

@@ -1,10 +1,21 @@
 #pragma once
 
+// Whether a result is to be trusted, and why not.
+//
+//     for (const Doubt& doubt : found.doubts()) std::cerr << doubt.message << "\n";
+
 #include <optional>
 #include <string>
 #include <string_view>
 
 namespace kdl_calibration {
+
+/// How far a result may be used.
+enum class Verdict {
+  trusted,
+  trusted_where_measured,  ///< predictions hold in the measured region; some parameters are not determined
+  not_trusted
+};
 
 /// Causes of doubt. The first group are other readings of the data, the second remarks about readings, the third
 /// concern the result itself.

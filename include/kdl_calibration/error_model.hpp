@@ -1,5 +1,10 @@
 #pragma once
 
+// What may be wrong with a robot's geometry, and what moves its joints beside it.
+//
+//     const ErrorModel model = complete_model(robot);
+//     const KDL::Chain chain = error_chain(model, errors);  // every error is a fixed segment named after it
+
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
@@ -194,6 +199,12 @@ struct ParameterChain {
   std::vector<unsigned> parameter_index;  ///< position of parameter p among the chain's joints
 };
 ParameterChain parameter_chain(const ErrorModel& model);
+
+/// Prior 1 sigma of the geometric errors, each an additional residual; 0: no prior.
+struct Priors {
+  double length = 0.0;  ///< [m]
+  double angle = 0.0;   ///< [rad]
+};
 
 /// A point on the tool, or a full frame where orientation is measured as well; in the flange frame.
 struct TargetFrame {

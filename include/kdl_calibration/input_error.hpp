@@ -1,5 +1,9 @@
 #pragma once
 
+// The exception for bad input.
+//
+//     try { calibrate(robot, measurements); } catch (const InputError& error) { std::cerr << error.what() << "\n"; }
+
 #include <stdexcept>
 #include <string>
 #include <utility>

@@ -1,5 +1,10 @@
 #pragma once
 
+// How a controller counts its joints.
+//
+//     const JointConvention pendant = read_joint_convention("fanuc_r2000ic_165f_pendant.json");
+//     const Measurements measurements = read_measurements(robot, "measurements.csv", &pendant);
+
 #include <Eigen/Core>
 #include <filesystem>
 #include <string>
@@ -17,8 +22,8 @@ struct JointConvention {
   Eigen::VectorXd offset;                      ///< m
 };
 
-/// Reads a convention (JSON, see the README). Throws InputError: unreadable file, malformed JSON, missing or unknown
-/// key, wrong size, a name twice, a number that is not finite, a singular matrix.
+/// Reads a convention (JSON, see urdf/README.md). Throws InputError: unreadable file, malformed JSON, missing or
+/// unknown key, wrong size, a name twice, a number that is not finite, a singular matrix.
 JointConvention read_joint_convention(const std::filesystem::path& file);
 JointConvention parse_joint_convention(std::string_view json, const std::string& source = "joint convention");
 

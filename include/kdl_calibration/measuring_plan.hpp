@@ -1,27 +1,31 @@
 #pragma once
 
+// Which configurations to measure.
+//
+//     const MeasuringPlan plan = plan_measurements(robot, {.count = 30, .least_height = 0.2});
+//     std::ofstream("plan.csv") << plan_csv(plan, robot.joints);
+
 #include <Eigen/Core>
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
 
-/// Travel time [s] of the slowest joint between two configurations at its maximum velocity (1 rad/s or 1 m/s if the
-/// URDF states none). Acceleration is ignored.
-double travel_time(const std::vector<MovingJoint>& joints, const Eigen::Ref<const Eigen::VectorXd>& from,
-                   const Eigen::Ref<const Eigen::VectorXd>& to);
-
-/// Travel time [s] from `home` through all columns of `joint_values` in order, without the way back.
-double way_time(const std::vector<MovingJoint>& joints, const Eigen::VectorXd& home,
-                const Eigen::MatrixXd& joint_values);
-
-/// An order of the columns with a short travel time: nearest neighbours, then 2-opt (Croes 1958) until no reversal of a
-/// section helps. Paths between configurations are not checked for collisions.
-std::vector<Eigen::Index> short_way(const std::vector<MovingJoint>& joints, const Eigen::VectorXd& home,
-                                    const Eigen::MatrixXd& joint_values);
+struct PlanOptions {
+  int count = 30;                                     ///< configurations
+  std::vector<TargetFrame> targets = {};              ///< on the flange; empty: the three published ones
+  JointRanges ranges = {};                            ///< where the joints may go; empty: their limits
+  double noise = 3e-5;                                ///< [m] 1 sigma of every measured coordinate
+  std::optional<double> least_height = std::nullopt;  ///< [m] of every target above the base's x-y plane
+  std::optional<double> least_radius = std::nullopt;  ///< [m] of every target from the first joint's axis
+  std::uint64_t seed = 1;
+};
 
 /// Configurations to measure, in the order to drive them.
 struct MeasuringPlan {
@@ -29,7 +33,14 @@ struct MeasuringPlan {
   Eigen::MatrixXd joint_values;             ///< joints x N, in the URDF's convention [rad] or [m]
   std::vector<std::string> targets;         ///< to be measured in each configuration
   std::vector<std::string> notes;           ///< written to the file as comments
+  double predicted_mean = 0.0;              ///< [m] 3D 1 sigma of a predicted target, mean over the workspace
+  double predicted_max = 0.0;               ///< [m] the same, the largest
 };
+
+/// The D-optimal choice among random configurations within the ranges. Paths are not checked for collisions. Throws
+/// InputError: too few configurations to determine the parameters, ranges of other joints, hardly any configuration
+/// that keeps the limits.
+MeasuringPlan plan_measurements(const Robot& robot, const PlanOptions& options = {});
 
 /// A measurements file (CSV) with empty coordinates to fill in: one row for each configuration and target. Joints are
 /// in degrees or millimetres to 1e-9, named as in the URDF or the convention, without mimic joints. read_measurements

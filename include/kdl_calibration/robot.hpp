@@ -1,5 +1,10 @@
 #pragma once
 
+// The nominal robot: one serial chain of a URDF.
+//
+//     const Robot robot = load_robot("robot.urdf", {.base = "base_link", .tip = "tool0"});
+//     KDL::ChainFkSolverPos_recursive solver(robot.chain);
+
 #include <cstddef>
 #include <filesystem>
 #include <kdl/chain.hpp>
@@ -7,6 +12,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace kdl_calibration {
@@ -61,9 +67,12 @@ struct Robot {
 };
 
 struct RobotOptions {
-  std::string base;  ///< link; empty: the root link
-  std::string tip;   ///< link; empty: the only leaf, else `tool0`, else `flange`
+  std::string base = {};  ///< link; empty: the root link
+  std::string tip = {};   ///< link; empty: the only leaf, else `tool0`, else `flange`
 };
+
+/// Lower and upper bound of every joint [rad or m].
+using JointRanges = std::vector<std::pair<double, double>>;
 
 /// Names of the moving joints, base to tip, followers included (see mimic.hpp).
 std::vector<std::string> joint_names(const Robot& robot);

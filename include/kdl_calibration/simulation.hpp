@@ -1,82 +1,43 @@
 #pragma once
 
-#include <Eigen/Core>
+// A virtual robot with known errors, measured with noise.
+//
+//     const SimulatedExperiment experiment = simulate(robot, {.configurations = 30, .noise = 3e-5});
+//     const Calibration found = calibrate(robot, experiment.measurements);
+//     const PredictionFrame W = PredictionFrame::measuring;  // the base itself is known up to the gauge only
+//     const Eigen::Vector3d miss =
+//         found.arm().predict(q, "A", W).position - experiment.truth.predict(q, "A", W).position;
+
 #include <cstdint>
-#include <optional>
-#include <string>
 #include <vector>
 
+#include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/random.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
 
-/// Sizes of the true errors (1 sigma of normal distributions). The defaults are those of the published experiment.
-struct ErrorSizes {
-  double length = 0.0025;                               ///< [m] every geometric length error
-  double angle = 3.0 * 3.14159265358979323846 / 180.0;  ///< [rad] every geometric angle error and joint offset
-  double base_position = 0.002;                         ///< [m] each coordinate of the base
-  double target_length = 0.0025;                        ///< [m] length of each tool
-};
-
-/// Indices of the parameters with true errors: those of the irreducible model and the gauge joint offsets. `complete`:
-/// all but those of the base link, which are equivalent to a displaced base.
-std::vector<std::size_t> with_true_errors(const ErrorModel& model, const Reduction& reduction, bool complete);
-
-/// A simulated robot with its true geometry.
-struct VirtualRobot {
-  ErrorModel model;
-  Estimate truth;
-};
-
-/// The published tools: (100, 0, 0), (0, 0, 100) and (70.7, 0, 70.7) mm in the flange frame; further ones are points
-/// 100 mm from the flange in seeded directions.
-std::vector<TargetFrame> published_targets(int count = 3);
-
-/// Draws true errors for the parameters `with_errors` (indices), a base displaced from the measuring device's frame,
-/// and errors of the tools' lengths.
-VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
-                           const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random);
-/// The same robot with its displacement applied to X_WB.
-VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB);
-
-/// Gives the robot every term of these groups that `joint_values` (joints x N) can tell apart, with normally
-/// distributed coefficients of 1 sigma `sigma` [rad or m].
-void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
-                 double sigma, Random& random);
-/// The same, including terms that are functions of signals.
-void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const DrivenConfigurations& driven,
-                 double sigma, Random& random);
-
-/// Signals that a virtual robot's drives report.
-struct SimulatedSignals {
-  bool approach = false;
-  /// The gravity torque of 10 kg at every later joint frame, plus a random part of a tenth of it (1 sigma), at least 1
-  /// Nm or N.
-  bool torques = false;
+/// The defaults are those of the published experiment.
+struct SimulationOptions {
+  int configurations = 30;
+  int test_configurations = 0;            ///< rows marked `test`
+  std::vector<TargetFrame> targets = {};  ///< on the flange; empty: the three published ones
+  JointRanges ranges = {};                ///< where configurations are drawn; empty: the joints' limits
+  double noise = 0.0;                     ///< [m] 1 sigma of every measured coordinate
+  int repeats = 1;
+  double length_error = 0.0025;              ///< [m] 1 sigma of the true length errors
+  double angle_error = 0.05235987755982988;  ///< [rad] of the true angle errors: 3 degrees
   std::uint64_t seed = 1;
 };
-/// Signals at `stops` (joints x N) of an arm that was at the stops `before` (joints x M, or empty).
-DrivenConfigurations simulated_signals(const ErrorModel& model, const Eigen::MatrixXd& stops,
-                                       const Eigen::MatrixXd& before, const SimulatedSignals& wanted);
 
-struct MeasuringNoise {
-  double sigma = 0.0;              ///< [m] of every coordinate, independent
-  double orientation_sigma = 0.0;  ///< [rad] of every component of a measured orientation
-  int repeats = 1;
-  Eigen::Vector3d common = Eigen::Vector3d::Zero();    ///< [m] along the axes of W, shared by the points of one repeat
-  std::optional<TrackerNoise> tracker = std::nullopt;  ///< of a tracker at the origin of W, instead of `sigma`
+struct SimulatedExperiment {
+  Measurements measurements;
+  CalibratedArm truth;  ///< its covariance is zero
 };
 
-/// Simulated measurements of every target in every configuration.
-Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
-                     Random& random, Split split = Split::train);
-/// The same with signals, which the measurements include. The order of measurement is not stated.
-Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driven, const MeasuringNoise& noise,
-                     Random& random, Split split = Split::train);
+/// Draws true errors, configurations and noise. The same seed gives the same experiment. Throws InputError for counts
+/// below 1, sizes that are negative or not finite, empty ranges and targets of the same name.
+SimulatedExperiment simulate(const Robot& robot, const SimulationOptions& options = {});
 
 }  // namespace kdl_calibration

@@ -1,25 +1,24 @@
 #pragma once
 
-#include <kdl/frames.hpp>
+// The robot's URDF with the calibrated geometry.
+//
+//     write_urdf("calibrated.urdf", robot, found);
+
+#include <filesystem>
 #include <string>
-#include <string_view>
-#include <vector>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
 
-/// Correction of one URDF joint: its new origin is (old origin) * correction.
-struct OriginCorrection {
-  std::string joint;
-  KDL::Frame correction;  ///< metres, radians; in the joint's own frame at zero
-};
+/// The URDF's text with corrected joint origins and every other byte unchanged. If effects were found it is that of the
+/// rigid arm fitted without them; the robot's own if the calibration does not improve on it. Throws InputError for
+/// another robot, and for errors behind the last joint that no fixed joint can carry.
+std::string calibrated_urdf(const Robot& robot, const Calibration& calibration);
 
-/// Rewrites the origins of the named joints in the original URDF text and leaves every other byte alone: comments,
-/// order, white space, quotes, line ends and unknown tags stay. Numbers are written with the fewest digits that read
-/// back to the same double. Components that a correction does not change keep their text; a correction that is the
-/// identity to the last bit changes nothing. A missing <origin>, xyz or rpy is added if its value is not zero.
-/// Among equivalent roll, pitch and yaw angles the nearest to the old ones are used.
-/// Throws InputError for malformed XML, a joint that does not exist or exists twice, two corrections of one joint, an
-/// origin that is not three numbers, a corrected origin that is not finite.
-std::string corrected_urdf(std::string_view urdf, const std::vector<OriginCorrection>& corrections);
+/// Writes it; an existing file is replaced as a whole, the robot's own URDF is refused. Throws InputError as above, and
+/// where the file cannot be written.
+void write_urdf(const std::filesystem::path& file, const Robot& robot, const Calibration& calibration);
 
 }  // namespace kdl_calibration

@@ -1,88 +1,43 @@
 #pragma once
 
-#include <Eigen/Core>
+// How well a geometry explains measurements: base and targets are registered, nothing else is fitted.
+//
+//     const PositionErrors errors = validate(load_robot("calibrated.urdf"), measurements);
+//     std::cout << errors.all.rms << " m\n";
+
 #include <Eigen/Geometry>
-#include <cstdint>
-#include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/identification.hpp"
+#include "kdl_calibration/accuracy.hpp"
+#include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/unknowns.hpp"
+#include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
 
-/// Statistics of 3D position errors [m].
-struct ErrorStatistics {
-  long count = 0;
-  double mean = 0.0;
-  double rms = 0.0;
-  double p95 = 0.0;  ///< 95th percentile, linear interpolation between order statistics
-  double max = 0.0;
-  double std = 0.0;  ///< sample standard deviation
+/// Frames that are known and not registered.
+struct KnownFrames {
+  std::optional<Eigen::Isometry3d> base = std::nullopt;  ///< X_WB
+  std::vector<TargetFrame> targets = {};
 };
 
-ErrorStatistics error_statistics(std::vector<double> distances);
-
-/// Subset of the observations.
-enum class Rows { all, train, test };
-
-/// 3D distance between measured and predicted point of each observation, in the order of the file.
-std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
-                                    Rows rows = Rows::all);
-/// The same for given flange poses, one per configuration.
-std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
-                                    const Measurements& measurements, Rows rows = Rows::all);
-
-/// The geometry of the estimate with base and targets registered again to the training rows: the best fit of this
-/// geometry.
-Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, const Measurements& measurements,
-                    const RegistrationOptions& options = {});
-
-/// Figures of ISO 9283 over all configurations and targets [m]: accuracy is the distance of the mean of the repeats
-/// from the prediction, repeatability is l + 3 s of the repeats' distances l from their mean.
-struct Iso9283 {
-  ErrorStatistics accuracy;
-  ErrorStatistics repeatability;  ///< of points with repeats
-};
-Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
-                 Rows rows = Rows::train);
-Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
-                 Rows rows = Rows::train);
-
-/// Prediction of training configurations left out of the fit. A fit that does not converge counts with its predictions.
-struct HoldOut {
-  /// [m] 3D distance between prediction and the mean of the repeats, one for each target of a left-out configuration:
-  /// the accuracy of ISO 9283, without repeatability.
-  std::vector<double> distances;
-  int refits = 0;
-  int not_converged = 0;
+struct PositionErrors {
+  ErrorStatistics all;
+  ErrorStatistics train;
+  ErrorStatistics test;  ///< predicted only; if there are no other rows, base and targets are registered to them
+  Iso9283 iso_9283;      ///< over all rows
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  std::vector<TargetFrame> targets;
+  std::string ambiguity;  ///< why another base would fit about as well; empty if none would
 };
 
-/// The training configurations in `folds` groups, assigned at random from the seed; one configuration per group if
-/// `folds` is 0 or at least their number. Neighbours (first_of_neighbours) stay in one group.
-std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed = 1);
-
-/// Whether, without any one fold, the training rows have at least as many equations as there are unknowns.
-bool can_be_left_out(const Measurements& measurements, const std::vector<std::vector<Eigen::Index>>& folds,
-                     Eigen::Index unknowns);
-
-/// Exact refits from the start without each fold in turn, on `threads` threads (0: all). The result does not depend on
-/// it.
-HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads = 0);
-HoldOut leave_one_configuration_out(const FitProblem& problem, int threads = 0);
-/// The same for the nominal geometry: only base and targets are registered again.
-HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
-                               const std::vector<std::vector<Eigen::Index>>& folds,
-                               const RegistrationOptions& options = {}, int threads = 0);
-HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
-                                            const RegistrationOptions& options = {});
-
-/// Largest difference between our flange pose and that of KDL::ChainFkSolverPos_recursive on the chain with error
-/// segments, over the columns of `joint_values`, or 1,000 of them evenly spaced where there are more [m, or elements of
-/// the rotation matrix].
-double difference_to_kdl(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::MatrixXd& joint_values);
+/// The robot as its URDF says. Throws InputError: measurements of another robot, fewer coordinates than base and
+/// targets take.
+PositionErrors validate(const Robot& robot, const Measurements& measurements, const KnownFrames& known = {});
+/// The calibrated arm, effects included.
+PositionErrors validate(const Calibration& calibration, const Measurements& measurements,
+                        const KnownFrames& known = {});
 
 }  // namespace kdl_calibration

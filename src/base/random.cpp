@@ -1,4 +1,4 @@
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 
 #include <cmath>
 

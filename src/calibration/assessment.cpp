@@ -5,6 +5,8 @@
 #include <optional>
 
 #include "calibration/noise_report.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/calibrate.hpp"
+#include "calibration/calibrate.hpp"
 
 #include <algorithm>
 #include <optional>
@@ -6,6 +6,7 @@
 
 #include "base/counted_fits.hpp"
 #include "calibration/assessment.hpp"
+#include "calibration/calibration_settings.hpp"
 #include "calibration/determined_fit.hpp"
 #include "calibration/diagnosis.hpp"
 #include "calibration/minimum_norm.hpp"
@@ -15,8 +16,11 @@
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/predicted_accuracy.hpp"
 #include "calibration/validation_stage.hpp"
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
 #include "noise/orientation_length_estimate.hpp"
 #include "screening/screening.hpp"
 #include "selection/effect_selection.hpp"
@@ -57,7 +61,7 @@ RegisteredRobot register_robot(const ErrorModel& model, const Measurements& trai
 
 // The fit of the geometry from nominal, weighted by the stated noise.
 FitProblem rigid_problem(const RegisteredRobot& robot, const Measurements& training,
-                         const CalibrationOptions& options) {
+                         const CalibrationSettings& options) {
   FitProblem problem{.model = robot.model,
                      .measurements = training,
                      .start = robot.nominal,
@@ -70,19 +74,19 @@ FitProblem rigid_problem(const RegisteredRobot& robot, const Measurements& train
   return problem;
 }
 
-NoiseBeforehand noise_beforehand(const CalibrationOptions& options) {
+NoiseBeforehand noise_beforehand(const CalibrationSettings& options) {
   return {.stated = options.noise.stated,
           .estimated = is_plain(options.estimator) && options.noise.weights != Weights::equal};
 }
 
-bool weighs_orientations(const Measurements& training, const CalibrationOptions& options) {
+bool weighs_orientations(const Measurements& training, const CalibrationSettings& options) {
   return options.estimator.method == Method::joint && !training.orientations.empty() &&
          !(options.noise.stated.orientation > 0.0);
 }
 
 // The same problem, weighted for the selection of priors and effects: first the weight of orientations, then the noise
 // from a first fit.
-FitProblem weighed_for_selection(FitProblem problem, const CalibrationOptions& options) {
+FitProblem weighed_for_selection(FitProblem problem, const CalibrationSettings& options) {
   const ModelSelectionOptions& selection = options.selection;
   ResidualOptions& residuals = problem.options.joint.residuals;
   if (weighs_orientations(problem.measurements, options)) {
@@ -119,7 +123,7 @@ bool is_as_stated(const ModelSelection& selection, const Priors& stated) {
 }
 
 ModelSelectionTask selection_task(const FitProblem& rigid, const DeterminedFit& fit,
-                                  const CalibrationOptions& options) {
+                                  const CalibrationSettings& options) {
   return {.model = rigid.model,
           .measurements = rigid.measurements,
           .optimum = fit.identification.estimate,
@@ -171,7 +175,7 @@ FitOptions rigid_options(const FitProblem& rigid, const DeterminedFit& rigid_fit
   return options;
 }
 
-WeighedFit with_smallest_errors(WeighedFit fitted, const CalibrationOptions& options) {
+WeighedFit with_smallest_errors(WeighedFit fitted, const CalibrationSettings& options) {
   if (is_plain(options.estimator) && options.parameters.model == ModelChoice::complete) {
     if (std::optional<Identification> smallest = smallest_errors(fitted.problem, fitted.fit)) {
       fitted.fit.identification = std::move(*smallest);
@@ -183,7 +187,7 @@ WeighedFit with_smallest_errors(WeighedFit fitted, const CalibrationOptions& opt
 
 // Fits the selected model with its own noise. If the selection changes nothing, that is the rigid robot's fit.
 WeighedFit fit_selected(const FitProblem& problem, const DeterminedFit& rigid_fit, const ModelSelection& selection,
-                        const ParameterSelection& parameters, const CalibrationOptions& options) {
+                        const ParameterSelection& parameters, const CalibrationSettings& options) {
   const FitRules rules{.estimator = options.estimator, .parameters = options.parameters};
   const DeterminedFit fit = is_as_stated(selection, options.selection.priors)
                                 ? rigid_fit
@@ -193,7 +197,7 @@ WeighedFit fit_selected(const FitProblem& problem, const DeterminedFit& rigid_fi
 
 // The validation's input. The folds of a fit without a loss are predicted from its linear system.
 ValidationTask validation_task(const WeighedFit& fitted, const Assessment& assessed, const Measurements& measurements,
-                               const ModelSelectionTask& choice, const CalibrationOptions& options) {
+                               const ModelSelectionTask& choice, const CalibrationSettings& options) {
   const bool linear = is_plain(options.estimator) && has_converged(fitted.fit.identification);
   return {.problem = fitted.problem,
           .measurements = measurements,
@@ -206,7 +210,7 @@ ValidationTask validation_task(const WeighedFit& fitted, const Assessment& asses
           .options = options.validation};
 }
 
-GrossRows gross_rows(const WeighedFit& fitted, const CalibrationOptions& options) {
+GrossRows gross_rows(const WeighedFit& fitted, const CalibrationSettings& options) {
   if (!is_plain(options.estimator) || fitted.fit.identification.termination == Termination::diverged) {
     return {};
   }
@@ -217,7 +221,7 @@ GrossRows gross_rows(const WeighedFit& fitted, const CalibrationOptions& options
   return find_gross_rows_beside_effects(problem);
 }
 
-NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const CalibrationOptions& options) {
+NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const CalibrationSettings& options) {
   if (weighs_orientations(problem.measurements, options)) {
     assessed.orientation_length = problem.options.joint.residuals.orientation_length;
   }
@@ -264,7 +268,8 @@ std::vector<QualityFinding> screened(const FitProblem& problem, const Measuremen
 
 }  // namespace
 
-Calibration calibrate(const ErrorModel& model, const Measurements& measurements, const CalibrationOptions& options) {
+CalibrationResult calibrate(const ErrorModel& model, const Measurements& measurements,
+                            const CalibrationSettings& options) {
   const TrainingRows rows(measurements);
   check_options(model, measurements, *rows, options);
   const RegisteredRobot robot = register_robot(model, *rows, options.parameters);
@@ -280,7 +285,7 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
       select_model(choice, rigid_fit.identification, rigid_fit.free == rigid_fit.candidates, options.estimator.method);
 
   const NoiseBeforehand noise = noise_beforehand(options);
-  Calibration result{.model = with_effects(robot.model, selection.terms), .selection = selection};
+  CalibrationResult result{.model = with_effects(robot.model, selection.terms), .selection = selection};
   const FitProblem selected = selected_problem(rigid, result.model, selection, noise);
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
   Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
@@ -290,12 +295,13 @@ Calibration calibrate(const ErrorModel& model, const Measurements& measurements,
   Validation validated = validate(validation_task(fitted, assessed, measurements, choice, options));
   GrossRows gross = gross_rows(fitted, options);
   result.noise = noise_report(assessed.noise, fitted.problem, options);
-  result.uncertainty = uncertainty(fitted, std::move(assessed), validated.accuracy.held_out_points, selection.optimism,
-                                   options.predict_at);
+  result.uncertainty =
+      uncertainty(fitted, std::move(assessed), validated.held_out_points, selection.optimism, options.predict_at);
   result.difference_to_kdl =
       difference_to_kdl(model, fitted.fit.identification.estimate.errors, measurements.joint_values);
   result.fit = with_weights_of_all(std::move(fitted.fit), rows);
   result.accuracy = std::move(validated.accuracy);
+  result.held_out_points = std::move(validated.held_out_points);
   result.exported = std::move(validated.exported);
   result.diagnosis = diagnose(
       result, measurements, std::move(findings), std::move(gross),

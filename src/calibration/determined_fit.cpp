@@ -5,10 +5,11 @@
 #include <cmath>
 #include <utility>
 
-#include "kdl_calibration/descent.hpp"
+#include "estimation/descent.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/two_step.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/reduction.hpp"
+#include "two_step/two_step.hpp"
 
 namespace kdl_calibration {
 namespace {

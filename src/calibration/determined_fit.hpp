@@ -2,8 +2,8 @@
 
 // Not installed.
 
-#include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/unknowns.hpp"
+#include "calibration/calibration_result.hpp"
+#include "estimation/unknowns.hpp"
 #include "selection/parameter_selection.hpp"
 
 namespace kdl_calibration {

@@ -10,7 +10,7 @@
 namespace kdl_calibration {
 namespace {
 
-std::vector<AlternativeReading> readings(const Calibration& found, const Measurements& measurements,
+std::vector<AlternativeReading> readings(const CalibrationResult& found, const Measurements& measurements,
                                          const DiagnosisTask& task) {
   if (!task.options.try_readings) {
     return {};
@@ -57,8 +57,8 @@ std::vector<std::string> earlier_warnings(const ModelSelection& selection, const
 
 }  // namespace
 
-Diagnosis diagnose(const Calibration& found, const Measurements& measurements, std::vector<QualityFinding> findings,
-                   GrossRows gross_rows, const DiagnosisTask& task) {
+Diagnosis diagnose(const CalibrationResult& found, const Measurements& measurements,
+                   std::vector<QualityFinding> findings, GrossRows gross_rows, const DiagnosisTask& task) {
   Diagnosis result;
   result.gross_rows = std::move(gross_rows);
   result.alternative_readings = with_progress(task.progress, "trying other readings of the data",

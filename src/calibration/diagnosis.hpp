@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/calibration_options.hpp"
+#include "calibration/calibration_result.hpp"
+#include "calibration/calibration_settings.hpp"
 
 namespace kdl_calibration {
 
@@ -20,7 +20,7 @@ struct DiagnosisTask {
 
 /// Other readings of the data, doubts and warnings, from `found` (without diagnosis), the findings of the screening and
 /// the gross rows.
-Diagnosis diagnose(const Calibration& found, const Measurements& measurements, std::vector<QualityFinding> findings,
-                   GrossRows gross_rows, const DiagnosisTask& task);
+Diagnosis diagnose(const CalibrationResult& found, const Measurements& measurements,
+                   std::vector<QualityFinding> findings, GrossRows gross_rows, const DiagnosisTask& task);
 
 }  // namespace kdl_calibration

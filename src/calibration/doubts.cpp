@@ -7,15 +7,15 @@
 #include <iterator>
 #include <numbers>
 
-#include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/prior_check.hpp"
 #include "calibration/validation_stage.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/validation.hpp"
+#include "estimation/input_check.hpp"
+#include "measurements/training_rows.hpp"
+#include "robot/joint_ranges.hpp"
+#include "validation/validation.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -31,7 +31,7 @@ std::string some_of(const std::vector<std::string>& names) {
   return fmt::format("{} and {} more", comma_separated({names.begin(), names.begin() + kShown}), names.size() - kShown);
 }
 
-std::string held_out_name(const Calibration& found) {
+std::string held_out_name(const CalibrationResult& found) {
   return found.accuracy.leave_one_out ? "leave-one-out" : fmt::format("{}-fold", found.accuracy.folds);
 }
 
@@ -40,7 +40,7 @@ const std::string kWrongInput =
 
 using Doubts = std::vector<Doubt>;
 
-Doubts of_convergence(const Calibration& found) {
+Doubts of_convergence(const CalibrationResult& found) {
   const Identification& fit = found.fit.identification;
   const std::string misfit = in_millimetres(found.accuracy.train.after.rms);
   std::string message;
@@ -65,7 +65,7 @@ Doubts of_convergence(const Calibration& found) {
 }
 
 // Joints that do not move in the fitted rows.
-std::vector<std::string> joints_at_rest(const Calibration& found, const Measurements& measurements) {
+std::vector<std::string> joints_at_rest(const CalibrationResult& found, const Measurements& measurements) {
   constexpr double kStill = 1e-4;  // [rad] or [m]
   const JointRanges ranges = trained_ranges(measurements);
   std::vector<std::string> result;
@@ -79,7 +79,7 @@ std::vector<std::string> joints_at_rest(const Calibration& found, const Measurem
 
 // Parameters identifiable with the targets but not determined by the measurements. The complete model always has
 // undetermined ones.
-std::vector<std::string> missing_parameters(const Calibration& found, ModelChoice model) {
+std::vector<std::string> missing_parameters(const CalibrationResult& found, ModelChoice model) {
   if (model != ModelChoice::complete) {
     return found.uncertainty.fixed_by_gauge;
   }
@@ -92,7 +92,7 @@ std::vector<std::string> missing_parameters(const Calibration& found, ModelChoic
   return estimated < told_apart ? found.uncertainty.fixed_by_gauge : std::vector<std::string>();
 }
 
-Doubts of_determination(const Calibration& found, const Measurements& measurements, ModelChoice model) {
+Doubts of_determination(const CalibrationResult& found, const Measurements& measurements, ModelChoice model) {
   const std::vector<std::string> missing = missing_parameters(found, model);
   const bool open = found.fit.identification.termination == Termination::rank_deficient;
   if (missing.empty() && !open && found.uncertainty.predicted.measured.count > 0) {
@@ -111,7 +111,7 @@ Doubts of_determination(const Calibration& found, const Measurements& measuremen
                                 "configurations, in which every joint turns and the tool points elsewhere"}};
 }
 
-Doubts of_predictions(const Calibration& found) {
+Doubts of_predictions(const CalibrationResult& found) {
   Doubts doubts;
   const auto worse = [&](const BeforeAfter& errors, const std::string& where) {
     return "the calibrated robot is no better than the nominal one " + where + ": " + in_millimetres(errors.after.rms) +
@@ -138,7 +138,7 @@ Doubts of_predictions(const Calibration& found) {
 }
 
 // [m] RMS of the fitted rows; with a robust loss of the rows with weight.
-double misfit_of(const Calibration& found, const Measurements& measurements) {
+double misfit_of(const CalibrationResult& found, const Measurements& measurements) {
   if (found.fit.robust.weights.empty()) {
     return found.accuracy.train.after.rms;
   }
@@ -155,7 +155,7 @@ double misfit_of(const Calibration& found, const Measurements& measurements) {
   return std::sqrt(squares / std::max(count, 1.0));
 }
 
-Doubts of_size(const Calibration& found, const Measurements& measurements) {
+Doubts of_size(const CalibrationResult& found, const Measurements& measurements) {
   Doubts doubts;
   constexpr double kMostOfReach = 0.01;
   constexpr double kMostMisfit = 0.005;  // [m] of an arm with a reach of up to 3 m
@@ -185,7 +185,7 @@ Doubts of_size(const Calibration& found, const Measurements& measurements) {
 
 // Limits of plausible errors: 2 % of the reach, 20 degrees. On 18 arms of twelve makers the largest errors were 6.3 mm
 // and 3 degrees.
-Doubts of_errors(const Calibration& found) {
+Doubts of_errors(const CalibrationResult& found) {
   constexpr double kMostOfReach = 0.02;
   constexpr double kMostAngle = 20.0 * std::numbers::pi / 180.0;
   constexpr double kSignificant = 3.0;  // sigma beyond the limit
@@ -215,7 +215,7 @@ Doubts of_errors(const Calibration& found) {
 }
 
 // Test rows with much larger errors than left-out configurations.
-Doubts of_tests(const Calibration& found) {
+Doubts of_tests(const CalibrationResult& found) {
   constexpr double kTimes = 5.0;
   constexpr double kOfNominal = 0.5;
   const BeforeAfter* held_out = found.accuracy.held_out();
@@ -234,7 +234,7 @@ Doubts of_tests(const Calibration& found) {
 }
 
 // Gross rows.
-Doubts of_rows(const Calibration& found, const GrossRows& gross) {
+Doubts of_rows(const CalibrationResult& found, const GrossRows& gross) {
   const std::vector<GrossRow>& rows = gross.rows;
   if (rows.empty()) {
     return {};
@@ -267,13 +267,13 @@ Doubts of_readings(const std::vector<AlternativeReading>& readings) {
   return doubts;
 }
 
-bool is_worse_elsewhere(const Calibration& found) {
+bool is_worse_elsewhere(const CalibrationResult& found) {
   return found.uncertainty.predicted.workspace.count > 0 &&
          found.uncertainty.predicted.workspace.rms > found.accuracy.train.before.rms;
 }
 
 // Whether the geometry alone predicts left-out configurations better than the model with effects.
-bool has_harmful_effects(const Calibration& found) {
+bool has_harmful_effects(const CalibrationResult& found) {
   constexpr double kWorse = 1.0 / 0.98;  // as in the selection of effects
   const BeforeAfter* held_out = found.accuracy.held_out();
   return held_out != nullptr && held_out->rigid && held_out->rigid->count > 0 &&
@@ -287,7 +287,7 @@ std::string said_of_harmful_effects(const BeforeAfter& held_out) {
 }
 
 // Messages about parameters that the measurements cannot tell apart, and how they are resolved.
-std::vector<std::string> said_of_gauge(const Calibration& found) {
+std::vector<std::string> said_of_gauge(const CalibrationResult& found) {
   std::vector<std::string> result;
   const bool open =
       found.fit.identification.termination == Termination::rank_deficient || !found.uncertainty.fixed_by_gauge.empty();
@@ -323,7 +323,7 @@ double reach(const ErrorModel& model) {
   return length;
 }
 
-std::vector<Doubt> doubts(const Calibration& found, const Diagnosis& diagnosis, const Measurements& measurements,
+std::vector<Doubt> doubts(const CalibrationResult& found, const Diagnosis& diagnosis, const Measurements& measurements,
                           ModelChoice model) {
   Doubts result;
   for (const Doubts& some : {of_rows(found, diagnosis.gross_rows), of_readings(diagnosis.alternative_readings),
@@ -334,7 +334,8 @@ std::vector<Doubt> doubts(const Calibration& found, const Diagnosis& diagnosis, 
   return result;
 }
 
-bool holds_where_measured(const Calibration& found, const std::vector<Doubt>& doubts, const std::string& ambiguity) {
+bool holds_where_measured(const CalibrationResult& found, const std::vector<Doubt>& doubts,
+                          const std::string& ambiguity) {
   constexpr double kOfNominal = 0.5;
   const BeforeAfter* held_out = found.accuracy.held_out();
   const auto is_of_frame = [](const std::string& name) { return name.find('.') != std::string::npos; };
@@ -345,7 +346,7 @@ bool holds_where_measured(const Calibration& found, const std::vector<Doubt>& do
          held_out->after.count > 0 && held_out->after.rms < kOfNominal * held_out->before.rms;
 }
 
-std::vector<std::string> warnings(const Calibration& found, const Diagnosis& diagnosis,
+std::vector<std::string> warnings(const CalibrationResult& found, const Diagnosis& diagnosis,
                                   const Measurements& measurements, const std::string& ambiguity) {
   std::vector<std::string> result = said_of_gauge(found);
   for (const QualityFinding& finding : diagnosis.findings) {
@@ -397,7 +398,7 @@ std::vector<std::string> warnings(const Calibration& found, const Diagnosis& dia
   return result;
 }
 
-bool is_uncertain_elsewhere(const Calibration& calibration) {
+bool is_uncertain_elsewhere(const CalibrationResult& calibration) {
   return calibration.trusted() && is_worse_elsewhere(calibration);
 }
 

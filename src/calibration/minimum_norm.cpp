@@ -3,7 +3,8 @@
 #include <Eigen/Dense>
 #include <utility>
 
-#include "kdl_calibration/covariance.hpp"
+#include "estimation/residual_options.hpp"
+#include "uncertainty/covariance.hpp"
 
 namespace kdl_calibration {
 namespace {

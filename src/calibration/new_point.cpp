@@ -8,27 +8,35 @@
 #include <vector>
 
 #include "base/distributions.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/training_rows.hpp"
 
 namespace kdl_calibration {
 
-NewPoint new_point(const PointPrediction& prediction, const NoiseReport& noise) {
-  const NoiseModel own{.independent = noise.independent, .tracker = noise.tracker};
-  const double factor = (noise.parts ? 1.0 : noise.variance_factor) / prediction.repeats;
-  Eigen::Matrix3d sum = prediction.covariance + factor * point_covariance(own, {.position = prediction.place});
-  sum.diagonal() += factor * noise.common.cwiseAbs2();
-  sum.diagonal().array() += noise.misfit * noise.misfit + noise.target_misfit * noise.target_misfit;
-  NewPoint result{.radius_95 = std::numeric_limits<double>::infinity(),
-                  .degrees_of_freedom = noise.freedom_of_covariance()};
+NewPointNoise new_point_noise(const NoiseReport& noise) {
+  return {.model = {.independent = noise.independent,
+                    .tracker = noise.tracker,
+                    .common = noise.common,
+                    .misfit = noise.misfit,
+                    .target_misfit = noise.target_misfit},
+          .variance_factor = noise.parts ? 1.0 : noise.variance_factor,
+          .degrees_of_freedom = noise.parts ? noise.parts->freedom_of_point() : noise.freedom_of_covariance()};
+}
+
+NewPoint new_point(const PointPrediction& prediction, const NewPointNoise& noise) {
+  const NoiseModel& model = noise.model;
+  const double factor = noise.variance_factor / prediction.repeats;
+  Eigen::Matrix3d sum = prediction.covariance + factor * point_covariance(model, {.position = prediction.place});
+  sum.diagonal() += factor * model.common.cwiseAbs2();
+  sum.diagonal().array() += model.misfit * model.misfit + model.target_misfit * model.target_misfit;
   const double s2 = sum.trace();
   if (!std::isfinite(s2)) {
-    return result;
-  }
-  if (noise.parts) {
-    result.degrees_of_freedom = noise.parts->freedom_of_point();
+    return {.radius_95 = std::numeric_limits<double>::infinity(), .degrees_of_freedom = noise.degrees_of_freedom};
   }
   const double k = s2 > 0.0 ? s2 * s2 / sum.cwiseAbs2().sum() : 3.0;
-  result.radius_95 = std::sqrt(s2 * f_critical(0.05, k, std::max(result.degrees_of_freedom, 1.0)));
-  return result;
+  return {.radius_95 = std::sqrt(s2 * f_critical(0.05, k, std::max(noise.degrees_of_freedom, 1.0))),
+          .degrees_of_freedom = noise.degrees_of_freedom};
 }
 
 bool MeasuredRegion::holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const {
@@ -46,10 +54,12 @@ MeasuredRegion measured_region(const Measurements& measurements, const std::vect
   constexpr double kBeyond = 0.05;  // of the range
   constexpr std::size_t kFewest = 40;
   MeasuredRegion region;
+  const NewPointNoise noise_of_point = new_point_noise(noise);
   std::map<std::int32_t, std::vector<double>> ratios;
   for (const HeldOutPoint& point : held_out) {
     const double radius =
-        new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise).radius_95;
+        new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise_of_point)
+            .radius_95;
     ratios[point.configuration].push_back(point.residual.norm() / radius);
     if (std::isfinite(point.covariance.trace())) {
       region.largest_variance = std::max(region.largest_variance, point.covariance.trace());

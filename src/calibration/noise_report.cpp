@@ -6,11 +6,13 @@
 #include <utility>
 
 #include "base/distributions.hpp"
-#include "kdl_calibration/covariance.hpp"
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/lack_of_fit.hpp"
-#include "kdl_calibration/noise_components.hpp"
-#include "kdl_calibration/pseudo_values.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "noise/lack_of_fit.hpp"
+#include "noise/noise_components.hpp"
+#include "noise/pseudo_values.hpp"
+#include "uncertainty/covariance.hpp"
 
 namespace kdl_calibration {
 bool noise_is_stated(const Measurements& measurements, const NoiseModel& stated) {

@@ -3,9 +3,10 @@
 #include <Eigen/Core>
 #include <optional>
 
+#include "calibration/calibration_result.hpp"
 #include "calibration/determined_fit.hpp"
 #include "calibration/noise_stage.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/noise_model.hpp"
 
 namespace kdl_calibration {
 

@@ -9,9 +9,11 @@
 #include <utility>
 
 #include "calibration/noise_report.hpp"
-#include "kdl_calibration/fold_prediction.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/validation.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
+#include "validation/fold_prediction.hpp"
+#include "validation/validation.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -5,7 +5,9 @@
 #include <optional>
 
 #include "calibration/determined_fit.hpp"
-#include "kdl_calibration/noise_parts.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "noise/noise_parts.hpp"
 
 namespace kdl_calibration {
 

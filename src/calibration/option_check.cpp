@@ -7,9 +7,12 @@
 
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/drive_signals.hpp"
+#include "noise/noise_components.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -79,7 +82,7 @@ void require_comparable_orientations(const Measurements& measurements, const Noi
   }
 }
 
-void require_two_step_data(const Unknowns& free, const Measurements& measurements, const CalibrationOptions& options) {
+void require_two_step_data(const Unknowns& free, const Measurements& measurements, const CalibrationSettings& options) {
   if (options.estimator.method != Method::two_step) {
     return;
   }
@@ -100,7 +103,7 @@ void require_two_step_data(const Unknowns& free, const Measurements& measurement
   }
 }
 
-void require_signals(const Measurements& measurements, const CalibrationOptions& options) {
+void require_signals(const Measurements& measurements, const CalibrationSettings& options) {
   const Configurations& asked = options.predict_at;
   if (const std::string fault = fault_of(asked.signals, asked.joint_values, " to predict at"); !fault.empty()) {
     throw InputError(fault);
@@ -117,7 +120,7 @@ void require_signals(const Measurements& measurements, const CalibrationOptions&
 }
 
 void check_options(const ErrorModel& model, const Measurements& measurements, const Measurements& training,
-                   const CalibrationOptions& options) {
+                   const CalibrationSettings& options) {
   check(measurements, model);
   check(known_frames(options.parameters));
   check({.priors = options.selection.priors, .noise = options.noise.stated, .row_weights = {}}, measurements);

@@ -10,7 +10,7 @@
 #include "base/distributions.hpp"
 #include "calibration/noise_stage.hpp"
 
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 namespace {

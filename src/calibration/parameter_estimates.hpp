@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
+#include "calibration/calibration_result.hpp"
 #include "calibration/determined_fit.hpp"
-#include "kdl_calibration/calibration.hpp"
 
 namespace kdl_calibration {
 

@@ -2,9 +2,9 @@
 
 #include <Eigen/Core>
 
+#include "calibration/calibration_result.hpp"
 #include "calibration/determined_fit.hpp"
-#include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/fold_prediction.hpp"
+#include "validation/fold_prediction.hpp"
 
 namespace kdl_calibration {
 

@@ -8,7 +8,7 @@
 
 namespace kdl_calibration {
 
-double excess_over_priors(const Calibration& found) {
+double excess_over_priors(const CalibrationResult& found) {
   const Eigen::VectorXd information = found.fit.free.prior_information(found.selection.priors);
   double squares = 0.0;
   double expected = 0.0;

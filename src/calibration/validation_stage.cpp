@@ -5,8 +5,9 @@
 #include <cstddef>
 
 #include "base/counted_fits.hpp"
-#include "kdl_calibration/fold_sums.hpp"
-#include "kdl_calibration/same_poses.hpp"
+#include "measurements/same_poses.hpp"
+#include "measurements/training_rows.hpp"
+#include "validation/fold_sums.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -228,7 +229,7 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows) {
   }
   const auto predict = [&](const Folds& folds, const std::string& name) {
     PredictedFolds predicted = predicted_folds(compared, folds, name, accuracy.train.before.rms);
-    accuracy.held_out_points = std::move(predicted.points);
+    result.held_out_points = std::move(predicted.points);
     result.warnings.insert(result.warnings.end(), predicted.warnings.begin(), predicted.warnings.end());
     return predicted.errors;
   };

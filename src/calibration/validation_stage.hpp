@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/calibration.hpp"
+#include "calibration/calibration_result.hpp"
 #include "selection/effect_selection.hpp"
 
 namespace kdl_calibration {
@@ -23,6 +23,7 @@ struct ValidationTask {
 
 struct Validation {
   Accuracy accuracy;
+  std::vector<HeldOutPoint> held_out_points;  ///< of leave-one-out or k-fold; empty if the folds were refitted
   ExportedUrdf exported;
   std::vector<std::string> warnings;
 };

@@ -1,6 +1,6 @@
 #include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "results/calibrated_urdf.hpp"
 
 #include <fmt/core.h>
 #include <unistd.h>
@@ -24,13 +24,16 @@
 #include "cli/requirements.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
+#include "effects/joint_effects.hpp"
+#include "interface/calibration_parts.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/report_page.hpp"
-#include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/result_table.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "results/report_page.hpp"
+#include "results/result_json.hpp"
+#include "results/result_table.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -127,30 +130,32 @@ NoiseModel noise_model(const CalibrateArguments& arguments) {
   return noise;
 }
 
-KDL::Vector gravity_of(const std::vector<double>& direction) {
-  const Eigen::Map<const Eigen::VectorXd> g(direction.data(), static_cast<Eigen::Index>(direction.size()));
-  if (g.size() != 3 || !(g.norm() > 0.0)) {
-    throw InputError("--gravity-direction: expected three numbers x,y,z that are not all 0");
+Eigen::Vector3d gravity_direction(const std::vector<double>& direction) {
+  if (direction.size() != 3) {
+    throw InputError("--gravity-direction: has " + std::to_string(direction.size()) + " values, expected 3 (x,y,z)");
   }
-  return {g[0] / g.norm(), g[1] / g.norm(), g[2] / g.norm()};
+  return {direction[0], direction[1], direction[2]};
 }
 
-CalibrationOptions calibration_options(const CalibrateArguments& arguments, const Measurements& measurements) {
+// What an option that may be left out says of a choice: to leave it to the data, or not; nothing if other words follow.
+std::optional<bool> automatic(const std::vector<std::string>& words) {
+  return words == std::vector<std::string>{"auto"}   ? std::optional(true)
+         : words == std::vector<std::string>{"none"} ? std::optional(false)
+                                                     : std::nullopt;
+}
+
+CalibrationOptions calibration_options(const CalibrateArguments& arguments, const Robot& robot,
+                                       const Measurements& measurements) {
   CalibrationOptions options = arguments.options;
   options.estimator.method = arguments.method == "joint" ? Method::joint : Method::two_step;
   options.parameters.model = arguments.model == "irreducible" ? ModelChoice::irreducible : ModelChoice::complete;
   options.estimator.loss = arguments.loss == "huber"   ? Loss::huber
                            : arguments.loss == "tukey" ? Loss::tukey
                                                        : Loss::none;
-  // Priors and effects are selected automatically, unless the user stated them or asked for a plain fit (two-step,
-  // complete model, robust loss).
-  const bool plain = options.estimator.method == Method::two_step ||
-                     options.parameters.model == ModelChoice::complete || options.estimator.loss != Loss::none;
-  const bool stated = options.selection.priors.length > 0.0 || options.selection.priors.angle > 0.0;
-  options.selection.automatic_priors = arguments.prior.empty() ? !plain && !stated : arguments.prior == "auto";
-  options.selection.effects = {.groups = effect_groups(arguments.effects, {"auto", "none"}),
-                               .automatic = arguments.effects == std::vector<std::string>{"auto"}};
-  options.selection.effects.automatic = arguments.effects.empty() ? !plain : options.selection.effects.automatic;
+  options.priors.automatic = automatic({arguments.prior});
+  options.effects = {.groups = effect_groups(arguments.effects, {"auto", "none"}),
+                     .automatic = automatic(arguments.effects),
+                     .gravity_direction = gravity_direction(arguments.gravity_direction)};
   options.noise.stated = noise_model(arguments);
   options.noise.weights = arguments.noise == "repeats" ? Weights::repeats
                           : arguments.noise == "equal" ? Weights::equal
@@ -158,6 +163,12 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
   options.parameters.known_base = known.known_base;
   options.parameters.known_targets = known.known_targets;
+  options.diagnosis.convention = convention_of(arguments.measurements.joint_convention);
+  options.diagnosis.other_conventions = conventions_at_hand(arguments.measurements);
+  if (!arguments.predict_at.empty()) {
+    const Measurements asked = configurations_of(robot, arguments.predict_at, arguments.measurements.joint_convention);
+    options.predict_at = {.names = asked.configurations, .joint_values = asked.joint_values, .signals = asked.signals};
+  }
   return options;
 }
 
@@ -176,7 +187,7 @@ void name_options(Doubt& doubt) {
 }
 
 std::string table(const CalibrateArguments& arguments, const Robot& robot, const Measurements& measurements,
-                  const Calibration& calibration) {
+                  const CalibrationResult& calibration) {
   TableOptions options{.fixed = "fixed by --fix"};
   for (const OutputFile& file : outputs(arguments)) {
     options.written.push_back(file.path);
@@ -189,7 +200,7 @@ std::string table(const CalibrateArguments& arguments, const Robot& robot, const
 }
 
 // Prints doubts on standard error, unless the table has just shown them on the same terminal.
-void say_what_is_doubted(const CalibrateArguments& arguments, const Calibration& calibration) {
+void say_what_is_doubted(const CalibrateArguments& arguments, const CalibrationResult& calibration) {
   const bool just_said = !arguments.json && ::isatty(STDOUT_FILENO) == 1 && ::isatty(STDERR_FILENO) == 1;
   if (!just_said) {
     for (const Doubt& doubt : calibration.diagnosis.doubts) {
@@ -211,12 +222,12 @@ void say_what_is_doubted(const CalibrateArguments& arguments, const Calibration&
 }
 
 std::string page_of(const std::string& result, const Robot& robot, const Measurements& measurements,
-                    const CalibrationOptions& options) {
+                    const CalibrationSettings& settings) {
   return calibration_page({.result = result,
                            .source = "the result",
                            .robot = &robot,
                            .measurements = &measurements,
-                           .known = known_frames(options.parameters),
+                           .known = known_frames(settings.parameters),
                            .plan_command = plan_command(json_of(result, "the result"))});
 }
 
@@ -240,7 +251,7 @@ bool shows_the_result(const OutputFile& file) { return file.option == "--result"
 
 // Fills the other output files and returns their hashes for the result.
 Provenance filled_beside_result(const CalibrateArguments& arguments, const Robot& robot,
-                                const Measurements& measurements, const Calibration& calibration,
+                                const Measurements& measurements, const CalibrationResult& calibration,
                                 std::vector<OutputFile>& files) {
   Provenance provenance{.notes = notes_of(arguments.notes), .files_read = files_read(arguments, robot)};
   for (OutputFile& file : files) {
@@ -262,29 +273,20 @@ ExitStatus run(const CalibrateArguments& arguments) {
   std::vector<OutputFile> files = outputs(arguments);
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
-  ErrorModel model = complete_model(robot);
-  model.gravity = gravity_of(arguments.gravity_direction);
   const Measurements measurements = read(arguments.measurements, robot);
-  CalibrationOptions options = calibration_options(arguments, measurements);
-  options.diagnosis.convention = convention_of(arguments.measurements.joint_convention);
-  options.diagnosis.other_conventions = conventions_at_hand(arguments.measurements);
-  if (!arguments.predict_at.empty()) {
-    const Measurements asked = configurations_of(robot, arguments.predict_at, arguments.measurements.joint_convention);
-    options.predict_at = {.names = asked.configurations, .joint_values = asked.joint_values, .signals = asked.signals};
-  }
-
-  Calibration calibration;
-  {
+  CalibrationOptions options = calibration_options(arguments, robot, measurements);
+  FittedCalibration fitted = [&] {
     Progress progress;
     options.progress = [&](const std::string& what, std::size_t done, std::size_t of) { progress(what, done, of); };
-    calibration = calibrate(model, measurements, options);
-  }
+    return *calibrate(robot, measurements, options).parts().fitted;
+  }();
+  CalibrationResult& calibration = fitted.result;
   const Provenance provenance = filled_beside_result(arguments, robot, measurements, calibration, files);
   const JudgedResult result =
-      judged_result(result_json(robot, measurements, options, calibration, provenance), requirements);
+      judged_result(result_json(robot, measurements, fitted.settings, calibration, provenance), requirements);
   for (OutputFile& file : files) {
     if (shows_the_result(file)) {
-      file.text = file.option == "--result" ? result.text : page_of(result.text, robot, measurements, options);
+      file.text = file.option == "--result" ? result.text : page_of(result.text, robot, measurements, fitted.settings);
     }
   }
   std::for_each(calibration.diagnosis.doubts.begin(), calibration.diagnosis.doubts.end(), name_options);
@@ -327,12 +329,12 @@ void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
       ->type_name("NAME,...");
   add_list(app, "--free", arguments.options.parameters.free, "Parameters to estimate in addition")
       ->type_name("NAME,...");
-  app.add_option("--prior-length", arguments.options.selection.priors.length,
+  app.add_option("--prior-length", arguments.options.priors.stated.length,
                  "1 sigma of length errors beforehand, m; 0: none")
       ->type_name("M")
       ->check(number_from(0.0, "a length in metres, 0 or more"))
       ->capture_default_str();
-  app.add_option("--prior-angle", arguments.options.selection.priors.angle,
+  app.add_option("--prior-angle", arguments.options.priors.stated.angle,
                  "1 sigma of angle errors beforehand, rad; 0: none")
       ->type_name("RAD")
       ->check(number_from(0.0, "an angle in radians, 0 or more"))

@@ -8,7 +8,7 @@
 #include "cli/frames.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/workspace.hpp"
+#include "planning/workspace.hpp"
 
 namespace kdl_calibration::cli {
 

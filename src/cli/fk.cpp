@@ -10,8 +10,8 @@
 #include "cli/options.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
-#include "kdl_calibration/saved_calibration.hpp"
+#include "results/calibrated_urdf.hpp"
+#include "results/saved_calibration.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -41,16 +41,16 @@ std::vector<NamedFrame> link_frames(const Robot& robot, const Eigen::VectorXd& q
 }
 
 // The calibrated robot and its effective joint values.
-struct CalibratedArm {
+struct ArmKinematics {
   Robot robot;
   Eigen::VectorXd joint_values;
 };
 
-CalibratedArm calibrated(const Robot& robot, const std::string& result, const Eigen::VectorXd& q) {
+ArmKinematics calibrated(const Robot& robot, const std::string& result, const Eigen::VectorXd& q) {
   const SavedCalibration saved = read_result(result, robot);
   const std::string urdf = calibrated_urdf(robot, saved.model, saved.estimate.errors);
   const Eigen::VectorXd moved = effective_joint_values(saved.model, saved.estimate.effects, q);
-  CalibratedArm arm{.robot = parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result),
+  ArmKinematics arm{.robot = parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result),
                     .joint_values = moved.head(q.size())};
   if (moved.size() > q.size()) {
     arm.robot.chain = tilted_chain(arm.robot.chain, moved.tail(2 * q.size()));
@@ -97,7 +97,7 @@ ExitStatus run(const FkArguments& arguments) {
   Robot robot = load(robot_arguments);
   Eigen::VectorXd q = joint_values(robot, joints);
   if (!result.empty()) {
-    CalibratedArm arm = calibrated(robot, result, q);
+    ArmKinematics arm = calibrated(robot, result, q);
     robot = std::move(arm.robot);
     q = std::move(arm.joint_values);
   }

@@ -2,7 +2,7 @@
 
 #include "base/csv.hpp"
 #include "base/number_text.hpp"
-#include "kdl_calibration/identification_jacobian.hpp"
+#include "two_step/identification_jacobian.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

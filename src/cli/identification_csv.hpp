@@ -3,10 +3,10 @@
 #include <string>
 
 #include "cli/frames.hpp"
+#include "estimation/least_squares.hpp"
+#include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration::cli {
 

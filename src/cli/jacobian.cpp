@@ -10,11 +10,11 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/matrix_derivatives.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/saved_calibration.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
+#include "results/saved_calibration.hpp"
+#include "two_step/matrix_derivatives.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

@@ -6,7 +6,8 @@
 #include "base/degree.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/mimic.hpp"
+#include "robot/joint_ranges.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

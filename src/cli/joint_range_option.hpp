@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "robot/joint_ranges.hpp"
 
 namespace kdl_calibration::cli {
 

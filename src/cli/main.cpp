@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "base/text.hpp"
+#include "calibration/calibration_settings.hpp"
 #include "cli/config_file.hpp"
 #include "cli/help.hpp"
 #include "cli/options.hpp"
@@ -144,6 +145,7 @@ int run(int argc, const char* const* argv) {
 // The option of kdlcal for a member of CalibrationOptions.
 std::string option_of(const std::string& member) {
   static const std::map<std::string, std::string> others = {{"weights", "--noise"},
+                                                            {"effects.gravity_direction", "--gravity-direction"},
                                                             {"noise.orientation", "--orientation-sigma"},
                                                             {"noise.independent", "--noise-independent"},
                                                             {"noise.tracker", "--noise-tracker"},

@@ -10,8 +10,9 @@
 #include "cli/options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/same_poses.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/same_poses.hpp"
 
 namespace kdl_calibration::cli {
 

@@ -5,13 +5,14 @@
 #include <string>
 #include <vector>
 
+#include "estimation/least_squares.hpp"
+#include "estimation/registration.hpp"
+#include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/registration.hpp"
+#include "kdl_calibration/noise_model.hpp"
 #include "kdl_calibration/robot.hpp"
-#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration::cli {
 

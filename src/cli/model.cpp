@@ -1,15 +1,14 @@
 #include <fmt/core.h>
 #include <memory>
 
-#include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/result_json.hpp"
+#include "model/reduction.hpp"
+#include "results/result_json.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

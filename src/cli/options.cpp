@@ -11,11 +11,11 @@
 #include "base/text.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/text.hpp"
+#include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/mimic.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -276,8 +276,8 @@ Measurements configurations_of(const Robot& robot, const std::string& file, cons
 }
 
 SavedCalibration read_result(const std::string& file, const Robot& robot) {
-  SavedCalibration saved = load_calibration(file, robot);
-  if (!saved.trusted && !saved.doubts.empty()) {
+  SavedCalibration saved = read_calibration(file, robot);
+  if (!saved.trusted() && !saved.doubts.empty()) {
     warn(file + " is not to be trusted: " + saved.doubts.front().message);
   }
   return saved;

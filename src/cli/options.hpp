@@ -16,7 +16,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
-#include "kdl_calibration/saved_calibration.hpp"
+#include "results/saved_calibration.hpp"
 
 namespace kdl_calibration::cli {
 

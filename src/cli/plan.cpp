@@ -15,13 +15,13 @@
 #include "cli/report_pages.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
+#include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/planner.hpp"
-#include "kdl_calibration/saved_calibration.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "planning/planner.hpp"
+#include "results/saved_calibration.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

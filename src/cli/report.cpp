@@ -12,7 +12,7 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/report_page.hpp"
+#include "results/report_page.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

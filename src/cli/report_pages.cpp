@@ -6,7 +6,7 @@
 #include <set>
 
 #include "cli/truth_report.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

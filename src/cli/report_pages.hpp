@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "cli/frames.hpp"
-#include "kdl_calibration/monte_carlo.hpp"
-#include "kdl_calibration/planner.hpp"
-#include "kdl_calibration/report_page.hpp"
+#include "planning/monte_carlo.hpp"
+#include "planning/planner.hpp"
+#include "results/report_page.hpp"
 
 namespace kdl_calibration::cli {
 

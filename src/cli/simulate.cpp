@@ -1,8 +1,8 @@
 #include "base/degree.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/result_table.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "planning/simulation.hpp"
+#include "results/result_table.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <fmt/core.h>
 #include <algorithm>
@@ -22,12 +22,13 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
+#include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/measuring_plan.hpp"
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/monte_carlo.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "measurements/drive_signals.hpp"
+#include "model/reduction.hpp"
+#include "planning/measuring_plan.hpp"
+#include "planning/monte_carlo.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

@@ -6,7 +6,7 @@
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
-#include "kdl_calibration/result_json.hpp"
+#include "results/result_json.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

@@ -4,10 +4,10 @@
 #include <vector>
 
 #include "cli/frames.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/truth_comparison.hpp"
-#include "kdl_calibration/two_step_trial.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
+#include "planning/truth_comparison.hpp"
+#include "planning/two_step_trial.hpp"
 
 namespace kdl_calibration::cli {
 

@@ -1,8 +1,6 @@
 #include <fmt/core.h>
 #include <algorithm>
-#include <cmath>
 #include <memory>
-#include <set>
 #include <utility>
 
 #include "base/number_text.hpp"
@@ -18,15 +16,16 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
-#include "kdl_calibration/alternative_readings.hpp"
+#include "diagnosis/alternative_readings.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/result_table.hpp"
-#include "kdl_calibration/saved_calibration.hpp"
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/truth_comparison.hpp"
-#include "kdl_calibration/validation.hpp"
+#include "model/kinematics.hpp"
+#include "planning/simulation.hpp"
+#include "planning/truth_comparison.hpp"
+#include "results/result_table.hpp"
+#include "results/saved_calibration.hpp"
+#include "robot/joint_ranges.hpp"
+#include "validation/registered_errors.hpp"
+#include "validation/validation.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -45,69 +44,6 @@ struct ValidateArguments {
   bool json = false;
 };
 
-struct Errors {
-  ErrorStatistics all;
-  ErrorStatistics train;
-  ErrorStatistics test;
-};
-
-// Whether there are only test rows, to which base and targets are then registered.
-bool only_test_rows(const Measurements& measurements) {
-  return std::all_of(measurements.observations.begin(), measurements.observations.end(),
-                     [](const Observation& observation) { return observation.split == Split::test; });
-}
-
-Measurements to_register(Measurements measurements) {
-  if (only_test_rows(measurements)) {
-    for (Observation& observation : measurements.observations) {
-      observation.split = Split::train;
-    }
-  }
-  return measurements;
-}
-
-// Degrees of freedom of the registration of base and targets.
-struct Freedom {
-  int unknowns = 0;
-  int open = 0;         // unknowns that the measurements do not determine
-  int coordinates = 0;  // coordinates of distinct points
-  int configurations = 0;
-  int points = 0;  // most points in a configuration
-
-  int spent() const { return unknowns - open; }
-  int left() const { return coordinates - spent(); }
-  // Factor on the RMS of the registered points that corrects for the degrees of freedom used by base and targets.
-  double correction() const { return std::sqrt(static_cast<double>(coordinates) / left()); }
-};
-
-Freedom freedom_of(const Measurements& training, const RegistrationOptions& known, const Registration& registration) {
-  std::set<std::pair<int, int>> points;
-  std::set<int> targets;
-  std::set<int> configurations;
-  for (const Observation& observation : training.observations) {
-    points.insert({observation.configuration, observation.target});
-    targets.insert(observation.target);
-    configurations.insert(observation.configuration);
-  }
-  const auto unknown_targets = static_cast<int>(targets.size()) - static_cast<int>(known.known_targets.size());
-  return {.unknowns = (known.known_base ? 0 : 6) + 3 * std::max(unknown_targets, 0),
-          .open = registration.open,
-          .coordinates = 3 * static_cast<int>(points.size()),
-          .configurations = static_cast<int>(configurations.size()),
-          .points = static_cast<int>(targets.size())};
-}
-
-void require_freedom(const Freedom& freedom, const std::string& source) {
-  if (freedom.left() > 0) {
-    return;
-  }
-  const int needed = freedom.unknowns / (3 * std::max(freedom.points, 1)) + 1;
-  throw InputError(
-      fmt::format("{}: {} coordinates in {} configurations, and base and targets take {} of them: nothing is left to "
-                  "show an error, expected at least {} configurations (or --known-base and --known-targets)",
-                  source, freedom.coordinates, freedom.configurations, freedom.spent(), needed));
-}
-
 constexpr int kPlenty = 4;  // coordinates per unknown
 
 // Whether the misfit exceeds 10 % of the arm's length: 3 degrees in every joint leave half of that.
@@ -120,7 +56,8 @@ bool absurd(const ErrorModel& model, double misfit) {
   return misfit > kShare * reach;
 }
 
-std::string json(const Errors& errors, const Registration& registration, const Freedom& freedom) {
+std::string json(const RegisteredErrors& errors) {
+  const Registration& registration = errors.registration;
   Json targets = Json::array();
   for (const TargetFrame& target : registration.targets) {
     targets.push_back(target_json(target));
@@ -129,8 +66,8 @@ std::string json(const Errors& errors, const Registration& registration, const F
                      {{"all", statistics_json(errors.all)},
                       {"train", statistics_json(errors.train)},
                       {"test", statistics_json(errors.test)}}},
-                    {"degrees_of_freedom", freedom.left()},
-                    {"rms_corrected", registration.rms * freedom.correction()},
+                    {"degrees_of_freedom", errors.freedom.left()},
+                    {"rms_corrected", registration.rms * errors.freedom.correction()},
                     {"base", frame_json(registration.X_WB)},
                     {"targets", targets}});
 }
@@ -153,8 +90,9 @@ std::string registered(const RegistrationOptions& known, const Registration& reg
   return known.known_base ? (targets ? "targets" : "") : targets ? "base and targets" : "base";
 }
 
-std::string table(const ValidateArguments& arguments, const Robot& robot, const Errors& errors,
-                  const Registration& registration, const std::string& placed) {
+std::string table(const ValidateArguments& arguments, const Robot& robot, const RegisteredErrors& errors,
+                  const std::string& placed) {
+  const Registration& registration = errors.registration;
   std::string text = "position error of " + (arguments.result.empty() ? robot.source : arguments.result) + ", " +
                      (placed.empty() ? "base and targets as given" : placed + " registered") + "\n" +
                      statistics_heading("rows [mm]");
@@ -233,7 +171,7 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
 // The arm of the URDF or, with the full model, of a result.
 SavedCalibration arm_of(const Robot& robot, const std::string& result) {
   if (!result.empty()) {
-    return load_calibration(result, robot);
+    return read_calibration(result, robot);
   }
   SavedCalibration nominal;
   nominal.model = complete_model(robot);
@@ -271,7 +209,7 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
   if (!measurements.remark.empty()) {
     warnings.push_back("measurements: " + measurements.remark);
   }
-  if (only_test_rows(measurements) && !placed.empty()) {
+  if (has_only_test_rows(measurements) && !placed.empty()) {
     warnings.push_back(measurements.source + ": no train rows, the test rows place " + placed);
   }
   if (registration.ambiguous) {
@@ -309,14 +247,6 @@ Json with_provenance(const ValidateArguments& arguments, const Robot& robot, con
   return result;
 }
 
-Errors errors_of(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
-                 const Measurements& measurements) {
-  const auto statistics = [&](Rows rows) {
-    return error_statistics(position_errors(X_BF, estimate, measurements, rows));
-  };
-  return {.all = statistics(Rows::all), .train = statistics(Rows::train), .test = statistics(Rows::test)};
-}
-
 ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   if (arguments.measurements.measurements.empty()) {
     throw InputError("validate: --measurements is required, or --result and --truth, see kdlcal validate --help");
@@ -329,40 +259,36 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const ErrorModel& model = arm.model;
   const Measurements measurements = read(arguments.measurements, robot);
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
-  const Measurements fitted = to_register(measurements);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values, measurements.signals);
-  const Registration registration = register_base_and_targets(X_BF, fitted, known);
-  const Freedom freedom = freedom_of(*TrainingRows(fitted), known, registration);
-  require_freedom(freedom, measurements.source);
+  const RegisteredErrors errors = registered_errors(X_BF, measurements, known);
+  const Registration& registration = errors.registration;
   const Estimate estimate{.errors = arm.estimate.errors,
                           .X_WB = registration.X_WB,
                           .targets = registration.targets,
                           .effects = arm.estimate.effects};
-  const Errors errors = errors_of(X_BF, estimate, measurements);
-  const std::string result = json(errors, registration, freedom);
-  Words words = judged(arguments, model, fitted, estimate, known);
+  const std::string result = json(errors);
+  Words words = judged(arguments, model, rows_to_register(measurements), estimate, known);
   if (words.doubts.empty() && absurd(model, registration.rms)) {
     words.doubts.push_back(fmt::format(
         "a misfit of {:.1f} mm is more than geometric errors explain; are units, signs and order of the joints right?",
         registration.rms * 1e3));
   }
   const std::string placed = registered(known, registration);
-  const std::vector<std::string> before = warnings_of(measurements, registration, freedom, placed);
+  const std::vector<std::string> before = warnings_of(measurements, registration, errors.freedom, placed);
   words.warnings.insert(words.warnings.begin(), before.begin(), before.end());
   const std::vector<std::string> missed = unfulfilled(outcomes_of(requirements, json_of(result, "the result")));
   for (OutputFile& file : files) {
     std::vector<std::string> doubts = words.doubts;
     doubts.insert(doubts.end(), missed.begin(), missed.end());
-    file.text =
-        validation_page({.result = with_provenance(arguments, robot, measurements, json_of(result, "the result"),
-                                                   iso_9283(X_BF, estimate, measurements, Rows::all)),
-                         .robot = robot,
-                         .reported = {.model = model, .estimate = estimate, .measurements = measurements},
-                         .warnings = words.warnings,
-                         .requirements = arguments.requirements,
-                         .doubts = doubts});
+    file.text = validation_page(
+        {.result = with_provenance(arguments, robot, measurements, json_of(result, "the result"), errors.iso),
+         .robot = robot,
+         .reported = {.model = model, .estimate = estimate, .measurements = measurements},
+         .warnings = words.warnings,
+         .requirements = arguments.requirements,
+         .doubts = doubts});
   }
-  write_whole(files, arguments.force, arguments.json ? result : table(arguments, robot, errors, registration, placed));
+  write_whole(files, arguments.force, arguments.json ? result : table(arguments, robot, errors, placed));
   for (const std::vector<std::string>& messages : {words.warnings, words.doubts}) {
     for (const std::string& message : messages) {
       warn(message);

@@ -1,4 +1,4 @@
-#include "kdl_calibration/alternative_readings.hpp"
+#include "diagnosis/alternative_readings.hpp"
 
 #include <fmt/core.h>
 #include <Eigen/Core>
@@ -10,8 +10,8 @@
 
 #include "base/distributions.hpp"
 #include "base/number_range.hpp"
-#include "base/number_text.hpp"
 #include "diagnosis/common_scale.hpp"
+#include "diagnosis/convention_trial.hpp"
 #include "diagnosis/gain_trial.hpp"
 #include "diagnosis/order_check.hpp"
 #include "diagnosis/orientation_trial.hpp"
@@ -19,11 +19,11 @@
 #include "diagnosis/repeated_configurations.hpp"
 #include "diagnosis/trial_fit.hpp"
 #include "diagnosis/trial_sample.hpp"
-#include "kdl_calibration/convention_trial.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/lack_of_fit.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "estimation/input_check.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "noise/lack_of_fit.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -2,10 +2,10 @@
 
 // One factor on all lengths. Not installed.
 
+#include "estimation/prediction.hpp"
+#include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/prediction.hpp"
-#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 

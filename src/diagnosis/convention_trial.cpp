@@ -1,4 +1,4 @@
-#include "kdl_calibration/convention_trial.hpp"
+#include "diagnosis/convention_trial.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -12,10 +12,11 @@
 #include "base/number_range.hpp"
 #include "base/parallel.hpp"
 #include "diagnosis/trial_fit.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/registration.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/registration.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "diagnosis/trial_fit.hpp"
-#include "kdl_calibration/effect_terms.hpp"
+#include "effects/effect_terms.hpp"
 
 namespace kdl_calibration {
 

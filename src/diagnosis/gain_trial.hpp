@@ -4,9 +4,9 @@
 
 #include <optional>
 
+#include "estimation/identification.hpp"
+#include "estimation/least_squares.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
 
 namespace kdl_calibration {

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "base/distributions.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/linear_system.hpp"
+#include "effects/effect_terms.hpp"
+#include "estimation/linear_system.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "kdl_calibration/least_squares.hpp"
+#include "estimation/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
 
 namespace kdl_calibration {

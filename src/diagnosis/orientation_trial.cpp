@@ -10,10 +10,9 @@
 #include <vector>
 
 #include "base/degree.hpp"
-#include "base/number_text.hpp"
 #include "base/robust_statistics.hpp"
 #include "diagnosis/trial_fit.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "estimation/prediction.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -5,9 +5,9 @@
 #include <optional>
 #include <string>
 
+#include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 

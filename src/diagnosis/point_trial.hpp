@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "estimation/registration.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/registration.hpp"
 
 namespace kdl_calibration {
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "kdl_calibration/same_poses.hpp"
+#include "measurements/same_poses.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "kdl_calibration/alternative_readings.hpp"
+#include "diagnosis/alternative_readings.hpp"
 #include "kdl_calibration/measurements.hpp"
 
 namespace kdl_calibration {

@@ -5,8 +5,8 @@
 #include <limits>
 #include <vector>
 
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "estimation/prediction.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 

@@ -2,11 +2,11 @@
 
 // A fit to another reading of the measurements, for comparison only. Not installed.
 
+#include "estimation/identification.hpp"
+#include "estimation/least_squares.hpp"
+#include "estimation/registration.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/registration.hpp"
 
 namespace kdl_calibration {
 

@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "measurements/training_rows.hpp"
+
 namespace kdl_calibration {
 namespace {
 

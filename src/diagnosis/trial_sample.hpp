@@ -4,10 +4,10 @@
 
 #include <cstddef>
 
+#include "estimation/least_squares.hpp"
+#include "estimation/registration.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/least_squares.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/registration.hpp"
 
 namespace kdl_calibration {
 

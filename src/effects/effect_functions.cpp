@@ -8,9 +8,9 @@
 #include <string>
 
 #include "base/preconditions.hpp"
+#include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 

@@ -8,8 +8,8 @@
 #include <memory_resource>
 #include <vector>
 
-#include "kdl_calibration/drive_signals.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "measurements/drive_signals.hpp"
 
 namespace kdl_calibration {
 

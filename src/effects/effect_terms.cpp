@@ -1,4 +1,4 @@
-#include "kdl_calibration/effect_terms.hpp"
+#include "effects/effect_terms.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -9,10 +9,11 @@
 
 #include "base/number_text.hpp"
 #include "base/preconditions.hpp"
+#include "base/random.hpp"
 #include "effects/effect_functions.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/random.hpp"
+#include "effects/joint_effects.hpp"
+#include "measurements/drive_signals.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {

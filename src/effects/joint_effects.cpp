@@ -1,4 +1,4 @@
-#include "kdl_calibration/joint_effects.hpp"
+#include "effects/joint_effects.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -10,7 +10,8 @@
 #include "base/preconditions.hpp"
 #include "effects/effect_functions.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "measurements/drive_signals.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 

@@ -5,10 +5,10 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "effects/joint_effects.hpp"
+#include "estimation/linear_system.hpp"
 #include "estimation/observed_data.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/linear_system.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "estimation/prediction.hpp"
 
 namespace kdl_calibration {
 

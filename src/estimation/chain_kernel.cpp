@@ -5,7 +5,7 @@
 #include <cmath>
 #include <functional>
 
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/identification.hpp"
+#include "estimation/identification.hpp"
 
 #include <fmt/core.h>
 #include <Eigen/Dense>
@@ -8,10 +8,12 @@
 
 #include "base/preconditions.hpp"
 #include "base/robust_statistics.hpp"
-#include "kdl_calibration/descent.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/descent.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 namespace {

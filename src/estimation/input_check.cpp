@@ -1,4 +1,4 @@
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/input_check.hpp"
 
 #include <fmt/core.h>
 #include <Eigen/Dense>
@@ -7,7 +7,9 @@
 #include <string>
 
 #include "base/preconditions.hpp"
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/noise_model.hpp"
 
 namespace kdl_calibration {
 

@@ -7,8 +7,8 @@
 #include <numeric>
 #include <utility>
 
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/prediction.hpp"
 
 namespace kdl_calibration {
 

@@ -7,7 +7,7 @@
 
 #include "estimation/chain_kernel.hpp"
 #include "estimation/observed_data.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 

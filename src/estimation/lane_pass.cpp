@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "base/parallel.hpp"
+#include "effects/joint_effects.hpp"
 #include "estimation/lane_input.hpp"
-#include "kdl_calibration/joint_effects.hpp"
 
 namespace kdl_calibration {
 

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "estimation/chain_kernel.hpp"
+#include "estimation/linear_system.hpp"
 #include "estimation/observed_data.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/linear_system.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 

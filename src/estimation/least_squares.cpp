@@ -1,4 +1,4 @@
-#include "kdl_calibration/least_squares.hpp"
+#include "estimation/least_squares.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -9,9 +9,11 @@
 
 #include "base/preconditions.hpp"
 #include "estimation/block_pass.hpp"
+#include "estimation/input_check.hpp"
 #include "estimation/lane_pass.hpp"
 #include "estimation/observed_data.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/residual_options.hpp"
+#include "measurements/drive_signals.hpp"
 
 namespace kdl_calibration {
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/linear_system.hpp"
+#include "estimation/linear_system.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 

@@ -6,8 +6,11 @@
 #include <map>
 #include <utility>
 
+#include "effects/joint_effects.hpp"
 #include "estimation/chain_kernel.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/drive_signals.hpp"
 
 namespace kdl_calibration {
 namespace {

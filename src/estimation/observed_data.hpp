@@ -9,8 +9,9 @@
 
 #include "estimation/chain_kernel.hpp"
 #include "estimation/observed_points.hpp"
+#include "estimation/residual_options.hpp"
+#include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/unknowns.hpp"
 
 namespace kdl_calibration {
 

@@ -5,8 +5,10 @@
 #include <optional>
 #include <tuple>
 
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -7,6 +7,7 @@
 #include <memory>
 #include <vector>
 
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
 

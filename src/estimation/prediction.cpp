@@ -1,7 +1,8 @@
-#include "kdl_calibration/prediction.hpp"
+#include "estimation/prediction.hpp"
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "effects/joint_effects.hpp"
+#include "measurements/drive_signals.hpp"
 
 namespace kdl_calibration {
 

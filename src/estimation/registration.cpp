@@ -1,4 +1,4 @@
-#include "kdl_calibration/registration.hpp"
+#include "estimation/registration.hpp"
 
 #include <fmt/core.h>
 #include <Eigen/Dense>
@@ -8,10 +8,11 @@
 #include <limits>
 #include <unsupported/Eigen/KroneckerProduct>
 
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 namespace {

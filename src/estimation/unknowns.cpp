@@ -1,11 +1,11 @@
-#include "kdl_calibration/unknowns.hpp"
+#include "estimation/unknowns.hpp"
 
 #include <algorithm>
 #include <map>
 #include <utility>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 namespace {

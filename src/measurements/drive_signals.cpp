@@ -1,4 +1,4 @@
-#include "kdl_calibration/drive_signals.hpp"
+#include "measurements/drive_signals.hpp"
 
 #include <fmt/core.h>
 #include <cmath>

@@ -9,7 +9,7 @@
 
 #include "base/number_text.hpp"
 #include "base/text.hpp"
-#include "kdl_calibration/mimic.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/measurements_check.hpp"
+#include "measurements/measurements_check.hpp"
 
 #include <fmt/core.h>
 #include <algorithm>
@@ -7,6 +7,7 @@
 #include <string>
 
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/drive_signals.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -6,9 +6,10 @@
 
 #include "base/csv.hpp"
 #include "base/text.hpp"
-#include "kdl_calibration/measurements_check.hpp"
-#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "measurements/drive_signals.hpp"
 #include "measurements/measurement_columns.hpp"
+#include "measurements/measurements_check.hpp"
 
 namespace kdl_calibration {
 namespace {

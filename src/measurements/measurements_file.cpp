@@ -1,4 +1,4 @@
-#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/measurements.hpp"
 
 #include <fmt/core.h>
 #include <algorithm>
@@ -15,13 +15,14 @@
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/measurements_check.hpp"
-#include "kdl_calibration/mimic.hpp"
 #include "measurements/label_table.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "measurements/measurement_row.hpp"
+#include "measurements/measurements_check.hpp"
 #include "measurements/missing_units.hpp"
 #include "measurements/torque_means.hpp"
+#include "measurements/training_rows.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/same_poses.hpp"
+#include "measurements/same_poses.hpp"
 
 #include <fmt/core.h>
 #include <algorithm>
@@ -8,9 +8,10 @@
 #include <numeric>
 #include <utility>
 
-#include "base/number_text.hpp"
 #include "base/text.hpp"
-#include "kdl_calibration/measurements_check.hpp"
+#include "measurements/drive_signals.hpp"
+#include "measurements/measurements_check.hpp"
+#include "measurements/training_rows.hpp"
 
 namespace kdl_calibration {
 namespace {

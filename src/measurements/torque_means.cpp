@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <limits>
 
-#include "kdl_calibration/mimic.hpp"
+#include "measurements/drive_signals.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 #include <algorithm>
 #include <array>

@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/reduction.hpp"
+#include "model/reduction.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -8,10 +8,10 @@
 #include <utility>
 
 #include "base/preconditions.hpp"
+#include "base/random.hpp"
 #include "base/triangular_factor.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/random.hpp"
+#include "model/kinematics.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {

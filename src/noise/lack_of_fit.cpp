@@ -1,4 +1,4 @@
-#include "kdl_calibration/lack_of_fit.hpp"
+#include "noise/lack_of_fit.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -6,8 +6,9 @@
 #include <utility>
 
 #include "base/distributions.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "estimation/input_check.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
 #include "noise/noise_strata.hpp"
 
 namespace kdl_calibration {

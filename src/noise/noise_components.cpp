@@ -1,4 +1,4 @@
-#include "kdl_calibration/noise_components.hpp"
+#include "noise/noise_components.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -6,8 +6,9 @@
 #include <map>
 #include <utility>
 
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/measurements_check.hpp"
+#include "measurements/measurements_check.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration {
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/noise_parts.hpp"
+#include "noise/noise_parts.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,9 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
 #include "noise/variance_estimation.hpp"
 
 namespace kdl_calibration {

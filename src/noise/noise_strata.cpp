@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+
 namespace kdl_calibration {
 
 using Eigen::Index;

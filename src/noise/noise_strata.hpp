@@ -9,7 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/noise_parts.hpp"
+#include "estimation/residual_options.hpp"
+#include "noise/noise_parts.hpp"
 
 namespace kdl_calibration {
 

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <optional>
 
+#include "estimation/residual_options.hpp"
+
 namespace kdl_calibration {
 namespace {
 

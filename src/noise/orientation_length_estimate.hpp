@@ -1,6 +1,6 @@
 #pragma once
 
-#include "kdl_calibration/identification.hpp"
+#include "estimation/identification.hpp"
 
 namespace kdl_calibration {
 

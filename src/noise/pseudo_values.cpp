@@ -1,10 +1,12 @@
-#include "kdl_calibration/pseudo_values.hpp"
+#include "noise/pseudo_values.hpp"
 
 #include <cmath>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/prediction.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/training_rows.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "base/distributions.hpp"
-#include "kdl_calibration/linear_system.hpp"
+#include "estimation/linear_system.hpp"
 
 namespace kdl_calibration {
 

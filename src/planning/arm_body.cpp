@@ -1,4 +1,4 @@
-#include "kdl_calibration/arm_body.hpp"
+#include "planning/arm_body.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -9,10 +9,10 @@
 #include <set>
 
 #include "base/preconditions.hpp"
+#include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/link_shapes.hpp"
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/random.hpp"
+#include "robot/link_shapes.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {

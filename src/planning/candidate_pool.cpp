@@ -6,8 +6,8 @@
 #include <string>
 
 #include "base/parallel.hpp"
-#include "kdl_calibration/identifiability.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "uncertainty/identifiability.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -5,8 +5,8 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "kdl_calibration/pose_selection.hpp"
 #include "planning/candidate_pool.hpp"
+#include "planning/pose_selection.hpp"
 
 namespace kdl_calibration {
 

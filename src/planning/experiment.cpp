@@ -1,4 +1,4 @@
-#include "kdl_calibration/experiment.hpp"
+#include "planning/experiment.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -7,12 +7,13 @@
 
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/registration.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/observability.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/registration.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/reduction.hpp"
 #include "planning/point_rows.hpp"
+#include "uncertainty/observability.hpp"
 
 namespace kdl_calibration {
 namespace {

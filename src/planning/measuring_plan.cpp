@@ -1,4 +1,4 @@
-#include "kdl_calibration/measuring_plan.hpp"
+#include "planning/measuring_plan.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -11,7 +11,7 @@
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/mimic.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {

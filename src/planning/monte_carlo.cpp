@@ -1,4 +1,4 @@
-#include "kdl_calibration/monte_carlo.hpp"
+#include "planning/monte_carlo.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,9 +8,10 @@
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
 #include "base/thinned.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/experiment.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "estimation/input_check.hpp"
+#include "planning/experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -37,10 +38,10 @@ Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
   const Eigen::MatrixXd train = experiment.train(random);
   const Eigen::MatrixXd test = experiment.test(random);
   const Measurements measurements = measure(robot, train, experiment.noise, random);
-  CalibrationOptions options = experiment.calibration;
+  CalibrationSettings options = experiment.calibration;
   options.validation.held_out = false;     // the truth is known
   options.diagnosis.try_readings = false;  // simulated data are read correctly
-  const Calibration calibration = calibrate(experiment.model, measurements, options);
+  const CalibrationResult calibration = calibrate(experiment.model, measurements, options);
   const Measurements truth = measure(robot, test, {}, random, Split::test);
   return {.distances = position_errors(experiment.model, calibration.fit.identification.estimate, truth, Rows::test),
           .trusted = calibration.trusted()};

@@ -1,4 +1,4 @@
-#include "kdl_calibration/planner.hpp"
+#include "planning/planner.hpp"
 
 #include <fmt/core.h>
 #include <Eigen/Dense>
@@ -10,10 +10,12 @@
 #include <string>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "effects/effect_terms.hpp"
+#include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/observability.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/training_rows.hpp"
+#include "uncertainty/observability.hpp"
 
 namespace kdl_calibration {
 namespace {

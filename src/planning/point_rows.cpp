@@ -1,7 +1,9 @@
 #include "planning/point_rows.hpp"
 
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
 
 namespace kdl_calibration {
 

@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/experiment.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
+#include "planning/experiment.hpp"
 
 namespace kdl_calibration {
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/pose_selection.hpp"
+#include "planning/pose_selection.hpp"
 
 #include <fmt/core.h>
 #include <Eigen/Dense>
@@ -13,8 +13,8 @@
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
+#include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/random.hpp"
 #include "planning/candidate_pool.hpp"
 #include "planning/design_exchange.hpp"
 

@@ -1,14 +1,15 @@
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
 
 #include <algorithm>
 #include <set>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/input_check.hpp"
+#include "measurements/drive_signals.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
 
 namespace kdl_calibration {
 

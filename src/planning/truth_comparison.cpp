@@ -1,4 +1,4 @@
-#include "kdl_calibration/truth_comparison.hpp"
+#include "planning/truth_comparison.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,13 +6,13 @@
 #include <utility>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/identification.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/prediction.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/two_step_trial.hpp"
+#include "planning/two_step_trial.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 
 #include "base/preconditions.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "model/reduction.hpp"
 
 namespace kdl_calibration {
 namespace {

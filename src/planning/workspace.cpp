@@ -1,4 +1,4 @@
-#include "kdl_calibration/workspace.hpp"
+#include "planning/workspace.hpp"
 
 #include <fmt/core.h>
 #include <Eigen/Dense>
@@ -11,11 +11,11 @@
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
+#include "base/random.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/random.hpp"
+#include "robot/joint_ranges.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {

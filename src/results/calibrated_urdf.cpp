@@ -1,9 +1,9 @@
-#include "kdl_calibration/calibrated_urdf.hpp"
+#include "results/calibrated_urdf.hpp"
 
 #include <cstddef>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "calibration/calibration_result.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -32,7 +32,7 @@ std::string calibrated_urdf(const Robot& robot, const ErrorModel& model, const E
   return corrected_urdf(robot.urdf, origin_corrections(model, errors));
 }
 
-std::string calibrated_urdf(const Robot& robot, const Calibration& calibration) {
+std::string calibrated_urdf(const Robot& robot, const CalibrationResult& calibration) {
   return calibration.exported.nominal_kept
              ? robot.urdf
              : calibrated_urdf(robot, calibration.model, calibration.exported.estimate.errors);

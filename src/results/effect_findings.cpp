@@ -8,7 +8,7 @@
 #include <optional>
 
 #include "base/number_text.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "effects/joint_effects.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -31,7 +31,7 @@ std::string amount(double value, bool length) {
 }
 
 // Periods per turn of the strongest harmonic.
-std::string times_a_turn(const Calibration& calibration, const EffectMotion& motion) {
+std::string times_a_turn(const CalibrationResult& calibration, const EffectMotion& motion) {
   std::map<double, double> squares;
   for (const Eigen::Index place : motion.terms) {
     const EffectTerm& term = calibration.model.effects[static_cast<std::size_t>(place)];
@@ -44,7 +44,7 @@ std::string times_a_turn(const Calibration& calibration, const EffectMotion& mot
   return times == 1.0 ? "once" : times == 2.0 ? "twice" : fmt::format("{:.4g} times", times);
 }
 
-bool is_mostly_of_approach(const Calibration& calibration, const EffectMotion& motion) {
+bool is_mostly_of_approach(const CalibrationResult& calibration, const EffectMotion& motion) {
   double by_approach = 0.0;
   double by_load = 0.0;
   for (const Eigen::Index place : motion.terms) {
@@ -55,7 +55,7 @@ bool is_mostly_of_approach(const Calibration& calibration, const EffectMotion& m
   return by_approach > by_load;
 }
 
-std::string in_words(const Calibration& calibration, const EffectMotion& motion) {
+std::string in_words(const CalibrationResult& calibration, const EffectMotion& motion) {
   const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.by.joint)];
   const bool length = motion.is_length(calibration.model);
   const std::string most = amount(motion.largest(), length);
@@ -125,7 +125,7 @@ bool EffectMotion::is_length(const ErrorModel& model) const {
   return kdl_calibration::is_length(model, model.effects[static_cast<std::size_t>(terms.front())]);
 }
 
-std::vector<EffectMotion> effect_motions(const Calibration& calibration, const Measurements& measurements) {
+std::vector<EffectMotion> effect_motions(const CalibrationResult& calibration, const Measurements& measurements) {
   std::vector<EffectMotion> result;
   if (calibration.model.effects.empty()) {
     return result;
@@ -139,7 +139,8 @@ std::vector<EffectMotion> effect_motions(const Calibration& calibration, const M
   return result;
 }
 
-std::vector<std::string> effect_findings(const Calibration& calibration, const std::vector<EffectMotion>& motions) {
+std::vector<std::string> effect_findings(const CalibrationResult& calibration,
+                                         const std::vector<EffectMotion>& motions) {
   std::map<EffectGroup, EffectMotion> most;
   for (const EffectMotion& motion : motions) {
     if (motion.largest() < kLeastMotion) {

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "calibration/calibration_result.hpp"
+#include "effects/joint_effects.hpp"
 #include "kdl_calibration/measurements.hpp"
 
 namespace kdl_calibration {
@@ -24,10 +24,11 @@ struct EffectMotion {
   bool is_length(const ErrorModel& model) const;
 };
 /// Motions ordered by group, joint and axis.
-std::vector<EffectMotion> effect_motions(const Calibration& calibration, const Measurements& measurements);
+std::vector<EffectMotion> effect_motions(const CalibrationResult& calibration, const Measurements& measurements);
 
 /// One sentence per group about the joint that it moves most. If cross-validation compared both, also the share of the
 /// geometry's squared held-out errors that it explains.
-std::vector<std::string> effect_findings(const Calibration& calibration, const std::vector<EffectMotion>& motions);
+std::vector<std::string> effect_findings(const CalibrationResult& calibration,
+                                         const std::vector<EffectMotion>& motions);
 
 }  // namespace kdl_calibration

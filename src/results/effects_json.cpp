@@ -8,12 +8,13 @@
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "calibration/parameter_estimates.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/result_json.hpp"
+#include "measurements/training_rows.hpp"
 #include "results/effect_findings.hpp"
 #include "results/result_blocks.hpp"
+#include "results/result_json.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -188,7 +189,7 @@ EffectTerm read_term(const Node& node, const ErrorModel& model) {
 
 }  // namespace
 
-Json effects_json(const Calibration& calibration, const Measurements& measurements) {
+Json effects_json(const CalibrationResult& calibration, const Measurements& measurements) {
   const JointRanges ranges = trained_ranges(measurements);
   Json terms = Json::array();
   for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {

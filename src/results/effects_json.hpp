@@ -7,11 +7,11 @@
 #include <vector>
 
 #include "base/json_tree.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "calibration/calibration_result.hpp"
 
 namespace kdl_calibration {
 
-nlohmann::ordered_json effects_json(const Calibration& calibration, const Measurements& measurements);
+nlohmann::ordered_json effects_json(const CalibrationResult& calibration, const Measurements& measurements);
 
 struct SavedEffects {
   std::vector<EffectTerm> terms;

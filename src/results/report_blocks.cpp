@@ -11,10 +11,12 @@
 #include "base/number_range.hpp"
 #include "base/thinned.hpp"
 #include "calibration/parameter_estimates.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/link_shapes.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "measurements/drive_signals.hpp"
+#include "measurements/training_rows.hpp"
+#include "robot/link_shapes.hpp"
 
 namespace kdl_calibration {
 namespace {

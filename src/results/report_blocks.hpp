@@ -6,9 +6,9 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "kdl_calibration/report_page.hpp"
-#include "kdl_calibration/saved_calibration.hpp"
+#include "results/report_page.hpp"
 #include "results/result_blocks.hpp"
+#include "results/saved_calibration.hpp"
 
 namespace kdl_calibration {
 

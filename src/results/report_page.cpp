@@ -1,12 +1,12 @@
-#include "kdl_calibration/report_page.hpp"
+#include "results/report_page.hpp"
 
 #include <array>
 #include <utility>
 
 #include "base/json_reading.hpp"
 #include "base/json_tree.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/identification.hpp"
+#include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "results/report_blocks.hpp"
 #include "results/report_files.hpp"

@@ -8,16 +8,16 @@
 #include "base/csv.hpp"
 #include "base/number_text.hpp"
 #include "base/sha256.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "results/calibrated_urdf.hpp"
 
 namespace kdl_calibration {
 namespace {
 
 // Measured minus predicted, one for each observation.
-std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const Calibration& calibration) {
+std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const CalibrationResult& calibration) {
   const Estimate& estimate = calibration.fit.identification.estimate;
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(calibration.model, estimate, measurements);
   std::vector<Eigen::Vector3d> result;
@@ -72,7 +72,7 @@ Json statistics_json(const ErrorStatistics& statistics) {
           {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
 }
 
-Json covariance_json(const Calibration& calibration) {
+Json covariance_json(const CalibrationResult& calibration) {
   const std::vector<std::string> names = calibration.fit.free.names();
   if (names.size() > kMostColumns ||
       static_cast<std::size_t>(calibration.uncertainty.covariance.rows()) != names.size()) {
@@ -89,7 +89,7 @@ Json covariance_json(const Calibration& calibration) {
   return {{"names", names}, {"lower_triangle", sqrt_information}};
 }
 
-Json residuals_json(const Measurements& measurements, const Calibration& calibration) {
+Json residuals_json(const Measurements& measurements, const CalibrationResult& calibration) {
   const std::vector<Eigen::Vector3d> all = residuals(measurements, calibration);
   std::vector<double> distances(all.size());
   std::transform(all.begin(), all.end(), distances.begin(), [](const Eigen::Vector3d& e) { return e.norm(); });
@@ -116,8 +116,8 @@ Json residuals_json(const Measurements& measurements, const Calibration& calibra
           {all.size() > kMostRows ? "largest" : "rows", rows}};
 }
 
-Json held_out_points_json(const Measurements& measurements, const Calibration& calibration) {
-  const std::vector<HeldOutPoint>& points = calibration.accuracy.held_out_points;
+Json held_out_points_json(const Measurements& measurements, const CalibrationResult& calibration) {
+  const std::vector<HeldOutPoint>& points = calibration.held_out_points;
   if (points.empty() || points.size() > kMostRows) {
     return nullptr;
   }
@@ -131,7 +131,7 @@ Json held_out_points_json(const Measurements& measurements, const Calibration& c
   return result;
 }
 
-std::string residuals_csv(const Measurements& measurements, const Calibration& calibration) {
+std::string residuals_csv(const Measurements& measurements, const CalibrationResult& calibration) {
   check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
   const std::vector<Eigen::Vector3d> all = residuals(measurements, calibration);
@@ -150,7 +150,7 @@ std::string residuals_csv(const Measurements& measurements, const Calibration& c
   return csv;
 }
 
-std::string covariance_csv(const Calibration& calibration) {
+std::string covariance_csv(const CalibrationResult& calibration) {
   const std::vector<std::string> names = calibration.fit.free.names();
   std::string csv = "parameter";
   for (const std::string& name : names) {
@@ -167,7 +167,7 @@ std::string covariance_csv(const Calibration& calibration) {
   return csv;
 }
 
-Json exported_urdf_json(const Robot& robot, const Calibration& calibration) {
+Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration) {
   const ExportedUrdf& exported = calibration.exported;
   Json parameters = Json::array();
   for (std::size_t p = 0; p < calibration.model.parameters.size(); ++p) {

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/result_json.hpp"
+#include "calibration/calibration_result.hpp"
+#include "results/result_json.hpp"
 
 namespace kdl_calibration {
 
@@ -23,18 +23,18 @@ Json statistics_json(const ErrorStatistics& statistics);  ///< null if empty
 
 /// Up to kMostColumns columns, else null: {"names", "lower_triangle"}.
 constexpr std::size_t kMostColumns = 300;
-Json covariance_json(const Calibration& calibration);
+Json covariance_json(const CalibrationResult& calibration);
 
 /// Measured minus predicted point of every row in W, up to kMostRows; above, the kLargestRows largest.
 constexpr std::size_t kMostRows = 5000;
 constexpr std::size_t kLargestRows = 200;
-Json residuals_json(const Measurements& measurements, const Calibration& calibration);
+Json residuals_json(const Measurements& measurements, const CalibrationResult& calibration);
 
 /// Left-out points and their predictions, null if more than kMostRows: {"configuration", "target", "distance"}.
-Json held_out_points_json(const Measurements& measurements, const Calibration& calibration);
+Json held_out_points_json(const Measurements& measurements, const CalibrationResult& calibration);
 
 /// Accuracy of the exported URDF without effects.
-Json exported_urdf_json(const Robot& robot, const Calibration& calibration);
+Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration);
 
 Json provenance_json(const Provenance& provenance);
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/result_json.hpp"
+#include "results/result_json.hpp"
 
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -6,9 +6,11 @@
 
 #include "base/json_tree.hpp"
 #include "base/sha256.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "calibration/new_point.hpp"
 #include "calibration/parameter_estimates.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "estimation/input_check.hpp"
+#include "model/reduction.hpp"
 #include "results/effects_json.hpp"
 #include "results/result_blocks.hpp"
 
@@ -31,7 +33,11 @@ Json noise_json(const NoiseReport& noise) {
                  {"misfit", noise.misfit},
                  {"target_misfit", noise.target_misfit},
                  {"degrees_of_freedom", noise.degrees_of_freedom},
+                 {"degrees_of_freedom_of_point", finite_or_null(new_point_noise(noise).degrees_of_freedom)},
                  {"variance_factor", noise.variance_factor}};
+  if (const auto& tracker = noise.tracker) {
+    result["tracker"] = {tracker->range, tracker->range_per_metre, tracker->transverse, tracker->transverse_per_metre};
+  }
   if (noise.orientation_length) {
     result["orientation_length"] = *noise.orientation_length;
   }
@@ -61,6 +67,23 @@ Json cells_json(const std::vector<WorkspaceCell>& cells) {
   return result;
 }
 
+Json region_json(const MeasuredRegion& region) {
+  Json joints = Json::array();
+  for (const auto& [lower, upper] : region.joints) {
+    joints.push_back({lower, upper});
+  }
+  return {{"joints", joints}, {"largest_variance", finite_or_null(region.largest_variance)}};
+}
+
+// Directions of the parameters that the measurements do not determine.
+Json undetermined_json(const Unknowns& candidates, const Eigen::MatrixXd& directions) {
+  Json columns = Json::array();
+  for (const auto& direction : directions.colwise()) {
+    columns.push_back(std::vector<double>(direction.begin(), direction.end()));
+  }
+  return {{"names", candidates.names()}, {"directions", columns}};
+}
+
 Json finite_array(const Eigen::Vector3d& v) {
   return Json::array({finite_or_null(v.x()), finite_or_null(v.y()), finite_or_null(v.z())});
 }
@@ -70,9 +93,9 @@ Json interval_json(double value, double std, double degrees_of_freedom) {
   return std::isfinite(half) ? Json::array({value - half, value + half}) : Json(nullptr);
 }
 
-Json asked_json(const std::vector<PredictedPoint>& points) {
+Json asked_json(const std::vector<AskedPoint>& points) {
   Json result = Json::array();
-  for (const PredictedPoint& point : points) {
+  for (const AskedPoint& point : points) {
     Json intervals = Json::array();
     for (int axis = 0; axis < 3; ++axis) {
       intervals.push_back(interval_json(point.position_W[axis], point.std[axis], point.degrees_of_freedom));
@@ -139,7 +162,7 @@ Json tried_json(const std::vector<ModelOption>& options) {
 }
 
 // Adds model selection, lack of fit, predicted accuracy and down-weighted rows.
-void add_details(const Calibration& calibration, const Measurements& measurements, Json& result) {
+void add_details(const CalibrationResult& calibration, const Measurements& measurements, Json& result) {
   result["priors"] = priors_json(calibration.selection.priors);
   result["tried"] = tried_json(calibration.selection.tried);
   if (!calibration.selection.not_tried.empty()) {
@@ -184,8 +207,13 @@ void add_details(const Calibration& calibration, const Measurements& measurement
   result["predicted_accuracy"] = {{"measured", statistics_json(calibration.uncertainty.predicted.measured)},
                                   {"workspace", statistics_json(calibration.uncertainty.predicted.workspace)},
                                   {"cell", calibration.uncertainty.predicted.cell},
-                                  {"radius_factor", calibration.uncertainty.predicted.radius_factor},
+                                  {"radius_factor", calibration.uncertainty.predicted.region.radius_factor},
+                                  {"region", region_json(calibration.uncertainty.predicted.region)},
                                   {"cells", cells_json(calibration.uncertainty.predicted.cells)}};
+  if (calibration.uncertainty.predicted.undetermined.cols() > 0) {
+    result["undetermined"] =
+        undetermined_json(calibration.fit.candidates, calibration.uncertainty.predicted.undetermined);
+  }
   if (!calibration.uncertainty.predicted.asked.empty()) {
     result["predicted_accuracy"]["asked"] = asked_json(calibration.uncertainty.predicted.asked);
   }
@@ -197,7 +225,7 @@ void add_details(const Calibration& calibration, const Measurements& measurement
   }
 }
 
-Json input_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
+Json input_json(const Robot& robot, const Measurements& measurements, const CalibrationSettings& options) {
   return {{"urdf", robot.source},
           {"sha256", sha256(robot.urdf)},
           {"base", robot.base},
@@ -254,7 +282,7 @@ double std_of(const std::vector<ParameterEstimate>& parameters, const std::strin
   return 0.0;
 }
 
-Json targets_json(const Calibration& calibration) {
+Json targets_json(const CalibrationResult& calibration) {
   Json targets = Json::array();
   for (const TargetFrame& target : calibration.fit.identification.estimate.targets) {
     Json entry = {{"name", target.name}, {"position", array(target.X_FT.translation())}};
@@ -271,7 +299,7 @@ Json targets_json(const Calibration& calibration) {
   return targets;
 }
 
-Json base_json(const Calibration& calibration) {
+Json base_json(const CalibrationResult& calibration) {
   const Eigen::Isometry3d& X_WB = calibration.fit.identification.estimate.X_WB;
   Json std = Json::array();
   for (const std::string& name : base_parameter_names()) {
@@ -282,8 +310,8 @@ Json base_json(const Calibration& calibration) {
 
 }  // namespace
 
-std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options,
-                        const Calibration& calibration, const Provenance& provenance) {
+std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationSettings& options,
+                        const CalibrationResult& calibration, const Provenance& provenance) {
   check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
   const Identification& found = calibration.fit.identification;

@@ -1,4 +1,4 @@
-#include "kdl_calibration/result_table.hpp"
+#include "results/result_table.hpp"
 
 #include <fmt/core.h>
 #include <Eigen/Dense>
@@ -13,8 +13,9 @@
 #include "base/text.hpp"
 #include "base/wrapped_text.hpp"
 #include "calibration/parameter_estimates.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/input_check.hpp"
+#include "measurements/training_rows.hpp"
 #include "results/effect_findings.hpp"
 
 namespace kdl_calibration {
@@ -32,7 +33,7 @@ std::string priors_in_words(const Priors& priors) {
 }
 
 // Position errors of the means of the repeats, as in all tables.
-void add_errors(const Calibration& calibration, std::string& text) {
+void add_errors(const CalibrationResult& calibration, std::string& text) {
   text += "\n" + statistics_heading("position error [mm]");
   const auto add = [&](const std::string& what, const ErrorStatistics& before, const ErrorStatistics& after) {
     text += statistics_row(what + ", nominal", before) + statistics_row(what + ", calibrated", after);
@@ -107,7 +108,7 @@ std::string noise_line(const NoiseReport& noise) {
   return line + (noise.repeats ? " (from residuals and repeats)" : " (from the residuals)");
 }
 
-void add_figures(const Calibration& calibration, std::string& text) {
+void add_figures(const CalibrationResult& calibration, std::string& text) {
   const Identification& found = calibration.fit.identification;
   text += "\n" + wrapped(noise_line(calibration.noise), 0, 2);
   text += fmt::format("rank {} of {} parameters, condition number {:.0f}, {} iterations\n",
@@ -156,12 +157,12 @@ void add_most_influential(const Measurements& measurements, const Influence& inf
   }
 }
 
-void add_predictions(const std::vector<PredictedPoint>& points, std::string& text) {
+void add_predictions(const std::vector<AskedPoint>& points, std::string& text) {
   if (points.empty()) {
     return;
   }
   text += "\npredicted, in the base [mm]           x          y          z  sigma   95 %\n";
-  for (const PredictedPoint& point : points) {
+  for (const AskedPoint& point : points) {
     const Eigen::Vector3d p = point.position * 1e3;
     text += padded("  " + point.configuration + " " + point.target, 28) + cell(p.x(), 11) + cell(p.y(), 11) +
             cell(p.z(), 11);
@@ -236,7 +237,7 @@ std::string parameter_line(const ErrorModel& model, const Reduction& reduction, 
   return line + "  " + why_held(reduction, parameter, fixed_by_user) + "\n";
 }
 
-void add_parameters(const Calibration& calibration, const std::string& held, std::string& text) {
+void add_parameters(const CalibrationResult& calibration, const std::string& held, std::string& text) {
   text += "\ngeometric errors, +- half of the 95 % interval\n";
   for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
     if (parameter.name.find('.') == std::string::npos) {  // neither of a frame nor of an effect
@@ -246,7 +247,7 @@ void add_parameters(const Calibration& calibration, const std::string& held, std
 }
 
 // The largest motion of each joint by each group of effects at the measured configurations.
-void add_effects(const Calibration& calibration, const Measurements& measurements, std::string& text) {
+void add_effects(const CalibrationResult& calibration, const Measurements& measurements, std::string& text) {
   if (calibration.model.effects.empty()) {
     return;
   }
@@ -266,7 +267,8 @@ void add_effects(const Calibration& calibration, const Measurements& measurement
 }
 
 // For mastering: corrections to add to the controller's joint values.
-void add_controller_offsets(const Calibration& calibration, const JointConvention& convention, std::string& text) {
+void add_controller_offsets(const CalibrationResult& calibration, const JointConvention& convention,
+                            std::string& text) {
   const ErrorModel& model = calibration.model;
   Eigen::VectorXd offsets = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(convention.urdf_joints.size()));
   for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
@@ -317,13 +319,13 @@ long fitted_configurations(const Measurements& measurements) {
   return std::count(trained.begin(), trained.end(), true);
 }
 
-std::string sizes(const Measurements& measurements, const Calibration& calibration) {
+std::string sizes(const Measurements& measurements, const CalibrationResult& calibration) {
   return fmt::format("{} configurations, {} points, {} parameters", fitted_configurations(measurements),
                      calibration.accuracy.train.after.count, calibration.fit.free.size());
 }
 
 // The verdict, shown before any figure.
-std::string verdict(const Measurements& measurements, const Calibration& calibration) {
+std::string verdict(const Measurements& measurements, const CalibrationResult& calibration) {
   if (calibration.trusted()) {
     const std::string converged = "Calibration converged: " + sizes(measurements, calibration) + ".\n";
     return calibration.diagnosis.reservation
@@ -341,7 +343,7 @@ std::string verdict(const Measurements& measurements, const Calibration& calibra
   return text + "\nCalibration of " + sizes(measurements, calibration) + ".\n";
 }
 
-void add_main_figures(const Calibration& calibration, std::string& text) {
+void add_main_figures(const CalibrationResult& calibration, std::string& text) {
   text += fmt::format("Position error, rms:  nominal {:.3f} mm -> calibrated {:.3f} mm  (fitted)\n",
                       calibration.accuracy.iso_before.accuracy.rms * 1e3,
                       calibration.accuracy.iso_after.accuracy.rms * 1e3);
@@ -377,7 +379,7 @@ std::string statistics_row(const std::string& label, const ErrorStatistics& stat
   return text + fmt::format("{:8}\n", statistics.count);
 }
 
-std::string result_table(const Measurements& measurements, const Calibration& calibration,
+std::string result_table(const Measurements& measurements, const CalibrationResult& calibration,
                          const TableOptions& options) {
   check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);

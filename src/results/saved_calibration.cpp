@@ -1,4 +1,4 @@
-#include "kdl_calibration/saved_calibration.hpp"
+#include "results/saved_calibration.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -39,6 +39,16 @@ void require_same_robot(const Node& top, const Robot& robot) {
                        "', expected that of this robot, '" + link + "'");
     }
   }
+}
+
+// The elements of a list that may be absent or empty.
+std::vector<Node> optional_elements(const Node& object, const std::string& key) {
+  return has(object, key) && !member(object, key).json.empty() ? elements(member(object, key)) : std::vector<Node>();
+}
+
+// Null stands for infinity: not determined.
+double number_or_infinity(const Node& node) {
+  return node.json.is_null() ? std::numeric_limits<double>::infinity() : number(node);
 }
 
 std::vector<TargetFrame> targets_of(const Node& top) {
@@ -123,13 +133,201 @@ void read_covariance(const Node& block, SavedCalibration& saved) {
     }
     for (Eigen::Index c = 0; c <= r; ++c) {
       const Node& value = row[static_cast<std::size_t>(c)];
-      const double read = value.json.is_null() ? std::numeric_limits<double>::infinity() : number(value);
+      const double read = number_or_infinity(value);
       if (r == c && read < 0.0) {
         fail(value, "a variance, 0 or more");
       }
       saved.covariance(r, c) = saved.covariance(c, r) = read;
     }
   }
+}
+
+Doubt doubt_of(const Node& node) {
+  const std::string name = tree::name(member(node, "cause"));
+  const std::optional<Cause> cause = cause_named(name);
+  if (!cause) {
+    throw InputError(node.where + ": cause: " + shown(name) + " is unknown, expected one that calibrate writes");
+  }
+  return {.cause = *cause, .message = tree::name(member(node, "message"))};
+}
+
+void read_verdict(const Node& top, SavedCalibration& saved) {
+  const bool trusted = has(top, "trusted") && tree::truth(member(top, "trusted"));
+  saved.verdict = trusted ? Verdict::trusted : Verdict::not_trusted;
+  for (const Node& node : optional_elements(top, "doubts")) {
+    saved.doubts.push_back(doubt_of(node));
+  }
+  if (trusted && !saved.doubts.empty()) {
+    fail(member(top, "trusted"), "false, as there are doubts");
+  }
+  if (has(top, "reservation")) {
+    saved.verdict = Verdict::trusted_where_measured;
+    saved.doubts.push_back(doubt_of(member(top, "reservation")));
+  }
+  for (const Node& node : optional_elements(top, "warnings")) {
+    saved.warnings.push_back(tree::name(node));
+  }
+}
+
+ParameterEstimate estimate_of(const Node& node) {
+  ParameterEstimate result{.name = tree::name(member(node, "name"))};
+  const Node joint = member(node, "joint");
+  result.joint = joint.json.is_null() ? "" : tree::name(joint);
+  const std::string kind = tree::name(member(node, "kind"));
+  for (const ParameterKind each : {ParameterKind::joint_offset, ParameterKind::translation, ParameterKind::rotation}) {
+    result.kind = kind == to_string(each) ? each : result.kind;
+  }
+  const Node axis = member(node, "axis");
+  result.axis = axis.json == "" ? "" : tree::name(axis);
+  result.nominal = number(member(node, "nominal"));
+  result.value = number(member(node, "value"));
+  result.error = number(member(node, "error"));
+  result.std = number_or_infinity(member(node, "std"));
+  result.degrees_of_freedom = number_or_infinity(member(node, "degrees_of_freedom"));
+  result.identifiable = tree::truth(member(node, "identifiable"));
+  result.gauge = tree::truth(member(node, "gauge"));
+  return result;
+}
+
+// The lines of the result, effects from their terms; none in a truth file.
+void read_estimates(const Node& top, SavedCalibration& saved) {
+  for (const Node& node : optional_elements(top, "parameters")) {
+    if (has(node, "degrees_of_freedom")) {
+      saved.parameters.push_back(estimate_of(node));
+    }
+  }
+  for (std::size_t e = 0; e < saved.model.effects.size() && !saved.parameters.empty(); ++e) {
+    const EffectTerm& term = saved.model.effects[e];
+    const double value = saved.estimate.effects[static_cast<Eigen::Index>(e)];
+    const std::optional<Eigen::Index> column = saved.free.column(term.name);
+    const bool known = column && *column < saved.covariance.rows();
+    saved.parameters.push_back({.name = term.name,
+                                .joint = term.joint,
+                                .kind = ParameterKind::effect,
+                                .axis = {},
+                                .value = value,
+                                .error = value,
+                                .std = known ? std::sqrt(saved.covariance(*column, *column)) : 0.0,
+                                .degrees_of_freedom = saved.parameters.back().degrees_of_freedom,
+                                .identifiable = known});
+  }
+  saved.urdf_errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.parameters.size()));
+  if (has(top, "exported_urdf")) {
+    for (const Node& node : optional_elements(member(top, "exported_urdf"), "parameters")) {
+      const std::size_t place = parameter_index(saved.model, tree::name(member(node, "name")));
+      saved.urdf_errors[static_cast<Eigen::Index>(place)] = number(member(node, "error"));
+    }
+  }
+}
+
+// What the radius of a new point needs; files before version 0.2 lack a part of it.
+void read_prediction(const Node& top, SavedCalibration& saved) {
+  if (!has(top, "predicted_accuracy") || !has(member(top, "predicted_accuracy"), "region")) {
+    return;
+  }
+  const Node predicted = member(top, "predicted_accuracy");
+  const Node region = member(predicted, "region");
+  saved.region.radius_factor = number(member(predicted, "radius_factor"));
+  saved.region.largest_variance = number_or_infinity(member(region, "largest_variance"));
+  for (const Node& node : elements(member(region, "joints"))) {
+    const Eigen::Vector2d range = tree::numbers<2>(node);
+    saved.region.joints.emplace_back(range.x(), range.y());
+  }
+  if (saved.region.joints.size() != saved.model.joints.size()) {
+    fail(member(region, "joints"), "a range for each moving joint");
+  }
+  const Node noise = member(top, "noise");
+  NoiseModel& model = saved.noise.model;
+  model.independent = tree::numbers<3>(member(noise, "independent"));
+  model.common = tree::numbers<3>(member(noise, "common"));
+  model.misfit = number(member(noise, "misfit"));
+  model.target_misfit = number(member(noise, "target_misfit"));
+  if (has(noise, "tracker")) {
+    const Eigen::Vector4d tracker = tree::numbers<4>(member(noise, "tracker"));
+    model.tracker = TrackerNoise{tracker[0], tracker[1], tracker[2], tracker[3]};
+  }
+  saved.noise.degrees_of_freedom = number_or_infinity(member(noise, "degrees_of_freedom_of_point"));
+  const bool by_parts = tree::name(member(noise, "model")) == to_string(NoiseSource::parts);
+  saved.noise.variance_factor = by_parts ? 1.0 : number(member(noise, "variance_factor"));
+  if (has(top, "undetermined")) {
+    const Node undetermined = member(top, "undetermined");
+    std::vector<std::string> names;
+    for (const Node& node : elements(member(undetermined, "names"))) {
+      names.push_back(tree::name(node));
+    }
+    saved.candidates = Unknowns(saved.model, saved.estimate.targets, names);
+    const std::vector<Node> directions = elements(member(undetermined, "directions"));
+    saved.undetermined.resize(saved.candidates.size(), static_cast<Eigen::Index>(directions.size()));
+    for (std::size_t d = 0; d < directions.size(); ++d) {
+      const std::vector<Node> numbers = elements(directions[d]);
+      if (numbers.size() != names.size()) {
+        fail(directions[d], "a number for each name");
+      }
+      for (std::size_t i = 0; i < numbers.size(); ++i) {
+        saved.undetermined(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(d)) = number(numbers[i]);
+      }
+    }
+  }
+}
+
+ErrorStatistics statistics_of(const Node& node) {
+  if (node.json.is_null()) {
+    return {};
+  }
+  return {.count = static_cast<long>(number(member(node, "count"))),
+          .mean = number(member(node, "mean")),
+          .rms = number(member(node, "rms")),
+          .p95 = number(member(node, "p95")),
+          .max = number(member(node, "max")),
+          .std = number(member(node, "std"))};
+}
+
+std::optional<ErrorStatistics> optional_statistics(const Node& object, const std::string& key) {
+  return has(object, key) ? std::optional(statistics_of(member(object, key))) : std::nullopt;
+}
+
+std::optional<BeforeAfter> before_after(const Node& object, const std::string& key) {
+  if (!has(object, key)) {
+    return std::nullopt;
+  }
+  const Node both = member(object, key);
+  return BeforeAfter{.before = statistics_of(member(both, "before")),
+                     .after = statistics_of(member(both, "after")),
+                     .rigid = optional_statistics(both, "exported_urdf")};
+}
+
+std::optional<Iso9283> iso_of(const Node& object, const std::string& key) {
+  if (!has(object, key)) {
+    return std::nullopt;
+  }
+  const Node iso = member(object, key);
+  return Iso9283{.accuracy = statistics_of(member(iso, "accuracy")),
+                 .repeatability = statistics_of(member(iso, "repeatability"))};
+}
+
+Accuracy accuracy_of(const Node& top) {
+  Accuracy result;
+  if (has(top, "position_error")) {
+    const Node errors = member(top, "position_error");
+    result.train = before_after(errors, "train").value_or(BeforeAfter{});
+    result.test = before_after(errors, "test");
+    result.test_at_fitted_poses = optional_statistics(errors, "test_at_fitted_poses");
+    result.test_at_new_poses = optional_statistics(errors, "test_at_new_poses");
+    result.leave_one_out = before_after(errors, "leave_one_out");
+    result.nested_leave_one_out = optional_statistics(errors, "nested_leave_one_out");
+    result.k_fold = before_after(errors, "k_fold");
+    result.folds = result.k_fold ? static_cast<int>(number(member(member(errors, "k_fold"), "folds"))) : 0;
+  }
+  if (has(top, "iso_9283")) {
+    const Node iso = member(top, "iso_9283");
+    result.iso_before = iso_of(iso, "before").value_or(Iso9283{});
+    result.iso_after = iso_of(iso, "after").value_or(Iso9283{});
+    if (has(iso, "test")) {
+      result.iso_test_before = iso_of(member(iso, "test"), "before");
+      result.iso_test_after = iso_of(member(iso, "test"), "after");
+    }
+  }
+  return result;
 }
 
 }  // namespace
@@ -152,24 +350,14 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
   if (has(top, "covariance") && !member(top, "covariance").json.is_null()) {
     read_covariance(member(top, "covariance"), saved);
   }
-  saved.trusted = has(top, "trusted") && tree::truth(member(top, "trusted"));
-  if (has(top, "doubts") && !member(top, "doubts").json.empty()) {
-    for (const Node& doubt : elements(member(top, "doubts"))) {
-      const std::string name = tree::name(member(doubt, "cause"));
-      const std::optional<Cause> cause = cause_named(name);
-      if (!cause) {
-        throw InputError(doubt.where + ": cause: " + shown(name) + " is unknown, expected one that calibrate writes");
-      }
-      saved.doubts.push_back({.cause = *cause, .message = tree::name(member(doubt, "message"))});
-    }
-    if (saved.trusted) {
-      fail(member(top, "trusted"), "false, as there are doubts");
-    }
-  }
+  read_verdict(top, saved);
+  read_estimates(top, saved);
+  read_prediction(top, saved);
+  saved.accuracy = accuracy_of(top);
   return saved;
 }
 
-SavedCalibration load_calibration(const std::filesystem::path& result, const Robot& robot) {
+SavedCalibration read_calibration(const std::filesystem::path& result, const Robot& robot) {
   return parse_calibration(read_text_file(result), robot, result.string());
 }
 

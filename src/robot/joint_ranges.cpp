@@ -1,10 +1,10 @@
-#include "kdl_calibration/joint_ranges.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <algorithm>
 #include <numbers>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/mimic.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/mimic.hpp"
+#include "robot/mimic.hpp"
 
 #include "base/preconditions.hpp"
 

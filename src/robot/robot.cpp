@@ -14,7 +14,7 @@
 #include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/mimic.hpp"
+#include "robot/mimic.hpp"
 #include "robot/urdf_model.hpp"
 #include "robot/urdf_reading.hpp"
 

@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "kdl_calibration/data_quality.hpp"
+#include "screening/data_quality.hpp"
 
 namespace kdl_calibration {
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/data_quality.hpp"
+#include "screening/data_quality.hpp"
 
 #include <algorithm>
 #include <utility>

@@ -12,9 +12,9 @@
 
 #include "base/number_range.hpp"
 #include "base/robust_statistics.hpp"
-#include "kdl_calibration/data_quality.hpp"
-#include "kdl_calibration/measurements_check.hpp"
+#include "measurements/measurements_check.hpp"
 #include "screening/change_points.hpp"
+#include "screening/data_quality.hpp"
 #include "screening/heavy_tails.hpp"
 #include "screening/quality_findings.hpp"
 

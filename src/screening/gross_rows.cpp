@@ -1,4 +1,4 @@
-#include "kdl_calibration/gross_rows.hpp"
+#include "screening/gross_rows.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -9,7 +9,9 @@
 #include <utility>
 
 #include "base/distributions.hpp"
-#include "kdl_calibration/least_squares.hpp"
+#include "estimation/least_squares.hpp"
+#include "estimation/residual_options.hpp"
+#include "measurements/training_rows.hpp"
 
 namespace kdl_calibration {
 namespace {

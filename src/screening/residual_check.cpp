@@ -12,9 +12,10 @@
 
 #include "base/number_range.hpp"
 #include "base/robust_statistics.hpp"
-#include "kdl_calibration/data_quality.hpp"
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/input_check.hpp"
+#include "measurements/training_rows.hpp"
 #include "screening/change_points.hpp"
+#include "screening/data_quality.hpp"
 #include "screening/heavy_tails.hpp"
 #include "screening/quality_findings.hpp"
 

@@ -4,8 +4,9 @@
 #include <set>
 #include <utility>
 
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/least_squares.hpp"
+#include "effects/effect_terms.hpp"
+#include "estimation/least_squares.hpp"
+#include "kdl_calibration/noise_model.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -4,9 +4,9 @@
 
 #include <vector>
 
-#include "kdl_calibration/data_quality.hpp"
-#include "kdl_calibration/gross_rows.hpp"
-#include "kdl_calibration/identification.hpp"
+#include "estimation/identification.hpp"
+#include "screening/data_quality.hpp"
+#include "screening/gross_rows.hpp"
 
 namespace kdl_calibration {
 

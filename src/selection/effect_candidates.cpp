@@ -6,8 +6,9 @@
 #include <map>
 #include <utility>
 
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/least_squares.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/least_squares.hpp"
+#include "estimation/residual_options.hpp"
 
 namespace kdl_calibration {
 

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/group_sizes.hpp"
+#include "estimation/unknowns.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/unknowns.hpp"
+#include "selection/group_sizes.hpp"
 
 namespace kdl_calibration {
 

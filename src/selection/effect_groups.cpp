@@ -2,7 +2,7 @@
 
 #include <map>
 
-#include "kdl_calibration/joint_effects.hpp"
+#include "effects/joint_effects.hpp"
 
 namespace kdl_calibration {
 namespace {

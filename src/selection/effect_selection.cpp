@@ -11,16 +11,17 @@
 
 #include "base/counted_fits.hpp"
 #include "base/parallel.hpp"
-#include "kdl_calibration/effect_terms.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/validation.hpp"
+#include "measurements/training_rows.hpp"
 #include "selection/effect_candidates.hpp"
 #include "selection/effect_groups.hpp"
 #include "selection/parameter_selection.hpp"
 #include "selection/ripple_search.hpp"
 #include "selection/table_certainty.hpp"
 #include "selection/tried_models.hpp"
+#include "validation/validation.hpp"
 
 namespace kdl_calibration {
 namespace {

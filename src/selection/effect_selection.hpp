@@ -5,8 +5,8 @@
 #include <functional>
 #include <vector>
 
+#include "estimation/identification.hpp"
 #include "kdl_calibration/calibration_options.hpp"
-#include "kdl_calibration/identification.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "selection/model_score.hpp"
 

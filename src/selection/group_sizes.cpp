@@ -1,4 +1,4 @@
-#include "kdl_calibration/group_sizes.hpp"
+#include "selection/group_sizes.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -8,7 +8,7 @@
 #include <numeric>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/linear_system.hpp"
+#include "estimation/linear_system.hpp"
 
 namespace kdl_calibration {
 

@@ -13,9 +13,9 @@
 #include "base/counted_fits.hpp"
 #include "base/parallel.hpp"
 #include "base/text.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/validation.hpp"
+#include "effects/joint_effects.hpp"
 #include "selection/table_certainty.hpp"
+#include "validation/validation.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "kdl_calibration/calibration_options.hpp"
-#include "kdl_calibration/group_sizes.hpp"
 #include "selection/effect_candidates.hpp"
+#include "selection/group_sizes.hpp"
 #include "selection/tried_models.hpp"
 
 namespace kdl_calibration {

@@ -5,9 +5,9 @@
 
 #include "base/name_pattern.hpp"
 #include "base/text.hpp"
+#include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "model/reduction.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "kdl_calibration/calibration_options.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "model/reduction.hpp"
 
 namespace kdl_calibration {
 

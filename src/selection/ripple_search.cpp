@@ -9,7 +9,7 @@
 
 #include "base/distributions.hpp"
 #include "base/parallel.hpp"
-#include "kdl_calibration/effect_terms.hpp"
+#include "effects/effect_terms.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <string>
 
-#include "kdl_calibration/joint_effects.hpp"
+#include "effects/joint_effects.hpp"
 
 namespace kdl_calibration {
 

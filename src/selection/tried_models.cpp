@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 
 namespace kdl_calibration {
 

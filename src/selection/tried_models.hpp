@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/model_selection.hpp"
+#include "selection/model_selection.hpp"
 
 namespace kdl_calibration {
 

@@ -1,11 +1,11 @@
-#include "kdl_calibration/identification_jacobian.hpp"
+#include "two_step/identification_jacobian.hpp"
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/matrix_derivatives.hpp"
-#include "kdl_calibration/two_step.hpp"
+#include "estimation/identification.hpp"
+#include "estimation/input_check.hpp"
+#include "model/kinematics.hpp"
+#include "two_step/matrix_derivatives.hpp"
+#include "two_step/two_step.hpp"
 
 namespace kdl_calibration {
 namespace {

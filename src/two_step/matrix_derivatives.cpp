@@ -1,4 +1,4 @@
-#include "kdl_calibration/matrix_derivatives.hpp"
+#include "two_step/matrix_derivatives.hpp"
 
 #include <algorithm>
 #include <cmath>

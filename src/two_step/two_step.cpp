@@ -1,14 +1,15 @@
-#include "kdl_calibration/two_step.hpp"
+#include "two_step/two_step.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/matrix_derivatives.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/prediction.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
+#include "two_step/matrix_derivatives.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -5,6 +5,9 @@
 #include <numeric>
 #include <utility>
 
+#include "estimation/residual_options.hpp"
+#include "measurements/drive_signals.hpp"
+
 namespace kdl_calibration {
 
 using Eigen::Index;

@@ -8,9 +8,10 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/least_squares.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "estimation/identification.hpp"
+#include "estimation/least_squares.hpp"
+#include "estimation/prediction.hpp"
+#include "estimation/residual_options.hpp"
 
 namespace kdl_calibration {
 

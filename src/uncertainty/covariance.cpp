@@ -1,4 +1,4 @@
-#include "kdl_calibration/covariance.hpp"
+#include "uncertainty/covariance.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -9,7 +9,7 @@
 
 #include "base/preconditions.hpp"
 #include "base/triangular_factor.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 #include "uncertainty/unit_columns.hpp"
 
 namespace kdl_calibration {

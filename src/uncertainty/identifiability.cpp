@@ -1,4 +1,4 @@
-#include "kdl_calibration/identifiability.hpp"
+#include "uncertainty/identifiability.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

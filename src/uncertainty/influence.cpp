@@ -1,4 +1,4 @@
-#include "kdl_calibration/influence.hpp"
+#include "uncertainty/influence.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -6,8 +6,10 @@
 #include <vector>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/residual_options.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
 #include "uncertainty/configuration_system.hpp"
 #include "uncertainty/unit_columns.hpp"
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/observability.hpp"
+#include "uncertainty/observability.hpp"
 
 #include <Eigen/Dense>
 #include <cmath>

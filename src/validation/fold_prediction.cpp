@@ -1,4 +1,4 @@
-#include "kdl_calibration/fold_prediction.hpp"
+#include "validation/fold_prediction.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -11,8 +11,9 @@
 
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "estimation/input_check.hpp"
+#include "measurements/drive_signals.hpp"
+#include "model/kinematics.hpp"
 #include "uncertainty/configuration_system.hpp"
 #include "uncertainty/unit_columns.hpp"
 #include "validation/folds.hpp"

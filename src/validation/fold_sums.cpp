@@ -1,4 +1,4 @@
-#include "kdl_calibration/fold_sums.hpp"
+#include "validation/fold_sums.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -8,8 +8,9 @@
 
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/least_squares.hpp"
+#include "estimation/input_check.hpp"
+#include "estimation/least_squares.hpp"
+#include "estimation/residual_options.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "kdl_calibration/validation.hpp"
+#include "validation/validation.hpp"
 
 namespace kdl_calibration {
 

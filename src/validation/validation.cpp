@@ -1,4 +1,4 @@
-#include "kdl_calibration/validation.hpp"
+#include "validation/validation.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -9,10 +9,11 @@
 
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
-#include "kdl_calibration/input_check.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/random.hpp"
-#include "kdl_calibration/same_poses.hpp"
+#include "base/random.hpp"
+#include "estimation/input_check.hpp"
+#include "measurements/same_poses.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
 #include "validation/folds.hpp"
 
 namespace kdl_calibration {

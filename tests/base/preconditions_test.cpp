@@ -7,11 +7,14 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/kdl_calibration.hpp"
-#include "kdl_calibration/matrix_derivatives.hpp"
-#include "kdl_calibration/two_step.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "every_header.hpp"
+#include "kdl_calibration/noise_model.hpp"
 #include "mistakes_support.hpp"
 #include "refusal.hpp"
+#include "robot/joint_ranges.hpp"
+#include "two_step/matrix_derivatives.hpp"
+#include "two_step/two_step.hpp"
 
 namespace kdl_calibration::preconditions_test {
 namespace {
@@ -171,8 +174,8 @@ TEST(Doors, OfTheModelRefuseWhatDoesNotFit) {
       {"its product", [&] { point_columns(factors, {}, {0}, {}); }, "0 derivatives"},
       {"manipulator_jacobians", [&] { manipulator_jacobians(model, s.errors, s.few); }, "3 joint values"},
       {"its errors", [&] { manipulator_jacobians(model, s.few, s.q); }, "3 errors"},
-      {"CalibratedArm", [&] { CalibratedArm(model, s.few, {}); }, "3 errors"},
-      {"CalibratedArm's effects", [&] { CalibratedArm(model, s.errors, s.few); }, "3 values of effects, expected 0"},
+      {"ArmKinematics", [&] { ArmKinematics(model, s.few, {}); }, "3 errors"},
+      {"ArmKinematics's effects", [&] { ArmKinematics(model, s.errors, s.few); }, "3 values of effects, expected 0"},
       {"effect_terms", [&] { effect_terms(model, EffectGroup::gain, s.few_rows); }, "3 joint values"},
       {"table_terms", [&] { table_terms(model, s.few_rows, 0.5); }, "3 joint values"},
       {"a table's length", [&] { table_terms(model, q, kNaN); }, "the length of a table"},
@@ -274,14 +277,14 @@ TEST(Doors, OfTheAssessmentRefuseWhatDoesNotFit) {
 
 TEST(Doors, OfTheCalibrationRefuseWhatDoesNotFit) {
   const Sound& s = sound();
-  CalibrationOptions elsewhere;
+  CalibrationSettings elsewhere;
   elsewhere.predict_at = {.names = {"a", "b", "c", "d"}, .joint_values = s.few_rows};
-  CalibrationOptions unnamed;
+  CalibrationSettings unnamed;
   unnamed.predict_at = {.names = {"a"}, .joint_values = MatrixXd::Zero(6, 4)};
   Estimate short_one = s.estimate;
   short_one.errors = s.few;
   SavedCalibration saved{.model = s.model, .estimate = short_one};
-  Calibration calibration;
+  CalibrationResult calibration;
   calibration.model = s.model;
   calibration.fit.identification.estimate = short_one;
   expect_refused({

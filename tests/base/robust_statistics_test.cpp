@@ -6,7 +6,7 @@
 #include <limits>
 #include <numbers>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 
 namespace kdl_calibration::robust_statistics_test {
 namespace {

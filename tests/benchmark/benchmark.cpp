@@ -5,13 +5,14 @@
 #include <fstream>
 
 #include "base/parallel.hpp"
+#include "calibration/calibrate.hpp"
+#include "diagnosis/alternative_readings.hpp"
+#include "effects/effect_terms.hpp"
+#include "estimation/registration.hpp"
+#include "estimation/residual_options.hpp"
 #include "experiment.hpp"
-#include "kdl_calibration/alternative_readings.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/registration.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration::benchmarks {
 namespace {
@@ -195,7 +196,7 @@ BENCHMARK(calibrate_library)->Arg(30)->Arg(300000)->Unit(benchmark::kMillisecond
 // What calibrate() tries of other readings of the data, and all the rest that it does with one model.
 void hypotheses_library(benchmark::State& state) {
   const Measurements measured = experiment().measurements(static_cast<int>(state.range(0)), 1, 0.00003);
-  const Calibration found = calibrate(experiment().model, measured, {.diagnosis = {.try_readings = false}});
+  const CalibrationResult found = calibrate(experiment().model, measured, {.diagnosis = {.try_readings = false}});
   for (auto _ : state) {
     benchmark::DoNotOptimize(alternative_readings(experiment().model, measured, found.fit.identification.estimate,
                                                   found.fit.free, {.threads = 0}));

@@ -3,7 +3,8 @@
 // The published experiment: errors of the irreducible model, three tools, N random configurations without noise.
 
 #include "../virtual_experiment.hpp"
-#include "kdl_calibration/identification.hpp"
+#include "estimation/identification.hpp"
+#include "robot/joint_ranges.hpp"
 
 namespace kdl_calibration::benchmarks {
 

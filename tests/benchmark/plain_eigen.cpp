@@ -3,7 +3,7 @@
 #include <kdl/chainjnttojacsolver.hpp>
 
 #include "experiment.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration::benchmarks {
 namespace {

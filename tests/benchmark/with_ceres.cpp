@@ -5,7 +5,7 @@
 #include <array>
 
 #include "experiment.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace kdl_calibration::benchmarks {
 namespace {

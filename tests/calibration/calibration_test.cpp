@@ -1,10 +1,10 @@
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
-#include "kdl_calibration/covariance.hpp"
+#include "calibration/calibrate.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/noise_components.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "noise/noise_components.hpp"
+#include "results/calibrated_urdf.hpp"
+#include "robot/joint_ranges.hpp"
+#include "uncertainty/covariance.hpp"
 
 #include <gmock/gmock.h>
 
@@ -15,10 +15,13 @@
 #include <numeric>
 #include <optional>
 
+#include "calibration/calibration_settings.hpp"
+#include "estimation/least_squares.hpp"
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/least_squares.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
+#include "planning/simulation.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
@@ -42,7 +45,7 @@ struct Simulated : VirtualExperiment {
         measured(measure(30, {.sigma = sigma})) {}
 };
 
-std::vector<std::string> identifiable_names(const Calibration& calibration) {
+std::vector<std::string> identifiable_names(const CalibrationResult& calibration) {
   std::vector<std::string> names;
   for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
     if (parameter.identifiable) {
@@ -54,7 +57,7 @@ std::vector<std::string> identifiable_names(const Calibration& calibration) {
 
 TEST(Calibration, ExportedUrdfIsTheCalibratedRobot) {
   const Simulated s(1, 0.0);
-  const Calibration found = calibrate(s.model, s.measured);
+  const CalibrationResult found = calibrate(s.model, s.measured);
   ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
   const Eigen::VectorXd& errors = found.fit.identification.estimate.errors;
   const Robot exported = parse_robot(calibrated_urdf(fanuc(), s.model, errors));
@@ -92,7 +95,7 @@ TEST(Calibration, ExportWithoutErrorsIsTheFileByteForByte) {
 
 TEST(Calibration, GivesThirtyThreeOfThirtyFiveParametersWithTheirUncertainty) {
   const Simulated s(4, 0.00003);
-  const Calibration found = calibrate(s.model, s.measured);
+  const CalibrationResult found = calibrate(s.model, s.measured);
   EXPECT_EQ(identifiable_names(found).size(), 33U);
   EXPECT_EQ(found.uncertainty.parameters.size(), 35U);
   EXPECT_EQ(found.uncertainty.identifiability.rank, 33);
@@ -112,16 +115,16 @@ TEST(Calibration, GivesThirtyThreeOfThirtyFiveParametersWithTheirUncertainty) {
 
 TEST(Calibration, FixesAndFreesByPattern) {
   const Simulated s(5, 0.00003);
-  CalibrationOptions options;
+  CalibrationSettings options;
   options.parameters.fix = {"*4", "Rz?"};
-  const Calibration found = calibrate(s.model, s.measured, options);
+  const CalibrationResult found = calibrate(s.model, s.measured, options);
   EXPECT_THAT(identifiable_names(found), Not(Contains("Tz4")));
   EXPECT_THAT(identifiable_names(found), Not(Contains("dq4")));
   EXPECT_THAT(identifiable_names(found), Not(Contains("Rz5")));
   EXPECT_EQ(found.uncertainty.identifiability.rank, 33 - 4 - 3);  // Tz4 Tx4 Rz4 dq4, then Rz2 Rz3 Rz5
   options = {};
   options.parameters.free = {"dq1"};
-  const Calibration tied = calibrate(s.model, s.measured, options);
+  const CalibrationResult tied = calibrate(s.model, s.measured, options);
   EXPECT_EQ(tied.fit.identification.termination, Termination::rank_deficient);
   EXPECT_THAT(tied.diagnosis.warnings, Contains(::testing::AllOf(HasSubstr("base.Rz"), HasSubstr("dq1"))));
   options.parameters.free = {"Q7"};
@@ -133,10 +136,10 @@ TEST(Calibration, FixesAndFreesByPattern) {
 
 TEST(Calibration, WithKnownFramesTheGaugeIsIdentified) {
   const Simulated s(6, 0.0);
-  CalibrationOptions options;
+  CalibrationSettings options;
   options.parameters.known_base = s.robot.truth.X_WB;
   options.parameters.known_targets = s.robot.truth.targets;
-  const Calibration found = calibrate(s.model, s.measured, options);
+  const CalibrationResult found = calibrate(s.model, s.measured, options);
   ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
   EXPECT_EQ(found.uncertainty.identifiability.rank, 30);
   EXPECT_THAT(identifiable_names(found), Contains("dq1"));
@@ -145,8 +148,8 @@ TEST(Calibration, WithKnownFramesTheGaugeIsIdentified) {
 
 TEST(Calibration, CompleteModelFitsAsWellAndNamesItsGauge) {
   const Simulated s(7, 0.00003);
-  const Calibration irreducible = calibrate(s.model, s.measured);
-  const Calibration complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
+  const CalibrationResult irreducible = calibrate(s.model, s.measured);
+  const CalibrationResult complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
   EXPECT_TRUE(complete.trusted());
   EXPECT_EQ(complete.uncertainty.identifiability.rank, 33);
   EXPECT_EQ(static_cast<int>(complete.uncertainty.fixed_by_gauge.size()),
@@ -159,7 +162,7 @@ struct OpenErrors {
   Eigen::VectorXd errors;
   Eigen::MatrixXd open;
 
-  OpenErrors(const Calibration& found, const Measurements& measured, const Unknowns& columns) {
+  OpenErrors(const CalibrationResult& found, const Measurements& measured, const Unknowns& columns) {
     const Estimate& estimate = found.fit.identification.estimate;
     const LeastSquaresProblem problem(found.model, measured, columns);
     open = undetermined_directions(problem.whitened_summary(estimate).sqrt_information);
@@ -177,8 +180,8 @@ struct OpenErrors {
 TEST(Calibration, CompleteModelHasTheSmallestErrorsOfAllThatAreAsGood) {
   for (const double sigma : {0.0, 3e-5}) {
     const Simulated s(7, sigma);
-    const Calibration irreducible = calibrate(s.model, s.measured);
-    const Calibration complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
+    const CalibrationResult irreducible = calibrate(s.model, s.measured);
+    const CalibrationResult complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
     EXPECT_TRUE(complete.fit.minimum_norm);
     EXPECT_FALSE(irreducible.fit.minimum_norm);
     EXPECT_THAT(complete.diagnosis.warnings, Contains(HasSubstr("smallest errors that fit")));
@@ -200,7 +203,7 @@ TEST(Calibration, NamesTiedParametersWhenAllConfigurationsAreAlike) {
   s.measured.joint_values = s.measured.joint_values.col(0).replicate(1, 30).eval();
   Random random(1);
   s.measured = measure(s.robot, s.measured.joint_values, {.sigma = 0.00003}, random);
-  const Calibration found = calibrate(s.model, s.measured);
+  const CalibrationResult found = calibrate(s.model, s.measured);
   EXPECT_FALSE(found.trusted());
   EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient);
   EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr("cannot tell apart")));
@@ -238,8 +241,8 @@ TEST(Calibration, WhatTheDataCannotTellIsHeldAtZeroAndPredictionsHold) {
   for (const std::vector<int>& moving : cases) {
     SCOPED_TRACE(::testing::PrintToString(moving));
     const PartlyMoved s(40, moving);
-    const Calibration found = calibrate(s.model, joined(s.train, s.test),
-                                        {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    const CalibrationResult found = calibrate(
+        s.model, joined(s.train, s.test), {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
     EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
     EXPECT_LT(found.accuracy.train.after.max, 1e-10);
     EXPECT_LT(found.accuracy.test->after.max, 1e-10);
@@ -275,25 +278,25 @@ TEST(Calibration, PredictionsAreUncertainOnlyWhereTheGaugeMatters) {
   const PartlyMoved s(42, {1, 2, 3});
   Random random(43);
   const Measurements measured = measure(s.robot, s.train.joint_values, {.sigma = 0.00003}, random);
-  CalibrationOptions options;
+  CalibrationSettings options;
   options.predict_at = {.names = {"as measured", "elsewhere"}, .joint_values = s.test.joint_values.leftCols(2)};
   options.predict_at.joint_values(4, 1) += 0.5;
-  const Calibration found = calibrate(s.model, measured, options);
+  const CalibrationResult found = calibrate(s.model, measured, options);
   ASSERT_EQ(found.uncertainty.predicted.asked.size(), 6U);
   EXPECT_GT(found.uncertainty.predicted.measured.rms, 0.0);
   EXPECT_LT(found.uncertainty.predicted.measured.rms, 0.0001);
   EXPECT_EQ(found.uncertainty.predicted.workspace.count, 0);
-  for (const PredictedPoint& point : found.uncertainty.predicted.asked) {
+  for (const AskedPoint& point : found.uncertainty.predicted.asked) {
     EXPECT_EQ(std::isfinite(point.sigma), point.configuration == "as measured") << point.configuration;
   }
 }
 
 TEST(Calibration, WithPriorsOnEveryErrorOnlyFramesAreFixed) {
   const PartlyMoved s(44, {1, 2, 3, 4, 6});
-  CalibrationOptions options;
+  CalibrationSettings options;
   options.selection.priors = {.length = 0.001, .angle = 0.001};
   options.noise.stated.independent.setConstant(0.00003);
-  const Calibration found = calibrate(s.model, s.train, options);
+  const CalibrationResult found = calibrate(s.model, s.train, options);
   EXPECT_EQ(found.fit.identification.termination, Termination::converged);
   EXPECT_TRUE(found.uncertainty.fixed_by_gauge.empty());
 }
@@ -308,17 +311,17 @@ struct AskedErrors {
 void add_asked_errors(std::uint64_t seed, int configurations, AskedErrors& sums) {
   const Simulated s(seed, 0.00003);
   Random random(seed);
-  CalibrationOptions options;
+  CalibrationSettings options;
   options.predict_at.joint_values = random_configurations(limits_of(s.model.joints), configurations, random);
   for (int c = 0; c < configurations; ++c) {
     options.predict_at.names.push_back("p" + std::to_string(c));
   }
   options.noise.stated.independent.setConstant(0.00003);
-  const Calibration found = calibrate(s.model, s.measured, options);
+  const CalibrationResult found = calibrate(s.model, s.measured, options);
   const KDL::Chain real = error_chain(s.robot.model, s.robot.truth.errors);
   ASSERT_EQ(found.uncertainty.predicted.asked.size(), static_cast<std::size_t>(3 * configurations));
   for (std::size_t i = 0; i < found.uncertainty.predicted.asked.size(); ++i) {
-    const PredictedPoint& point = found.uncertainty.predicted.asked[i];
+    const AskedPoint& point = found.uncertainty.predicted.asked[i];
     EXPECT_EQ(point.configuration, "p" + std::to_string(i / 3));
     const auto q = options.predict_at.joint_values.col(static_cast<Eigen::Index>(i / 3));
     const Eigen::Isometry3d X_BF = to_eigen(kdl_pose(real, q));
@@ -353,7 +356,7 @@ TEST(CalibrationLongRun, PredictsPositionsAtAskedConfigurations) {
 
 TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
   const Simulated s(11, 0.00003);
-  const Calibration found = calibrate(s.model, s.measured);
+  const CalibrationResult found = calibrate(s.model, s.measured);
   const Estimate& estimate = found.fit.identification.estimate;
   const PositionPredictor predictor(s.model, estimate, found.fit.free);
   const KDL::Chain chain = folded_chain(s.model, estimate.errors);
@@ -391,15 +394,15 @@ TEST(Calibration, OrientationsHaveASigmaOfTheirOwn) {
   const RepeatNoise repeats = noise_from_repeats(measured);
   EXPECT_EQ(repeats.orientation_degrees_of_freedom, 40 * 4);
   EXPECT_NEAR(repeats.orientation, 0.0002, 0.00002);
-  CalibrationOptions options;
+  CalibrationSettings options;
   options.noise.weights = Weights::repeats;
-  const Calibration estimated = calibrate(model, measured, options);
+  const CalibrationResult estimated = calibrate(model, measured, options);
   EXPECT_EQ(estimated.noise.variance_factor, 1.0);  // the fit is as good as the noise says
   options = {};
   options.noise.stated.orientation = 0.0002;
   EXPECT_THROW(calibrate(model, measured, options), InputError);  // radians beside nothing
   options.noise.stated.independent.setConstant(0.00003);
-  const Calibration stated = calibrate(model, measured, options);
+  const CalibrationResult stated = calibrate(model, measured, options);
   EXPECT_EQ(stated.noise.variance_factor, 1.0);
   EXPECT_LT((stated.fit.identification.estimate.errors - estimated.fit.identification.estimate.errors).norm(), 0.0001);
   options.noise.stated.orientation = 0.00002;
@@ -412,7 +415,7 @@ TEST(Calibration, PredictsHeldOutRows) {
   for (Observation& observation : s.measured.observations) {
     observation.split = observation.configuration >= 24 ? Split::test : Split::train;
   }
-  const Calibration found = calibrate(s.model, s.measured);
+  const CalibrationResult found = calibrate(s.model, s.measured);
   ASSERT_TRUE(found.accuracy.test.has_value());
   EXPECT_EQ(found.accuracy.test->after.count, 18);
   EXPECT_EQ(found.accuracy.train.after.count, 72);
@@ -426,7 +429,7 @@ TEST(Calibration, PredictsHeldOutRows) {
 
 TEST(Calibration, PointsLeftOutAreThoseOfAFitWithoutTheirConfiguration) {
   Simulated s(9, 0.00003);
-  const Calibration all =
+  const CalibrationResult all =
       calibrate(s.model, s.measured, {.noise = {.weights = Weights::equal}, .validation = {.leave_one_out = true}});
   for (const std::int32_t left_out : {3, 22}) {
     Measurements rest = s.measured;
@@ -436,7 +439,7 @@ TEST(Calibration, PointsLeftOutAreThoseOfAFitWithoutTheirConfiguration) {
     const Estimate found = calibrate(s.model, rest, {.noise = {.weights = Weights::equal}}).fit.identification.estimate;
     const KDL::Chain chain = error_chain(s.model, found.errors);
     int points = 0;
-    for (const HeldOutPoint& point : all.accuracy.held_out_points) {
+    for (const HeldOutPoint& point : all.held_out_points) {
       if (point.configuration != left_out) {
         continue;
       }
@@ -454,7 +457,7 @@ TEST(Calibration, PointsLeftOutAreThoseOfAFitWithoutTheirConfiguration) {
 
 TEST(Calibration, TwoStepAgreesWithTheJointEstimate) {
   const Simulated s(10, 0.0);
-  const Calibration found = calibrate(s.model, s.measured, {.estimator = {.method = Method::two_step}});
+  const CalibrationResult found = calibrate(s.model, s.measured, {.estimator = {.method = Method::two_step}});
   EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
   EXPECT_LT(found.accuracy.train.after.max, 1e-9);
   EXPECT_GT(found.fit.identification.convergence_factor, 0.0);
@@ -462,13 +465,13 @@ TEST(Calibration, TwoStepAgreesWithTheJointEstimate) {
 
 TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
   Simulated s(12, 0.00003);
-  const Calibration clean =
+  const CalibrationResult clean =
       calibrate(s.model, s.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
   s.measured.observations[40].position.y() += 0.01;
-  const Calibration spoilt =
+  const CalibrationResult spoilt =
       calibrate(s.model, s.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
   for (const Loss loss : {Loss::huber, Loss::tukey}) {
-    const Calibration robust = calibrate(
+    const CalibrationResult robust = calibrate(
         s.model, s.measured,
         {.estimator = {.loss = loss}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
     ASSERT_EQ(robust.fit.robust.weights.size(), 90U);
@@ -482,7 +485,7 @@ TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
 }
 
 // 3D RMS of what the calibration predicts at fresh configurations against the truth.
-double held_out_rms(const VirtualRobot& truth, const Calibration& found, Random& random) {
+double held_out_rms(const VirtualRobot& truth, const CalibrationResult& found, Random& random) {
   const Eigen::MatrixXd q = random_configurations(limits_of(truth.model.joints), 200, random);
   const Estimate& estimate = found.fit.identification.estimate;
   const auto real = flange_poses(truth.model, truth.truth, q);
@@ -518,7 +521,7 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
   std::array<double, 3> robust_squares = {};
   for (std::uint64_t seed = 101; seed <= 100 + seeds; ++seed) {
     Simulated s(seed, 0.00003);
-    const Calibration clean =
+    const CalibrationResult clean =
         calibrate(s.model, s.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
     EXPECT_TRUE(clean.diagnosis.findings.empty()) << clean.diagnosis.findings.front().message;
     Random random(seed + 1000);
@@ -530,10 +533,10 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
       } else {
         defect == 1 ? swapped(spoilt) : mistyped(spoilt);
       }
-      const Calibration found = calibrate(s.model, spoilt,
-                                          {.estimator = {.loss = Loss::tukey},
-                                           .validation = {.held_out = false},
-                                           .diagnosis = {.try_readings = false}});
+      const CalibrationResult found = calibrate(s.model, spoilt,
+                                                {.estimator = {.loss = Loss::tukey},
+                                                 .validation = {.held_out = false},
+                                                 .diagnosis = {.try_readings = false}});
       EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr(expected[defect]))) << seed;
       VirtualRobot truth = s.robot;
       if (defect == 0) {  // what is measured from now on is where the target sits now
@@ -604,7 +607,7 @@ TEST(CalibrationLongRun, LackOfFitFiresAsOftenAsItsPValueSaysAndNamesTheJoint) {
 TEST(Calibration, OneOrTwoTargetsAreEnough) {
   for (const int targets : {1, 2}) {
     const Simulated s(47, 0.0, targets);
-    const Calibration found = calibrate(s.model, s.measured);
+    const CalibrationResult found = calibrate(s.model, s.measured);
     ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
     EXPECT_EQ(found.uncertainty.identifiability.rank, s.reduction.rank);
     EXPECT_LT(found.accuracy.train.after.max, 1e-12);
@@ -615,14 +618,14 @@ TEST(Calibration, OneOrTwoTargetsAreEnough) {
 
 TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {
   const Simulated s(15, 0.00003);
-  CalibrationOptions options;
+  CalibrationSettings options;
   options.selection.automatic_priors = true;
   options.selection.effects.automatic = true;
   options.validation.leave_one_out = true;
   options.threads = 1;
-  const Calibration one = calibrate(s.model, s.measured, options);
+  const CalibrationResult one = calibrate(s.model, s.measured, options);
   options.threads = 3;
-  const Calibration three = calibrate(s.model, s.measured, options);
+  const CalibrationResult three = calibrate(s.model, s.measured, options);
   EXPECT_EQ(one.accuracy.leave_one_out->after.rms, three.accuracy.leave_one_out->after.rms);
   ASSERT_EQ(one.selection.tried.size(), three.selection.tried.size());
   for (std::size_t i = 0; i < one.selection.tried.size(); ++i) {
@@ -633,16 +636,16 @@ TEST(Calibration, CrossValidationIsTheSameOnAnyNumberOfThreads) {
 
 // ---- what the parts of a result are ---------------------------------------------------------------------------------
 
-const CalibrationOptions kFitAlone{
+const CalibrationSettings kFitAlone{
     .noise = {.weights = Weights::equal}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
 
 // The points of the other configurations alone, all as exact as the residuals say.
 TEST(Calibration, HeldOutPointsAreAsUncertainAsTheOthersLeaveThem) {
   const Simulated s(8, 4e-5);
-  CalibrationOptions options = kFitAlone;
+  CalibrationSettings options = kFitAlone;
   options.validation.held_out = true;
-  const Calibration found = calibrate(s.model, testing::without_sigmas(s.measured), options);
-  ASSERT_EQ(found.accuracy.held_out_points.size(), s.measured.observations.size());
+  const CalibrationResult found = calibrate(s.model, testing::without_sigmas(s.measured), options);
+  ASSERT_EQ(found.held_out_points.size(), s.measured.observations.size());
   const PositionPredictor predictor(s.model, found.fit.identification.estimate, found.fit.free);
   std::vector<std::vector<Matrix3Xd>> jacobians;
   Eigen::MatrixXd information = Eigen::MatrixXd::Zero(found.fit.free.size(), found.fit.free.size());
@@ -652,7 +655,7 @@ TEST(Calibration, HeldOutPointsAreAsUncertainAsTheOthersLeaveThem) {
       information += J.transpose() * J;
     }
   }
-  for (const HeldOutPoint& point : found.accuracy.held_out_points) {
+  for (const HeldOutPoint& point : found.held_out_points) {
     const std::vector<Matrix3Xd>& own = jacobians[static_cast<std::size_t>(point.configuration)];
     Eigen::MatrixXd rest = information;
     for (const Matrix3Xd& J : own) {
@@ -668,9 +671,9 @@ TEST(Calibration, WeighsOrientationsByTheirResidualsUnlessTheirSigmaIsStated) {
   VirtualExperiment experiment({.targets = testing::as_frames(published_targets(1)), .random = Random(17)});
   const Measurements measured =
       testing::without_sigmas(experiment.measure(25, {.sigma = 3e-5, .orientation_sigma = 1e-3}));
-  CalibrationOptions options = kFitAlone;
+  CalibrationSettings options = kFitAlone;
   options.noise.stated.independent.setConstant(3e-5);
-  const Calibration unstated = calibrate(experiment.model, measured, options);
+  const CalibrationResult unstated = calibrate(experiment.model, measured, options);
   ASSERT_TRUE(unstated.noise.orientation_length.has_value());
   EXPECT_NEAR(*unstated.noise.orientation_length / 0.03, 1.0, 0.3);
   options.noise.stated.orientation = 1e-3;
@@ -680,14 +683,14 @@ TEST(Calibration, WeighsOrientationsByTheirResidualsUnlessTheirSigmaIsStated) {
 TEST(Calibration, PriorsOfOneKindAloneStandBesideTheNoiseOfThePlainFit) {
   VirtualExperiment experiment({.random = Random(18)});
   const Measurements measured = testing::without_sigmas(experiment.measure(14, {.sigma = 1e-4}));
-  const Calibration plain = calibrate(experiment.model, measured, kFitAlone);
+  const CalibrationResult plain = calibrate(experiment.model, measured, kFitAlone);
   for (const Priors& priors : {Priors{.length = 2e-4}, Priors{.angle = 2e-4}}) {
-    CalibrationOptions options = kFitAlone;
+    CalibrationSettings options = kFitAlone;
     options.selection.priors = priors;
-    const Calibration unstated = calibrate(experiment.model, measured, options);
+    const CalibrationResult unstated = calibrate(experiment.model, measured, options);
     options.noise.stated.independent.setConstant(plain.noise.sigma);
-    const Calibration stated = calibrate(experiment.model, measured, options);
-    const auto from_stated = [&](const Calibration& other) {
+    const CalibrationResult stated = calibrate(experiment.model, measured, options);
+    const auto from_stated = [&](const CalibrationResult& other) {
       return (other.fit.identification.estimate.errors - stated.fit.identification.estimate.errors).norm();
     };
     EXPECT_LT(from_stated(unstated), 1e-7) << priors.length;
@@ -707,7 +710,7 @@ TEST(Calibration, RowsThatAreNotFittedHaveFullWeightInARobustFit) {
   }
   s.measured.observations[0].position.x() += 0.01;
   s.measured.observations[6].position.x() += 0.01;  // a test row
-  const Calibration found = calibrate(
+  const CalibrationResult found = calibrate(
       s.model, s.measured,
       {.estimator = {.loss = Loss::tukey}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
   ASSERT_EQ(found.fit.robust.weights.size(), 90U);
@@ -729,9 +732,9 @@ TEST(Calibration, NothingBecomesUndeterminedByAWeight) {
       coordinate += observation.target == 3 ? experiment.random.uniform(-1.0, 1.0) : 0.0;
     }
   }
-  CalibrationOptions options = kFitAlone;
+  CalibrationSettings options = kFitAlone;
   options.estimator.loss = Loss::tukey;
-  const Calibration found = calibrate(experiment.model, measured, options);
+  const CalibrationResult found = calibrate(experiment.model, measured, options);
   ResidualOptions residuals{.row_weights = found.fit.robust.weights};
   int none = 0;
   for (double& weight : residuals.row_weights) {
@@ -746,13 +749,13 @@ TEST(Calibration, NothingBecomesUndeterminedByAWeight) {
   EXPECT_NEAR(found.uncertainty.identifiability.condition / expected.condition, 1.0, 1e-6);
 }
 
-std::string refused(const ErrorModel& model, const Measurements& measured, const CalibrationOptions& options) {
+std::string refused(const ErrorModel& model, const Measurements& measured, const CalibrationSettings& options) {
   return testing::refusal([&] { calibrate(model, measured, options); });
 }
 
 TEST(Calibration, RefusesPredictionsThatDoNotHoldTogetherAndFitsOfNothing) {
   const Simulated s(21, 3e-5);
-  CalibrationOptions options = kFitAlone;
+  CalibrationSettings options = kFitAlone;
   options.predict_at.names = {"a"};
   EXPECT_THAT(refused(s.model, s.measured, options), HasSubstr("0 joint values to predict at, expected 6"));
   options.predict_at = {.names = {}, .joint_values = s.measured.joint_values.leftCols(1), .signals = {}};
@@ -771,9 +774,9 @@ TEST(Calibration, RefusesPredictionsThatDoNotHoldTogetherAndFitsOfNothing) {
 TEST(Calibration, TakesAsManyIterationsAsItMay) {
   const Simulated s(22, 3e-5);
   for (const int iterations : {1, 2}) {
-    CalibrationOptions options = kFitAlone;
+    CalibrationSettings options = kFitAlone;
     options.estimator.iterations = iterations;
-    const Calibration found = calibrate(s.model, s.measured, options);
+    const CalibrationResult found = calibrate(s.model, s.measured, options);
     EXPECT_EQ(found.fit.identification.termination, Termination::iteration_limit);
     EXPECT_EQ(found.fit.identification.iterations, iterations);
   }
@@ -790,7 +793,7 @@ std::vector<std::pair<QualityKind, std::vector<std::string>>> kinds_of(const std
   return kinds;
 }
 
-std::vector<std::string> doubted(const Calibration& found) {
+std::vector<std::string> doubted(const CalibrationResult& found) {
   std::vector<std::string> causes;
   for (const AlternativeReading& reading : found.diagnosis.alternative_readings) {
     if (reading.doubt) {
@@ -801,8 +804,8 @@ std::vector<std::string> doubted(const Calibration& found) {
 }
 
 struct Beside {
-  Calibration alone;  // no reading is tried
-  Calibration found;
+  CalibrationResult alone;  // no reading is tried
+  CalibrationResult found;
 
   Beside(const ErrorModel& model, const Measurements& measured)
       : alone(calibrate(model, measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}})),
@@ -860,8 +863,8 @@ Measurements real_measurements() {
 
 TEST(CalibrationOnRealData, R2000iCFitsAsIndependentFitsDid) {
   const ErrorModel model = complete_model(fanuc());
-  const Calibration found = calibrate(model, real_measurements(),
-                                      {.noise = {.weights = Weights::equal}, .validation = {.leave_one_out = true}});
+  const CalibrationResult found = calibrate(
+      model, real_measurements(), {.noise = {.weights = Weights::equal}, .validation = {.leave_one_out = true}});
   ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
   EXPECT_EQ(found.uncertainty.identifiability.rank, 33);
   EXPECT_NEAR(found.accuracy.train.after.rms, 0.000161, 0.000001);
@@ -873,8 +876,8 @@ TEST(CalibrationOnRealData, R2000iCFitsAsIndependentFitsDid) {
   testing::record("condition", found.uncertainty.identifiability.condition);
 }
 
-Calibration chosen_by_itself(bool nested) {
-  CalibrationOptions options;
+CalibrationResult chosen_by_itself(bool nested) {
+  CalibrationSettings options;
   options.selection.automatic_priors = true;
   options.selection.effects.automatic = true;
   options.validation.leave_one_out = true;
@@ -883,7 +886,7 @@ Calibration chosen_by_itself(bool nested) {
 }
 
 TEST(CalibrationOnRealData, R2000iCChoosesPriorsAndGravityByItself) {
-  const Calibration found = chosen_by_itself(false);
+  const CalibrationResult found = chosen_by_itself(false);
   ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
   testing::record("prior of lengths [m]", found.selection.priors.length);
   testing::record("effects", found.model.effects.size());
@@ -897,7 +900,7 @@ TEST(CalibrationOnRealData, R2000iCChoosesPriorsAndGravityByItself) {
 }
 
 TEST(CalibrationOnRealDataLongRun, R2000iCPredictsWhatItsChoicesDidNotSee) {
-  const Calibration found = chosen_by_itself(true);
+  const CalibrationResult found = chosen_by_itself(true);
   testing::record("nested leave-one-out [m]", found.accuracy.nested_leave_one_out->rms);
   EXPECT_LE(found.accuracy.nested_leave_one_out->rms, 0.000185);
   EXPECT_GT(found.accuracy.nested_leave_one_out->rms, found.accuracy.leave_one_out->after.rms);
@@ -909,18 +912,18 @@ TEST(CalibrationOnRealDataLongRun, R2000iCRadiusHoldsWhatNothingHasSeen) {
   const Measurements all = real_measurements();
   int inside = 0;
   for (Eigen::Index left = 0; left < all.joint_values.cols(); ++left) {
-    CalibrationOptions options;
+    CalibrationSettings options;
     options.selection.automatic_priors = true;
     options.selection.effects.automatic = true;
     options.diagnosis.try_readings = false;
     options.predict_at = {.names = {"left out"}, .joint_values = all.joint_values.col(left), .signals = {}};
     const Measurements rest = subset(all, [&](const Observation& o) { return o.configuration != left; });
-    const Calibration found = calibrate(model, rest, options);
-    EXPECT_GE(found.uncertainty.predicted.radius_factor, 1.0);
-    EXPECT_LE(found.uncertainty.predicted.radius_factor, 1.3);
+    const CalibrationResult found = calibrate(model, rest, options);
+    EXPECT_GE(found.uncertainty.predicted.region.radius_factor, 1.0);
+    EXPECT_LE(found.uncertainty.predicted.region.radius_factor, 1.3);
     for (const Observation& o : all.observations) {
       if (o.configuration == left) {
-        const PredictedPoint& point = found.uncertainty.predicted.asked[static_cast<std::size_t>(o.target)];
+        const AskedPoint& point = found.uncertainty.predicted.asked[static_cast<std::size_t>(o.target)];
         inside += (o.position - point.position_W).norm() <= point.radius_95 ? 1 : 0;
       }
     }
@@ -932,7 +935,7 @@ TEST(CalibrationOnRealDataLongRun, R2000iCRadiusHoldsWhatNothingHasSeen) {
 }
 
 TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies) {
-  const Calibration found = calibrate(complete_model(fanuc()), real_measurements());
+  const CalibrationResult found = calibrate(complete_model(fanuc()), real_measurements());
   ASSERT_TRUE(found.noise.repeats.has_value());
   const Eigen::Vector3d common(0.000058, 0.000059, 0.000031);
   for (int axis = 0; axis < 3; ++axis) {
@@ -954,15 +957,16 @@ TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies
 }
 
 TEST(CalibrationOnRealData, R2000iCIsPredictedBetterWithWeightsByThePartsOfTheNoise) {
-  const Calibration found = calibrate(complete_model(fanuc()), real_measurements());
+  const CalibrationResult found = calibrate(complete_model(fanuc()), real_measurements());
   testing::record("leave-one-out [m]", found.accuracy.leave_one_out->after.rms);
   EXPECT_LT(found.accuracy.leave_one_out->after.rms, 0.0002);
 }
 
 TEST(CalibrationOnRealData, R2000iCMeansFitAsIndependentFitsDid) {
   const ErrorModel model = complete_model(fanuc());
-  const Calibration found = calibrate(model, averaged(real_measurements()),
-                                      {.noise = {.weights = Weights::equal}, .validation = {.leave_one_out = true}});
+  const CalibrationResult found =
+      calibrate(model, averaged(real_measurements()),
+                {.noise = {.weights = Weights::equal}, .validation = {.leave_one_out = true}});
   EXPECT_NEAR(found.accuracy.train.after.rms, 0.000136, 0.000001);
   EXPECT_NEAR(found.accuracy.train.after.max, 0.000267, 0.000001);
   EXPECT_NEAR(found.accuracy.train.before.rms, 0.000615, 0.000001);
@@ -974,7 +978,7 @@ TEST(CalibrationOnRealData, R2000iCMeansFitAsIndependentFitsDid) {
 TEST(CalibrationOnRealData, Ur10PosesPredictBetterThanTheNominalRobot) {
   const std::string folder = std::string(SHARED_DATA_DIR) + "/ur10_tracker_poses";
   const Robot robot = load_robot(folder + "/ur10.urdf", {.base = "base_link", .tip = "tool0"});
-  const Calibration found =
+  const CalibrationResult found =
       calibrate(complete_model(robot), read_measurements(folder + "/measurements.csv", joint_names(robot)));
   EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
   ASSERT_TRUE(found.accuracy.test.has_value());

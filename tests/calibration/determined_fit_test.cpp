@@ -12,16 +12,18 @@
 #include <string>
 #include <vector>
 
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
 #include "calibration/option_check.hpp"
 #include "dense_fit.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/covariance.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/noise_components.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/two_step.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "noise/noise_components.hpp"
+#include "planning/simulation.hpp"
 #include "refusal.hpp"
+#include "two_step/two_step.hpp"
+#include "uncertainty/covariance.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::determined_fit_test {
@@ -38,7 +40,7 @@ using testing::refusal;
 
 struct Arm : testing::VirtualExperiment {
   Measurements measured;
-  CalibrationOptions options;
+  CalibrationSettings options;
   Estimate start;
 
   explicit Arm(const testing::VirtualExperimentOptions& of = {}, int count = 20, const MeasuringNoise& noise = {})
@@ -254,12 +256,12 @@ DenseNoise dense_noise(const std::function<Matrix3d(const Observation&)>& positi
 
 struct Statement {
   std::string name;
-  CalibrationOptions options;
+  CalibrationSettings options;
   DenseNoise dense;
 };
 
 // Of the fit alone: nothing is held out, no other reading is tried.
-const CalibrationOptions kFitAlone{
+const CalibrationSettings kFitAlone{
     .noise = {.weights = Weights::equal}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
 
 std::vector<Statement> statements() {
@@ -315,7 +317,7 @@ void expect_same_frames(const Estimate& found, const Estimate& expected) {
 }
 
 // The noise with orientations weighed as the calibration found them from the residuals of both, where it did.
-DenseNoise weighed_as_by(const Calibration& found, const DenseNoise& noise) {
+DenseNoise weighed_as_by(const CalibrationResult& found, const DenseNoise& noise) {
   DenseNoise weighed = noise;
   if (found.noise.orientation_length) {
     const double ratio = kOrientationLength / *found.noise.orientation_length;
@@ -325,7 +327,7 @@ DenseNoise weighed_as_by(const Calibration& found, const DenseNoise& noise) {
 }
 
 // Estimate, variance factor and covariance of a calibration are those of the dense problem.
-void expect_dense_fit(const Measured& arm, const Calibration& found, const DenseNoise& noise) {
+void expect_dense_fit(const Measured& arm, const CalibrationResult& found, const DenseNoise& noise) {
   ASSERT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
   const Estimate& estimate = found.fit.identification.estimate;
   const DenseFit dense(arm.model, arm.measured, found.fit.free, weighed_as_by(found, noise));
@@ -374,13 +376,13 @@ TEST(WholeFitOfEveryKind, KnownFramesWithEveryNoiseAreTheDenseFit) {
     const bool stated = statement.options.noise.stated.orientation > 0.0;
     for (const bool known_base : statement.dense.common.isZero() ? std::set{stated} : std::set{true, false}) {
       SCOPED_TRACE(statement.name + (known_base ? ", known base" : ", known targets"));
-      CalibrationOptions options = statement.options;
+      CalibrationSettings options = statement.options;
       if (known_base) {
         options.parameters.known_base = base;
       } else {
         options.parameters.known_targets = targets;
       }
-      const Calibration calibration = calibrate(arm.model, arm.measured, options);
+      const CalibrationResult calibration = calibrate(arm.model, arm.measured, options);
       expect_dense_fit(arm, calibration, statement.dense);
       const Estimate& found = calibration.fit.identification.estimate;
       if (known_base) {
@@ -446,18 +448,18 @@ TEST(WholeFitOfEveryKind, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePla
   const Measured poses = posed_arm(7, 1);
   const Measured repeated_poses = posed_arm(7, 2);
   for (const Measured* arm : {&points, &repeated, &poses, &repeated_poses}) {
-    const Calibration plain = calibrate(arm->model, arm->measured, kFitAlone);
+    const CalibrationResult plain = calibrate(arm->model, arm->measured, kFitAlone);
     const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
     const DenseFit dense(arm->model, arm->measured, plain.fit.free, equal);
     const double freedom = static_cast<double>(dense.equations() - dense.columns());
     const double sigma = std::sqrt(dense.cost(plain.fit.identification.estimate) / freedom);
     EXPECT_NEAR(sigma, 1e-4, 4e-4 / std::sqrt(2.0 * freedom));
-    CalibrationOptions options = kFitAlone;
+    CalibrationSettings options = kFitAlone;
     options.selection.priors = {.length = 2e-4, .angle = 2e-4};
-    const Calibration unstated = calibrate(arm->model, arm->measured, options);
+    const CalibrationResult unstated = calibrate(arm->model, arm->measured, options);
     options.noise.stated.independent.setConstant(sigma);
-    const Calibration stated = calibrate(arm->model, arm->measured, options);
-    const auto difference = [&](const Calibration& other) {
+    const CalibrationResult stated = calibrate(arm->model, arm->measured, options);
+    const auto difference = [&](const CalibrationResult& other) {
       return difference_in_sigmas(unstated.fit.identification.estimate, other.fit.identification.estimate,
                                   stated.fit.free, stated.uncertainty.covariance);
     };
@@ -476,11 +478,11 @@ TEST(WholeFitOfEveryKind, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePla
 // Sizes are found beside noise that is estimated with them: what was stated of it changes nothing.
 TEST(WholeFitOfEveryKind, SizesOfPriorsAreThoseOfTheResidualsWhateverNoiseIsStated) {
   const Measured arm(8, published_targets(), 14, {.sigma = 2e-4});
-  CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
+  CalibrationSettings options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
   options.selection.automatic_priors = true;
-  const Calibration unstated = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult unstated = calibrate(arm.model, arm.measured, options);
   options.noise.stated.independent.setConstant(1e-4);
-  const Calibration stated = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult stated = calibrate(arm.model, arm.measured, options);
   ASSERT_EQ(unstated.selection.tried.size(), 2U);  // none, and of these sizes
   for (std::size_t i = 0; i < 2; ++i) {
     EXPECT_NEAR(unstated.selection.tried[i].priors.length, stated.selection.tried[i].priors.length,
@@ -511,9 +513,9 @@ TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights
     }
     for (const Loss loss : {Loss::huber, Loss::tukey}) {
       SCOPED_TRACE(statement.name + (loss == Loss::huber ? ", Huber" : ", Tukey"));
-      CalibrationOptions options = statement.options;
+      CalibrationSettings options = statement.options;
       options.estimator.loss = loss;
-      const Calibration found = calibrate(arm.model, arm.measured, options);
+      const CalibrationResult found = calibrate(arm.model, arm.measured, options);
       ASSERT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
       const Estimate& estimate = found.fit.identification.estimate;
       DenseNoise weighed = statement.dense;
@@ -553,7 +555,7 @@ TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights
 // One point in so many configurations that as many degrees of freedom are left; some parameters are fixed for that.
 struct Tight {
   Measured arm;
-  CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
+  CalibrationSettings options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
 
   explicit Tight(int freedom, int configurations = 11)
       : arm(40 + static_cast<std::uint64_t>(freedom), published_targets(1), configurations, {.sigma = 1e-4}) {
@@ -570,7 +572,7 @@ TEST(WholeFitOfEveryKind, FewDegreesOfFreedomGiveTheVarianceOfTheTextbook) {
   for (const int freedom : {1, 2, 3}) {
     SCOPED_TRACE(freedom);
     const Tight tight(freedom, 9);
-    const Calibration found = calibrate(tight.arm.model, tight.arm.measured, tight.options);
+    const CalibrationResult found = calibrate(tight.arm.model, tight.arm.measured, tight.options);
     ASSERT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
     EXPECT_EQ(found.noise.degrees_of_freedom, freedom);
     const DenseNoise equal = dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0);
@@ -602,7 +604,7 @@ void append(std::vector<double>& all, const ErrorStatistics& s) {
 }
 
 // Every number that is fitted, chosen or judged by the training rows.
-std::vector<double> fitted_numbers(const Calibration& c, const std::vector<Observation>& rows) {
+std::vector<double> fitted_numbers(const CalibrationResult& c, const std::vector<Observation>& rows) {
   std::vector<double> all;
   const Estimate& estimate = c.fit.identification.estimate;
   append(all, estimate.errors);
@@ -660,7 +662,7 @@ bool same_bytes(const std::vector<double>& a, const std::vector<double>& b) {
 }
 
 TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
-  std::vector<std::pair<std::string, CalibrationOptions>> cases(5);
+  std::vector<std::pair<std::string, CalibrationSettings>> cases(5);
   cases[0].first = "equal weights";
   cases[1].first = "chosen priors and effects, nested and folds";
   cases[1].second.selection.automatic_priors = true;
@@ -694,14 +696,14 @@ TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
   const Measurements absent = subset(arm.measured, [](const Observation& o) { return o.split == Split::train; });
   for (const auto& [name, options] : cases) {
     SCOPED_TRACE(name);
-    const Calibration found = calibrate(arm.model, arm.measured, options);
-    const Calibration after = calibrate(arm.model, spoilt, options);
+    const CalibrationResult found = calibrate(arm.model, arm.measured, options);
+    const CalibrationResult after = calibrate(arm.model, spoilt, options);
     const std::vector<double> expected = fitted_numbers(found, arm.measured.observations);
     EXPECT_TRUE(same_bytes(fitted_numbers(after, spoilt.observations), expected)) << "spoilt test rows";
     ASSERT_TRUE(found.accuracy.test.has_value() && after.accuracy.test.has_value());
     EXPECT_GT(after.accuracy.test->after.rms, found.accuracy.test->after.rms + 0.1);
     if (options.estimator.loss == Loss::none) {  // the weights of rows that are not there cannot be compared
-      const Calibration alone = calibrate(arm.model, absent, options);
+      const CalibrationResult alone = calibrate(arm.model, absent, options);
       EXPECT_TRUE(same_bytes(fitted_numbers(alone, absent.observations), expected)) << "no test rows";
     }
   }

@@ -13,16 +13,18 @@
 #include <string>
 #include <tuple>
 
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
 #include "calibration/validation_stage.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/noise_model.hpp"
 #include "mistake_table.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
+#include "results/calibrated_urdf.hpp"
+#include "robot/joint_ranges.hpp"
 #include "support.hpp"
 #include "virtual_experiment.hpp"
 
@@ -44,9 +46,9 @@ const std::string kMeasureMore =
 
 /// A calibration of the FANUC of which there is nothing to say.
 struct Found {
-  Calibration calibration;
+  CalibrationResult calibration;
   Measurements measured;
-  CalibrationOptions options;
+  CalibrationSettings options;
 
   Found() {
     calibration.model = complete_model(testing::fanuc());
@@ -387,7 +389,9 @@ struct Series : testing::VirtualExperiment {
                                     static_cast<std::size_t>(target));
   }
 
-  Calibration calibrated(const CalibrationOptions& options = {}) const { return calibrate(model, measured, options); }
+  CalibrationResult calibrated(const CalibrationSettings& options = {}) const {
+    return calibrate(model, measured, options);
+  }
 };
 
 // An encoder of joint 3 that is off by `amplitude` twice per turn, which no geometry explains.
@@ -405,7 +409,7 @@ Measurements with_ripple(const Series& clean, double amplitude, const MeasuringN
 
 struct Scenario {
   const char* name;
-  std::function<Calibration()> calibrated;
+  std::function<CalibrationResult()> calibrated;
   Termination termination;
   std::vector<std::string> causes;    // of all doubts, in their order
   std::vector<std::string> warnings;  // extended regular expressions of all of them, in their order
@@ -416,15 +420,15 @@ const Series& clean_series() {
   return series;
 }
 
-const Calibration& clean() {
-  static const Calibration found = clean_series().calibrated();
+const CalibrationResult& clean() {
+  static const CalibrationResult found = clean_series().calibrated();
   return found;
 }
 
-Calibration with_too_few_iterations() { return Series().calibrated({.estimator = {.iterations = 1}}); }
+CalibrationResult with_too_few_iterations() { return Series().calibrated({.estimator = {.iterations = 1}}); }
 
-const Calibration& with_a_held_joint() {
-  static const Calibration found = [] {
+const CalibrationResult& with_a_held_joint() {
+  static const CalibrationResult found = [] {
     Series s;
     Eigen::MatrixXd q = s.measured.joint_values;
     q.row(3).setConstant(0.6);
@@ -435,7 +439,7 @@ const Calibration& with_a_held_joint() {
 }
 
 // The only target sits on the axis of joint 6, and stays there.
-Calibration without_effect_of_joint_6() {
+CalibrationResult without_effect_of_joint_6() {
   const std::vector<TargetFrame> targets = testing::targets_at({{0.0, 0.1, 0.0}});
   Series s(2, {.sigma = kNoise}, targets);
   s.robot.truth.targets = targets;
@@ -444,7 +448,7 @@ Calibration without_effect_of_joint_6() {
 }
 
 // The only target moves on a circle.
-Calibration with_one_moving_joint(double noise) {
+CalibrationResult with_one_moving_joint(double noise) {
   Series s(3, {.sigma = kNoise}, published_targets(1));
   Eigen::MatrixXd q = s.measured.joint_values.col(0).replicate(1, 25);
   q.row(0).setLinSpaced(-1.0, 1.0);
@@ -452,7 +456,7 @@ Calibration with_one_moving_joint(double noise) {
   return s.calibrated();
 }
 
-Calibration outside_the_limits() {
+CalibrationResult outside_the_limits() {
   Series s;
   Eigen::MatrixXd q = s.measured.joint_values;
   for (const Eigen::Index c : {2, 5, 9}) {
@@ -462,7 +466,7 @@ Calibration outside_the_limits() {
   return s.calibrated();
 }
 
-Calibration with_stated_sigma(double sigma) {
+CalibrationResult with_stated_sigma(double sigma) {
   Series s;
   s.state_sigma(sigma);
   return s.calibrated();
@@ -470,26 +474,26 @@ Calibration with_stated_sigma(double sigma) {
 
 const MeasuringNoise kRepeats{.sigma = 1e-5, .repeats = 5};
 
-Calibration with_misfit() {
+CalibrationResult with_misfit() {
   Series s;
   s.measured = with_ripple(s, 0.001, kRepeats);
   return s.calibrated();
 }
 
-Calibration with_repeats() {
+CalibrationResult with_repeats() {
   Series s;
   s.measured = with_ripple(s, 0.0, kRepeats);
   return s.calibrated();
 }
 
-Calibration of_another_robot() {
+CalibrationResult of_another_robot() {
   Series s;
   s.measured = with_ripple(s, 0.05, {.sigma = kNoise});
   return s.calibrated();
 }
 
-const Calibration& without_errors() {
-  static const Calibration found = [] {
+const CalibrationResult& without_errors() {
+  static const CalibrationResult found = [] {
     Series s;
     s.robot.truth.errors.setZero();
     s.measure_at(s.measured.joint_values);
@@ -498,7 +502,7 @@ const Calibration& without_errors() {
   return found;
 }
 
-Calibration with_test_rows_of_another_robot() {
+CalibrationResult with_test_rows_of_another_robot() {
   Series s;
   Series nominal(9);
   nominal.robot.truth.errors.setZero();
@@ -512,11 +516,11 @@ Calibration with_test_rows_of_another_robot() {
   return s.calibrated();
 }
 
-Calibration with_priors(double size) {
+CalibrationResult with_priors(double size) {
   return Series().calibrated({.selection = {.priors = {.length = size, .angle = size}}});
 }
 
-Calibration with_few_rows(int configurations) {
+CalibrationResult with_few_rows(int configurations) {
   Series s(4, {.sigma = kNoise}, published_targets(1));
   const Eigen::MatrixXd q = s.measured.joint_values.leftCols(configurations);
   s.measure_at(q);
@@ -591,7 +595,7 @@ std::vector<Scenario> scenarios() {
   };
 }
 
-std::vector<std::string> causes_of(const Calibration& found) {
+std::vector<std::string> causes_of(const CalibrationResult& found) {
   std::vector<std::string> causes;
   for (const Doubt& doubt : found.diagnosis.doubts) {
     causes.push_back(to_string(doubt.cause));
@@ -601,7 +605,7 @@ std::vector<std::string> causes_of(const Calibration& found) {
 
 TEST(WarningsOfCalibrations, AreExactlyThoseOfTheCause) {
   for (const Scenario& scenario : scenarios()) {
-    const Calibration found = scenario.calibrated();
+    const CalibrationResult found = scenario.calibrated();
     std::vector<::testing::Matcher<std::string>> expected;
     for (const std::string& pattern : scenario.warnings) {
       expected.push_back(MatchesRegex(pattern));
@@ -627,13 +631,13 @@ TEST(WarningsOfCalibrations, OfTheRegistrationAreHandedOn) {
 
 // ---- doubts --------------------------------------------------------------------------------------------------------
 
-std::vector<Doubt> doubts_of(const Calibration& found) {
+std::vector<Doubt> doubts_of(const CalibrationResult& found) {
   return doubts(found, found.diagnosis, clean_series().measured, ModelChoice::irreducible);
 }
 
 /// The only doubt that `spoil` raises in a calibration that had none.
-Doubt doubt_of(const std::function<void(Calibration&)>& spoil) {
-  Calibration found = clean();
+Doubt doubt_of(const std::function<void(CalibrationResult&)>& spoil) {
+  CalibrationResult found = clean();
   EXPECT_THAT(doubts_of(found), IsEmpty());
   spoil(found);
   const std::vector<Doubt> raised = doubts_of(found);
@@ -645,18 +649,20 @@ Doubt doubt_of(const std::function<void(Calibration&)>& spoil) {
 TEST(DoubtsOfCalibrations, AMisfitIsLargeAboveFiveMillimetres) {
   const double length = 0.312 + 1.075 + std::hypot(0.225, 1.28) + 0.215;
   EXPECT_NEAR(reach(clean_series().model), length, 1e-12);
-  const auto with_rms = [](double rms) { return [rms](Calibration& found) { found.accuracy.train.after.rms = rms; }; };
+  const auto with_rms = [](double rms) {
+    return [rms](CalibrationResult& found) { found.accuracy.train.after.rms = rms; };
+  };
   const Doubt doubt = doubt_of(with_rms(0.005001));
   EXPECT_EQ(doubt.cause, Cause::large_misfit);
   EXPECT_THAT(doubt.message, HasSubstr("a misfit of 5.001 mm is left, and an arm with a reach of 2.902 m"));
-  Calibration below = clean();
+  CalibrationResult below = clean();
   with_rms(0.004999)(below);
   EXPECT_THAT(doubts_of(below), IsEmpty());
 }
 
 TEST(DoubtsOfCalibrations, NameAnErrorThatNoBuilderLeaves) {
   const auto with_error = [](ParameterKind kind, double error, double std) {
-    return [=](Calibration& found) {
+    return [=](CalibrationResult& found) {
       const auto parameter =
           std::find_if(found.uncertainty.parameters.begin(), found.uncertainty.parameters.end(),
                        [&](const auto& p) { return p.kind == kind && !p.joint.empty() && !p.gauge; });
@@ -675,7 +681,7 @@ TEST(DoubtsOfCalibrations, NameAnErrorThatNoBuilderLeaves) {
   for (const auto& change : {with_error(ParameterKind::translation, 0.99 * most, 1e-5),
                              with_error(ParameterKind::translation, 1.1 * most, 0.05 * most),
                              with_error(ParameterKind::rotation, 19.9 * testing::kDegree, 1e-5)}) {
-    Calibration found = clean();
+    CalibrationResult found = clean();
     change(found);
     EXPECT_THAT(doubts_of(found), IsEmpty());
   }
@@ -683,7 +689,7 @@ TEST(DoubtsOfCalibrations, NameAnErrorThatNoBuilderLeaves) {
 
 TEST(DoubtsOfCalibrations, CompareTestRowsWithWhatWasHeldOut) {
   const auto with_test = [](double before, double after) {
-    return [=](Calibration& found) {
+    return [=](CalibrationResult& found) {
       found.accuracy.leave_one_out = BeforeAfter{};
       found.accuracy.leave_one_out->before = {.count = 30, .rms = 0.001};
       found.accuracy.leave_one_out->after = {.count = 30, .rms = 0.0001};
@@ -694,7 +700,7 @@ TEST(DoubtsOfCalibrations, CompareTestRowsWithWhatWasHeldOut) {
   };
   EXPECT_EQ(doubt_of(with_test(2.000079, 2.000044)).cause, Cause::test_rows_differ);
   for (const auto& change : {with_test(0.001, 0.0004), with_test(0.0011, 0.0001), with_test(0.0005, 0.00045)}) {
-    Calibration found = clean();
+    CalibrationResult found = clean();
     change(found);
     EXPECT_THAT(doubts_of(found), IsEmpty());
   }
@@ -705,7 +711,7 @@ TEST(DoubtsOfCalibrations, AreRaisedByTestRowsOfAnotherRobot) {
 }
 
 TEST(DoubtsOfCalibrations, AreNotRaisedByTheCompleteModelOfGoodData) {
-  const Calibration found = Series().calibrated({.parameters = {.model = ModelChoice::complete}});
+  const CalibrationResult found = Series().calibrated({.parameters = {.model = ModelChoice::complete}});
   EXPECT_THAT(causes_of(found), IsEmpty());
   EXPECT_EQ(found.fit.identification.termination, Termination::converged);
   EXPECT_THAT(found.uncertainty.fixed_by_gauge, Not(IsEmpty()));
@@ -713,14 +719,14 @@ TEST(DoubtsOfCalibrations, AreNotRaisedByTheCompleteModelOfGoodData) {
 
 TEST(DoubtsOfCalibrations, WhereNothingIsGainedTheUrdfIsTheOneThatWasRead) {
   const Robot robot = fanuc();
-  const Calibration& found = without_errors();
+  const CalibrationResult& found = without_errors();
   EXPECT_TRUE(found.exported.nominal_kept);
   EXPECT_TRUE(calibrated_urdf(robot, found) == robot.urdf);
   EXPECT_EQ(found.exported.train.rms, found.accuracy.train.before.rms);
   EXPECT_EQ(found.exported.held_out->rms, found.accuracy.leave_one_out->before.rms);
   EXPECT_EQ(found.exported.iso.accuracy.rms, found.accuracy.iso_before.accuracy.rms);
   EXPECT_TRUE(found.exported.estimate.errors.isZero(0.0));
-  const Calibration& gained = clean();
+  const CalibrationResult& gained = clean();
   EXPECT_FALSE(gained.exported.nominal_kept);
   EXPECT_TRUE(calibrated_urdf(robot, gained) ==
               calibrated_urdf(robot, gained.model, gained.fit.identification.estimate.errors));
@@ -762,7 +768,8 @@ TEST(WarningsOfCalibrations, NameEachKindOfDefectOfTheMeasurements) {
   for (const Defect& defect : defects()) {
     Series s;
     defect.put_into(s);
-    const Calibration found = s.calibrated({.estimator = {.loss = Loss::tukey}, .validation = {.held_out = false}});
+    const CalibrationResult found =
+        s.calibrated({.estimator = {.loss = Loss::tukey}, .validation = {.held_out = false}});
     std::vector<::testing::Matcher<std::string>> expected = {
         MatchesRegex(std::string("measurements: ") + defect.message)};
     EXPECT_THAT(found.diagnosis.warnings, ElementsAreArray(expected)) << to_string(defect.kind);
@@ -785,7 +792,8 @@ TEST(WarningsOfCalibrations, OfMoreThanTwentyThousandRowsComeFromDistancesAlone)
       more.repeat = 201;
       s.measured.observations.push_back(more);
     }
-    const Calibration found = s.calibrated({.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    const CalibrationResult found =
+        s.calibrated({.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
     ASSERT_EQ(found.diagnosis.findings.size(), 1U);
     EXPECT_EQ(found.diagnosis.findings[0].kind, many ? QualityKind::displaced_point : QualityKind::mistyped_coordinate);
   }
@@ -802,7 +810,7 @@ using Eigen::Vector3d;
 using ::testing::HasSubstr;
 
 /// One line for each doubt and each finding about the data themselves.
-std::string said(const Calibration& found) {
+std::string said(const CalibrationResult& found) {
   std::string text;
   for (const Doubt& doubt : found.diagnosis.doubts) {
     text += std::string(to_string(doubt.cause)) + ": " + doubt.message + "\n";
@@ -813,21 +821,21 @@ std::string said(const Calibration& found) {
   return text;
 }
 
-bool doubts_for(const Calibration& found, const std::string& cause, const std::string& words) {
+bool doubts_for(const CalibrationResult& found, const std::string& cause, const std::string& words) {
   return std::any_of(found.diagnosis.doubts.begin(), found.diagnosis.doubts.end(), [&](const Doubt& doubt) {
     return to_string(doubt.cause) == cause && doubt.message.find(words) != std::string::npos;
   });
 }
 
-const CalibrationOptions kNothingHeldOut{
+const CalibrationSettings kNothingHeldOut{
     .validation = {.held_out = false}};  // which says nothing of the readings of the data
 
 // No more than one explanation of the data, the right one.
 void expect_named(const Mistake& mistake, const ErrorModel& model, std::uint64_t seed,
-                  const CalibrationOptions& options = kNothingHeldOut) {
+                  const CalibrationSettings& options = kNothingHeldOut) {
   Measured m = measured(model, seed, mistake.draw);
   mistake.make(m);
-  const Calibration found = calibrate(model, m.data, options);
+  const CalibrationResult found = calibrate(model, m.data, options);
   const std::string where = mistake.name + ", " + model.joints.front().name + ", seed " + std::to_string(seed);
   EXPECT_FALSE(found.trusted()) << where;
   EXPECT_TRUE(doubts_for(found, mistake.cause, mistake.words)) << where << "\n" << said(found);
@@ -848,14 +856,14 @@ std::vector<Mistake> table() {
 
 /// Every so many-th mistake of the table, from the first one given.
 void expect_cross_section_named(std::size_t first, std::size_t step,
-                                const CalibrationOptions& options = kNothingHeldOut) {
+                                const CalibrationSettings& options = kNothingHeldOut) {
   const std::vector<Mistake> all = table();
   for (std::size_t i = first; i < all.size(); i += step) {
     expect_named(all[i], i % 2 == 0 ? large_arm() : light_arm(), 4, options);
   }
 }
 
-const CalibrationOptions kAutomatic{
+const CalibrationSettings kAutomatic{
     .selection = {.automatic_priors = true, .effects = {.groups = {}, .automatic = true}},
     .validation = {.held_out = false}};
 
@@ -887,7 +895,7 @@ int false_alarms(std::uint64_t first, std::uint64_t last) {
   int alarms = 0;
   for (std::uint64_t seed = first; seed <= last; ++seed) {
     const Measured m = correct_data(seed);
-    const Calibration found = calibrate(m.model, m.data, kNothingHeldOut);
+    const CalibrationResult found = calibrate(m.model, m.data, kNothingHeldOut);
     for (const AlternativeReading& reading : found.diagnosis.alternative_readings) {
       EXPECT_EQ(never.count(to_string(reading.cause)), 0U) << seed << ": " << reading.message;
     }
@@ -951,7 +959,7 @@ std::uint64_t found_of(std::uint64_t seeds, const std::function<Mistake(const Me
     Measured m = measured(seed % 2 == 0 ? large_arm() : light_arm(), 1000 + seed);
     const Mistake made = mistake(m, seed);
     made.make(m);
-    const Calibration found = calibrate(m.model, m.data, kNothingHeldOut);
+    const CalibrationResult found = calibrate(m.model, m.data, kNothingHeldOut);
     const bool right = doubts_for(found, made.cause, "");
     named += right ? 1U : 0U;
     if (!right) {
@@ -991,7 +999,7 @@ std::uint64_t findings_of(std::uint64_t seeds, QualityKind kind,
   for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
     Measured m = measured(seed % 2 == 0 ? large_arm() : light_arm(), 2000 + seed);
     spoil(m, seed);
-    const Calibration found = calibrate(m.model, m.data, kNothingHeldOut);
+    const CalibrationResult found = calibrate(m.model, m.data, kNothingHeldOut);
     const bool right = found.diagnosis.findings.size() == 1 && found.diagnosis.findings.front().kind == kind;
     named += right ? 1U : 0U;
     if (!right) {
@@ -1034,7 +1042,7 @@ TEST(MistakesLongRun, TypingErrorsOfHalfAMillimetreAreFoundInNinetyEightPercent)
 struct RealSet {
   ErrorModel model;
   Measurements data;
-  CalibrationOptions options;
+  CalibrationSettings options;
 };
 
 RealSet fanuc_series() {
@@ -1056,7 +1064,7 @@ RealSet ur10_poses() {
 
 std::vector<std::string> causes_of(const RealSet& set) {
   std::vector<std::string> causes;
-  const Calibration found = calibrate(set.model, set.data, set.options);
+  const CalibrationResult found = calibrate(set.model, set.data, set.options);
   for (const AlternativeReading& reading : found.diagnosis.alternative_readings) {
     causes.push_back(std::string(to_string(reading.cause)) + ": " + reading.message);
   }

@@ -12,8 +12,10 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/same_poses.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/same_poses.hpp"
 #include "mistake_table.hpp"
 
 namespace kdl_calibration::testing::falsified_test {
@@ -21,8 +23,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-CalibrationOptions by_default() {
-  CalibrationOptions options;
+CalibrationSettings by_default() {
+  CalibrationSettings options;
   options.selection.automatic_priors = true;
   options.selection.effects.automatic = true;
   return options;
@@ -31,10 +33,10 @@ CalibrationOptions by_default() {
 /// A file, and how it is calibrated.
 struct Job {
   Measured m;
-  CalibrationOptions options = by_default();
+  CalibrationSettings options = by_default();
   Random random = Random(1);
 
-  Calibration run() const { return calibrate(m.model, with_poses_joined(m.data), options); }
+  CalibrationResult run() const { return calibrate(m.model, with_poses_joined(m.data), options); }
   int configurations() const { return static_cast<int>(m.data.joint_values.cols()); }
   void for_configurations(const std::function<bool(int)>& which, const std::function<void(Observation&)>& change) {
     for_rows(m, [&](Observation& o) {
@@ -211,7 +213,7 @@ const ErrorModel& third_arm() {
   return model;
 }
 
-bool is_called(const Calibration& found, const std::string& causes) {
+bool is_called(const CalibrationResult& found, const std::string& causes) {
   return std::any_of(found.diagnosis.doubts.begin(), found.diagnosis.doubts.end(), [&](const Doubt& doubt) {
     return ("|" + causes + "|").find("|" + std::string(to_string(doubt.cause)) + "|") != std::string::npos;
   });
@@ -220,7 +222,7 @@ bool is_called(const Calibration& found, const std::string& causes) {
 // A slice of the table, as what it is.
 TEST(Falsified, FilesAreCalledWhatTheyAre) {
   for (const Falsification& falsification : table()) {
-    const Calibration found = job_of(falsification, large_arm(), 1).run();
+    const CalibrationResult found = job_of(falsification, large_arm(), 1).run();
     EXPECT_TRUE(is_called(found, falsification.cause))
         << falsification.name << ": " << (found.trusted() ? "trusted" : found.diagnosis.doubts.front().message);
   }
@@ -232,7 +234,7 @@ TEST(Falsified, ARowWithoutWeightIsNoReasonToDoubt) {
     Job job{.m = measured(large_arm(), 3), .random = Random(3)};
     job.displace(7, distance);
     job.options.estimator.loss = Loss::tukey;
-    const Calibration found = job.run();
+    const CalibrationResult found = job.run();
     EXPECT_TRUE(found.trusted()) << found.diagnosis.doubts.front().message;
     EXPECT_EQ(*std::min_element(found.fit.robust.weights.begin(), found.fit.robust.weights.end()), 0.0);
   }
@@ -245,7 +247,7 @@ TEST(FalsifiedLongRun, FilesOfThreeRobotsAreDoubted) {
     std::string causes;
     for (const ErrorModel* model : {&large_arm(), &light_arm(), &third_arm()}) {
       for (std::uint64_t seed = 1; seed <= 3; ++seed) {
-        const Calibration found = job_of(falsification, *model, seed).run();
+        const CalibrationResult found = job_of(falsification, *model, seed).run();
         ++tried;
         doubted += found.trusted() ? 0 : 1;
         causes += std::string(" ") + (found.trusted()                         ? "NOT DOUBTED"
@@ -377,7 +379,7 @@ int doubted_of(std::uint64_t first, std::uint64_t last) {
   int doubted = 0;
   for (std::uint64_t seed = first; seed <= last; ++seed) {
     const Job job = right_job(seed);
-    const Calibration found = job.run();
+    const CalibrationResult found = job.run();
     doubted += found.trusted() ? 0 : 1;
     for (const Doubt& doubt : found.diagnosis.doubts) {
       std::printf("seed %d, kind %d: %s: %s\n", static_cast<int>(seed), static_cast<int>(seed % 16),

@@ -5,8 +5,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "kdl_calibration/covariance.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
+#include "uncertainty/covariance.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::minimum_norm_test {

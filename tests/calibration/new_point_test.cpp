@@ -9,6 +9,7 @@
 #include <string>
 
 #include "base/distributions.hpp"
+#include "kdl_calibration/noise_model.hpp"
 
 namespace kdl_calibration::new_point_test {
 namespace {

@@ -9,9 +9,11 @@
 #include <limits>
 
 #include "calibration/option_check.hpp"
-#include "kdl_calibration/covariance.hpp"
-#include "kdl_calibration/lack_of_fit.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "noise/lack_of_fit.hpp"
 #include "refusal.hpp"
+#include "uncertainty/covariance.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::noise_report_test {

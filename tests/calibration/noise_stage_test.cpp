@@ -8,8 +8,10 @@
 #include <limits>
 
 #include "dense_fit.hpp"
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/validation.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "planning/simulation.hpp"
+#include "validation/validation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::noise_stage_test {

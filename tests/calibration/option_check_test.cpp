@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "calibration/calibration_settings.hpp"
 #include "refusal.hpp"
 
 namespace kdl_calibration::option_check_test {
@@ -16,7 +17,7 @@ const double kNone = std::nan("");
 /// Two joints in three configurations, each with a torque of both.
 struct Setting {
   Measurements measured;
-  CalibrationOptions options;
+  CalibrationSettings options;
 
   Setting() {
     measured.source = "points.csv";

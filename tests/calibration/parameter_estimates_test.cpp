@@ -11,8 +11,8 @@
 #include "base/distributions.hpp"
 #include "calibration/noise_stage.hpp"
 #include "dense_fit.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "effects/effect_terms.hpp"
+#include "planning/simulation.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::parameter_estimates_test {

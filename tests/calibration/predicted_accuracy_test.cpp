@@ -8,9 +8,9 @@
 #include <string>
 
 #include "calibration/new_point.hpp"
-#include "kdl_calibration/covariance.hpp"
-#include "kdl_calibration/prediction.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "estimation/prediction.hpp"
+#include "planning/simulation.hpp"
+#include "uncertainty/covariance.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::predicted_accuracy_test {
@@ -76,13 +76,13 @@ TEST(PredictedAccuracy, OfAskedPointsIsThatOfTheirColumnsAndOfANewPoint) {
   asked(3, 2) = 20.0;  // nowhere near
   u.ask(asked);
   const PredictedAccuracy found = u.predicted(measured);
-  EXPECT_EQ(found.radius_factor, 1.4);
+  EXPECT_EQ(found.region.radius_factor, 1.4);
   ASSERT_EQ(found.asked.size(), 9U);
   const Estimate& truth = u.robot.truth;
   const PositionPredictor predictor(u.model, truth, u.free);
   const KDL::Chain chain = error_chain(u.model, truth.errors);
   for (std::size_t i = 0; i < 9; ++i) {
-    const PredictedPoint& point = found.asked[i];
+    const AskedPoint& point = found.asked[i];
     const auto c = static_cast<Index>(i / 3);
     SCOPED_TRACE(point.configuration + " " + point.target);
     EXPECT_EQ(point.configuration, "asked " + std::to_string(c));

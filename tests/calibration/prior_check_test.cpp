@@ -7,15 +7,15 @@
 #include <limits>
 
 #include "base/distributions.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::prior_check_test {
 namespace {
 
 // Of three parameters, two lengths and an angle, and a base that has no prior.
-Calibration with_errors(double length, double second_length, double angle) {
-  Calibration found;
+CalibrationResult with_errors(double length, double second_length, double angle) {
+  CalibrationResult found;
   found.model = complete_model(testing::fanuc());
   found.fit.identification.estimate.errors =
       Eigen::VectorXd::Zero(static_cast<Eigen::Index>(found.model.parameters.size()));
@@ -53,7 +53,7 @@ TEST(PriorCheck, ContradictsFromAChanceOfOneInAThousandOn) {
   }
   const double length = 1e-3 * std::sqrt(above * kExpected / 3.0);
   for (const double factor : {0.99, 1.01}) {
-    const Calibration found = with_errors(factor * length, factor * length, 2.0 * factor * length);
+    const CalibrationResult found = with_errors(factor * length, factor * length, 2.0 * factor * length);
     const double expected = factor > 1.0 ? factor * std::sqrt(above) : 1.0;
     EXPECT_NEAR(excess_over_priors(found), expected, 1e-9) << factor;
   }
@@ -61,13 +61,13 @@ TEST(PriorCheck, ContradictsFromAChanceOfOneInAThousandOn) {
 
 TEST(PriorCheck, SmallEstimatesAndNoneContradictNothing) {
   EXPECT_EQ(excess_over_priors(with_errors(1e-9, 0.0, 0.0)), 1.0);
-  Calibration without = with_errors(1.0, 1.0, 1.0);
+  CalibrationResult without = with_errors(1.0, 1.0, 1.0);
   without.selection.priors = {};
   EXPECT_EQ(excess_over_priors(without), 1.0);
 }
 
 TEST(PriorCheck, WhatIsNotDeterminedOrTellsNothingBeyondItsPriorDoesNotCount) {
-  Calibration found = with_errors(8e-3, 1.0, 0.0);
+  CalibrationResult found = with_errors(8e-3, 1.0, 0.0);
   found.uncertainty.covariance(2, 2) = std::numeric_limits<double>::infinity();
   EXPECT_NEAR(excess_over_priors(found), std::sqrt(64.0 / (0.9 + 0.75)), 1e-12);
   found = with_errors(8e-3, 0.0, 0.0);

@@ -8,9 +8,11 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/same_poses.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "measurements/same_poses.hpp"
 #include "mistake_table.hpp"
+#include "robot/joint_ranges.hpp"
 
 namespace kdl_calibration::testing::stated_error_test {
 namespace {
@@ -82,10 +84,10 @@ MatrixXd poses_of(Arm& arm, double spread) {
 /// RMS that leave-one-out states over the RMS at 200 new measured poses.
 double stated_over_true(std::uint64_t seed, double spread) {
   Arm arm(seed);
-  CalibrationOptions options;
+  CalibrationSettings options;
   options.selection.automatic_priors = true;
   options.selection.effects.automatic = true;
-  const Calibration found = calibrate(arm.model, with_poses_joined(arm.measure(poses_of(arm, spread))), options);
+  const CalibrationResult found = calibrate(arm.model, with_poses_joined(arm.measure(poses_of(arm, spread))), options);
   const Measurements fresh = arm.measure(arm.poses(200));
   const ErrorStatistics at_new =
       error_statistics(position_errors(flange_poses(found.model, found.fit.identification.estimate, fresh),

@@ -11,10 +11,12 @@
 #include <numeric>
 #include <set>
 
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "effects/effect_terms.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
+#include "planning/simulation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::validation_stage_test {
@@ -56,12 +58,12 @@ void expect_equal(const Iso9283& found, const Iso9283& expected, const std::stri
 
 struct Gained {
   WithGains arm = WithGains({.sigma = kNoise, .repeats = 2});
-  CalibrationOptions options{.noise = {.weights = Weights::equal},
-                             .selection = {.effects = {.groups = {EffectGroup::gain}}},
-                             .validation = {.leave_one_out = true, .k_fold = 4},
-                             .diagnosis = {.try_readings = false},
-                             .threads = 1};
-  Calibration found;
+  CalibrationSettings options{.noise = {.weights = Weights::equal},
+                              .selection = {.effects = {.groups = {EffectGroup::gain}}},
+                              .validation = {.leave_one_out = true, .k_fold = 4},
+                              .diagnosis = {.try_readings = false},
+                              .threads = 1};
+  CalibrationResult found;
 
   Gained() {
     options.noise.stated.independent.setConstant(kNoise);
@@ -81,7 +83,7 @@ const Gained& gained() {
 }
 
 TEST(ValidationStage, PredictsEveryFoldByEachRobotWithoutIt) {
-  const Calibration& found = gained().found;
+  const CalibrationResult& found = gained().found;
   const WithGains& arm = gained().arm;
   const Estimate& calibrated = found.fit.identification.estimate;
   Estimate without_gains = calibrated;
@@ -107,12 +109,12 @@ TEST(ValidationStage, PredictsEveryFoldByEachRobotWithoutIt) {
 TEST(ValidationStage, TheExportedRobotIsTheOneThatIsFittedWithoutEffects) {
   const WithGains arm({.sigma = kNoise, .repeats = 2});
   const auto calibrated = [&](const std::set<EffectGroup>& groups) {
-    CalibrationOptions options{.diagnosis = {.try_readings = false}, .threads = 1};
+    CalibrationSettings options{.diagnosis = {.try_readings = false}, .threads = 1};
     options.selection.effects.groups.assign(groups.begin(), groups.end());
     return calibrate(arm.model, arm.all, options);
   };
-  const Calibration with = calibrated({EffectGroup::gain});
-  const Calibration without = calibrated({});
+  const CalibrationResult with = calibrated({EffectGroup::gain});
+  const CalibrationResult without = calibrated({});
   EXPECT_LT(with.accuracy.leave_one_out->after.rms, 0.5 * without.accuracy.leave_one_out->after.rms);
   EXPECT_NEAR(with.accuracy.leave_one_out->rigid->rms / without.accuracy.leave_one_out->after.rms, 1.0, 1e-3);
   EXPECT_NEAR(with.exported.test->rms / without.accuracy.test->after.rms, 1.0, 1e-3);
@@ -129,7 +131,7 @@ TEST(ValidationStage, TellsTestRowsAtFittedPosesApart) {
     return calibrate(experiment.model, measured,
                      {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
   };
-  const Calibration both = calibrated(joined(joined(train, again), elsewhere));
+  const CalibrationResult both = calibrated(joined(joined(train, again), elsewhere));
   expect_equal(*both.accuracy.test_at_fitted_poses, calibrated(joined(train, again)).accuracy.test->after, 1e-12,
                "at fitted poses");
   expect_equal(*both.accuracy.test_at_new_poses, calibrated(joined(train, elsewhere)).accuracy.test->after, 1e-12,
@@ -140,7 +142,7 @@ TEST(ValidationStage, TellsTestRowsAtFittedPosesApart) {
 TEST(ValidationStage, WithoutEffectsTheExportedRobotIsTheCalibratedOne) {
   testing::VirtualExperiment experiment({.random = Random(3)});
   const Measurements measured = testing::without_sigmas(experiment.measure(20, {.sigma = kNoise}));
-  const Calibration found =
+  const CalibrationResult found =
       calibrate(experiment.model, measured, {.validation = {.k_fold = 5}, .diagnosis = {.try_readings = false}});
   EXPECT_EQ(found.exported.estimate.errors, found.fit.identification.estimate.errors);
   expect_equal(found.exported.iso, found.accuracy.iso_after, "exported");
@@ -156,8 +158,8 @@ TEST(ValidationStage, WithoutEffectsTheExportedRobotIsTheCalibratedOne) {
 TEST(ValidationStage, TheNominalRobotIsPredictedAsExactlyAsItsErrorsAreLarge) {
   testing::VirtualExperiment experiment({.random = Random(8)});
   const Measurements measured = experiment.measure(20);
-  const Calibration found = calibrate(experiment.model, measured,
-                                      {.validation = {.leave_one_out = true}, .diagnosis = {.try_readings = false}});
+  const CalibrationResult found = calibrate(
+      experiment.model, measured, {.validation = {.leave_one_out = true}, .diagnosis = {.try_readings = false}});
   const Folds singly = make_folds(measured, 0);
   const ErrorStatistics expected =
       error_statistics(cross_validate_nominal(experiment.model, measured, singly).distances);
@@ -170,10 +172,10 @@ TEST(ValidationStage, NothingIsRegisteredWhereAllFramesAreKnown) {
   testing::VirtualExperiment experiment({.random = Random(9)});
   const Measurements measured = testing::without_sigmas(experiment.measure(20, {.sigma = kNoise, .repeats = 2}));
   const Estimate& truth = experiment.robot.truth;
-  const Calibration found = calibrate(experiment.model, measured,
-                                      {.parameters = {.known_base = truth.X_WB, .known_targets = truth.targets},
-                                       .validation = {.leave_one_out = true},
-                                       .diagnosis = {.try_readings = false}});
+  const CalibrationResult found = calibrate(experiment.model, measured,
+                                            {.parameters = {.known_base = truth.X_WB, .known_targets = truth.targets},
+                                             .validation = {.leave_one_out = true},
+                                             .diagnosis = {.try_readings = false}});
   Estimate nominal = truth;
   nominal.errors.setZero();
   const ErrorStatistics expected = error_statistics(position_errors(experiment.model, nominal, averaged(measured)));
@@ -184,12 +186,12 @@ TEST(ValidationStage, HoldsOutWhatIsAskedForAndNothingElse) {
   testing::VirtualExperiment experiment({.random = Random(10)});
   const Measurements measured = testing::without_sigmas(experiment.measure(16, {.sigma = kNoise}));
   const auto held_out = [&](bool leave_one_out, int k_fold, bool by_default) {
-    const Calibration found =
+    const CalibrationResult found =
         calibrate(experiment.model, measured,
                   {.validation = {.leave_one_out = leave_one_out, .k_fold = k_fold, .held_out = by_default},
                    .diagnosis = {.try_readings = false}});
     EXPECT_FALSE(found.accuracy.nested_leave_one_out.has_value());
-    EXPECT_EQ(found.accuracy.held_out_points.size(), found.accuracy.leave_one_out || found.accuracy.k_fold ? 48U : 0U);
+    EXPECT_EQ(found.held_out_points.size(), found.accuracy.leave_one_out || found.accuracy.k_fold ? 48U : 0U);
     return std::pair(found.accuracy.leave_one_out.has_value(), found.accuracy.k_fold ? found.accuracy.folds : 0);
   };
   EXPECT_EQ(held_out(false, 1, true), std::pair(true, 0)) << "one fold is none";
@@ -201,8 +203,8 @@ TEST(ValidationStage, HoldsOutWhatIsAskedForAndNothingElse) {
 TEST(ValidationStage, NestedIsLeaveOneOutAndNestedWhereThereIsAChoice) {
   testing::VirtualExperiment experiment({.random = Random(11)});
   const Measurements measured = testing::without_sigmas(experiment.measure(16, {.sigma = kNoise}));
-  CalibrationOptions options{.validation = {.nested = true, .held_out = false}, .diagnosis = {.try_readings = false}};
-  const Calibration without_choice = calibrate(experiment.model, measured, options);
+  CalibrationSettings options{.validation = {.nested = true, .held_out = false}, .diagnosis = {.try_readings = false}};
+  const CalibrationResult without_choice = calibrate(experiment.model, measured, options);
   EXPECT_TRUE(without_choice.accuracy.leave_one_out.has_value());
   EXPECT_FALSE(without_choice.accuracy.nested_leave_one_out.has_value());
   std::vector<std::size_t> told;
@@ -213,7 +215,7 @@ TEST(ValidationStage, NestedIsLeaveOneOutAndNestedWhereThereIsAChoice) {
       told.push_back(100 * done + of);
     }
   };
-  const Calibration chosen = calibrate(experiment.model, measured, options);
+  const CalibrationResult chosen = calibrate(experiment.model, measured, options);
   ASSERT_TRUE(chosen.accuracy.nested_leave_one_out.has_value());
   EXPECT_EQ(chosen.accuracy.nested_leave_one_out->count, 48);
   ASSERT_EQ(told.size(), 17U);
@@ -231,13 +233,16 @@ struct Series : testing::VirtualExperiment {
     measure_at(configurations(25));
   }
   void measure_at(const Eigen::MatrixXd& q) { measured = testing::without_sigmas(measure(q, {.sigma = kNoise})); }
-  Calibration calibrated(const CalibrationOptions& options = {}) const { return calibrate(model, measured, options); }
+  CalibrationResult calibrated(const CalibrationSettings& options = {}) const {
+    return calibrate(model, measured, options);
+  }
 };
 
 TEST(HeldOut, IsLeaveOneOutAndTenFoldsOfMany) {
   Series s(published_targets(2));
-  const Calibration asked = s.calibrated({.validation = {.leave_one_out = true}, .diagnosis = {.try_readings = false}});
-  const Calibration not_asked = s.calibrated({.diagnosis = {.try_readings = false}});
+  const CalibrationResult asked =
+      s.calibrated({.validation = {.leave_one_out = true}, .diagnosis = {.try_readings = false}});
+  const CalibrationResult not_asked = s.calibrated({.diagnosis = {.try_readings = false}});
   ASSERT_TRUE(asked.accuracy.leave_one_out && not_asked.accuracy.leave_one_out);
   EXPECT_EQ(not_asked.accuracy.leave_one_out->after.rms, asked.accuracy.leave_one_out->after.rms);
   EXPECT_FALSE(not_asked.accuracy.k_fold);
@@ -246,7 +251,7 @@ TEST(HeldOut, IsLeaveOneOutAndTenFoldsOfMany) {
   constexpr int kMost = static_cast<int>(kMostLeftOutSingly);
   for (const auto& [count, singly] : {std::pair{kMost, true}, std::pair{kMost + 1, false}}) {
     s.measure_at(s.configurations(count));
-    const Calibration found = s.calibrated({.diagnosis = {.try_readings = false}});
+    const CalibrationResult found = s.calibrated({.diagnosis = {.try_readings = false}});
     EXPECT_EQ(found.accuracy.leave_one_out.has_value(), singly) << count;
     EXPECT_EQ(found.accuracy.k_fold.has_value(), !singly) << count;
     EXPECT_EQ(found.accuracy.folds, singly ? 0 : 10) << count;
@@ -257,7 +262,7 @@ TEST(HeldOut, IsLeaveOneOutAndTenFoldsOfMany) {
 }
 
 TEST(HeldOut, IsKFoldAloneWhereThatIsAskedFor) {
-  const Calibration found = Series().calibrated({.validation = {.k_fold = 5}});
+  const CalibrationResult found = Series().calibrated({.validation = {.k_fold = 5}});
   EXPECT_FALSE(found.accuracy.leave_one_out);
   ASSERT_TRUE(found.accuracy.k_fold);
   EXPECT_EQ(found.accuracy.folds, 5);
@@ -272,7 +277,7 @@ TEST(HeldOut, IsNothingWhereTheRestWouldNotSuffice) {
   const Eigen::MatrixXd q = s.measured.joint_values;
   for (const auto& [count, enough] : {std::pair{9, false}, std::pair{10, true}}) {
     s.measure_at(q.leftCols(count));
-    const Calibration found = s.calibrated();
+    const CalibrationResult found = s.calibrated();
     EXPECT_EQ(found.accuracy.held_out() != nullptr, enough) << count;
     EXPECT_EQ(std::count_if(found.diagnosis.warnings.begin(), found.diagnosis.warnings.end(),
                             [](const std::string& warning) { return warning.rfind("too few measurements", 0) == 0; }),
@@ -283,7 +288,7 @@ TEST(HeldOut, IsNothingWhereTheRestWouldNotSuffice) {
 
 TEST(HeldOut, ReportsEachFitAndWhatItIsFor) {
   std::vector<std::string> reported;
-  CalibrationOptions options{.validation = {.k_fold = 3}, .threads = 1};
+  CalibrationSettings options{.validation = {.k_fold = 3}, .threads = 1};
   options.validation.leave_one_out = true;
   options.progress = [&](const std::string& what, std::size_t done, std::size_t of) {
     if (what == "leave-one-out" || what == "3-fold") {
@@ -342,19 +347,19 @@ Measurements without(const Measurements& measurements, const std::vector<Index>&
 // linear and weighs means alike, so that it is not the same to the last digit.
 TEST(ValidationStage, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredicts) {
   const InDoubt arm;
-  CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
+  CalibrationSettings options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
   options.selection.automatic_priors = true;
   options.validation.leave_one_out = true;
   options.validation.nested = true;
-  const Calibration found = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult found = calibrate(arm.model, arm.measured, options);
   std::vector<double> expected;
   std::set<double> chosen;
   for (Index c = 0; c < 11; ++c) {
-    const Calibration others = calibrate(arm.model, without(arm.measured, {c}),
-                                         {.noise = {.weights = Weights::equal},
-                                          .selection = {.automatic_priors = true},
-                                          .validation = {.held_out = false},
-                                          .diagnosis = {.try_readings = false}});
+    const CalibrationResult others = calibrate(arm.model, without(arm.measured, {c}),
+                                               {.noise = {.weights = Weights::equal},
+                                                .selection = {.automatic_priors = true},
+                                                .validation = {.held_out = false},
+                                                .diagnosis = {.try_readings = false}});
     chosen.insert(others.selection.priors.length);
     const auto own = distances_to_means(arm, others.fit.identification.estimate, c);
     expected.insert(expected.end(), own.begin(), own.end());
@@ -372,13 +377,13 @@ TEST(ValidationStage, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredi
 TEST(ValidationStage, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
   InDoubt arm;
   arm.measured.observations[20].position.x() += 0.01;  // an outlier
-  CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
+  CalibrationSettings options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
   options.selection.priors = {.length = 1e-3, .angle = 1e-3};
   options.noise.stated.independent = Vector3d(3e-4, 4e-4, 5e-4);
   options.noise.stated.common.setConstant(1e-4);
   options.estimator.loss = Loss::tukey;
   options.validation.leave_one_out = true;
-  const Calibration found = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult found = calibrate(arm.model, arm.measured, options);
   const JointOptions joint{.residuals = {.priors = options.selection.priors, .noise = options.noise.stated}};
   const Estimate& start = found.fit.identification.estimate;
   std::vector<double> after;
@@ -421,11 +426,11 @@ TEST(ValidationStage, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
     std::vector<Index> expected(11);
     std::iota(expected.begin(), expected.end(), Index{0});
     EXPECT_EQ(all, expected);
-    CalibrationOptions options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
+    CalibrationSettings options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
     options.selection.priors = {.length = 1e-3, .angle = 1e-3};  // so that half of the configurations suffice
     options.noise.stated.independent.setConstant(4e-4);
     options.validation.k_fold = folds;
-    const Calibration found = calibrate(arm.model, arm.measured, options);
+    const CalibrationResult found = calibrate(arm.model, arm.measured, options);
     const JointOptions joint{.residuals = {.priors = options.selection.priors, .noise = options.noise.stated}};
     std::vector<double> distances;
     for (const auto& group : groups) {

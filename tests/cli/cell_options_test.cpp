@@ -8,8 +8,8 @@
 #include <limits>
 
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "refusal.hpp"
+#include "robot/joint_ranges.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing::cell_options_test {

@@ -9,7 +9,7 @@
 #include <kdl/frames.hpp>
 
 #include "cli_options_support.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 #include "printed_text.hpp"
 
 namespace kdl_calibration::testing::fk_test {

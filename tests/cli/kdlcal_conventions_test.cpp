@@ -5,8 +5,8 @@
 #include <charconv>
 
 #include "cli_options_support.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "planning/measuring_plan.hpp"
 
 namespace kdl_calibration::testing::kdlcal_conventions_test {
 namespace {

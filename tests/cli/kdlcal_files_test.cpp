@@ -8,7 +8,7 @@
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "cli_support.hpp"
-#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/measurements.hpp"
 #include "mistakes_support.hpp"
 
 namespace kdl_calibration::testing::kdlcal_files_test {

@@ -12,9 +12,9 @@
 #include <sstream>
 #include <thread>
 
+#include "base/random.hpp"
 #include "cli_support.hpp"
 #include "german_locale.hpp"
-#include "kdl_calibration/random.hpp"
 
 namespace kdl_calibration::testing::kdlcal_robustness_test {
 namespace {

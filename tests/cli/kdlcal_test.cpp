@@ -1,9 +1,9 @@
 #include <cmath>
 #include <sstream>
 
+#include "calibration/calibrate.hpp"
 #include "cli_support.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/measurements.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing::kdlcal_test {

@@ -9,10 +9,9 @@
 #include "cli_support.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/validation.hpp"
+#include "planning/simulation.hpp"
 #include "printed_text.hpp"
+#include "validation/validation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing::kdlcal_warnings_test {

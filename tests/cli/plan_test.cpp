@@ -6,10 +6,11 @@
 #include <numeric>
 
 #include "cli_options_support.hpp"
-#include "kdl_calibration/experiment.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "planning/experiment.hpp"
+#include "planning/measuring_plan.hpp"
 #include "printed_text.hpp"
 #include "report_page_support.hpp"
 #include "support.hpp"

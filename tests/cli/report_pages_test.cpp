@@ -7,8 +7,8 @@
 #include <set>
 
 #include "cli/truth_report.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
 #include "report_page_support.hpp"
+#include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing::report_pages_test {

@@ -3,8 +3,8 @@
 #include <Eigen/Geometry>
 
 #include "cli_options_support.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "planning/measuring_plan.hpp"
 #include "printed_text.hpp"
 #include "report_page_support.hpp"
 

@@ -7,14 +7,14 @@
 #include <sstream>
 
 #include "cli_support.hpp"
-#include "kdl_calibration/identification_jacobian.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/two_step_trial.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
+#include "planning/two_step_trial.hpp"
 #include "printed_text.hpp"
+#include "robot/joint_ranges.hpp"
 #include "support.hpp"
+#include "two_step/identification_jacobian.hpp"
 
 namespace kdl_calibration::testing::truth_report_test {
 namespace {

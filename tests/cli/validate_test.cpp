@@ -8,7 +8,7 @@
 #include <kdl/frames.hpp>
 
 #include "cli_options_support.hpp"
-#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/measurements.hpp"
 #include "printed_text.hpp"
 #include "report_page_support.hpp"
 

@@ -1,7 +1,8 @@
-# Installs the package from `build_dir` into an empty prefix, then configures, builds and runs a consumer whose
-# main.cpp and CMakeLists.txt are the blocks of the README that stand behind the comments
-#   <!-- consumer: main.cpp -->  and  <!-- consumer: CMakeLists.txt -->
-# The consumer runs in `work_dir`/run, which holds robot.urdf and, made by the installed kdlcal, measurements.csv.
+# Installs the package from `build_dir` into an empty prefix, then configures, builds and runs against it
+#   - the consumer whose main.cpp and CMakeLists.txt are the blocks of the README that stand behind the comments
+#     <!-- consumer: main.cpp -->  and  <!-- consumer: CMakeLists.txt -->
+#   - the programs beside this file, which `guide` has to quote byte for byte.
+# All run in `work_dir`/run, which holds robot.urdf and, made by the installed kdlcal, measurements.csv.
 # The compiler flags of the package carry over, so that this also works in a sanitized build.
 cmake_minimum_required(VERSION 3.22)
 
@@ -36,12 +37,28 @@ file(MAKE_DIRECTORY ${work_dir}/run)
 extract_block(main.cpp cpp)
 extract_block(CMakeLists.txt cmake)
 
+file(READ ${guide} quoted)
+file(GLOB quotes ${CMAKE_CURRENT_LIST_DIR}/*.cpp ${CMAKE_CURRENT_LIST_DIR}/*.py)
+foreach(source IN LISTS quotes)
+  file(READ ${source} text)
+  string(FIND "${quoted}" "${text}" at)
+  if(at EQUAL -1)
+    message(FATAL_ERROR "${guide} does not quote ${source} as it stands")
+  endif()
+endforeach()
+
+# Configures and builds the project in `source` into `build`/bin.
+function(build_against_package source build)
+  run(${CMAKE_COMMAND} -S ${source} -B ${build} -G ${generator} -D CMAKE_PREFIX_PATH=${prefix}
+      -D CMAKE_MAKE_PROGRAM=${make_program} -D CMAKE_BUILD_TYPE=${config} -D CMAKE_CXX_COMPILER=${cxx_compiler}
+      -D CMAKE_CXX_FLAGS=${cxx_flags} -D CMAKE_RUNTIME_OUTPUT_DIRECTORY=${build}/bin)
+  run(${CMAKE_COMMAND} --build ${build} --config ${config})
+endfunction()
+
 set(prefix ${work_dir}/prefix)
 run(${CMAKE_COMMAND} --install ${build_dir} --config ${config} --prefix ${prefix})
-run(${CMAKE_COMMAND} -S ${work_dir}/source -B ${work_dir}/build -G ${generator} -D CMAKE_PREFIX_PATH=${prefix}
-    -D CMAKE_MAKE_PROGRAM=${make_program} -D CMAKE_BUILD_TYPE=${config} -D CMAKE_CXX_COMPILER=${cxx_compiler}
-    -D CMAKE_CXX_FLAGS=${cxx_flags} -D CMAKE_RUNTIME_OUTPUT_DIRECTORY=${work_dir}/build/bin)
-run(${CMAKE_COMMAND} --build ${work_dir}/build --config ${config})
+build_against_package(${work_dir}/source ${work_dir}/build)
+build_against_package(${CMAKE_CURRENT_LIST_DIR} ${work_dir}/programs)
 
 file(COPY_FILE ${prefix}/share/kdl_calibration/urdf/fanuc_r2000ic_165f.urdf ${work_dir}/run/robot.urdf)
 if(EXISTS ${prefix}/bin/kdlcal)
@@ -64,3 +81,15 @@ if(NOT count EQUAL 1)
   message(FATAL_ERROR "expected one program from the README's CMakeLists.txt, found '${programs}'")
 endif()
 run(${CMAKE_COMMAND} -E chdir ${work_dir}/run ${programs})
+
+foreach(name calibrate_and_export predict inverse_kinematics plan simulate)
+  run(${CMAKE_COMMAND} -E chdir ${work_dir}/run ${work_dir}/programs/bin/${name})
+endforeach()
+if(python AND EXISTS ${python})
+  execute_process(COMMAND ${python} -c "import numpy" RESULT_VARIABLE no_numpy ERROR_QUIET)
+  if(no_numpy)
+    message(STATUS "numpy is not installed: read_result.py is not run")
+  else()
+    run(${CMAKE_COMMAND} -E chdir ${work_dir}/run ${python} ${CMAKE_CURRENT_LIST_DIR}/read_result.py)
+  endif()
+endif()

@@ -1,4 +1,4 @@
-#include "kdl_calibration/alternative_readings.hpp"
+#include "diagnosis/alternative_readings.hpp"
 
 #include <gmock/gmock.h>
 
@@ -6,8 +6,8 @@
 #include <cmath>
 #include <utility>
 
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/identification.hpp"
+#include "effects/effect_terms.hpp"
+#include "estimation/identification.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "mistake_table.hpp"
 

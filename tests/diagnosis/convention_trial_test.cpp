@@ -1,4 +1,4 @@
-#include "kdl_calibration/convention_trial.hpp"
+#include "diagnosis/convention_trial.hpp"
 
 #include <gmock/gmock.h>
 
@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/mimic.hpp"
 #include "mistake_table.hpp"
 #include "refusal.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration::convention_trial_test {
 namespace {

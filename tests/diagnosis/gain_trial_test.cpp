@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "diagnosis/trial_fit.hpp"
-#include "kdl_calibration/effect_terms.hpp"
+#include "effects/effect_terms.hpp"
 #include "mistake_table.hpp"
 
 namespace kdl_calibration::gain_trial_test {

@@ -6,8 +6,8 @@
 #include <functional>
 #include <numbers>
 
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
+#include "model/kinematics.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::point_trial_test {

@@ -1,6 +1,6 @@
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "effects/joint_effects.hpp"
+#include "effects/effect_terms.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -14,10 +14,11 @@
 #include <numeric>
 #include <set>
 
-#include "kdl_calibration/calibrated_arm.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "effects/arm_kinematics.hpp"
+#include "estimation/identification.hpp"
+#include "measurements/drive_signals.hpp"
+#include "model/kinematics.hpp"
+#include "planning/simulation.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
 
@@ -451,7 +452,7 @@ TEST(JointEffects, OfTorquesThatWereNotMeasuredAreRefused) {
   model.effects = effect_terms(model, EffectGroup::torque, q, signals);
   EXPECT_THAT(testing::refusal([&] { effect_basis(model, q); }), ::testing::HasSubstr("no measured torque of joint_1"));
   EXPECT_THAT(testing::refusal([&] {
-                CalibratedArm(model, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+                ArmKinematics(model, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
                               Eigen::VectorXd::Ones(12));
               }),
               ::testing::HasSubstr("measured torques"));

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 
 namespace kdl_calibration::chain_kernel_test {
 namespace {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/descent.hpp"
+#include "estimation/descent.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "estimation/identification.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -8,11 +8,13 @@
 #include <cmath>
 
 #include "dense_fit.hpp"
+#include "estimation/prediction.hpp"
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/prediction.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
 #include "record.hpp"
 #include "virtual_experiment.hpp"
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/input_check.hpp"
+#include "estimation/input_check.hpp"
 
 #include <gmock/gmock.h>
 
@@ -8,25 +8,29 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/alternative_readings.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
-#include "kdl_calibration/convention_trial.hpp"
-#include "kdl_calibration/data_quality.hpp"
-#include "kdl_calibration/experiment.hpp"
-#include "kdl_calibration/influence.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "diagnosis/alternative_readings.hpp"
+#include "diagnosis/convention_trial.hpp"
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/lack_of_fit.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/noise_components.hpp"
-#include "kdl_calibration/noise_parts.hpp"
-#include "kdl_calibration/pseudo_values.hpp"
-#include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/result_table.hpp"
-#include "kdl_calibration/two_step.hpp"
-#include "kdl_calibration/validation.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/training_rows.hpp"
 #include "mistakes_support.hpp"
+#include "noise/lack_of_fit.hpp"
+#include "noise/noise_components.hpp"
+#include "noise/noise_parts.hpp"
+#include "noise/pseudo_values.hpp"
+#include "planning/experiment.hpp"
 #include "refusal.hpp"
+#include "results/calibrated_urdf.hpp"
+#include "results/result_json.hpp"
+#include "results/result_table.hpp"
+#include "screening/data_quality.hpp"
+#include "two_step/two_step.hpp"
+#include "uncertainty/influence.hpp"
+#include "validation/validation.hpp"
 
 namespace kdl_calibration::input_check_test {
 namespace {
@@ -133,7 +137,7 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   const Eigen::MatrixXd sqrt_information = Eigen::MatrixXd::Identity(m.free.size(), m.free.size());
   const std::vector<double> weights(m.data.observations.size(), 1.0);
   const Experiment experiment = nominal_experiment(m.model, m.truth.targets);
-  Calibration calibration;
+  CalibrationResult calibration;
   calibration.model = m.model;
   calibration.fit.identification.estimate = estimate;
   expect_all_refuse({
@@ -239,17 +243,17 @@ TEST(InputCheck, RefusesEstimatesAndParametersThatDoNotFit) {
 
 TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
   for (const double value : {-1.0, kNaN, std::numeric_limits<double>::infinity()}) {
-    const std::vector<std::function<void(CalibrationOptions&)>> changes = {
-        [&](CalibrationOptions& o) { o.selection.priors.length = value; },
-        [&](CalibrationOptions& o) { o.selection.priors.angle = value; },
-        [&](CalibrationOptions& o) { o.noise.stated.independent.y() = value; },
-        [&](CalibrationOptions& o) { o.noise.stated.common.z() = value; },
-        [&](CalibrationOptions& o) { o.noise.stated.orientation = value; },
-        [&](CalibrationOptions& o) { o.noise.stated.misfit = value; },
-        [&](CalibrationOptions& o) { o.noise.stated.target_misfit = value; },
-        [&](CalibrationOptions& o) { o.noise.stated.tracker = TrackerNoise{.range = value}; }};
+    const std::vector<std::function<void(CalibrationSettings&)>> changes = {
+        [&](CalibrationSettings& o) { o.selection.priors.length = value; },
+        [&](CalibrationSettings& o) { o.selection.priors.angle = value; },
+        [&](CalibrationSettings& o) { o.noise.stated.independent.y() = value; },
+        [&](CalibrationSettings& o) { o.noise.stated.common.z() = value; },
+        [&](CalibrationSettings& o) { o.noise.stated.orientation = value; },
+        [&](CalibrationSettings& o) { o.noise.stated.misfit = value; },
+        [&](CalibrationSettings& o) { o.noise.stated.target_misfit = value; },
+        [&](CalibrationSettings& o) { o.noise.stated.tracker = TrackerNoise{.range = value}; }};
     for (std::size_t i = 0; i < changes.size(); ++i) {
-      CalibrationOptions options;
+      CalibrationSettings options;
       changes[i](options);
       expect_refused(
           std::to_string(i), [&] { calibrate(sound().model, sound().data, options); }, "0 or more");

@@ -1,4 +1,4 @@
-#include "kdl_calibration/least_squares.hpp"
+#include "estimation/least_squares.hpp"
 
 #include <gmock/gmock.h>
 
@@ -7,13 +7,15 @@
 #include <thread>
 
 #include "dense_fit.hpp"
-#include "kdl_calibration/calibrated_arm.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "effects/arm_kinematics.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/identification.hpp"
+#include "estimation/residual_options.hpp"
+#include "measurements/drive_signals.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
+#include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
 // Counts the calls of malloc, through which both Eigen and operator new go. Left out under sanitizers, which bring a
@@ -364,7 +366,7 @@ long allocations_of_poses(ErrorModel model, const std::vector<std::string>& grou
   }
   model.effects = all;
   const auto count = static_cast<Eigen::Index>(all.size());
-  const CalibratedArm arm(model, testing::random_errors(model, random, 0.001, 0.001),
+  const ArmKinematics arm(model, testing::random_errors(model, random, 0.001, 0.001),
                           Eigen::VectorXd::Constant(count, 1e-4));
   Matrix6Xd jacobian(6, arm.joints());
   double sum = 0.0;

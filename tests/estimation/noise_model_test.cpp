@@ -4,8 +4,9 @@
 
 #include <cmath>
 
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "estimation/identification.hpp"
+#include "estimation/residual_options.hpp"
+#include "model/kinematics.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::noise_model_test {

@@ -1,10 +1,10 @@
-#include "kdl_calibration/prediction.hpp"
+#include "estimation/prediction.hpp"
 
 #include <gtest/gtest.h>
 
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "estimation/identification.hpp"
+#include "model/kinematics.hpp"
+#include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::prediction_test {

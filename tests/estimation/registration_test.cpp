@@ -1,5 +1,5 @@
-#include "kdl_calibration/registration.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "estimation/registration.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -7,9 +7,9 @@
 #include <cmath>
 #include <limits>
 
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::registration_test {

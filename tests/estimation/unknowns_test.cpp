@@ -1,14 +1,14 @@
-#include "kdl_calibration/unknowns.hpp"
+#include "estimation/unknowns.hpp"
 
 #include <gmock/gmock.h>
 
 #include <Eigen/Geometry>
 #include <numeric>
 
-#include "kdl_calibration/effect_terms.hpp"
+#include "base/random.hpp"
+#include "effects/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/random.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "model/reduction.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::unknowns_test {

@@ -1,15 +1,17 @@
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
-#include "kdl_calibration/measurements_file.hpp"
+#include "calibration/calibrate.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "results/calibrated_urdf.hpp"
 
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
 
-#include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/result_table.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "planning/simulation.hpp"
 #include "promise.hpp"
+#include "results/result_json.hpp"
+#include "results/result_table.hpp"
 #include "targets.hpp"
 
 namespace kdl_calibration::fuzzing {
@@ -97,11 +99,11 @@ Measurements measured(const Robot& robot) {
   return m;
 }
 
-CalibrationOptions options_from(Reader& reader) {
+CalibrationSettings options_from(Reader& reader) {
   constexpr std::array kLosses = {Loss::none, Loss::huber, Loss::tukey};
   const unsigned first = reader.byte();
   const unsigned second = reader.byte();
-  CalibrationOptions options;
+  CalibrationSettings options;
   options.threads = 1;
   options.estimator.iterations = 20;
   options.estimator.method = (first & 1U) != 0 ? Method::two_step : Method::joint;
@@ -165,7 +167,7 @@ void check_numbers(const nlohmann::json& result, bool trusted) {
 
 void calibration(std::string_view bytes) {
   Reader reader(bytes);
-  const CalibrationOptions options = options_from(reader);
+  const CalibrationSettings options = options_from(reader);
   std::array<double, 9> origins = kOrigins;
   for (unsigned changes = reader.byte() % 4; changes > 0; --changes) {
     const std::size_t which = reader.byte() % origins.size();
@@ -179,7 +181,7 @@ void calibration(std::string_view bytes) {
       change(reader, m);
     }
     m = parse_measurements(measurements_csv(m), m.joints);  // which refuses what is out of range
-    const Calibration found = calibrate(model, m, options);
+    const CalibrationResult found = calibrate(model, m, options);
     check_numbers(nlohmann::json::parse(result_json(robot, m, options, found)), found.trusted());
     promise(result_table(m, found).find("nan") == std::string::npos || !found.trusted(), "no nan in the table");
     const std::string text = calibrated_urdf(robot, model, found.exported.estimate.errors);

@@ -3,9 +3,9 @@
 #include "cli/cell_options.hpp"
 #include "cli/config_file.hpp"
 #include "cli/frames.hpp"
-#include "kdl_calibration/calibrated_arm.hpp"
-#include "kdl_calibration/saved_calibration.hpp"
+#include "effects/arm_kinematics.hpp"
 #include "promise.hpp"
+#include "results/saved_calibration.hpp"
 #include "targets.hpp"
 
 namespace kdl_calibration::fuzzing {
@@ -43,7 +43,7 @@ void json_inputs(std::string_view bytes) {
       promise(saved.estimate.errors.allFinite(), "finite errors of the parameters");
       promise(static_cast<std::size_t>(saved.estimate.effects.size()) == saved.model.effects.size(),
               "one value a term");
-      const CalibratedArm arm(saved.model, saved.estimate.errors, saved.estimate.effects);
+      const ArmKinematics arm(saved.model, saved.estimate.errors, saved.estimate.effects);
       static_cast<void>(arm.flange_pose(Eigen::Vector2d(0.3, -0.2)));
     });
   });

@@ -1,6 +1,5 @@
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/measurements_file.hpp"
 
 #include <cstring>
 

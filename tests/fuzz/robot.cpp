@@ -1,6 +1,6 @@
 #include <kdl/chainfksolverpos_recursive.hpp>
-#include <kdl_calibration/calibrate.hpp>
-#include <kdl_calibration/calibrated_urdf.hpp>
+#include "calibration/calibrate.hpp"
+#include "results/calibrated_urdf.hpp"
 
 #include "promise.hpp"
 #include "targets.hpp"

@@ -1,4 +1,4 @@
-#include "kdl_calibration/drive_signals.hpp"
+#include "measurements/drive_signals.hpp"
 
 #include <gmock/gmock.h>
 
@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/measurements_file.hpp"
+#include "measurements/training_rows.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 

@@ -10,7 +10,6 @@
 #include "base/csv.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "kdl_calibration/measurements_file.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "refusal.hpp"
 

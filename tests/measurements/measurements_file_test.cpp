@@ -1,4 +1,4 @@
-#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/measurements.hpp"
 
 #include <gmock/gmock.h>
 
@@ -8,8 +8,8 @@
 #include <map>
 #include <numbers>
 
+#include "base/random.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/random.hpp"
 #include "measurements/label_table.hpp"
 #include "refusal.hpp"
 

@@ -1,7 +1,6 @@
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/measurements_check.hpp"
-#include "kdl_calibration/measurements_file.hpp"
+#include "measurements/measurements_check.hpp"
 
 #include <gmock/gmock.h>
 
@@ -16,9 +15,10 @@
 #include <numbers>
 #include <set>
 
+#include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/random.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "measurements/training_rows.hpp"
 #include "refusal.hpp"
 
 namespace kdl_calibration::measurements_test {

@@ -1,10 +1,10 @@
-#include "kdl_calibration/same_poses.hpp"
+#include "measurements/same_poses.hpp"
 
 #include <gmock/gmock.h>
 
 #include <cmath>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::same_poses_test {

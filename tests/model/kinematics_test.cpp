@@ -1,4 +1,4 @@
-#include "kdl_calibration/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 #include <gmock/gmock.h>
 
@@ -7,8 +7,8 @@
 #include <kdl/chainjnttojacsolver.hpp>
 #include <numeric>
 
-#include "kdl_calibration/matrix_derivatives.hpp"
 #include "support.hpp"
+#include "two_step/matrix_derivatives.hpp"
 
 namespace kdl_calibration::kinematics_test {
 namespace {

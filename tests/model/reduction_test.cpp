@@ -1,4 +1,4 @@
-#include "kdl_calibration/reduction.hpp"
+#include "model/reduction.hpp"
 
 #include <gmock/gmock.h>
 
@@ -7,11 +7,11 @@
 #include <map>
 #include <tuple>
 
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
-#include "kdl_calibration/identification_jacobian.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "calibration/calibrate.hpp"
+#include "model/kinematics.hpp"
+#include "planning/simulation.hpp"
+#include "results/calibrated_urdf.hpp"
+#include "two_step/identification_jacobian.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::reduction_test {
@@ -294,7 +294,7 @@ TEST_P(AnyChain, IsRecoveredToRounding) {
   for (int trial = 0; trial < 3; ++trial, experiment.draw_robot()) {
     const Measurements train = experiment.measure(60);
     const Measurements test = experiment.measure(100, {}, Split::test);
-    const Calibration found = calibrate(model, joined(train, test));
+    const CalibrationResult found = calibrate(model, joined(train, test));
     ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
     ASSERT_LE(found.accuracy.test->after.rms, 1e-12);
     ASSERT_LE(found.difference_to_kdl, 1e-12);
@@ -316,7 +316,7 @@ TEST(Reduction, MissingTargetsAndManyTargetsAreNormal) {
   VirtualExperiment experiment({.targets = generic_targets(12), .random = Random(2)});
   const Measurements all = experiment.measure(30);
   const Measurements some = subset(all, [](const Observation& o) { return (o.configuration + 3 * o.target) % 4 != 0; });
-  const Calibration found = calibrate(experiment.model, some);
+  const CalibrationResult found = calibrate(experiment.model, some);
   ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
   EXPECT_EQ(found.uncertainty.identifiability.rank, 24 + 36);
   EXPECT_LE(found.accuracy.train.after.max, 1e-12);

@@ -1,4 +1,4 @@
-#include "kdl_calibration/lack_of_fit.hpp"
+#include "noise/lack_of_fit.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,12 +10,12 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "estimation/identification.hpp"
+#include "model/kinematics.hpp"
 #include "noise/noise_strata.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
+#include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::lack_of_fit_test {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/noise_components.hpp"
+#include "noise/noise_components.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,11 +9,11 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
+#include "estimation/identification.hpp"
+#include "model/kinematics.hpp"
 #include "refusal.hpp"
+#include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::noise_components_test {

@@ -1,6 +1,6 @@
 // The parts of the noise: their likelihood against the dense one written out, and what they promise by Monte Carlo.
 
-#include "kdl_calibration/noise_parts.hpp"
+#include "noise/noise_parts.hpp"
 
 #include <gmock/gmock.h>
 
@@ -16,14 +16,18 @@
 #include <vector>
 
 #include "base/distributions.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/noise_components.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/identification.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
+#include "noise/noise_components.hpp"
+#include "planning/simulation.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
+#include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::noise_parts_test {
@@ -282,8 +286,8 @@ void expect_no_misfit(int configurations, int draws, double freedom) {
   testing::VirtualExperiment experiment;
   for (int draw = 0; draw < draws; ++draw) {
     const Measurements measured = testing::without_sigmas(experiment.measure(configurations, {.sigma = 3e-5}));
-    const Calibration found = calibrate(experiment.model, measured,
-                                        {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    const CalibrationResult found = calibrate(
+        experiment.model, measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
     EXPECT_EQ(found.noise.misfit, 0.0) << draw;
     EXPECT_NEAR(found.noise.sigma, 3e-5, 2.5e-5) << draw;
     EXPECT_NEAR(found.noise.degrees_of_freedom, freedom, 0.1) << draw;
@@ -365,12 +369,12 @@ TEST(NoisePartsLongRun, BesideEqualWeightsAreRightOnAverage) {
 TEST(NoiseParts, AndEqualWeightsGiveOneKindOfNoiseTheSameRadius) {
   const ErrorModel model = complete_model(testing::fanuc());
   const Trial t = trial(model, {.configurations = 50}, 7);
-  CalibrationOptions options{.diagnosis = {.try_readings = false}};
+  CalibrationSettings options{.diagnosis = {.try_readings = false}};
   options.predict_at = {.names = {"there"}, .joint_values = t.measured.joint_values.leftCols(1)};
-  const Calibration by_parts = calibrate(model, t.measured, options);
+  const CalibrationResult by_parts = calibrate(model, t.measured, options);
   options.noise.weights = Weights::equal;
-  const Calibration equal = calibrate(model, t.measured, options);
-  EXPECT_NEAR(equal.uncertainty.predicted.radius_factor / by_parts.uncertainty.predicted.radius_factor, 1.0, 0.02);
+  const CalibrationResult equal = calibrate(model, t.measured, options);
+  EXPECT_NEAR(equal.uncertainty.predicted.region.radius_factor / by_parts.uncertainty.predicted.region.radius_factor, 1.0, 0.02);
   EXPECT_NEAR(equal.uncertainty.predicted.asked[0].radius_95 / by_parts.uncertainty.predicted.asked[0].radius_95, 1.0,
               0.02);
   EXPECT_EQ(equal.uncertainty.predicted.asked[0].outside, by_parts.uncertainty.predicted.asked[0].outside);
@@ -413,7 +417,7 @@ Coverage coverage(const Truth& truth, int runs) {
   double points = 0.0;
   for (int run = 0; run < runs; ++run) {
     const Trial t = trial(model, truth, static_cast<std::uint64_t>(run));
-    CalibrationOptions options;
+    CalibrationSettings options;
     options.noise.stated = truth.stated;
     options.selection.priors = truth.priors;
     options.selection.automatic_priors = truth.automatic;
@@ -428,7 +432,7 @@ Coverage coverage(const Truth& truth, int runs) {
     for (int i = 0; i < 10; ++i) {
       options.predict_at.names.push_back(std::to_string(i));
     }
-    const Calibration found = calibrate(model, t.measured, options);
+    const CalibrationResult found = calibrate(model, t.measured, options);
     for (const ParameterEstimate& p : found.uncertainty.parameters) {
       if (!p.identifiable) {
         continue;
@@ -439,7 +443,7 @@ Coverage coverage(const Truth& truth, int runs) {
     }
     const auto X_BF = flange_poses(model, t.robot.truth, fresh);
     for (std::size_t i = 0; i < found.uncertainty.predicted.asked.size(); ++i) {
-      const PredictedPoint& point = found.uncertainty.predicted.asked[i];
+      const AskedPoint& point = found.uncertainty.predicted.asked[i];
       const auto count = static_cast<std::size_t>(truth.targets);
       const Vector3d place = t.robot.truth.targets[i % count].X_FT.translation();
       const Vector3d real = measured_at(t.robot.truth.X_WB * (X_BF[i / count] * place), truth, random);

@@ -11,8 +11,10 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "estimation/prediction.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::noise_strata_test {

@@ -8,8 +8,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "planning/simulation.hpp"
 #include "record.hpp"
 #include "virtual_experiment.hpp"
 
@@ -37,8 +38,8 @@ HeldOut held_out(double orientation_sigma, std::uint64_t seeds) {
       const double rms = error_statistics(position_errors(model, estimate, joined(train, test), Rows::test)).rms;
       return rms * rms;
     };
-    const CalibrationOptions fit_alone{.validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
-    CalibrationOptions stated = fit_alone;
+    const CalibrationSettings fit_alone{.validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
+    CalibrationSettings stated = fit_alone;
     stated.noise.stated.independent.setConstant(kSigma);
     stated.noise.stated.orientation = orientation_sigma;
     sums.stated += square(calibrate(model, train, stated).fit.identification.estimate);
@@ -67,7 +68,7 @@ TEST(OrientationLengthLongRun, AreAsGoodAsStatedSigmas) { expect_as_good_as_stat
 
 TEST(OrientationLength, LeaveExactPosesExact) {
   testing::VirtualExperiment experiment({.targets = testing::as_frames(published_targets(1))});
-  const Calibration found = calibrate(experiment.model, experiment.measure(30));
+  const CalibrationResult found = calibrate(experiment.model, experiment.measure(30));
   EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
   EXPECT_LT(found.accuracy.train.after.max, 1e-12);
 }

@@ -1,11 +1,12 @@
-#include "kdl_calibration/pseudo_values.hpp"
+#include "noise/pseudo_values.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/validation.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "planning/simulation.hpp"
+#include "validation/validation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::pseudo_values_test {

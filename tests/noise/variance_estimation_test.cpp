@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "base/distributions.hpp"
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 
 namespace kdl_calibration::variance_estimation_test {
 namespace {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/arm_body.hpp"
+#include "planning/arm_body.hpp"
 
 #include <gmock/gmock.h>
 
@@ -10,8 +10,8 @@
 #include <numbers>
 #include <sstream>
 
+#include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/random.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::arm_body_test {

@@ -7,8 +7,9 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "planning/simulation.hpp"
+#include "robot/joint_ranges.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::candidate_pool_test {

@@ -1,21 +1,22 @@
-#include "kdl_calibration/experiment.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "planning/experiment.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "kdl_calibration/covariance.hpp"
-#include "kdl_calibration/effect_terms.hpp"
+#include "effects/effect_terms.hpp"
+#include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/matrix_derivatives.hpp"
-#include "kdl_calibration/observability.hpp"
-#include "kdl_calibration/prediction.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
 #include "support.hpp"
+#include "two_step/matrix_derivatives.hpp"
+#include "uncertainty/covariance.hpp"
+#include "uncertainty/observability.hpp"
 
 namespace kdl_calibration::experiment_test {
 namespace {

@@ -1,7 +1,7 @@
-#include "kdl_calibration/measuring_plan.hpp"
+#include "planning/measuring_plan.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -9,7 +9,7 @@
 #include <numeric>
 
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 

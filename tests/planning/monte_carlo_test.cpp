@@ -1,14 +1,15 @@
-#include "kdl_calibration/monte_carlo.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "planning/monte_carlo.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
 #include <algorithm>
 #include <cmath>
 
-#include "kdl_calibration/experiment.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/pose_selection.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "planning/experiment.hpp"
+#include "planning/pose_selection.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::monte_carlo_test {

@@ -1,6 +1,6 @@
 // Plans for arms that do more than their geometry says.
 
-#include "kdl_calibration/planner.hpp"
+#include "planning/planner.hpp"
 
 #include <gmock/gmock.h>
 
@@ -10,13 +10,16 @@
 #include <limits>
 #include <set>
 
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/least_squares.hpp"
-#include "kdl_calibration/observability.hpp"
-#include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/least_squares.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "planning/simulation.hpp"
 #include "refusal.hpp"
+#include "results/result_json.hpp"
+#include "robot/joint_ranges.hpp"
+#include "uncertainty/observability.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::planner_test {
@@ -85,10 +88,10 @@ TEST(Planner, OnTopOfACalibrationItsTermsAreTheOnesItFound) {
   const MatrixXd q = arm.configurations(60);
   add_effects(arm.robot, {EffectGroup::gravity}, q, 3e-4, arm.random);
   const Measurements measured = arm.measure(q, {.sigma = 3e-5});
-  const CalibrationOptions options{.selection = {.effects = {.groups = {EffectGroup::gravity}}},
-                                   .validation = {.held_out = false},
-                                   .diagnosis = {.try_readings = false}};
-  const Calibration found = calibrate(model, measured, options);
+  const CalibrationSettings options{.selection = {.effects = {.groups = {EffectGroup::gravity}}},
+                                    .validation = {.held_out = false},
+                                    .diagnosis = {.try_readings = false}};
+  const CalibrationResult found = calibrate(model, measured, options);
   PlanRequest request = request_with({EffectGroup::gravity});
   request.calibrated = parse_calibration(result_json(robot, measured, options, found), robot);
   request.targets = request.calibrated->estimate.targets;

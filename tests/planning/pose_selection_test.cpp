@@ -1,5 +1,5 @@
-#include "kdl_calibration/pose_selection.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "planning/pose_selection.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -10,8 +10,9 @@
 #include <set>
 
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/workspace.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "planning/simulation.hpp"
+#include "planning/workspace.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 

@@ -1,5 +1,5 @@
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "planning/simulation.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -7,10 +7,11 @@
 #include <cmath>
 #include <numbers>
 
-#include "kdl_calibration/drive_signals.hpp"
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/kinematics.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/drive_signals.hpp"
+#include "model/kinematics.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::simulation_test {

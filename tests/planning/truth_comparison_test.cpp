@@ -1,5 +1,5 @@
-#include "kdl_calibration/truth_comparison.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "planning/truth_comparison.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -7,11 +7,11 @@
 #include <cmath>
 #include <functional>
 
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/identification.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/identification.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::truth_comparison_test {

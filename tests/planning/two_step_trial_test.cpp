@@ -1,5 +1,5 @@
-#include "kdl_calibration/two_step_trial.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "planning/two_step_trial.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 

@@ -1,5 +1,5 @@
-#include "kdl_calibration/workspace.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "planning/workspace.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -13,8 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/random.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 

@@ -1,4 +1,4 @@
-#include "kdl_calibration/calibrated_urdf.hpp"
+#include "results/calibrated_urdf.hpp"
 
 #include <gmock/gmock.h>
 

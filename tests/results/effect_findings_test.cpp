@@ -6,9 +6,9 @@
 #include <cmath>
 #include <limits>
 
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
+#include "robot/joint_ranges.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::effect_findings_test {
@@ -22,7 +22,7 @@ using testing::kDegree;
 
 /// A calibration of the FANUC with terms of one group, all at zero, measured at joint values that are given by hand.
 struct Found {
-  Calibration calibration;
+  CalibrationResult calibration;
   Measurements measurements;
 
   explicit Found(EffectGroup group, const Robot& robot = fanuc()) {

@@ -6,12 +6,13 @@
 
 #include <nlohmann/json.hpp>
 
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
+#include "measurements/drive_signals.hpp"
+#include "planning/simulation.hpp"
 #include "refusal.hpp"
+#include "results/result_json.hpp"
+#include "robot/joint_ranges.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::effects_json_test {
@@ -187,7 +188,7 @@ TEST(EffectsJson, EveryTermNeedsACoefficient) {
 
 TEST(EffectsJson, OfACalibrationOnlyItsOwnTermsWithTheRangesOfTheFittedRows) {
   const EverySort& s = every_sort();
-  Calibration calibration;
+  CalibrationResult calibration;
   calibration.model = s.model;
   calibration.model.gravity = KDL::Vector(0.0, 0.6, -0.8);
   calibration.fit.identification.estimate.effects = s.values;

@@ -10,11 +10,13 @@
 #include <limits>
 #include <set>
 
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/link_shapes.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/prediction.hpp"
+#include "measurements/drive_signals.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
+#include "robot/link_shapes.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::report_blocks_test {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/report_page.hpp"
+#include "results/report_page.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,15 +9,16 @@
 #include <random>
 
 #include "base/thinned.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "estimation/prediction.hpp"
 #include "german_locale.hpp"
-#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/prediction.hpp"
-#include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
 #include "refusal.hpp"
 #include "report_page_support.hpp"
 #include "results/report_blocks.hpp"
+#include "results/result_json.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing::report_page_test {
@@ -48,7 +49,7 @@ Measured measured(int configurations, const std::vector<std::string>& targets = 
 }
 
 std::string result_of(const Measured& measured, const Provenance& provenance = {}) {
-  const CalibrationOptions options{.diagnosis = {.try_readings = false}};  // a page shows none
+  const CalibrationSettings options{.diagnosis = {.try_readings = false}};  // a page shows none
   return result_json(measured.robot, measured.measurements, options,
                      calibrate(measured.model, measured.measurements, options), provenance);
 }
@@ -205,8 +206,8 @@ TEST(ReportPage, TheChainOfThePageIsThatOfKdl) {
 
 TEST(ReportPage, ResidualsArePredictedByTheChain) {
   const Measured setting = measured(12);
-  const CalibrationOptions options;
-  const Calibration found = calibrate(setting.model, setting.measurements, options);
+  const CalibrationSettings options;
+  const CalibrationResult found = calibrate(setting.model, setting.measurements, options);
   const Json block = Json::parse(reported_measurements({.model = found.model,
                                                         .estimate = found.fit.identification.estimate,
                                                         .measurements = setting.measurements,

@@ -18,7 +18,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// The FANUC at one place, with rows that are off by so many tenths of a millimetre along z.
 struct Rows {
   Measurements measured;
-  Calibration calibration;
+  CalibrationResult calibration;
 
   explicit Rows(const std::vector<double>& off) {
     calibration.model = complete_model(testing::fanuc());
@@ -93,7 +93,7 @@ TEST(ResultBlocks, OfRowsThatAreAllAlikeTheFirstAreShown) {
 
 TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
   for (const std::size_t count : {1U, 2U, 300U, 301U}) {
-    Calibration calibration;
+    CalibrationResult calibration;
     calibration.model = complete_model(testing::fanuc());
     calibration.model.effects.resize(count);
     calibration.fit.free = Unknowns().with_all(calibration.model, UnknownGroup::effects);
@@ -119,7 +119,7 @@ TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
 TEST(ResultBlocks, HeldOutPointsAreWrittenUpTo5000) {
   Rows rows({0.0});
   EXPECT_TRUE(held_out_points_json(rows.measured, rows.calibration).is_null());
-  std::vector<HeldOutPoint>& points = rows.calibration.accuracy.held_out_points;
+  std::vector<HeldOutPoint>& points = rows.calibration.held_out_points;
   points.assign(5000, {.configuration = 1, .target = 1, .residual = Eigen::Vector3d(2.0, 3.0, 6.0)});
   points[1].residual.y() = std::nan("");
   const Json json = held_out_points_json(rows.measured, rows.calibration);
@@ -166,7 +166,7 @@ TEST(ResultBlocks, TablesOfFilesHaveARowForEach) {
             "configuration,repeat,target,split,dx[m],dy[m],dz[m],distance[");
   EXPECT_THAT(residuals_csv(rows.measured, rows.calibration),
               ::testing::ContainsRegex("\nfirst,0,A,test,[^\n]*,[^\n]*,[^\n]*\nsecond,1,B,train,[^\n]*\n$"));
-  Calibration calibration = rows.calibration;
+  CalibrationResult calibration = rows.calibration;
   calibration.model.effects.resize(2);
   calibration.model.effects[0].name = "a";
   calibration.model.effects[1].name = "b,c";

@@ -1,6 +1,6 @@
 // The result as JSON: of calibrations, every figure against KDL and formulas; of one that is made up, letter by letter.
 
-#include "kdl_calibration/result_json.hpp"
+#include "results/result_json.hpp"
 
 #include <gmock/gmock.h>
 
@@ -18,21 +18,23 @@
 #include <set>
 
 #include "base/sha256.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
 #include "german_locale.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
-#include "kdl_calibration/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/result_table.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
 #include "printed_text.hpp"
 #include "refusal.hpp"
+#include "results/calibrated_urdf.hpp"
+#include "results/result_table.hpp"
+#include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::result_json_test {
@@ -50,8 +52,8 @@ struct Case {
   std::string name;
   Robot robot;
   Measurements measurements;
-  CalibrationOptions options;
-  Calibration calibration;
+  CalibrationSettings options;
+  CalibrationResult calibration;
   Json result;
 };
 
@@ -77,7 +79,7 @@ struct Setup : testing::VirtualExperiment {
   }
 
   /// Without other readings, of which a report shows nothing but warnings.
-  Case calibrated(const std::string& name, const Measurements& measurements, CalibrationOptions options = {}) {
+  Case calibrated(const std::string& name, const Measurements& measurements, CalibrationSettings options = {}) {
     options.diagnosis.try_readings = false;
     Case result{name, nominal, measurements, options, calibrate(model, measurements, options), {}};
     result.result = rendered(result);
@@ -112,7 +114,7 @@ void add_cases_of_points(std::vector<Case>& cases) {
   Measurements mistyped = plain;
   mistyped.observations[40].position.y() += 0.01;
   cases.push_back(s.calibrated("robust loss", mistyped, {.estimator = {.loss = Loss::tukey}}));
-  CalibrationOptions stated{.predict_at = {{"first", "second"}, s.configurations(2)}};
+  CalibrationSettings stated{.predict_at = {{"first", "second"}, s.configurations(2)}};
   stated.noise.stated.independent = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
   stated.noise.stated.common = Eigen::Vector3d(3e-5, 2e-5, 1e-5);
   cases.push_back(s.calibrated("noise that is stated, predictions", with_test, stated));
@@ -203,7 +205,7 @@ Case made_up() {
   c.measurements.configurations = {"first", "second"};
   c.measurements.targets = {"A", "B"};
   c.measurements.observations = {{.configuration = 0, .target = 1}, {.configuration = 1, .target = 0}};
-  Calibration& found = c.calibration;
+  CalibrationResult& found = c.calibration;
   found.model = complete_model(parse_robot(kOddArm));
   const auto count = static_cast<Eigen::Index>(found.model.parameters.size());
   found.fit.identification = {.termination = Termination::stalled, .message = "stands", .iterations = 7};
@@ -246,6 +248,7 @@ Case made_up() {
   found.noise.degrees_of_freedom = 12.5;
   found.noise.variance_factor = 1.25;
   found.noise.orientation_length = 0.35;
+  found.noise.tracker = TrackerNoise{1e-5, 2e-6, 3e-5, 4e-6};
   RepeatNoise& repeats = found.noise.repeats.emplace();
   repeats.independent = {1.1, 1.2, 1.3};
   repeats.common = {1.4, 1.5, 1.6};
@@ -278,7 +281,7 @@ Case made_up() {
   found.uncertainty.predicted.measured = made(23);
   found.uncertainty.predicted.workspace = made(24);
   found.uncertainty.predicted.cell = 0.5;
-  found.uncertainty.predicted.radius_factor = 1.75;
+  found.uncertainty.predicted.region = {.radius_factor = 1.75, .largest_variance = 0.25, .joints = {{-1.0, 2.0}}};
   found.uncertainty.predicted.cells = {{.centre = {1.0, 2.0, 3.0}, .count = 4, .mean = 5.0, .max = 6.0}};
   found.uncertainty.predicted.asked = {{.configuration = "there",
                                         .target = "A",
@@ -365,7 +368,7 @@ TEST(ResultJson, IsWrittenAsItStandsHere) {
             (Json{{"train", made_json(20)}, {"test", made_json(21)}, {"held_out", made_json(22)}}));
   EXPECT_EQ(result["noise"], Json::parse(R"({"model": "parts", "sigma": 0.1, "independent": [0.2, 0.3, 0.4],
       "common": [0.5, 0.6, 0.7], "misfit": 0.8, "target_misfit": 0.9, "degrees_of_freedom": 12.5,
-      "variance_factor": 1.25, "orientation_length": 0.35, "repeats": {"independent": [1.1, 1.2, 1.3],
+      "degrees_of_freedom_of_point": 12.5, "variance_factor": 1.25, "tracker": [1e-5, 2e-6, 3e-5, 4e-6], "orientation_length": 0.35, "repeats": {"independent": [1.1, 1.2, 1.3],
       "common": [1.4, 1.5, 1.6], "total": [1.7, 1.8, 1.9], "degrees_of_freedom": 33.0, "orientation": 0.44}})"));
   EXPECT_EQ(result["lack_of_fit"], Json::parse(R"({"F": 2.25, "degrees_of_freedom": 10.0,
       "repeat_degrees_of_freedom": 20.0, "p_value": 0.015, "explained_by_joint": [0.1, 0.2, 0.3]})"));
@@ -418,6 +421,7 @@ TEST(ResultJson, IntervalsAreThoseOfStudentsT) {
                              {"workspace", made_json(24)},
                              {"cell", 0.5},
                              {"radius_factor", 1.75},
+                             {"region", {{"joints", {{-1.0, 2.0}}}, {"largest_variance", 0.25}}},
                              {"cells", Json::parse(R"([{"centre": [1.0, 2.0, 3.0], "count": 4, "mean": 5.0,
                                                         "max": 6.0}])")}}));
 }
@@ -722,7 +726,7 @@ TEST(ResultTableOfCalibrations, BeginsWithTheVerdictAndWhereTheAnswerIs) {
   const Case& bad = case_of("a joint that never moves");
   const std::string doubted = result_table(bad.measurements, bad.calibration);
   EXPECT_EQ(doubted.rfind("Trusted where it was measured: the measurements do not determine", 0), 0U) << doubted;
-  Calibration worse = bad.calibration;
+  CalibrationResult worse = bad.calibration;
   worse.diagnosis.doubts.push_back({.cause = Cause::not_converged, .message = "the fit did not converge"});
   const std::string table = result_table(bad.measurements, worse);
   EXPECT_EQ(table.rfind("NOT TO BE TRUSTED: the fit did not converge", 0), 0U) << table;
@@ -782,8 +786,8 @@ std::string everything() {
   const Measurements measurements = experiment.measure(15, {.sigma = 1e-5});
   const std::string csv = measurements_csv(measurements);
   const Measurements read = parse_measurements(csv, joint_names(robot));
-  const CalibrationOptions options;
-  const Calibration found = calibrate(model, read, options);
+  const CalibrationSettings options;
+  const CalibrationResult found = calibrate(model, read, options);
   text += csv + result_table(read, found) + calibrated_urdf(robot, model, found.exported.estimate.errors);
   const std::string json = result_json(robot, read, options, found);
   text += json + Json::parse(json).dump();

@@ -1,6 +1,6 @@
 // The table letter by letter, of a calibration that is made up.
 
-#include "kdl_calibration/result_table.hpp"
+#include "results/result_table.hpp"
 
 #include <gmock/gmock.h>
 
@@ -24,12 +24,12 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// The odd arm, of which the slide has a gain.
 struct Made {
   Measurements measured;
-  Calibration calibration;
+  CalibrationResult calibration;
   JointConvention convention;
   TableOptions options{.written = {"a.urdf", "result.json"}, .fixed = "held by --fix", .convention = nullptr};
 
   Made() {
-    Calibration& c = calibration;
+    CalibrationResult& c = calibration;
     c.model = complete_model(parse_robot(testing::kOddArm));
     c.model.effects = {{.name = "gain.2", .joint = "slide", .index = 1, .function = JointGain{}},
                        {.name = "transverse.4.y.4x",
@@ -243,7 +243,7 @@ std::string goes_on(const std::string& text, const std::string& begin) {
 
 TEST(ResultTable, LongLinesGoOnIndented) {
   Made made;
-  Calibration& c = made.calibration;
+  CalibrationResult& c = made.calibration;
   made.options.written = {std::string(50, 'a'), std::string(50, 'b')};
   c.noise.common = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
   c.noise.misfit = 1e-5;
@@ -302,7 +302,7 @@ TEST(ResultTable, SaysNothingOfWhatIsNot) {
 
 TEST(ResultTable, FiguresThatAreThereAreShown) {
   Made made;
-  Calibration& c = made.calibration;
+  CalibrationResult& c = made.calibration;
   c.fit.identification.convergence_factor = 0.625;
   c.uncertainty.predicted.workspace = {.count = 1, .rms = 2e-3};
   c.uncertainty.predicted.measured = {.count = 1, .rms = 1e-3};

@@ -1,6 +1,6 @@
 // A result that is read back predicts as the calibration that wrote it did.
 
-#include "kdl_calibration/saved_calibration.hpp"
+#include "results/saved_calibration.hpp"
 
 #include <gmock/gmock.h>
 
@@ -17,13 +17,14 @@
 
 #include "base/json_tree.hpp"
 #include "base/sha256.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
-#include "kdl_calibration/effect_terms.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
+#include "effects/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
 #include "refusal.hpp"
+#include "results/calibrated_urdf.hpp"
+#include "results/result_json.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::saved_calibration_test {
@@ -37,13 +38,13 @@ using testing::kOddArm;
 struct Written {
   Robot robot = parse_robot(kOddArm);
   Measurements measured;
-  CalibrationOptions options{
+  CalibrationSettings options{
       .parameters = {.fix = {"tables.1.*", "tables.2.*", "tables.4.*", "tables.5.*"}},
       .selection = {.effects = {.groups = {EffectGroup::gravity, EffectGroup::transverse, EffectGroup::backlash,
                                            EffectGroup::harmonics, EffectGroup::tables}}},
       .validation = {.held_out = false},
       .diagnosis = {.try_readings = false}};
-  Calibration calibration;
+  CalibrationResult calibration;
   std::string json;
 
   Written() {
@@ -106,11 +107,11 @@ TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
     EXPECT_EQ(read.estimate.targets[k].with_orientation, wrote.targets[k].with_orientation);
     EXPECT_LT((read.estimate.targets[k].X_FT.matrix() - wrote.targets[k].X_FT.matrix()).norm(), 1e-14);
   }
-  EXPECT_EQ(read.trusted, written().calibration.trusted());
+  EXPECT_EQ(read.trusted(), written().calibration.trusted());
 }
 
 TEST(SavedCalibration, HasTheCovarianceAndWhatItIsOf) {
-  const Calibration& wrote = written().calibration;
+  const CalibrationResult& wrote = written().calibration;
   const SavedCalibration read = parse_calibration(written().json, written().robot);
   EXPECT_EQ(read.free.names(), wrote.fit.free.names());
   ASSERT_EQ(read.covariance.rows(), wrote.uncertainty.covariance.rows());
@@ -120,7 +121,7 @@ TEST(SavedCalibration, HasTheCovarianceAndWhatItIsOf) {
 }
 
 TEST(SavedCalibration, PredictsAsTheCalibrationDid) {
-  const Calibration& wrote = written().calibration;
+  const CalibrationResult& wrote = written().calibration;
   const SavedCalibration read = parse_calibration(written().json, written().robot);
   const auto X_BF = flange_poses(read, written().measured.joint_values);
   const auto expected = flange_poses(wrote.model, wrote.fit.identification.estimate, written().measured.joint_values);
@@ -132,18 +133,18 @@ TEST(SavedCalibration, PredictsAsTheCalibrationDid) {
 }
 
 TEST(SavedCalibration, KeepsTheDoubts) {
-  Calibration doubted = written().calibration;
+  CalibrationResult doubted = written().calibration;
   doubted.diagnosis.doubts = {{.cause = Cause::not_converged, .message = "it moves"}};
   const SavedCalibration read =
       parse_calibration(result_json(written().robot, written().measured, written().options, doubted), written().robot);
-  EXPECT_FALSE(read.trusted);
+  EXPECT_FALSE(read.trusted());
   ASSERT_EQ(read.doubts.size(), 1U);
   EXPECT_EQ(read.doubts[0].cause, Cause::not_converged);
   EXPECT_EQ(read.doubts[0].message, "it moves");
 }
 
 TEST(SavedCalibration, WhatIsNotDeterminedIsInfinite) {
-  Calibration open = written().calibration;
+  CalibrationResult open = written().calibration;
   open.uncertainty.covariance(3, 3) = std::numeric_limits<double>::infinity();
   const SavedCalibration read =
       parse_calibration(result_json(written().robot, written().measured, written().options, open), written().robot);
@@ -164,7 +165,7 @@ TEST(SavedCalibration, NeedsNothingButParameters) {
   const SavedCalibration read =
       parse_calibration(R"({"parameters": [{"name": "dq2", "error": 0.002}]})", written().robot);
   EXPECT_EQ(read.estimate.errors.sum(), 0.002);
-  EXPECT_FALSE(read.trusted);
+  EXPECT_FALSE(read.trusted());
   EXPECT_EQ(read.covariance.size(), 0);
   EXPECT_THAT(refusal(R"({"parameters": [{"name": "dq9", "error": 0.002}]})", written().robot),
               HasSubstr("r.json: parameters[0]: this robot has no parameter 'dq9'"));
@@ -304,7 +305,7 @@ TEST(SavedCalibrationLongRun, OfNineHundredThousandRowsIsRead) {
   many.calibration.fit.robust.weights.assign(900000, 0.12345678901234567);
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "kdl_calibration_saved_test.json";
   std::ofstream(file, std::ios::binary) << result_json(many.robot, many.measured, many.options, many.calibration);
-  const SavedCalibration read = load_calibration(file, many.robot);
+  const SavedCalibration read = read_calibration(file, many.robot);
   std::filesystem::remove(file);
   EXPECT_TRUE(read.estimate.errors == many.calibration.fit.identification.estimate.errors);
 }
@@ -332,10 +333,10 @@ TEST(SavedCalibration, ReadsBaseTargetsAndGravityAsTheyStand) {
   EXPECT_EQ(saved.model.effects.size(), 0U);
   EXPECT_EQ(saved.estimate.errors.sum(), 0.002);
   EXPECT_EQ(saved.covariance.size(), 0);
-  EXPECT_TRUE(saved.trusted);
+  EXPECT_TRUE(saved.trusted());
   EXPECT_TRUE(saved.doubts.empty());
   json["trusted"] = false;
-  EXPECT_FALSE(read().trusted);
+  EXPECT_FALSE(read().trusted());
 }
 
 TEST(SavedCalibration, NamesTheBaseOfAnotherRobot) {

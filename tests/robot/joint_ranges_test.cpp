@@ -1,11 +1,11 @@
-#include "kdl_calibration/joint_ranges.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gtest/gtest.h>
 
 #include <numbers>
 
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration::joint_ranges_test {
 namespace {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/link_shapes.hpp"
+#include "robot/link_shapes.hpp"
 
 #include <gmock/gmock.h>
 

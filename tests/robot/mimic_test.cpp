@@ -1,23 +1,23 @@
-#include "kdl_calibration/mimic.hpp"
-#include "kdl_calibration/convention_trial.hpp"
+#include "robot/mimic.hpp"
+#include "diagnosis/convention_trial.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/reduction.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "model/reduction.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
 #include <Eigen/SVD>
 #include <fstream>
 
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
+#include "calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/measuring_plan.hpp"
-#include "kdl_calibration/simulation.hpp"
-#include "kdl_calibration/workspace.hpp"
+#include "model/kinematics.hpp"
+#include "planning/measuring_plan.hpp"
+#include "planning/simulation.hpp"
+#include "planning/workspace.hpp"
 #include "refusal.hpp"
+#include "results/calibrated_urdf.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::mimic_test {
@@ -296,7 +296,7 @@ TEST(Mimic, CalibratesAndExportsARobotThatStillMimics) {
   const ErrorModel model = complete_model(robot);
   VirtualExperiment arm({.model = model, .sizes = {.length = 0.001, .angle = 0.005}, .random = Random(5)});
   const Measurements measured = arm.measure(40);
-  const Calibration found = calibrate(model, measured);
+  const CalibrationResult found = calibrate(model, measured);
   EXPECT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
   const MatrixXd fresh = arm.configurations(100);
   const Measurements held_out = arm.measure(fresh);

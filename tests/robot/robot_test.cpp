@@ -14,8 +14,8 @@
 #include <sstream>
 #include <utility>
 
+#include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/random.hpp"
 #include "refusal.hpp"
 #include "robot/urdf_reading.hpp"
 

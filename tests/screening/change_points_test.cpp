@@ -7,7 +7,7 @@
 #include <cstdlib>
 #include <map>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 
 namespace kdl_calibration::change_points_test {
 namespace {

@@ -1,8 +1,8 @@
-#include "kdl_calibration/data_quality.hpp"
-#include "kdl_calibration/convention_trial.hpp"
+#include "screening/data_quality.hpp"
+#include "diagnosis/convention_trial.hpp"
 #include "kdl_calibration/joint_convention.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/measurements_file.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -11,8 +11,9 @@
 #include <filesystem>
 
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::data_quality_test {

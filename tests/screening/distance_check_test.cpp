@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "kdl_calibration/data_quality.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
+#include "model/kinematics.hpp"
 #include "refusal.hpp"
+#include "screening/data_quality.hpp"
 
 namespace kdl_calibration::distance_check_test {
 namespace {

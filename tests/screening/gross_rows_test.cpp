@@ -1,4 +1,4 @@
-#include "kdl_calibration/gross_rows.hpp"
+#include "screening/gross_rows.hpp"
 
 #include <gmock/gmock.h>
 

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 
 namespace kdl_calibration::heavy_tails_test {
 namespace {

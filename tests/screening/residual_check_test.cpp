@@ -6,9 +6,9 @@
 #include <cmath>
 #include <utility>
 
-#include "kdl_calibration/data_quality.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
 #include "refusal.hpp"
+#include "screening/data_quality.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::residual_check_test {

@@ -8,8 +8,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/prediction.hpp"
+#include "effects/effect_terms.hpp"
+#include "estimation/prediction.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::effect_candidates_test {

@@ -7,19 +7,21 @@
 #include <numeric>
 #include <set>
 
+#include "base/random.hpp"
+#include "calibration/calibrate.hpp"
+#include "calibration/calibration_settings.hpp"
 #include "calibration/parameter_estimates.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/effect_terms.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/joint_effects.hpp"
-#include "kdl_calibration/prediction.hpp"
-#include "kdl_calibration/random.hpp"
-#include "kdl_calibration/result_json.hpp"
-#include "kdl_calibration/saved_calibration.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "measurements/drive_signals.hpp"
 #include "mistakes_support.hpp"
+#include "planning/simulation.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
+#include "results/result_json.hpp"
+#include "results/saved_calibration.hpp"
 #include "selection/effect_selection.hpp"
 #include "virtual_experiment.hpp"
 
@@ -59,32 +61,32 @@ struct Arm : testing::VirtualExperiment {
   }
 
   /// [m] RMS at configurations that were not measured.
-  double error_at_unseen(const Calibration& found) const {
+  double error_at_unseen(const CalibrationResult& found) const {
     Random none(1);
     const Measurements exact = kdl_calibration::measure(robot, unseen, {}, none);
     return error_statistics(position_errors(found.model, found.fit.identification.estimate, exact)).rms;
   }
 };
 
-CalibrationOptions automatic() {
+CalibrationSettings automatic() {
   return {.selection = {.automatic_priors = true, .effects = {.automatic = true}},
           .validation = {.held_out = false},
           .diagnosis = {.try_readings = false}};
 }
 
 /// The same without the groups of many terms.
-CalibrationOptions automatic_of_few_terms() {
-  CalibrationOptions options = automatic();
+CalibrationSettings automatic_of_few_terms() {
+  CalibrationSettings options = automatic();
   options.parameters.fix = {"tables.*", "transverse.*"};
   return options;
 }
 
-const CalibrationOptions kGeometry{.validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
+const CalibrationSettings kGeometry{.validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
 
 void expect_found_and_predicted_by(const std::vector<EffectGroup>& groups) {
   for (const EffectGroup group : groups) {
     const Arm arm(fanuc(), 10 + static_cast<unsigned>(group), 60, {{group, 3e-4}});
-    const Calibration found = calibrate(arm.model, arm.measured, automatic());
+    const CalibrationResult found = calibrate(arm.model, arm.measured, automatic());
     ASSERT_FALSE(found.selection.tried.empty());
     EXPECT_FALSE(found.selection.tried.front().effects.empty()) << to_string(group);
     const double with = arm.error_at_unseen(found);
@@ -107,7 +109,7 @@ TEST(EffectSelectionLongRun, FindsEachEffectAndPredictsByIt) {
 
 TEST(EffectSelection, FindsHowOftenGearsRipple) {
   const Arm arm(fanuc(), 21, 120, {{EffectGroup::ripple, 2e-4}});
-  const Calibration found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
+  const CalibrationResult found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
   ASSERT_THAT(found.selection.tried.front().effects, Contains("ripple"));
   std::map<int, std::pair<double, double>> strongest;  // of each joint: amplitude, times a turn
   for (std::size_t e = 0; e < found.model.effects.size(); ++e) {
@@ -136,7 +138,7 @@ TEST(EffectSelection, NoRippleIsLookedForAboveHalfTheRateOfTheJointValues) {
   arm.robot.truth.effects = Eigen::VectorXd::Constant(2, 3e-4);
   Random random(5);
   arm.measured = measure(arm.robot, q, {.sigma = 5e-5}, random);
-  const Calibration found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
+  const CalibrationResult found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
   ASSERT_THAT(found.selection.tried.front().effects, Contains("ripple"));
   for (const EffectTerm& term : found.model.effects) {
     if (term.group() == EffectGroup::ripple) {
@@ -175,7 +177,7 @@ TEST(EffectSelection, TablesAreWithheldInGaps) {
   const Measurements gapped = subset(arm.measured, [&](const Observation& o) {
     return std::abs(arm.measured.joint_values(2, o.configuration) - middle) > 0.35;
   });
-  CalibrationOptions options = kGeometry;
+  CalibrationSettings options = kGeometry;
   Eigen::MatrixXd asked = arm.measured.joint_values.leftCols(2);
   for (Eigen::Index c = 0; c < 2; ++c) {
     asked.col(c) = gapped.joint_values.col(7);
@@ -184,7 +186,7 @@ TEST(EffectSelection, TablesAreWithheldInGaps) {
   options.selection.effects = {.groups = {EffectGroup::tables}};
   options.parameters.fix = {"tables.1.*", "tables.2.*", "tables.5.*", "tables.6.*"};
   options.predict_at = {{"in the gap", "measured there"}, asked};
-  const Calibration found = calibrate(arm.model, gapped, options);
+  const CalibrationResult found = calibrate(arm.model, gapped, options);
   int tables = 0;
   for (std::size_t e = 0; e < found.model.effects.size(); ++e) {
     const EffectTerm& term = found.model.effects[e];
@@ -203,7 +205,7 @@ TEST(EffectSelection, TablesAreWithheldInGaps) {
   }
   EXPECT_GT(tables, 0);
   ASSERT_FALSE(found.uncertainty.predicted.asked.empty());
-  for (const PredictedPoint& point : found.uncertainty.predicted.asked) {
+  for (const AskedPoint& point : found.uncertainty.predicted.asked) {
     EXPECT_EQ(point.outside, point.configuration == "in the gap") << point.configuration;
   }
   // What a table may be there is part of the uncertainty: a joint that moves by that much.
@@ -213,9 +215,9 @@ TEST(EffectSelection, TablesAreWithheldInGaps) {
 
 TEST(EffectSelection, FindsTheSizeOfWhatIsThere) {
   const Arm arm(fanuc(), 3, 100, {{EffectGroup::gravity, 2e-4}});
-  CalibrationOptions options = kGeometry;
+  CalibrationSettings options = kGeometry;
   options.selection.effects.groups = {EffectGroup::gravity};
-  const Calibration found = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult found = calibrate(arm.model, arm.measured, options);
   ASSERT_EQ(found.model.effects.size(), arm.robot.model.effects.size());
   EXPECT_GT(found.model.effects.front().sigma, 1e-4);
   EXPECT_LT(found.model.effects.front().sigma, 4e-4);
@@ -236,7 +238,7 @@ TEST(EffectSelection, LeavesARigidArmRigid) {
   double worse = 0.0;
   for (unsigned seed = 0; seed < 4; ++seed) {
     const Arm arm(seed % 2 == 0 ? fanuc() : parse_robot(kOddArm), 50 + seed, seed % 3 == 0 ? 15 : 45, {});
-    const Calibration found = calibrate(arm.model, arm.measured, automatic());
+    const CalibrationResult found = calibrate(arm.model, arm.measured, automatic());
     kept += found.model.effects.empty() ? 0 : 1;
     worse = std::max(worse,
                      arm.error_at_unseen(found) / arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry)));
@@ -247,7 +249,7 @@ TEST(EffectSelection, LeavesARigidArmRigid) {
 
 TEST(EffectSelection, NothingIsChosenWhereNothingIsLeft) {
   const Arm arm(fanuc(), 4, 30, {}, 0.0);
-  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  const CalibrationResult found = calibrate(arm.model, arm.measured, automatic());
   EXPECT_THAT(found.model.effects, IsEmpty());
   EXPECT_LT(arm.error_at_unseen(found), 1e-12);
   EXPECT_LE(found.fit.identification.iterations, 8);
@@ -260,7 +262,7 @@ TEST(EffectSelection, TheNoiseIsInPartsBesideChosenPriors) {
   Random random(3);
   const MeasuringNoise noise{.sigma = 1e-5, .repeats = 5, .common = Eigen::Vector3d::Constant(5e-5)};
   arm.measured = testing::without_sigmas(measure(arm.robot, arm.measured.joint_values, noise, random));
-  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  const CalibrationResult found = calibrate(arm.model, arm.measured, automatic());
   ASSERT_TRUE(found.selection.tried.front().sized);
   ASSERT_TRUE(found.noise.parts.has_value());
   EXPECT_NEAR(found.noise.sigma, std::hypot(1e-5, 5e-5), 1e-5);
@@ -270,7 +272,7 @@ TEST(EffectSelection, TheNoiseIsInPartsBesideChosenPriors) {
 
 TEST(EffectSelection, TooFewMeasurementsForWhatIsAskedAreRefused) {
   const Arm arm(fanuc(), 9, 9, {});  // 81 equations
-  CalibrationOptions options = kGeometry;
+  CalibrationSettings options = kGeometry;
   options.selection.effects.groups = {EffectGroup::gravity, EffectGroup::harmonics};
   EXPECT_THAT(testing::refusal([&] { calibrate(arm.model, arm.measured, options); }),
               ::testing::HasSubstr("simulation: too few measurements for the effects asked for"));
@@ -278,10 +280,10 @@ TEST(EffectSelection, TooFewMeasurementsForWhatIsAskedAreRefused) {
 
 TEST(EffectSelection, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
   const Arm arm(fanuc(), 5, 13, {{EffectGroup::gravity, 3e-4}});
-  CalibrationOptions options = automatic();
+  CalibrationSettings options = automatic();
   options.validation.leave_one_out = true;
   options.validation.nested = true;
-  const Calibration found = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult found = calibrate(arm.model, arm.measured, options);
   ASSERT_TRUE(found.accuracy.nested_leave_one_out.has_value());
   EXPECT_EQ(found.accuracy.nested_leave_one_out->count, 39);
   EXPECT_GT(found.accuracy.nested_leave_one_out->rms, 0.9 * found.accuracy.leave_one_out->after.rms);
@@ -293,16 +295,16 @@ TEST(EffectSelection, NestedIsOfChoicesThatDidNotSeeTheConfiguration) {
       o.position.x() += 1e-3;
     }
   }
-  const Calibration other = calibrate(arm.model, spoilt, options);
+  const CalibrationResult other = calibrate(arm.model, spoilt, options);
   EXPECT_GT(other.accuracy.nested_leave_one_out->max, 0.5e-3);
 }
 
 TEST(EffectSelection, HeldTermsTakeNoPart) {
   const Arm arm(fanuc(), 6, 40, {{EffectGroup::gravity, 3e-4}});
-  CalibrationOptions options = kGeometry;
+  CalibrationSettings options = kGeometry;
   options.selection.effects.groups = {EffectGroup::gravity, EffectGroup::gain};
   options.parameters.fix = {"gravity.2.*", "gain.4"};
-  const Calibration found = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult found = calibrate(arm.model, arm.measured, options);
   ASSERT_FALSE(found.model.effects.empty());
   for (const EffectTerm& term : found.model.effects) {
     EXPECT_NE(term.name.rfind("gravity.2.", 0), 0U) << term.name;
@@ -310,7 +312,7 @@ TEST(EffectSelection, HeldTermsTakeNoPart) {
   }
   // A pattern that says nothing of effects is about parameters.
   options.parameters.fix = {"*4"};
-  const Calibration other = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult other = calibrate(arm.model, arm.measured, options);
   EXPECT_FALSE(other.fit.free.column("Tz4").has_value());
 }
 
@@ -322,7 +324,7 @@ TEST(EffectSelection, AnArmOnAWallSagsAlongItsOwnDirection) {
   arm.robot.truth.effects = Eigen::VectorXd::NullaryExpr(static_cast<Eigen::Index>(arm.robot.model.effects.size()),
                                                          [&](Eigen::Index) { return 3e-4 * random.normal(); });
   arm.measured = measure(arm.robot, arm.measured.joint_values, {.sigma = 5e-5}, random);
-  CalibrationOptions options = kGeometry;
+  CalibrationSettings options = kGeometry;
   options.selection.effects.groups = {EffectGroup::gravity};
   const double upright = arm.error_at_unseen(calibrate(arm.model, arm.measured, options));
   ErrorModel on_wall = arm.model;
@@ -333,7 +335,7 @@ TEST(EffectSelection, AnArmOnAWallSagsAlongItsOwnDirection) {
 
 TEST(EffectSelection, OfFewConfigurationsOnlyWhatTheyCanTell) {
   const Arm arm(fanuc(), 9, 13, {{EffectGroup::gravity, 3e-4}});
-  const Calibration found = calibrate(arm.model, arm.measured, automatic());
+  const CalibrationResult found = calibrate(arm.model, arm.measured, automatic());
   for (const ModelOption& option : found.selection.tried) {
     EXPECT_THAT(option.effects, ::testing::AnyOf(IsEmpty(), ::testing::ElementsAre("gravity")));
   }
@@ -346,7 +348,7 @@ using Names = std::vector<std::string>;
 /// The odd arm with these effects, measured, and fitted by its geometry alone.
 struct Open : testing::VirtualExperiment {
   Measurements measured;
-  CalibrationOptions options;
+  CalibrationSettings options;
   Estimate optimum;
 
   struct How {
@@ -534,7 +536,7 @@ struct Coverage {
   double inside = 0.0;
   double all = 0.0;
 
-  void add(const Calibration& found, const testing::VirtualExperiment& arm) {
+  void add(const CalibrationResult& found, const testing::VirtualExperiment& arm) {
     for (std::size_t p = 0; p < arm.model.parameters.size(); ++p) {
       const auto parameter =
           std::find_if(found.uncertainty.parameters.begin(), found.uncertainty.parameters.end(),
@@ -584,7 +586,7 @@ TEST(EffectSelectionLongRun, IntervalsHoldWhereTenPointsSizeThePriors) {
                                     .X_WB = Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.5, 0.3)),
                                     .random = Random(seed)});
     const Measurements measured = testing::without_sigmas(arm.measure(arm.configurations(10), {.sigma = 5e-5}));
-    const Calibration found = calibrate(arm.model, measured, automatic());
+    const CalibrationResult found = calibrate(arm.model, measured, automatic());
     EXPECT_THAT(found.model.effects, IsEmpty());
     coverage.add(found, arm);
   }
@@ -618,7 +620,7 @@ Rigid of_rigid_arms(unsigned first, unsigned count) {
     const testing::Measured m = testing::measured(model, seed, draw);
     const testing::Measured unseen =
         testing::measured(model, seed, {.configurations = 300, .targets = draw.targets, .noise = 0.0});
-    const auto error_of = [&](const Calibration& found) {
+    const auto error_of = [&](const CalibrationResult& found) {
       const auto truly = flange_poses(m.model, m.truth, unseen.data.joint_values);
       const auto predicted = flange_poses(found.model, found.fit.identification.estimate, unseen.data.joint_values);
       double squares = 0.0;
@@ -632,7 +634,7 @@ Rigid of_rigid_arms(unsigned first, unsigned count) {
       }
       return std::sqrt(squares);
     };
-    const Calibration found = calibrate(m.model, m.data, automatic());
+    const CalibrationResult found = calibrate(m.model, m.data, automatic());
     const double ratio = error_of(found) / error_of(calibrate(m.model, m.data, kGeometry));
     ++result.arms;
     result.kept += found.model.effects.empty() ? 0 : 1;
@@ -689,12 +691,12 @@ struct DrivenArm : testing::VirtualExperiment {
     unseen = kdl_calibration::measure(robot, simulated_signals(model, elsewhere, q, told), {}, random);
   }
 
-  double error_at_unseen(const Calibration& found) const {
+  double error_at_unseen(const CalibrationResult& found) const {
     return error_statistics(position_errors(found.model, found.fit.identification.estimate, unseen)).rms;
   }
 };
 
-CalibrationOptions named(EffectGroup group) {
+CalibrationSettings named(EffectGroup group) {
   return {.selection = {.automatic_priors = true, .effects = {.groups = {group}}},
           .validation = {.held_out = false},
           .diagnosis = {.try_readings = false}};
@@ -711,9 +713,9 @@ const DrivenArm& that_gives_way() {
 }
 
 /// Where the unseen configurations are approached from is known.
-const Calibration& found_with_play() {
-  static const Calibration found = [] {
-    CalibrationOptions options = automatic();
+const CalibrationResult& found_with_play() {
+  static const CalibrationResult found = [] {
+    CalibrationSettings options = automatic();
     const Measurements& unseen = with_play().unseen;
     options.predict_at = {
         .names = unseen.configurations, .joint_values = unseen.joint_values, .signals = unseen.signals};
@@ -722,14 +724,14 @@ const Calibration& found_with_play() {
   return found;
 }
 
-const Calibration& found_by_torques() {
-  static const Calibration found =
+const CalibrationResult& found_by_torques() {
+  static const CalibrationResult found =
       calibrate(that_gives_way().model, that_gives_way().measured, named(EffectGroup::torque));
   return found;
 }
 
 /// Every true coefficient within four of its standard deviations.
-void expect_coefficients(const Calibration& found, const DrivenArm& arm) {
+void expect_coefficients(const CalibrationResult& found, const DrivenArm& arm) {
   for (std::size_t e = 0; e < arm.robot.model.effects.size(); ++e) {
     const std::string& name = arm.robot.model.effects[e].name;
     const auto parameter = std::find_if(found.uncertainty.parameters.begin(), found.uncertainty.parameters.end(),
@@ -741,7 +743,7 @@ void expect_coefficients(const Calibration& found, const DrivenArm& arm) {
 }
 
 TEST(DriveEffects, WhereTheOrderIsKnownBacklashHasADirection) {
-  const Calibration& found = found_with_play();
+  const CalibrationResult& found = found_with_play();
   ASSERT_THAT(found.selection.tried.front().effects, Contains("backlash"));
   expect_coefficients(found, with_play());
   Measurements of_no_order = with_play().measured;
@@ -751,16 +753,16 @@ TEST(DriveEffects, WhereTheOrderIsKnownBacklashHasADirection) {
 }
 
 TEST(DriveEffects, WhereItIsNotKnownPredictionsAreAsUncertainAsThePlayIsWide) {
-  CalibrationOptions options = automatic();
+  CalibrationSettings options = automatic();
   const Measurements& unseen = with_play().unseen;
   options.predict_at = {.names = unseen.configurations, .joint_values = unseen.joint_values, .signals = {}};
-  const Calibration unknown = calibrate(with_play().model, with_play().measured, options);
-  const Calibration& known = found_with_play();
+  const CalibrationResult unknown = calibrate(with_play().model, with_play().measured, options);
+  const CalibrationResult& known = found_with_play();
   ASSERT_EQ(known.uncertainty.predicted.asked.size(), 3U * unseen.configurations.size());
   double normalised = 0.0;
   for (std::size_t i = 0; i < known.uncertainty.predicted.asked.size(); i += 3) {
-    const PredictedPoint& with = known.uncertainty.predicted.asked[i];
-    const PredictedPoint& without = unknown.uncertainty.predicted.asked[i];
+    const AskedPoint& with = known.uncertainty.predicted.asked[i];
+    const AskedPoint& without = unknown.uncertainty.predicted.asked[i];
     EXPECT_GT(without.radius_95, with.radius_95);
     const Eigen::Vector3d error = unseen.observations[i].position - without.position_W;
     normalised += error.squaredNorm() / (without.sigma * without.sigma);
@@ -798,7 +800,7 @@ TEST(DriveEffects, APlayOfMillimetresIsNoDefectOfTheMeasurements) {
 
 TEST(DriveEffects, EveryStageOfACalibrationKnowsThem) {
   for (const DrivenArm* arm : {&with_play(), &that_gives_way()}) {
-    CalibrationOptions options = named(arm == &with_play() ? EffectGroup::backlash : EffectGroup::torque);
+    CalibrationSettings options = named(arm == &with_play() ? EffectGroup::backlash : EffectGroup::torque);
     options.validation.held_out = true;
     options.validation.nested = true;
     options.diagnosis.try_readings = true;
@@ -810,7 +812,7 @@ TEST(DriveEffects, EveryStageOfACalibrationKnowsThem) {
         coordinate += kNoise * random.normal();
       }
     }
-    const Calibration found = calibrate(arm->model, joined(arm->measured, unseen), options);
+    const CalibrationResult found = calibrate(arm->model, joined(arm->measured, unseen), options);
     EXPECT_TRUE(found.trusted());
     EXPECT_TRUE(found.diagnosis.findings.empty());
     EXPECT_TRUE(found.diagnosis.alternative_readings.empty());
@@ -824,11 +826,11 @@ TEST(DriveEffects, EveryStageOfACalibrationKnowsThem) {
 }
 
 TEST(DriveEffects, MeasuredTorquesAreUsedWhereTheyAreNamed) {
-  const Calibration unnamed = calibrate(that_gives_way().model, that_gives_way().measured, automatic());
+  const CalibrationResult unnamed = calibrate(that_gives_way().model, that_gives_way().measured, automatic());
   for (const ModelOption& option : unnamed.selection.tried) {
     EXPECT_THAT(option.effects, Not(Contains("torque")));
   }
-  const Calibration& found = found_by_torques();
+  const CalibrationResult& found = found_by_torques();
   expect_coefficients(found, that_gives_way());
   EXPECT_LT(that_gives_way().error_at_unseen(found), 0.3 * that_gives_way().error_at_unseen(unnamed));
   EXPECT_EQ(found.uncertainty.predicted.workspace.count, 0U) << "where nobody measured a torque";
@@ -837,7 +839,7 @@ TEST(DriveEffects, MeasuredTorquesAreUsedWhereTheyAreNamed) {
 
 TEST(DriveEffects, TorquesThatAreMissingAreRefused) {
   const DrivenArm& arm = that_gives_way();
-  CalibrationOptions options = named(EffectGroup::torque);
+  CalibrationSettings options = named(EffectGroup::torque);
   Measurements measured = arm.measured;
   measured.signals.torques(1, 4) = std::nan("");
   EXPECT_THAT(refusal([&] { calibrate(arm.model, measured, options); }),
@@ -853,8 +855,8 @@ TEST(DriveEffects, TorquesThatAreMissingAreRefused) {
 
 TEST(DriveEffects, AResultThatIsReadBackPredictsTheSame) {
   for (const DrivenArm* arm : {&with_play(), &that_gives_way()}) {
-    const CalibrationOptions options = named(arm == &with_play() ? EffectGroup::backlash : EffectGroup::torque);
-    const Calibration wrote = calibrate(arm->model, arm->measured, options);
+    const CalibrationSettings options = named(arm == &with_play() ? EffectGroup::backlash : EffectGroup::torque);
+    const CalibrationResult wrote = calibrate(arm->model, arm->measured, options);
     const Robot robot = testing::fanuc();
     const SavedCalibration read = parse_calibration(result_json(robot, arm->measured, options, wrote), robot);
     ASSERT_EQ(read.model.effects.size(), wrote.model.effects.size());

@@ -1,11 +1,11 @@
-#include "kdl_calibration/group_sizes.hpp"
+#include "selection/group_sizes.hpp"
 
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 #include "refusal.hpp"
 
 namespace kdl_calibration::group_sizes_test {

@@ -9,14 +9,14 @@
 #include <sstream>
 
 #include "base/name_pattern.hpp"
-#include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_urdf.hpp"
-#include "kdl_calibration/effect_terms.hpp"
+#include "calibration/calibrate.hpp"
+#include "effects/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/measurements_file.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "model/kinematics.hpp"
+#include "planning/simulation.hpp"
 #include "refusal.hpp"
+#include "results/calibrated_urdf.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::parameter_selection_test {
@@ -249,12 +249,12 @@ struct Simulated {
 constexpr double kNoise = 0.00003;
 
 // sigma sqrt(p / (3 N)) of a coordinate, in three dimensions
-double floor_of(const Calibration& found) {
+double floor_of(const CalibrationResult& found) {
   return kNoise * std::sqrt(3.0 * found.uncertainty.identifiability.rank / 360.0);
 }
 
 // However many fits lead to the answer.
-void expect_a_misfit_before_each_iteration(const Calibration& found) {
+void expect_a_misfit_before_each_iteration(const CalibrationResult& found) {
   const Identification& fit = found.fit.identification;
   EXPECT_EQ(fit.rms_history.size(), static_cast<std::size_t>(fit.iterations));
   if (!fit.rms_history.empty()) {
@@ -267,13 +267,13 @@ constexpr std::array kTilts = {0.0, 1e-9, 1e-6, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 3.1
 void expect_no_difference_to_parallel_axes(int style, double tilt) {
   SCOPED_TRACE("style " + std::to_string(style) + ", tilt " + std::to_string(tilt));
   const Simulated exact(six_joints(style, tilt), 7, 0.0);
-  const Calibration clean = calibrate(exact.model, exact.measured, {.validation = {.held_out = false}});
+  const CalibrationResult clean = calibrate(exact.model, exact.measured, {.validation = {.held_out = false}});
   EXPECT_TRUE(clean.trusted()) << clean.fit.identification.message;
   expect_a_misfit_before_each_iteration(clean);
   EXPECT_LT(clean.accuracy.test->after.rms, 1e-9);
   EXPECT_LT(clean.uncertainty.identifiability.condition, 200.0);
   const Simulated noisy(six_joints(style, tilt), 8, kNoise);
-  const Calibration found = calibrate(noisy.model, noisy.measured);
+  const CalibrationResult found = calibrate(noisy.model, noisy.measured);
   EXPECT_TRUE(found.trusted()) << found.fit.identification.message;
   expect_a_misfit_before_each_iteration(found);
   EXPECT_EQ(found.uncertainty.identifiability.rank, 33);
@@ -304,11 +304,11 @@ TEST(ParametersOfRealArms, AnExportedRobotIsCalibratedAgain) {
                                   {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}})
                             .exported.estimate.errors);
     const Simulated exact(exported, 100 + seed, 0.0);
-    const Calibration clean = calibrate(exact.model, exact.measured, {.validation = {.held_out = false}});
+    const CalibrationResult clean = calibrate(exact.model, exact.measured, {.validation = {.held_out = false}});
     EXPECT_TRUE(clean.trusted()) << seed << ": " << clean.fit.identification.message;
     EXPECT_LT(clean.accuracy.test->after.rms, 1e-9) << seed;
     const Simulated noisy(exported, 200 + seed, kNoise);
-    const Calibration found = calibrate(noisy.model, noisy.measured);
+    const CalibrationResult found = calibrate(noisy.model, noisy.measured);
     EXPECT_TRUE(found.trusted()) << seed << ": " << found.fit.identification.message;
     EXPECT_EQ(found.uncertainty.identifiability.rank, 33) << seed;
     EXPECT_LT(found.accuracy.test->after.rms, 2.0 * floor_of(found)) << seed;
@@ -359,7 +359,7 @@ struct SkewChain {
 // Iterations that the noise-free calibration of this chain takes.
 int iterations_to_rounding(std::uint64_t seed) {
   const SkewChain chain(seed);
-  const Calibration found =
+  const CalibrationResult found =
       calibrate(chain.model, chain.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
   EXPECT_EQ(found.fit.identification.termination, Termination::converged)
       << seed << ": " << found.fit.identification.message;
@@ -387,7 +387,7 @@ double mean_held_out(int style, double tilt) {
   double sum = 0.0;
   for (std::uint64_t seed = 1; seed <= kSeeds; ++seed) {
     const Simulated noisy(six_joints(style, tilt), 1000 + seed, kNoise);
-    const Calibration found = calibrate(noisy.model, noisy.measured);
+    const CalibrationResult found = calibrate(noisy.model, noisy.measured);
     EXPECT_TRUE(found.trusted()) << seed << ": " << found.fit.identification.message;
     EXPECT_LT(found.accuracy.test->after.rms, 2.0 * floor_of(found)) << seed;
     sum += found.accuracy.test->after.rms;
@@ -421,7 +421,7 @@ TEST(ParametersOfRealArms, CoincidentAxesRoundedAnglesAndKilometresAreNothingSpe
                                        {"revolute", at(0, 0, 0), "1.571 0 0", "0 1 0", 2.6}},
                                       at(0.1, 0, 0.2));
     const Simulated s(urdf, 3, 0.0);
-    const Calibration found = calibrate(s.model, s.measured);
+    const CalibrationResult found = calibrate(s.model, s.measured);
     EXPECT_TRUE(found.trusted()) << scale << ": " << found.fit.identification.message;
     EXPECT_LT(found.accuracy.test->after.rms, 1e-9 * scale) << scale;
   }
@@ -451,7 +451,7 @@ TEST(ParametersOfRealArms, TheLastColumnOfTwoThatAreNearlyTheSameIsLeftToBetterO
 // What the noise hides there is held in a fit of its own, whose history begins with that of the fit before it.
 TEST(ParametersOfRealArms, ATargetAtTheWristCentreKeepsTheHistoryOfEveryFit) {
   testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.0, -0.215, 0.0}})});
-  const Calibration found = calibrate(experiment.model, experiment.measure(40));
+  const CalibrationResult found = calibrate(experiment.model, experiment.measure(40));
   EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
   EXPECT_GT(found.fit.identification.rms_history.front(), 1e-5) << "of the nominal robot";
   EXPECT_LT(found.accuracy.train.after.max, 1e-9);
@@ -460,7 +460,7 @@ TEST(ParametersOfRealArms, ATargetAtTheWristCentreKeepsTheHistoryOfEveryFit) {
 
 // ---- cases that went wrong -----------------------------------------------------------------------------------------
 
-Calibration case_of(const std::string& name) {
+CalibrationResult case_of(const std::string& name) {
   const std::string stem = std::string(SHARED_DATA_DIR) + "/cases/" + name;
   const Robot robot = std::filesystem::exists(stem + ".urdf") ? load_robot(stem + ".urdf") : fanuc();
   return calibrate(complete_model(robot), read_measurements(stem + ".csv", joint_names(robot)));
@@ -468,7 +468,7 @@ Calibration case_of(const std::string& name) {
 
 TEST(ParametersOfRealArmsOnRealData, CasesWithoutNoiseAreExact) {
   for (const std::string name : {"nearly_parallel", "div_RRRRRRRF11", "fail_g", "s148"}) {
-    const Calibration found = case_of(name);
+    const CalibrationResult found = case_of(name);
     EXPECT_TRUE(found.trusted()) << name << ": " << found.fit.identification.message;
     EXPECT_LE(found.fit.identification.iterations, 12) << name;
     EXPECT_LT(found.accuracy.train.after.max, 1e-9) << name;
@@ -479,7 +479,7 @@ TEST(ParametersOfRealArmsOnRealData, CasesWithoutNoiseAreExact) {
 }
 
 TEST(ParametersOfRealArmsOnRealData, ATargetAtTheWristCentreDoesNotTellTheWrist) {
-  const Calibration found = case_of("wristcentre");
+  const CalibrationResult found = case_of("wristcentre");
   expect_a_misfit_before_each_iteration(found);
   EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
   EXPECT_LT(found.accuracy.train.after.max, 1e-9);
@@ -491,7 +491,7 @@ TEST(ParametersOfRealArmsOnRealData, ATargetAtTheWristCentreDoesNotTellTheWrist)
 }
 
 TEST(ParametersOfRealArmsOnRealData, AToolThatHardlyTurnsIsFittedInFewIterationsAndDoubted) {
-  const Calibration found = case_of("constant_orientation");
+  const CalibrationResult found = case_of("constant_orientation");
   EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
   EXPECT_LT(found.fit.identification.iterations, 30);
   EXPECT_LT(found.accuracy.train.after.rms, 0.00014);

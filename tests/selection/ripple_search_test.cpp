@@ -10,7 +10,7 @@
 #include <map>
 #include <numbers>
 
-#include "kdl_calibration/effect_terms.hpp"
+#include "effects/effect_terms.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::ripple_search_test {

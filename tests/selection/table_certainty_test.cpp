@@ -7,8 +7,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "kdl_calibration/effect_terms.hpp"
-#include "kdl_calibration/joint_effects.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::table_certainty_test {

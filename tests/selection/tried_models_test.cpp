@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 
 namespace kdl_calibration::tried_models_test {
 namespace {

@@ -1,12 +1,12 @@
-#include "kdl_calibration/identification_jacobian.hpp"
+#include "two_step/identification_jacobian.hpp"
 
 #include <gmock/gmock.h>
 
-#include "kdl_calibration/effect_terms.hpp"
+#include "effects/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/reduction.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "model/kinematics.hpp"
+#include "model/reduction.hpp"
+#include "planning/simulation.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::identification_jacobian_test {

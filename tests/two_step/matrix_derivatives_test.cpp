@@ -1,8 +1,8 @@
-#include "kdl_calibration/matrix_derivatives.hpp"
+#include "two_step/matrix_derivatives.hpp"
 
 #include <gtest/gtest.h>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::matrix_derivatives_test {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/two_step.hpp"
+#include "two_step/two_step.hpp"
 
 #include <gtest/gtest.h>
 

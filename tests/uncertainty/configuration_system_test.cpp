@@ -10,7 +10,8 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/kinematics.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "model/kinematics.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::configuration_system_test {

@@ -1,6 +1,6 @@
 // Covariances at their limits: what counts as determined, and spheres about a normal error.
 
-#include "kdl_calibration/covariance.hpp"
+#include "uncertainty/covariance.hpp"
 
 #include <gtest/gtest.h>
 
@@ -11,14 +11,15 @@
 #include <string>
 #include <vector>
 
+#include "base/random.hpp"
 #include "base/triangular_factor.hpp"
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
-#include "kdl_calibration/noise_components.hpp"
-#include "kdl_calibration/random.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "estimation/identification.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "noise/noise_components.hpp"
+#include "planning/simulation.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
+#include "robot/joint_ranges.hpp"
 #include "uncertainty/published_arm.hpp"
 #include "uncertainty/unit_columns.hpp"
 #include "virtual_experiment.hpp"

@@ -1,4 +1,4 @@
-#include "kdl_calibration/identifiability.hpp"
+#include "uncertainty/identifiability.hpp"
 
 #include <gmock/gmock.h>
 
@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 #include "refusal.hpp"
 
 namespace kdl_calibration::identifiability_test {

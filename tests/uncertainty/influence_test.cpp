@@ -1,4 +1,4 @@
-#include "kdl_calibration/influence.hpp"
+#include "uncertainty/influence.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,10 +9,11 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/identification.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "estimation/identification.hpp"
+#include "estimation/residual_options.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
+#include "robot/joint_ranges.hpp"
 #include "uncertainty/published_arm.hpp"
 #include "virtual_experiment.hpp"
 

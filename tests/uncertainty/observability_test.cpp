@@ -1,11 +1,11 @@
-#include "kdl_calibration/observability.hpp"
+#include "uncertainty/observability.hpp"
 
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "kdl_calibration/random.hpp"
+#include "base/random.hpp"
 
 namespace kdl_calibration::observability_test {
 namespace {

@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 
+#include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {

@@ -1,6 +1,6 @@
 // Left-out configurations against the normal equations of the others, which are summed anew for every fold.
 
-#include "kdl_calibration/fold_prediction.hpp"
+#include "validation/fold_prediction.hpp"
 
 #include <gmock/gmock.h>
 
@@ -10,8 +10,8 @@
 #include <cmath>
 #include <limits>
 
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "model/kinematics.hpp"
+#include "planning/simulation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::fold_prediction_test {

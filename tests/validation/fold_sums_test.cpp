@@ -1,11 +1,11 @@
-#include "kdl_calibration/fold_sums.hpp"
+#include "validation/fold_sums.hpp"
 
 #include <gtest/gtest.h>
 
 #include <atomic>
 #include <vector>
 
-#include "kdl_calibration/simulation.hpp"
+#include "planning/simulation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::fold_sums_test {

@@ -1,5 +1,5 @@
-#include "kdl_calibration/validation.hpp"
-#include "kdl_calibration/joint_ranges.hpp"
+#include "validation/validation.hpp"
+#include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>
 
@@ -8,8 +8,8 @@
 #include <map>
 #include <numeric>
 
-#include "kdl_calibration/kinematics.hpp"
-#include "kdl_calibration/simulation.hpp"
+#include "model/kinematics.hpp"
+#include "planning/simulation.hpp"
 #include "validation/folds.hpp"
 #include "virtual_experiment.hpp"
 

@@ -1,0 +1,8 @@
+#pragma once
+
+namespace kdl_calibration {
+
+/// "0.2.0": of the library that is linked.
+const char* version();
+
+}  // namespace kdl_calibration

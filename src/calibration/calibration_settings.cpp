@@ -1,0 +1,29 @@
+#include "calibration/calibration_settings.hpp"
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+
+CalibrationSettings settings_of(const CalibrationOptions& options) {
+  const bool chooses = is_plain(options.estimator) && options.parameters.model == ModelChoice::irreducible;
+  const Priors& stated = options.priors.stated;
+  const EffectOptions& effects = options.effects;
+  if (effects.automatic.value_or(false) && !effects.groups.empty()) {
+    throw OptionError("effects", "are named and to be chosen as well, expected one of the two");
+  }
+  return {.estimator = options.estimator,
+          .parameters = options.parameters,
+          .noise = options.noise,
+          .selection = {.priors = stated,
+                        .automatic_priors =
+                            options.priors.automatic.value_or(chooses && !(stated.length > 0.0 || stated.angle > 0.0)),
+                        .effects = {.groups = effects.groups,
+                                    .automatic = effects.automatic.value_or(chooses && effects.groups.empty())}},
+          .validation = options.validation,
+          .diagnosis = options.diagnosis,
+          .predict_at = options.predict_at,
+          .threads = options.threads,
+          .progress = options.progress};
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "estimation/identification.hpp"
+#include "estimation/registration.hpp"
+#include "kdl_calibration/doubt.hpp"
+#include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/measurements.hpp"
+
+namespace kdl_calibration {
+
+/// Another interpretation of the input that would explain the measurements much better than the present one.
+struct AlternativeReading {
+  Cause cause = Cause::joint_convention;
+  std::string message;  ///< one line for the user, with the figures
+  bool doubt = true;    ///< whether the result must not be trusted; false: a remark only
+};
+
+struct ReadingOptions {
+  RegistrationOptions registration;
+  const JointConvention* used = nullptr;  ///< the convention that converted the joint values to the URDF's
+  std::vector<JointConvention> others;
+  double least_misfit = 0.0;  ///< [m] below this misfit only scales and copied rows are searched
+  std::string remark;         ///< text after the misfit in messages
+  int threads = 1;
+};
+
+/// Searches well-formed data for input mistakes, however small the misfit is. Tried are other readings of the joint
+/// values (see try_conventions), of the points (unit, mirror image, tool coordinates, targets exchanged from some
+/// configuration on), and a moving or drifting base. `fit` is the result, in which `free` was estimated. A reading is
+/// reported if its misfit is below a third of the result's misfit and of that of the same fit to the present reading.
+/// The difference must also be significant (F test). Scales show in the nominal geometry and in length errors
+/// proportional to their links. Joint gains beyond 1 % count as wrong units even if the fit has gains. For poses,
+/// points are tried first, then orientations (inverses, reordered components, single ones), then points derived from
+/// the orientations. Uses train rows of up to 300 configurations spread over the file (75 for that last trial).
+std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
+                                                     const Estimate& fit, const Unknowns& free,
+                                                     const ReadingOptions& options = {});
+
+/// The same checks for a robot that was not calibrated. The geometry is fitted for the comparison, so that ordinary
+/// geometric errors are not reported as another reading. With too few points only base and targets are fitted, and
+/// readings are tried only if the misfit exceeds 1 % of the arm's length. `registered`: the robot with its registered
+/// base and targets.
+std::vector<AlternativeReading> alternative_readings_of_nominal(const ErrorModel& model,
+                                                                const Measurements& measurements,
+                                                                const Estimate& registered,
+                                                                ReadingOptions options = {});
+
+}  // namespace kdl_calibration

@@ -1,0 +1,97 @@
+#include "effects/arm_kinematics.hpp"
+
+#include <array>
+#include <cstddef>
+#include <memory_resource>
+#include <string>
+
+#include "base/preconditions.hpp"
+#include "effects/joint_effects.hpp"
+#include "model/manipulator_jacobian.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Isometry3d;
+using Eigen::Map;
+using Eigen::Ref;
+using Eigen::VectorXd;
+
+constexpr double kStep = 1e-6;  // [rad or m]
+
+// A vector on the stack if there are few joints.
+class Scratch {
+public:
+  double* numbers(Index count) {
+    return static_cast<double*>(memory_.allocate(static_cast<std::size_t>(count) * sizeof(double), kAlignment));
+  }
+
+private:
+  static constexpr std::size_t kAlignment = 32;
+  alignas(kAlignment) std::array<std::byte, (28 * kFewJoints + 8) * sizeof(double)> bytes_;
+  std::pmr::monotonic_buffer_resource memory_{bytes_.data(), bytes_.size()};
+};
+
+}  // namespace
+
+ArmKinematics::ArmKinematics(const ErrorModel& model, const VectorXd& errors, const VectorXd& effects)
+    : model_(model), effects_(effects) {
+  if (effects.size() > 0) {
+    require_count("values of effects", effects.size(), model.effects.size());
+  }
+  require_finite("a calibrated arm", errors.allFinite() && effects.allFinite());
+  chain_ = folded(model, errors);
+  if (effects_.isZero(0.0)) {
+    effects_.resize(0);
+  }
+  if (effects_.size() > 0 && needs_torques(model)) {
+    refuse_input("an arm with effects of measured torques", "effects of joint values alone");
+  }
+}
+
+Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q) const {
+  require_count("joint values", q.size(), model_.joints.size());
+  if (effects_.size() == 0) {
+    return kdl_calibration::flange_pose(chain_, q);
+  }
+  Scratch scratch;
+  const Index entries = motion_size(model_);
+  Map<VectorXd> moved(scratch.numbers(entries), entries);
+  effect_motion(model_, effects_, q, moved);
+  moved.head(q.size()) += q;
+  return kdl_calibration::flange_pose(chain_, moved);
+}
+
+Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q, Matrix6Xd& jacobian) const {
+  require_count("joint values", q.size(), model_.joints.size());
+  const Index n = q.size();
+  jacobian.resize(6, n);
+  if (effects_.size() == 0) {
+    return manipulator_jacobian(chain_, q, jacobian);
+  }
+  Scratch scratch;
+  const Index entries = motion_size(model_);
+  Map<VectorXd> moved(scratch.numbers(entries), entries);
+  effect_motion(model_, effects_, q, moved);
+  moved.head(n) += q;
+  Map<Matrix6Xd> rigid(scratch.numbers(6 * entries), 6, entries);
+  Isometry3d pose = manipulator_jacobian(chain_, moved, rigid);
+  jacobian = rigid.leftCols(n);
+  Map<VectorXd> beside(scratch.numbers(n), n);
+  Map<VectorXd> above(scratch.numbers(entries), entries);
+  Map<VectorXd> below(scratch.numbers(entries), entries);
+  beside = q;
+  for (Index k = 0; k < n; ++k) {
+    beside[k] = q[k] + kStep;
+    effect_motion(model_, effects_, beside, above);
+    beside[k] = q[k] - kStep;
+    effect_motion(model_, effects_, beside, below);
+    beside[k] = q[k];
+    above = (above - below) / (2.0 * kStep);
+    jacobian.col(k).noalias() += rigid * above;
+  }
+  return pose;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <compare>
+#include <cstddef>
+#include <kdl/chain.hpp>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+#include "measurements/drive_signals.hpp"
+
+namespace kdl_calibration {
+
+/// "gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables", "torque".
+const char* to_string(EffectGroup group);
+/// "own", "x", "y".
+const char* to_string(EffectAxis axis);
+std::optional<EffectGroup> effect_group(const std::string& name);
+std::vector<std::string> effect_group_names();
+
+/// A group of effects on one joint about one of its axes.
+struct EffectMotionKey {
+  EffectGroup group = EffectGroup::gravity;
+  int joint = 0;
+  EffectAxis axis = EffectAxis::own;
+
+  friend auto operator<=>(const EffectMotionKey&,
+                          const EffectMotionKey&) = default;  // NOLINT(modernize-use-nullptr): false
+};
+/// Indices of the model's terms, grouped by what they move.
+std::map<EffectMotionKey, std::vector<Eigen::Index>> terms_by_motion(const ErrorModel& model);
+
+/// (raw(q) - mean) / scale of every term of the model: terms x N for joint values joints x N. 0 if the direction of
+/// approach is unknown. Throws InputError if a required torque is missing.
+Eigen::MatrixXd effect_basis(const ErrorModel& model, const Eigen::MatrixXd& joint_values,
+                             const DriveSignals& signals = {});
+
+/// Whether some term is a function of measured torques, so that the pose depends on more than the joint values.
+bool needs_torques(const ErrorModel& model);
+
+/// Whether the term needs a direction of approach that is unknown in this column of the signals.
+bool misses_approach(const EffectTerm& term, const DriveSignals& signals, Eigen::Index column);
+
+/// The table at joint value `q`, even in withheld ranges.
+double table_value(const JointTable& table, double q);
+
+/// Whether the term is a table that is withheld at joint value `q`.
+bool is_withheld(const EffectTerm& term, double q);
+/// Whether any term is withheld at joint values `q`.
+bool withholds_tables(const ErrorModel& model, const Eigen::VectorXd& q);
+
+constexpr std::size_t kFewJoints = 32;  ///< up to which the functions that say so allocate nothing
+
+/// Size of a vector of effective joint values: one entry per joint, or three if some term tilts, see FoldedChain.
+Eigen::Index motion_size(const ErrorModel& model);
+/// The entry that the term moves.
+Eigen::Index motion_entry(const ErrorModel& model, const EffectTerm& term);
+
+/// The terms' addition to the joint values of one configuration without signals: `motion` (motion_size) [rad or m].
+/// `values` holds one value per term. Allocates nothing for few joints.
+void effect_motion(const ErrorModel& model, const Eigen::VectorXd& values, const Eigen::Ref<const Eigen::VectorXd>& q,
+                   Eigen::Ref<Eigen::VectorXd> motion);
+
+/// The joint values including effects, for the folded chain: motion_size x N, or joints x N if all values are zero.
+/// `values` holds one value per term of the model; empty means none.
+Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
+                                       const Eigen::MatrixXd& joint_values);
+Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
+                                       const Eigen::MatrixXd& joint_values, const DriveSignals& signals);
+/// The same with effect_basis(model, joint_values) computed before.
+Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
+                                       const Eigen::MatrixXd& joint_values, const Eigen::MatrixXd& basis);
+
+/// The robot's chain with two tilt angles for each moving joint, as in FoldedChain.
+KDL::Chain tilted_chain(const KDL::Chain& chain, const Eigen::VectorXd& tilts);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,45 @@
+#pragma once
+
+#include "estimation/identification.hpp"
+#include "estimation/residual_options.hpp"
+#include "kdl_calibration/noise_model.hpp"
+#include "measurements/measurements_check.hpp"
+
+namespace kdl_calibration {
+
+/// Checks of arguments. Public functions call these once, before they use the arguments. All throw InputError that
+/// names the value and the rule.
+
+/// Parameters and effects refer to existing frames and joints; effects have a finite mean and scale.
+void check(const ErrorModel& model);
+
+/// As check(model) and check(measurements). The measurements have the model's number of joints, and its joint names if
+/// stated.
+void check(const Measurements& measurements, const ErrorModel& model);
+
+/// One error for each parameter, one effect for each of the model's or none, all finite, and one target for each
+/// measured one.
+void check(const Estimate& estimate, const ErrorModel& model, const Measurements& measurements);
+void check(const Estimate& estimate, const ErrorModel& model, std::size_t targets);
+
+/// Indices of existing parameters and effects, and of coordinates of measured targets.
+void check(const Unknowns& free, const ErrorModel& model, const Measurements& measurements);
+void check(const Unknowns& free, const ErrorModel& model, std::size_t targets);
+
+/// Indices of measured configurations.
+void check(const std::vector<std::vector<Eigen::Index>>& folds, const Measurements& measurements);
+
+/// Sigmas that are finite and not negative.
+void check(const Priors& priors);
+void check(const NoiseModel& noise);
+
+/// The same for noise and priors; row weights not negative, one per row or none.
+void check(const ResidualOptions& options, const Measurements& measurements);
+
+/// Measurements, start, unknowns and options of one model.
+void check(const FitProblem& problem);
+
+/// Frames that are finite, a length of 0 or more.
+void check(const RegistrationOptions& options);
+
+}  // namespace kdl_calibration

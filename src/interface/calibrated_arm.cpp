@@ -1,0 +1,96 @@
+#include "kdl_calibration/calibrated_arm.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "base/preconditions.hpp"
+#include "base/text.hpp"
+#include "calibration/point_predictor.hpp"
+#include "effects/arm_kinematics.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+void require_joint_values(const Eigen::Ref<const Eigen::VectorXd>& q, const PredictionBasis& basis) {
+  require_count("joint values", q.size(), basis.model.joints.size());
+  require_finite("a joint value", q.allFinite());
+}
+
+}  // namespace
+
+struct CalibratedArm::Parts {
+  explicit Parts(std::shared_ptr<const PredictionBasis> of)
+      : basis(std::move(of)),
+        kinematics(basis->model, basis->estimate.errors, basis->estimate.effects),
+        predictor(*basis) {}
+
+  std::shared_ptr<const PredictionBasis> basis;
+  ArmKinematics kinematics;
+  PointPredictor predictor;
+};
+
+CalibratedArm::CalibratedArm(std::shared_ptr<const PredictionBasis> basis) {
+  if (!basis) {
+    refuse_input("an arm of nothing", "that of a calibration");
+  }
+  parts_ = std::make_shared<const Parts>(std::move(basis));
+}
+
+std::vector<std::string> CalibratedArm::joints() const {
+  std::vector<std::string> names;
+  for (const MovingJoint& joint : parts_->basis->model.joints) {
+    names.push_back(joint.name);
+  }
+  return names;
+}
+
+std::vector<std::string> CalibratedArm::targets() const {
+  std::vector<std::string> names;
+  for (const TargetFrame& target : parts_->basis->estimate.targets) {
+    names.push_back(target.name);
+  }
+  return names;
+}
+
+Eigen::Isometry3d CalibratedArm::flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const {
+  require_joint_values(q, *parts_->basis);
+  return parts_->kinematics.flange_pose(q);
+}
+
+Eigen::Isometry3d CalibratedArm::flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) const {
+  require_joint_values(q, *parts_->basis);
+  return parts_->kinematics.flange_pose(q, jacobian);
+}
+
+PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,
+                                      PredictionFrame frame) const {
+  const PredictionBasis& basis = *parts_->basis;
+  require_joint_values(q, basis);
+  const std::vector<std::string> names = targets();
+  const auto place = std::find(names.begin(), names.end(), target);
+  if (place == names.end()) {
+    refuse_input("target " + shown(target) + " was not calibrated", "one of " + comma_separated(names));
+  }
+  if (basis.covariance.rows() != basis.free.size() || basis.region.joints.empty()) {
+    refuse_input("the result lacks what the uncertainty of a prediction needs",
+                 "one of version 0.2 or later with at most 300 parameters");
+  }
+  const PointWithCovariance point = parts_->predictor.points(q, {})[static_cast<std::size_t>(place - names.begin())];
+  PredictedPoint result{.position = point.position_W,
+                        .covariance = point.covariance,
+                        .radius_95 = point.new_point.radius_95,
+                        .outside = point.outside,
+                        .degrees_of_freedom = point.new_point.degrees_of_freedom};
+  if (frame == PredictionFrame::base) {
+    result.position = point.position;
+    if (point.covariance.allFinite()) {
+      const Eigen::Matrix3d R_BW = basis.estimate.X_WB.linear().transpose();
+      result.covariance = R_BW * point.covariance * R_BW.transpose();
+    }
+  }
+  return result;
+}
+
+Eigen::Isometry3d CalibratedArm::base() const { return parts_->basis->estimate.X_WB; }
+
+}  // namespace kdl_calibration

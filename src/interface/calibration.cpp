@@ -1,0 +1,116 @@
+#include "kdl_calibration/calibration.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "base/preconditions.hpp"
+#include "base/sha256.hpp"
+#include "base/text.hpp"
+#include "calibration/calibrate.hpp"
+#include "estimation/input_check.hpp"
+#include "interface/calibration_parts.hpp"
+#include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/version.hpp"
+#include "uncertainty/identifiability.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+KDL::Vector unit_vector(const Eigen::Vector3d& direction) {
+  if (!direction.allFinite() || direction.norm() == 0.0) {
+    throw OptionError("effects.gravity_direction", "expected three numbers x,y,z that are not all 0");
+  }
+  const Eigen::Vector3d unit = direction / direction.norm();
+  return {unit.x(), unit.y(), unit.z()};
+}
+
+PredictionBasis basis_of(const CalibrationResult& result) {
+  return {.model = result.model,
+          .estimate = result.fit.identification.estimate,
+          .free = result.fit.free,
+          .covariance = result.uncertainty.covariance,
+          .candidates = result.fit.candidates,
+          .undetermined = result.uncertainty.predicted.undetermined,
+          .noise = new_point_noise(result.noise),
+          .region = result.uncertainty.predicted.region};
+}
+
+std::vector<Doubt> all_doubts(const Diagnosis& diagnosis) {
+  return diagnosis.reservation ? std::vector<Doubt>{*diagnosis.reservation} : diagnosis.doubts;
+}
+
+}  // namespace
+
+const char* version() { return KDL_CALIBRATION_VERSION; }
+
+std::string hash_of(const Robot& robot) { return sha256(robot.urdf + '\n' + robot.base + '\n' + robot.tip); }
+
+void require_same_robot(const Robot& robot, const Calibration& calibration) {
+  if (hash_of(robot) != calibration.parts().robot) {
+    refuse_input("the calibration was not made with " + robot.source, "the URDF, base and tip that were calibrated");
+  }
+}
+
+const FittedCalibration& fitted_calibration(const Robot& robot, const Measurements& measurements,
+                                            const Calibration& calibration) {
+  require_same_robot(robot, calibration);
+  if (!calibration.parts().fitted) {
+    refuse_input("the calibration was read from a file", "one that calibrate has just made");
+  }
+  const FittedCalibration& fitted = *calibration.parts().fitted;
+  check(measurements, fitted.result.model);
+  check(fitted.result.fit.identification.estimate, fitted.result.model, measurements);
+  return fitted;
+}
+
+Calibration calibrate(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
+  ErrorModel model = complete_model(robot);
+  model.gravity = unit_vector(options.effects.gravity_direction);
+  FittedCalibration fitted{.settings = settings_of(options), .result = {}};
+  fitted.result = calibrate(model, measurements, fitted.settings);
+  const CalibrationResult& result = fitted.result;
+  auto parts = std::make_shared<CalibrationParts>(CalibrationParts{.robot = hash_of(robot),
+                                                                   .verdict = result.verdict(),
+                                                                   .doubts = all_doubts(result.diagnosis),
+                                                                   .warnings = result.diagnosis.warnings,
+                                                                   .accuracy = result.accuracy,
+                                                                   .parameters = result.uncertainty.parameters,
+                                                                   .basis = basis_of(result),
+                                                                   .urdf_errors = result.exported.estimate.errors,
+                                                                   .fitted = {}});
+  if (result.exported.nominal_kept) {
+    parts->urdf_errors.setZero();
+  }
+  parts->fitted = std::move(fitted);
+  return Calibration(std::move(parts));
+}
+
+Calibration::Calibration(std::shared_ptr<const CalibrationParts> parts) : parts_(std::move(parts)) {
+  if (!parts_) {
+    refuse_input("a calibration of nothing", "one of calibrate or load_calibration");
+  }
+}
+
+Verdict Calibration::verdict() const { return parts_->verdict; }
+const std::vector<Doubt>& Calibration::doubts() const { return parts_->doubts; }
+const std::vector<std::string>& Calibration::warnings() const { return parts_->warnings; }
+const Accuracy& Calibration::accuracy() const { return parts_->accuracy; }
+const std::vector<ParameterEstimate>& Calibration::parameters() const { return parts_->parameters; }
+std::vector<std::string> Calibration::estimated() const { return parts_->basis.free.names(); }
+const Eigen::MatrixXd& Calibration::covariance() const { return parts_->basis.covariance; }
+
+const ParameterEstimate& Calibration::parameter(const std::string& name) const {
+  const auto found = std::find_if(parts_->parameters.begin(), parts_->parameters.end(),
+                                  [&](const ParameterEstimate& parameter) { return parameter.name == name; });
+  if (found == parts_->parameters.end()) {
+    refuse_input("parameter " + shown(name) + " is not estimated", "a name among parameters()");
+  }
+  return *found;
+}
+
+CalibratedArm Calibration::arm() const { return CalibratedArm({parts_, &parts_->basis}); }
+
+KDL::Chain Calibration::urdf_chain() const { return folded_chain(parts_->basis.model, parts_->urdf_errors); }
+
+}  // namespace kdl_calibration

@@ -1,0 +1,29 @@
+#include "kdl_calibration/measuring_plan.hpp"
+
+#include <utility>
+
+#include "base/preconditions.hpp"
+#include "interface/default_targets.hpp"
+#include "planning/planner.hpp"
+#include "robot/joint_ranges.hpp"
+
+namespace kdl_calibration {
+
+MeasuringPlan plan_measurements(const Robot& robot, const PlanOptions& options) {
+  require_at_least("configurations", options.count, 1);
+  require_sigma("noise", options.noise);
+  const PlanRequest request{.robot = robot,
+                            .targets = targets_or_published(options.targets),
+                            .cell = {.ranges = options.ranges.empty() ? limits_of(robot.joints) : options.ranges,
+                                     .height = options.least_height,
+                                     .radius = options.least_radius},
+                            .noise = {.sigma = options.noise},
+                            .count = options.count,
+                            .seed = options.seed};
+  Plan plan = make_plan(request);
+  plan.sheet.predicted_mean = plan.planned.sigma.mean;
+  plan.sheet.predicted_max = plan.planned.sigma.max;
+  return std::move(plan.sheet);
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,42 @@
+#include "kdl_calibration/validation.hpp"
+
+#include <utility>
+
+#include "estimation/input_check.hpp"
+#include "estimation/prediction.hpp"
+#include "interface/calibration_parts.hpp"
+#include "validation/registered_errors.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+PositionErrors errors_of(const ErrorModel& model, const Estimate& geometry, const Measurements& measurements,
+                         const KnownFrames& known) {
+  check(measurements, model);
+  const RegistrationOptions frames{.known_base = known.base, .known_targets = known.targets};
+  check(frames);
+  RegisteredErrors errors = registered_errors(
+      flange_poses(model, geometry, measurements.joint_values, measurements.signals), measurements, frames);
+  return {.all = errors.all,
+          .train = errors.train,
+          .test = errors.test,
+          .iso_9283 = errors.iso,
+          .X_WB = errors.registration.X_WB,
+          .targets = std::move(errors.registration.targets),
+          .ambiguity = std::move(errors.registration.message)};
+}
+
+}  // namespace
+
+PositionErrors validate(const Robot& robot, const Measurements& measurements, const KnownFrames& known) {
+  const ErrorModel model = complete_model(robot);
+  const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  return errors_of(model, {.errors = nominal, .targets = {}, .effects = {}}, measurements, known);
+}
+
+PositionErrors validate(const Calibration& calibration, const Measurements& measurements, const KnownFrames& known) {
+  const PredictionBasis& basis = calibration.parts().basis;
+  return errors_of(basis.model, basis.estimate, measurements, known);
+}
+
+}  // namespace kdl_calibration

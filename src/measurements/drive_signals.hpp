@@ -1,0 +1,36 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/measurements.hpp"
+
+namespace kdl_calibration {
+
+/// Whether the joint's torque was measured in some configuration.
+bool has_torques(const DriveSignals& signals, Eigen::Index joint);
+
+/// Error message if the signals do not fit the joint values (joints x N), naming `what` they belong to; empty if they
+/// fit.
+std::string fault_of(const DriveSignals& signals, const Eigen::MatrixXd& joint_values, const std::string& what = "");
+
+/// The signals of these configurations, in this order.
+DriveSignals columns(const DriveSignals& signals, const std::vector<Eigen::Index>& which);
+/// The signals of one configuration.
+DriveSignals column(const DriveSignals& signals, Eigen::Index which);
+
+/// The signals of `first`, then those of `second`. A signal that only one of them has is dropped.
+DriveSignals side_by_side(const DriveSignals& first, const DriveSignals& second);
+
+/// Joint values (joints x N) and their signals.
+struct DrivenConfigurations {
+  Eigen::MatrixXd joint_values;
+  DriveSignals signals;
+};
+
+/// The sign of each joint's last motion of more than 1e-6 rad or m on the way from stop to stop (`stops`: joints x N):
+/// joints x N, NaN before the joint has moved for the first time.
+Eigen::MatrixXd directions_of_motion(const Eigen::MatrixXd& stops);
+
+}  // namespace kdl_calibration

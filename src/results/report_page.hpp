@@ -1,0 +1,50 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "estimation/registration.hpp"
+#include "estimation/unknowns.hpp"
+#include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/robot.hpp"
+
+namespace kdl_calibration {
+
+/// A self-contained HTML file that shows `data` in any browser and loads no other file. `data` is a JSON object whose
+/// "kind" says which page it is: "calibration", "validation", "plan", "monte_carlo" or "two_step". The page contains it
+/// unchanged except for escaped `<`, so that programs can extract it. Throws InputError if `data` is not JSON.
+std::string report_page(std::string_view data);
+
+/// Most points on a page. Of more points, evenly spaced ones and the largest residuals are shown.
+constexpr std::size_t kMostPointsOfPage = 3000;
+
+/// The arm of a page's 3D view as JSON: its joints, the chain with the errors of `estimate`, base and targets, and the
+/// boxes, cylinders and spheres of its links.
+std::string reported_robot(const Robot& robot, const ErrorModel& model, const Estimate& estimate);
+
+/// The measurements as JSON: configurations, points with their residuals before (nominal robot, base and targets
+/// registered) and after (`estimate`), their distribution, the measured joint ranges and region.
+struct ReportedMeasurements {
+  const ErrorModel& model;
+  const Estimate& estimate;
+  const Measurements& measurements;
+  const Estimate* before = nullptr;  ///< null: no comparison
+};
+std::string reported_measurements(const ReportedMeasurements& reported);
+
+/// Input of a calibration's page. Without a robot it has no 3D view, without measurements no residuals before the
+/// calibration; the page says so.
+struct CalibrationPage {
+  std::string_view result;  ///< JSON, as result_json writes it
+  std::string source;       ///< name of the result, for messages
+  const Robot* robot = nullptr;
+  const Measurements* measurements = nullptr;  ///< the fitted ones; requires `robot`
+  RegistrationOptions known;                   ///< known frames of the calibration
+  std::string plan_command;                    ///< command that plans the next measurements; empty: not shown
+};
+
+/// Equal input gives equal bytes. Throws InputError for an invalid result or one of another robot.
+std::string calibration_page(const CalibrationPage& page);
+
+}  // namespace kdl_calibration

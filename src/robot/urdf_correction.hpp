@@ -1,0 +1,25 @@
+#pragma once
+
+#include <kdl/frames.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace kdl_calibration {
+
+/// Correction of one URDF joint: its new origin is (old origin) * correction.
+struct OriginCorrection {
+  std::string joint;
+  KDL::Frame correction;  ///< metres, radians; in the joint's own frame at zero
+};
+
+/// Rewrites the origins of the named joints in the original URDF text and leaves every other byte alone: comments,
+/// order, white space, quotes, line ends and unknown tags stay. Numbers are written with the fewest digits that read
+/// back to the same double. Components that a correction does not change keep their text; a correction that is the
+/// identity to the last bit changes nothing. A missing <origin>, xyz or rpy is added if its value is not zero.
+/// Among equivalent roll, pitch and yaw angles the nearest to the old ones are used.
+/// Throws InputError for malformed XML, a joint that does not exist or exists twice, two corrections of one joint, an
+/// origin that is not three numbers, a corrected origin that is not finite.
+std::string corrected_urdf(std::string_view urdf, const std::vector<OriginCorrection>& corrections);
+
+}  // namespace kdl_calibration

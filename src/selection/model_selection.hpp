@@ -1,0 +1,52 @@
+#pragma once
+
+// Selection of joint effects and of priors of the geometry: options and result.
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "estimation/unknowns.hpp"
+#include "kdl_calibration/error_model.hpp"
+
+namespace kdl_calibration {
+
+/// Requested joint effects.
+struct Effects {
+  std::vector<EffectGroup> groups;  ///< requested groups
+  bool automatic = false;           ///< instead the groups that cross-validation accepts
+};
+
+struct ModelSelectionOptions {
+  Priors priors;
+  bool automatic_priors = false;  ///< sizes by evidence, or no priors, by cross-validation
+  Effects effects;
+};
+/// Whether priors or effects are to be selected or sized.
+inline bool is_open(const ModelSelectionOptions& options) {
+  return options.automatic_priors || options.effects.automatic || !options.effects.groups.empty();
+}
+
+/// A candidate choice of effects and priors, with its scores.
+struct ModelOption {
+  Priors priors;
+  std::vector<std::string> effects;  ///< groups, in the order in which they were added
+  bool sized = false;                ///< whether the sizes of the priors were estimated
+  double held_out_rms = 0.0;         ///< [m] by cross-validation; infinite if the rest does not determine a prediction
+  double evidence = 0.0;             ///< log likelihood of the sizes; compare only options of equal `sized`
+};
+
+/// The selected effects and priors.
+struct ModelSelection {
+  std::vector<EffectTerm> terms;  ///< with their sigmas
+  Priors priors;
+  Priors rigid_priors;             ///< best for the model without effects
+  double noise = 0.0;              ///< [m] 1 sigma of a coordinate of a mean, by the evidence of the selected model
+  std::vector<ModelOption> tried;  ///< best first; empty without a selection
+  std::string not_tried;           ///< priors and effects that were not tried, with the reason; empty if all were
+  std::size_t not_compared = 0;    ///< points of targets that occur in one fold only
+  /// Optimism of the held-out error due to the selection, see TriedModels; 1 if effects were requested by name.
+  double optimism = 1.0;
+};
+
+}  // namespace kdl_calibration

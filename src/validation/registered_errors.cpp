@@ -1,0 +1,80 @@
+#include "validation/registered_errors.hpp"
+
+#include <fmt/core.h>
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "kdl_calibration/input_error.hpp"
+#include "measurements/training_rows.hpp"
+#include "validation/validation.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+Freedom freedom_of(const Measurements& training, const RegistrationOptions& known, const Registration& registration) {
+  std::set<std::pair<int, int>> points;
+  std::set<int> targets;
+  std::set<int> configurations;
+  for (const Observation& observation : training.observations) {
+    points.insert({observation.configuration, observation.target});
+    targets.insert(observation.target);
+    configurations.insert(observation.configuration);
+  }
+  const auto unknown_targets = static_cast<int>(targets.size()) - static_cast<int>(known.known_targets.size());
+  return {.unknowns = (known.known_base ? 0 : 6) + 3 * std::max(unknown_targets, 0),
+          .open = registration.open,
+          .coordinates = 3 * static_cast<int>(points.size()),
+          .configurations = static_cast<int>(configurations.size()),
+          .points = static_cast<int>(targets.size())};
+}
+
+void require_freedom(const Freedom& freedom, const std::string& source) {
+  if (freedom.left() > 0) {
+    return;
+  }
+  const int needed = freedom.unknowns / (3 * std::max(freedom.points, 1)) + 1;
+  throw InputError(
+      fmt::format("{}: {} coordinates in {} configurations, and base and targets take {} of them: nothing is left to "
+                  "show an error, expected at least {} configurations, or a known base and known targets",
+                  source, freedom.coordinates, freedom.configurations, freedom.spent(), needed));
+}
+
+}  // namespace
+
+double Freedom::correction() const { return std::sqrt(static_cast<double>(coordinates) / left()); }
+
+bool has_only_test_rows(const Measurements& measurements) {
+  return std::all_of(measurements.observations.begin(), measurements.observations.end(),
+                     [](const Observation& observation) { return observation.split == Split::test; });
+}
+
+Measurements rows_to_register(Measurements measurements) {
+  if (has_only_test_rows(measurements)) {
+    for (Observation& observation : measurements.observations) {
+      observation.split = Split::train;
+    }
+  }
+  return measurements;
+}
+
+RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
+                                   const RegistrationOptions& known) {
+  const Measurements fitted = rows_to_register(measurements);
+  RegisteredErrors result{.registration = register_base_and_targets(X_BF, fitted, known)};
+  result.freedom = freedom_of(*TrainingRows(fitted), known, result.registration);
+  require_freedom(result.freedom, measurements.source);
+  const Estimate placed{.errors = {}, .X_WB = result.registration.X_WB, .targets = result.registration.targets};
+  const auto statistics = [&](Rows rows) {
+    return error_statistics(position_errors(X_BF, placed, measurements, rows));
+  };
+  result.all = statistics(Rows::all);
+  result.train = statistics(Rows::train);
+  result.test = statistics(Rows::test);
+  result.iso = iso_9283(X_BF, placed, measurements, Rows::all);
+  return result;
+}
+
+}  // namespace kdl_calibration

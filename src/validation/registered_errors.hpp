@@ -1,0 +1,46 @@
+#pragma once
+
+// The position errors of a geometry: base and targets are registered, nothing else is fitted.
+
+#include <Eigen/Geometry>
+#include <vector>
+
+#include "estimation/registration.hpp"
+#include "kdl_calibration/accuracy.hpp"
+#include "kdl_calibration/measurements.hpp"
+
+namespace kdl_calibration {
+
+/// Degrees of freedom of the registration of base and targets.
+struct Freedom {
+  int unknowns = 0;
+  int open = 0;         ///< unknowns that the measurements do not determine
+  int coordinates = 0;  ///< coordinates of distinct points
+  int configurations = 0;
+  int points = 0;  ///< targets
+
+  int spent() const { return unknowns - open; }
+  int left() const { return coordinates - spent(); }
+  /// Factor on the RMS of the registered points that corrects for the degrees of freedom used by base and targets.
+  double correction() const;
+};
+
+struct RegisteredErrors {
+  ErrorStatistics all;
+  ErrorStatistics train;
+  ErrorStatistics test;
+  Iso9283 iso;  ///< over all rows
+  Registration registration;
+  Freedom freedom;
+};
+
+/// Whether there are only test rows, to which base and targets are then registered.
+bool has_only_test_rows(const Measurements& measurements);
+/// The measurements; if there are only test rows, with these as training rows.
+Measurements rows_to_register(Measurements measurements);
+
+/// `X_BF` holds one flange pose per configuration. Throws InputError if base and targets take all coordinates.
+RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
+                                   const RegistrationOptions& known);
+
+}  // namespace kdl_calibration

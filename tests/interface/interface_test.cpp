@@ -1,0 +1,366 @@
+// The public interface against KDL, the installed file formats and its own promises.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <kdl/chainfksolverpos_recursive.hpp>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "calibration/calibration_settings.hpp"
+#include "kdl_calibration/kdl_calibration.hpp"
+#include "refusal.hpp"
+
+namespace kdl_calibration::interface_test {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+const Robot& fanuc() {
+  static const Robot robot = load_robot(URDF_DIR "/fanuc_r2000ic_165f.urdf");
+  return robot;
+}
+
+// 30 configurations of a virtual robot, measured with 0.03 mm.
+const SimulatedExperiment& experiment() {
+  static const SimulatedExperiment made = simulate(fanuc(), {.noise = 3e-5, .length_error = 1e-3, .angle_error = 1e-3});
+  return made;
+}
+
+const Calibration& found() {
+  static const Calibration made = calibrate(fanuc(), experiment().measurements);
+  return made;
+}
+
+Eigen::VectorXd somewhere() { return (Eigen::VectorXd(6) << 0.3, -0.2, 0.4, -0.5, 0.6, -0.7).finished(); }
+
+// A file of its own in the folder for temporary ones, gone at the end.
+class InterfaceFiles : public ::testing::Test {
+protected:
+  InterfaceFiles() { fs::create_directories(folder_); }
+  ~InterfaceFiles() override { fs::remove_all(folder_); }
+  fs::path file(const std::string& name) const { return folder_ / name; }
+  static std::string text_of(const fs::path& path) {
+    std::ifstream stream(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), {}};
+  }
+
+private:
+  fs::path folder_ = fs::temp_directory_path() / ("interface_test_" + std::to_string(::getpid()));
+};
+
+// ---- Options -------------------------------------------------------------------------------------------------------
+
+TEST(InterfaceOptions, PriorsAndEffectsAreChosenUnlessTheyAreStatedOrTheFitIsPlain) {
+  struct Case {
+    std::function<void(CalibrationOptions&)> state;
+    bool priors;
+    bool effects;
+  };
+  const std::vector<Case> cases = {
+      {[](CalibrationOptions&) {}, true, true},
+      {[](CalibrationOptions& o) { o.estimator.loss = Loss::huber; }, false, false},
+      {[](CalibrationOptions& o) { o.estimator.method = Method::two_step; }, false, false},
+      {[](CalibrationOptions& o) { o.parameters.model = ModelChoice::complete; }, false, false},
+      {[](CalibrationOptions& o) { o.priors.stated.length = 1e-3; }, false, true},
+      {[](CalibrationOptions& o) { o.priors.automatic = false; }, false, true},
+      {[](CalibrationOptions& o) { o.effects.groups = {EffectGroup::gravity}; }, true, false},
+      {[](CalibrationOptions& o) { o.effects.automatic = false; }, true, false},
+      {[](CalibrationOptions& o) {
+         o.estimator.loss = Loss::tukey;
+         o.effects.automatic = true;
+       },
+       false, true},
+  };
+  for (std::size_t i = 0; i < cases.size(); ++i) {
+    CalibrationOptions options;
+    cases[i].state(options);
+    const ModelSelectionOptions selection = settings_of(options).selection;
+    EXPECT_EQ(selection.automatic_priors, cases[i].priors) << i;
+    EXPECT_EQ(selection.effects.automatic, cases[i].effects) << i;
+  }
+}
+
+TEST(InterfaceOptions, DirectionOfGravityMayHaveAnyLength) {
+  CalibrationOptions options{.validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
+  options.effects.groups = {EffectGroup::gravity};
+  const auto error_with = [&](double length) {
+    options.effects.gravity_direction = Eigen::Vector3d(0.0, 0.0, -length);
+    return calibrate(fanuc(), experiment().measurements, options).error("Tx1");
+  };
+  EXPECT_EQ(error_with(1.0), error_with(4.0));
+}
+
+// ---- What was found ------------------------------------------------------------------------------------------------
+
+TEST(Interface, PredictsTheTrueRobotWithinTheRadius) {
+  const CalibratedArm arm = found().arm();
+  const CalibratedArm& truth = experiment().truth;
+  ASSERT_EQ(arm.joints(), joint_names(fanuc()));
+  ASSERT_EQ(arm.targets(), truth.targets());
+  for (const std::string& target : arm.targets()) {
+    const PredictedPoint there = arm.predict(somewhere(), target, PredictionFrame::measuring);
+    const Eigen::Vector3d true_place = truth.predict(somewhere(), target, PredictionFrame::measuring).position;
+    EXPECT_LT((there.position - true_place).norm(), there.radius_95);
+    EXPECT_LT(there.radius_95, 3e-4);
+    EXPECT_FALSE(there.outside);
+    const PredictedPoint in_base = arm.predict(somewhere(), target);
+    EXPECT_NEAR((arm.base() * in_base.position - there.position).norm(), 0.0, 1e-12);
+    const Eigen::Matrix3d R_WB = arm.base().linear();
+    EXPECT_LT((R_WB * in_base.covariance * R_WB.transpose() - there.covariance).norm(), 1e-9 * there.covariance.norm());
+  }
+  Eigen::VectorXd beyond = somewhere();
+  beyond[1] = 3.0;
+  EXPECT_TRUE(arm.predict(beyond, arm.targets().front()).outside);
+}
+
+TEST(Interface, UncertaintyIsThatOfThePredictionsAskedForBeforeTheFit) {
+  const Eigen::MatrixXd q = somewhere();
+  std::vector<std::string> lines;
+  const Calibration asked = calibrate(fanuc(), experiment().measurements,
+                                      {.predict_at = {.names = {"here"}, .joint_values = q, .signals = {}}});
+  for (const std::string& target : asked.arm().targets()) {
+    EXPECT_EQ(asked.arm().predict(q, target).radius_95, found().arm().predict(q, target).radius_95);
+  }
+}
+
+TEST(Interface, ChainIsThatOfTheExportedUrdf) {
+  const KDL::Chain chain = found().urdf_chain();
+  const KDL::Chain exported = parse_robot(calibrated_urdf(fanuc(), found())).chain;
+  KDL::JntArray q(6);
+  q.data = somewhere();
+  KDL::Frame ours;
+  KDL::Frame theirs;
+  ASSERT_GE(KDL::ChainFkSolverPos_recursive(chain).JntToCart(q, ours), 0);
+  ASSERT_GE(KDL::ChainFkSolverPos_recursive(exported).JntToCart(q, theirs), 0);
+  EXPECT_TRUE(KDL::Equal(ours, theirs, 1e-12));
+}
+
+TEST(Interface, JacobianIsTheDerivativeOfThePose) {
+  const CalibratedArm arm = found().arm();
+  Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
+  arm.flange_pose(somewhere(), jacobian);
+  constexpr double kStep = 1e-6;
+  for (Eigen::Index j = 0; j < 6; ++j) {
+    const Eigen::VectorXd step = Eigen::VectorXd::Unit(6, j) * kStep;
+    const Eigen::Vector3d motion =
+        arm.flange_pose(somewhere() + step).translation() - arm.flange_pose(somewhere() - step).translation();
+    EXPECT_LT((motion / (2.0 * kStep) - jacobian.col(j).head<3>()).norm(), 1e-8);
+  }
+}
+
+TEST(Interface, ParametersHaveNames) {
+  const std::vector<std::string> names = found().estimated();
+  ASSERT_EQ(found().covariance().rows(), static_cast<Eigen::Index>(names.size()));
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const auto column = static_cast<Eigen::Index>(i);
+    const bool motion = names[i].rfind("base.", 0) == 0;  // its columns are motions of the base in its own frame
+    if (!motion) {
+      EXPECT_NEAR(found().std(names[i]), std::sqrt(found().covariance()(column, column)), 1e-12) << names[i];
+    }
+  }
+  EXPECT_EQ(found().parameter("Tx1").value, found().parameter("Tx1").nominal + found().error("Tx1"));
+}
+
+TEST(Interface, ValidatesWithAndWithoutTheErrors) {
+  const double nominal = validate(fanuc(), experiment().measurements).all.rms;
+  const double calibrated = validate(found(), experiment().measurements).all.rms;
+  EXPECT_GT(nominal, 1e-3);
+  EXPECT_LT(calibrated, 6e-5);
+  const Robot corrected = parse_robot(calibrated_urdf(fanuc(), found()));
+  EXPECT_NEAR(validate(corrected, experiment().measurements).all.rms, calibrated, 1e-6);
+}
+
+TEST(Interface, PlansWithinTheLimitsThatAreAsked) {
+  const MeasuringPlan plan = plan_measurements(fanuc(), {.count = 15, .least_height = 0.3});
+  EXPECT_EQ(plan.joint_values.cols(), 15);
+  EXPECT_GT(plan.predicted_mean, 0.0);
+  EXPECT_LE(plan.predicted_mean, plan.predicted_max);
+  const KDL::Chain chain = fanuc().chain;
+  KDL::ChainFkSolverPos_recursive solver(chain);
+  for (Eigen::Index c = 0; c < plan.joint_values.cols(); ++c) {
+    KDL::JntArray q(6);
+    q.data = plan.joint_values.col(c);
+    KDL::Frame flange;
+    ASSERT_GE(solver.JntToCart(q, flange), 0);
+    EXPECT_GE((flange * KDL::Vector(0.1, 0.0, 0.0)).z(), 0.3);
+  }
+  EXPECT_THAT(plan_csv(plan, fanuc().joints), HasSubstr("joint_1[deg]"));
+}
+
+// ---- Files ---------------------------------------------------------------------------------------------------------
+
+TEST_F(InterfaceFiles, ResultReadBackPredictsTheSame) {
+  write_result(file("result.json"), fanuc(), experiment().measurements, found());
+  const Calibration again = load_calibration(file("result.json"), fanuc());
+  EXPECT_EQ(again.verdict(), found().verdict());
+  EXPECT_EQ(again.warnings(), found().warnings());
+  EXPECT_EQ(again.accuracy().held_out()->after.rms, found().accuracy().held_out()->after.rms);
+  EXPECT_EQ(again.accuracy().iso_after.accuracy.max, found().accuracy().iso_after.accuracy.max);
+  ASSERT_EQ(again.parameters().size(), found().parameters().size());
+  for (const ParameterEstimate& parameter : found().parameters()) {
+    EXPECT_EQ(again.std(parameter.name), parameter.std) << parameter.name;
+    EXPECT_EQ(again.parameter(parameter.name).kind, parameter.kind) << parameter.name;
+  }
+  EXPECT_EQ(calibrated_urdf(fanuc(), again), calibrated_urdf(fanuc(), found()));
+  for (const std::string& target : found().arm().targets()) {
+    for (const double reach : {1.0, 4.0}) {
+      const Eigen::VectorXd q = reach * somewhere();
+      const PredictedPoint before = found().arm().predict(q, target);
+      const PredictedPoint after = again.arm().predict(q, target);
+      EXPECT_NEAR((after.position - before.position).norm(), 0.0, 1e-12);
+      EXPECT_NEAR(after.radius_95 / before.radius_95, 1.0, 1e-9);
+      EXPECT_EQ(after.outside, before.outside);
+    }
+  }
+}
+
+TEST_F(InterfaceFiles, UndeterminedDirectionsAreReadBack) {
+  Measurements still = experiment().measurements;
+  still.joint_values.row(3).setConstant(0.2);
+  const SimulatedExperiment& whole = experiment();
+  const CalibrationOptions geometry{
+      .priors = {.automatic = false}, .effects = {.automatic = false}, .diagnosis = {.try_readings = false}};
+  // The true arm at these configurations.
+  for (Observation& row : still.observations) {
+    row.position = whole.truth
+                       .predict(still.joint_values.col(row.configuration),
+                                still.targets[static_cast<std::size_t>(row.target)], PredictionFrame::measuring)
+                       .position;
+  }
+  const Calibration open = calibrate(fanuc(), still, geometry);
+  write_result(file("open.json"), fanuc(), still, open);
+  const Calibration again = load_calibration(file("open.json"), fanuc());
+  Eigen::VectorXd elsewhere = somewhere();
+  EXPECT_EQ(again.arm().predict(elsewhere, "A").radius_95, std::numeric_limits<double>::infinity());
+  EXPECT_EQ(open.arm().predict(elsewhere, "A").radius_95, std::numeric_limits<double>::infinity());
+  elsewhere[3] = 0.2;
+  EXPECT_LT(again.arm().predict(elsewhere, "A").radius_95, 1e-3);
+}
+
+TEST_F(InterfaceFiles, ExportsReplaceWholeFilesButNeverTheOneThatWasRead) {
+  write_urdf(file("calibrated.urdf"), fanuc(), found());
+  EXPECT_EQ(text_of(file("calibrated.urdf")), calibrated_urdf(fanuc(), found()));
+  write_urdf(file("calibrated.urdf"), fanuc(), found());
+  write_report(file("report.html"), fanuc(), experiment().measurements, found());
+  EXPECT_THAT(text_of(file("report.html")), HasSubstr("<html"));
+  std::ofstream(file("own.urdf")) << fanuc().urdf;
+  const Robot own = load_robot(file("own.urdf"));
+  const Calibration of_own = calibrate(own, experiment().measurements, {.diagnosis = {.try_readings = false}});
+  EXPECT_THAT(testing::refusal([&] { write_urdf(file("own.urdf"), own, of_own); }),
+              HasSubstr("is the file that was read"));
+  EXPECT_EQ(text_of(file("own.urdf")), fanuc().urdf);
+  EXPECT_THAT(testing::refusal([&] { write_urdf(file("none/calibrated.urdf"), fanuc(), found()); }),
+              HasSubstr("cannot be created"));
+  EXPECT_EQ(std::distance(fs::directory_iterator(file("")), fs::directory_iterator()), 3);
+}
+
+// ---- The door ------------------------------------------------------------------------------------------------------
+
+TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
+  const Calibration& c = found();
+  const CalibratedArm arm = c.arm();
+  const Measurements& data = experiment().measurements;
+  write_result(file("r.json"), fanuc(), data, c);
+  const Calibration read = load_calibration(file("r.json"), fanuc());
+  Robot other = fanuc();
+  other.urdf += " ";
+  Measurements fewer = data;
+  fewer.joint_values.conservativeResize(5, Eigen::NoChange);
+  Measurements beyond = data;
+  beyond.observations.front().configuration = 99;
+  Measurements unknown = data;
+  unknown.observations.front().position.x() = std::numeric_limits<double>::quiet_NaN();
+  Eigen::VectorXd nan = somewhere();
+  nan[2] = std::numeric_limits<double>::quiet_NaN();
+  Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
+  CalibrationOptions both;
+  both.effects = {.groups = {EffectGroup::gain}, .automatic = true};
+  CalibrationOptions nowhere;
+  nowhere.effects.gravity_direction.setZero();
+  Eigen::Isometry3d sheared = Eigen::Isometry3d::Identity();
+  sheared.linear()(0, 1) = 0.5;
+  CalibrationOptions leaning;
+  leaning.parameters.known_base = sheared;
+  struct Case {
+    const char* name;
+    std::function<void()> call;
+    const char* words;
+  };
+  const std::vector<Case> cases = {
+      {"calibration of nothing", [] { Calibration(nullptr); }, "calibration of nothing"},
+      {"arm of nothing", [] { CalibratedArm(nullptr); }, "arm of nothing"},
+      {"calibrate, joints", [&] { calibrate(fanuc(), fewer); }, "6 names of joints"},
+      {"calibrate, rows", [&] { calibrate(fanuc(), beyond); }, "configuration"},
+      {"calibrate, numbers", [&] { calibrate(fanuc(), unknown); }, "finite"},
+      {"calibrate, default", [&] { calibrate(fanuc(), Measurements()); }, "expected"},
+      {"calibrate, effects", [&] { calibrate(fanuc(), data, both); }, "named and to be chosen"},
+      {"calibrate, gravity", [&] { calibrate(fanuc(), data, nowhere); }, "not all 0"},
+      {"calibrate, rotation", [&] { calibrate(fanuc(), data, leaning); }, "rotation"},
+      {"calibrate, default robot", [&] { calibrate(Robot(), data); }, "joint"},
+      {"flange_pose, count", [&] { arm.flange_pose(somewhere().head(5)); }, "5 joint values"},
+      {"flange_pose, numbers", [&] { arm.flange_pose(nan, jacobian); }, "finite"},
+      {"predict, target", [&] { arm.predict(somewhere(), "Z"); }, "target 'Z'"},
+      {"predict, numbers", [&] { arm.predict(nan, "A"); }, "finite"},
+      {"parameter", [&] { c.std("Tx99"); }, "'Tx99'"},
+      {"another robot's URDF", [&] { calibrated_urdf(other, c); }, "was not made with"},
+      {"another robot's file", [&] { write_urdf(file("x"), other, c); }, "was not made with"},
+      {"another robot's result", [&] { write_result(file("x"), other, data, c); }, "was not made with"},
+      {"another robot's page", [&] { write_report(file("x"), other, data, c); }, "was not made with"},
+      {"result of a file", [&] { write_result(file("x"), fanuc(), data, read); }, "read from a file"},
+      {"other measurements", [&] { write_result(file("x"), fanuc(), fewer, c); }, "6 names of joints"},
+      {"load, robot", [&] { load_calibration(file("r.json"), other); }, "hash"},
+      {"load, none", [&] { load_calibration(file("none.json"), fanuc()); }, "cannot be opened"},
+      {"validate", [&] { validate(fanuc(), fewer); }, "6 names of joints"},
+      {"validate, calibration", [&] { validate(c, beyond); }, "configuration"},
+      {"validate, frames", [&] { validate(fanuc(), data, {.base = sheared, .targets = {}}); }, "rotation"},
+      {"validate, few",
+       [&] { validate(fanuc(), subset(data, [](const Observation& o) { return o.configuration == 0; })); },
+       "nothing is left to show an error"},
+      {"simulate, count", [] { simulate(fanuc(), {.configurations = 0}); }, "configurations"},
+      {"simulate, noise", [] { simulate(fanuc(), {.noise = -1.0}); }, "noise"},
+      {"simulate, ranges",
+       [] {
+         simulate(fanuc(), {.ranges = {{0.0, 1.0}}});
+       },
+       "range"},
+      {"simulate, twins",
+       [] {
+         simulate(fanuc(), {.targets = {{.name = "A"}, {.name = "A"}}});
+       },
+       "'A'"},
+      {"plan, count", [] { plan_measurements(fanuc(), {.count = 0}); }, "configurations"},
+      {"plan, noise", [] { plan_measurements(fanuc(), {.noise = std::numeric_limits<double>::infinity()}); }, "noise"},
+      {"plan, ranges",
+       [] {
+         plan_measurements(fanuc(), {.ranges = {{0.0, 1.0}}});
+       },
+       "range"},
+      {"plan, height", [] { plan_measurements(fanuc(), {.least_height = 100.0}); }, "height"},
+  };
+  for (const Case& each : cases) {
+    EXPECT_THAT(testing::refusal(each.call), HasSubstr(each.words)) << each.name;
+  }
+  EXPECT_FALSE(fs::exists(file("x")));
+}
+
+TEST(Interface, WhatWasMovedFromIsStillWhole) {
+  Calibration first = found();
+  const Calibration second = std::move(first);
+  CalibratedArm arm = second.arm();
+  const CalibratedArm moved = std::move(arm);
+  EXPECT_EQ(first.error("Tx1"), second.error("Tx1"));  // NOLINT(bugprone-use-after-move): what is tested
+  EXPECT_EQ(arm.targets(), moved.targets());           // NOLINT(bugprone-use-after-move)
+}
+
+}  // namespace
+}  // namespace kdl_calibration::interface_test
