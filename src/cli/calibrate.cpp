@@ -231,20 +231,20 @@ std::string page_of(const std::string& result, const Robot& robot, const Measure
                            .plan_command = plan_command(json_of(result, "the result"))});
 }
 
-// The result as JSON, with the outcome of every --require added, and the list of those that failed.
+// The result as JSON, with the outcome of every --require.
 struct JudgedResult {
   std::string text;
-  std::vector<std::string> missed;
+  std::vector<Judged> outcomes;
 };
 JudgedResult judged_result(std::string text, const std::vector<Requirement>& requirements) {
   if (requirements.empty()) {
-    return {.text = std::move(text), .missed = {}};
+    return {.text = std::move(text), .outcomes = {}};
   }
   Json json = json_of(text, "the result");
-  const std::vector<Judged> outcomes = outcomes_of(requirements, json);
+  std::vector<Judged> outcomes = outcomes_of(requirements, json);
   json["requirements"] = judged_json(outcomes);
   json["hashes"] = tree::hashes(json);
-  return {.text = json_text(json), .missed = unfulfilled(outcomes)};
+  return {.text = json_text(json), .outcomes = std::move(outcomes)};
 }
 
 bool shows_the_result(const OutputFile& file) { return file.option == "--result" || file.option == "--report"; }
@@ -294,12 +294,14 @@ ExitStatus run(const CalibrateArguments& arguments) {
     name_options(*calibration.diagnosis.reservation);
   }
   write_whole(files, arguments.force,
-              arguments.json ? result.text : table(arguments, robot, measurements, calibration));
+              arguments.json ? result.text
+                             : table(arguments, robot, measurements, calibration) + outcome_lines(result.outcomes));
   say_what_is_doubted(arguments, calibration);
-  for (const std::string& requirement : result.missed) {
+  const std::vector<std::string> missed = unfulfilled(result.outcomes);
+  for (const std::string& requirement : missed) {
     print_requirement(requirement);
   }
-  return calibration.trusted() && result.missed.empty() ? done : not_to_be_trusted;
+  return calibration.trusted() && missed.empty() ? done : not_to_be_trusted;
 }
 
 // Refuses renamed options, stating the new name.

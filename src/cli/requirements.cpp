@@ -1,13 +1,16 @@
 #include "cli/requirements.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <array>
 #include <cstddef>
 #include <map>
 #include <optional>
+#include <set>
 
 #include "base/degree.hpp"
 #include "base/text.hpp"
+#include "cli/help.hpp"
 #include "cli/options.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -17,6 +20,83 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& text, const std::string& expected) {
   throw InputError("--require: " + shown(text) + " is not accepted, expected " + expected);
+}
+
+// Names of the result's numbers that have no unit.
+const std::set<std::string> kNumbers = {"rank",
+                                        "condition",
+                                        "iterations",
+                                        "count",
+                                        "folds",
+                                        "configurations",
+                                        "candidates",
+                                        "observations",
+                                        "variance_factor",
+                                        "F",
+                                        "p_value",
+                                        "convergence_factor",
+                                        "O1",
+                                        "O2",
+                                        "O3",
+                                        "O4",
+                                        "O5",
+                                        "radius_factor",
+                                        "leverage",
+                                        "leverage_limit",
+                                        "cook",
+                                        "cook_limit",
+                                        "evidence",
+                                        "point_cook_limit",
+                                        "weights",
+                                        "singular_values",
+                                        "repeat",
+                                        "explained_by_joint",
+                                        "degrees_of_freedom",
+                                        "degrees_of_freedom_of_point",
+                                        "repeat_degrees_of_freedom"};
+
+// Names of its lengths and angles.
+const std::set<std::string> kQuantities = {"rms",         "mean",        "p95",           "max",
+                                           "std",         "sigma",       "misfit",        "target_misfit",
+                                           "error",       "value",       "nominal",       "length",
+                                           "angle",       "radius_95",   "rms_corrected", "difference_to_kdl",
+                                           "position",    "common",      "residual",      "distance",
+                                           "total",       "interval_95", "held_out_rms",  "orientation_length",
+                                           "history",     "centre",      "cell",          "position_measured_frame",
+                                           "independent", "orientation"};
+
+// Names that lead to these.
+const std::set<std::string> kGroups = {
+    "position_error", "train",          "test",   "all",        "leave_one_out", "nested_leave_one_out",
+    "k_fold",         "before",         "after",  "held_out",   "exported_urdf", "test_at_fitted_poses",
+    "iso_9283",       "accuracy",       "asked",  "cells",      "repeatability", "predicted_accuracy",
+    "measured",       "workspace",      "noise",  "repeats",    "observability", "test_at_new_poses",
+    "lack_of_fit",    "influence",      "points", "input",      "model",         "parameters",
+    "priors",         "residuals",      "rows",   "statistics", "targets",       "tried",
+    "base",           "held_out_points"};
+
+bool is_index(const std::string& key) { return parsed_number(key).has_value(); }
+
+// Whether the number at the path has no unit.
+bool is_number_alone(const std::string& text, const std::vector<std::string>& path) {
+  std::vector<std::string> all(kGroups.begin(), kGroups.end());
+  all.insert(all.end(), kNumbers.begin(), kNumbers.end());
+  all.insert(all.end(), kQuantities.begin(), kQuantities.end());
+  std::string last;
+  for (const std::string& key : path) {
+    if (is_index(key)) {
+      continue;
+    }
+    if (std::find(all.begin(), all.end(), key) == all.end()) {
+      const std::string near = nearest(key, all);
+      refuse(text, "names of a result, and " + shown(key) + " is none" + (near.empty() ? "" : ", such as " + near));
+    }
+    last = key;
+  }
+  if (kGroups.count(last) > 0) {
+    refuse(text, "a number, such as " + last + ".rms");
+  }
+  return kNumbers.count(last) > 0;
 }
 
 // SI value of the unit.
@@ -101,7 +181,15 @@ Requirement parse_requirement(const std::string& text) {
   if (!number) {
     refuse(text, "a number behind " + result.comparison);
   }
-  result.value = *number * unit_of(text, std::string(trimmed(right.substr(unit))));
+  result.unit = trimmed(right.substr(unit));
+  result.value = *number * unit_of(text, result.unit);
+  const bool alone = is_number_alone(text, result.path);
+  if (alone && !result.unit.empty()) {
+    refuse(text, "no unit, as this is a number");
+  }
+  if (!alone && result.unit.empty() && *number != 0.0) {
+    refuse(text, "a unit behind the number: m, mm, um, rad, mrad or deg");
+  }
   return result;
 }
 
@@ -112,21 +200,32 @@ std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, co
     if (value == nullptr && json.contains("position_error")) {
       value = found_at(json["position_error"], requirement.path);
     }
-    const bool known = value != nullptr && value->is_number();
-    result.push_back({.text = requirement.text, .message = {}});
-    if (!known || !holds(value->get<double>(), requirement.comparison, requirement.value)) {
-      result.back().message = "'" + requirement.text + "' is not fulfilled: the value is " +
-                              (known ? value->dump() : std::string("not determined"));
+    Judged& outcome = result.emplace_back(Judged{.text = requirement.text, .value = "not determined"});
+    if (value != nullptr && value->is_number()) {
+      const double found = value->get<double>();
+      const double in_unit = found / unit_of(requirement.text, requirement.unit);
+      outcome.value = fmt::format("{:.6g}", in_unit) + (requirement.unit.empty() ? "" : " " + requirement.unit);
+      outcome.is_met = holds(found, requirement.comparison, requirement.value);
     }
   }
   return result;
 }
 
+std::string Judged::message() const { return is_met ? "" : "'" + text + "' is not fulfilled: the value is " + value; }
+
+std::string outcome_lines(const std::vector<Judged>& outcomes) {
+  std::string lines = outcomes.empty() ? "" : "\n";
+  for (const Judged& outcome : outcomes) {
+    lines += "required " + outcome.text + ": " + outcome.value + (outcome.is_met ? ", met\n" : ", NOT met\n");
+  }
+  return lines;
+}
+
 std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes) {
   std::vector<std::string> result;
   for (const Judged& requirement : outcomes) {
-    if (!requirement.message.empty()) {
-      result.push_back(requirement.message);
+    if (!requirement.is_met) {
+      result.push_back(requirement.message());
     }
   }
   return result;
@@ -136,8 +235,9 @@ Json judged_json(const std::vector<Judged>& outcomes) {
   Json result = Json::array();
   for (const Judged& requirement : outcomes) {
     result.push_back({{"text", requirement.text},
-                      {"fulfilled", requirement.message.empty()},
-                      {"message", requirement.message.empty() ? Json(nullptr) : Json(requirement.message)}});
+                      {"value", requirement.value},
+                      {"fulfilled", requirement.is_met},
+                      {"message", requirement.is_met ? Json(nullptr) : Json(requirement.message())}});
   }
   return result;
 }

@@ -14,20 +14,29 @@ struct Requirement {
   std::vector<std::string> path;  ///< keys, or indices into arrays, from 0
   std::string comparison;         ///< "<", "<=", ">", ">=", "=="
   double value = 0.0;             ///< SI
+  std::string unit;               ///< of `value` as given; empty for a number without one
 };
 
-/// Throws InputError if the text is not a requirement.
+/// Throws InputError if the text is not a requirement: another form, a name that no number of a result has, a length or
+/// angle without unit, a number with one.
 Requirement parse_requirement(const std::string& text);
 
 /// Outcome of a requirement. `position_error.` before a path and `.after` in it may be omitted; null or absent values
 /// fulfil nothing.
 struct Judged {
-  std::string text;     ///< the requirement
-  std::string message;  ///< a sentence if it is not fulfilled, else empty
+  std::string text;   ///< the requirement
+  std::string value;  ///< that was found, in the requirement's unit
+  bool is_met = false;
+
+  /// A sentence if it is not met, else empty.
+  std::string message() const;
 };
 std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json);
 
-/// Messages of the requirements that are not fulfilled.
+/// One line for each, for the terminal; empty without any.
+std::string outcome_lines(const std::vector<Judged>& outcomes);
+
+/// Messages of the requirements that are not met.
 std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes);
 
 /// [{text, fulfilled, message}], the value of "requirements" in a result.

@@ -276,7 +276,8 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const std::string placed = registered(known, registration);
   const std::vector<std::string> before = warnings_of(measurements, registration, errors.freedom, placed);
   words.warnings.insert(words.warnings.begin(), before.begin(), before.end());
-  const std::vector<std::string> missed = unfulfilled(outcomes_of(requirements, json_of(result, "the result")));
+  const std::vector<Judged> outcomes = outcomes_of(requirements, json_of(result, "the result"));
+  const std::vector<std::string> missed = unfulfilled(outcomes);
   for (OutputFile& file : files) {
     std::vector<std::string> doubts = words.doubts;
     doubts.insert(doubts.end(), missed.begin(), missed.end());
@@ -288,7 +289,8 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
          .requirements = arguments.requirements,
          .doubts = doubts});
   }
-  write_whole(files, arguments.force, arguments.json ? result : table(arguments, robot, errors, placed));
+  write_whole(files, arguments.force,
+              arguments.json ? result : table(arguments, robot, errors, placed) + outcome_lines(outcomes));
   for (const std::vector<std::string>& messages : {words.warnings, words.doubts}) {
     for (const std::string& message : messages) {
       warn(message);

@@ -16,60 +16,73 @@ using ::testing::HasSubstr;
 
 TEST(Requirements, HaveAPathAComparisonAndAValueInSi) {
   for (const auto& [unit, factor] : std::vector<std::pair<std::string, double>>{
-           {"", 1.0}, {"m", 1.0}, {"mm", 1e-3}, {"um", 1e-6}, {"rad", 1.0}, {"mrad", 1e-3}, {" deg", kDegree}}) {
-    const cli::Requirement requirement = cli::parse_requirement(" a.bc.1  <= 2.5" + unit + " ");
-    EXPECT_EQ(requirement.text, " a.bc.1  <= 2.5" + unit + " ");
-    EXPECT_THAT(requirement.path, ElementsAre("a", "bc", "1"));
+           {"m", 1.0}, {"mm", 1e-3}, {"um", 1e-6}, {"rad", 1.0}, {"mrad", 1e-3}, {" deg", kDegree}}) {
+    const cli::Requirement requirement = cli::parse_requirement(" parameters.1.value  <= 2.5" + unit + " ");
+    EXPECT_EQ(requirement.text, " parameters.1.value  <= 2.5" + unit + " ");
+    EXPECT_THAT(requirement.path, ElementsAre("parameters", "1", "value"));
     EXPECT_EQ(requirement.comparison, "<=");
     EXPECT_DOUBLE_EQ(requirement.value, 2.5 * factor) << unit;
   }
-  EXPECT_THAT(cli::parse_requirement("rms==3.").path, ElementsAre("rms"));
-  EXPECT_EQ(cli::parse_requirement("rms>-3e-2mm").value, -3e-5);
+  EXPECT_THAT(cli::parse_requirement("rank==3.").path, ElementsAre("rank"));
+  EXPECT_EQ(cli::parse_requirement("test.rms>-3e-2mm").value, -3e-5);
+  EXPECT_EQ(cli::parse_requirement("test.rms>0").value, 0.0);
   const std::string form = "PATH OP VALUE such as 'leave_one_out.rms<=0.25mm'";
-  for (const auto& [text, expected] :
-       std::vector<std::pair<std::string, std::string>>{{"rms", form},
-                                                        {"<1", form},
-                                                        {"a.<1", form},
-                                                        {"a..b<1", form},
-                                                        {"a=1", "one of < <= > >= =="},
-                                                        {"a<<1", "one of < <= > >= =="},
-                                                        {"a<", "a number behind <"},
-                                                        {"a>=mm", "a number behind >="},
-                                                        {"a<x1", "a number behind <"},
-                                                        {"a<1kg",
-                                                         "a number alone or with the unit m, mm, um, rad, "
-                                                         "mrad or deg"}}) {
+  const std::string unit = "a unit behind the number: m, mm, um, rad, mrad or deg";
+  for (const auto& [text, expected] : std::vector<std::pair<std::string, std::string>>{
+           {"rms", form},
+           {"<1", form},
+           {"rank.<1", form},
+           {"test..rms<1", form},
+           {"rank=1", "one of < <= > >= =="},
+           {"rank<<1", "one of < <= > >= =="},
+           {"rank<", "a number behind <"},
+           {"rms>=mm", "a number behind >="},
+           {"rank<x1", "a number behind <"},
+           {"rms<1kg", "a number alone or with the unit m, mm, um, rad, mrad or deg"},
+           {"test.max<=0.4", unit},
+           {"noise.sigma<1", unit},
+           {"rank<33mm", "no unit, as this is a number"},
+           {"leave_one_ot.rms<1mm", "names of a result, and 'leave_one_ot' is none, such as leave_one_out"},
+           {"test.rmse<1mm", "names of a result, and 'rmse' is none, such as rms"},
+           {"quite.unlike<1mm", "names of a result, and 'quite' is none"},
+           {"test.after<1mm", "a number, such as after.rms"}}) {
     EXPECT_EQ(refusal([&, given = text] { cli::parse_requirement(given); }),
               "--require: '" + text + "' is not accepted, expected " + expected);
   }
   EXPECT_THAT(refusal([] { cli::parse_requirement("\xff<1"); }), HasSubstr("expected UTF-8"));
-  EXPECT_EQ(cli::parse_requirements({"a<1", "b>2"}).at(1).text, "b>2");
+  EXPECT_EQ(cli::parse_requirements({"rank<1", "rank>2"}).at(1).text, "rank>2");
 }
 
 TEST(Requirements, AreJudgedByTheNumberTheyLeadTo) {
-  const Json json = Json::parse(R"({"rank": 33, "list": [1, 2.5], "text": "5", "none": null,
-    "fit": {"after": {"rms": 0.5}, "before": {"rms": 9}, "count": 7},
+  const Json json = Json::parse(R"({"rank": 33, "weights": [1, 2.5], "count": "5", "condition": null,
+    "noise": {"after": {"rms": 0.5}, "before": {"rms": 9}, "count": 7},
     "position_error": {"train": {"after": {"rms": 0.25}}, "test": {"rms": 3}}})");
   const auto fulfilled = [&](const std::string& text) {
-    return cli::outcomes_of({cli::parse_requirement(text)}, json).at(0).message.empty();
+    return cli::outcomes_of({cli::parse_requirement(text)}, json).at(0).is_met;
   };
-  for (const char* text : {"rank==33", "rank<=33", "rank>=33", "rank<33.1", "rank>32.9", "list.0==1", "list.1==2.5",
-                           "fit.rms==0.5", "fit.after.rms==0.5", "fit.before.rms==9", "fit.count==7", "train.rms==0.25",
-                           "position_error.train.rms==0.25", "test.rms==3"}) {
+  for (const char* text : {"rank==33", "rank<=33", "rank>=33", "rank<33.1", "rank>32.9", "weights.0==1",
+                           "weights.1==2.5", "noise.rms==0.5m", "noise.after.rms==500mm", "noise.before.rms==9m",
+                           "noise.count==7", "train.rms==0.25m", "position_error.train.rms==0.25m", "test.rms==3m"}) {
     EXPECT_TRUE(fulfilled(text)) << text;
   }
-  for (const char* text : {"rank==32", "rank<33", "rank>33", "rank<=32.9", "rank>=33.1", "list.2>0", "list.-1>0",
-                           "list.x>0", "text==5", "none==0", "fit==0", "nothing>0", "rank.after==33", "train.max>0"}) {
+  for (const char* text : {"rank==32", "rank<33", "rank>33", "rank<=32.9", "rank>=33.1", "weights.2>0", "weights.-1>0",
+                           "count==5", "condition==0", "iterations>0", "train.max>0"}) {
     EXPECT_FALSE(fulfilled(text)) << text;
   }
   const std::vector<cli::Judged> outcomes =
-      cli::outcomes_of(cli::parse_requirements({"rank<1", "rank>1", "none<1"}), json);
+      cli::outcomes_of(cli::parse_requirements({"rank<1", "train.rms<1m", "condition<1", "train.rms<=2mm"}), json);
   const std::string rank = "'rank<1' is not fulfilled: the value is 33";
-  const std::string none = "'none<1' is not fulfilled: the value is not determined";
-  EXPECT_THAT(cli::unfulfilled(outcomes), ElementsAre(rank, none));
-  EXPECT_EQ(cli::judged_json(outcomes), Json::array({{{"text", "rank<1"}, {"fulfilled", false}, {"message", rank}},
-                                                     {{"text", "rank>1"}, {"fulfilled", true}, {"message", nullptr}},
-                                                     {{"text", "none<1"}, {"fulfilled", false}, {"message", none}}}));
+  const std::string none = "'condition<1' is not fulfilled: the value is not determined";
+  const std::string rms = "'train.rms<=2mm' is not fulfilled: the value is 250 mm";
+  EXPECT_THAT(cli::unfulfilled(outcomes), ElementsAre(rank, none, rms));
+  EXPECT_EQ(cli::outcome_lines(outcomes),
+            "\nrequired rank<1: 33, NOT met\nrequired train.rms<1m: 0.25 m, met\n"
+            "required condition<1: not determined, NOT met\nrequired train.rms<=2mm: 250 mm, NOT met\n");
+  EXPECT_EQ(cli::outcome_lines({}), "");
+  EXPECT_EQ(cli::judged_json(outcomes)[1],
+            (Json{{"text", "train.rms<1m"}, {"value", "0.25 m"}, {"fulfilled", true}, {"message", nullptr}}));
+  EXPECT_EQ(cli::judged_json(outcomes)[0],
+            (Json{{"text", "rank<1"}, {"value", "33"}, {"fulfilled", false}, {"message", rank}}));
 }
 
 TEST(PlanCommandText, TheCommandThatPlansNamesTheFilesOfTheResult) {
