@@ -139,8 +139,10 @@ const Json* found_at(const Json& json, const std::vector<std::string>& path) {
   const Json* here = &json;
   for (const std::string& key : path) {
     const Json* next = entry_of(*here, key);
-    if (next == nullptr && entry_of(*here, "after") != nullptr) {
-      next = entry_of(*entry_of(*here, "after"), key);
+    for (const char* between : {"after", "position_error"}) {
+      if (next == nullptr && entry_of(*here, between) != nullptr) {
+        next = entry_of(*entry_of(*here, between), key);
+      }
     }
     if (next == nullptr) {
       return nullptr;
@@ -197,9 +199,6 @@ std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, co
   std::vector<Judged> result;
   for (const Requirement& requirement : requirements) {
     const Json* value = found_at(json, requirement.path);
-    if (value == nullptr && json.contains("position_error")) {
-      value = found_at(json["position_error"], requirement.path);
-    }
     Judged& outcome = result.emplace_back(Judged{.text = requirement.text, .value = "not determined"});
     if (value != nullptr && value->is_number()) {
       const double found = value->get<double>();

@@ -66,6 +66,9 @@ std::string json(const RegisteredErrors& errors) {
                      {{"all", statistics_json(errors.all)},
                       {"train", statistics_json(errors.train)},
                       {"test", statistics_json(errors.test)}}},
+                    {"iso_9283",
+                     {{"accuracy", statistics_json(errors.iso.accuracy)},
+                      {"repeatability", statistics_json(errors.iso.repeatability)}}},
                     {"degrees_of_freedom", errors.freedom.left()},
                     {"rms_corrected", registration.rms * errors.freedom.correction()},
                     {"base", frame_json(registration.X_WB)},
@@ -223,11 +226,9 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
   return warnings;
 }
 
-// Adds to the printed numbers their provenance and the figures of ISO 9283, for the page.
+// Adds to the printed numbers their provenance, for the page.
 Json with_provenance(const ValidateArguments& arguments, const Robot& robot, const Measurements& measurements,
-                     Json result, const Iso9283& iso) {
-  result["iso_9283"] = {{"accuracy", statistics_json(iso.accuracy)},
-                        {"repeatability", statistics_json(iso.repeatability)}};
+                     Json result) {
   result["input"] = {{"urdf", robot.source},
                      {"base", robot.base},
                      {"tip", robot.tip},
@@ -281,13 +282,13 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   for (OutputFile& file : files) {
     std::vector<std::string> doubts = words.doubts;
     doubts.insert(doubts.end(), missed.begin(), missed.end());
-    file.text = validation_page(
-        {.result = with_provenance(arguments, robot, measurements, json_of(result, "the result"), errors.iso),
-         .robot = robot,
-         .reported = {.model = model, .estimate = estimate, .measurements = measurements},
-         .warnings = words.warnings,
-         .requirements = arguments.requirements,
-         .doubts = doubts});
+    file.text =
+        validation_page({.result = with_provenance(arguments, robot, measurements, json_of(result, "the result")),
+                         .robot = robot,
+                         .reported = {.model = model, .estimate = estimate, .measurements = measurements},
+                         .warnings = words.warnings,
+                         .requirements = arguments.requirements,
+                         .doubts = doubts});
   }
   write_whole(files, arguments.force,
               arguments.json ? result : table(arguments, robot, errors, placed) + outcome_lines(outcomes));

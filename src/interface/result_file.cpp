@@ -58,7 +58,7 @@ Calibration load_calibration(const std::filesystem::path& file, const Robot& rob
                                                           .verdict = saved.verdict,
                                                           .doubts = std::move(saved.doubts),
                                                           .warnings = std::move(saved.warnings),
-                                                          .accuracy = std::move(saved.accuracy),
+                                                          .accuracy = saved.accuracy,
                                                           .parameters = std::move(saved.parameters),
                                                           .basis = {.model = std::move(saved.model),
                                                                     .estimate = std::move(saved.estimate),

@@ -161,6 +161,19 @@ Json tried_json(const std::vector<ModelOption>& options) {
   return tried;
 }
 
+Json predicted_json(const PredictedAccuracy& predicted) {
+  Json result = {{"measured", statistics_json(predicted.measured)},
+                 {"workspace", statistics_json(predicted.workspace)},
+                 {"cell", predicted.cell},
+                 {"radius_factor", predicted.region.radius_factor},
+                 {"region", region_json(predicted.region)},
+                 {"cells", cells_json(predicted.cells)}};
+  if (!predicted.asked.empty()) {
+    result["asked"] = asked_json(predicted.asked);
+  }
+  return result;
+}
+
 // Adds model selection, lack of fit, predicted accuracy and down-weighted rows.
 void add_details(const CalibrationResult& calibration, const Measurements& measurements, Json& result) {
   result["priors"] = priors_json(calibration.selection.priors);
@@ -204,18 +217,10 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
                              {"p_value", lack.p_value},
                              {"explained_by_joint", lack.explained_by_joint}};
   }
-  result["predicted_accuracy"] = {{"measured", statistics_json(calibration.uncertainty.predicted.measured)},
-                                  {"workspace", statistics_json(calibration.uncertainty.predicted.workspace)},
-                                  {"cell", calibration.uncertainty.predicted.cell},
-                                  {"radius_factor", calibration.uncertainty.predicted.region.radius_factor},
-                                  {"region", region_json(calibration.uncertainty.predicted.region)},
-                                  {"cells", cells_json(calibration.uncertainty.predicted.cells)}};
+  result["predicted_accuracy"] = predicted_json(calibration.uncertainty.predicted);
   if (calibration.uncertainty.predicted.undetermined.cols() > 0) {
     result["undetermined"] =
         undetermined_json(calibration.fit.candidates, calibration.uncertainty.predicted.undetermined);
-  }
-  if (!calibration.uncertainty.predicted.asked.empty()) {
-    result["predicted_accuracy"]["asked"] = asked_json(calibration.uncertainty.predicted.asked);
   }
   if (!calibration.uncertainty.influence.configurations.empty()) {
     result["influence"] = influence_json(calibration.uncertainty.influence, measurements);

@@ -271,14 +271,20 @@ void add_controller_offsets(const CalibrationResult& calibration, const JointCon
                             std::string& text) {
   const ErrorModel& model = calibration.model;
   Eigen::VectorXd offsets = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(convention.urdf_joints.size()));
+  Eigen::VectorXd unknown = offsets;  // 1 where a gauge holds the offset
   for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
     const auto joint = std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), parameter.joint);
     if (parameter.kind == ParameterKind::joint_offset && joint != convention.urdf_joints.end()) {
       offsets[joint - convention.urdf_joints.begin()] = parameter.error;
+      unknown[joint - convention.urdf_joints.begin()] = parameter.gauge ? 1.0 : 0.0;
     }
   }
-  const Eigen::VectorXd controller = convention.matrix.fullPivLu().solve(offsets);
-  text += "\njoint offsets as the controller counts, for mastering\n";
+  const Eigen::MatrixXd to_controller = convention.matrix.inverse();
+  const Eigen::VectorXd controller = to_controller * offsets;
+  const Eigen::VectorXd held = to_controller.cwiseAbs() * unknown;
+  text +=
+      "\njoint offsets as the controller counts, for mastering\n"
+      "(to add to the displayed values; the calibrated URDF contains them already)\n";
   for (std::size_t i = 0; i < convention.controller_joints.size(); ++i) {
     const auto index = static_cast<Eigen::Index>(i);
     bool slides = false;
@@ -288,7 +294,9 @@ void add_controller_offsets(const CalibrationResult& calibration, const JointCon
                           convention.matrix(row - convention.urdf_joints.begin(), index) != 0.0);
     }
     const DisplayUnit& unit = slides ? kMillimetres : kDegrees;
-    text += "  " + padded(convention.controller_joints[i], 46) + unit.of(controller[index]) + "\n";
+    text += "  " + padded(convention.controller_joints[i], 46) +
+            (held[index] > 1e-9 ? "      not measurable: base or targets take it up" : unit.of(controller[index])) +
+            "\n";
   }
 }
 
@@ -344,12 +352,17 @@ std::string verdict(const Measurements& measurements, const CalibrationResult& c
 }
 
 void add_main_figures(const CalibrationResult& calibration, std::string& text) {
+  const Accuracy& accuracy = calibration.accuracy;
   text += fmt::format("Position error, rms:  nominal {:.3f} mm -> calibrated {:.3f} mm  (fitted)\n",
-                      calibration.accuracy.iso_before.accuracy.rms * 1e3,
-                      calibration.accuracy.iso_after.accuracy.rms * 1e3);
-  if (calibration.accuracy.test && calibration.accuracy.iso_test_after) {
-    text += fmt::format("                      at the test rows {:.3f} mm\n",
-                        calibration.accuracy.iso_test_after->accuracy.rms * 1e3);
+                      accuracy.iso_before.accuracy.rms * 1e3, accuracy.iso_after.accuracy.rms * 1e3);
+  if (accuracy.test && accuracy.iso_test_after) {
+    text +=
+        fmt::format("                      at the test rows {:.3f} mm\n", accuracy.iso_test_after->accuracy.rms * 1e3);
+  }
+  // The figures above are of the means of repeats; `position_error` of the result has those of single repeats.
+  if (accuracy.iso_after.repeatability.count > 0) {
+    text += fmt::format("                      single repeats: fitted {:.3f} mm{}\n", accuracy.train.after.rms * 1e3,
+                        accuracy.test ? fmt::format(", test rows {:.3f} mm", accuracy.test->after.rms * 1e3) : "");
   }
   const BeforeAfter* held_out = calibration.accuracy.held_out();
   if (held_out == nullptr) {

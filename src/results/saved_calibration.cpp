@@ -178,7 +178,8 @@ ParameterEstimate estimate_of(const Node& node) {
     result.kind = kind == to_string(each) ? each : result.kind;
   }
   const Node axis = member(node, "axis");
-  result.axis = axis.json == "" ? "" : tree::name(axis);
+  const bool has_axis = !axis.json.is_string() || !axis.json.get_ref<const std::string&>().empty();
+  result.axis = has_axis ? tree::name(axis) : "";
   result.nominal = number(member(node, "nominal"));
   result.value = number(member(node, "value"));
   result.error = number(member(node, "error"));

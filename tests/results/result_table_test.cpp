@@ -162,6 +162,7 @@ effects beyond geometry, largest motion at the measured configurations
   slide moves 0.2 % further than it is told
 
 joint offsets as the controller counts, for mastering
+(to add to the displayed values; the calibrated URDF contains them already)
   J1                                               0.00000 deg
   J2                                               -1.2500 mm
   J3                                               0.00000 deg
@@ -307,10 +308,12 @@ TEST(ResultTable, FiguresThatAreThereAreShown) {
   c.uncertainty.predicted.workspace = {.count = 1, .rms = 2e-3};
   c.uncertainty.predicted.measured = {.count = 1, .rms = 1e-3};
   c.accuracy.iso_after.repeatability = {.count = 1, .max = 3e-4};
+  c.accuracy.train.after.rms = 5e-4;
   const std::string text = made.printed();
   EXPECT_THAT(text, HasSubstr("\neach round left 0.625 of the error of the round before\n"));
   EXPECT_THAT(text, HasSubstr("\n  1.000 mm at the measured configurations, 2.000 mm over the whole workspace\n"));
   EXPECT_THAT(text, HasSubstr("\n  AP nominal 2.000 mm, calibrated 0.200 mm; RP 0.300 mm\n"));
+  EXPECT_THAT(text, HasSubstr("\n                      single repeats: fitted 0.500 mm\n"));
 }
 
 TEST(ResultTable, DoubtsAndFindingsComeFirst) {
@@ -333,8 +336,12 @@ TEST(ResultTable, AControllerThatCountsNoSlideHasDegreesAlone) {
   made.convention.matrix = Eigen::MatrixXd::Constant(1, 1, 2.0);
   made.options.convention = &made.convention;
   const std::string text = made.printed();
-  const std::size_t start = text.find("for mastering\n") + 14;
+  const std::size_t start = text.find("already)\n") + 9;
   EXPECT_EQ(testing::squeezed(text.substr(start, text.find("\n\n", start) - start)), "J1 0.25000 deg");
+  for (ParameterEstimate& parameter : made.calibration.uncertainty.parameters) {
+    parameter.gauge = parameter.gauge || parameter.name == "dq4";
+  }
+  EXPECT_THAT(testing::squeezed(made.printed()), HasSubstr("J1 not measurable: base or targets take it up"));
 }
 
 TEST(ResultTable, NumbersStandBelowTheirHeadingsUpToKilometres) {
