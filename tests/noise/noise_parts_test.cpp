@@ -374,7 +374,8 @@ TEST(NoiseParts, AndEqualWeightsGiveOneKindOfNoiseTheSameRadius) {
   const CalibrationResult by_parts = calibrate(model, t.measured, options);
   options.noise.weights = Weights::equal;
   const CalibrationResult equal = calibrate(model, t.measured, options);
-  EXPECT_NEAR(equal.uncertainty.predicted.region.radius_factor / by_parts.uncertainty.predicted.region.radius_factor, 1.0, 0.02);
+  EXPECT_NEAR(equal.uncertainty.predicted.region.radius_factor / by_parts.uncertainty.predicted.region.radius_factor,
+              1.0, 0.02);
   EXPECT_NEAR(equal.uncertainty.predicted.asked[0].radius_95 / by_parts.uncertainty.predicted.asked[0].radius_95, 1.0,
               0.02);
   EXPECT_EQ(equal.uncertainty.predicted.asked[0].outside, by_parts.uncertainty.predicted.asked[0].outside);
