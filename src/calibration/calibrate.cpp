@@ -300,7 +300,7 @@ CalibrationResult calibrate(const ErrorModel& model, const Measurements& measure
   result.difference_to_kdl =
       difference_to_kdl(model, fitted.fit.identification.estimate.errors, measurements.joint_values);
   result.fit = with_weights_of_all(std::move(fitted.fit), rows);
-  result.accuracy = std::move(validated.accuracy);
+  result.accuracy = validated.accuracy;
   result.held_out_points = std::move(validated.held_out_points);
   result.exported = std::move(validated.exported);
   result.diagnosis = diagnose(

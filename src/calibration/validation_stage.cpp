@@ -215,8 +215,7 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows) {
   const FitProblem& task = compared.problem;
   const ValidationOptions& options = compared.options;
   const Folds singly = make_folds(task.measurements, 0);
-  Validation result{
-      .accuracy = std::move(rows), .exported = {}, .warnings = said_of_neighbours(singly, task.measurements)};
+  Validation result{.accuracy = rows, .exported = {}, .warnings = said_of_neighbours(singly, task.measurements)};
   Accuracy& accuracy = result.accuracy;
   const bool asked_singly = options.leave_one_out || options.nested;
   const bool by_default = options.held_out && !asked_singly && options.k_fold < 2;
