@@ -22,7 +22,7 @@ namespace {
   throw InputError("--require: " + shown(text) + " is not accepted, expected " + expected);
 }
 
-// Names of the result's numbers that have no unit.
+// Names of the result's numbers that have no unit, or not all the same one: these are in SI units.
 const std::set<std::string> kNumbers = {"rank",
                                         "condition",
                                         "iterations",
@@ -53,7 +53,20 @@ const std::set<std::string> kNumbers = {"rank",
                                         "explained_by_joint",
                                         "degrees_of_freedom",
                                         "degrees_of_freedom_of_point",
-                                        "repeat_degrees_of_freedom"};
+                                        "repeat_degrees_of_freedom",
+                                        "coefficient",
+                                        "scale",
+                                        "link",
+                                        "number",
+                                        "times",
+                                        "mass",
+                                        "play",
+                                        "quaternion_wxyz",
+                                        "lower_triangle",
+                                        "directions",
+                                        "largest_variance",
+                                        "gravity_direction",
+                                        "tracker"};
 
 // Names of its lengths and angles.
 const std::set<std::string> kQuantities = {"rms",         "mean",        "p95",           "max",
@@ -63,17 +76,56 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
                                            "position",    "common",      "residual",      "distance",
                                            "total",       "interval_95", "held_out_rms",  "orientation_length",
                                            "history",     "centre",      "cell",          "position_measured_frame",
-                                           "independent", "orientation"};
+                                           "independent", "orientation", "amount",        "lower",
+                                           "upper",       "withheld",    "valid_range",   "joints"};
 
 // Names that lead to these.
-const std::set<std::string> kGroups = {
-    "position_error", "train",          "test",   "all",        "leave_one_out", "nested_leave_one_out",
-    "k_fold",         "before",         "after",  "held_out",   "exported_urdf", "test_at_fitted_poses",
-    "iso_9283",       "accuracy",       "asked",  "cells",      "repeatability", "predicted_accuracy",
-    "measured",       "workspace",      "noise",  "repeats",    "observability", "test_at_new_poses",
-    "lack_of_fit",    "influence",      "points", "input",      "model",         "parameters",
-    "priors",         "residuals",      "rows",   "statistics", "targets",       "tried",
-    "base",           "held_out_points"};
+const std::set<std::string> kGroups = {"position_error",
+                                       "train",
+                                       "test",
+                                       "all",
+                                       "leave_one_out",
+                                       "nested_leave_one_out",
+                                       "k_fold",
+                                       "before",
+                                       "after",
+                                       "held_out",
+                                       "exported_urdf",
+                                       "test_at_fitted_poses",
+                                       "test_at_new_poses",
+                                       "iso_9283",
+                                       "accuracy",
+                                       "repeatability",
+                                       "predicted_accuracy",
+                                       "measured",
+                                       "workspace",
+                                       "asked",
+                                       "cells",
+                                       "region",
+                                       "noise",
+                                       "repeats",
+                                       "observability",
+                                       "lack_of_fit",
+                                       "influence",
+                                       "points",
+                                       "input",
+                                       "model",
+                                       "parameters",
+                                       "priors",
+                                       "residuals",
+                                       "rows",
+                                       "largest",
+                                       "statistics",
+                                       "targets",
+                                       "tried",
+                                       "base",
+                                       "held_out_points",
+                                       "effects",
+                                       "terms",
+                                       "function",
+                                       "findings",
+                                       "covariance",
+                                       "undetermined"};
 
 bool is_index(const std::string& key) { return parsed_number(key).has_value(); }
 

@@ -11,6 +11,7 @@
 #include "base/sha256.hpp"
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
+#include "cli/requirements.hpp"
 #include "cli_options_support.hpp"
 #include "cli_support.hpp"
 #include "effects/arm_kinematics.hpp"
@@ -20,6 +21,7 @@
 #include "planning/measuring_plan.hpp"
 #include "planning/simulation.hpp"
 #include "printed_text.hpp"
+#include "refusal.hpp"
 #include "report_page_support.hpp"
 #include "results/result_json.hpp"
 #include "results/saved_calibration.hpp"
@@ -557,7 +559,22 @@ void collect_keys(const Json& json, std::set<std::string>& keys) {
   }
 }
 
-TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadme) {
+// Whether --require takes each number below the path, either with a unit or without one.
+void expect_requirable(const Json& json, const std::string& path) {
+  if (json.is_number()) {
+    const auto is_taken = [&](const char* value) {
+      return refusal([&] { cli::parse_requirement(path + "<" + value); }) == "nothing was refused";
+    };
+    EXPECT_NE(is_taken("1"), is_taken("1mm")) << path;
+  }
+  for (const auto& [key, value] : json.items()) {
+    if (json.is_structured() && key != "replaced_by") {
+      expect_requirable(value, path.empty() ? key : path + "." + key);
+    }
+  }
+}
+
+TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadmeAndEveryNumberMayBeRequired) {
   const std::vector<std::string> noisy = {"simulate", "--noise",       "2e-5", "--length-sigma",
                                           "0.001",    "--angle-sigma", "0.001"};
   const auto simulate = [&](std::vector<std::string> more) {
@@ -568,18 +585,20 @@ TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadme) {
             "--test-configurations", "5", "--output", "m.csv"});
   write("asked.csv", "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0,0,0,0,0,0\n");
   std::set<std::string> keys;
-  collect_keys(
-      run_json({"calibrate", "--measurements", "m.csv", "--noise", "repeats", "--prior", "auto", "--effects", "auto",
-                "--leave-one-out", "--nested", "--k-fold", "3", "--predict-at", "asked.csv", "--json"}),
-      keys);
+  const auto read = [&](const Json& json) {
+    collect_keys(json, keys);
+    expect_requirable(json, "");
+  };
+  read(run_json({"calibrate", "--measurements", "m.csv", "--noise", "repeats", "--prior", "auto", "--effects", "auto",
+                 "--leave-one-out", "--nested", "--k-fold", "3", "--predict-at", "asked.csv", "--json"}));
   simulate({"--output", "points.csv"});
   Measurements points = read_measurements(directory / "points.csv", joint_names(fanuc()));
   points.observations[40].position.y() += 0.01;
   write("mistyped.csv", measurements_csv(points));
   const Outcome mistyped = run({"calibrate", "--measurements", "mistyped.csv", "--method", "two-step", "--json"});
-  collect_keys(Json::parse(mistyped.out), keys);
-  collect_keys(Json::parse(run({"calibrate", "--measurements", "mistyped.csv", "--loss", "tukey", "--json"}).out),
-               keys);
+  read(Json::parse(mistyped.out));
+  read(Json::parse(run({"calibrate", "--measurements", "mistyped.csv", "--loss", "tukey", "--json"}).out));
+  read(Json::parse(run({"validate", "--measurements", "mistyped.csv", "--json"}).out));
   EXPECT_TRUE(keys.count("findings") == 1 && keys.count("convergence_factor") == 1 && keys.count("asked") == 1 &&
               keys.count("cook") == 1 && keys.count("weights") == 1 && keys.count("nested_leave_one_out") == 1 &&
               keys.count("exported_urdf") == 1 && keys.count("amount") == 1 && keys.count("lower_triangle") == 1 &&
