@@ -1,6 +1,6 @@
 #pragma once
 
-// Everything that is public. Each function throws InputError for bad input, and nothing else.
+// Everything that is public. Functions throw InputError for bad input, in one line: what, where, what was expected.
 
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/calibrate.hpp"

@@ -56,25 +56,4 @@ std::string read_text_file(const std::filesystem::path& path) {
   return text;
 }
 
-void replace_file(const std::filesystem::path& path, std::string_view text, const std::filesystem::path& read) {
-  std::error_code none;
-  if (std::filesystem::equivalent(path, read, none)) {
-    throw InputError(path.string() + ": is the file that was read, expected another one");
-  }
-  std::filesystem::path beside = path;
-  beside += ".tmp";
-  File file(std::fopen(beside.c_str(), "wbx"));
-  if (!file) {
-    fail(beside.string(), "cannot be created", errno);
-  }
-  const bool whole =
-      std::fwrite(text.data(), 1, text.size(), file.get()) == text.size() && std::fflush(file.get()) == 0;
-  file.reset();
-  if (!whole || (std::filesystem::rename(beside, path, none), none)) {
-    const int error = whole ? none.value() : errno;
-    std::filesystem::remove(beside, none);
-    fail(path.string(), "cannot be written", error);
-  }
-}
-
 }  // namespace kdl_calibration

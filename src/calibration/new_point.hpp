@@ -34,9 +34,6 @@ NewPointNoise new_point_noise(const NoiseReport& noise);
 /// tr Sigma^2, the squared error over s^2 is about F with k and nu degrees of freedom (Satterthwaite 1946, Box 1954),
 /// nu those of tr S: radius s sqrt(F_0.95(k, nu)).
 NewPoint new_point(const PointPrediction& prediction, const NewPointNoise& noise);
-inline NewPoint new_point(const PointPrediction& prediction, const NoiseReport& noise) {
-  return new_point(prediction, new_point_noise(noise));
-}
 
 /// See MeasuredRegion.
 MeasuredRegion measured_region(const Measurements& measurements, const std::vector<HeldOutPoint>& held_out,

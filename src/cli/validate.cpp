@@ -261,14 +261,15 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const Measurements measurements = read(arguments.measurements, robot);
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values, measurements.signals);
-  const RegisteredErrors errors = registered_errors(X_BF, measurements, known);
+  const Measurements to_register = rows_to_register(measurements);
+  const RegisteredErrors errors = registered_errors(X_BF, measurements, to_register, known);
   const Registration& registration = errors.registration;
   const Estimate estimate{.errors = arm.estimate.errors,
                           .X_WB = registration.X_WB,
                           .targets = registration.targets,
                           .effects = arm.estimate.effects};
   const std::string result = json(errors);
-  Words words = judged(arguments, model, rows_to_register(measurements), estimate, known);
+  Words words = judged(arguments, model, to_register, estimate, known);
   if (words.doubts.empty() && absurd(model, registration.rms)) {
     words.doubts.push_back(fmt::format(
         "a misfit of {:.1f} mm is more than geometric errors explain; are units, signs and order of the joints right?",

@@ -7,12 +7,11 @@
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "calibration/calibrate.hpp"
-#include "estimation/input_check.hpp"
+#include "calibration/new_point.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/version.hpp"
-#include "uncertainty/identifiability.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -25,19 +24,26 @@ KDL::Vector unit_vector(const Eigen::Vector3d& direction) {
   return {unit.x(), unit.y(), unit.z()};
 }
 
-PredictionBasis basis_of(const CalibrationResult& result) {
-  return {.model = result.model,
-          .estimate = result.fit.identification.estimate,
-          .free = result.fit.free,
-          .covariance = result.uncertainty.covariance,
-          .candidates = result.fit.candidates,
-          .undetermined = result.uncertainty.predicted.undetermined,
-          .noise = new_point_noise(result.noise),
-          .region = result.uncertainty.predicted.region};
-}
-
-std::vector<Doubt> all_doubts(const Diagnosis& diagnosis) {
-  return diagnosis.reservation ? std::vector<Doubt>{*diagnosis.reservation} : diagnosis.doubts;
+SavedCalibration summary_of(const CalibrationResult& result) {
+  const Diagnosis& diagnosis = result.diagnosis;
+  SavedCalibration summary{{.model = result.model,
+                            .estimate = result.fit.identification.estimate,
+                            .free = result.fit.free,
+                            .covariance = result.uncertainty.covariance,
+                            .candidates = result.fit.candidates,
+                            .undetermined = result.uncertainty.predicted.undetermined,
+                            .noise = new_point_noise(result.noise),
+                            .region = result.uncertainty.predicted.region}};
+  summary.verdict = result.verdict();
+  summary.doubts = diagnosis.reservation ? std::vector<Doubt>{*diagnosis.reservation} : diagnosis.doubts;
+  summary.warnings = diagnosis.warnings;
+  summary.accuracy = result.accuracy;
+  summary.parameters = result.uncertainty.parameters;
+  summary.urdf_errors = result.exported.estimate.errors;
+  if (result.exported.nominal_kept) {
+    summary.urdf_errors.setZero();
+  }
+  return summary;
 }
 
 }  // namespace
@@ -45,6 +51,28 @@ std::vector<Doubt> all_doubts(const Diagnosis& diagnosis) {
 const char* version() { return KDL_CALIBRATION_VERSION; }
 
 std::string hash_of(const Robot& robot) { return sha256(robot.urdf + '\n' + robot.base + '\n' + robot.tip); }
+
+std::string hash_of(const Measurements& measurements) {
+  std::string bytes;
+  const auto add = [&](const auto& value) { bytes.append(reinterpret_cast<const char*>(&value), sizeof value); };
+  for (const double value : measurements.joint_values.reshaped()) {
+    add(value);
+  }
+  for (const Observation& row : measurements.observations) {
+    for (const double value : row.position) {
+      add(value);
+    }
+    add(row.configuration);
+    add(row.target);
+    add(row.split);
+  }
+  for (const std::vector<std::string>* names : {&measurements.configurations, &measurements.targets}) {
+    for (const std::string& name : *names) {
+      bytes += name + '\n';
+    }
+  }
+  return sha256(bytes);
+}
 
 void require_same_robot(const Robot& robot, const Calibration& calibration) {
   if (hash_of(robot) != calibration.parts().robot) {
@@ -59,31 +87,20 @@ const FittedCalibration& fitted_calibration(const Robot& robot, const Measuremen
     refuse_input("the calibration was read from a file", "one that calibrate has just made");
   }
   const FittedCalibration& fitted = *calibration.parts().fitted;
-  check(measurements, fitted.result.model);
-  check(fitted.result.fit.identification.estimate, fitted.result.model, measurements);
+  if (hash_of(measurements) != fitted.measurements) {
+    refuse_input("these are other measurements than those of the calibration", "the same");
+  }
   return fitted;
 }
 
 Calibration calibrate(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
   ErrorModel model = complete_model(robot);
   model.gravity = unit_vector(options.effects.gravity_direction);
-  FittedCalibration fitted{.settings = settings_of(options), .result = {}};
+  FittedCalibration fitted{.measurements = hash_of(measurements), .settings = settings_of(options), .result = {}};
   fitted.result = calibrate(model, measurements, fitted.settings);
-  const CalibrationResult& result = fitted.result;
-  auto parts = std::make_shared<CalibrationParts>(CalibrationParts{.robot = hash_of(robot),
-                                                                   .verdict = result.verdict(),
-                                                                   .doubts = all_doubts(result.diagnosis),
-                                                                   .warnings = result.diagnosis.warnings,
-                                                                   .accuracy = result.accuracy,
-                                                                   .parameters = result.uncertainty.parameters,
-                                                                   .basis = basis_of(result),
-                                                                   .urdf_errors = result.exported.estimate.errors,
-                                                                   .fitted = {}});
-  if (result.exported.nominal_kept) {
-    parts->urdf_errors.setZero();
-  }
-  parts->fitted = std::move(fitted);
-  return Calibration(std::move(parts));
+  SavedCalibration summary = summary_of(fitted.result);
+  return Calibration(
+      std::make_shared<CalibrationParts>(CalibrationParts{std::move(summary), hash_of(robot), std::move(fitted)}));
 }
 
 Calibration::Calibration(std::shared_ptr<const CalibrationParts> parts) : parts_(std::move(parts)) {
@@ -97,8 +114,8 @@ const std::vector<Doubt>& Calibration::doubts() const { return parts_->doubts; }
 const std::vector<std::string>& Calibration::warnings() const { return parts_->warnings; }
 const Accuracy& Calibration::accuracy() const { return parts_->accuracy; }
 const std::vector<ParameterEstimate>& Calibration::parameters() const { return parts_->parameters; }
-std::vector<std::string> Calibration::estimated() const { return parts_->basis.free.names(); }
-const Eigen::MatrixXd& Calibration::covariance() const { return parts_->basis.covariance; }
+std::vector<std::string> Calibration::estimated() const { return parts_->free.names(); }
+const Eigen::MatrixXd& Calibration::covariance() const { return parts_->covariance; }
 
 const ParameterEstimate& Calibration::parameter(const std::string& name) const {
   const auto found = std::find_if(parts_->parameters.begin(), parts_->parameters.end(),
@@ -109,8 +126,8 @@ const ParameterEstimate& Calibration::parameter(const std::string& name) const {
   return *found;
 }
 
-CalibratedArm Calibration::arm() const { return CalibratedArm({parts_, &parts_->basis}); }
+CalibratedArm Calibration::arm() const { return CalibratedArm(parts_); }
 
-KDL::Chain Calibration::urdf_chain() const { return folded_chain(parts_->basis.model, parts_->urdf_errors); }
+KDL::Chain Calibration::urdf_chain() const { return folded_chain(parts_->model, parts_->urdf_errors); }
 
 }  // namespace kdl_calibration

@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "base/text_file.hpp"
+#include "base/whole_files.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/report_page.hpp"
 #include "kdl_calibration/urdf_export.hpp"
@@ -16,6 +16,15 @@
 namespace kdl_calibration {
 namespace {
 
+// Replaces the file, but none of those that were read.
+void write_file(const std::filesystem::path& file, const std::string& text, const Robot& robot,
+                const std::string& measurements = {}) {
+  write_whole(
+      {{.option = {}, .path = file.string(), .text = text}},
+      {{.option = "this calibration", .path = robot.source}, {.option = "this calibration", .path = measurements}},
+      true);
+}
+
 std::string result_of(const Robot& robot, const Measurements& measurements, const Calibration& calibration) {
   const FittedCalibration& fitted = fitted_calibration(robot, measurements, calibration);
   return result_json(robot, measurements, fitted.settings, fitted.result);
@@ -25,51 +34,35 @@ std::string result_of(const Robot& robot, const Measurements& measurements, cons
 
 void write_result(const std::filesystem::path& file, const Robot& robot, const Measurements& measurements,
                   const Calibration& calibration) {
-  replace_file(file, result_of(robot, measurements, calibration), robot.source);
+  write_file(file, result_of(robot, measurements, calibration), robot, measurements.source);
 }
 
 void write_report(const std::filesystem::path& file, const Robot& robot, const Measurements& measurements,
                   const Calibration& calibration) {
   const std::string result = result_of(robot, measurements, calibration);
   const FittedCalibration& fitted = *calibration.parts().fitted;
-  replace_file(file,
-               calibration_page({.result = result,
-                                 .source = "the result",
-                                 .robot = &robot,
-                                 .measurements = &measurements,
-                                 .known = known_frames(fitted.settings.parameters),
-                                 .plan_command = {}}),
-               robot.source);
+  write_file(file,
+             calibration_page({.result = result,
+                               .source = "the result",
+                               .robot = &robot,
+                               .measurements = &measurements,
+                               .known = known_frames(fitted.settings.parameters),
+                               .plan_command = {}}),
+             robot, measurements.source);
 }
 
 std::string calibrated_urdf(const Robot& robot, const Calibration& calibration) {
   require_same_robot(robot, calibration);
-  return calibrated_urdf(robot, calibration.parts().basis.model, calibration.parts().urdf_errors);
+  return calibrated_urdf(robot, calibration.parts().model, calibration.parts().urdf_errors);
 }
 
 void write_urdf(const std::filesystem::path& file, const Robot& robot, const Calibration& calibration) {
-  replace_file(file, calibrated_urdf(robot, calibration), robot.source);
+  write_file(file, calibrated_urdf(robot, calibration), robot);
 }
 
 Calibration load_calibration(const std::filesystem::path& file, const Robot& robot) {
-  SavedCalibration saved = read_calibration(file, robot);
   return Calibration(
-      std::make_shared<CalibrationParts>(CalibrationParts{.robot = hash_of(robot),
-                                                          .verdict = saved.verdict,
-                                                          .doubts = std::move(saved.doubts),
-                                                          .warnings = std::move(saved.warnings),
-                                                          .accuracy = saved.accuracy,
-                                                          .parameters = std::move(saved.parameters),
-                                                          .basis = {.model = std::move(saved.model),
-                                                                    .estimate = std::move(saved.estimate),
-                                                                    .free = std::move(saved.free),
-                                                                    .covariance = std::move(saved.covariance),
-                                                                    .candidates = std::move(saved.candidates),
-                                                                    .undetermined = std::move(saved.undetermined),
-                                                                    .noise = saved.noise,
-                                                                    .region = std::move(saved.region)},
-                                                          .urdf_errors = std::move(saved.urdf_errors),
-                                                          .fitted = {}}));
+      std::make_shared<CalibrationParts>(CalibrationParts{read_calibration(file, robot), hash_of(robot), {}}));
 }
 
 }  // namespace kdl_calibration

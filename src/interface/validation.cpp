@@ -15,8 +15,9 @@ PositionErrors errors_of(const ErrorModel& model, const Estimate& geometry, cons
   check(measurements, model);
   const RegistrationOptions frames{.known_base = known.base, .known_targets = known.targets};
   check(frames);
-  RegisteredErrors errors = registered_errors(
-      flange_poses(model, geometry, measurements.joint_values, measurements.signals), measurements, frames);
+  RegisteredErrors errors =
+      registered_errors(flange_poses(model, geometry, measurements.joint_values, measurements.signals), measurements,
+                        rows_to_register(measurements), frames);
   return {.all = errors.all,
           .train = errors.train,
           .test = errors.test,
@@ -35,8 +36,7 @@ PositionErrors validate(const Robot& robot, const Measurements& measurements, co
 }
 
 PositionErrors validate(const Calibration& calibration, const Measurements& measurements, const KnownFrames& known) {
-  const PredictionBasis& basis = calibration.parts().basis;
-  return errors_of(basis.model, basis.estimate, measurements, known);
+  return errors_of(calibration.parts().model, calibration.parts().estimate, measurements, known);
 }
 
 }  // namespace kdl_calibration

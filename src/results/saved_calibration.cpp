@@ -221,9 +221,10 @@ void read_estimates(const Node& top, SavedCalibration& saved) {
   }
 }
 
-// What the radius of a new point needs; files before version 0.2 lack a part of it.
+// What the radius of a new point needs. Files before version 0.2 lack a part of it, large results the covariance.
 void read_prediction(const Node& top, SavedCalibration& saved) {
-  if (!has(top, "predicted_accuracy") || !has(member(top, "predicted_accuracy"), "region")) {
+  if (saved.covariance.size() == 0 || !has(top, "predicted_accuracy") ||
+      !has(member(top, "predicted_accuracy"), "region")) {
     return;
   }
   const Node predicted = member(top, "predicted_accuracy");

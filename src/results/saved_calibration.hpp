@@ -7,27 +7,19 @@
 #include <vector>
 
 #include "calibration/calibration_result.hpp"
-#include "calibration/new_point.hpp"
+#include "calibration/point_predictor.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
 
-/// A calibration as read from a result file. Files of version 0.1 and truth files hold a part of it.
-struct SavedCalibration {
-  ErrorModel model;   ///< with the effects that were estimated
-  Estimate estimate;  ///< base identity and no targets if the file has none
-  Unknowns free;
-  /// Of the columns of `free` in their order; infinite variance if not determined; empty if the file has none.
-  Eigen::MatrixXd covariance;
+/// A calibration as read from a result file. Files of version 0.1 and truth files hold a part of it: without a base it
+/// is the identity, without a covariance that is empty.
+struct SavedCalibration : PredictionBasis {
   Verdict verdict = Verdict::not_trusted;
   std::vector<Doubt> doubts;  ///< with the reservation
   std::vector<std::string> warnings;
   Accuracy accuracy;
   std::vector<ParameterEstimate> parameters;
-  Unknowns candidates;
-  Eigen::MatrixXd undetermined;  ///< candidates x directions that the measurements do not determine
-  NewPointNoise noise;
-  MeasuredRegion region;
   Eigen::VectorXd urdf_errors;  ///< of the exported URDF
 
   bool trusted() const { return verdict != Verdict::not_trusted; }

@@ -61,10 +61,9 @@ Measurements rows_to_register(Measurements measurements) {
 }
 
 RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
-                                   const RegistrationOptions& known) {
-  const Measurements fitted = rows_to_register(measurements);
-  RegisteredErrors result{.registration = register_base_and_targets(X_BF, fitted, known)};
-  result.freedom = freedom_of(*TrainingRows(fitted), known, result.registration);
+                                   const Measurements& to_register, const RegistrationOptions& known) {
+  RegisteredErrors result{.registration = register_base_and_targets(X_BF, to_register, known)};
+  result.freedom = freedom_of(*TrainingRows(to_register), known, result.registration);
   require_freedom(result.freedom, measurements.source);
   const Estimate placed{.errors = {}, .X_WB = result.registration.X_WB, .targets = result.registration.targets};
   const auto statistics = [&](Rows rows) {

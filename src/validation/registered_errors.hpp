@@ -39,8 +39,9 @@ bool has_only_test_rows(const Measurements& measurements);
 /// The measurements; if there are only test rows, with these as training rows.
 Measurements rows_to_register(Measurements measurements);
 
-/// `X_BF` holds one flange pose per configuration. Throws InputError if base and targets take all coordinates.
+/// Errors at `measurements`, with base and targets registered to rows_to_register(measurements). `X_BF` holds one
+/// flange pose per configuration. Throws InputError if base and targets take all coordinates.
 RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
-                                   const RegistrationOptions& known);
+                                   const Measurements& to_register, const RegistrationOptions& known);
 
 }  // namespace kdl_calibration

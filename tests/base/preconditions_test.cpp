@@ -283,7 +283,7 @@ TEST(Doors, OfTheCalibrationRefuseWhatDoesNotFit) {
   unnamed.predict_at = {.names = {"a"}, .joint_values = MatrixXd::Zero(6, 4)};
   Estimate short_one = s.estimate;
   short_one.errors = s.few;
-  SavedCalibration saved{.model = s.model, .estimate = short_one};
+  SavedCalibration saved{{.model = s.model, .estimate = short_one}};
   CalibrationResult calibration;
   calibration.model = s.model;
   calibration.fit.identification.estimate = short_one;

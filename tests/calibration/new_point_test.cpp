@@ -51,7 +51,7 @@ TEST(NewPoint, HasTheRadiusOfParametersNoiseAndMisfitTogether) {
     const PointPrediction there{.covariance = some_covariance(), .place = Vector3d(1.0, 2.0, 3.0), .repeats = repeats};
     const Matrix3d misfit = (7e-5 * 7e-5 + 3e-5 * 3e-5) * Matrix3d::Identity();
     const Matrix3d point = diagonal({2e-5, 3e-5, 4e-5}) + diagonal({5e-5, 1e-5, 6e-5});
-    const NewPoint by_residuals = new_point(there, noise);
+    const NewPoint by_residuals = new_point(there, new_point_noise(noise));
     EXPECT_EQ(by_residuals.degrees_of_freedom, noise.freedom_of_covariance());
     const double expected =
         radius_of(some_covariance() + 2.5 / repeats * point + misfit, noise.freedom_of_covariance());
@@ -61,7 +61,7 @@ TEST(NewPoint, HasTheRadiusOfParametersNoiseAndMisfitTogether) {
     parts.variances << 1e-9, 2e-9, 3e-9, 1e-9, 2e-9, 4e-10, 5e-10, 6e-10, 0.0;
     parts.covariance.diagonal().setConstant(1e-20);
     noise.parts = parts;
-    const NewPoint by_parts = new_point(there, noise);
+    const NewPoint by_parts = new_point(there, new_point_noise(noise));
     EXPECT_EQ(by_parts.degrees_of_freedom, parts.freedom_of_point());
     EXPECT_NEAR(by_parts.radius_95 / radius_of(some_covariance() + point / repeats + misfit, parts.freedom_of_point()),
                 1.0, 1e-12);
@@ -77,7 +77,7 @@ TEST(NewPoint, IsMeasuredByTheTrackerAtItsPlace) {
   const Matrix3d rest = diagonal({5e-5, 1e-5, 6e-5}) + (7e-5 * 7e-5 + 3e-5 * 3e-5) * Matrix3d::Identity();
   const double freedom = noise.freedom_of_covariance();
   const auto radius_at = [&](const Vector3d& place) {
-    return new_point({.covariance = Matrix3d::Zero(), .place = place}, noise).radius_95;
+    return new_point({.covariance = Matrix3d::Zero(), .place = place}, new_point_noise(noise)).radius_95;
   };
   EXPECT_NEAR(radius_at({1.0, 0.0, 0.0}) / radius_of(near + rest, freedom), 1.0, 1e-12);
   EXPECT_NEAR(radius_at({0.0, 5.0, 0.0}) / radius_of(far + rest, freedom), 1.0, 1e-12);
@@ -85,24 +85,26 @@ TEST(NewPoint, IsMeasuredByTheTrackerAtItsPlace) {
 
 TEST(NewPoint, HasNoRadiusWhereItIsNotDeterminedAndNoneWithoutNoise) {
   const Matrix3d infinite = Vector3d::Constant(kInfinity).asDiagonal();
-  const NewPoint unknown = new_point({.covariance = infinite, .place = Vector3d::Zero()}, some_noise());
+  const NewPoint unknown =
+      new_point({.covariance = infinite, .place = Vector3d::Zero()}, new_point_noise(some_noise()));
   EXPECT_EQ(unknown.radius_95, kInfinity);
   EXPECT_EQ(unknown.degrees_of_freedom, some_noise().freedom_of_covariance());
   NoiseReport none;
   none.source = NoiseSource::residuals;
   none.degrees_of_freedom = 5.0;
-  EXPECT_EQ(new_point({.covariance = Matrix3d::Zero(), .place = Vector3d::Zero()}, none).radius_95, 0.0);
+  EXPECT_EQ(new_point({.covariance = Matrix3d::Zero(), .place = Vector3d::Zero()}, new_point_noise(none)).radius_95,
+            0.0);
 }
 
 TEST(NewPoint, RestsOnOneDegreeOfFreedomAtLeast) {
   NoiseReport noise = some_noise();
   noise.degrees_of_freedom = 0.3;
   const PointPrediction there{.covariance = some_covariance(), .place = Vector3d::Zero()};
-  const double radius = new_point(there, noise).radius_95;
+  const double radius = new_point(there, new_point_noise(noise)).radius_95;
   noise.degrees_of_freedom = 1.0;
-  EXPECT_EQ(radius, new_point(there, noise).radius_95);
+  EXPECT_EQ(radius, new_point(there, new_point_noise(noise)).radius_95);
   noise.degrees_of_freedom = 1.2;
-  EXPECT_GT(radius, new_point(there, noise).radius_95);
+  EXPECT_GT(radius, new_point(there, new_point_noise(noise)).radius_95);
 }
 
 // ---- the measured region -------------------------------------------------------------------------------------------
@@ -117,7 +119,8 @@ std::vector<HeldOutPoint> held_out(const std::vector<std::vector<double>>& ratio
       point.repeats = 1.0 + static_cast<double>(c % 3);
       point.measured = Vector3d(1.0, static_cast<double>(c), 0.0);
       const double radius =
-          new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise)
+          new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats},
+                    new_point_noise(noise))
               .radius_95;
       point.residual = ratios[c][k] * radius * Vector3d(0.6, 0.0, -0.8);
       result.push_back(point);

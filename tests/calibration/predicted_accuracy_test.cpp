@@ -94,7 +94,7 @@ TEST(PredictedAccuracy, OfAskedPointsIsThatOfTheirColumnsAndOfANewPoint) {
     const Eigen::Matrix3d P = predicted_covariance(predictor, u.covariance, asked.col(c), i % 3);
     EXPECT_LT((point.std - P.diagonal().cwiseSqrt()).norm(), 1e-9 * point.std.norm());
     EXPECT_NEAR(point.sigma, std::sqrt(P.trace()), 1e-9 * point.sigma);
-    const NewPoint fresh = new_point({.covariance = P, .place = truth.X_WB * place}, u.noise);
+    const NewPoint fresh = new_point({.covariance = P, .place = truth.X_WB * place}, new_point_noise(u.noise));
     EXPECT_NEAR(point.radius_95, 1.4 * fresh.radius_95, 1e-9 * point.radius_95);
     EXPECT_EQ(point.degrees_of_freedom, fresh.degrees_of_freedom);
     EXPECT_EQ(point.outside, c == 2);

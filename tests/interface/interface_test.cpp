@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -224,6 +225,39 @@ TEST_F(InterfaceFiles, ResultReadBackPredictsTheSame) {
   }
 }
 
+TEST_F(InterfaceFiles, ResultWithoutCovarianceGivesNoRadius) {
+  SimulationOptions many;
+  for (int k = 0; k < 95; ++k) {  // 309 parameters
+    TargetFrame& target = many.targets.emplace_back(TargetFrame{.name = "t" + std::to_string(k)});
+    target.X_FT.translation() = 0.1 * Eigen::Vector3d(std::sin(k), std::cos(k), 0.01 * k);
+  }
+  many.noise = 3e-5;
+  const Measurements data = simulate(fanuc(), many).measurements;
+  const CalibrationOptions geometry{.priors = {.automatic = false},
+                                    .effects = {.automatic = false},
+                                    .validation = {.held_out = false},
+                                    .diagnosis = {.try_readings = false}};
+  const Calibration large = calibrate(fanuc(), data, geometry);
+  write_result(file("large.json"), fanuc(), data, large);
+  const CalibratedArm again = load_calibration(file("large.json"), fanuc()).arm();
+  EXPECT_GT(large.arm().predict(somewhere(), "t7").covariance.trace(), 0.0);
+  EXPECT_LT((again.flange_pose(somewhere()).matrix() - large.arm().flange_pose(somewhere()).matrix()).norm(), 1e-12);
+  EXPECT_THAT(testing::refusal([&] { again.predict(somewhere(), "t7"); }), HasSubstr("at most 300 parameters"));
+}
+
+TEST_F(InterfaceFiles, LinksAndModesStayAndNothingElseThanAFileIsReplaced) {
+  std::ofstream(file("old.urdf")) << "old";
+  fs::permissions(file("old.urdf"), fs::perms::owner_read | fs::perms::owner_write);
+  fs::create_symlink(file("old.urdf"), file("link.urdf"));
+  write_urdf(file("link.urdf"), fanuc(), found());
+  EXPECT_TRUE(fs::is_symlink(file("link.urdf")));
+  EXPECT_EQ(text_of(file("old.urdf")), calibrated_urdf(fanuc(), found()));
+  EXPECT_EQ(fs::status(file("old.urdf")).permissions(), fs::perms::owner_read | fs::perms::owner_write);
+  ASSERT_EQ(::mkfifo(file("pipe").c_str(), 0600), 0);
+  EXPECT_THAT(testing::refusal([&] { write_urdf(file("pipe"), fanuc(), found()); }), HasSubstr("no regular file"));
+  EXPECT_TRUE(fs::is_fifo(file("pipe")));
+}
+
 TEST_F(InterfaceFiles, UndeterminedDirectionsAreReadBack) {
   Measurements still = experiment().measurements;
   still.joint_values.row(3).setConstant(0.2);
@@ -257,10 +291,10 @@ TEST_F(InterfaceFiles, ExportsReplaceWholeFilesButNeverTheOneThatWasRead) {
   const Robot own = load_robot(file("own.urdf"));
   const Calibration of_own = calibrate(own, experiment().measurements, {.diagnosis = {.try_readings = false}});
   EXPECT_THAT(testing::refusal([&] { write_urdf(file("own.urdf"), own, of_own); }),
-              HasSubstr("is the file that was read"));
+              HasSubstr("is the file that this calibration reads"));
   EXPECT_EQ(text_of(file("own.urdf")), fanuc().urdf);
   EXPECT_THAT(testing::refusal([&] { write_urdf(file("none/calibrated.urdf"), fanuc(), found()); }),
-              HasSubstr("cannot be created"));
+              HasSubstr("is no directory that exists"));
   EXPECT_EQ(std::distance(fs::directory_iterator(file("")), fs::directory_iterator()), 3);
 }
 
@@ -280,6 +314,8 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
   beyond.observations.front().configuration = 99;
   Measurements unknown = data;
   unknown.observations.front().position.x() = std::numeric_limits<double>::quiet_NaN();
+  Measurements shifted = data;
+  shifted.observations.back().position.z() += 1e-3;
   Eigen::VectorXd nan = somewhere();
   nan[2] = std::numeric_limits<double>::quiet_NaN();
   Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
@@ -317,7 +353,14 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"another robot's result", [&] { write_result(file("x"), other, data, c); }, "was not made with"},
       {"another robot's page", [&] { write_report(file("x"), other, data, c); }, "was not made with"},
       {"result of a file", [&] { write_result(file("x"), fanuc(), data, read); }, "read from a file"},
-      {"other measurements", [&] { write_result(file("x"), fanuc(), fewer, c); }, "6 names of joints"},
+      {"other measurements", [&] { write_result(file("x"), fanuc(), fewer, c); }, "other measurements"},
+      {"a part of them",
+       [&] {
+         const auto early = [](const Observation& o) { return o.configuration < 4; };
+         write_report(file("x"), fanuc(), subset(data, early), c);
+       },
+       "other measurements"},
+      {"other points", [&] { write_result(file("x"), fanuc(), shifted, c); }, "other measurements"},
       {"load, robot", [&] { load_calibration(file("r.json"), other); }, "hash"},
       {"load, none", [&] { load_calibration(file("none.json"), fanuc()); }, "cannot be opened"},
       {"validate", [&] { validate(fanuc(), fewer); }, "6 names of joints"},

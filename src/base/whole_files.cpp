@@ -1,0 +1,289 @@
+#include "base/whole_files.hpp"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <system_error>
+#include <utility>
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+namespace fs = std::filesystem;
+
+[[noreturn]] void fail(const OutputFile& file, const std::string& what) {
+  throw InputError((file.option.empty() ? "'" : file.option + ": '") + file.path + "' " + what);
+}
+
+[[noreturn]] void fail_to_write(const OutputFile& file, int error) {
+  fail(file, "cannot be written: " + std::generic_category().message(error));
+}
+
+// Temporary files to remove on a signal.
+constexpr std::size_t kMostTemporaries = 8;
+std::array<std::atomic<const char*>, kMostTemporaries> temporaries_at_risk{};
+
+void end_by_signal(int signal) {
+  for (const std::atomic<const char*>& path : temporaries_at_risk) {
+    if (const char* text = path.load(); text != nullptr) {
+      ::unlink(text);
+    }
+  }
+  std::signal(signal, SIG_DFL);
+  std::raise(signal);  // the parent sees the signal: status 130 for Ctrl-C
+}
+
+// Signals that end a program by default, without those of program faults except SIGABRT. Batch systems send several of
+// them.
+constexpr std::array kEndingSignals = {SIGHUP,  SIGINT,    SIGQUIT, SIGABRT, SIGPIPE, SIGALRM,   SIGTERM, SIGUSR1,
+                                       SIGUSR2, SIGSTKFLT, SIGPOLL, SIGPROF, SIGPWR,  SIGVTALRM, SIGXCPU};
+
+// Blocks the signals that end the process during its lifetime.
+class SignalsHeld {
+public:
+  SignalsHeld() {
+    sigset_t held;
+    ::sigemptyset(&held);
+    for (const int signal : kEndingSignals) {
+      ::sigaddset(&held, signal);
+    }
+    ::pthread_sigmask(SIG_BLOCK, &held, &before_);
+  }
+  ~SignalsHeld() { ::pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
+  SignalsHeld(const SignalsHeld&) = delete;
+  SignalsHeld& operator=(const SignalsHeld&) = delete;
+
+private:
+  sigset_t before_{};
+};
+
+// A temporary file, removed by its destructor or when the process ends, unless it was renamed.
+class Temporary {
+public:
+  Temporary(const OutputFile& file, const fs::path& directory) : file_(file) {
+    const SignalsHeld held;
+    for (int attempt = 0; descriptor_ < 0; ++attempt) {
+      path_ = directory / (".kdlcal-" + std::to_string(::getpid()) + "-" + std::to_string(attempt) + ".tmp");
+      descriptor_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+      if (descriptor_ < 0 && (errno != EEXIST || attempt > 1000)) {
+        fail_to_write(file_, errno);
+      }
+    }
+    for (std::atomic<const char*>& path : temporaries_at_risk) {
+      const char* none = nullptr;
+      if (path.compare_exchange_strong(none, path_.c_str())) {
+        break;
+      }
+    }
+  }
+  ~Temporary() {
+    const SignalsHeld held;
+    if (descriptor_ >= 0) {
+      ::close(descriptor_);
+    }
+    if (state_ == State::temporary || state_ == State::exchanged) {
+      ::unlink(path_.c_str());
+    }
+    for (std::atomic<const char*>& path : temporaries_at_risk) {
+      const char* own = path_.c_str();
+      path.compare_exchange_strong(own, nullptr);
+    }
+  }
+  Temporary(const Temporary&) = delete;
+  Temporary& operator=(const Temporary&) = delete;
+
+  void write(mode_t mode) {
+    const char* data = file_.text.data();
+    std::size_t left = file_.text.size();
+    while (left > 0) {
+      const ssize_t written = ::write(descriptor_, data, left);
+      if (written < 0 && errno != EINTR) {
+        fail_to_write(file_, errno);
+      }
+      const auto count = static_cast<std::size_t>(std::max<ssize_t>(written, 0));
+      data += count;
+      left -= count;
+    }
+    const bool permitted = mode == 0 || ::fchmod(descriptor_, mode) == 0;
+    if (!permitted || ::fsync(descriptor_) != 0) {
+      fail_to_write(file_, errno);
+    }
+    const int descriptor = std::exchange(descriptor_, -1);
+    if (::close(descriptor) != 0) {
+      fail_to_write(file_, errno);
+    }
+  }
+
+  // Gives the file the target's name. A replaced file gets the temporary's name, so that it can be restored.
+  void rename(const fs::path& target, bool replaces, bool force) {
+    const unsigned flags = replaces ? RENAME_EXCHANGE : force ? 0U : RENAME_NOREPLACE;
+    if (::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), flags) == 0) {
+      state_ = replaces ? State::exchanged : State::renamed;
+      return;
+    }
+    const bool unknown = errno == EINVAL || errno == ENOSYS;  // the file system supports no flags
+    const bool vanished = errno == ENOENT && replaces;
+    if (!(unknown || vanished) || ::rename(path_.c_str(), target.c_str()) != 0) {
+      fail_to_write(file_, errno);
+    }
+    state_ = replaces ? State::replaced : State::renamed;
+  }
+
+  // Restores the target from before the renaming, if possible.
+  void undo(const fs::path& target) {
+    const bool undone = (state_ == State::exchanged &&
+                         ::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), RENAME_EXCHANGE) == 0) ||
+                        (state_ == State::renamed && ::rename(target.c_str(), path_.c_str()) == 0);
+    state_ = undone ? State::temporary : state_;
+  }
+
+private:
+  enum class State { temporary, renamed, exchanged, replaced };
+
+  const OutputFile& file_;
+  fs::path path_;
+  int descriptor_ = -1;
+  State state_ = State::temporary;
+};
+
+// The file's path with symbolic links resolved, and the permissions of the replaced file (0 if there is none).
+struct Target {
+  fs::path path;
+  fs::path directory;
+  mode_t mode = 0;
+  bool exists = false;
+};
+
+Target checked_target(const OutputFile& file, bool force) {
+  std::error_code error;
+  fs::path path = file.path;
+  if (fs::is_directory(path, error)) {
+    fail(file, "is a directory, expected a file name");
+  }
+  if (path.filename().empty()) {
+    fail(file, "is no file name, expected one");
+  }
+  if (fs::is_symlink(path, error)) {
+    path = fs::canonical(path, error);
+    if (error) {
+      fail(file, "is a symbolic link that leads nowhere, expected a file name");
+    }
+  }
+  const fs::path parent = path.parent_path().empty() ? fs::path(".") : path.parent_path();
+  if (!fs::is_directory(parent, error)) {
+    fail(file, "cannot be written: '" + parent.string() + "' is no directory that exists");
+  }
+  Target target{.path = path, .directory = parent};
+  struct stat status = {};
+  if (::lstat(path.c_str(), &status) != 0) {
+    if (errno != ENOENT) {
+      fail_to_write(file, errno);
+    }
+    return target;
+  }
+  if (!S_ISREG(status.st_mode)) {
+    fail(file, "exists and is no regular file, expected a file name");
+  }
+  if (!force) {
+    fail(file, "exists, expected a new file name or --force to overwrite it");
+  }
+  target.mode = status.st_mode & 07777U;
+  target.exists = true;
+  return target;
+}
+
+// Whether both names refer to the same existing file, also through links.
+bool are_same_file(const fs::path& one, const fs::path& other) {
+  std::error_code error;
+  return fs::equivalent(one, other, error) && !error;
+}
+
+void require_no_input(const OutputFile& file, const Target& target, const std::vector<NamedFile>& inputs) {
+  for (const NamedFile& input : inputs) {
+    if (input.option != file.option && are_same_file(target.path, input.path)) {
+      fail(file, "is the file that " + input.option + " reads, expected another one");
+    }
+  }
+}
+
+std::vector<Target> checked_targets(const std::vector<OutputFile>& files, const std::vector<NamedFile>& inputs,
+                                    bool force) {
+  std::vector<Target> targets;
+  targets.reserve(files.size());
+  for (const OutputFile& file : files) {
+    targets.push_back(checked_target(file, force));
+    require_no_input(file, targets.back(), inputs);
+  }
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      const auto whole = [](const Target& target) { return fs::weakly_canonical(fs::absolute(target.path)); };
+      if (are_same_file(targets[i].path, targets[j].path) || whole(targets[i]) == whole(targets[j])) {
+        fail(files[i], "is the same file as that of " + files[j].option + ", expected another one");
+      }
+    }
+  }
+  return targets;
+}
+
+}  // namespace
+
+void remove_temporaries_on_signals() {
+  for (const int signal : kEndingSignals) {
+    if (std::signal(signal, end_by_signal) == SIG_IGN) {
+      std::signal(signal, SIG_IGN);  // as under nohup
+    }
+  }
+}
+
+void require_writable(const std::vector<OutputFile>& files, const std::vector<NamedFile>& inputs, bool force) {
+  const std::vector<Target> targets = checked_targets(files, inputs, force);
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    const Temporary probe(files[i], targets[i].directory);
+  }
+}
+
+void write_whole(const std::vector<OutputFile>& files, const std::vector<NamedFile>& inputs, bool force,
+                 const std::function<void()>& before_renaming) {
+  const std::vector<Target> targets = checked_targets(files, inputs, force);
+  std::vector<std::unique_ptr<Temporary>> temporaries;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    temporaries.push_back(std::make_unique<Temporary>(files[i], targets[i].directory));
+    temporaries.back()->write(targets[i].mode);
+  }
+  if (before_renaming) {
+    before_renaming();
+  }
+  const SignalsHeld held;  // so that all files are renamed or none
+  try {
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      temporaries[i]->rename(targets[i].path, targets[i].exists, force);
+    }
+  } catch (...) {
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      temporaries[i]->undo(targets[i].path);
+    }
+    throw;
+  }
+  for (const Target& target : targets) {
+    // Syncs the directory, so that the name survives a power cut; not every file system supports that.
+    const int directory = ::open(target.directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (directory >= 0) {
+      ::fsync(directory);
+      ::close(directory);
+    }
+  }
+}
+
+}  // namespace kdl_calibration

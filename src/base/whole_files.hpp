@@ -1,0 +1,36 @@
+#pragma once
+
+// Files that are written as a whole or not at all.
+
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace kdl_calibration {
+
+/// A file to write.
+struct OutputFile {
+  std::string option;  ///< the option that named it, for messages; may be empty
+  std::string path;
+  std::string text;
+};
+/// A file to read.
+struct NamedFile {
+  std::string option;
+  std::string path;
+};
+
+/// Makes signals that end the process (Ctrl-C) first remove the temporary files of write_whole.
+void remove_temporaries_on_signals();
+
+/// Throws InputError if a file exists and `force` is false, is not a regular file, has no name or cannot be created.
+/// Also refused: one of the inputs under any name (links, spellings, hard links), except by the same option, and the
+/// same file twice.
+void require_writable(const std::vector<OutputFile>& files, const std::vector<NamedFile>& inputs, bool force);
+
+/// Writes all files or none: first to temporary files beside their targets. `before_renaming` may throw; then they are
+/// renamed. On failure throws InputError as above, or what was thrown, and leaves all files unchanged.
+void write_whole(const std::vector<OutputFile>& files, const std::vector<NamedFile>& inputs, bool force,
+                 const std::function<void()>& before_renaming = {});
+
+}  // namespace kdl_calibration
