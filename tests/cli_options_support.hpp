@@ -27,6 +27,7 @@
 #include "cli_support.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "model/parameters.hpp"
 #include "planning/simulation.hpp"
 #include "virtual_experiment.hpp"
 

@@ -11,6 +11,7 @@
 #include "estimation/least_squares.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "model/parameters.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing {

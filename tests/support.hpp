@@ -10,6 +10,7 @@
 #include "base/random.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration::testing {
 

@@ -1,11 +1,14 @@
 #pragma once
 
-// Position errors: before and after the calibration, of fitted rows, test rows and configurations that were left out.
+// How good a calibration is: position errors before and after it, and doubts of it.
 //
 //     const BeforeAfter* unseen = found.accuracy().held_out();
 //     if (unseen) std::cout << unseen->before.rms << " m -> " << unseen->after.rms << " m\n";
+//     for (const Doubt& doubt : found.doubts()) std::cerr << doubt.message << "\n";
 
 #include <optional>
+#include <string>
+#include <string_view>
 
 namespace kdl_calibration {
 
@@ -29,14 +32,19 @@ struct Iso9283 {
 struct BeforeAfter {
   ErrorStatistics before;  ///< nominal geometry, base and targets registered
   ErrorStatistics after;
-  /// Only if effects were fitted: the rigid robot of the exported URDF, fitted without effects.
+  /// The robot of the exported URDF alone, where it differs from the calibrated one: a rigid robot fitted without
+  /// effects, or the nominal one where the calibration does not improve on it.
   std::optional<ErrorStatistics> rigid;
 };
 
-/// Position errors of the fitted rows, the test rows and configurations left out of the fit.
+/// Position errors of the fitted rows, the test rows and configurations left out of the fit. Where points were measured
+/// repeatedly, `train` and `test` are of single points, `train_means` and `test_means` of the means of their repeats;
+/// what was left out is compared with the means.
 struct Accuracy {
   BeforeAfter train;
+  std::optional<BeforeAfter> train_means;
   std::optional<BeforeAfter> test;
+  std::optional<BeforeAfter> test_means;
   /// Errors of the calibrated robot at test rows whose poses were fitted too, and at the other test rows. Set only if
   /// there are rows of the first kind.
   std::optional<ErrorStatistics> test_at_fitted_poses;
@@ -52,6 +60,58 @@ struct Accuracy {
 
   /// The errors at unseen configurations: leave-one-out, else k-fold; null without either.
   const BeforeAfter* held_out() const { return leave_one_out ? &*leave_one_out : k_fold ? &*k_fold : nullptr; }
+};
+
+/// How far a result may be used.
+enum class Verdict {
+  trusted,
+  trusted_where_measured,  ///< predictions hold in the measured region; some parameters are not determined
+  not_trusted
+};
+
+/// Causes of doubt. The first group are other readings of the data, the second remarks about readings, the third
+/// concern the result itself.
+enum class Cause {
+  joint_convention,
+  joint_sign,
+  joint_unit,
+  joint_at_rest,
+  joint_gain,
+  joint_columns,
+  known_base,
+  length_unit,
+  scale,
+  mirrored,
+  tool_frame,
+  exchanged_targets,
+  moved_base,
+  drift,
+  orientations,
+
+  joint_function,
+  same_configuration,
+  copied_rows,
+
+  gross_rows,
+  not_converged,
+  not_determined,
+  worse_than_nominal,
+  nominal_kept,
+  test_rows_differ,
+  large_misfit,
+  unknown_length,
+  large_error
+};
+
+/// The name of the enumerator, as in the result file.
+const char* to_string(Cause cause);
+/// Empty where no cause has this name.
+std::optional<Cause> cause_named(std::string_view name);
+
+/// A reason not to trust the result.
+struct Doubt {
+  Cause cause = Cause::not_converged;
+  std::string message;  ///< what was found and what to do, in words
 };
 
 }  // namespace kdl_calibration

@@ -29,8 +29,9 @@ struct PredictedPoint {
 };
 
 /// Cheap to copy. Its functions may be called from several threads. Each throws InputError for another number of joint
-/// values, values that are not finite, and an unknown target. Joint values are those of measurements: one per moving
-/// joint of the chain, mimic joints included, in the URDF's convention [rad or m].
+/// values, values that are not finite, a mimic joint that does not follow its leader, and an unknown target. Joint
+/// values are those of measurements: one per moving joint of the chain, mimic joints included, in the URDF's convention
+/// [rad or m].
 class CalibratedArm {
 public:
   /// Throws InputError for effects of measured torques, as the pose then depends on more than the joint values.

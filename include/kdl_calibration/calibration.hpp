@@ -14,7 +14,6 @@
 
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
-#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/error_model.hpp"
 
 namespace kdl_calibration {
@@ -63,13 +62,17 @@ public:
   double std(const std::string& name) const { return parameter(name).std; }
 
   /// Names of the estimated parameters, and their covariance in that order; SI units, infinite where not determined.
+  /// Here the base's errors are a small motion in the base's own frame, X_WB · motion; `parameters()` and `std` have
+  /// its origin along the axes of W.
   std::vector<std::string> estimated() const;
   const Eigen::MatrixXd& covariance() const;
 
   /// The arm with all effects: where it really goes. Throws InputError as CalibratedArm does.
   CalibratedArm arm() const;
 
-  /// The rigid chain of the exported URDF, for KDL's solvers: where effects were found, it is fitted without them.
+  /// The rigid chain of the exported URDF, for KDL's solvers: where effects were found, it is fitted without them;
+  /// where the calibration does not improve on the nominal robot, it is the nominal one. Throws InputError for errors
+  /// behind the last joint that no fixed joint can carry.
   KDL::Chain urdf_chain() const;
 
   /// For the functions of this library that write it.

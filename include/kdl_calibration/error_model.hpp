@@ -134,9 +134,6 @@ struct EffectTerm {
   EffectGroup group() const;
 };
 
-/// Name of the terms that share a prior sigma: a group, or one joint's table. "gravity", "tables.3".
-std::string size_name(const EffectTerm& term);
-
 /// The complete model: every joint its offset, every link the translations and rotations along the axes of the next
 /// joint's frame, less those along the link's own joint axis where the two are parallel (they equal the joint offset
 /// or a parameter of the link before). Order: joint offsets from base to tip, then links from base to tip, within a
@@ -154,51 +151,9 @@ struct ErrorModel {
 
 ErrorModel complete_model(const Robot& robot);
 
-/// Whether the parameter is a length [m] rather than an angle [rad].
-bool is_length(const ErrorModel& model, const ErrorParameter& parameter);
-/// Whether the effect moves its joint along its axis [m] rather than turning it [rad].
-bool is_length(const ErrorModel& model, const EffectTerm& term);
-
-/// Typical 1 sigma of this error of an uncalibrated arm: 3 mm or 5 mrad.
-double usual_error(const ErrorModel& model, const ErrorParameter& parameter);
-
-/// Unit axis of its motion, in the frame of the joint's origin.
-KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter);
-
-/// Index of the parameter with this name. Throws InputError if there is none.
-std::size_t parameter_index(const ErrorModel& model, const std::string& name);
-
-/// E · Rot(dq) in the frame of joint `frame` (of the tip for frame = number of joints): the factor to the right of the
-/// nominal origin. `errors` has one value per parameter of the model.
-KDL::Frame frame_correction(const ErrorModel& model, const Eigen::VectorXd& errors, int frame);
-
-/// One factor of the product that complete_model describes: a fixed frame, or a motion along an axis of its own frame
-/// by the value of a joint or of a parameter.
-struct ChainFactor {
-  enum class Source : std::uint8_t { fixed, joint, parameter };
-  Source source = Source::fixed;
-  std::size_t index = 0;  ///< of the joint or the parameter
-  std::string name;
-  KDL::Frame frame;                      ///< if fixed
-  KDL::Joint motion{KDL::Joint::Fixed};  ///< if it moves
-};
-
-/// All factors from base to tip.
-std::vector<ChainFactor> chain_factors(const ErrorModel& model);
-
 /// The chain with every error parameter as an extra fixed segment named after it; the joints are the robot's.
+/// Throws InputError for another number of errors, and one that is not finite.
 KDL::Chain error_chain(const ErrorModel& model, const Eigen::VectorXd& errors);
-
-/// The chain with as few segments as moving joints (and one for the tip): nominal offsets and errors multiplied out.
-KDL::Chain folded_chain(const ErrorModel& model, const Eigen::VectorXd& errors);
-
-/// The chain in which every error parameter is a joint, for KDL's own Jacobian solver.
-struct ParameterChain {
-  KDL::Chain chain;
-  std::vector<unsigned> joint_index;      ///< position of the robot's joint i among the chain's joints
-  std::vector<unsigned> parameter_index;  ///< position of parameter p among the chain's joints
-};
-ParameterChain parameter_chain(const ErrorModel& model);
 
 /// Prior 1 sigma of the geometric errors, each an additional residual; 0: no prior.
 struct Priors {
@@ -212,13 +167,5 @@ struct TargetFrame {
   Eigen::Isometry3d X_FT = Eigen::Isometry3d::Identity();
   bool with_orientation = false;
 };
-
-/// The target with this name; a null pointer if there is none.
-const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const std::string& name);
-
-/// Names "base.Tx" … "base.Rz".
-const std::vector<std::string>& base_parameter_names();
-/// Names "A.x", "A.y", "A.z", and "A.Rx" … where the orientation is measured.
-std::vector<std::string> target_parameter_names(const TargetFrame& target);
 
 }  // namespace kdl_calibration

@@ -27,7 +27,11 @@ struct PositionErrors {
   ErrorStatistics all;
   ErrorStatistics train;
   ErrorStatistics test;  ///< predicted only; if there are no other rows, base and targets are registered to them
-  Iso9283 iso_9283;      ///< over all rows
+  /// The same of the means of repeats, where there are repeats.
+  std::optional<ErrorStatistics> all_means;
+  std::optional<ErrorStatistics> train_means;
+  std::optional<ErrorStatistics> test_means;
+  Iso9283 iso_9283;  ///< over all rows
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   std::vector<TargetFrame> targets;
   std::string ambiguity;  ///< why another base would fit about as well; empty if none would

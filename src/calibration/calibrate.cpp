@@ -25,6 +25,7 @@
 #include "screening/screening.hpp"
 #include "selection/effect_selection.hpp"
 #include "selection/parameter_selection.hpp"
+#include "validation/validation.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -260,6 +261,19 @@ DeterminedFit with_weights_of_all(DeterminedFit fit, const TrainingRows& rows) {
   return fit;
 }
 
+// Errors of the fitted rows, means of repeats, if nothing but the joints' zero offsets is corrected.
+ErrorStatistics errors_with_offsets_alone(FitProblem rigid) {
+  std::vector<std::size_t> offsets;
+  for (const std::size_t index : rigid.free.geometric()) {
+    if (rigid.model.parameters[index].kind == ParameterKind::joint_offset) {
+      offsets.push_back(index);
+    }
+  }
+  rigid.free = rigid.free.with(rigid.model, UnknownGroup::geometric, offsets);
+  rigid.options.joint.residuals.priors = {};
+  return iso_9283(rigid.model, fit(rigid).estimate, rigid.measurements).accuracy;
+}
+
 std::vector<QualityFinding> screened(const FitProblem& problem, const Measurements& measurements,
                                      const ProgressFunction& progress) {
   return with_progress(progress, "screening the measurements",
@@ -306,6 +320,12 @@ CalibrationResult calibrate(const ErrorModel& model, const Measurements& measure
   result.diagnosis = diagnose(
       result, measurements, std::move(findings), std::move(gross),
       {options.diagnosis, options.parameters, robot.ambiguity, validated.warnings, options.threads, options.progress});
+  if (result.exported.nominal_kept) {
+    result.accuracy = with_nominal_exported(result.accuracy);
+  }
+  if (options.diagnosis.convention) {
+    result.offsets_alone = errors_with_offsets_alone(rigid);
+  }
   return result;
 }
 

@@ -16,7 +16,6 @@
 #include "estimation/unknowns.hpp"
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -56,7 +55,6 @@ struct ExportedUrdf {
   Estimate estimate;          ///< without effects
   bool nominal_kept = false;  ///< the input URDF, because the calibration does not improve on it
   ErrorStatistics train;
-  Iso9283 iso;
   std::optional<ErrorStatistics> test;
   std::optional<ErrorStatistics> held_out;  ///< leave-one-out, else k-fold
 };
@@ -169,6 +167,9 @@ struct CalibrationResult {
   /// Predictions of leave_one_out or k_fold, point by point; empty if the folds were refitted.
   std::vector<HeldOutPoint> held_out_points;
   ExportedUrdf exported;
+  /// Of the fitted rows (means of repeats), if only the joints' zero offsets are corrected. Set with a joint
+  /// convention, for mastering.
+  std::optional<ErrorStatistics> offsets_alone;
   Uncertainty uncertainty;
   Diagnosis diagnosis;
   double difference_to_kdl = 0.0;  ///< [m] largest difference of our flange poses from KDL's

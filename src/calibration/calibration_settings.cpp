@@ -1,8 +1,16 @@
 #include "calibration/calibration_settings.hpp"
 
+#include <string>
+
+#include "base/preconditions.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
+namespace {
+
+constexpr int kMostIterations = 1'000'000;
+
+}  // namespace
 
 CalibrationSettings settings_of(const CalibrationOptions& options) {
   const bool chooses = is_plain(options.estimator) && options.parameters.model == ModelChoice::irreducible;
@@ -10,6 +18,12 @@ CalibrationSettings settings_of(const CalibrationOptions& options) {
   const EffectOptions& effects = options.effects;
   if (effects.automatic.value_or(false) && !effects.groups.empty()) {
     throw OptionError("effects", "are named and to be chosen as well, expected one of the two");
+  }
+  for (const EffectGroup group : effects.groups) {
+    require_index("the group of effects", static_cast<std::size_t>(group), kEffectGroups);
+  }
+  if (options.estimator.iterations > kMostIterations) {
+    throw OptionError("iterations", "at most " + std::to_string(kMostIterations) + " are possible");
   }
   return {.estimator = options.estimator,
           .parameters = options.parameters,

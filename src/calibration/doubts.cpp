@@ -326,9 +326,10 @@ double reach(const ErrorModel& model) {
 std::vector<Doubt> doubts(const CalibrationResult& found, const Diagnosis& diagnosis, const Measurements& measurements,
                           ModelChoice model) {
   Doubts result;
-  for (const Doubts& some : {of_rows(found, diagnosis.gross_rows), of_readings(diagnosis.alternative_readings),
-                             of_convergence(found), of_determination(found, measurements, model), of_predictions(found),
-                             of_tests(found), of_size(found, measurements), of_errors(found)}) {
+  // First what would explain the misfit, last that the fit did not end.
+  for (const Doubts& some : {of_readings(diagnosis.alternative_readings), of_rows(found, diagnosis.gross_rows),
+                             of_determination(found, measurements, model), of_predictions(found), of_tests(found),
+                             of_size(found, measurements), of_errors(found), of_convergence(found)}) {
     result.insert(result.end(), some.begin(), some.end());
   }
   return result;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "estimation/residual_options.hpp"
+#include "model/parameters.hpp"
 #include "uncertainty/covariance.hpp"
 
 namespace kdl_calibration {

@@ -11,6 +11,7 @@
 #include "calibration/noise_stage.hpp"
 
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {

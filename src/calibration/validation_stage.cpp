@@ -175,9 +175,15 @@ Accuracy compare_rows(const ValidationTask& compared, const Estimate& rigid) {
                        .after = statistics(estimate, X_BF_after, rows),
                        .rigid = std::nullopt};
   };
+  const auto means_of = [](const Iso9283& before, const Iso9283& after) {
+    return after.repeatability.count > 0
+               ? std::optional(BeforeAfter{.before = before.accuracy, .after = after.accuracy, .rigid = std::nullopt})
+               : std::nullopt;
+  };
   result.train = pair_of(Rows::train);
   result.iso_before = iso_9283(X_BF_before, task.start, measurements);
   result.iso_after = iso_9283(X_BF_after, estimate, measurements);
+  result.train_means = means_of(result.iso_before, result.iso_after);
   const auto is_test = [](const Observation& o) { return o.split == Split::test; };
   const bool tested = std::any_of(measurements.observations.begin(), measurements.observations.end(), is_test);
   if (tested) {
@@ -187,12 +193,19 @@ Accuracy compare_rows(const ValidationTask& compared, const Estimate& rigid) {
     result.test_at_new_poses = apart.at_new_poses;
     result.iso_test_before = iso_9283(X_BF_before, task.start, measurements, Rows::test);
     result.iso_test_after = iso_9283(X_BF_after, estimate, measurements, Rows::test);
+    result.test_means = means_of(*result.iso_test_before, *result.iso_test_after);
   }
   if (has_effects(compared)) {
     const std::vector<Eigen::Isometry3d> X_BF_rigid = flange_poses(task.model, rigid, measurements);
     result.train.rigid = statistics(rigid, X_BF_rigid, Rows::train);
+    if (result.train_means) {
+      result.train_means->rigid = iso_9283(X_BF_rigid, rigid, measurements).accuracy;
+    }
     if (tested) {
       result.test->rigid = statistics(rigid, X_BF_rigid, Rows::test);
+    }
+    if (result.test_means) {
+      result.test_means->rigid = iso_9283(X_BF_rigid, rigid, measurements, Rows::test).accuracy;
     }
   }
   return result;
@@ -257,10 +270,6 @@ ExportedUrdf exported_urdf(const ValidationTask& compared, const Accuracy& accur
   return {.estimate = kept ? compared.problem.start : rigid,
           .nominal_kept = kept,
           .train = own(accuracy.train),
-          .iso = kept                    ? accuracy.iso_before
-                 : has_effects(compared) ? iso_9283(flange_poses(compared.problem.model, rigid, compared.measurements),
-                                                    rigid, compared.measurements)
-                                         : accuracy.iso_after,
           .test = accuracy.test ? std::optional(own(*accuracy.test)) : std::nullopt,
           .held_out = held_out != nullptr ? std::optional(own(*held_out)) : std::nullopt};
 }
@@ -270,6 +279,17 @@ ExportedUrdf exported_urdf(const ValidationTask& compared, const Accuracy& accur
 bool is_no_better_than_nominal(const Accuracy& accuracy) {
   const BeforeAfter* errors = accuracy.held_out();
   return errors != nullptr && errors->after.count > 0 && !(errors->after.rms < errors->before.rms);
+}
+
+Accuracy with_nominal_exported(Accuracy accuracy) {
+  accuracy.train.rigid = accuracy.train.before;
+  for (std::optional<BeforeAfter>* each :
+       {&accuracy.train_means, &accuracy.test, &accuracy.test_means, &accuracy.leave_one_out, &accuracy.k_fold}) {
+    if (*each) {
+      (*each)->rigid = (*each)->before;
+    }
+  }
+  return accuracy;
 }
 
 Validation validate(const ValidationTask& compared) {

@@ -35,4 +35,7 @@ Validation validate(const ValidationTask& compared);
 /// Whether the calibrated robot predicts unfitted configurations no better than the nominal one.
 bool is_no_better_than_nominal(const Accuracy& accuracy);
 
+/// The accuracy where the exported URDF is the one that was read: its own errors are those before.
+Accuracy with_nominal_exported(Accuracy accuracy);
+
 }  // namespace kdl_calibration

@@ -3,7 +3,6 @@
 #include "results/calibrated_urdf.hpp"
 
 #include <fmt/core.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <map>
@@ -63,6 +62,7 @@ struct CalibrateArguments {
   std::string config;  // the option file, if any
   bool force = false;
   bool json = false;
+  bool details = false;
 };
 
 std::vector<OutputFile> outputs(const CalibrateArguments& arguments) {
@@ -196,13 +196,20 @@ std::string table(const CalibrateArguments& arguments, const Robot& robot, const
   if (convention) {
     options.convention = &*convention;
   }
-  return result_table(measurements, calibration, options);
+  options.details = arguments.details;
+  std::string text = result_table(measurements, calibration, options);
+  if (calibration.trusted() && !arguments.details) {
+    text += arguments.output.empty()
+                ? "Next: --output FILE writes the calibrated URDF, --details shows every parameter.\n"
+                : "Next: kdlcal validate --urdf " + arguments.output +
+                      " --measurements NEW.csv, with points of other days and places.\n";
+  }
+  return text;
 }
 
-// Prints doubts on standard error, unless the table has just shown them on the same terminal.
+// Prints doubts on standard error, unless the table has shown them.
 void say_what_is_doubted(const CalibrateArguments& arguments, const CalibrationResult& calibration) {
-  const bool just_said = !arguments.json && ::isatty(STDOUT_FILENO) == 1 && ::isatty(STDERR_FILENO) == 1;
-  if (!just_said) {
+  if (arguments.json) {
     for (const Doubt& doubt : calibration.diagnosis.doubts) {
       print_doubt(doubt.message);
     }
@@ -298,8 +305,8 @@ ExitStatus run(const CalibrateArguments& arguments) {
                              : table(arguments, robot, measurements, calibration) + outcome_lines(result.outcomes));
   say_what_is_doubted(arguments, calibration);
   const std::vector<std::string> missed = unfulfilled(result.outcomes);
-  for (const std::string& requirement : missed) {
-    print_requirement(requirement);
+  if (arguments.json) {
+    std::for_each(missed.begin(), missed.end(), print_requirement);
   }
   return calibration.trusted() && missed.empty() ? done : not_to_be_trusted;
 }
@@ -396,8 +403,9 @@ void add_groups(CLI::App& app) {
   add_group(app, "Input",
             {"--measurements", "--urdf", "--base", "--tip", "--joint-convention", "--known-base", "--known-targets",
              "--predict-at"});
-  add_group(app, "Output",
-            {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--json", "--force"});
+  add_group(
+      app, "Output",
+      {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--details", "--json", "--force"});
   add_group(app, "Model",
             {"--method", "--iterations", "--model", "--fix", "--free", "--prior", "--prior-length", "--prior-angle",
              "--effects", "--gravity-direction"});
@@ -424,6 +432,7 @@ Subcommand add_calibrate(CLI::App& parser) {
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
+  app->add_flag("--details", arguments->details, "Print every parameter, effect, frame and statistic as well");
   add_fit_options(*app, *arguments);
   add_noise_options(*app, *arguments);
   add_require(*app, arguments->requirements);

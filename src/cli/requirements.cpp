@@ -77,7 +77,8 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
                                            "total",       "interval_95", "held_out_rms",  "orientation_length",
                                            "history",     "centre",      "cell",          "position_measured_frame",
                                            "independent", "orientation", "amount",        "lower",
-                                           "upper",       "withheld",    "valid_range",   "joints"};
+                                           "upper",       "withheld",    "add",           "valid_range",
+                                           "joints"};
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",
@@ -91,6 +92,9 @@ const std::set<std::string> kGroups = {"position_error",
                                        "after",
                                        "held_out",
                                        "exported_urdf",
+                                       "means",
+                                       "joint_offsets",
+                                       "if_only_these",
                                        "test_at_fitted_poses",
                                        "test_at_new_poses",
                                        "iso_9283",

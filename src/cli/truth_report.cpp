@@ -6,6 +6,7 @@
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
+#include "model/parameters.hpp"
 #include "results/result_json.hpp"
 
 namespace kdl_calibration::cli {

@@ -62,13 +62,21 @@ std::string json(const RegisteredErrors& errors) {
   for (const TargetFrame& target : registration.targets) {
     targets.push_back(target_json(target));
   }
+  const auto with_means = [](const ErrorStatistics& points, const std::optional<ErrorStatistics>& means) {
+    Json block = statistics_json(points);
+    if (means) {
+      block["means"] = statistics_json(*means);
+    }
+    return block;
+  };
   return json_text({{"position_error",
-                     {{"all", statistics_json(errors.all)},
-                      {"train", statistics_json(errors.train)},
-                      {"test", statistics_json(errors.test)}}},
+                     {{"all", with_means(errors.all, errors.all_means)},
+                      {"train", with_means(errors.train, errors.train_means)},
+                      {"test", with_means(errors.test, errors.test_means)}}},
                     {"iso_9283",
                      {{"accuracy", statistics_json(errors.iso.accuracy)},
                       {"repeatability", statistics_json(errors.iso.repeatability)}}},
+                    {"registered_to", errors.train.count > 0 ? "train" : "test"},
                     {"degrees_of_freedom", errors.freedom.left()},
                     {"rms_corrected", registration.rms * errors.freedom.correction()},
                     {"base", frame_json(registration.X_WB)},
@@ -96,10 +104,16 @@ std::string registered(const RegistrationOptions& known, const Registration& reg
 std::string table(const ValidateArguments& arguments, const Robot& robot, const RegisteredErrors& errors,
                   const std::string& placed) {
   const Registration& registration = errors.registration;
-  std::string text = "position error of " + (arguments.result.empty() ? robot.source : arguments.result) + ", " +
-                     (placed.empty() ? "base and targets as given" : placed + " registered") + "\n" +
-                     statistics_heading("rows [mm]");
-  text += line("all", errors.all) + line("train", errors.train) + line("test", errors.test);
+  std::string text =
+      "position error of " + (arguments.result.empty() ? robot.source : arguments.result) + ", " +
+      (placed.empty() ? "base and targets as given"
+                      : placed + " registered to the " + (errors.train.count > 0 ? "train" : "test") + " rows") +
+      "\n" + statistics_heading("rows [mm]");
+  for (const auto& [name, points, means] :
+       {std::tuple{"all", &errors.all, &errors.all_means}, std::tuple{"train", &errors.train, &errors.train_means},
+        std::tuple{"test", &errors.test, &errors.test_means}}) {
+    text += line(name, *points) + (*means ? line(std::string(name) + ", means of repeats", **means) : "");
+  }
   text += point("base, measured [mm]", registration.X_WB.translation());
   for (const TargetFrame& target : registration.targets) {
     text += point("target " + target.name, target.X_FT.translation());
@@ -298,8 +312,8 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
       warn(message);
     }
   }
-  for (const std::string& requirement : missed) {
-    print_requirement(requirement);
+  if (arguments.json) {
+    std::for_each(missed.begin(), missed.end(), print_requirement);
   }
   return missed.empty() && words.doubts.empty() ? done : not_to_be_trusted;
 }

@@ -22,6 +22,7 @@
 #include "estimation/input_check.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "noise/lack_of_fit.hpp"
 

@@ -7,6 +7,7 @@
 
 #include "base/distributions.hpp"
 #include "diagnosis/trial_fit.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -1,4 +1,4 @@
-#include "kdl_calibration/doubt.hpp"
+#include "kdl_calibration/accuracy.hpp"
 
 #include <algorithm>
 #include <array>
@@ -40,7 +40,9 @@ constexpr std::array<std::pair<Cause, const char*>, 27> kNames = {{
 }  // namespace
 
 const char* to_string(Cause cause) {
-  return std::find_if(kNames.begin(), kNames.end(), [&](const auto& named) { return named.first == cause; })->second;
+  const auto found =
+      std::find_if(kNames.begin(), kNames.end(), [&](const auto& named) { return named.first == cause; });
+  return found != kNames.end() ? found->second : "unknown";
 }
 
 std::optional<Cause> cause_named(std::string_view name) {

@@ -13,6 +13,7 @@
 #include "base/distributions.hpp"
 #include "effects/effect_terms.hpp"
 #include "estimation/linear_system.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {

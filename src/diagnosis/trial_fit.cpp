@@ -7,6 +7,7 @@
 
 #include "estimation/prediction.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "measurements/training_rows.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {

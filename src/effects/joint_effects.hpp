@@ -14,6 +14,9 @@
 
 namespace kdl_calibration {
 
+/// Name of the terms that share a prior sigma: a group, or one joint's table. "gravity", "tables.3".
+std::string size_name(const EffectTerm& term);
+
 /// "gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables", "torque".
 const char* to_string(EffectGroup group);
 /// "own", "x", "y".

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "estimation/scaled_solver.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {

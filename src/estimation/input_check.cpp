@@ -7,9 +7,11 @@
 #include <string>
 
 #include "base/preconditions.hpp"
+#include "base/text.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 
@@ -115,20 +117,32 @@ void check(const ResidualOptions& options, const Measurements& measurements) {
   }
 }
 
+bool is_rigid(const Eigen::Isometry3d& X) {
+  constexpr double kRounding = 1e-6;
+  return X.matrix().allFinite() && X.linear().isUnitary(kRounding) && X.linear().determinant() > 0.0;
+}
+
 void check(const RegistrationOptions& options) {
   const bool finite = std::all_of(options.known_targets.begin(), options.known_targets.end(),
                                   [](const TargetFrame& target) { return target.X_FT.matrix().allFinite(); });
   require_finite("a known frame", finite && (!options.known_base || options.known_base->matrix().allFinite()));
-  const auto turns = [](const Eigen::Isometry3d& X) {
-    constexpr double kRounding = 1e-6;
-    return X.linear().isUnitary(kRounding) && X.linear().determinant() > 0.0;
-  };
-  if ((options.known_base && !turns(*options.known_base)) ||
+  if ((options.known_base && !is_rigid(*options.known_base)) ||
       !std::all_of(options.known_targets.begin(), options.known_targets.end(),
-                   [&](const TargetFrame& target) { return turns(target.X_FT); })) {
+                   [](const TargetFrame& target) { return is_rigid(target.X_FT); })) {
     refuse_input("a known frame is scaled, skewed or mirrored", "a rotation and a translation");
   }
   require_sigma("the length for orientations", options.orientation_length);
+}
+
+void check(const RegistrationOptions& options, const Measurements& measurements) {
+  check(options);
+  const std::vector<std::string>& measured = measurements.targets;
+  const bool any = std::any_of(measured.begin(), measured.end(), [&](const std::string& name) {
+    return find_target(options.known_targets, name) != nullptr;
+  });
+  if (!options.known_targets.empty() && !any) {
+    refuse_input("none of the known targets was measured", "some of " + comma_separated(measured));
+  }
 }
 
 }  // namespace kdl_calibration

@@ -13,6 +13,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -6,6 +6,7 @@
 
 #include "base/preconditions.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {

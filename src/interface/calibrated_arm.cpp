@@ -1,12 +1,16 @@
 #include "kdl_calibration/calibrated_arm.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
+#include <cstddef>
+#include <optional>
 #include <utility>
 
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "calibration/point_predictor.hpp"
 #include "effects/arm_kinematics.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -14,6 +18,12 @@ namespace {
 void require_joint_values(const Eigen::Ref<const Eigen::VectorXd>& q, const PredictionBasis& basis) {
   require_count("joint values", q.size(), basis.model.joints.size());
   require_finite("a joint value", q.allFinite());
+  if (const std::optional<std::size_t> follower = follower_astray(basis.model.joints, q)) {
+    const MovingJoint& joint = basis.model.joints[*follower];
+    refuse_input("the value of joint " + shown(joint.name) + " is not that of a follower",
+                 fmt::format("{} * {}'s + {}", joint.mimic->multiplier, basis.model.joints[joint.mimic->leader].name,
+                             joint.mimic->offset));
+  }
 }
 
 }  // namespace

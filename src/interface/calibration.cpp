@@ -12,15 +12,17 @@
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/version.hpp"
+#include "model/error_chains.hpp"
+#include "results/calibrated_urdf.hpp"
 
 namespace kdl_calibration {
 namespace {
 
 KDL::Vector unit_vector(const Eigen::Vector3d& direction) {
-  if (!direction.allFinite() || direction.norm() == 0.0) {
+  if (!direction.allFinite() || direction.isZero(0.0)) {
     throw OptionError("effects.gravity_direction", "expected three numbers x,y,z that are not all 0");
   }
-  const Eigen::Vector3d unit = direction / direction.norm();
+  const Eigen::Vector3d unit = direction.stableNormalized();
   return {unit.x(), unit.y(), unit.z()};
 }
 
@@ -74,6 +76,19 @@ std::string hash_of(const Measurements& measurements) {
   return sha256(bytes);
 }
 
+void require_as_parsed(const Robot& robot) {
+  const Robot parsed = parse_robot(robot.urdf, {.base = robot.base, .tip = robot.tip}, robot.source);
+  const auto same = [](const MovingJoint& a, const MovingJoint& b) {
+    return a.name == b.name && a.type == b.type && KDL::Equal(a.origin, b.origin, 0.0) &&
+           KDL::Equal(a.axis, b.axis, 0.0);
+  };
+  if (!std::equal(robot.joints.begin(), robot.joints.end(), parsed.joints.begin(), parsed.joints.end(), same) ||
+      !KDL::Equal(robot.tip_origin, parsed.tip_origin, 0.0) || robot.tip_joint != parsed.tip_joint) {
+    refuse_input("the joints of " + robot.source + " are not those of its URDF text",
+                 "a robot as load_robot or parse_robot gives it");
+  }
+}
+
 void require_same_robot(const Robot& robot, const Calibration& calibration) {
   if (hash_of(robot) != calibration.parts().robot) {
     refuse_input("the calibration was not made with " + robot.source, "the URDF, base and tip that were calibrated");
@@ -94,6 +109,7 @@ const FittedCalibration& fitted_calibration(const Robot& robot, const Measuremen
 }
 
 Calibration calibrate(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
+  require_as_parsed(robot);
   ErrorModel model = complete_model(robot);
   model.gravity = unit_vector(options.effects.gravity_direction);
   FittedCalibration fitted{.measurements = hash_of(measurements), .settings = settings_of(options), .result = {}};
@@ -128,6 +144,9 @@ const ParameterEstimate& Calibration::parameter(const std::string& name) const {
 
 CalibratedArm Calibration::arm() const { return CalibratedArm(parts_); }
 
-KDL::Chain Calibration::urdf_chain() const { return folded_chain(parts_->model, parts_->urdf_errors); }
+KDL::Chain Calibration::urdf_chain() const {
+  origin_corrections(parts_->model, parts_->urdf_errors);  // throws where no URDF can have these errors
+  return folded_chain(parts_->model, parts_->urdf_errors);
+}
 
 }  // namespace kdl_calibration

@@ -28,6 +28,8 @@ struct CalibrationParts : SavedCalibration {
 std::string hash_of(const Robot& robot);
 /// Hash of joint values, labels and points.
 std::string hash_of(const Measurements& measurements);
+/// Throws InputError if the joints are not those of the URDF text: errors would go into a text that they do not fit.
+void require_as_parsed(const Robot& robot);
 /// Throws InputError if the calibration is one of another robot.
 void require_same_robot(const Robot& robot, const Calibration& calibration);
 /// The fit. Throws InputError if the calibration was read from a file, or for another robot or other measurements.

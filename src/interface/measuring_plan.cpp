@@ -1,5 +1,6 @@
 #include "kdl_calibration/measuring_plan.hpp"
 
+#include <string>
 #include <utility>
 
 #include "base/preconditions.hpp"
@@ -11,6 +12,10 @@ namespace kdl_calibration {
 
 MeasuringPlan plan_measurements(const Robot& robot, const PlanOptions& options) {
   require_at_least("configurations", options.count, 1);
+  constexpr int kMost = 2000;
+  if (options.count > kMost) {
+    refuse_input(std::to_string(options.count) + " configurations", "at most " + std::to_string(kMost));
+  }
   require_sigma("noise", options.noise);
   const PlanRequest request{.robot = robot,
                             .targets = targets_or_published(options.targets),

@@ -61,6 +61,7 @@ void write_urdf(const std::filesystem::path& file, const Robot& robot, const Cal
 }
 
 Calibration load_calibration(const std::filesystem::path& file, const Robot& robot) {
+  require_as_parsed(robot);
   return Calibration(
       std::make_shared<CalibrationParts>(CalibrationParts{read_calibration(file, robot), hash_of(robot), {}}));
 }

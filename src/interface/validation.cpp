@@ -14,13 +14,16 @@ PositionErrors errors_of(const ErrorModel& model, const Estimate& geometry, cons
                          const KnownFrames& known) {
   check(measurements, model);
   const RegistrationOptions frames{.known_base = known.base, .known_targets = known.targets};
-  check(frames);
+  check(frames, measurements);
   RegisteredErrors errors =
       registered_errors(flange_poses(model, geometry, measurements.joint_values, measurements.signals), measurements,
                         rows_to_register(measurements), frames);
   return {.all = errors.all,
           .train = errors.train,
           .test = errors.test,
+          .all_means = errors.all_means,
+          .train_means = errors.train_means,
+          .test_means = errors.test_means,
           .iso_9283 = errors.iso,
           .X_WB = errors.registration.X_WB,
           .targets = std::move(errors.registration.targets),

@@ -87,6 +87,7 @@ void require_whole(const JointConvention& convention) {
   require_count("columns of a convention's matrix", convention.matrix.cols(), count);
   require_count("offsets of a convention", convention.offset.size(), count);
   require_finite("a convention", convention.matrix.allFinite() && convention.offset.allFinite());
+  require_count("as rank of a convention's matrix", convention.matrix.fullPivLu().rank(), count);
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <set>
+#include <string>
 #include <utility>
 
 #include "base/preconditions.hpp"
@@ -165,8 +167,14 @@ Measurements joined(const Measurements& first, const Measurements& second) {
   const auto offset = static_cast<std::int32_t>(first.joint_values.cols());
   result.joint_values.resize(first.joint_values.rows(), first.joint_values.cols() + second.joint_values.cols());
   result.joint_values << first.joint_values, second.joint_values;
+  // The second ones are numbered on from the first, past labels that those have.
+  const std::set<std::string> taken(first.configurations.begin(), first.configurations.end());
+  std::size_t number = taken.size();
   for (std::size_t c = 0; c < second.configurations.size(); ++c) {
-    result.configurations.push_back(std::to_string(static_cast<std::size_t>(offset) + c + 1));
+    do {
+      ++number;
+    } while (taken.count(std::to_string(number)) > 0);
+    result.configurations.push_back(std::to_string(number));
   }
   for (Observation observation : second.observations) {
     observation.configuration += offset;

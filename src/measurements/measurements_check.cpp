@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <set>
 #include <string>
 
+#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
 
@@ -73,6 +75,12 @@ void check(const Measurements& measurements) {
   }
   if (!measurements.joint_values.allFinite()) {
     refuse(measurements, "a joint value is not finite");
+  }
+  std::set<std::string> targets;
+  for (const std::string& target : measurements.targets) {
+    if (target.empty() || !targets.insert(target).second) {
+      refuse(measurements, "target " + shown(target) + ", expected names that differ and are not empty");
+    }
   }
   for (std::size_t row = 0; row < rows; ++row) {
     require_sound(measurements, row);

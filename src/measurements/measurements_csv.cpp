@@ -1,6 +1,7 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -24,7 +25,11 @@ void append_number(std::string& text, Number value) {
 std::vector<std::string> csv_labels(const std::vector<std::string>& labels, const char* what,
                                     const std::string& source) {
   std::vector<std::string> fields;
+  std::set<std::string> names;
   for (const std::string& label : labels) {
+    if (!names.insert(label).second) {
+      fail(source, std::string(what) + " " + shown(label) + " is there twice, expected each name once");
+    }
     if (const std::string fault = label_fault(label); !fault.empty()) {
       fail(source, std::string(what) + " " + shown(label) + " " + fault);
     }

@@ -28,8 +28,7 @@ namespace kdl_calibration {
 namespace {
 
 constexpr std::int32_t kMostTargets = 100;
-constexpr double kSamePose = 1e-4;           // [rad] or [m] largest difference between rows of one configuration
-constexpr double kRoundedJointValue = 1e-5;  // [rad] or [m] rounding error: half of 0.001 deg or of 0.01 mm
+constexpr double kSamePose = 1e-4;  // [rad] or [m] largest difference between rows of one configuration
 
 /// Gathers the rows of one file.
 class Collector {
@@ -247,7 +246,7 @@ private:
                                                .multiplier = joint.mimic->multiplier,
                                                .offset = joint.mimic->offset}
                                        : drive_of(joint);
-      const double tolerance = kRoundedJointValue * (1.0 + std::abs(leader.multiplier));
+      const double tolerance = follower_tolerance(leader.multiplier);
       for (Eigen::Index c = 0; c < read.cols(); ++c) {
         if (std::abs(read(row, c) - expected[c]) <= tolerance) continue;
         fail(Place{source_, lines_[first_rows_[static_cast<std::size_t>(c)]]},

@@ -5,7 +5,8 @@
 #include <array>
 
 #include "base/preconditions.hpp"
-#include "kdl_calibration/input_error.hpp"
+#include "model/error_chains.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -68,29 +69,6 @@ void add_link_parameters(const Robot& robot, std::size_t link, std::vector<Error
   }
 }
 
-KDL::Joint joint_motion(const MovingJoint& joint, const std::string& name) {
-  const auto type = joint.type == JointType::prismatic ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
-  return {name, KDL::Vector::Zero(), joint.axis, type};
-}
-
-KDL::Joint parameter_motion(const ErrorModel& model, const ErrorParameter& parameter) {
-  const auto type = is_length(model, parameter) ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
-  return {parameter.name, KDL::Vector::Zero(), parameter_axis(model, parameter), type};
-}
-
-void add_parameter_factors(const ErrorModel& model, int frame, bool offsets, std::vector<ChainFactor>& factors) {
-  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-    const ErrorParameter& parameter = model.parameters[p];
-    if (parameter.frame == frame && (parameter.kind == ParameterKind::joint_offset) == offsets) {
-      factors.push_back({.source = ChainFactor::Source::parameter,
-                         .index = p,
-                         .name = parameter.name,
-                         .frame = KDL::Frame::Identity(),
-                         .motion = parameter_motion(model, parameter)});
-    }
-  }
-}
-
 }  // namespace
 
 Eigen::Vector3d to_eigen(const KDL::Vector& v) { return {v.x(), v.y(), v.z()}; }
@@ -144,76 +122,9 @@ const char* to_string(ParameterKind kind) {
   return "unknown";
 }
 
-bool is_length(const ErrorModel& model, const ErrorParameter& parameter) {
-  return parameter.kind == ParameterKind::translation ||
-         (parameter.kind == ParameterKind::joint_offset &&
-          model.joints[static_cast<std::size_t>(parameter.frame)].type == JointType::prismatic);
-}
-
-bool is_length(const ErrorModel& model, const EffectTerm& term) {
-  return term.axis == EffectAxis::own &&
-         model.joints[static_cast<std::size_t>(term.index)].type == JointType::prismatic;
-}
-
-double usual_error(const ErrorModel& model, const ErrorParameter& parameter) {
-  return is_length(model, parameter) ? 0.003 : 0.005;
-}
-
-KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter) {
-  return parameter.kind == ParameterKind::joint_offset ? model.joints[static_cast<std::size_t>(parameter.frame)].axis
-                                                       : unit(parameter.axis);
-}
-
-std::size_t parameter_index(const ErrorModel& model, const std::string& name) {
-  const auto found = std::find_if(model.parameters.begin(), model.parameters.end(),
-                                  [&](const ErrorParameter& parameter) { return parameter.name == name; });
-  if (found == model.parameters.end()) {
-    throw InputError("no error parameter is named '" + name + "', expected one of the model's");
-  }
-  return static_cast<std::size_t>(found - model.parameters.begin());
-}
-
-KDL::Frame frame_correction(const ErrorModel& model, const Eigen::VectorXd& errors, int frame) {
-  require_count("errors", errors.size(), model.parameters.size());
-  require_index("the frame", frame, model.joints.size() + 1);
-  KDL::Frame result = KDL::Frame::Identity();
-  for (const bool offsets : {false, true}) {
-    for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-      const ErrorParameter& parameter = model.parameters[p];
-      const double value = errors[static_cast<Eigen::Index>(p)];
-      if (parameter.frame == frame && (parameter.kind == ParameterKind::joint_offset) == offsets && value != 0.0) {
-        result = result * parameter_motion(model, parameter).pose(value);
-      }
-    }
-  }
-  return result;
-}
-
-std::vector<ChainFactor> chain_factors(const ErrorModel& model) {
-  std::vector<ChainFactor> factors;
-  const auto joints = static_cast<int>(model.joints.size());
-  for (int frame = 0; frame <= joints; ++frame) {
-    const bool tip = frame == joints;
-    const auto i = static_cast<std::size_t>(frame);
-    factors.push_back({.source = ChainFactor::Source::fixed,
-                       .index = 0,
-                       .name = tip ? "tip" : model.joints[i].name + ".origin",
-                       .frame = tip ? model.tip_origin : model.joints[i].origin});
-    add_parameter_factors(model, frame, false, factors);
-    if (!tip) {
-      factors.push_back({.source = ChainFactor::Source::joint,
-                         .index = i,
-                         .name = model.joints[i].name,
-                         .frame = KDL::Frame::Identity(),
-                         .motion = joint_motion(model.joints[i], model.joints[i].name)});
-      add_parameter_factors(model, frame, true, factors);
-    }
-  }
-  return factors;
-}
-
 KDL::Chain error_chain(const ErrorModel& model, const Eigen::VectorXd& errors) {
   require_count("errors", errors.size(), model.parameters.size());
+  require_finite("an error", errors.allFinite());
   KDL::Chain chain;
   for (const ChainFactor& factor : chain_factors(model)) {
     switch (factor.source) {
@@ -230,54 +141,6 @@ KDL::Chain error_chain(const ErrorModel& model, const Eigen::VectorXd& errors) {
     }
   }
   return chain;
-}
-
-KDL::Chain folded_chain(const ErrorModel& model, const Eigen::VectorXd& errors) {
-  KDL::Chain chain;
-  for (std::size_t i = 0; i < model.joints.size(); ++i) {
-    const MovingJoint& joint = model.joints[i];
-    const KDL::Frame origin = joint.origin * frame_correction(model, errors, static_cast<int>(i));
-    const auto type = joint.type == JointType::prismatic ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
-    chain.addSegment(KDL::Segment(joint.name, KDL::Joint(joint.name, origin.p, origin.M * joint.axis, type), origin));
-  }
-  const KDL::Frame tip = model.tip_origin * frame_correction(model, errors, static_cast<int>(model.joints.size()));
-  chain.addSegment(KDL::Segment("tip", KDL::Joint(KDL::Joint::Fixed), tip));
-  return chain;
-}
-
-ParameterChain parameter_chain(const ErrorModel& model) {
-  ParameterChain result;
-  result.joint_index.resize(model.joints.size());
-  result.parameter_index.resize(model.parameters.size());
-  for (const ChainFactor& factor : chain_factors(model)) {
-    if (factor.source == ChainFactor::Source::fixed) {
-      result.chain.addSegment(KDL::Segment(factor.name, KDL::Joint(KDL::Joint::Fixed), factor.frame));
-      continue;
-    }
-    auto& indices = factor.source == ChainFactor::Source::joint ? result.joint_index : result.parameter_index;
-    indices[factor.index] = result.chain.getNrOfJoints();
-    result.chain.addSegment(KDL::Segment(factor.name, factor.motion));
-  }
-  return result;
-}
-
-const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const std::string& name) {
-  const auto found =
-      std::find_if(targets.begin(), targets.end(), [&](const TargetFrame& target) { return target.name == name; });
-  return found == targets.end() ? nullptr : &*found;
-}
-
-const std::vector<std::string>& base_parameter_names() {
-  static const std::vector<std::string> names = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
-  return names;
-}
-
-std::vector<std::string> target_parameter_names(const TargetFrame& target) {
-  std::vector<std::string> names = {target.name + ".x", target.name + ".y", target.name + ".z"};
-  if (target.with_orientation) {
-    names.insert(names.end(), {target.name + ".Rx", target.name + ".Ry", target.name + ".Rz"});
-  }
-  return names;
 }
 
 }  // namespace kdl_calibration

@@ -6,6 +6,8 @@
 #include <utility>
 
 #include "base/preconditions.hpp"
+#include "model/error_chains.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 

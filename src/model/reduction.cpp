@@ -11,6 +11,7 @@
 #include "base/random.hpp"
 #include "base/triangular_factor.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration {

@@ -11,6 +11,7 @@
 #include "estimation/registration.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "planning/point_rows.hpp"
 #include "uncertainty/observability.hpp"

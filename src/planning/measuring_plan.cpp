@@ -163,6 +163,8 @@ std::vector<Index> short_way(const std::vector<MovingJoint>& joints, const Vecto
 std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& joints,
                      const JointConvention* convention) {
   require_count("labels of configurations", plan.configurations.size(), plan.joint_values.cols());
+  require_count("joint values of a plan", plan.joint_values.rows(), joints.size());
+  require_finite("a joint value of a plan", plan.joint_values.allFinite());
   if (convention != nullptr) {
     matched_convention(*convention, independent_joint_names(joints));
   }

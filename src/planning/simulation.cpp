@@ -9,6 +9,7 @@
 #include "estimation/input_check.hpp"
 #include "measurements/drive_signals.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 
 namespace kdl_calibration {

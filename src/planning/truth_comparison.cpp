@@ -11,6 +11,7 @@
 #include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "planning/simulation.hpp"
 

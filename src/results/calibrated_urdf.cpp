@@ -5,6 +5,7 @@
 #include "base/preconditions.hpp"
 #include "calibration/calibration_result.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "model/error_chains.hpp"
 
 namespace kdl_calibration {
 

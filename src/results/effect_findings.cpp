@@ -9,6 +9,7 @@
 
 #include "base/number_text.hpp"
 #include "effects/joint_effects.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {

@@ -9,6 +9,7 @@
 #include "calibration/calibration_result.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 

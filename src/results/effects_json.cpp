@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -200,6 +201,7 @@ Json effects_json(const CalibrationResult& calibration, const Measurements& meas
     }
     terms.push_back(term_json(*term, parameter.value));
     terms.back()["std"] = finite_or_null(parameter.std);
+    terms.back()["degrees_of_freedom"] = finite_or_null(parameter.degrees_of_freedom);
     terms.back()["valid_range"] = range_json(ranges[static_cast<std::size_t>(term->index)]);
   }
   return {{"gravity_direction", array(to_eigen(calibration.model.gravity))},
@@ -235,6 +237,9 @@ SavedEffects read_effects(const Node& block, const ErrorModel& model) {
     for (const Node& node : elements(terms)) {
       saved.terms.push_back(read_term(node, model));
       values.push_back(number(member(node, "coefficient")));
+      const bool stated = has(node, "degrees_of_freedom") && !member(node, "degrees_of_freedom").json.is_null();
+      saved.degrees_of_freedom.push_back(stated ? number(member(node, "degrees_of_freedom"))
+                                                : std::numeric_limits<double>::infinity());
     }
   }
   saved.values = Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));

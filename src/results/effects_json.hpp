@@ -16,6 +16,7 @@ nlohmann::ordered_json effects_json(const CalibrationResult& calibration, const 
 struct SavedEffects {
   std::vector<EffectTerm> terms;
   Eigen::VectorXd values;
+  std::vector<double> degrees_of_freedom;  ///< infinite where the file states none
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);
 };
 /// Throws InputError if a term does not fit this robot.

@@ -16,6 +16,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/training_rows.hpp"
+#include "model/error_chains.hpp"
 #include "robot/link_shapes.hpp"
 
 namespace kdl_calibration {

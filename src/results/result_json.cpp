@@ -10,8 +10,10 @@
 #include "calibration/new_point.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "estimation/input_check.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "results/effects_json.hpp"
+#include "results/joint_offsets.hpp"
 #include "results/result_blocks.hpp"
 
 namespace kdl_calibration {
@@ -59,6 +61,28 @@ Json iso_json(const Iso9283& iso) {
   return {{"accuracy", statistics_json(iso.accuracy)}, {"repeatability", statistics_json(iso.repeatability)}};
 }
 
+Json interval_json(double value, double std, double degrees_of_freedom) {
+  const double half = half_width_95(std, degrees_of_freedom);
+  return std::isfinite(half) ? Json::array({value - half, value + half}) : Json(nullptr);
+}
+
+Json joint_offsets_json(const CalibrationResult& calibration, const JointConvention& convention) {
+  Json joints = Json::array();
+  for (const JointOffset& offset : joint_offsets(calibration, convention)) {
+    joints.push_back({{"joint", offset.joint}, {"measurable", offset.measurable}});
+    if (offset.measurable) {
+      joints.back().update({{"add", offset.add},
+                            {"std", finite_or_null(offset.std)},
+                            {"interval_95", interval_json(offset.add, offset.std, offset.degrees_of_freedom)}});
+    }
+  }
+  Json result = {{"joints", joints}};
+  if (calibration.offsets_alone) {
+    result["if_only_these"] = statistics_json(*calibration.offsets_alone);
+  }
+  return result;
+}
+
 Json cells_json(const std::vector<WorkspaceCell>& cells) {
   Json result = Json::array();
   for (const WorkspaceCell& cell : cells) {
@@ -86,11 +110,6 @@ Json undetermined_json(const Unknowns& candidates, const Eigen::MatrixXd& direct
 
 Json finite_array(const Eigen::Vector3d& v) {
   return Json::array({finite_or_null(v.x()), finite_or_null(v.y()), finite_or_null(v.z())});
-}
-
-Json interval_json(double value, double std, double degrees_of_freedom) {
-  const double half = half_width_95(std, degrees_of_freedom);
-  return std::isfinite(half) ? Json::array({value - half, value + half}) : Json(nullptr);
 }
 
 Json asked_json(const std::vector<AskedPoint>& points) {
@@ -324,6 +343,12 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   if (calibration.accuracy.test) {
     position_error["test"] = before_after_json(*calibration.accuracy.test);
   }
+  for (const auto& [name, means] :
+       {std::pair{"train", &calibration.accuracy.train_means}, std::pair{"test", &calibration.accuracy.test_means}}) {
+    if (*means) {
+      position_error[name]["means"] = before_after_json(**means);
+    }
+  }
   for (const auto& [name, part] : {std::pair{"test_at_fitted_poses", &calibration.accuracy.test_at_fitted_poses},
                                    std::pair{"test_at_new_poses", &calibration.accuracy.test_at_new_poses}}) {
     if (*part) {
@@ -362,6 +387,9 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["base"] = base_json(calibration);
   result["targets"] = targets_json(calibration);
   result["position_error"] = position_error;
+  if (const auto& convention = options.diagnosis.convention) {
+    result["joint_offsets"] = joint_offsets_json(calibration, *convention);
+  }
   result["exported_urdf"] = exported_urdf_json(robot, calibration);
   result["noise"] = noise_json(calibration.noise);
   add_details(calibration, measurements, result);

@@ -16,7 +16,9 @@
 #include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/training_rows.hpp"
+#include "model/parameters.hpp"
 #include "results/effect_findings.hpp"
+#include "results/joint_offsets.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -32,40 +34,33 @@ std::string priors_in_words(const Priors& priors) {
   return fmt::format("priors of {:.3g} mm and {:.3g} mrad", priors.length * 1e3, priors.angle * 1e3);
 }
 
-// Position errors of the means of the repeats, as in all tables.
 void add_errors(const CalibrationResult& calibration, std::string& text) {
   text += "\n" + statistics_heading("position error [mm]");
   const auto add = [&](const std::string& what, const ErrorStatistics& before, const ErrorStatistics& after) {
     text += statistics_row(what + ", nominal", before) + statistics_row(what + ", calibrated", after);
   };
-  const bool has_effects = calibration.accuracy.train.rigid.has_value();
-  add("fitted", calibration.accuracy.iso_before.accuracy, calibration.accuracy.iso_after.accuracy);
-  if (has_effects) {
-    text += statistics_row("fitted, URDF alone", calibration.exported.iso.accuracy);
-  }
-  if (calibration.accuracy.iso_test_before && calibration.accuracy.iso_test_after) {
-    add("test", calibration.accuracy.iso_test_before->accuracy, calibration.accuracy.iso_test_after->accuracy);
-  }
+  const auto add_pair = [&](const std::string& what, const std::optional<BeforeAfter>& pair) {
+    if (pair) {
+      add(what, pair->before, pair->after);
+      text += pair->rigid ? statistics_row(what + ", URDF alone", *pair->rigid) : "";
+    }
+  };
+  add_pair("fitted", calibration.accuracy.train);
+  add_pair("means", calibration.accuracy.train_means);
+  add_pair("test", calibration.accuracy.test);
+  add_pair("test means", calibration.accuracy.test_means);
   if (calibration.accuracy.test_at_fitted_poses) {
     text += statistics_row("  at fitted poses", *calibration.accuracy.test_at_fitted_poses);
   }
   if (calibration.accuracy.test_at_new_poses) {
     text += statistics_row("  at new poses", *calibration.accuracy.test_at_new_poses);
   }
-  const auto add_held_out = [&](const std::string& what, const BeforeAfter& pair) {
-    add(what, pair.before, pair.after);
-    if (pair.rigid) {
-      text += statistics_row(what + ", URDF alone", *pair.rigid);
-    }
-  };
-  if (calibration.accuracy.leave_one_out) {
-    add_held_out("left out", *calibration.accuracy.leave_one_out);
-  }
+  add_pair("left out", calibration.accuracy.leave_one_out);
   if (calibration.accuracy.nested_leave_one_out) {
     text += statistics_row("left out, choice anew", *calibration.accuracy.nested_leave_one_out);
   }
   if (calibration.accuracy.k_fold) {
-    add_held_out(fmt::format("{}-fold", calibration.accuracy.folds), *calibration.accuracy.k_fold);
+    add_pair(fmt::format("{}-fold", calibration.accuracy.folds), calibration.accuracy.k_fold);
   }
   const ErrorStatistics& repeatability = calibration.accuracy.iso_after.repeatability;
   if (repeatability.count > 0) {
@@ -267,36 +262,22 @@ void add_effects(const CalibrationResult& calibration, const Measurements& measu
 }
 
 // For mastering: corrections to add to the controller's joint values.
-void add_controller_offsets(const CalibrationResult& calibration, const JointConvention& convention,
-                            std::string& text) {
-  const ErrorModel& model = calibration.model;
-  Eigen::VectorXd offsets = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(convention.urdf_joints.size()));
-  Eigen::VectorXd unknown = offsets;  // 1 where a gauge holds the offset
-  for (const ParameterEstimate& parameter : calibration.uncertainty.parameters) {
-    const auto joint = std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), parameter.joint);
-    if (parameter.kind == ParameterKind::joint_offset && joint != convention.urdf_joints.end()) {
-      offsets[joint - convention.urdf_joints.begin()] = parameter.error;
-      unknown[joint - convention.urdf_joints.begin()] = parameter.gauge ? 1.0 : 0.0;
-    }
+void add_joint_offsets(const CalibrationResult& calibration, const JointConvention& convention, std::string& text) {
+  text += "\njoint zero offsets, for mastering: add to the displayed values, +- 95 %\n";
+  for (const JointOffset& offset : joint_offsets(calibration, convention)) {
+    const DisplayUnit& unit = offset.slides ? kMillimetres : kDegrees;
+    text += "  " + padded(offset.joint, 24);
+    text += !offset.measurable ? "  not measurable: base or targets take it up\n"
+            : offset.std == 0.0
+                ? unit.of(offset.add) + "  held\n"
+                : fmt::format("{}  +- {}\n", unit.of(offset.add),
+                              fixed(unit.per_si * half_width_95(offset.std, offset.degrees_of_freedom), unit.decimals));
   }
-  const Eigen::MatrixXd to_controller = convention.matrix.inverse();
-  const Eigen::VectorXd controller = to_controller * offsets;
-  const Eigen::VectorXd held = to_controller.cwiseAbs() * unknown;
-  text +=
-      "\njoint offsets as the controller counts, for mastering\n"
-      "(to add to the displayed values; the calibrated URDF contains them already)\n";
-  for (std::size_t i = 0; i < convention.controller_joints.size(); ++i) {
-    const auto index = static_cast<Eigen::Index>(i);
-    bool slides = false;
-    for (const MovingJoint& joint : model.joints) {
-      const auto row = std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), joint.name);
-      slides = slides || (joint.type == JointType::prismatic && row != convention.urdf_joints.end() &&
-                          convention.matrix(row - convention.urdf_joints.begin(), index) != 0.0);
-    }
-    const DisplayUnit& unit = slides ? kMillimetres : kDegrees;
-    text += "  " + padded(convention.controller_joints[i], 46) +
-            (held[index] > 1e-9 ? "      not measurable: base or targets take it up" : unit.of(controller[index])) +
-            "\n";
+  if (calibration.offsets_alone) {
+    text += wrapped(fmt::format("with these alone corrected {:.3f} mm would be left (fitted); the calibrated URDF "
+                                "contains them already",
+                                calibration.offsets_alone->rms * 1e3),
+                    2, 2);
   }
 }
 
@@ -328,8 +309,10 @@ long fitted_configurations(const Measurements& measurements) {
 }
 
 std::string sizes(const Measurements& measurements, const CalibrationResult& calibration) {
-  return fmt::format("{} configurations, {} points, {} parameters", fitted_configurations(measurements),
-                     calibration.accuracy.train.after.count, calibration.fit.free.size());
+  const Eigen::Index effects = calibration.fit.free.range(UnknownGroup::effects).count;
+  return fmt::format("{} configurations, {} points, {} parameters{}", fitted_configurations(measurements),
+                     calibration.accuracy.train.after.count, calibration.fit.free.size() - effects,
+                     effects > 0 ? fmt::format(" and {} of effects", effects) : "");
 }
 
 // The verdict, shown before any figure.
@@ -351,31 +334,33 @@ std::string verdict(const Measurements& measurements, const CalibrationResult& c
   return text + "\nCalibration of " + sizes(measurements, calibration) + ".\n";
 }
 
+std::string main_row(const std::string& label, const BeforeAfter& errors, double ErrorStatistics::*figure) {
+  const auto cell_of = [&](const std::optional<ErrorStatistics>& statistics) {
+    return statistics && statistics->count > 0 ? cell(*statistics.*figure * 1e3, 12) : std::string(12, ' ');
+  };
+  return padded(label, 26) + cell_of(errors.before) + cell_of(errors.after) + cell_of(errors.rigid) +
+         fmt::format("{:>10}\n", errors.after.count);
+}
+
+// The error that the exported URDF leaves alone stands beside that of the full model.
 void add_main_figures(const CalibrationResult& calibration, std::string& text) {
   const Accuracy& accuracy = calibration.accuracy;
-  text += fmt::format("Position error, rms:  nominal {:.3f} mm -> calibrated {:.3f} mm  (fitted)\n",
-                      accuracy.iso_before.accuracy.rms * 1e3, accuracy.iso_after.accuracy.rms * 1e3);
-  if (accuracy.test && accuracy.iso_test_after) {
-    text +=
-        fmt::format("                      at the test rows {:.3f} mm\n", accuracy.iso_test_after->accuracy.rms * 1e3);
+  text += fmt::format("\nposition error, rms [mm]       nominal  calibrated{}    points\n",
+                      accuracy.train.rigid ? "  URDF alone" : "            ");
+  const auto add = [&](const std::string& label, const std::optional<BeforeAfter>& errors) {
+    text += errors ? main_row(label, *errors, &ErrorStatistics::rms) : "";
+  };
+  add("fitted", accuracy.train);
+  add("fitted, means of repeats", accuracy.train_means);
+  add("test", accuracy.test);
+  add("test, means of repeats", accuracy.test_means);
+  add("left out", accuracy.leave_one_out);
+  if (accuracy.k_fold) {
+    add(fmt::format("{}-fold", accuracy.folds), accuracy.k_fold);
   }
-  // The figures above are of the means of repeats; `position_error` of the result has those of single repeats.
-  if (accuracy.iso_after.repeatability.count > 0) {
-    text += fmt::format("                      single repeats: fitted {:.3f} mm{}\n", accuracy.train.after.rms * 1e3,
-                        accuracy.test ? fmt::format(", test rows {:.3f} mm", accuracy.test->after.rms * 1e3) : "");
-  }
-  const BeforeAfter* held_out = calibration.accuracy.held_out();
-  if (held_out == nullptr) {
-    text += "                      at unseen configurations: not known\n";
-  } else {
-    text += fmt::format(
-        "                      at unseen configurations {:.3f} mm  ({})\n", held_out->after.rms * 1e3,
-        calibration.accuracy.leave_one_out ? "leave-one-out" : fmt::format("{}-fold", calibration.accuracy.folds));
-    if (held_out->rigid) {
-      text +=
-          fmt::format("                      there by the exported URDF alone {:.3f} mm\n", held_out->rigid->rms * 1e3);
-    }
-  }
+  const BeforeAfter* held_out = accuracy.held_out();
+  text += held_out != nullptr ? main_row("largest, left out", *held_out, &ErrorStatistics::max)
+                              : "left out                  not known\n";
 }
 
 }  // namespace
@@ -398,20 +383,24 @@ std::string result_table(const Measurements& measurements, const CalibrationResu
   check(calibration.fit.identification.estimate, calibration.model, measurements);
   std::string text = verdict(measurements, calibration);
   add_main_figures(calibration, text);
-  if (!options.written.empty()) {
-    text += wrapped("Written: " + comma_separated(options.written), 0, 9);
-  }
-  add_errors(calibration, text);
   add_figures(calibration, text);
   if (calibration.trusted()) {
+    if (options.convention != nullptr) {
+      add_joint_offsets(calibration, *options.convention, text);
+    }
+    add_predictions(calibration.uncertainty.predicted.asked, text);
+  }
+  if (options.details) {
+    add_errors(calibration, text);
+  }
+  if (options.details && calibration.trusted()) {
     add_parameters(calibration, options.fixed, text);
     add_effects(calibration, measurements, text);
-    if (options.convention != nullptr) {
-      add_controller_offsets(calibration, *options.convention, text);
-    }
     add_most_influential(measurements, calibration.uncertainty.influence, text);
-    add_predictions(calibration.uncertainty.predicted.asked, text);
     add_frames(calibration.fit.identification.estimate, text);
+  }
+  if (!options.written.empty()) {
+    text += "\n" + wrapped("Written: " + comma_separated(options.written), 0, 9);
   }
   return text;
 }

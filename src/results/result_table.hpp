@@ -13,10 +13,12 @@ struct TableOptions {
   std::vector<std::string> written;             ///< names of the written files
   std::string fixed = "fixed";                  ///< text for a parameter that was not estimated
   const JointConvention* convention = nullptr;  ///< also shows joint offsets in controller values
+  bool details = false;                         ///< also shows every parameter, effect, frame and statistic
 };
 
 /// The result as text: millimetres and degrees, gains in percent, at most 80 columns unless names are long. The verdict
-/// comes first. An untrusted result shows its doubts and no parameters.
+/// comes first. An untrusted result shows its doubts and no parameters. Without details it has at most 40 lines for an
+/// arm of six joints.
 std::string result_table(const Measurements& measurements, const CalibrationResult& calibration,
                          const TableOptions& options = {});
 

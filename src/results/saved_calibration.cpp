@@ -12,7 +12,9 @@
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "base/text_file.hpp"
+#include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "model/parameters.hpp"
 #include "results/effects_json.hpp"
 
 namespace kdl_calibration {
@@ -51,6 +53,15 @@ double number_or_infinity(const Node& node) {
   return node.json.is_null() ? std::numeric_limits<double>::infinity() : number(node);
 }
 
+// A number of 0 or more; null stands for infinity.
+double not_negative(const Node& node) {
+  const double value = number_or_infinity(node);
+  if (!(value >= 0.0)) {
+    fail(node, "a number of 0 or more");
+  }
+  return value;
+}
+
 std::vector<TargetFrame> targets_of(const Node& top) {
   std::vector<TargetFrame> targets;
   for (const Node& node : elements(member(top, "targets"))) {
@@ -79,7 +90,8 @@ void require_sound(const Node& parameter, double error, bool is_angle) {
   }
 }
 
-void read_parameters(const Node& top, SavedCalibration& saved) {
+// Reads the errors and effects; gives the effects' degrees of freedom.
+std::vector<double> read_parameters(const Node& top, SavedCalibration& saved) {
   saved.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.parameters.size()));
   std::set<std::string> names;
   for (const Node& node : elements(member(top, "parameters"))) {
@@ -102,12 +114,14 @@ void read_parameters(const Node& top, SavedCalibration& saved) {
     }
     saved.estimate.errors[known - saved.model.parameters.begin()] = error;
   }
-  if (has(top, "effects")) {
-    SavedEffects effects = read_effects(member(top, "effects"), saved.model);
-    saved.model.gravity = effects.gravity;
-    saved.model.effects = std::move(effects.terms);
-    saved.estimate.effects = std::move(effects.values);
+  if (!has(top, "effects")) {
+    return {};
   }
+  SavedEffects effects = read_effects(member(top, "effects"), saved.model);
+  saved.model.gravity = effects.gravity;
+  saved.model.effects = std::move(effects.terms);
+  saved.estimate.effects = std::move(effects.values);
+  return std::move(effects.degrees_of_freedom);
 }
 
 // {"names": […], "lower_triangle": [[…], …]}; null is an infinite variance.
@@ -138,6 +152,16 @@ void read_covariance(const Node& block, SavedCalibration& saved) {
         fail(value, "a variance, 0 or more");
       }
       saved.covariance(r, c) = saved.covariance(c, r) = read;
+    }
+  }
+  constexpr double kRounding = 1e-6;
+  const Eigen::ArrayXd sigma = saved.covariance.diagonal().array().sqrt();
+  for (Eigen::Index r = 0; r < size; ++r) {
+    for (Eigen::Index c = 0; c < r; ++c) {
+      if (std::isfinite(saved.covariance(r, c)) &&
+          !(std::abs(saved.covariance(r, c)) <= (1.0 + kRounding) * sigma[r] * sigma[c])) {
+        fail(rows[static_cast<std::size_t>(r)], "covariances within the variances");
+      }
     }
   }
 }
@@ -191,7 +215,7 @@ ParameterEstimate estimate_of(const Node& node) {
 }
 
 // The lines of the result, effects from their terms; none in a truth file.
-void read_estimates(const Node& top, SavedCalibration& saved) {
+void read_estimates(const Node& top, const std::vector<double>& degrees_of_freedom, SavedCalibration& saved) {
   for (const Node& node : optional_elements(top, "parameters")) {
     if (has(node, "degrees_of_freedom")) {
       saved.parameters.push_back(estimate_of(node));
@@ -209,7 +233,7 @@ void read_estimates(const Node& top, SavedCalibration& saved) {
                                 .value = value,
                                 .error = value,
                                 .std = known ? std::sqrt(saved.covariance(*column, *column)) : 0.0,
-                                .degrees_of_freedom = saved.parameters.back().degrees_of_freedom,
+                                .degrees_of_freedom = degrees_of_freedom[e],
                                 .identifiable = known});
   }
   saved.urdf_errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.parameters.size()));
@@ -229,10 +253,13 @@ void read_prediction(const Node& top, SavedCalibration& saved) {
   }
   const Node predicted = member(top, "predicted_accuracy");
   const Node region = member(predicted, "region");
-  saved.region.radius_factor = number(member(predicted, "radius_factor"));
-  saved.region.largest_variance = number_or_infinity(member(region, "largest_variance"));
+  saved.region.radius_factor = not_negative(member(predicted, "radius_factor"));
+  saved.region.largest_variance = not_negative(member(region, "largest_variance"));
   for (const Node& node : elements(member(region, "joints"))) {
     const Eigen::Vector2d range = tree::numbers<2>(node);
+    if (!(range.x() <= range.y())) {
+      fail(node, "the lower end first");
+    }
     saved.region.joints.emplace_back(range.x(), range.y());
   }
   if (saved.region.joints.size() != saved.model.joints.size()) {
@@ -248,9 +275,10 @@ void read_prediction(const Node& top, SavedCalibration& saved) {
     const Eigen::Vector4d tracker = tree::numbers<4>(member(noise, "tracker"));
     model.tracker = TrackerNoise{tracker[0], tracker[1], tracker[2], tracker[3]};
   }
-  saved.noise.degrees_of_freedom = number_or_infinity(member(noise, "degrees_of_freedom_of_point"));
+  check(model);
+  saved.noise.degrees_of_freedom = not_negative(member(noise, "degrees_of_freedom_of_point"));
   const bool by_parts = tree::name(member(noise, "model")) == to_string(NoiseSource::parts);
-  saved.noise.variance_factor = by_parts ? 1.0 : number(member(noise, "variance_factor"));
+  saved.noise.variance_factor = by_parts ? 1.0 : not_negative(member(noise, "variance_factor"));
   if (has(top, "undetermined")) {
     const Node undetermined = member(top, "undetermined");
     std::vector<std::string> names;
@@ -313,6 +341,11 @@ Accuracy accuracy_of(const Node& top) {
     const Node errors = member(top, "position_error");
     result.train = before_after(errors, "train").value_or(BeforeAfter{});
     result.test = before_after(errors, "test");
+    for (const auto& [name, means] : {std::pair{"train", &result.train_means}, std::pair{"test", &result.test_means}}) {
+      if (has(errors, name)) {
+        *means = before_after(member(errors, name), "means");
+      }
+    }
     result.test_at_fitted_poses = optional_statistics(errors, "test_at_fitted_poses");
     result.test_at_new_poses = optional_statistics(errors, "test_at_new_poses");
     result.leave_one_out = before_after(errors, "leave_one_out");
@@ -340,7 +373,7 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
   require_same_robot(top, robot);
   SavedCalibration saved;
   saved.model = complete_model(robot);
-  read_parameters(top, saved);
+  const std::vector<double> effects_freedom = read_parameters(top, saved);
   if (has(top, "base")) {
     const Node base = member(top, "base");
     saved.estimate.X_WB.translation() = tree::numbers<3>(member(base, "position"));
@@ -353,7 +386,7 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
     read_covariance(member(top, "covariance"), saved);
   }
   read_verdict(top, saved);
-  read_estimates(top, saved);
+  read_estimates(top, effects_freedom, saved);
   read_prediction(top, saved);
   saved.accuracy = accuracy_of(top);
   return saved;

@@ -1,8 +1,10 @@
 #include "robot/joint_ranges.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <numbers>
 
+#include "base/number_text.hpp"
 #include "base/preconditions.hpp"
 #include "robot/mimic.hpp"
 
@@ -28,6 +30,12 @@ JointRanges published_ranges(const std::vector<MovingJoint>& joints) {
 
 Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Random& random) {
   require_at_least("configurations", count, 0);
+  for (const auto& [lower, upper] : ranges) {
+    require_finite("a joint range", std::isfinite(lower) && std::isfinite(upper));
+    if (!(lower <= upper)) {
+      refuse_input("a joint range from " + shortest(lower) + " to " + shortest(upper), "the lower end first");
+    }
+  }
   Eigen::MatrixXd joint_values(static_cast<Eigen::Index>(ranges.size()), count);
   for (Eigen::Index c = 0; c < count; ++c) {
     for (std::size_t i = 0; i < ranges.size(); ++i) {

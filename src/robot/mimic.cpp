@@ -1,5 +1,7 @@
 #include "robot/mimic.hpp"
 
+#include <cmath>
+
 #include "base/preconditions.hpp"
 
 namespace kdl_calibration {
@@ -33,6 +35,24 @@ void follow(const std::vector<MovingJoint>& joints, Eigen::Ref<Eigen::MatrixXd> 
           (mimic->multiplier * q.row(static_cast<Eigen::Index>(mimic->leader))).array() + mimic->offset;
     }
   }
+}
+
+double follower_tolerance(double multiplier) {
+  constexpr double kRoundedJointValue = 1e-5;
+  return kRoundedJointValue * (1.0 + std::abs(multiplier));
+}
+
+std::optional<std::size_t> follower_astray(const std::vector<MovingJoint>& joints,
+                                           const Eigen::Ref<const Eigen::VectorXd>& q) {
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    if (const std::optional<Mimic>& mimic = joints[i].mimic) {
+      const double led = mimic->multiplier * q[static_cast<Eigen::Index>(mimic->leader)] + mimic->offset;
+      if (!(std::abs(q[static_cast<Eigen::Index>(i)] - led) <= follower_tolerance(mimic->multiplier))) {
+        return i;
+      }
+    }
+  }
+  return std::nullopt;
 }
 
 Eigen::MatrixXd all_joint_values(const std::vector<MovingJoint>& joints,

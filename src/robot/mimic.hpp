@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,5 +28,12 @@ Eigen::MatrixXd all_joint_values(const std::vector<MovingJoint>& joints,
                                  const Eigen::Ref<const Eigen::MatrixXd>& independent);
 Eigen::MatrixXd independent_joint_values(const std::vector<MovingJoint>& joints,
                                          const Eigen::Ref<const Eigen::MatrixXd>& all);
+
+/// Tolerance of a follower's value [rad or m], for values rounded to 0.001 degrees or 0.01 mm.
+double follower_tolerance(double multiplier);
+
+/// The first follower whose value is not that of its leader; none if all follow.
+std::optional<std::size_t> follower_astray(const std::vector<MovingJoint>& joints,
+                                           const Eigen::Ref<const Eigen::VectorXd>& q);
 
 }  // namespace kdl_calibration

@@ -7,6 +7,7 @@
 #include "base/text.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 
 namespace kdl_calibration {

@@ -3,6 +3,7 @@
 #include "base/preconditions.hpp"
 #include "estimation/identification.hpp"
 #include "estimation/input_check.hpp"
+#include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
 #include "two_step/matrix_derivatives.hpp"
 #include "two_step/two_step.hpp"

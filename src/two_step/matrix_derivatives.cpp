@@ -6,6 +6,7 @@
 #include <kdl/chainjnttojacsolver.hpp>
 
 #include "base/preconditions.hpp"
+#include "model/error_chains.hpp"
 #include "model/manipulator_jacobian.hpp"
 
 namespace kdl_calibration {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
+#include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
 
 namespace kdl_calibration {

@@ -8,6 +8,7 @@
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
 #include "measurements/training_rows.hpp"
+#include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
 #include "two_step/matrix_derivatives.hpp"
 

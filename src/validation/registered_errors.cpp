@@ -73,6 +73,11 @@ RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, c
   result.train = statistics(Rows::train);
   result.test = statistics(Rows::test);
   result.iso = iso_9283(X_BF, placed, measurements, Rows::all);
+  if (result.iso.repeatability.count > 0) {
+    result.all_means = result.iso.accuracy;
+    result.train_means = iso_9283(X_BF, placed, measurements, Rows::train).accuracy;
+    result.test_means = iso_9283(X_BF, placed, measurements, Rows::test).accuracy;
+  }
   return result;
 }
 

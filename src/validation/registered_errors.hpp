@@ -29,6 +29,10 @@ struct RegisteredErrors {
   ErrorStatistics all;
   ErrorStatistics train;
   ErrorStatistics test;
+  /// Of the means of repeats; none without repeats.
+  std::optional<ErrorStatistics> all_means;
+  std::optional<ErrorStatistics> train_means;
+  std::optional<ErrorStatistics> test_means;
   Iso9283 iso;  ///< over all rows
   Registration registration;
   Freedom freedom;

@@ -11,6 +11,7 @@
 #include "every_header.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "mistakes_support.hpp"
+#include "model/error_chains.hpp"
 #include "refusal.hpp"
 #include "robot/joint_ranges.hpp"
 #include "two_step/matrix_derivatives.hpp"

@@ -3,6 +3,7 @@
 #include <kdl/chainjnttojacsolver.hpp>
 
 #include "experiment.hpp"
+#include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
 
 namespace kdl_calibration::benchmarks {

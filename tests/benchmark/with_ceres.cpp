@@ -5,6 +5,7 @@
 #include <array>
 
 #include "experiment.hpp"
+#include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
 
 namespace kdl_calibration::benchmarks {

@@ -20,6 +20,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
 #include "planning/simulation.hpp"
 #include "record.hpp"

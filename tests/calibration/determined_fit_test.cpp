@@ -18,6 +18,7 @@
 #include "dense_fit.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "noise/noise_components.hpp"
 #include "planning/simulation.hpp"

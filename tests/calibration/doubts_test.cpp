@@ -724,7 +724,7 @@ TEST(DoubtsOfCalibrations, WhereNothingIsGainedTheUrdfIsTheOneThatWasRead) {
   EXPECT_TRUE(calibrated_urdf(robot, found) == robot.urdf);
   EXPECT_EQ(found.exported.train.rms, found.accuracy.train.before.rms);
   EXPECT_EQ(found.exported.held_out->rms, found.accuracy.leave_one_out->before.rms);
-  EXPECT_EQ(found.exported.iso.accuracy.rms, found.accuracy.iso_before.accuracy.rms);
+  EXPECT_EQ(found.accuracy.held_out()->rigid->rms, found.accuracy.leave_one_out->before.rms);
   EXPECT_TRUE(found.exported.estimate.errors.isZero(0.0));
   const CalibrationResult& gained = clean();
   EXPECT_FALSE(gained.exported.nominal_kept);

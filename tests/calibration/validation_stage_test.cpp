@@ -145,7 +145,6 @@ TEST(ValidationStage, WithoutEffectsTheExportedRobotIsTheCalibratedOne) {
   const CalibrationResult found =
       calibrate(experiment.model, measured, {.validation = {.k_fold = 5}, .diagnosis = {.try_readings = false}});
   EXPECT_EQ(found.exported.estimate.errors, found.fit.identification.estimate.errors);
-  expect_equal(found.exported.iso, found.accuracy.iso_after, "exported");
   expect_equal(found.exported.train, found.accuracy.train.after, 0.0, "exported");
   expect_equal(*found.exported.held_out, found.accuracy.k_fold->after, 0.0, "exported");
   EXPECT_FALSE(found.exported.test.has_value());

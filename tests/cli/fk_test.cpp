@@ -9,7 +9,9 @@
 #include <kdl/frames.hpp>
 
 #include "cli_options_support.hpp"
+#include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "printed_text.hpp"
 
 namespace kdl_calibration::testing::fk_test {

@@ -6,6 +6,7 @@
 
 #include "cli/measurement_options.hpp"
 #include "cli_support.hpp"
+#include "model/parameters.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 

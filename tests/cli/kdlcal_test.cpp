@@ -4,6 +4,7 @@
 #include "calibration/calibrate.hpp"
 #include "cli_support.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "model/parameters.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing::kdlcal_test {
@@ -783,6 +784,66 @@ TEST_F(CommandLineOnRealData, SaysWhichJointConventionFits) {
                              "none", "--prior", "none"});
   EXPECT_EQ(right.status, 0);
   EXPECT_THAT(right.err, ::testing::Not(HasSubstr("convention")));
+}
+
+// A figure of the terminal's table of errors [mm].
+double printed(const std::string& text, const std::string& row, std::size_t column) {
+  const std::size_t line = text.find("\n" + row + "  ");
+  EXPECT_NE(line, std::string::npos) << row << "\n" << text;
+  return line == std::string::npos ? 0.0 : std::stod(text.substr(line + 27 + 12 * column, 12));
+}
+
+// One figure, one name: terminal, result and validation.
+TEST_F(CommandLineOnRealData, ErrorsAreTheSameWhereverTheyStand) {
+  ASSERT_EQ(run({"simulate", "--noise", "3e-5", "--length-sigma", "0.001", "--angle-sigma", "0.001", "--repeats", "3",
+                 "--test-configurations", "5", "--output", "virtual.csv"})
+                .status,
+            0);
+  const std::string folder = std::string(SHARED_DATA_DIR) + "/ur10_tracker_poses";
+  for (const std::vector<std::string>& data : std::vector<std::vector<std::string>>{
+           {"--measurements", "virtual.csv"},
+           {"--measurements", measurements, "--joint-convention", kSerial},
+           {"--urdf", folder + "/ur10.urdf", "--tip", "tool0", "--measurements", folder + "/measurements.csv",
+            "--effects", "gravity", "--prior", "none", "--k-fold", "10"}}) {
+    std::vector<std::string> calibrate = {"calibrate", "--result", "r.json", "--force"};
+    calibrate.insert(calibrate.end(), data.begin(), data.end());
+    const Outcome outcome = run(calibrate);
+    ASSERT_EQ(outcome.status, 0) << outcome.err;
+    EXPECT_LE(std::count(outcome.out.begin(), outcome.out.end(), '\n'), 40) << outcome.out;
+    const Json& result = json_of("r.json");
+    const Json& errors = result["position_error"];
+    const auto expect_row = [&](const std::string& row, const Json& pair, const char* figure) {
+      EXPECT_NEAR(printed(outcome.out, row, 0), pair["before"][figure].get<double>() * 1e3, 5.1e-4) << row;
+      EXPECT_NEAR(printed(outcome.out, row, 1), pair["after"][figure].get<double>() * 1e3, 5.1e-4) << row;
+      if (pair.contains("exported_urdf")) {
+        EXPECT_NEAR(printed(outcome.out, row, 2), pair["exported_urdf"][figure].get<double>() * 1e3, 5.1e-4) << row;
+      }
+    };
+    expect_row("fitted", errors["train"], "rms");
+    const Json& held_out = errors.contains("k_fold") ? errors["k_fold"] : errors["leave_one_out"];
+    expect_row(errors.contains("k_fold") ? "10-fold" : "left out", held_out, "rms");
+    expect_row("largest, left out", held_out, "max");
+    std::vector<std::string> validate = {"validate", "--result", "r.json", "--json"};
+    const auto end = data[0] == "--urdf" ? data.end() - 6 : data.end();
+    validate.insert(validate.end(), data.begin(), end);
+    const Json valid = run_json(validate)["position_error"];
+    for (const std::string set : {"train", "test"}) {
+      if (!errors.contains(set)) {
+        continue;
+      }
+      expect_row(set == "train" ? "fitted" : "test", errors[set], "rms");
+      // Base and targets are registered, not fitted with the noise's weights.
+      EXPECT_NEAR(valid[set]["rms"].get<double>() / errors[set]["after"]["rms"].get<double>(), 1.0, 0.02) << set;
+      ASSERT_EQ(errors[set].contains("means"), valid[set].contains("means"));
+      if (errors[set].contains("means")) {
+        expect_row(set == "train" ? "fitted, means of repeats" : "test, means of repeats", errors[set]["means"], "rms");
+        EXPECT_NEAR(valid[set]["means"]["rms"].get<double>() / errors[set]["means"]["after"]["rms"].get<double>(), 1.0,
+                    0.02)
+            << set;
+      }
+    }
+    EXPECT_EQ(result.contains("joint_offsets"), data.size() == 4);
+  }
 }
 
 class CommandLineOnRealDataLongRun : public CommandLineOnRealData {};

@@ -78,7 +78,7 @@ TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
   expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--leave-one-out"}, 0, {});
   write("serial.csv", controller_csv(measured, kSerial));
   const Outcome outcome = expect({"calibrate", "--measurements", "serial.csv", "--joint-convention", kSerial}, 0, {});
-  EXPECT_THAT(outcome.out, ::testing::HasSubstr("joint offsets as the controller counts, for mastering\n(to add"));
+  EXPECT_THAT(outcome.out, ::testing::HasSubstr("joint zero offsets, for mastering: add to the displayed values"));
 }
 
 TEST_F(CommandLineWarnings, CalibrateTrustsWhereItWasMeasuredAndNamesWhatIsNotDetermined) {

@@ -8,6 +8,7 @@
 
 #include "cli_support.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "planning/simulation.hpp"
 #include "planning/two_step_trial.hpp"

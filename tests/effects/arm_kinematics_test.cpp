@@ -11,6 +11,7 @@
 #include "effects/effect_terms.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "model/error_chains.hpp"
 #include "robot/joint_ranges.hpp"
 #include "support.hpp"
 #include "two_step/matrix_derivatives.hpp"

@@ -17,6 +17,7 @@
 #include "effects/arm_kinematics.hpp"
 #include "estimation/identification.hpp"
 #include "measurements/drive_signals.hpp"
+#include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
 #include "planning/simulation.hpp"
 #include "refusal.hpp"

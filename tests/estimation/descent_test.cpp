@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "dense_fit.hpp"
+#include "model/parameters.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::descent_test {

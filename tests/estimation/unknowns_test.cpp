@@ -8,6 +8,7 @@
 #include "base/random.hpp"
 #include "effects/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "support.hpp"
 

@@ -12,6 +12,7 @@
 #include <iterator>
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 #include <vector>
@@ -99,6 +100,7 @@ TEST(InterfaceOptions, DirectionOfGravityMayHaveAnyLength) {
     return calibrate(fanuc(), experiment().measurements, options).error("Tx1");
   };
   EXPECT_EQ(error_with(1.0), error_with(4.0));
+  EXPECT_NEAR(error_with(1e200), error_with(1.0), 1e-12);  // its square is no number
 }
 
 // ---- What was found ------------------------------------------------------------------------------------------------
@@ -210,6 +212,7 @@ TEST_F(InterfaceFiles, ResultReadBackPredictsTheSame) {
   ASSERT_EQ(again.parameters().size(), found().parameters().size());
   for (const ParameterEstimate& parameter : found().parameters()) {
     EXPECT_EQ(again.std(parameter.name), parameter.std) << parameter.name;
+    EXPECT_EQ(again.parameter(parameter.name).degrees_of_freedom, parameter.degrees_of_freedom) << parameter.name;
     EXPECT_EQ(again.parameter(parameter.name).kind, parameter.kind) << parameter.name;
   }
   EXPECT_EQ(calibrated_urdf(fanuc(), again), calibrated_urdf(fanuc(), found()));
@@ -243,6 +246,24 @@ TEST_F(InterfaceFiles, ResultWithoutCovarianceGivesNoRadius) {
   EXPECT_GT(large.arm().predict(somewhere(), "t7").covariance.trace(), 0.0);
   EXPECT_LT((again.flange_pose(somewhere()).matrix() - large.arm().flange_pose(somewhere()).matrix()).norm(), 1e-12);
   EXPECT_THAT(testing::refusal([&] { again.predict(somewhere(), "t7"); }), HasSubstr("at most 300 parameters"));
+}
+
+// Values that no calibration has, in a file without hashes.
+TEST_F(InterfaceFiles, ImpossibleValuesOfAResultAreRefused) {
+  write_result(file("r.json"), fanuc(), experiment().measurements, found());
+  const nlohmann::json good = nlohmann::json::parse(text_of(file("r.json")));
+  const std::vector<std::pair<std::string, nlohmann::json>> cases = {
+      {"/predicted_accuracy/radius_factor", -1.0},      {"/predicted_accuracy/region/largest_variance", -1.0},
+      {"/predicted_accuracy/region/joints/2/0", 100.0}, {"/noise/misfit", -1e-3},
+      {"/noise/degrees_of_freedom_of_point", -3.0},     {"/covariance/lower_triangle/4/3", 1.0},
+      {"/covariance/lower_triangle/4/4", -1.0}};
+  for (const auto& [path, value] : cases) {
+    nlohmann::json bad = good;
+    bad.erase("hashes");
+    bad.at(nlohmann::json::json_pointer(path)) = value;
+    std::ofstream(file("bad.json")) << bad;
+    EXPECT_THAT(testing::refusal([&] { load_calibration(file("bad.json"), fanuc()); }), HasSubstr("expected")) << path;
+  }
 }
 
 TEST_F(InterfaceFiles, LinksAndModesStayAndNothingElseThanAFileIsReplaced) {
@@ -319,6 +340,40 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
   Eigen::VectorXd nan = somewhere();
   nan[2] = std::numeric_limits<double>::quiet_NaN();
   Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
+  Measurements twins = data;
+  twins.targets[1] = twins.targets[0];
+  Measurements nameless = data;
+  nameless.targets[0].clear();
+  Measurements one_label = data;
+  one_label.configurations[1] = one_label.configurations[0];
+  CalibrationOptions misspelt;
+  misspelt.parameters.known_targets = {{.name = "a"}};
+  CalibrationOptions no_group;
+  no_group.effects.groups = {static_cast<EffectGroup>(99)};
+  CalibrationOptions endless;
+  endless.estimator.iterations = std::numeric_limits<int>::max();
+  Robot bent = fanuc();
+  bent.joints[1].origin.p.x(0.5);
+  std::string text = fanuc().urdf;
+  const std::string third = R"(<joint name="joint_3" type="revolute">)";
+  text.insert(text.find(third) + third.size(), R"(<mimic joint="joint_2"/>)");
+  const CalibratedArm lead = simulate(parse_robot(text)).truth;
+  const Robot bare = parse_robot(fanuc().urdf, {.tip = "link_6"});
+  const SimulatedExperiment of_bare = simulate(bare, {.noise = 3e-5});
+  const Calibration without_tip =
+      calibrate(bare, of_bare.measurements,
+                {.priors = {.automatic = false}, .effects = {.automatic = false}, .validation = {.held_out = false}});
+  const JointConvention flat{.name = "flat",
+                             .controller_joints = {"J1", "J2", "J3", "J4", "J5", "J6"},
+                             .urdf_joints = joint_names(fanuc()),
+                             .matrix = Eigen::MatrixXd::Zero(6, 6),
+                             .offset = Eigen::VectorXd::Zero(6)};
+  TargetFrame nowhere_at_all{.name = "A"};
+  nowhere_at_all.X_FT.translation().x() = std::numeric_limits<double>::quiet_NaN();
+  JointRanges reversed(6, {-1.0, 1.0});
+  reversed[2] = {1.0, -1.0};
+  JointRanges endless_range(6, {-1.0, 1.0});
+  endless_range[3].second = std::numeric_limits<double>::infinity();
   CalibrationOptions both;
   both.effects = {.groups = {EffectGroup::gain}, .automatic = true};
   CalibrationOptions nowhere;
@@ -342,6 +397,19 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"calibrate, effects", [&] { calibrate(fanuc(), data, both); }, "named and to be chosen"},
       {"calibrate, gravity", [&] { calibrate(fanuc(), data, nowhere); }, "not all 0"},
       {"calibrate, rotation", [&] { calibrate(fanuc(), data, leaning); }, "rotation"},
+      {"calibrate, twins", [&] { calibrate(fanuc(), twins); }, "names that differ"},
+      {"calibrate, nameless", [&] { calibrate(fanuc(), nameless); }, "names that differ"},
+      {"calibrate, misspelt", [&] { calibrate(fanuc(), data, misspelt); }, "none of the known targets"},
+      {"calibrate, group", [&] { calibrate(fanuc(), data, no_group); }, "group of effects 99"},
+      {"calibrate, iterations", [&] { calibrate(fanuc(), data, endless); }, "1000000"},
+      {"calibrate, edited robot", [&] { calibrate(bent, data); }, "not those of its URDF text"},
+      {"load, edited robot", [&] { load_calibration(file("r.json"), bent); }, "not those of its URDF text"},
+      {"urdf_chain, no URDF", [&] { without_tip.urdf_chain(); }, "no fixed joint"},
+      {"flange_pose, follower", [&] { lead.flange_pose(somewhere()); }, "'joint_3'"},
+      {"measurements_csv", [&] { measurements_csv(one_label); }, "there twice"},
+      {"parse, convention", [&] { parse_measurements(fanuc(), "configuration,target,J1,x,y,z\n", &flat); }, "rank"},
+      {"plan_csv, joints", [&] { plan_csv({.joint_values = Eigen::MatrixXd(5, 0)}, fanuc().joints); }, "joint values"},
+      {"error_chain", [&] { error_chain(complete_model(fanuc()), nan); }, "errors"},
       {"calibrate, default robot", [&] { calibrate(Robot(), data); }, "joint"},
       {"flange_pose, count", [&] { arm.flange_pose(somewhere().head(5)); }, "5 joint values"},
       {"flange_pose, numbers", [&] { arm.flange_pose(nan, jacobian); }, "finite"},
@@ -376,6 +444,11 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
          simulate(fanuc(), {.ranges = {{0.0, 1.0}}});
        },
        "range"},
+      {"simulate, reversed", [&] { simulate(fanuc(), {.ranges = reversed}); }, "lower end first"},
+      {"simulate, endless", [&] { simulate(fanuc(), {.ranges = endless_range}); }, "finite"},
+      {"simulate, many", [] { simulate(fanuc(), {.configurations = 2'000'000'000}); }, "10000000 rows"},
+      {"plan, many", [] { plan_measurements(fanuc(), {.count = 2'000'000'000}); }, "at most 2000"},
+      {"plan, target", [&] { plan_measurements(fanuc(), {.targets = {nowhere_at_all}}); }, "target 'A'"},
       {"simulate, twins",
        [] {
          simulate(fanuc(), {.targets = {{.name = "A"}, {.name = "A"}}});
@@ -393,6 +466,7 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
   for (const Case& each : cases) {
     EXPECT_THAT(testing::refusal(each.call), HasSubstr(each.words)) << each.name;
   }
+  EXPECT_STREQ(to_string(static_cast<Cause>(99)), "unknown");
   EXPECT_FALSE(fs::exists(file("x")));
 }
 

@@ -4,6 +4,8 @@
 
 #include <cmath>
 
+#include "model/error_chains.hpp"
+#include "model/parameters.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::error_model_test {

@@ -7,6 +7,7 @@
 #include <kdl/chainjnttojacsolver.hpp>
 #include <numeric>
 
+#include "model/error_chains.hpp"
 #include "support.hpp"
 #include "two_step/matrix_derivatives.hpp"
 

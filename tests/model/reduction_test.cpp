@@ -9,6 +9,7 @@
 
 #include "calibration/calibrate.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "planning/simulation.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "two_step/identification_jacobian.hpp"

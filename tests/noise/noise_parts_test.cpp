@@ -23,6 +23,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "noise/noise_components.hpp"
 #include "planning/simulation.hpp"
 #include "record.hpp"

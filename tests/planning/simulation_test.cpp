@@ -12,6 +12,7 @@
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/drive_signals.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::simulation_test {

@@ -11,6 +11,7 @@
 #include "effects/joint_effects.hpp"
 #include "estimation/identification.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "model/parameters.hpp"
 #include "planning/simulation.hpp"
 #include "virtual_experiment.hpp"
 

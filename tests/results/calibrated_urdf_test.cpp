@@ -4,6 +4,7 @@
 
 #include <limits>
 
+#include "model/error_chains.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 

@@ -8,6 +8,7 @@
 
 #include "effects/effect_terms.hpp"
 #include "effects/joint_effects.hpp"
+#include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
 #include "support.hpp"
 

@@ -17,6 +17,7 @@
 #include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "model/parameters.hpp"
 #include "refusal.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "support.hpp"

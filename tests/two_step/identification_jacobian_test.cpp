@@ -5,6 +5,7 @@
 #include "effects/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "planning/simulation.hpp"
 #include "support.hpp"

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "base/random.hpp"
+#include "model/error_chains.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::matrix_derivatives_test {

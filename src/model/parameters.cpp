@@ -1,0 +1,58 @@
+#include "model/parameters.hpp"
+
+#include <algorithm>
+
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+
+bool is_length(const ErrorModel& model, const ErrorParameter& parameter) {
+  return parameter.kind == ParameterKind::translation ||
+         (parameter.kind == ParameterKind::joint_offset &&
+          model.joints[static_cast<std::size_t>(parameter.frame)].type == JointType::prismatic);
+}
+
+bool is_length(const ErrorModel& model, const EffectTerm& term) {
+  return term.axis == EffectAxis::own &&
+         model.joints[static_cast<std::size_t>(term.index)].type == JointType::prismatic;
+}
+
+double usual_error(const ErrorModel& model, const ErrorParameter& parameter) {
+  return is_length(model, parameter) ? 0.003 : 0.005;
+}
+
+KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter) {
+  return parameter.kind == ParameterKind::joint_offset
+             ? model.joints[static_cast<std::size_t>(parameter.frame)].axis
+             : KDL::Vector(parameter.axis == 'x', parameter.axis == 'y', parameter.axis == 'z');
+}
+
+std::size_t parameter_index(const ErrorModel& model, const std::string& name) {
+  const auto found = std::find_if(model.parameters.begin(), model.parameters.end(),
+                                  [&](const ErrorParameter& parameter) { return parameter.name == name; });
+  if (found == model.parameters.end()) {
+    throw InputError("no error parameter is named '" + name + "', expected one of the model's");
+  }
+  return static_cast<std::size_t>(found - model.parameters.begin());
+}
+
+const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const std::string& name) {
+  const auto found =
+      std::find_if(targets.begin(), targets.end(), [&](const TargetFrame& target) { return target.name == name; });
+  return found == targets.end() ? nullptr : &*found;
+}
+
+const std::vector<std::string>& base_parameter_names() {
+  static const std::vector<std::string> names = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
+  return names;
+}
+
+std::vector<std::string> target_parameter_names(const TargetFrame& target) {
+  std::vector<std::string> names = {target.name + ".x", target.name + ".y", target.name + ".z"};
+  if (target.with_orientation) {
+    names.insert(names.end(), {target.name + ".Rx", target.name + ".Ry", target.name + ".Rz"});
+  }
+  return names;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,35 @@
+#pragma once
+
+// Names, kinds and axes of the parameters of a model. Indices in the model must be sound, see check(ErrorModel).
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/error_model.hpp"
+
+namespace kdl_calibration {
+
+/// Whether the parameter is a length [m] rather than an angle [rad].
+bool is_length(const ErrorModel& model, const ErrorParameter& parameter);
+/// Whether the effect moves its joint along its axis [m] rather than turning it [rad].
+bool is_length(const ErrorModel& model, const EffectTerm& term);
+
+/// Typical 1 sigma of this error of an uncalibrated arm: 3 mm or 5 mrad.
+double usual_error(const ErrorModel& model, const ErrorParameter& parameter);
+
+/// Unit axis of its motion, in the frame of the joint's origin.
+KDL::Vector parameter_axis(const ErrorModel& model, const ErrorParameter& parameter);
+
+/// Index of the parameter with this name. Throws InputError if there is none.
+std::size_t parameter_index(const ErrorModel& model, const std::string& name);
+
+/// The target with this name; a null pointer if there is none.
+const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const std::string& name);
+
+/// Names "base.Tx" … "base.Rz".
+const std::vector<std::string>& base_parameter_names();
+/// Names "A.x", "A.y", "A.z", and "A.Rx" … where the orientation is measured.
+std::vector<std::string> target_parameter_names(const TargetFrame& target);
+
+}  // namespace kdl_calibration
