@@ -10,7 +10,9 @@
 #include <string>
 #include <string_view>
 
-namespace kdl_calibration {
+#include "kdl_calibration/visibility.hpp"
+
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// Statistics of 3D position errors [m].
 struct ErrorStatistics {

@@ -10,8 +10,9 @@
 #include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// Registration, choice of the parameters that the targets can identify, of priors and of effects, identification,
 /// uncertainty, validation and diagnosis, as `kdlcal calibrate` does. No starting values are needed.

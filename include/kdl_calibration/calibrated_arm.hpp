@@ -12,7 +12,9 @@
 #include <string>
 #include <vector>
 
-namespace kdl_calibration {
+#include "kdl_calibration/visibility.hpp"
+
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 struct PredictionBasis;
 

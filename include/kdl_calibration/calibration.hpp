@@ -15,8 +15,9 @@
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 struct CalibrationParts;
 

@@ -18,8 +18,9 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 enum class Method { joint, two_step };
 enum class ModelChoice { irreducible, complete };

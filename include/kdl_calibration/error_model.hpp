@@ -16,8 +16,9 @@
 #include <vector>
 
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 Eigen::Vector3d to_eigen(const KDL::Vector& v);
 Eigen::Isometry3d to_eigen(const KDL::Frame& X_AB);

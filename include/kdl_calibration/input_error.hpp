@@ -9,7 +9,9 @@
 #include <utility>
 #include <vector>
 
-namespace kdl_calibration {
+#include "kdl_calibration/visibility.hpp"
+
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// Bad input, reported in one line: place (file, line or element), value and violated rule. The library throws no other
 /// exception for bad input. A poor fit is reported in the result instead.

@@ -11,7 +11,9 @@
 #include <string_view>
 #include <vector>
 
-namespace kdl_calibration {
+#include "kdl_calibration/visibility.hpp"
+
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// Conversion of a controller's joint values to the URDF's: q_urdf = matrix * q_controller + offset [rad or m].
 struct JointConvention {

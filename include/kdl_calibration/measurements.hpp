@@ -16,8 +16,9 @@
 
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 enum class Split : std::uint8_t { train, test };
 

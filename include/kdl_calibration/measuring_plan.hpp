@@ -14,8 +14,9 @@
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 struct PlanOptions {
   int count = 30;                                     ///< configurations

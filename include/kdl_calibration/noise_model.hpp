@@ -8,7 +8,9 @@
 #include <Eigen/Core>
 #include <optional>
 
-namespace kdl_calibration {
+#include "kdl_calibration/visibility.hpp"
+
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// 1 sigma of a tracker's distance and of its transverse error, each a constant plus a part that grows with distance.
 /// The tracker is at the origin of W.

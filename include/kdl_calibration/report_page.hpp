@@ -9,8 +9,9 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// Writes the page of `kdlcal calibrate --report`. Throws InputError as write_result does.
 void write_report(const std::filesystem::path& file, const Robot& robot, const Measurements& measurements,

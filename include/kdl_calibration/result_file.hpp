@@ -10,8 +10,9 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// Writes the result that `kdlcal calibrate --result` writes; an existing file is replaced as a whole. `measurements`
 /// are those of the calibration. Throws InputError for another robot, other measurements, a calibration that was read

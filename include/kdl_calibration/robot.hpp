@@ -15,7 +15,9 @@
 #include <utility>
 #include <vector>
 
-namespace kdl_calibration {
+#include "kdl_calibration/visibility.hpp"
+
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 enum class JointType { revolute, continuous, prismatic };
 

@@ -15,8 +15,9 @@
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// The defaults are those of the published experiment.
 struct SimulationOptions {

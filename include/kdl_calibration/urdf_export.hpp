@@ -9,8 +9,9 @@
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// The URDF's text with corrected joint origins and every other byte unchanged. If effects were found it is that of the
 /// rigid arm fitted without them; the robot's own if the calibration does not improve on it. Throws InputError for

@@ -14,8 +14,9 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "kdl_calibration/visibility.hpp"
 
-namespace kdl_calibration {
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 /// Frames that are known and not registered.
 struct KnownFrames {
