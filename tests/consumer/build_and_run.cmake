@@ -3,6 +3,7 @@
 #     <!-- consumer: main.cpp -->  and  <!-- consumer: CMakeLists.txt -->
 #   - the programs beside this file, which `guide` has to quote byte for byte.
 # All run in `work_dir`/run, which holds robot.urdf and, made by the installed kdlcal, measurements.csv.
+# One program is also built against the unpacked .deb: by clang where it is installed, and with pkg-config.
 # The compiler flags of the package carry over, so that this also works in a sanitized build.
 cmake_minimum_required(VERSION 3.22)
 
@@ -47,12 +48,12 @@ foreach(source IN LISTS quotes)
   endif()
 endforeach()
 
-# Configures and builds the project in `source` into `build`/bin.
+# Configures and builds the project in `source` into `build`/bin, or what the other arguments of the build name.
 function(build_against_package source build)
   run(${CMAKE_COMMAND} -S ${source} -B ${build} -G ${generator} -D CMAKE_PREFIX_PATH=${prefix}
       -D CMAKE_MAKE_PROGRAM=${make_program} -D CMAKE_BUILD_TYPE=${config} -D CMAKE_CXX_COMPILER=${cxx_compiler}
       -D CMAKE_CXX_FLAGS=${cxx_flags} -D CMAKE_RUNTIME_OUTPUT_DIRECTORY=${build}/bin)
-  run(${CMAKE_COMMAND} --build ${build} --config ${config})
+  run(${CMAKE_COMMAND} --build ${build} --config ${config} ${ARGN})
 endfunction()
 
 set(prefix ${work_dir}/prefix)
@@ -92,4 +93,45 @@ if(python AND EXISTS ${python})
   else()
     run(${CMAKE_COMMAND} -E chdir ${work_dir}/run ${python} ${CMAKE_CURRENT_LIST_DIR}/read_result.py)
   endif()
+endif()
+
+# The package of Debian.
+find_program(shlibdeps dpkg-shlibdeps)
+if(NOT shlibdeps)
+  message(STATUS "dpkg-dev is not installed: the Debian package is not tested")
+  return()
+endif()
+# cpack would first build all targets of a folder with makefiles. With Ninja it does not.
+run(${CMAKE_COMMAND} -E chdir ${build_dir} ${CMAKE_CPACK_COMMAND} -G DEB -C ${config} -B ${work_dir}/deb
+    -D CPACK_CMAKE_GENERATOR=Ninja)
+file(GLOB deb ${work_dir}/deb/*.deb)
+run(dpkg-deb -x ${deb} ${work_dir}/deb/root)
+set(prefix ${work_dir}/deb/root/usr)
+run(${prefix}/lib/kdl_calibration/kdlcal --version)
+if(NOT EXISTS ${prefix}/share/ament_index/resource_index/packages/kdl_calibration)
+  message(FATAL_ERROR "the package does not stand in the index of ROS 2")
+endif()
+find_program(lintian lintian)
+if(lintian)
+  run(${lintian} --allow-root --fail-on error ${deb})
+endif()
+
+find_program(clang clang++)
+if(clang AND NOT cxx_flags)  # which may be flags for one compiler
+  set(cxx_compiler ${clang})
+endif()
+build_against_package(${CMAKE_CURRENT_LIST_DIR} ${work_dir}/deb/predict --target predict kdlcal_version)
+run(${CMAKE_COMMAND} -E chdir ${work_dir}/run ${work_dir}/deb/predict/bin/predict)
+
+find_program(pkg_config pkg-config)
+if(pkg_config)
+  file(GLOB_RECURSE pc ${prefix}/lib/kdl_calibration.pc)
+  cmake_path(GET pc PARENT_PATH pc_dir)
+  set(ENV{PKG_CONFIG_PATH} ${pc_dir})
+  execute_process(COMMAND ${pkg_config} --cflags --libs kdl_calibration OUTPUT_VARIABLE flags
+                  COMMAND_ERROR_IS_FATAL ANY)
+  separate_arguments(flags UNIX_COMMAND "${cxx_flags} ${flags}")
+  run(${cxx_compiler} -std=c++20 ${CMAKE_CURRENT_LIST_DIR}/predict.cpp ${flags} -o ${work_dir}/run/predict)
+  run(${CMAKE_COMMAND} -E env LD_LIBRARY_PATH=${prefix}/lib ${CMAKE_COMMAND} -E chdir ${work_dir}/run
+      ${work_dir}/run/predict)
 endif()
