@@ -56,6 +56,21 @@ function(build_against_package source build)
   run(${CMAKE_COMMAND} --build ${build} --config ${config} ${ARGN})
 endfunction()
 
+# Runs kdlcal in the folder of the installed example. Its README has to quote the output up to `end`.
+function(check_example end)
+  set(example ${prefix}/share/kdl_calibration/examples)
+  execute_process(COMMAND ${prefix}/bin/kdlcal ${ARGN} WORKING_DIRECTORY ${example} OUTPUT_VARIABLE output
+                  COMMAND_ERROR_IS_FATAL ANY)
+  string(FIND "${output}" "${end}" length)
+  string(SUBSTRING "${output}" 0 ${length} output)
+  string(REGEX REPLACE "\n([^\n])" "\n    \\1" quote "\n${output}")
+  file(READ ${example}/README.md text)
+  string(FIND "${text}" "${quote}" at)
+  if(at EQUAL -1)
+    message(FATAL_ERROR "${example}/README.md does not quote\n${quote}")
+  endif()
+endfunction()
+
 set(prefix ${work_dir}/prefix)
 run(${CMAKE_COMMAND} --install ${build_dir} --config ${config} --prefix ${prefix})
 build_against_package(${work_dir}/source ${work_dir}/build)
@@ -73,6 +88,9 @@ if(EXISTS ${prefix}/bin/kdlcal)
     message(FATAL_ERROR "the installed kdlcal does not read ${own}")
   endif()
   file(WRITE ${own} "${as_installed}")
+  check_example("Written:" calibrate --measurements measurements.csv --result ${work_dir}/run/example.json
+                --joint-convention ../urdf/fanuc_r2000ic_165f_pendant.json)
+  check_example("\n\n" validate --result ${work_dir}/run/example.json --truth truth.json)
   run(${prefix}/bin/kdlcal simulate --configurations 30 --targets 3 --noise 0.00003 --seed 1
       --output ${work_dir}/run/measurements.csv --truth ${work_dir}/run/truth.json)
 endif()
