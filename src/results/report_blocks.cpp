@@ -326,10 +326,8 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
 
 Json correlations_block(const Json& covariance) {
   const Json& names = covariance.at("names");
-  const Json& sqrt_information = covariance.at("lower_triangle");
-  const auto entry = [&](std::size_t r, std::size_t c) {
-    return sqrt_information.at(std::max(r, c)).at(std::min(r, c));
-  };
+  const Json& rows = covariance.at(covariance.contains("matrix") ? "matrix" : "lower_triangle");
+  const auto entry = [&](std::size_t r, std::size_t c) { return rows.at(std::max(r, c)).at(std::min(r, c)); };
   const auto correlation = [&](std::size_t r, std::size_t c) {
     const Json value = entry(r, c);
     const Json own = entry(r, r);

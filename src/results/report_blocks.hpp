@@ -26,7 +26,8 @@ Json distribution_json(std::vector<double> values);
 /// value, effect, half width of the band] [rad] or [m].
 Json effects_block(const SavedCalibration& saved, const Measurements& measurements);
 
-/// The strongest correlations of a covariance {"names", "lower_triangle"}, and the matrix of the parameters in them.
+/// The strongest correlations of a covariance {"names", "matrix"}, or "lower_triangle" in older files, and the matrix
+/// of the parameters in them.
 Json correlations_block(const Json& covariance);
 
 }  // namespace kdl_calibration

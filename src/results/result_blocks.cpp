@@ -78,15 +78,16 @@ Json covariance_json(const CalibrationResult& calibration) {
       static_cast<std::size_t>(calibration.uncertainty.covariance.rows()) != names.size()) {
     return nullptr;
   }
-  Json sqrt_information = Json::array();
-  for (Eigen::Index r = 0; r < calibration.uncertainty.covariance.rows(); ++r) {
+  Json rows = Json::array();
+  const Eigen::MatrixXd symmetric = calibration.uncertainty.covariance.selfadjointView<Eigen::Lower>();
+  for (const auto& covariances : symmetric.rowwise()) {
     Json row = Json::array();
-    for (Eigen::Index c = 0; c <= r; ++c) {
-      row.push_back(finite_or_null(calibration.uncertainty.covariance(r, c)));
+    for (const double value : covariances) {
+      row.push_back(finite_or_null(value));
     }
-    sqrt_information.push_back(row);
+    rows.push_back(row);
   }
-  return {{"names", names}, {"lower_triangle", sqrt_information}};
+  return {{"names", names}, {"matrix", rows}};
 }
 
 Json residuals_json(const Measurements& measurements, const CalibrationResult& calibration) {

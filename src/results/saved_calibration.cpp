@@ -124,7 +124,7 @@ std::vector<double> read_parameters(const Node& top, SavedCalibration& saved) {
   return std::move(effects.degrees_of_freedom);
 }
 
-// {"names": […], "lower_triangle": [[…], …]}; null is an infinite variance.
+// {"names": […], "matrix": [[…], …]}; null is an infinite variance. Files of version 0.1 hold the lower triangle.
 void read_covariance(const Node& block, SavedCalibration& saved) {
   std::vector<std::string> names;
   for (const Node& node : elements(member(block, "names"))) {
@@ -134,22 +134,28 @@ void read_covariance(const Node& block, SavedCalibration& saved) {
   if (saved.free.names() != names) {
     fail(member(block, "names"), "the parameters in the order base, geometry, effects, targets");
   }
-  const std::vector<Node> rows = elements(member(block, "lower_triangle"));
+  const bool full = has(block, "matrix");
+  const Node matrix = member(block, full ? "matrix" : "lower_triangle");
+  const std::vector<Node> rows = elements(matrix);
   const auto size = static_cast<Eigen::Index>(names.size());
   if (rows.size() != names.size()) {
-    fail(member(block, "lower_triangle"), "a row for each name");
+    fail(matrix, "a row for each name");
   }
   saved.covariance.resize(size, size);
   for (Eigen::Index r = 0; r < size; ++r) {
     const std::vector<Node> row = elements(rows[static_cast<std::size_t>(r)]);
-    if (static_cast<Eigen::Index>(row.size()) != r + 1) {
-      fail(rows[static_cast<std::size_t>(r)], std::to_string(r + 1) + " numbers");
+    const Eigen::Index count = full ? size : r + 1;
+    if (static_cast<Eigen::Index>(row.size()) != count) {
+      fail(rows[static_cast<std::size_t>(r)], std::to_string(count) + " numbers");
     }
-    for (Eigen::Index c = 0; c <= r; ++c) {
+    for (Eigen::Index c = 0; c < count; ++c) {
       const Node& value = row[static_cast<std::size_t>(c)];
       const double read = number_or_infinity(value);
       if (r == c && read < 0.0) {
         fail(value, "a variance, 0 or more");
+      }
+      if (c < r && full && read != saved.covariance(c, r)) {
+        fail(value, "the number of row " + std::to_string(c) + ", column " + std::to_string(r));
       }
       saved.covariance(r, c) = saved.covariance(c, r) = read;
     }

@@ -602,7 +602,7 @@ TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadmeAndEveryNumberMayBeR
   read(Json::parse(run({"validate", "--measurements", "mistyped.csv", "--json"}).out));
   EXPECT_TRUE(keys.count("findings") == 1 && keys.count("convergence_factor") == 1 && keys.count("asked") == 1 &&
               keys.count("cook") == 1 && keys.count("weights") == 1 && keys.count("nested_leave_one_out") == 1 &&
-              keys.count("exported_urdf") == 1 && keys.count("amount") == 1 && keys.count("lower_triangle") == 1 &&
+              keys.count("exported_urdf") == 1 && keys.count("amount") == 1 && keys.count("matrix") == 1 &&
               keys.count("files_read") == 1);
   const std::set<std::string> known = words_in_code(readme());
   for (const std::string& key : keys) {
@@ -850,7 +850,8 @@ TEST_F(CalibrateResult, WritesResidualsAndCovarianceAsInTheResult) {
     EXPECT_EQ(matrix[0][r + 1], names[r]);
     EXPECT_EQ(matrix[r + 1][0], names[r]);
     for (std::size_t c = 0; c <= r; ++c) {
-      EXPECT_EQ(std::stod(matrix[r + 1][c + 1]), result["covariance"]["lower_triangle"][r][c]);
+      EXPECT_EQ(std::stod(matrix[r + 1][c + 1]), result["covariance"]["matrix"][r][c]);
+      EXPECT_EQ(result["covariance"]["matrix"][c][r], result["covariance"]["matrix"][r][c]);
     }
   }
 }

@@ -391,16 +391,16 @@ TEST(ReportBlocks, ShortRangesOfRippleAreShownWhole) {
 
 Json written(const MatrixXd& C) {
   Json names = Json::array();
-  Json sqrt_information = Json::array();
+  Json rows = Json::array();
   for (Index r = 0; r < C.rows(); ++r) {
     names.push_back("p" + std::to_string(r));
     Json row = Json::array();
-    for (Index c = 0; c <= r; ++c) {
+    for (Index c = 0; c < C.cols(); ++c) {
       row.push_back(finite_or_null(C(r, c)));
     }
-    sqrt_information.push_back(row);
+    rows.push_back(row);
   }
-  return {{"names", names}, {"lower_triangle", sqrt_information}};
+  return {{"names", names}, {"matrix", rows}};
 }
 
 TEST(ReportBlocks, TheStrongestCorrelationsAndTheMatrixOfTheirParameters) {

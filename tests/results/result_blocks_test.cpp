@@ -104,10 +104,11 @@ TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
     const Json json = covariance_json(calibration);
     EXPECT_EQ(json.is_null(), count > 300) << count;
     if (!json.is_null()) {
-      ASSERT_EQ(json["lower_triangle"].size(), count);
-      EXPECT_EQ(json["lower_triangle"][0][0], nullptr);
-      EXPECT_EQ(json["lower_triangle"].back().size(), count);
-      EXPECT_EQ(json["lower_triangle"].back().back(),
+      ASSERT_EQ(json["matrix"].size(), count);
+      EXPECT_EQ(json["matrix"][0][0], nullptr);
+      EXPECT_EQ(json["matrix"].back().size(), count);
+      EXPECT_EQ(json["matrix"][0].size(), count);
+      EXPECT_EQ(json["matrix"].back().back(),
                 count == 1 ? Json(nullptr) : Json(1001.0 * static_cast<double>(count - 1)));
       EXPECT_EQ(json["names"].size(), count);
     }

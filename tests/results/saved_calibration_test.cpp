@@ -173,15 +173,38 @@ TEST(SavedCalibration, NeedsNothingButParameters) {
   EXPECT_THAT(refusal("{}", written().robot), HasSubstr("\"parameters\" is missing"));
 }
 
+// The covariance as version 0.1 wrote it.
+void to_triangle(Json& covariance) {
+  covariance["lower_triangle"] = covariance["matrix"];
+  for (std::size_t r = 0; r < covariance["names"].size(); ++r) {
+    Json& row = covariance["lower_triangle"][r];
+    row.erase(row.begin() + static_cast<std::ptrdiff_t>(r) + 1, row.end());
+  }
+  covariance.erase("matrix");
+}
+
 TEST(SavedCalibration, WithACovarianceThatFitsNothingIsRefused) {
   const auto spoilt = [](const Edit& spoil) {
     return refusal(edited_without_hashes([&](Json& json) { spoil(json["covariance"]); }), written().robot);
   };
   EXPECT_THAT(spoilt([](Json& c) { std::swap(c["names"][0], c["names"][1]); }), HasSubstr("names: expected"));
-  EXPECT_THAT(spoilt([](Json& c) { c["lower_triangle"].erase(0); }), HasSubstr("a row for each name"));
-  EXPECT_THAT(spoilt([](Json& c) { c["lower_triangle"][2].push_back(1.0); }),
+  EXPECT_THAT(spoilt([](Json& c) { c["matrix"].erase(0); }), HasSubstr("a row for each name"));
+  EXPECT_THAT(spoilt([](Json& c) { c["matrix"][2].push_back(1.0); }), HasSubstr("matrix[2]: expected "));
+  EXPECT_THAT(spoilt([](Json& c) { c["matrix"][2][1] = "x"; }), HasSubstr("matrix[2][1]: expected"));
+  EXPECT_THAT(spoilt([](Json& c) { c["matrix"][2][1] = 1.0; }),
+              HasSubstr("matrix[2][1]: expected the number of row 1, column 2"));
+  EXPECT_THAT(spoilt([](Json& c) {
+                to_triangle(c);
+                c["lower_triangle"][2].push_back(1.0);
+              }),
               HasSubstr("lower_triangle[2]: expected 3"));
-  EXPECT_THAT(spoilt([](Json& c) { c["lower_triangle"][2][1] = "x"; }), HasSubstr("lower_triangle[2][1]: expected"));
+}
+
+TEST(SavedCalibration, OfAnEarlierVersionHoldsTheSameCovarianceAsATriangle) {
+  const std::string earlier = edited_without_hashes([](Json& json) { to_triangle(json["covariance"]); });
+  const Eigen::MatrixXd covariance = parse_calibration(earlier, written().robot).covariance;
+  ASSERT_GT(covariance.size(), 0);
+  EXPECT_EQ(covariance, parse_calibration(edited_without_hashes([](Json&) {}), written().robot).covariance);
 }
 
 std::size_t index_of(const Json& parameters, const std::string& name) {
@@ -202,7 +225,7 @@ TEST(SavedCalibration, ThatWasEditedIsRefusedWithTheField) {
        [](Json& r) {
          r["effects"]["gravity_direction"] = {0, 0, 0};
        }},
-      {"covariance", [](Json& r) { r["covariance"]["lower_triangle"][3][3] = -1e-9; }},
+      {"covariance", [](Json& r) { r["covariance"]["matrix"][3][3] = -1e-9; }},
       {"covariance", [](Json& r) { r.erase("covariance"); }},
       {"base", [](Json& r) { r["base"]["position"][0] = 2.0; }},
       {"targets", [](Json& r) { std::swap(r["targets"][0], r["targets"][1]); }},
@@ -282,8 +305,8 @@ TEST(SavedCalibration, WithoutHashesAgreesWithItself) {
               r["effects"]["gravity_direction"] = {0, 0, 0};
             }),
             "r.json: effects: gravity_direction: expected a direction of norm 1");
-  EXPECT_EQ(faults([](Json& r) { r["covariance"]["lower_triangle"][3][3] = -1e-9; }),
-            "r.json: covariance: lower_triangle[3][3]: expected a variance, 0 or more");
+  EXPECT_EQ(faults([](Json& r) { r["covariance"]["matrix"][3][3] = -1e-9; }),
+            "r.json: covariance: matrix[3][3]: expected a variance, 0 or more");
   EXPECT_EQ(faults([](Json& r) {
               r["trusted"] = true;
               r["doubts"] = {{{"cause", "drift"}, {"message", "b"}}};
