@@ -140,4 +140,8 @@ Measurements read_configurations(const Robot& robot, const std::filesystem::path
 /// UTF-8, a joint named like another column (x, target,...).
 std::string measurements_csv(const Measurements& measurements);
 
+/// The same with the controller's joints, in rad and m. Also throws InputError for a convention that is not the
+/// robot's, and for torques, which belong to the URDF's joints.
+std::string measurements_csv(const Robot& robot, const Measurements& measurements, const JointConvention& convention);
+
 }  // namespace kdl_calibration

@@ -103,6 +103,7 @@ struct AskedPoint {
   std::string configuration;
   std::string target;
   Eigen::Vector3d position;         ///< [m] in the base frame
+  Eigen::Vector3d nominal;          ///< [m] where the nominal geometry puts the same target
   Eigen::Vector3d position_W;       ///< [m] in the measuring device's frame
   Eigen::Vector3d std;              ///< [m] of the parameters alone along the axes of W; infinite where not determined
   double sigma = 0.0;               ///< [m] 3D 1 sigma of the parameters alone

@@ -48,9 +48,11 @@ std::vector<WorkspaceCell> cells_of(const std::vector<Eigen::Isometry3d>& X_BF, 
 
 constexpr int kWorkspaceSamples = 1000;
 
-std::vector<AskedPoint> asked_points(const PointPredictor& predictor, const Estimate& estimate,
+std::vector<AskedPoint> asked_points(const PointPredictor& predictor, const ErrorModel& model, const Estimate& estimate,
                                      const Configurations& asked) {
   std::vector<AskedPoint> result;
+  const Eigen::VectorXd no_errors = Eigen::VectorXd::Zero(estimate.errors.size());
+  const auto X_BF_nominal = flange_poses(folded(model, no_errors), asked.joint_values);
   for (std::size_t c = 0; c < asked.names.size(); ++c) {
     const auto place = static_cast<Eigen::Index>(c);
     const auto points = predictor.points(asked.joint_values.col(place), column(asked.signals, place));
@@ -59,6 +61,7 @@ std::vector<AskedPoint> asked_points(const PointPredictor& predictor, const Esti
       result.push_back({.configuration = asked.names[c],
                         .target = estimate.targets[k].name,
                         .position = point.position,
+                        .nominal = X_BF_nominal[c] * estimate.targets[k].X_FT.translation(),
                         .position_W = point.position_W,
                         .std = point.covariance.diagonal().cwiseSqrt(),
                         .sigma = std::sqrt(point.covariance.trace()),
@@ -90,7 +93,7 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
                               .noise = new_point_noise(uncertain.noise),
                               .region = result.region};
   const PointPredictor predictor(basis);
-  result.asked = asked_points(predictor, basis.estimate, asked);
+  result.asked = asked_points(predictor, model, basis.estimate, asked);
   if (!uncertain.covariance.diagonal().allFinite()) {
     return result;
   }

@@ -77,8 +77,8 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
                                            "total",       "interval_95", "held_out_rms",  "orientation_length",
                                            "history",     "centre",      "cell",          "position_measured_frame",
                                            "independent", "orientation", "amount",        "lower",
-                                           "upper",       "withheld",    "add",           "valid_range",
-                                           "joints"};
+                                           "upper",       "withheld",    "add",           "position_nominal",
+                                           "valid_range", "joints"};
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",

@@ -6,10 +6,13 @@
 
 #include <fmt/core.h>
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <memory>
 #include <numeric>
 #include <optional>
+#include <string>
+#include <utility>
 
 #include "base/number_text.hpp"
 #include "base/text.hpp"
@@ -53,6 +56,8 @@ struct SimulateArguments {
   std::string model = "irreducible";
   std::vector<std::string> joint_ranges = {"limits"};
   int monte_carlo = 0;
+  std::string run_range;
+  std::string runs;
   int two_step = 0;  // rounds
   bool recorded = false;
   bool order = false;
@@ -225,12 +230,41 @@ void require_no_effects(const SimulateArguments& arguments, const char* option) 
   }
 }
 
+// First and last of the runs to do, from 1.
+std::pair<int, int> runs_to_do(const SimulateArguments& arguments) {
+  const std::string& text = arguments.run_range;
+  if (text.empty()) {
+    return {1, arguments.monte_carlo};
+  }
+  const std::size_t colon = text.find(':');
+  const std::optional<double> first = parsed_number(text.substr(0, colon));
+  const std::optional<double> last = colon != std::string::npos ? parsed_number(text.substr(colon + 1)) : std::nullopt;
+  const auto is_whole = [](const std::optional<double>& number) { return number && *number == std::floor(*number); };
+  if (!is_whole(first) || !is_whole(last) || *first < 1.0 || *last < *first || *last > arguments.monte_carlo) {
+    throw InputError("--run-range: " + shown(text) + ", expected FIRST:LAST with whole numbers from 1 to " +
+                     std::to_string(arguments.monte_carlo));
+  }
+  return {static_cast<int>(*first), static_cast<int>(*last)};
+}
+
+// A row a run. Only the part with the first run has the heading, so that parts can be put behind each other.
+std::string runs_csv(int first, const MonteCarloResult& result) {
+  std::string csv = first == 1 ? "run,mean[m],rms[m],p95[m],max[m],trusted\n" : "";
+  for (std::size_t r = 0; r < result.each.size(); ++r) {
+    const ErrorStatistics& run = result.each[r];
+    csv += fmt::format("{},{},{},{},{},{}\n", static_cast<std::size_t>(first) + r, shortest(run.mean),
+                       shortest(run.rms), shortest(run.p95), shortest(run.max), result.trusted[r] ? 1 : 0);
+  }
+  return csv;
+}
+
 ExitStatus run_many(const SimulateArguments& arguments) {
   require_no_effects(arguments, "--monte-carlo");
   if (!arguments.output.empty() || !arguments.truth.empty()) {
     throw InputError("--monte-carlo: writes no measurements, expected it without --output and --truth");
   }
-  std::vector<OutputFile> files = given_outputs({{"--report", arguments.report}});
+  const auto [first, last] = runs_to_do(arguments);
+  std::vector<OutputFile> files = given_outputs({{"--runs", arguments.runs}, {"--report", arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const Setup set = setup(robot, arguments);
@@ -245,13 +279,16 @@ ExitStatus run_many(const SimulateArguments& arguments) {
       .train = [&](Random& random) { return to_fit(arguments, set, random); },
       .test = [&](Random& random) { return random_configurations(set.model.joints, set.ranges, test, random); },
       .calibration = {},
-      .runs = arguments.monte_carlo,
+      .runs = last - first + 1,
+      .first = first - 1,
       .seed = arguments.seed,
       .threads = arguments.threads,
       .progress = [&](double share) { progress(share); }};
   const MonteCarloResult result = run_monte_carlo(experiment);
   for (OutputFile& file : files) {
-    file.text = monte_carlo_page(monte_carlo_json(result), experiment, result, in_words(arguments, robot, set));
+    file.text = file.option == "--runs"
+                    ? runs_csv(first, result)
+                    : monte_carlo_page(monte_carlo_json(result), experiment, result, in_words(arguments, robot, set));
   }
   write_whole(files, arguments.force,
               arguments.json
@@ -345,6 +382,9 @@ ExitStatus run(SimulateArguments arguments) {
   if (arguments.monte_carlo > 0) {
     return run_many(arguments);
   }
+  if (!arguments.runs.empty() || !arguments.run_range.empty()) {
+    throw InputError("--runs, --run-range: are of --monte-carlo, expected it beside them");
+  }
   if (!arguments.report.empty()) {
     throw InputError("--report: shows what --monte-carlo or --two-step found, expected one of them beside it");
   }
@@ -353,8 +393,11 @@ ExitStatus run(SimulateArguments arguments) {
   }
   std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}, {"--truth", arguments.truth}});
   require_writable(files, arguments.force);
-  const Simulation result = simulation(load(arguments.robot), arguments);
-  const std::string csv = measurements_csv(result.measurements);
+  const Robot robot = load(arguments.robot);
+  const Simulation result = simulation(robot, arguments);
+  const std::optional<JointConvention> convention = convention_of(arguments.joint_convention, robot);
+  const std::string csv =
+      convention ? measurements_csv(robot, result.measurements, *convention) : measurements_csv(result.measurements);
   const std::string truth = json_text(result.truth);
   for (OutputFile& file : files) {
     file.text = file.option == "--output" ? csv : truth;
@@ -397,7 +440,8 @@ Subcommand add_simulate(CLI::App& parser) {
   add_count(*app, "--test-configurations", arguments->test_configurations, {0, 100'000},
             "Further ones, marked as test");
   add_file(*app, "--plan", arguments->plan, "Fit the configurations of this plan (CSV) instead of random ones");
-  add_file(*app, "--joint-convention", arguments->joint_convention, "The plan's joints are the controller's (JSON)");
+  add_file(*app, "--joint-convention", arguments->joint_convention,
+           "Joints are the controller's (JSON), in the plan and in the measurements");
   add_count(*app, "--targets", arguments->targets, {1, 100}, "Targets on the tool")
       ->excludes(add_file(*app, "--target-file", arguments->target_file,
                           "Targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} instead"));
@@ -420,6 +464,9 @@ Subcommand add_simulate(CLI::App& parser) {
       ->default_str("limits");
   add_count(*app, "--monte-carlo", arguments->monte_carlo, {0, 1'000'000},
             "Draw, measure and calibrate this many robots and state the held-out errors");
+  app->add_option("--run-range", arguments->run_range, "Do these runs alone, for several machines")
+      ->type_name("FIRST:LAST");
+  add_file(*app, "--runs", arguments->runs, "Write a row a run (CSV); parts put behind each other are the whole file");
   add_count(*app, "--threads", arguments->threads, {0, 1'024}, "Threads for that; 0: one per core");
   add_count(*app, "--two-step", arguments->two_step, {0, 100'000},
             "Run the published procedure for up to this many rounds, measuring fresh configurations in each");

@@ -1,3 +1,4 @@
+#include <Eigen/LU>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -7,10 +8,12 @@
 
 #include "base/csv.hpp"
 #include "base/text.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "measurements/measurements_check.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -142,6 +145,30 @@ std::string measurements_csv(const Measurements& measurements) {
     text += '\n';
   }
   return text;
+}
+
+std::string measurements_csv(const Robot& robot, const Measurements& measurements, const JointConvention& convention) {
+  check(measurements);
+  if (measurements.signals.torques.size() > 0) {
+    fail(measurements.source, "torques belong to the URDF's joints, expected none beside a joint convention");
+  }
+  const JointConvention matched = matched_convention(convention, independent_joint_names(robot.joints));
+  const std::vector<std::size_t> independent = independent_joints(robot.joints);
+  Measurements counted = measurements;
+  counted.joints = matched.controller_joints;
+  counted.joint_values = matched.matrix.partialPivLu().solve(
+      independent_joint_values(robot.joints, measurements.joint_values).colwise() - matched.offset);
+  counted.joint_units.assign(counted.joints.size(), JointUnit::radian);
+  for (std::size_t j = 0; j < counted.joints.size(); ++j) {
+    for (std::size_t i = 0; i < independent.size(); ++i) {
+      const bool slides = robot.joints[independent[i]].type == JointType::prismatic;
+      if (slides && matched.matrix(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) != 0.0) {
+        counted.joint_units[j] = JointUnit::metre;
+      }
+    }
+  }
+  counted.signals = {};
+  return measurements_csv(counted);
 }
 
 }  // namespace kdl_calibration

@@ -22,6 +22,7 @@ void require_whole(const MonteCarlo& experiment) {
   require_at_least("targets", experiment.targets.size(), 1);
   require_function("what draws the configurations to fit", experiment.train);
   require_function("what draws the configurations to predict", experiment.test);
+  require_at_least("as number of the first run", experiment.first, 0);
   require_indices("parameter", experiment.with_errors, experiment.model.parameters.size());
 }
 
@@ -55,7 +56,7 @@ MonteCarloResult run_monte_carlo(const MonteCarlo& experiment) {
   std::mutex mutex;
   std::size_t done = 0;
   parallel_for(runs.size(), experiment.threads, [&](std::size_t r) {
-    runs[r] = one_run(experiment, r);
+    runs[r] = one_run(experiment, static_cast<std::size_t>(experiment.first) + r);
     const std::lock_guard lock(mutex);
     ++done;
     if (experiment.progress) {
@@ -72,6 +73,8 @@ MonteCarloResult run_monte_carlo(const MonteCarlo& experiment) {
   for (const Run& run : runs) {
     const ErrorStatistics statistics = error_statistics(run.distances);
     all.insert(all.end(), run.distances.begin(), run.distances.end());
+    result.each.push_back(statistics);
+    result.trusted.push_back(run.trusted);
     means.push_back(statistics.mean);
     maxima.push_back(statistics.max);
     same_size = same_size && run.distances.size() == points;

@@ -25,6 +25,7 @@ struct MonteCarlo {
   std::function<Eigen::MatrixXd(Random&)> test;
   CalibrationSettings calibration;
   int runs = 100;
+  int first = 0;           ///< number of the first run, so that several machines can share the work
   std::uint64_t seed = 1;  ///< run r draws from stream r
   int threads = 0;         ///< 0: one per core; the answer does not depend on it
   /// Called after each run with the completed share, never from two threads at once.
@@ -44,6 +45,8 @@ struct MonteCarloResult {
   std::vector<double> all_errors;
   std::vector<double> mean_errors;
   std::vector<double> largest_errors;
+  std::vector<ErrorStatistics> each;  ///< of each run, in order
+  std::vector<bool> trusted;
   int runs = 0;
   int not_trusted = 0;  ///< runs that did not converge or were rank deficient
 };

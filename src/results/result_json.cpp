@@ -122,6 +122,7 @@ Json asked_json(const std::vector<AskedPoint>& points) {
     result.push_back({{"configuration", point.configuration},
                       {"target", point.target},
                       {"position", array(point.position)},
+                      {"position_nominal", array(point.nominal)},
                       {"position_measured_frame", array(point.position_W)},
                       {"std", finite_array(point.std)},
                       {"interval_95", intervals},

@@ -163,7 +163,9 @@ void add_predictions(const std::vector<AskedPoint>& points, std::string& text) {
             cell(p.z(), 11);
     text += std::isfinite(point.sigma) ? fmt::format("{:>7.3f}{:>7.3f}", point.sigma * 1e3, point.radius_95 * 1e3)
                                        : "  not determined";
-    text += "\n";
+    const Eigen::Vector3d moved = p - point.nominal * 1e3;
+    text +=
+        "\n" + padded("    minus nominal", 28) + cell(moved.x(), 11) + cell(moved.y(), 11) + cell(moved.z(), 11) + "\n";
   }
 }
 

@@ -91,6 +91,11 @@ TEST(PredictedAccuracy, OfAskedPointsIsThatOfTheirColumnsAndOfANewPoint) {
     const Vector3d place = X_BF * truth.targets[i % 3].X_FT.translation();
     EXPECT_LT((point.position - place).norm(), 1e-12);
     EXPECT_LT((point.position_W - truth.X_WB * place).norm(), 1e-12);
+    const KDL::Chain nominal = error_chain(u.model, Eigen::VectorXd::Zero(truth.errors.size()));
+    EXPECT_LT(
+        (point.nominal - to_eigen(testing::kdl_pose(nominal, asked.col(c))) * truth.targets[i % 3].X_FT.translation())
+            .norm(),
+        1e-12);
     const Eigen::Matrix3d P = predicted_covariance(predictor, u.covariance, asked.col(c), i % 3);
     EXPECT_LT((point.std - P.diagonal().cwiseSqrt()).norm(), 1e-9 * point.std.norm());
     EXPECT_NEAR(point.sigma, std::sqrt(P.trace()), 1e-9 * point.sigma);

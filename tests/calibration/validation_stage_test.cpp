@@ -51,11 +51,6 @@ void expect_equal(const ErrorStatistics& found, const ErrorStatistics& expected,
   EXPECT_NEAR(found.std, expected.std, tolerance) << what;
 }
 
-void expect_equal(const Iso9283& found, const Iso9283& expected, const std::string& what) {
-  expect_equal(found.accuracy, expected.accuracy, 1e-9, what + ", accuracy");
-  expect_equal(found.repeatability, expected.repeatability, 1e-9, what + ", repeatability");
-}
-
 struct Gained {
   WithGains arm = WithGains({.sigma = kNoise, .repeats = 2});
   CalibrationSettings options{.noise = {.weights = Weights::equal},

@@ -1,6 +1,10 @@
 // kdlcal simulate: each option changes what it should and nothing else (see cli_options_support.hpp).
 
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <sstream>
+#include <string>
+#include <vector>
 
 #include "cli_options_support.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -182,6 +186,34 @@ std::vector<OptionCase> draw_options() {
        {"--threads", "3"},
        changes_nothing(),
        {"--monte-carlo", "3", "--targets", "1", "--noise", "1e-5", "--json"}},
+      {"RunRangeIsAPartOfTheRuns",
+       {"--run-range", "2:3"},
+       [](const Effect& effect) {
+         const std::string& whole = effect.without.files.at("runs.csv");
+         const std::string& part = effect.with.files.at("runs.csv");
+         EXPECT_EQ(effect.with.outcome.out.find("2 runs"), 0U);
+         EXPECT_EQ(part.rfind("2,", 0), 0U);
+         ASSERT_GT(whole.size(), part.size());
+         EXPECT_EQ(whole.substr(whole.size() - part.size()), part);
+         EXPECT_EQ(std::count(whole.begin(), whole.end(), '\n'), 4);
+         EXPECT_EQ(whole.rfind("run,mean[m],rms[m],p95[m],max[m],trusted\n1,", 0), 0U);
+       },
+       {"--monte-carlo", "3", "--noise", "1e-5", "--runs", "runs.csv"}},
+      {"RunsAreRowsOfAFile",
+       {"--runs", "runs.csv"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         std::istringstream csv(effect.with.files.at("runs.csv"));
+         std::vector<double> largest;
+         std::string line;
+         std::getline(csv, line);
+         while (std::getline(csv, line)) {
+           largest.push_back(std::stod(line.substr(line.rfind(',', line.rfind(',') - 1) + 1)));
+         }
+         ASSERT_EQ(largest.size(), 2U);
+         EXPECT_EQ(std::max(largest[0], largest[1]), effect.with.json["held_out_error"]["all"]["max"]);
+       },
+       {"--monte-carlo", "2", "--noise", "1e-5", "--json"}},
       {"MonteCarloStatesHeldOutErrors",
        {"--monte-carlo", "2"},
        [](const Effect& effect) {
@@ -246,11 +278,15 @@ std::vector<OptionCase> experiment_options() {
          EXPECT_LT((q.col(1) - second).cwiseAbs().maxCoeff(), 1e-15);
          EXPECT_EQ(effect.with.file("t.json")["configurations"], 2);
        }},
-      {"JointConventionIsThatOfThePlan",
+      {"JointConventionIsThatOfPlanAndMeasurements",
        {"--joint-convention", "coupled.json"},
        [](const Effect& effect) {
          EXPECT_EQ(effect.without.outcome.status, 2);
-         const Eigen::MatrixXd q = rows_of(effect.with).joint_values;
+         const JointConvention coupled = parse_joint_convention(kFanucCoupled);
+         const std::string& csv = effect.with.files.at("m.csv");
+         EXPECT_THAT(csv, HasSubstr(",A1[rad],A2[rad]"));
+         EXPECT_THAT(csv, Not(HasSubstr("joint_1")));
+         const Eigen::MatrixXd q = parse_measurements(csv, joint_names(fanuc()), &coupled).joint_values;
          // By hand: A6 ... A1 are 0.1 0.2 0.3 0.4 0.5 0.6.
          const Eigen::VectorXd expected = Eigen::Matrix<double, 6, 1>(0.6 + 0.1, -0.5 - 0.2, 0.4 + 0.5 + 0.3,
                                                                       -0.3 - 0.4, 0.2 + 0.15 + 0.5, -0.2 - 0.6);
@@ -427,6 +463,13 @@ TEST_F(OptionsOfKdlcal, SimulateCountsManyRunsAndShowsTheirErrors) {
     EXPECT_THAT(squeezed(table),
                 HasSubstr(std::string(label) + " " + decimals(errors[key]["rms"].get<double>() * 1e3, 3) + " "));
   }
+}
+
+TEST_F(OptionsOfKdlcal, SimulateRefusesRunsThatAreNone) {
+  for (const char* range : {"0:2", "2:1", "1:4", "1", "a:b", "1.5:2"}) {
+    expect_refused(words_of("simulate --monte-carlo 3 --run-range") + Words{range}, {"--run-range", "FIRST:LAST"});
+  }
+  expect_refused(words_of("simulate --runs r.csv"), {"--monte-carlo"});
 }
 
 TEST_F(OptionsOfKdlcal, OfSimulateAreAllTested) { expect_a_test_of_every_option("simulate", simulate_options()); }

@@ -253,10 +253,13 @@ TEST_F(InterfaceFiles, ImpossibleValuesOfAResultAreRefused) {
   write_result(file("r.json"), fanuc(), experiment().measurements, found());
   const nlohmann::json good = nlohmann::json::parse(text_of(file("r.json")));
   const std::vector<std::pair<std::string, nlohmann::json>> cases = {
-      {"/predicted_accuracy/radius_factor", -1.0},      {"/predicted_accuracy/region/largest_variance", -1.0},
-      {"/predicted_accuracy/region/joints/2/0", 100.0}, {"/noise/misfit", -1e-3},
-      {"/noise/degrees_of_freedom_of_point", -3.0},     {"/covariance/lower_triangle/4/3", 1.0},
-      {"/covariance/lower_triangle/4/4", -1.0}};
+      {"/predicted_accuracy/radius_factor", -1.0},
+      {"/predicted_accuracy/region/largest_variance", -1.0},
+      {"/predicted_accuracy/region/joints/2/0", 100.0},
+      {"/noise/misfit", -1e-3},
+      {"/noise/degrees_of_freedom_of_point", -3.0},
+      {"/covariance/matrix/4/3", 1.0},
+      {"/covariance/matrix/4/4", -1.0}};
   for (const auto& [path, value] : cases) {
     nlohmann::json bad = good;
     bad.erase("hashes");

@@ -131,9 +131,19 @@ struct Made {
 
   void add_predictions() {
     const Eigen::Vector3d position(1.2345678, -0.5, 0.25);
-    calibration.uncertainty.predicted.asked = {
-        {.configuration = "there", .target = "A", .position = position, .sigma = 1.25e-4, .radius_95 = 2.5e-4},
-        {.configuration = "far", .target = "B", .position = position, .sigma = kInfinity, .radius_95 = kInfinity}};
+    const Eigen::Vector3d nominal(1.234, -0.49975, 0.25);
+    calibration.uncertainty.predicted.asked = {{.configuration = "there",
+                                                .target = "A",
+                                                .position = position,
+                                                .nominal = nominal,
+                                                .sigma = 1.25e-4,
+                                                .radius_95 = 2.5e-4},
+                                               {.configuration = "far",
+                                                .target = "B",
+                                                .position = position,
+                                                .nominal = nominal,
+                                                .sigma = kInfinity,
+                                                .radius_95 = kInfinity}};
   }
 
   std::string printed() const { return result_table(measured, calibration, options); }
@@ -159,7 +169,9 @@ joint zero offsets, for mastering: add to the displayed values, +- 95 %
 
 predicted, in the base [mm]           x          y          z  sigma   95 %
   there A                      1234.568   -500.000    250.000  0.125  0.250
+    minus nominal                 0.568     -0.250      0.000
   far B                        1234.568   -500.000    250.000  not determined
+    minus nominal                 0.568     -0.250      0.000
 
 position error [mm]              rms        mean         p95         max  points
 fitted, nominal                1.200       1.100       1.900       2.000      12
