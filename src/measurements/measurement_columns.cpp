@@ -1,13 +1,9 @@
 #include "measurements/measurement_columns.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <numbers>
 #include <optional>
-#include <span>
 #include <utility>
 
-#include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "robot/mimic.hpp"
 
@@ -47,31 +43,8 @@ std::vector<FixedColumn> fixed_columns(Header& header) {
   return columns;
 }
 
-/// A lower-case word of a file and its meaning.
-using Word = std::pair<std::string_view, std::string_view>;
-
 constexpr std::array kOtherNames = {Word{"name", "target"}, Word{"point", "target"}, Word{"pose", "configuration"},
                                     Word{"config", "configuration"}};
-
-/// The single byte is the degree sign in Windows-1252.
-constexpr std::array kUnitWords = {
-    Word{"rad", "rad"},  Word{"deg", "deg"}, Word{"degree", "deg"}, Word{"degrees", "deg"}, Word{"\xc2\xb0", "deg"},
-    Word{"\xb0", "deg"}, Word{"m", "m"},     Word{"mm", "mm"},      Word{"nm", "Nm"},       Word{"n", "N"}};
-
-std::string lower_case(std::string_view text) {
-  std::string result(text);
-  for (char& c : result) {
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  }
-  return result;
-}
-
-/// The meaning of the text, ignoring case; the text itself if unknown.
-std::string_view translated(std::string_view text, std::span<const Word> words) {
-  const auto found =
-      std::find_if(words.begin(), words.end(), [lower = lower_case(text)](const Word& w) { return w.first == lower; });
-  return found == words.end() ? text : found->second;
-}
 
 bool alike(std::string_view a, std::string_view b, bool any_case) {
   return any_case ? lower_case(a) == lower_case(b) : a == b;
@@ -83,19 +56,6 @@ std::size_t index_of(const std::vector<std::string>& names, std::string_view nam
   const auto first = std::find_if(names.begin(), names.end(), same);
   const bool more = any_case && first != names.end() && std::find_if(first + 1, names.end(), same) != names.end();
   return more ? names.size() : static_cast<std::size_t>(first - names.begin());
-}
-
-/// Position of the opening bracket whose closing one ends the cell.
-std::size_t opening_bracket(std::string_view cell) {
-  if (cell.ends_with(']')) return cell.rfind('[');
-  return cell.ends_with(')') ? cell.rfind('(') : std::string_view::npos;
-}
-
-/// The header cell "name [unit]" or "name (unit)" cut in two. Without brackets at the end the unit is absent.
-std::pair<std::string_view, std::optional<std::string_view>> name_and_unit(std::string_view cell) {
-  const std::size_t open = opening_bracket(cell);
-  if (open == std::string_view::npos) return {cell, std::nullopt};
-  return {trimmed(cell.substr(0, open)), trimmed(cell.substr(open + 1, cell.size() - open - 2))};
 }
 
 /// The unit of a cell that contains only a unit, in brackets or not.
@@ -267,13 +227,6 @@ private:
     return below;
   }
 
-  static Unit unit_named(std::string_view word) {
-    if (word == "rad") return Unit::rad;
-    if (word == "deg") return Unit::deg;
-    if (word == "m") return Unit::m;
-    return word == "mm" ? Unit::mm : Unit::none;
-  }
-
   const std::string& name_of_first(std::size_t form) const {
     const auto& columns = header_.orientations[form];
     return header_.names[std::find_if(columns.begin(), columns.end(), present)->index];
@@ -321,14 +274,6 @@ private:
 };
 
 }  // namespace
-
-double to_si(double value, Unit unit) {
-  if (unit == Unit::deg) return value * (std::numbers::pi / 180.0);
-  if (unit == Unit::mm) return value / 1000.0;
-  return value;
-}
-
-std::string in_unit(double value, Unit unit) { return shortest(std::round(value / to_si(1.0, unit) * 1e9) / 1e9); }
 
 ValueKind kind_of_joint(const ExpectedJoints& joints, std::size_t i) {
   if (!joints.kinds_known) return ValueKind::unknown;

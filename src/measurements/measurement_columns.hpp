@@ -11,16 +11,11 @@
 #include <vector>
 
 #include "base/csv.hpp"
+#include "base/units.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
-
-enum class Unit : std::uint8_t { none, rad, deg, m, mm };
-
-double to_si(double value, Unit unit);
-/// The SI value as text in the unit, without the last digits, which the conversion makes inexact.
-std::string in_unit(double value, Unit unit);
 
 /// Position and unit of a quantity in a row.
 struct Column {
