@@ -29,6 +29,7 @@
 #include "kdl_calibration/measurements.hpp"
 #include "model/parameters.hpp"
 #include "planning/simulation.hpp"
+#include "robot/chain_to_dh.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {
@@ -204,6 +205,9 @@ inline Measurements measured_fanuc(const MeasuringNoise& noise, bool poses, cons
   return without_sigmas(joined(experiment.measure(train, noise), held_out));
 }
 
+/// A DH table of the robot.
+inline std::string dh_of(const Robot& robot) { return dh_json(dh_table_of(robot, DhConvention::modified)); }
+
 /// The robot on a foot, 0.3 m below its base.
 inline std::string with_foot(std::string urdf) {
   return urdf.insert(urdf.find("<link"), R"(<link name="foot"/><joint name="screws" type="fixed"><parent link="foot"/>
@@ -282,7 +286,8 @@ protected:
   /// On the command line alone, of the arm of three joints where the row names no other robot: where a run takes long.
   void check_effect_on_arm(const Words& command, const OptionCase& row) {
     const Words given = row.base + row.option;
-    const bool other_robot = std::find(given.begin(), given.end(), "--urdf") != given.end();
+    const bool other_robot = std::any_of(given.begin(), given.end(),
+                                         [](const std::string& word) { return word == "--urdf" || word == "--dh"; });
     check_effect_on_command_line(other_robot ? command : command + Words{"--urdf", kArm}, row);
   }
 

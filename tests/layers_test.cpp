@@ -35,7 +35,6 @@ const std::map<std::string, std::string> kHeadersAlone = {{"visibility", "base"}
                                                           {"validation", "interface"},
                                                           {"simulation", "interface"},
                                                           {"report_page", "interface"},
-                                                          {"urdf_export", "interface"},
                                                           {"calibrate", "interface"},
                                                           {"version", "interface"},
                                                           {"kdl_calibration", "cli"}};

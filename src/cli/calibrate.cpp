@@ -93,7 +93,8 @@ std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std:
 // All input files with their roles.
 std::vector<HashedFile> files_read(const CalibrateArguments& arguments, const Robot& robot) {
   const MeasurementArguments& measured = arguments.measurements;
-  std::vector<HashedFile> files = {{.role = "urdf", .path = robot.source, .sha256 = sha256(robot.urdf)}};
+  const auto [robot_role, robot_hash] = role_and_hash(arguments.robot, robot);
+  std::vector<HashedFile> files = {{.role = robot_role, .path = robot.source, .sha256 = robot_hash}};
   for (const auto& [role, path] :
        {std::pair{"measurements", &measured.measurements}, std::pair{"joint-convention", &measured.joint_convention},
         std::pair{"known-base", &measured.known_base}, std::pair{"known-targets", &measured.known_targets},
@@ -401,8 +402,8 @@ void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
 
 void add_groups(CLI::App& app) {
   add_group(app, "Input",
-            {"--measurements", "--urdf", "--base", "--tip", "--joint-convention", "--known-base", "--known-targets",
-             "--predict-at"});
+            {"--measurements", "--urdf", "--dh", "--base", "--tip", "--joint-convention", "--known-base",
+             "--known-targets", "--predict-at"});
   add_group(
       app, "Output",
       {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--details", "--json", "--force"});

@@ -8,12 +8,14 @@
 
 #include "base/degree.hpp"
 #include "base/number_range.hpp"
+#include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/text.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/kinematic_export.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "robot/mimic.hpp"
 
@@ -202,7 +204,10 @@ std::vector<EffectGroup> effect_groups(const std::vector<std::string>& words, co
 }
 
 void add_robot_options(CLI::App& app, RobotArguments& arguments) {
-  add_file(app, "--urdf", arguments.urdf, "The robot [the FANUC R-2000iC/165F that comes with kdlcal]");
+  CLI::Option* urdf =
+      add_file(app, "--urdf", arguments.urdf, "The robot [the FANUC R-2000iC/165F that comes with kdlcal]");
+  add_file(app, "--dh", arguments.dh, "The robot as a table of Denavit-Hartenberg parameters (CSV or JSON)")
+      ->excludes(urdf);
   app.add_option("--base", arguments.base, "First link of the chain [the root link]")
       ->type_name("LINK")
       ->check(not_empty("a link"));
@@ -212,8 +217,16 @@ void add_robot_options(CLI::App& app, RobotArguments& arguments) {
 }
 
 Robot load(const RobotArguments& arguments) {
-  return load_robot(arguments.urdf.empty() ? default_urdf_path() : std::filesystem::path(arguments.urdf),
-                    {.base = arguments.base, .tip = arguments.tip});
+  const RobotOptions ends = {.base = arguments.base, .tip = arguments.tip};
+  if (!arguments.dh.empty()) {
+    return load_dh_robot(arguments.dh, ends);
+  }
+  return load_robot(arguments.urdf.empty() ? default_urdf_path() : std::filesystem::path(arguments.urdf), ends);
+}
+
+std::pair<std::string, std::string> role_and_hash(const RobotArguments& arguments, const Robot& robot) {
+  return arguments.dh.empty() ? std::pair{std::string("urdf"), sha256(robot.urdf)}
+                              : std::pair{std::string("dh"), sha256_of_file(arguments.dh)};
 }
 
 bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value) {

@@ -55,14 +55,17 @@ void add_seed(CLI::App& app, std::uint64_t& seed);
 /// The groups named by --effects, each at most once; `others` are words that are not groups and must stand alone.
 std::vector<EffectGroup> effect_groups(const std::vector<std::string>& words, const std::vector<std::string>& others);
 
-/// --urdf, --base, --tip
+/// --urdf, --dh, --base, --tip
 struct RobotArguments {
-  std::string urdf;  ///< empty: the bundled robot
-  std::string base;
-  std::string tip;
+  std::string urdf = {};  ///< empty: the bundled robot, or that of `dh`
+  std::string dh = {};    ///< a DH table
+  std::string base = {};
+  std::string tip = {};
 };
 void add_robot_options(CLI::App& app, RobotArguments& arguments);
 Robot load(const RobotArguments& arguments);
+/// The file of the robot: role "urdf" or "dh", and its hash.
+std::pair<std::string, std::string> role_and_hash(const RobotArguments& arguments, const Robot& robot);
 
 /// --joints, --degrees, --joint-convention
 struct JointArguments {

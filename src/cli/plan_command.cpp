@@ -54,8 +54,9 @@ std::string plan_command(const Json& result) {
     return {};
   }
   std::string command = "kdlcal plan";
+  const bool is_table = !path_of(result, "dh").empty();
   for (const auto& [option, value] :
-       {std::pair{"--urdf", text_at(input, "urdf")}, std::pair{"--base", text_at(input, "base")},
+       {std::pair{is_table ? "--dh" : "--urdf", text_at(input, "urdf")}, std::pair{"--base", text_at(input, "base")},
         std::pair{"--tip", text_at(input, "tip")}, std::pair{"--joint-convention", path_of(result, "joint-convention")},
         std::pair{"--measured", measured}}) {
     if (!value.empty()) {

@@ -20,6 +20,7 @@ namespace {
 struct ReportArguments {
   std::string result;
   std::string urdf;
+  std::string dh;
   MeasurementArguments measurements;
   std::string output;
   bool force = false;
@@ -59,7 +60,8 @@ void require_same_files(const ReportArguments& arguments, const Json& result) {
 
 ExitStatus run(const ReportArguments& arguments) {
   const std::string& measurements_file = arguments.measurements.measurements;
-  if (!measurements_file.empty() && arguments.urdf.empty()) {
+  const bool with_robot = !arguments.urdf.empty() || !arguments.dh.empty();
+  if (!measurements_file.empty() && !with_robot) {
     throw InputError("--measurements: are of a robot, expected --urdf FILE beside it");
   }
   std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
@@ -69,9 +71,10 @@ ExitStatus run(const ReportArguments& arguments) {
   CalibrationPage page{.result = text, .source = arguments.result, .plan_command = plan_command(result)};
   std::optional<Robot> robot;
   std::optional<Measurements> measurements;
-  if (!arguments.urdf.empty()) {
+  if (with_robot) {
     const Json input = result.is_object() && result.contains("input") ? result["input"] : Json::object();
-    robot = load({.urdf = arguments.urdf, .base = text_at(input, "base"), .tip = text_at(input, "tip")});
+    robot = load(
+        {.urdf = arguments.urdf, .dh = arguments.dh, .base = text_at(input, "base"), .tip = text_at(input, "tip")});
     page.robot = &*robot;
   }
   if (!measurements_file.empty()) {
@@ -92,7 +95,9 @@ Subcommand add_report(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("report", "The page for people from a result, without a fit");
   const auto arguments = std::make_shared<ReportArguments>();
   add_file(*app, "--result", arguments->result, "The result that calibrate wrote (JSON)")->required();
-  add_file(*app, "--urdf", arguments->urdf, "The robot that was calibrated, for its picture; checked by its hash");
+  CLI::Option* urdf =
+      add_file(*app, "--urdf", arguments->urdf, "The robot that was calibrated, for its picture; checked by its hash");
+  add_file(*app, "--dh", arguments->dh, "The same as a DH table")->excludes(urdf);
   add_measurement_options(*app, arguments->measurements);
   app->get_option("--measurements")->required(false);
   add_file(*app, "--output", arguments->output, "Write the page (HTML)")->required();

@@ -248,7 +248,8 @@ Json with_provenance(const ValidateArguments& arguments, const Robot& robot, con
                      {"tip", robot.tip},
                      {"configurations", measurements.joint_values.cols()},
                      {"observations", measurements.observations.size()}};
-  Json files = {{{"role", "urdf"}, {"path", robot.source}, {"sha256", sha256(robot.urdf)}}};
+  const auto [robot_role, robot_hash] = role_and_hash(arguments.robot, robot);
+  Json files = {{{"role", robot_role}, {"path", robot.source}, {"sha256", robot_hash}}};
   const MeasurementArguments& measured = arguments.measurements;
   for (const auto& [role, path] :
        {std::pair{"measurements", &measured.measurements}, std::pair{"joint-convention", &measured.joint_convention},

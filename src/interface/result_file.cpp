@@ -6,9 +6,8 @@
 
 #include "base/whole_files.hpp"
 #include "interface/calibration_parts.hpp"
+#include "kdl_calibration/kinematic_export.hpp"
 #include "kdl_calibration/report_page.hpp"
-#include "kdl_calibration/urdf_export.hpp"
-#include "results/calibrated_urdf.hpp"
 #include "results/report_page.hpp"
 #include "results/result_json.hpp"
 #include "results/saved_calibration.hpp"
@@ -49,11 +48,6 @@ void write_report(const std::filesystem::path& file, const Robot& robot, const M
                                .known = known_frames(fitted.settings.parameters),
                                .plan_command = {}}),
              robot, measurements.source);
-}
-
-std::string calibrated_urdf(const Robot& robot, const Calibration& calibration) {
-  require_same_robot(robot, calibration);
-  return calibrated_urdf(robot, calibration.parts().model, calibration.parts().urdf_errors);
 }
 
 void write_urdf(const std::filesystem::path& file, const Robot& robot, const Calibration& calibration) {

@@ -159,36 +159,6 @@ private:
   std::map<const tinyxml2::XMLElement*, const StartTag*> tag_of_;
 };
 
-/// Roll, pitch and yaw of the rotation; of equivalent angles the nearest to `old`. Ignores old angles of many turns,
-/// whose last digit is no small angle. Accurate near pitch +-90 degrees, where only yaw is ill determined: roll and
-/// pitch come from the rest after removing yaw.
-Triple rpy_of(const KDL::Rotation& r, const Triple& old) {
-  constexpr double kManyTurns = 100.0;
-  Triple nearest{};
-  double smallest = std::numeric_limits<double>::infinity();
-  const bool locked = std::hypot(r(0, 0), r(1, 0)) < 4.0 * std::numeric_limits<double>::epsilon();
-  for (const double sign : {1.0, -1.0}) {
-    const double yaw = locked ? old[2] : std::atan2(sign * r(1, 0), sign * r(0, 0));
-    const double c = std::cos(yaw);
-    const double s = std::sin(yaw);
-    const double pitch = std::atan2(-r(2, 0), c * r(0, 0) + s * r(1, 0));
-    const double roll = std::atan2(s * r(0, 2) - c * r(1, 2), c * r(1, 1) - s * r(0, 1));
-    Triple rpy{roll, pitch, yaw};
-    double distance = 0.0;
-    for (std::size_t i = 0; i < 3; ++i) {
-      const bool near = std::abs(old[i]) < kManyTurns;
-      const double turns = near ? std::round((old[i] - rpy[i]) / (2.0 * std::numbers::pi)) : 0.0;
-      rpy[i] += turns * 2.0 * std::numbers::pi;
-      distance += std::abs(rpy[i] - old[i]);
-    }
-    if (distance < smallest) {
-      smallest = distance;
-      nearest = rpy;
-    }
-  }
-  return nearest;
-}
-
 /// The attribute's three numbers as urdfdom reads them; zeros if it is missing.
 Triple read_triple(const tinyxml2::XMLElement* origin, const char* attribute, const std::string& joint) {
   const char* value = origin == nullptr ? nullptr : origin->Attribute(attribute);
@@ -362,6 +332,33 @@ std::string applied(std::string_view text, std::vector<Edit> edits) {
 }
 
 }  // namespace
+
+std::array<double, 3> rpy_of(const KDL::Rotation& r, const std::array<double, 3>& old) {
+  constexpr double kManyTurns = 100.0;
+  Triple nearest{};
+  double smallest = std::numeric_limits<double>::infinity();
+  const bool locked = std::hypot(r(0, 0), r(1, 0)) < 4.0 * std::numeric_limits<double>::epsilon();
+  for (const double sign : {1.0, -1.0}) {
+    const double yaw = locked ? old[2] : std::atan2(sign * r(1, 0), sign * r(0, 0));
+    const double c = std::cos(yaw);
+    const double s = std::sin(yaw);
+    const double pitch = std::atan2(-r(2, 0), c * r(0, 0) + s * r(1, 0));
+    const double roll = std::atan2(s * r(0, 2) - c * r(1, 2), c * r(1, 1) - s * r(0, 1));
+    Triple rpy{roll, pitch, yaw};
+    double distance = 0.0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const bool near = std::abs(old[i]) < kManyTurns;
+      const double turns = near ? std::round((old[i] - rpy[i]) / (2.0 * std::numbers::pi)) : 0.0;
+      rpy[i] += turns * 2.0 * std::numbers::pi;
+      distance += std::abs(rpy[i] - old[i]);
+    }
+    if (distance < smallest) {
+      smallest = distance;
+      nearest = rpy;
+    }
+  }
+  return nearest;
+}
 
 std::string corrected_urdf(std::string_view urdf, const std::vector<OriginCorrection>& corrections) {
   tinyxml2::XMLDocument document;

@@ -1,11 +1,17 @@
 #pragma once
 
+#include <array>
 #include <kdl/frames.hpp>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace kdl_calibration {
+
+/// Roll, pitch and yaw of the rotation; of equivalent angles the nearest to `old`. Ignores old angles of many turns,
+/// whose last digit is no small angle. Accurate near pitch +-90 degrees, where only yaw is ill determined: roll and
+/// pitch come from the rest after removing yaw.
+std::array<double, 3> rpy_of(const KDL::Rotation& rotation, const std::array<double, 3>& old = {});
 
 /// Correction of one URDF joint: its new origin is (old origin) * correction.
 struct OriginCorrection {

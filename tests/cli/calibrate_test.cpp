@@ -401,6 +401,16 @@ std::vector<OptionCase> file_options() {
          EXPECT_NE(effect.with.json["input"]["sha256"], effect.without.json["input"]["sha256"]);
        },
        Words{"--measurements", "fanuc.csv"} + kNoEffects + kNoPriors},
+      {"DhIsTheRobot",
+       {"--dh", "arm_dh.json"},
+       [](const Effect& effect) {  // without it, the FANUC of six joints, whose values the file does not have
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_LT(effect.with.json["position_error"]["test"]["after"]["rms"], 1e-4);
+         EXPECT_GT(effect.with.json["position_error"]["test"]["before"]["rms"], 5e-4);
+         EXPECT_EQ(effect.with.json["input"]["urdf"], "arm_dh.json");
+         EXPECT_EQ(effect.with.json["provenance"]["files_read"][0]["role"], "dh");
+       },
+       kMeasured},
       {"BaseIsTheFirstLink",
        {"--base", "base_link"},
        [](const Effect& effect) {
@@ -454,6 +464,7 @@ std::vector<Words> files_of_options() {
           "--measurements m.csv --urdf arm.urdf --method two-step --iterations 2 --model complete --threads 1 --json"),
       words_of("--measurements poses.csv --urdf arm.urdf --effects none --noise equal --prior none "
                "--exclude 2,3:B --json"),
+      words_of("--measurements m.csv --dh arm_dh.json --effects none --prior none --json"),
   };
 }
 
@@ -467,6 +478,7 @@ const std::map<std::string, std::string>& input_files() {
     longer.replace(longer.rfind("0 0 1.075"), 9, "0 0 1.076");
     return std::map<std::string, std::string>{
         {kArm, text},
+        {"arm_dh.json", dh_of(arm())},
         {"m.csv", measurements_csv(points)},
         {"fanuc.csv", measurements_csv(measured_fanuc({.sigma = 2e-5}, false))},
         {"controller.csv", in_controller_joints(points, kArmCoupled)},

@@ -38,6 +38,7 @@ std::vector<OptionCase> model_options() {
   };
   return {
       {"UrdfIsTheRobot", {"--urdf", "odd.urdf"}, loses("joint_2")},
+      {"DhIsTheRobot", {"--dh", "odd_dh.json"}, loses("joint_2")},
       {"BaseIsTheFirstLink", {"--base", "link_1"}, loses("joint_1")},
       {"TipIsTheLastLink", {"--tip", "link_5"}, loses("joint_6")},
       {"TargetsAreThree", {"--targets", "3"}, changes_nothing()},
@@ -57,6 +58,7 @@ class ModelOption : public OptionEffect {};
 
 TEST_P(ModelOption, HasItsEffectAndNoOther) {
   write("odd.urdf", kOddArm);
+  write("odd_dh.json", dh_of(parse_robot(kOddArm)));
   const bool json = GetParam().option.front() != "--json";
   check_effect(json ? Words{"model", "--json"} : Words{"model"}, GetParam());
 }
@@ -142,6 +144,10 @@ std::vector<OptionCase> arm_options() {
        {"--urdf", "longer.urdf"},
        is_at(folded_chain(fanuc_model, longer), six),
        {"--joints", "0.3,-0.2,0.5,1,-1,2"}},
+      {"DhIsTheRobot",
+       {"--dh", "plinth_dh.json"},
+       is_at(arm("floor", "tool", false), q),
+       {"--joints", "0.3,-0.2,0.5,1,-1"}},
       {"BaseIsTheFirstLink", {"--base", "world"}, is_at(arm("world", "tool", false), q), kAtJoints},
       {"TipIsTheLastLink", {"--tip", "e"}, is_at(arm("floor", "e", false), q), kAtJoints},
       {"ResultCorrectsTheGeometry", {"--result", "r.json"}, is_at(arm("floor", "tool", true), q), kAtJoints},
@@ -190,6 +196,7 @@ class ArmOption : public OptionEffect {
 protected:
   void check(const std::string& subcommand) {
     write("plinth.urdf", arm_on_a_plinth());
+    write("plinth_dh.json", dh_of(parse_robot(arm_on_a_plinth())));
     write("coupled.json", kCoupled);
     write("r.json", kResult);
     std::string text = content(kFanuc);

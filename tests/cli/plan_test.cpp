@@ -393,6 +393,7 @@ std::vector<OptionCase> robot_options() {
          EXPECT_EQ(chosen(effect.with).rows(), 5);
          EXPECT_EQ(chosen(effect.without).rows(), 6);
        }},
+      {"DhIsTheRobot", {"--dh", "arm_dh.json"}, [](const Effect& effect) { EXPECT_EQ(chosen(effect.with).rows(), 3); }},
       {"BaseIsWhereHeightsAreMeasured",
        {"--base", "base_link"},
        [](const Effect& effect) {
@@ -471,6 +472,7 @@ std::vector<Words> files_of_options() {
                "--accuracy-of max --target-file targets.json --tracker 4,2,1 --acceptance-angle 70 --monte-carlo 2 "
                "--noise-tracker 1e-5,2e-6,4e-5,5e-6 --json"),
       words_of("--urdf arm.urdf --measured m.csv --add 5 --tasks tasks.csv --candidates 60 --starts 1 --json"),
+      words_of("--dh arm_dh.json --candidates 60 --workspace 20 --starts 1 --json"),
       words_of("--urdf arm.urdf --result r.json --add 5 --workspace 20 --candidates 60 --starts 1 --json"),
   };
 }
@@ -480,6 +482,7 @@ const std::map<std::string, std::string>& input_files() {
   static const std::map<std::string, std::string> files = {
       {kArm, arm().urdf},
       {"odd.urdf", kOddArm},
+      {"arm_dh.json", dh_of(arm())},
       {"foot.urdf", with_foot(arm().urdf)},
       {"old.csv", "old"},
       {"coupled.json", kArmCoupled},

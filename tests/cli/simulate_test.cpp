@@ -318,6 +318,12 @@ std::vector<OptionCase> simulate_file_options() {
          EXPECT_EQ(effect.with.file("t.json")["urdf"], "odd.urdf");
          EXPECT_THAT(effect.with.files.at("m.csv"), HasSubstr("slide"));
        }},
+      {"DhIsTheRobot",
+       {"--dh", "odd_dh.json"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.file("t.json")["urdf"], "odd_dh.json");
+         EXPECT_THAT(effect.with.files.at("m.csv"), HasSubstr("slide"));
+       }},
       {"BaseIsTheFirstLink",
        {"--base", "a"},
        [](const Effect& effect) {
@@ -412,6 +418,7 @@ class SimulateOption : public OptionEffect {};
 
 TEST_P(SimulateOption, HasItsEffectAndNoOther) {
   write("odd.urdf", kOddArm);
+  write("odd_dh.json", dh_of(parse_robot(kOddArm)));
   write("old.csv", "old");
   write("coupled.json", kFanucCoupled);
   write("targets.json", R"({"targets": [{"name": "P", "position": [0, 0.2, 0]},

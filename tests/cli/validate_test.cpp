@@ -75,6 +75,10 @@ std::vector<OptionCase> validate_options() {
        {"--urdf", "longer.urdf"},
        [rms](const Effect& effect) { EXPECT_GT(rms(effect.with), 10.0 * rms(effect.without)); },
        measured},
+      {"DhIsTheRobot",
+       {"--dh", "fanuc_dh.json"},
+       [rms](const Effect& effect) { EXPECT_NEAR(rms(effect.with), rms(effect.without), 1e-12); },
+       measured},
       {"BaseIsTheFirstLink",
        {"--base", "base_link"},
        [=](const Effect& effect) {
@@ -199,6 +203,7 @@ TEST_P(ValidateOption, HasItsEffectAndNoOther) {
     "targets": [{"name": "A", "position": [0.1, 0.001, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})");
   std::string text = content(kFanuc);
   write("longer.urdf", std::string(text).replace(text.rfind("0 0 1.075"), 9, "0 0 1.175"));
+  write("fanuc_dh.json", dh_of(fanuc()));
   write("foot.urdf", with_foot(text));
   write("hand.urdf", with_hand(text));
   const bool json = GetParam().option.front() != "--json";
