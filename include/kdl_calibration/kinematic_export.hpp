@@ -1,9 +1,10 @@
 #pragma once
 
-// The calibrated geometry for other programs, and robots that are stated in another form than URDF.
+// The calibrated geometry for other programs: URDF, DH tables, YAML for xacro and Universal Robots, CSV.
 //
 //     write_urdf("calibrated.urdf", robot, found);
-//     const Robot another = load_dh_robot("table.csv");
+//     std::cout << kinematic_export(robot, found, KinematicFormat::mdh);
+//     const Robot again = load_dh_robot("table.json");
 
 #include <filesystem>
 #include <string>
@@ -22,6 +23,19 @@ std::string calibrated_urdf(const Robot& robot, const Calibration& calibration);
 /// Writes it; an existing file is replaced as a whole, the robot's own URDF is refused. Throws InputError as above, and
 /// where the file cannot be written.
 void write_urdf(const std::filesystem::path& file, const Robot& robot, const Calibration& calibration);
+
+enum class KinematicFormat {
+  urdf,            ///< as calibrated_urdf
+  dh,              ///< table of standard Denavit-Hartenberg parameters, JSON that load_dh_robot reads
+  mdh,             ///< of modified ones (Craig)
+  ur_yaml,         ///< kinematics of the Universal Robots description
+  xacro_yaml,      ///< origin of every joint of the chain by name
+  parameters_csv,  ///< the error parameters with units
+};
+
+/// The geometry of calibrated_urdf as text of this format. Throws InputError as calibrated_urdf does, for a DH table of
+/// an arm whose joints mimic others, and for ur_yaml of another maker's robot or with errors behind the last joint.
+std::string kinematic_export(const Robot& robot, const Calibration& calibration, KinematicFormat format);
 
 /// The robot of a file with a DH table, CSV or JSON; src/cli/README.md describes it. Its links are base, link_1 ...,
 /// tool0. Throws InputError for a bad table, and as parse_robot does.

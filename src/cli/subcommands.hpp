@@ -23,5 +23,6 @@ Subcommand add_calibrate(CLI::App& parser);
 Subcommand add_validate(CLI::App& parser);
 Subcommand add_plan(CLI::App& parser);
 Subcommand add_report(CLI::App& parser);
+Subcommand add_export(CLI::App& parser);
 
 }  // namespace kdl_calibration::cli

@@ -242,8 +242,9 @@ void read_estimates(const Node& top, const std::vector<double>& degrees_of_freed
                                 .degrees_of_freedom = degrees_of_freedom[e],
                                 .identifiable = known});
   }
-  saved.urdf_errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.parameters.size()));
+  saved.urdf_errors = saved.estimate.errors;  // truth files and version 0.1 state no others
   if (has(top, "exported_urdf")) {
+    saved.urdf_errors.setZero();
     for (const Node& node : optional_elements(member(top, "exported_urdf"), "parameters")) {
       const std::size_t place = parameter_index(saved.model, tree::name(member(node, "name")));
       saved.urdf_errors[static_cast<Eigen::Index>(place)] = number(member(node, "error"));

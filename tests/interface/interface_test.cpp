@@ -20,6 +20,7 @@
 #include "calibration/calibration_settings.hpp"
 #include "kdl_calibration/kdl_calibration.hpp"
 #include "refusal.hpp"
+#include "support.hpp"
 
 namespace kdl_calibration::interface_test {
 namespace {
@@ -282,6 +283,17 @@ TEST_F(InterfaceFiles, LinksAndModesStayAndNothingElseThanAFileIsReplaced) {
   EXPECT_TRUE(fs::is_fifo(file("pipe")));
 }
 
+TEST_F(InterfaceFiles, DhTablesAreTheRobotThatWasExported) {
+  for (const KinematicFormat format : {KinematicFormat::dh, KinematicFormat::mdh}) {
+    std::ofstream(file("table.json")) << kinematic_export(fanuc(), found(), format);
+    const Robot again = load_dh_robot(file("table.json"));
+    EXPECT_LT(testing::difference(testing::kdl_pose(again.chain, somewhere()),
+                                  testing::kdl_pose(found().urdf_chain(), somewhere())),
+              1e-12);
+  }
+  EXPECT_EQ(kinematic_export(fanuc(), found(), KinematicFormat::urdf), calibrated_urdf(fanuc(), found()));
+}
+
 TEST_F(InterfaceFiles, UndeterminedDirectionsAreReadBack) {
   Measurements still = experiment().measurements;
   still.joint_values.row(3).setConstant(0.2);
@@ -420,6 +432,9 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"predict, numbers", [&] { arm.predict(nan, "A"); }, "finite"},
       {"parameter", [&] { c.std("Tx99"); }, "'Tx99'"},
       {"another robot's URDF", [&] { calibrated_urdf(other, c); }, "was not made with"},
+      {"another robot's export", [&] { kinematic_export(other, c, KinematicFormat::mdh); }, "was not made with"},
+      {"a format that is none", [&] { kinematic_export(fanuc(), c, KinematicFormat{77}); }, "one of KinematicFormat"},
+      {"no DH table", [&] { load_dh_robot(file("none.csv")); }, "none.csv"},
       {"another robot's file", [&] { write_urdf(file("x"), other, c); }, "was not made with"},
       {"another robot's result", [&] { write_result(file("x"), other, data, c); }, "was not made with"},
       {"another robot's page", [&] { write_report(file("x"), other, data, c); }, "was not made with"},

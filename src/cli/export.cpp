@@ -1,0 +1,76 @@
+#include <map>
+#include <memory>
+
+#include "cli/options.hpp"
+#include "cli/output_files.hpp"
+#include "cli/subcommands.hpp"
+#include "cli/text.hpp"
+#include "kdl_calibration/kinematic_export.hpp"
+#include "kdl_calibration/result_file.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+/// --output and --force of a text that else goes to standard output.
+struct TextOutput {
+  std::string output;
+  bool force = false;
+};
+
+void add_text_output(CLI::App& app, TextOutput& arguments) {
+  add_file(app, "--output", arguments.output, "Write it to this file [standard output]");
+  app.add_flag("--force", arguments.force, "Overwrite a file that exists");
+}
+
+// `text` makes the text once the file is known to be writable.
+ExitStatus write_text(const TextOutput& arguments, const std::function<std::string()>& text) {
+  std::vector<OutputFile> files = given_outputs({{.option = "--output", .path = arguments.output}});
+  require_writable(files, arguments.force);
+  if (files.empty()) {
+    print(text());
+    return done;
+  }
+  files.front().text = text();
+  write_whole(files, arguments.force);
+  print("Written: " + arguments.output + "\n");
+  return done;
+}
+
+struct ExportArguments {
+  RobotArguments robot;
+  std::string result;
+  std::string format;
+  TextOutput to;
+};
+
+const std::map<std::string, KinematicFormat>& formats() {
+  static const std::map<std::string, KinematicFormat> known = {
+      {"dh", KinematicFormat::dh},           {"mdh", KinematicFormat::mdh},
+      {"urdf", KinematicFormat::urdf},       {"xacro-yaml", KinematicFormat::xacro_yaml},
+      {"ur-yaml", KinematicFormat::ur_yaml}, {"csv", KinematicFormat::parameters_csv}};
+  return known;
+}
+
+std::string exported(const ExportArguments& arguments) {
+  const Robot robot = load(arguments.robot);
+  read_result(arguments.result, robot);  // warns if it is not to be trusted
+  const Calibration found = load_calibration(arguments.result, robot);
+  return kinematic_export(robot, found, formats().at(arguments.format));
+}
+
+}  // namespace
+
+Subcommand add_export(CLI::App& parser) {
+  CLI::App* app = parser.add_subcommand("export", "The calibrated geometry as DH table, URDF, YAML or CSV");
+  const auto arguments = std::make_shared<ExportArguments>();
+  add_robot_options(*app, arguments->robot);
+  add_file(*app, "--result", arguments->result, "The result that calibrate wrote (JSON)")->required();
+  add_word(*app, "--format", arguments->format, {"dh", "mdh", "urdf", "xacro-yaml", "ur-yaml", "csv"},
+           "DH or modified DH table (JSON), URDF, joint origins, kinematics of Universal Robots, parameters")
+      ->required();
+  add_text_output(*app, arguments->to);
+  add_example(*app, "kdlcal export --result result.json --urdf robot.urdf --format mdh --output table.json");
+  return {.app = app, .run = [arguments] { return write_text(arguments->to, [&] { return exported(*arguments); }); }};
+}
+
+}  // namespace kdl_calibration::cli
