@@ -8,6 +8,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/robot.hpp"
@@ -40,5 +41,11 @@ std::string kinematic_export(const Robot& robot, const Calibration& calibration,
 /// The robot of a file with a DH table, CSV or JSON; src/cli/README.md describes it. Its links are base, link_1 ...,
 /// tool0. Throws InputError for a bad table, and as parse_robot does.
 Robot load_dh_robot(const std::filesystem::path& file, const RobotOptions& options = {});
+
+/// The nominal URDF of a Universal Robot, corrected by the text of the calibration.conf that its maker stored on the
+/// controller. Throws InputError for another robot, a URDF that is not nominal, and a text that is no finished
+/// calibration.
+std::string ur_calibrated_urdf(const Robot& robot, std::string_view calibration,
+                               const std::string& source = "calibration.conf");
 
 }  // namespace kdl_calibration

@@ -1,6 +1,7 @@
 #include <map>
 #include <memory>
 
+#include "base/text_file.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/subcommands.hpp"
@@ -58,6 +59,16 @@ std::string exported(const ExportArguments& arguments) {
   return kinematic_export(robot, found, formats().at(arguments.format));
 }
 
+struct ImportArguments {
+  RobotArguments robot;
+  std::string calibration;
+  TextOutput to;
+};
+
+std::string imported(const ImportArguments& arguments) {
+  return ur_calibrated_urdf(load(arguments.robot), read_text_file(arguments.calibration), arguments.calibration);
+}
+
 }  // namespace
 
 Subcommand add_export(CLI::App& parser) {
@@ -71,6 +82,17 @@ Subcommand add_export(CLI::App& parser) {
   add_text_output(*app, arguments->to);
   add_example(*app, "kdlcal export --result result.json --urdf robot.urdf --format mdh --output table.json");
   return {.app = app, .run = [arguments] { return write_text(arguments->to, [&] { return exported(*arguments); }); }};
+}
+
+Subcommand add_import(CLI::App& parser) {
+  CLI::App* app = parser.add_subcommand("import", "The maker's own calibration as URDF");
+  const auto arguments = std::make_shared<ImportArguments>();
+  add_robot_options(*app, arguments->robot);
+  add_file(*app, "--ur-calibration", arguments->calibration, "calibration.conf of a Universal Robot's controller")
+      ->required();
+  add_text_output(*app, arguments->to);
+  add_example(*app, "kdlcal import --ur-calibration calibration.conf --urdf ur5.urdf --output calibrated.urdf");
+  return {.app = app, .run = [arguments] { return write_text(arguments->to, [&] { return imported(*arguments); }); }};
 }
 
 }  // namespace kdl_calibration::cli

@@ -24,5 +24,6 @@ Subcommand add_validate(CLI::App& parser);
 Subcommand add_plan(CLI::App& parser);
 Subcommand add_report(CLI::App& parser);
 Subcommand add_export(CLI::App& parser);
+Subcommand add_import(CLI::App& parser);
 
 }  // namespace kdl_calibration::cli

@@ -7,6 +7,8 @@
 #include "results/calibrated_urdf.hpp"
 #include "results/kinematic_formats.hpp"
 #include "robot/dh_table.hpp"
+#include "robot/ur_calibration.hpp"
+#include "robot/urdf_correction.hpp"
 
 namespace kdl_calibration {
 
@@ -42,6 +44,10 @@ std::string kinematic_export(const Robot& robot, const Calibration& calibration,
 Robot load_dh_robot(const std::filesystem::path& file, const RobotOptions& options) {
   const std::string source = one_line(file.string());
   return parse_robot(dh_urdf(parse_dh_table(read_text_file(file), source)), options, source);
+}
+
+std::string ur_calibrated_urdf(const Robot& robot, std::string_view calibration, const std::string& source) {
+  return corrected_urdf(robot.urdf, ur_corrections(robot, calibration, source));
 }
 
 }  // namespace kdl_calibration

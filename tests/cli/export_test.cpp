@@ -1,6 +1,7 @@
-// kdlcal export, and robots of DH tables: what is written is the same arm again.
+// kdlcal export and import, and robots of DH tables: what is written is the same arm again.
 
 #include "cli_options_support.hpp"
+#include "ur10.hpp"
 
 namespace kdl_calibration::testing::export_test {
 namespace {
@@ -97,8 +98,30 @@ TEST_F(ExportOfKdlcal, ARobotOfADhTableIsCalibratedAndExported) {
   expect_refused({"report", "--dh", "table.json", "--result", "dh_r.json", "--output", "q.html"}, {"hash"});
 }
 
+TEST_F(ExportOfKdlcal, OfAUniversalRobotIsItsDescription) {
+  write("ur10.urdf", kUr10);
+  write("calibration.conf", kUrCalibration);
+  const Outcome imported = run({"import", "--ur-calibration", "calibration.conf", "--urdf", "ur10.urdf"});
+  ASSERT_EQ(imported.status, 0) << imported.err;
+  write("ur10c.urdf", imported.out);
+  EXPECT_EQ(run({"import", "--ur-calibration", "calibration.conf", "--urdf", "ur10.urdf", "--output", "u.urdf"}).out,
+            "Written: u.urdf\n");
+  EXPECT_EQ(text_of("u.urdf"), imported.out);
+  ASSERT_EQ(run({"simulate", "--urdf", "ur10c.urdf", "--length-sigma", "0", "--angle-sigma", "0", "--output", "u.csv",
+                 "--truth", "t.json"})
+                .status,
+            0);
+  const Outcome outcome = run({"calibrate", "--urdf", "ur10.urdf", "--measurements", "u.csv", "--result", "u.json"});
+  ASSERT_NE(outcome.status, 2) << outcome.err;
+  const Outcome yaml =
+      run({"export", "--urdf", "ur10.urdf", "--result", "u.json", "--format", "ur-yaml", "--output", "u.yaml"});
+  EXPECT_EQ(yaml.status, 0) << yaml.err;
+  EXPECT_THAT(text_of("u.yaml"), HasSubstr("kinematics:\n  shoulder:\n    x: "));
+}
+
 TEST_F(ExportOfKdlcal, RefusesWhatItCannotExport) {
   write("dh.csv", "convention,standard\njoint,a[mm],alpha[deg],d[mm],theta[deg]\nJ1,1,2,x,4\n");
+  write("c.conf", kUrCalibration);
   const Words from = {"export", "--result", "r.json", "--format"};
   const std::vector<std::pair<Words, std::vector<std::string>>> cases = {
       {from + Words{"ur-yaml"}, {"is no Universal Robot", "shoulder_pan_joint"}},
@@ -110,6 +133,7 @@ TEST_F(ExportOfKdlcal, RefusesWhatItCannotExport) {
       {from + Words{"dh", "--dh", "dh.csv"}, {"dh.csv:3: d[mm]: 'x' is no number"}},
       {from + Words{"dh", "--dh", "dh.csv", "--urdf", "c.urdf"}, {"--dh", "--urdf"}},
       {{"fk", "--dh", "none.csv", "--joints", "1"}, {"none.csv"}},
+      {{"import", "--ur-calibration", "c.conf"}, {"is no Universal Robot"}},
   };
   for (const auto& [words, expected] : cases) {
     expect_refused(words, expected);

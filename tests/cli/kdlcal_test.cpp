@@ -61,7 +61,7 @@ TEST_F(Usage, HelpListsEverySubcommandThatHasATableOfItsOptions) {
     }
   }
   EXPECT_THAT(names, ::testing::ElementsAre("model", "fk", "jacobian", "simulate", "calibrate", "validate", "plan",
-                                            "report", "export"));  // see report_test.cpp, export_test.cpp
+                                            "report", "export", "import"));  // see report_test.cpp, export_test.cpp
 }
 
 TEST_F(Usage, VersionIsOneLine) {

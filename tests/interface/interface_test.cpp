@@ -434,6 +434,7 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"another robot's URDF", [&] { calibrated_urdf(other, c); }, "was not made with"},
       {"another robot's export", [&] { kinematic_export(other, c, KinematicFormat::mdh); }, "was not made with"},
       {"a format that is none", [&] { kinematic_export(fanuc(), c, KinematicFormat{77}); }, "one of KinematicFormat"},
+      {"no Universal Robot", [&] { ur_calibrated_urdf(fanuc(), ""); }, "is no Universal Robot"},
       {"no DH table", [&] { load_dh_robot(file("none.csv")); }, "none.csv"},
       {"another robot's file", [&] { write_urdf(file("x"), other, c); }, "was not made with"},
       {"another robot's result", [&] { write_result(file("x"), other, data, c); }, "was not made with"},
