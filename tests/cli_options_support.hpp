@@ -346,6 +346,26 @@ protected:
   }
 };
 
+/// Joint values alone, and points alone: with a column of configurations, or named C<configuration>_<target>.
+inline std::string joints_csv(const Measurements& measured) {
+  Measurements once = subset(measured, [&](const Observation& o) { return o.target == 0 && o.repeat == 1; });
+  return measurements_csv(once);
+}
+inline std::string points_csv(const Measurements& measured, bool named) {
+  std::string csv = named ? "name,repeat,x,y,z\n" : "configuration,name,repeat,x,y,z\n";
+  for (const Observation& row : measured.observations) {
+    const std::string& configuration = measured.configurations[static_cast<std::size_t>(row.configuration)];
+    const std::string& target = measured.targets[static_cast<std::size_t>(row.target)];
+    csv += named ? "C" + configuration + "_" + target : configuration + "," + target;
+    csv += "," + std::to_string(row.repeat);
+    for (const double coordinate : row.position) {
+      csv += "," + std::to_string(coordinate);
+    }
+    csv += "\n";
+  }
+  return csv;
+}
+
 /// Every option in these.
 inline std::set<std::string> options_of(const std::vector<Words>& files) {
   std::set<std::string> options;

@@ -13,6 +13,7 @@
 #include "base/json_tree.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
+#include "base/wrapped_text.hpp"
 #include "cli/frames.hpp"
 #include "cli/help.hpp"
 #include "cli/measurement_options.hpp"
@@ -96,9 +97,10 @@ std::vector<HashedFile> files_read(const CalibrateArguments& arguments, const Ro
   const auto [robot_role, robot_hash] = role_and_hash(arguments.robot, robot);
   std::vector<HashedFile> files = {{.role = robot_role, .path = robot.source, .sha256 = robot_hash}};
   for (const auto& [role, path] :
-       {std::pair{"measurements", &measured.measurements}, std::pair{"joint-convention", &measured.joint_convention},
-        std::pair{"known-base", &measured.known_base}, std::pair{"known-targets", &measured.known_targets},
-        std::pair{"predict-at", &arguments.predict_at}, std::pair{"config", &arguments.config}}) {
+       {std::pair{"measurements", &measured.measurements}, std::pair{"joints-file", &measured.joints_file},
+        std::pair{"joint-convention", &measured.joint_convention}, std::pair{"known-base", &measured.known_base},
+        std::pair{"known-targets", &measured.known_targets}, std::pair{"predict-at", &arguments.predict_at},
+        std::pair{"config", &arguments.config}}) {
     if (!path->empty()) {
       files.push_back({.role = role, .path = *path, .sha256 = sha256_of_file(*path)});
     }
@@ -200,10 +202,11 @@ std::string table(const CalibrateArguments& arguments, const Robot& robot, const
   options.details = arguments.details;
   std::string text = result_table(measurements, calibration, options);
   if (calibration.trusted() && !arguments.details) {
-    text += arguments.output.empty()
-                ? "Next: --output FILE writes the calibrated URDF, --details shows every parameter.\n"
-                : "Next: kdlcal validate --urdf " + arguments.output +
-                      " --measurements NEW.csv, with points of other days and places.\n";
+    const std::string next = arguments.output.empty()
+                                 ? "--output FILE writes the calibrated URDF, --details shows every parameter"
+                                 : "kdlcal validate --urdf " + arguments.output +
+                                       " --measurements NEW.csv, with points of other days and places";
+    text += wrapped("Next: " + next, 0, 6);
   }
   return text;
 }
@@ -402,8 +405,8 @@ void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
 
 void add_groups(CLI::App& app) {
   add_group(app, "Input",
-            {"--measurements", "--urdf", "--dh", "--base", "--tip", "--joint-convention", "--known-base",
-             "--known-targets", "--predict-at"});
+            {"--measurements", "--joints-file", "--point-names", "--urdf", "--dh", "--base", "--tip",
+             "--joint-convention", "--known-base", "--known-targets", "--predict-at"});
   add_group(
       app, "Output",
       {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--details", "--json", "--force"});

@@ -7,6 +7,7 @@
 #include "base/text.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/frames.hpp"
+#include "cli/joined_files.hpp"
 #include "cli/options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
@@ -20,6 +21,12 @@ namespace fs = std::filesystem;
 
 void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
   add_file(app, "--measurements", arguments.measurements, "Measured points or poses (CSV)")->required();
+  CLI::Option* joints = add_file(app, "--joints-file", arguments.joints_file,
+                                 "The joint values of the configurations, where --measurements has points alone (CSV)");
+  app.add_option("--point-names", arguments.point_names,
+                 "How those points are named, such as C{configuration}_{target}")
+      ->type_name("PATTERN")
+      ->needs(joints);
   add_list(app, "--exclude", arguments.exclude, "Configurations, or points of them, that are left out")
       ->type_name("CONFIGURATION[:TARGET],...");
   add_file(app, "--joint-convention", arguments.joint_convention,
@@ -32,8 +39,14 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
 
 Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
-  const Measurements measurements =
-      read_measurements(robot, arguments.measurements, convention ? &*convention : nullptr);
+  const JointConvention* used = convention ? &*convention : nullptr;
+  const Measurements measurements = arguments.joints_file.empty()
+                                        ? read_measurements(robot, arguments.measurements, used)
+                                        : read_joined(robot,
+                                                      {.points = arguments.measurements,
+                                                       .joint_values = arguments.joints_file,
+                                                       .names = arguments.point_names},
+                                                      used);
   return with_poses_joined(arguments.exclude.empty() ? measurements : without_rows(measurements, arguments.exclude));
 }
 

@@ -16,9 +16,11 @@
 
 namespace kdl_calibration::cli {
 
-/// --measurements, --exclude, --joint-convention, --known-base, --known-targets
+/// --measurements, --joints-file, --point-names, --exclude, --joint-convention, --known-base, --known-targets
 struct MeasurementArguments {
   std::string measurements;
+  std::string joints_file;
+  std::string point_names;
   std::vector<std::string> exclude;
   std::string joint_convention;
   std::string known_base;

@@ -44,8 +44,9 @@ std::optional<std::string> hash_of(const Json& result, const std::string& role) 
 void require_same_files(const ReportArguments& arguments, const Json& result) {
   const MeasurementArguments& given = arguments.measurements;
   for (const auto& [role, path] :
-       {std::pair{"measurements", &given.measurements}, std::pair{"joint-convention", &given.joint_convention},
-        std::pair{"known-base", &given.known_base}, std::pair{"known-targets", &given.known_targets}}) {
+       {std::pair{"measurements", &given.measurements}, std::pair{"joints-file", &given.joints_file},
+        std::pair{"joint-convention", &given.joint_convention}, std::pair{"known-base", &given.known_base},
+        std::pair{"known-targets", &given.known_targets}}) {
     const std::optional<std::string> hash = hash_of(result, role);
     const std::string option = std::string("--") + role;
     if (path->empty() && hash) {

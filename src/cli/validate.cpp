@@ -252,9 +252,9 @@ Json with_provenance(const ValidateArguments& arguments, const Robot& robot, con
   Json files = {{{"role", robot_role}, {"path", robot.source}, {"sha256", robot_hash}}};
   const MeasurementArguments& measured = arguments.measurements;
   for (const auto& [role, path] :
-       {std::pair{"measurements", &measured.measurements}, std::pair{"joint-convention", &measured.joint_convention},
-        std::pair{"known-base", &measured.known_base}, std::pair{"known-targets", &measured.known_targets},
-        std::pair{"result", &arguments.result}}) {
+       {std::pair{"measurements", &measured.measurements}, std::pair{"joints-file", &measured.joints_file},
+        std::pair{"joint-convention", &measured.joint_convention}, std::pair{"known-base", &measured.known_base},
+        std::pair{"known-targets", &measured.known_targets}, std::pair{"result", &arguments.result}}) {
     if (!path->empty()) {
       files.push_back({{"role", role}, {"path", *path}, {"sha256", sha256_of_file(*path)}});
     }

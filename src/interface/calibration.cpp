@@ -78,12 +78,15 @@ std::string hash_of(const Measurements& measurements) {
 
 void require_as_parsed(const Robot& robot) {
   const Robot parsed = parse_robot(robot.urdf, {.base = robot.base, .tip = robot.tip}, robot.source);
-  const auto same = [](const MovingJoint& a, const MovingJoint& b) {
-    return a.name == b.name && a.type == b.type && KDL::Equal(a.origin, b.origin, 0.0) &&
-           KDL::Equal(a.axis, b.axis, 0.0);
+  const auto same_frame = [](const KDL::Frame& a, const KDL::Frame& b) {  // KDL's comparison has a tolerance
+    return to_eigen(a).matrix() == to_eigen(b).matrix();
+  };
+  const auto same = [&](const MovingJoint& a, const MovingJoint& b) {
+    return a.name == b.name && a.type == b.type && same_frame(a.origin, b.origin) &&
+           to_eigen(a.axis) == to_eigen(b.axis);
   };
   if (!std::equal(robot.joints.begin(), robot.joints.end(), parsed.joints.begin(), parsed.joints.end(), same) ||
-      !KDL::Equal(robot.tip_origin, parsed.tip_origin, 0.0) || robot.tip_joint != parsed.tip_joint) {
+      !same_frame(robot.tip_origin, parsed.tip_origin) || robot.tip_joint != parsed.tip_joint) {
     refuse_input("the joints of " + robot.source + " are not those of its URDF text",
                  "a robot as load_robot or parse_robot gives it");
   }

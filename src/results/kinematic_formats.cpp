@@ -12,6 +12,7 @@
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "model/parameters.hpp"
 #include "robot/chain_to_dh.hpp"
 #include "robot/ur_calibration.hpp"
 #include "robot/urdf_correction.hpp"

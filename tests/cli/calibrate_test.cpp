@@ -239,6 +239,21 @@ std::vector<OptionCase> noise_options() {
            },
            "poses.csv"),
        kPoses + Words{"--noise-independent", "2e-5"}},
+      {"DetailsAreOfTheTableAlone", {"--details"}, changes_nothing(), kMeasured},
+      {"JointsFileHasTheJointValues",
+       {"--joints-file", "joints.csv"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_EQ(effect.with.outcome.status, 0) << effect.with.outcome.err;
+       },
+       {"--measurements", "points.csv", "--urdf", kArm, "--effects", "none"}},
+      {"PointNamesTellConfigurationAndTarget",
+       {"--point-names", "C{configuration}_{target}"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_EQ(effect.with.outcome.status, 0) << effect.with.outcome.err;
+       },
+       {"--measurements", "named.csv", "--joints-file", "joints.csv", "--urdf", kArm, "--effects", "none"}},
       {"ExcludeLeavesAConfigurationAndAPointOut",
        {"--exclude", "2,3:B"},
        [](const Effect& effect) {
@@ -464,7 +479,9 @@ std::vector<Words> files_of_options() {
           "--measurements m.csv --urdf arm.urdf --method two-step --iterations 2 --model complete --threads 1 --json"),
       words_of("--measurements poses.csv --urdf arm.urdf --effects none --noise equal --prior none "
                "--exclude 2,3:B --json"),
-      words_of("--measurements m.csv --dh arm_dh.json --effects none --prior none --json"),
+      words_of("--measurements m.csv --dh arm_dh.json --effects none --prior none --json --details"),
+      words_of("--measurements named.csv --joints-file joints.csv --point-names C{configuration}_{target} --urdf "
+               "arm.urdf --effects none --json"),
   };
 }
 
@@ -480,6 +497,9 @@ const std::map<std::string, std::string>& input_files() {
         {kArm, text},
         {"arm_dh.json", dh_of(arm())},
         {"m.csv", measurements_csv(points)},
+        {"joints.csv", joints_csv(points)},
+        {"points.csv", points_csv(points, false)},
+        {"named.csv", points_csv(points, true)},
         {"fanuc.csv", measurements_csv(measured_fanuc({.sigma = 2e-5}, false))},
         {"controller.csv", in_controller_joints(points, kArmCoupled)},
         {"coupled.json", kArmCoupled},

@@ -100,6 +100,20 @@ std::vector<OptionCase> validate_options() {
        },
        measured + Words{"--urdf", "hand.urdf"}},
       {"MeasurementsAreRegistered", {"--measurements", "m.csv"}, is_consistent()},
+      {"JointsFileHasTheJointValues",
+       {"--joints-file", "joints.csv"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_EQ(effect.with.outcome.status, 0) << effect.with.outcome.err;
+       },
+       {"--measurements", "points.csv"}},
+      {"PointNamesTellConfigurationAndTarget",
+       {"--point-names", "C{configuration}_{target}"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.without.outcome.status, 2);
+         EXPECT_EQ(effect.with.outcome.status, 0) << effect.with.outcome.err;
+       },
+       {"--measurements", "named.csv", "--joints-file", "joints.csv"}},
       {"ExcludeLeavesAConfigurationAndAPointOut",
        {"--exclude", "2,3:B"},
        [](const Effect& effect) {
@@ -196,6 +210,9 @@ class ValidateOption : public OptionEffect {};
 TEST_P(ValidateOption, HasItsEffectAndNoOther) {
   const Measurements measured = measured_fanuc({.sigma = 2e-5}, false);
   write("m.csv", measurements_csv(measured));
+  write("joints.csv", joints_csv(measured));
+  write("points.csv", points_csv(measured, false));
+  write("named.csv", points_csv(measured, true));
   write("old.html", "old");
   write("controller.csv", in_controller_joints(measured, kFanucCoupled));
   write("coupled.json", kFanucCoupled);

@@ -88,7 +88,7 @@ if(EXISTS ${prefix}/bin/kdlcal)
     message(FATAL_ERROR "the installed kdlcal does not read ${own}")
   endif()
   file(WRITE ${own} "${as_installed}")
-  check_example("Written:" calibrate --measurements measurements.csv --result ${work_dir}/run/example.json
+  check_example("\nnoise per" calibrate --measurements measurements.csv --result ${work_dir}/run/example.json
                 --joint-convention ../urdf/fanuc_r2000ic_165f_pendant.json)
   check_example("\n\n" validate --result ${work_dir}/run/example.json --truth truth.json)
   run(${prefix}/bin/kdlcal simulate --configurations 30 --targets 3 --noise 0.00003 --seed 1

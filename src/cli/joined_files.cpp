@@ -1,0 +1,180 @@
+#include "cli/joined_files.hpp"
+
+#include <fmt/core.h>
+#include <Eigen/Core>
+#include <algorithm>
+#include <cctype>
+#include <map>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "base/csv.hpp"
+#include "base/text.hpp"
+#include "base/text_file.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "measurements/measurement_columns.hpp"
+#include "robot/mimic.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+constexpr std::string_view kConfiguration = "{configuration}";
+constexpr std::string_view kTarget = "{target}";
+
+struct PointName {
+  std::string configuration;
+  std::string target;
+};
+
+// The text before, between and behind the two words of a pattern.
+class NamePattern {
+public:
+  explicit NamePattern(const std::string& pattern) : pattern_(pattern) {
+    const std::size_t configuration = pattern.find(kConfiguration);
+    const std::size_t target = pattern.find(kTarget);
+    target_first_ = target < configuration;
+    const std::string_view first = target_first_ ? kTarget : kConfiguration;
+    const std::size_t begin = std::min(configuration, target);
+    const std::size_t second = std::max(configuration, target);
+    if (second == std::string::npos || second <= begin + first.size()) {
+      throw InputError("--point-names: " + shown(pattern) +
+                       ", expected a pattern such as C{configuration}_{target}, with some text between the two");
+    }
+    before_ = pattern.substr(0, begin);
+    between_ = pattern.substr(begin + first.size(), second - begin - first.size());
+    behind_ = pattern.substr(second + (target_first_ ? kConfiguration : kTarget).size());
+  }
+
+  PointName parts(std::string_view name, const Place& place) const {
+    const std::size_t middle = name.find(between_, before_.size());
+    const bool fits = name.starts_with(before_) && name.ends_with(behind_) && middle != std::string_view::npos &&
+                      middle > before_.size() && middle + between_.size() + behind_.size() < name.size();
+    if (!fits) {
+      fail(place, "point " + shown(name) + " is not named as --point-names says, " + shown(pattern_));
+    }
+    const std::string_view rest = name.substr(middle + between_.size());
+    std::string first(name.substr(before_.size(), middle - before_.size()));
+    std::string second(rest.substr(0, rest.size() - behind_.size()));
+    return target_first_ ? PointName{.configuration = std::move(second), .target = std::move(first)}
+                         : PointName{.configuration = std::move(first), .target = std::move(second)};
+  }
+
+private:
+  std::string pattern_;
+  std::string before_;
+  std::string between_;
+  std::string behind_;
+  bool target_first_ = false;
+};
+
+// All digits of a number without a decimal point, which the points' file may write as a comma.
+std::string pointless(double value) {
+  std::string text = fmt::format("{:.16e}", value);
+  const std::size_t e = text.find('e');
+  const int exponent = std::stoi(text.substr(e + 1)) - 16;
+  text.resize(e);
+  text.erase(std::remove(text.begin(), text.end(), '.'), text.end());
+  return fmt::format("{}e{}", text, exponent);
+}
+
+// The cells in front of every row of a configuration: its label, then the values of the independent joints.
+std::map<std::string, std::string> heads_of(const Robot& robot, const Measurements& configurations, char separator) {
+  const Eigen::MatrixXd values = independent_joint_values(robot.joints, configurations.joint_values);
+  std::map<std::string, std::string> heads;
+  for (Eigen::Index c = 0; c < values.cols(); ++c) {
+    const std::string& label = configurations.configurations[static_cast<std::size_t>(c)];
+    std::string head = csv_field(label) + separator;
+    for (const double value : values.col(c)) {
+      head += pointless(value) + separator;
+    }
+    heads[label] = head;
+  }
+  return heads;
+}
+
+std::string heading_of(const Robot& robot, char separator) {
+  std::string head = std::string("configuration") + separator;
+  for (const std::size_t i : independent_joints(robot.joints)) {
+    const MovingJoint& joint = robot.joints[i];
+    head += csv_field(drive_of(joint).name + (joint.type == JointType::prismatic ? "[m]" : "[rad]")) + separator;
+  }
+  return head;
+}
+
+std::optional<std::size_t> column_named(const Fields& heading, const std::vector<std::string>& names) {
+  for (std::size_t i = 0; i < heading.size(); ++i) {
+    std::string name(trimmed(heading[i]));
+    std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
+    if (std::find(names.begin(), names.end(), name) != names.end()) {
+      return i;
+    }
+  }
+  return std::nullopt;
+}
+
+std::string row_of(const Fields& cells, char separator, std::optional<std::size_t> left_out,
+                   std::optional<std::size_t> changed, const std::string& value) {
+  std::string row;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    if (i != left_out) {
+      row += (i == (left_out == 0 ? 1 : 0) ? "" : std::string(1, separator)) +
+             (i == changed ? csv_field(value) : csv_field(std::string(cells[i])));
+    }
+  }
+  return row + "\n";
+}
+
+}  // namespace
+
+// Puts the joint values in front of the points' rows. Lines keep their numbers, so that messages name the right one.
+Measurements read_joined(const Robot& robot, const JoinedFiles& files, const JointConvention* convention) {
+  const Measurements configurations = read_configurations(robot, files.joint_values, convention);
+  const std::optional<NamePattern> pattern =
+      files.names.empty() ? std::nullopt : std::optional<NamePattern>(files.names);
+  LineReader lines(std::filesystem::path(files.points));
+  std::map<std::string, std::string> heads;
+  std::optional<std::size_t> name;
+  std::optional<std::size_t> label;
+  char separator = '\0';
+  std::string csv;
+  Fields cells;
+  for (std::string_view line; lines.next(line);) {
+    if (line.find_first_not_of(" \t,;") == std::string_view::npos || line.starts_with('#')) {
+      csv += "\n";
+      continue;
+    }
+    if (separator == '\0') {
+      separator = separator_of(line);
+      cells.split(line, separator, lines.place());
+      name = column_named(cells, {"name", "target", "point"});
+      label = column_named(cells, {"configuration", "config", "pose"});
+      if (!name || label.has_value() == pattern.has_value()) {
+        fail(lines.place(), pattern ? "expected a column 'name' and, with --point-names, no column 'configuration'"
+                                    : "expected a column 'configuration' beside --joints-file, or --point-names");
+      }
+      heads = heads_of(robot, configurations, separator);
+      csv += heading_of(robot, separator) + row_of(cells, separator, label, name, "target");
+      continue;
+    }
+    cells.split(line, separator, lines.place());
+    const bool units = is_unit_row(cells);
+    if (units || *name >= cells.size() || (label && *label >= cells.size())) {
+      const std::size_t joints = independent_joints(robot.joints).size();
+      csv += std::string(joints + 1, separator) + row_of(cells, separator, label, std::nullopt, {});
+      continue;
+    }
+    const PointName point =
+        pattern ? pattern->parts(cells[*name], lines.place())
+                : PointName{.configuration = std::string(cells[*label]), .target = std::string(cells[*name])};
+    const auto head = heads.find(point.configuration);
+    if (head == heads.end()) {
+      fail(lines.place(),
+           "configuration " + shown(point.configuration) + " has no joint values in " + files.joint_values);
+    }
+    csv += head->second + row_of(cells, separator, label, name, point.target);
+  }
+  return parse_measurements(robot, csv, nullptr, files.points);
+}
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,125 @@
+// Points in one file and joint values in another, against the same rows in one file.
+
+#include "cli/joined_files.hpp"
+
+#include <fmt/core.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "cli_options_support.hpp"
+#include "refusal.hpp"
+
+namespace kdl_calibration::testing::joined_files_test {
+namespace {
+
+using ::testing::HasSubstr;
+
+// Rows of a tracker: the name, then x, y, z in millimetres.
+struct Written {
+  char separator = ',';
+  bool decimal_commas = false;
+  std::string pattern = "C{0}_{1}";
+};
+
+std::string number(double value, const Written& as) {
+  std::string text = fmt::format("{:.17g}", value);
+  if (as.decimal_commas) {
+    std::replace(text.begin(), text.end(), '.', ',');
+  }
+  return text;
+}
+
+std::string points_of(const Measurements& measured, const Written& as) {
+  std::string csv = fmt::format("# tracker\nx[mm]{0}Name{0}y[mm]{0}z[mm]\n", as.separator);
+  for (const Observation& row : measured.observations) {
+    const std::string name =
+        fmt::format(fmt::runtime(as.pattern), measured.configurations[static_cast<std::size_t>(row.configuration)],
+                    measured.targets[static_cast<std::size_t>(row.target)]);
+    csv += fmt::format("{1}{0}{2}{0}{3}{0}{4}\n", as.separator, number(row.position.x() * 1e3, as), name,
+                       number(row.position.y() * 1e3, as), number(row.position.z() * 1e3, as));
+  }
+  return csv;
+}
+
+std::string joints_of(const Measurements& measured) {
+  std::string csv = "configuration;joint_1;joint_2;joint_3;joint_4;joint_5;joint_6\n";
+  for (Eigen::Index c = measured.joint_values.cols() - 1; c >= 0; --c) {  // in another order
+    csv += measured.configurations[static_cast<std::size_t>(c)];
+    for (const double q : measured.joint_values.col(c)) {
+      csv += ";" + number(q, {.decimal_commas = true});
+    }
+    csv += "\n";
+  }
+  return csv;
+}
+
+class JoinedFilesOfATracker : public CommandLine {
+protected:
+  const Measurements measured = measured_fanuc({.sigma = 2e-5}, false);
+
+  Measurements joined(const std::string& points, const std::string& names) {
+    write("p.csv", points);
+    write("j.csv", joints_of(measured));
+    return cli::read_joined(
+        fanuc(),
+        {.points = (directory / "p.csv").string(), .joint_values = (directory / "j.csv").string(), .names = names},
+        nullptr);
+  }
+};
+
+TEST_F(JoinedFilesOfATracker, AreTheRowsOfOneFile) {
+  const std::vector<std::pair<Written, std::string>> cases = {
+      {{}, "C{configuration}_{target}"},
+      {{.separator = ';', .decimal_commas = true, .pattern = "{1}/{0}.pt"}, "{target}/{configuration}.pt"},
+      {{.separator = '\t', .pattern = "Group::{0}:{1}"}, "Group::{configuration}:{target}"}};
+  for (const auto& [as, names] : cases) {
+    const Measurements found = joined(points_of(measured, as), names);
+    EXPECT_EQ(found.targets, measured.targets) << names;
+    EXPECT_EQ(found.configurations, measured.configurations) << names;
+    EXPECT_EQ(found.joint_values, measured.joint_values) << names;  // every digit
+    ASSERT_EQ(found.observations.size(), measured.observations.size());
+    for (std::size_t i = 0; i < found.observations.size(); ++i) {
+      EXPECT_LT((found.observations[i].position - measured.observations[i].position).norm(), 1e-15) << names;
+      EXPECT_EQ(found.observations[i].configuration, measured.observations[i].configuration);
+      EXPECT_EQ(found.observations[i].target, measured.observations[i].target);
+    }
+  }
+}
+
+TEST_F(JoinedFilesOfATracker, AColumnNamesTheConfigurationAsWell) {
+  const Measurements found = joined("pose,point,x,y,z,sigma\n,,mm,mm,mm,mm\n2,A,1,2,3,0.5\n\n1,B,4,5,6,0.5\n", "");
+  EXPECT_EQ(found.configurations, (std::vector<std::string>{"2", "1"}));
+  EXPECT_EQ(found.targets, (std::vector<std::string>{"A", "B"}));
+  EXPECT_EQ(found.observations[1].position, Eigen::Vector3d(4e-3, 5e-3, 6e-3));
+  EXPECT_EQ(found.observations[1].sigma, 5e-4);
+  EXPECT_EQ(found.joint_values.col(1), measured.joint_values.col(0));
+}
+
+TEST_F(JoinedFilesOfATracker, WhatDoesNotFitIsRefusedByFileAndLine) {
+  const std::string names = "C{configuration}_{target}";
+  struct Case {
+    std::string points;
+    std::string names;
+    const char* words;
+  };
+  const std::vector<Case> cases = {{"name,x,y,z\nC1_A,1,2,3\nbase,1,2,3\n", names, "p.csv:3: point 'base'"},
+                                   {"name,x,y,z\n\nC99_A,1,2,3\n", names, "p.csv:3: configuration '99'"},
+                                   {"name,x,y,z\n\nC1_A,1,a,3\n", names, "p.csv:3"},
+                                   {"name,x,y,z\nC_A,1,2,3\n", names, "p.csv:2: point 'C_A'"},
+                                   {"name,x,y,z\nC1_,1,2,3\n", names, "p.csv:2: point 'C1_'"},
+                                   {"x,y,z\n1,2,3\n", names, "p.csv:1: expected a column 'name'"},
+                                   {"configuration,name,x,y,z\n1,C1_A,1,2,3\n", names, "no column 'configuration'"},
+                                   {"name,x,y,z\nC1_A,1,2,3\n", "", "or --point-names"},
+                                   {"name,x,y,z\nC1_A,1,2,3\n", "{target}", "such as C{configuration}_{target}"},
+                                   {"name,x,y,z\nC1_A,1,2,3\n", "{target}{configuration}", "between the two"}};
+  for (const Case& each : cases) {
+    EXPECT_THAT(refusal([&] { joined(each.points, each.names); }), HasSubstr(each.words)) << each.points;
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing::joined_files_test
