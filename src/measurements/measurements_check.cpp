@@ -78,8 +78,11 @@ void check(const Measurements& measurements) {
   }
   std::set<std::string> targets;
   for (const std::string& target : measurements.targets) {
-    if (target.empty() || !targets.insert(target).second) {
-      refuse(measurements, "target " + shown(target) + ", expected names that differ and are not empty");
+    if (target.empty()) {
+      refuse(measurements, "target '' is empty, expected a name");
+    }
+    if (!targets.insert(target).second) {
+      refuse(measurements, "target " + shown(target) + " is there twice, expected names that differ");
     }
   }
   for (std::size_t row = 0; row < rows; ++row) {

@@ -79,6 +79,7 @@ Json covariance_json(const CalibrationResult& calibration) {
     return nullptr;
   }
   Json rows = Json::array();
+  Json lower = Json::array();
   const Eigen::MatrixXd symmetric = calibration.uncertainty.covariance.selfadjointView<Eigen::Lower>();
   for (const auto& covariances : symmetric.rowwise()) {
     Json row = Json::array();
@@ -86,8 +87,10 @@ Json covariance_json(const CalibrationResult& calibration) {
       row.push_back(finite_or_null(value));
     }
     rows.push_back(row);
+    row.erase(row.begin() + static_cast<std::ptrdiff_t>(rows.size()), row.end());
+    lower.push_back(row);
   }
-  return {{"names", names}, {"matrix", rows}};
+  return {{"names", names}, {"lower_triangle", lower}, {"matrix", rows}};
 }
 
 Json residuals_json(const Measurements& measurements, const CalibrationResult& calibration) {

@@ -21,7 +21,7 @@ Json quaternion(const Eigen::Matrix3d& R);  ///< w x y z, w not negative
 Json finite_or_null(double value);
 Json statistics_json(const ErrorStatistics& statistics);  ///< null if empty
 
-/// Up to kMostColumns columns, else null: {"names", "matrix"}.
+/// Up to kMostColumns columns, else null: {"names", "lower_triangle", "matrix"}.
 constexpr std::size_t kMostColumns = 300;
 Json covariance_json(const CalibrationResult& calibration);
 

@@ -320,7 +320,7 @@ std::string sizes(const Measurements& measurements, const CalibrationResult& cal
 // The verdict, shown before any figure.
 std::string verdict(const Measurements& measurements, const CalibrationResult& calibration) {
   if (calibration.trusted()) {
-    const std::string converged = "Calibration converged: " + sizes(measurements, calibration) + ".\n";
+    const std::string converged = wrapped("Calibration converged: " + sizes(measurements, calibration) + ".", 0, 4);
     return calibration.diagnosis.reservation
                ? wrapped("Trusted where it was measured: " + calibration.diagnosis.reservation->message + ".", 0, 4) +
                      converged
@@ -333,7 +333,7 @@ std::string verdict(const Measurements& measurements, const CalibrationResult& c
   for (const QualityFinding& finding : calibration.diagnosis.findings) {
     text += wrapped("Measurements: " + finding.message + ".", 0, 4);
   }
-  return text + "\nCalibration of " + sizes(measurements, calibration) + ".\n";
+  return text + "\n" + wrapped("Calibration of " + sizes(measurements, calibration) + ".", 0, 4);
 }
 
 std::string main_row(const std::string& label, const BeforeAfter& errors, double ErrorStatistics::*figure) {

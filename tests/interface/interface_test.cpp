@@ -413,7 +413,7 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"calibrate, gravity", [&] { calibrate(fanuc(), data, nowhere); }, "not all 0"},
       {"calibrate, rotation", [&] { calibrate(fanuc(), data, leaning); }, "rotation"},
       {"calibrate, twins", [&] { calibrate(fanuc(), twins); }, "names that differ"},
-      {"calibrate, nameless", [&] { calibrate(fanuc(), nameless); }, "names that differ"},
+      {"calibrate, nameless", [&] { calibrate(fanuc(), nameless); }, "is empty"},
       {"calibrate, misspelt", [&] { calibrate(fanuc(), data, misspelt); }, "none of the known targets"},
       {"calibrate, group", [&] { calibrate(fanuc(), data, no_group); }, "group of effects 99"},
       {"calibrate, iterations", [&] { calibrate(fanuc(), data, endless); }, "1000000"},

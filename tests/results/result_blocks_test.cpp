@@ -105,6 +105,11 @@ TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
     EXPECT_EQ(json.is_null(), count > 300) << count;
     if (!json.is_null()) {
       ASSERT_EQ(json["matrix"].size(), count);
+      for (std::size_t r = 0; r < count; ++r) {
+        ASSERT_EQ(json["lower_triangle"][r].size(), r + 1);
+        EXPECT_EQ(json["lower_triangle"][r].back(), json["matrix"][r][r]);
+        EXPECT_EQ(json["lower_triangle"][r].front(), json["matrix"][r][0]);
+      }
       EXPECT_EQ(json["matrix"][0][0], nullptr);
       EXPECT_EQ(json["matrix"].back().size(), count);
       EXPECT_EQ(json["matrix"][0].size(), count);

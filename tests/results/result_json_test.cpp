@@ -415,7 +415,7 @@ TEST(ResultJson, IntervalsAreThoseOfStudentsT) {
   EXPECT_TRUE(asked["interval_95"][2].is_null());
   asked.erase("interval_95");
   EXPECT_EQ(asked, Json::parse(R"({"configuration": "there", "target": "A", "position": [1.0, 2.0, 3.0],
-      "position_measured_frame": [4.0, 5.0, 6.0], "std": [0.5, 1.0, null], "sigma": 0.75, "outside": true,
+      "position_nominal": [7.0, 8.0, 9.0], "position_measured_frame": [4.0, 5.0, 6.0], "std": [0.5, 1.0, null], "sigma": 0.75, "outside": true,
       "radius_95": null})"));
   predicted.erase("asked");
   EXPECT_EQ(predicted, (Json{{"measured", made_json(23)},

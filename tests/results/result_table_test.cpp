@@ -378,7 +378,7 @@ TEST(ResultTable, AControllerThatCountsNoSlideHasDegreesAlone) {
   made.convention.matrix = Eigen::MatrixXd::Constant(1, 1, 2.0);
   made.options.convention = &made.convention;
   const std::string text = made.printed();
-  EXPECT_THAT(testing::squeezed(text), HasSubstr("J1 0.25000 deg +- 0.00980 with these"));
+  EXPECT_THAT(testing::squeezed(text), HasSubstr("J1 0.25000 deg +- 0.00980\n with these"));
   for (ParameterEstimate& parameter : made.calibration.uncertainty.parameters) {
     parameter.gauge = parameter.gauge || parameter.name == "dq4";
   }
