@@ -7,6 +7,7 @@
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/calibration_options.hpp"
+#include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"

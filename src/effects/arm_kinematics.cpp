@@ -64,9 +64,14 @@ Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q) const {
 }
 
 Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q, Matrix6Xd& jacobian) const {
+  jacobian.resize(6, q.size());
+  return flange_pose(q, Ref<Matrix6Xd>(jacobian));
+}
+
+Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q, Ref<Matrix6Xd> jacobian) const {
   require_count("joint values", q.size(), model_.joints.size());
+  require_count("columns of the Jacobian", jacobian.cols(), q.size());
   const Index n = q.size();
-  jacobian.resize(6, n);
   if (effects_.size() == 0) {
     return manipulator_jacobian(chain_, q, jacobian);
   }

@@ -28,6 +28,8 @@ public:
   /// by central differences (error below 1e-8). The pose jumps where a joint enters a range in which its table is
   /// withheld.
   Eigen::Isometry3d flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) const;
+  /// The same into a Jacobian of the right size.
+  Eigen::Isometry3d flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q, Eigen::Ref<Matrix6Xd> jacobian) const;
 
 private:
   ErrorModel model_;

@@ -10,23 +10,20 @@
 #include "base/text.hpp"
 #include "calibration/point_predictor.hpp"
 #include "effects/arm_kinematics.hpp"
+#include "interface/calibration_parts.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration {
-namespace {
 
-void require_joint_values(const Eigen::Ref<const Eigen::VectorXd>& q, const PredictionBasis& basis) {
-  require_count("joint values", q.size(), basis.model.joints.size());
+void require_joint_values(const Eigen::Ref<const Eigen::VectorXd>& q, const std::vector<MovingJoint>& joints) {
+  require_count("joint values", q.size(), joints.size());
   require_finite("a joint value", q.allFinite());
-  if (const std::optional<std::size_t> follower = follower_astray(basis.model.joints, q)) {
-    const MovingJoint& joint = basis.model.joints[*follower];
-    refuse_input("the value of joint " + shown(joint.name) + " is not that of a follower",
-                 fmt::format("{} * {}'s + {}", joint.mimic->multiplier, basis.model.joints[joint.mimic->leader].name,
-                             joint.mimic->offset));
+  if (const std::optional<std::size_t> follower = follower_astray(joints, q)) {
+    const Mimic& mimic = *joints[*follower].mimic;
+    refuse_input("the value of joint " + shown(joints[*follower].name) + " is not that of a follower",
+                 fmt::format("{} * {}'s + {}", mimic.multiplier, joints[mimic.leader].name, mimic.offset));
   }
 }
-
-}  // namespace
 
 struct CalibratedArm::Parts {
   explicit Parts(std::shared_ptr<const PredictionBasis> of)
@@ -63,19 +60,19 @@ std::vector<std::string> CalibratedArm::targets() const {
 }
 
 Eigen::Isometry3d CalibratedArm::flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const {
-  require_joint_values(q, *parts_->basis);
+  require_joint_values(q, parts_->basis->model.joints);
   return parts_->kinematics.flange_pose(q);
 }
 
 Eigen::Isometry3d CalibratedArm::flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) const {
-  require_joint_values(q, *parts_->basis);
+  require_joint_values(q, parts_->basis->model.joints);
   return parts_->kinematics.flange_pose(q, jacobian);
 }
 
 PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,
                                       PredictionFrame frame) const {
   const PredictionBasis& basis = *parts_->basis;
-  require_joint_values(q, basis);
+  require_joint_values(q, basis.model.joints);
   const std::vector<std::string> names = targets();
   const auto place = std::find(names.begin(), names.end(), target);
   if (place == names.end()) {

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "calibration/calibration_result.hpp"
 #include "calibration/calibration_settings.hpp"
@@ -24,6 +26,9 @@ struct CalibrationParts : SavedCalibration {
   std::optional<FittedCalibration> fitted;  ///< none if it was read from a file
 };
 
+/// Throws InputError for another number of joint values, values that are not finite and a mimic joint that does not
+/// follow its leader.
+void require_joint_values(const Eigen::Ref<const Eigen::VectorXd>& q, const std::vector<MovingJoint>& joints);
 /// Hash of the URDF, base and tip.
 std::string hash_of(const Robot& robot);
 /// Hash of joint values, labels and points.

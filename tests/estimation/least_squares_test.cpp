@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <thread>
 
+#include "counted_allocations.hpp"
 #include "dense_fit.hpp"
 #include "effects/arm_kinematics.hpp"
 #include "effects/effect_terms.hpp"
@@ -17,24 +18,6 @@
 #include "planning/simulation.hpp"
 #include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
-
-// Counts the calls of malloc, through which both Eigen and operator new go. Left out under sanitizers, which bring a
-// malloc of their own.
-#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
-
-namespace {
-thread_local long allocations = 0;
-}  // namespace
-
-extern "C" {
-void* __libc_malloc(std::size_t size);
-void* malloc(std::size_t size) {
-  ++allocations;
-  return __libc_malloc(size);
-}
-}
-#define KDL_CALIBRATION_COUNTS_ALLOCATIONS
-#endif
 
 namespace kdl_calibration::least_squares_test {
 namespace {

@@ -287,6 +287,7 @@ Case made_up() {
   found.uncertainty.predicted.asked = {{.configuration = "there",
                                         .target = "A",
                                         .position = {1.0, 2.0, 3.0},
+                                        .nominal = {7.0, 8.0, 9.0},
                                         .position_W = {4.0, 5.0, 6.0},
                                         .std = {0.5, 1.0, kInfinity},
                                         .sigma = 0.75,

@@ -1,0 +1,73 @@
+#pragma once
+
+// Joint values with which the calibrated arm reaches the pose that the nominal arm would have.
+//
+//     const Compensator compensator(load_calibration("result.json", robot));
+//     const CompensatedPoint point = compensator.solve(q);
+//     if (point.status == CompensationStatus::exact) std::cout << point.joint_values.transpose() << "\n";
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <memory>
+
+#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/visibility.hpp"
+
+namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
+
+enum class CompensationStatus : std::uint8_t {
+  exact,          ///< the calibrated arm reaches the asked pose to 1e-10 m and rad
+  position_only,  ///< near a wrist singularity: exact position, the orientation as near as `most_change` allows
+  unreachable,    ///< out of reach, or only with a larger change of a joint than `most_change`
+  out_of_limits,  ///< a joint limit is in the way
+  branch_changed  ///< only beyond a singularity of the arm, such as a straight elbow
+};
+
+/// The name of the enumerator.
+const char* to_string(CompensationStatus status);
+
+struct CompensationOptions {
+  /// [rad], or [m] for joints that slide: largest change of a joint against its nominal value; may be infinite.
+  double most_change = 0.08726646259971647;  // 5 degrees
+};
+
+/// With at most this many moving joints an arm can be compensated.
+inline constexpr int kMostCompensatedJoints = 32;
+
+struct CompensatedPoint {
+  CompensationStatus status = CompensationStatus::unreachable;
+  /// One per moving joint, mimic joints included [rad or m]. Unless `exact`, the best that the bounds allow: of a
+  /// `position_only` point position first, else the least squares of position and orientation (1 m counts as 1 rad).
+  Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMostCompensatedJoints, 1> joint_values;
+  double position_error = 0.0;     ///< [m] of the calibrated arm's flange at these values, from the asked pose
+  double orientation_error = 0.0;  ///< [rad]
+};
+
+/// Cheap to copy. Its functions may be called from several threads, and allocate nothing. They throw InputError for
+/// joint values that CalibratedArm refuses, and for a pose that is no rotation and translation. CalibratedArm::predict
+/// says how well a target's position is known at the joint values found.
+class Compensator {
+public:
+  /// Throws InputError for a calibration that is not trusted, effects of measured torques, over 32 moving joints and a
+  /// `most_change` that is not above 0.
+  explicit Compensator(const Calibration& calibration, const CompensationOptions& options = {});
+  // Moving copies, so that there is no empty one.
+  Compensator(const Compensator&) = default;
+  Compensator& operator=(const Compensator&) = default;
+  ~Compensator() = default;
+
+  /// The asked pose is that of the nominal robot at these joint values. Where several solutions are near, as for an arm
+  /// of seven joints, that of least change is taken.
+  CompensatedPoint solve(const Eigen::Ref<const Eigen::VectorXd>& q_nominal) const;
+
+  /// The asked pose is X_BF, the flange in the base frame. The nominal joint values are those of the nominal robot
+  /// that are found from `seed`.
+  CompensatedPoint solve(const Eigen::Isometry3d& X_BF, const Eigen::Ref<const Eigen::VectorXd>& seed) const;
+
+private:
+  struct Parts;
+  std::shared_ptr<const Parts> parts_;
+};
+
+}  // namespace kdl_calibration
