@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <sstream>
 
 #include "base/wrapped_text.hpp"
 
@@ -36,7 +37,20 @@ std::string HelpFormatter::make_option(const CLI::Option* option, bool is_positi
 }
 
 std::string HelpFormatter::make_description(const CLI::App* app) const {
-  return app->get_description().empty() ? std::string() : wrapped(app->get_description(), 0, 0);
+  std::istringstream paragraphs(app->get_description());
+  std::string text;
+  for (std::string paragraph; std::getline(paragraphs, paragraph);) {
+    text += wrapped(paragraph, 0, 0);
+  }
+  return text;
+}
+
+std::string HelpFormatter::make_subcommand(const CLI::App* subcommand) const {
+  const std::string description = subcommand->get_description();
+  std::ostringstream text;
+  CLI::detail::format_help(text, subcommand->get_name(), description.substr(0, description.find('\n')),
+                           get_column_width());
+  return text.str();
 }
 
 void add_group(CLI::App& app, const std::string& heading, const std::vector<std::string>& options) {

@@ -13,6 +13,8 @@ class HelpFormatter : public CLI::Formatter {
 public:
   std::string make_option(const CLI::Option* option, bool is_positional) const override;
   std::string make_description(const CLI::App* app) const override;
+  /// In the list of subcommands, with the first line of its description.
+  std::string make_subcommand(const CLI::App* subcommand) const override;
 };
 
 /// Groups options, named with their dashes, under a heading of the help.

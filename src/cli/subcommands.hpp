@@ -22,6 +22,7 @@ Subcommand add_simulate(CLI::App& parser);
 Subcommand add_calibrate(CLI::App& parser);
 Subcommand add_validate(CLI::App& parser);
 Subcommand add_plan(CLI::App& parser);
+Subcommand add_compensate(CLI::App& parser);
 Subcommand add_report(CLI::App& parser);
 Subcommand add_export(CLI::App& parser);
 Subcommand add_import(CLI::App& parser);

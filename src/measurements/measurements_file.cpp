@@ -5,7 +5,6 @@
 #include <cmath>
 #include <map>
 #include <numeric>
-#include <optional>
 #include <tuple>
 #include <unordered_set>
 #include <utility>
@@ -18,6 +17,7 @@
 #include "measurements/label_table.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "measurements/measurement_row.hpp"
+#include "measurements/measurement_rows.hpp"
 #include "measurements/measurements_check.hpp"
 #include "measurements/missing_units.hpp"
 #include "measurements/torque_means.hpp"
@@ -292,51 +292,16 @@ private:
   std::vector<std::size_t> lines_;  ///< line of each observation
 };
 
-// Expected kind of the file.
-struct FileKind {
-  bool kinds_known = true;  // whether the joint types are known
-  bool with_points = true;
-};
-
 Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, const JointConvention* convention,
                      const FileKind& kind) {
-  const std::vector<std::string> urdf_joints = independent_joint_names(chain);
-  std::optional<JointConvention> matched;
-  if (convention != nullptr) matched = matched_convention(*convention, urdf_joints);
-  ExpectedJoints joints{matched ? matched->controller_joints : urdf_joints,
-                        urdf_joints,
-                        matched ? &*matched : nullptr,
-                        chain,
-                        {},
-                        kind.kinds_known,
-                        kind.with_points};
-  for (std::size_t i = 0; i < chain.size(); ++i) {
-    if (chain[i].mimic || chain[i].drive) joints.followers.push_back(i);
-  }
-  std::string_view line;
-  if (!next_record(lines, line)) fail(lines.source(), "empty: " + expected_columns(joints));
-  const std::string header_line(line);  // copied, because the next line may overwrite the buffer
-  Header header = parse_header(header_line, joints, lines.place());
-  // If commas separate the columns, decimal commas are refused.
-  DecimalMark decimals{.mark = header.separator == ',' ? '.' : '\0', .line = header.line};
-  Fields fields;
-  bool more = next_record(lines, line);
-  if (more) fields.split(line, header.separator, lines.place());
-  if (more && is_unit_row(fields)) {
-    const Row whole(header, fields, lines.place(), decimals);
-    const UnitRow units{.cells = fields, .line = lines.place().line};
-    header = parse_header(header_line, joints, {lines.source(), header.line}, &units);
-    more = next_record(lines, line);
-  }
-  require_orientation_units(header, lines.source());
-  Collector collector(header, lines.source(), joints.with_points);
-  for (bool first = true; more; first = false, more = next_record(lines, line)) {
-    fields.split(line, header.separator, lines.place());
-    collector.add(Row(header, fields, lines.place(), decimals), lines.place().line);
+  MeasurementRows rows(lines, chain, convention, kind);
+  Collector collector(rows.header(), lines.source(), kind.with_points);
+  for (bool first = true; rows.next(); first = false) {
+    collector.add(rows.row(), lines.place().line);
     // Rows have similar lengths; reserved memory in excess is never touched.
-    if (first) collector.reserve(lines.size_hint() / line.size() + 1);
+    if (first) collector.reserve(lines.size_hint() / rows.line().size() + 1);
   }
-  return std::move(collector).finish(joints, decimals);
+  return std::move(collector).finish(rows.joints(), rows.decimals());
 }
 
 /// Independent joints of which only the names are known.

@@ -1,0 +1,50 @@
+#include "measurements/measurement_rows.hpp"
+
+#include <cstddef>
+
+#include "robot/mimic.hpp"
+
+namespace kdl_calibration {
+
+MeasurementRows::MeasurementRows(LineReader& lines, const std::vector<MovingJoint>& chain,
+                                 const JointConvention* convention, const FileKind& kind)
+    : lines_(lines),
+      urdf_joints_(independent_joint_names(chain)),
+      matched_(convention == nullptr ? std::nullopt : std::optional(matched_convention(*convention, urdf_joints_))),
+      joints_{matched_ ? matched_->controller_joints : urdf_joints_,
+              urdf_joints_,
+              matched_ ? &*matched_ : nullptr,
+              chain,
+              {},
+              kind.kinds_known,
+              kind.with_points} {
+  for (std::size_t i = 0; i < chain.size(); ++i) {
+    if (chain[i].mimic || chain[i].drive) joints_.followers.push_back(i);
+  }
+  if (!next_record(lines, line_)) fail(lines.source(), "empty: " + expected_columns(joints_));
+  head_.emplace_back(line_);  // copied, because the next line may overwrite the buffer
+  header_ = parse_header(head_.front(), joints_, lines.place());
+  // If commas separate the columns, decimal commas are refused.
+  decimals_ = {.mark = header_.separator == ',' ? '.' : '\0', .line = header_.line};
+  has_first_ = next();
+  if (has_first_ && is_unit_row(fields_)) {
+    row();  // throws if it is ragged
+    head_.emplace_back(line_);
+    const UnitRow units{.cells = fields_, .line = lines.place().line};
+    header_ = parse_header(head_.front(), joints_, {lines.source(), header_.line}, &units);
+    has_first_ = false;
+  }
+  require_orientation_units(header_, lines.source());
+}
+
+bool MeasurementRows::next() {
+  if (has_first_) {
+    has_first_ = false;
+    return true;
+  }
+  if (!next_record(lines_, line_)) return false;
+  fields_.split(line_, header_.separator, lines_.place());
+  return true;
+}
+
+}  // namespace kdl_calibration
