@@ -25,7 +25,7 @@ const std::vector<std::string> kWings = {"base",       "robot",     "measurement
                                          "planning",   "interface", "cli"};
 
 /// Public headers without a source of their own.
-const std::map<std::string, std::string> kHeadersAlone = {{"visibility", "base"},
+const std::map<std::string, std::string> kHeadersAlone = {{"version", "base"},
                                                           {"input_error", "base"},
                                                           {"accuracy", "validation"},
                                                           {"calibration_options", "estimation"},
@@ -36,7 +36,6 @@ const std::map<std::string, std::string> kHeadersAlone = {{"visibility", "base"}
                                                           {"simulation", "interface"},
                                                           {"report_page", "interface"},
                                                           {"calibrate", "interface"},
-                                                          {"version", "interface"},
                                                           {"kdl_calibration", "cli"}};
 
 struct SourceFile {

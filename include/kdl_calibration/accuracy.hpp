@@ -10,7 +10,7 @@
 #include <string>
 #include <string_view>
 
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

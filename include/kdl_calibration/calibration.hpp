@@ -15,7 +15,7 @@
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/error_model.hpp"
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

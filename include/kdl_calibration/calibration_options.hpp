@@ -18,7 +18,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

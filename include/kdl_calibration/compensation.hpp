@@ -12,7 +12,7 @@
 #include <memory>
 
 #include "kdl_calibration/calibration.hpp"
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

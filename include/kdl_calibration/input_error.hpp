@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

@@ -16,7 +16,7 @@
 
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/robot.hpp"
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

@@ -8,7 +8,7 @@
 #include <Eigen/Core>
 #include <optional>
 
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

@@ -9,7 +9,7 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
-#include "kdl_calibration/visibility.hpp"
+#include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 

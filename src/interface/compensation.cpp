@@ -18,7 +18,36 @@
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration {
+namespace compensation {
+
+using JointVector = decltype(CompensatedPoint::joint_values);
+
+// Value of a joint of the chain: multiplier * that of an independent joint + offset.
+struct Coupling {
+  Eigen::Index independent = 0;
+  double multiplier = 1.0;
+  double offset = 0.0;
+};
+
+struct Bounds {
+  JointVector lower;
+  JointVector upper;
+
+  bool hold(const JointVector& u) const { return (u.array() >= lower.array() && u.array() <= upper.array()).all(); }
+  JointVector within(const JointVector& u) const { return u.cwiseMax(lower).cwiseMin(upper); }
+  // Whether one of the first `joints` is at its end or beyond.
+  bool touch(const JointVector& u, Eigen::Index joints) const {
+    return (u.array() <= lower.array() || u.array() >= upper.array()).head(joints).any();
+  }
+};
+
+}  // namespace compensation
+
 namespace {
+
+using compensation::Bounds;
+using compensation::Coupling;
+using compensation::JointVector;
 
 using Eigen::Index;
 using Eigen::Isometry3d;
@@ -30,15 +59,7 @@ constexpr double kCheap = 10.0;                 // [1/m] angle that an exact pos
 constexpr int kMostJoints = kMostCompensatedJoints;
 static_assert(kMostJoints <= static_cast<int>(kFewJoints));
 
-using Values = decltype(CompensatedPoint::joint_values);
 using Columns = Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, kMostJoints>;
-
-// Value of a joint of the chain: multiplier * that of an independent joint + offset.
-struct Coupling {
-  Index independent = 0;
-  double multiplier = 1.0;
-  double offset = 0.0;
-};
 
 std::vector<Coupling> couplings_of(const std::vector<MovingJoint>& joints,
                                    const std::vector<std::size_t>& independent) {
@@ -52,18 +73,6 @@ std::vector<Coupling> couplings_of(const std::vector<MovingJoint>& joints,
   }
   return couplings;
 }
-
-struct Bounds {
-  Values lower;
-  Values upper;
-
-  bool hold(const Values& u) const { return (u.array() >= lower.array() && u.array() <= upper.array()).all(); }
-  Values within(const Values& u) const { return u.cwiseMax(lower).cwiseMin(upper); }
-  // Whether one of the first `joints` is at its end or beyond.
-  bool touch(const Values& u, Index joints) const {
-    return (u.array() <= lower.array() || u.array() >= upper.array()).head(joints).any();
-  }
-};
 
 // Distance of the arm from the asked pose as a twist in the base frame, and its derivative by the independent joints.
 struct Deviation {
@@ -81,7 +90,7 @@ struct Task {
   const std::vector<Coupling>& couplings;
   const Isometry3d& X_BF;
 
-  Deviation at(const Values& u) const {
+  Deviation at(const JointVector& u) const {
     Columns of_joints(6, arm.joints());
     const Isometry3d reached = arm.flange_pose(all_values(u), of_joints);
     Deviation result{.error = {}, .jacobian = Columns::Zero(6, u.size())};
@@ -94,8 +103,8 @@ struct Task {
     return result;
   }
 
-  Values all_values(const Values& u) const {
-    Values q(arm.joints());
+  JointVector all_values(const JointVector& u) const {
+    JointVector q(arm.joints());
     for (Index i = 0; i < q.size(); ++i) {
       const Coupling& coupling = couplings[static_cast<std::size_t>(i)];
       q[i] = coupling.multiplier * u[coupling.independent] + coupling.offset;
@@ -105,7 +114,7 @@ struct Task {
 };
 
 // The smallest step that removes the deviation to first order.
-Values least_step(const Deviation& deviation) {
+JointVector least_step(const Deviation& deviation) {
   const Columns& J = deviation.jacobian;
   if (J.cols() == 6) {
     return Matrix6d(J).partialPivLu().solve(deviation.error);
@@ -114,7 +123,7 @@ Values least_step(const Deviation& deviation) {
 }
 
 // Newton's method without bounds. False if it does not converge.
-bool newton(const Task& task, Values& u, Deviation& deviation) {
+bool newton(const Task& task, JointVector& u, Deviation& deviation) {
   constexpr int kMostSteps = 12;
   constexpr double kLargestStep = std::numbers::pi;
   double before = std::numeric_limits<double>::infinity();
@@ -122,7 +131,7 @@ bool newton(const Task& task, Values& u, Deviation& deviation) {
     if (deviation.is_exact()) {
       return true;
     }
-    const Values step = least_step(deviation);
+    const JointVector step = least_step(deviation);
     if (!(deviation.error.norm() < before) || !(step.lpNorm<Eigen::Infinity>() < kLargestStep)) {
       return false;
     }
@@ -135,13 +144,13 @@ bool newton(const Task& task, Values& u, Deviation& deviation) {
 
 // Least squares of the weighted deviation after a step within `range`, damped: min |w (e - J s)|^2 + damping |s|^2. A
 // joint that would leave the range is held at its end.
-Values bounded_step(const Deviation& deviation, double weight, double damping, const Bounds& range) {
+JointVector bounded_step(const Deviation& deviation, double weight, double damping, const Bounds& range) {
   const Index n = deviation.jacobian.cols();
   const Vector6d weights = (Vector6d() << weight, weight, weight, 1.0, 1.0, 1.0).finished();
   const Columns J = weights.asDiagonal() * deviation.jacobian;
   const Vector6d error = weights.cwiseProduct(deviation.error);
-  const Values pull = J.transpose() * error;
-  Values step = Values::Zero(n);
+  const JointVector pull = J.transpose() * error;
+  JointVector step = JointVector::Zero(n);
   std::array<Index, kMostJoints> free{};
   Index count = 0;
   for (Index i = 0; i < n; ++i) {
@@ -160,7 +169,7 @@ Values bounded_step(const Deviation& deviation, double weight, double damping, c
       A.col(k).head<6>() = J.col(joint);
       A(6 + k, k) = std::sqrt(damping);
     }
-    const Values found = A.colPivHouseholderQr().solve(b);
+    const JointVector found = A.colPivHouseholderQr().solve(b);
     Index kept = 0;
     for (Index k = 0; k < count; ++k) {
       const Index joint = free[static_cast<std::size_t>(k)];
@@ -178,7 +187,7 @@ Values bounded_step(const Deviation& deviation, double weight, double damping, c
 }
 
 // Levenberg-Marquardt within bounds; `weight` [1/m] is that of positions against orientations.
-void descend(const Task& task, const Bounds& bounds, double weight, Values& u, Deviation& deviation) {
+void descend(const Task& task, const Bounds& bounds, double weight, JointVector& u, Deviation& deviation) {
   constexpr int kMostSteps = 100;
   constexpr double kLeastDamping = 1e-12;
   constexpr double kMostDamping = 1e6;
@@ -186,12 +195,12 @@ void descend(const Task& task, const Bounds& bounds, double weight, Values& u, D
   const auto cost = [&](const Deviation& d) { return std::hypot(weight * d.position(), d.orientation()); };
   double damping = 1e-4;
   for (int i = 0; i < kMostSteps && damping < kMostDamping && !deviation.is_exact(); ++i) {
-    const Values step =
+    const JointVector step =
         bounded_step(deviation, weight, damping, {.lower = bounds.lower - u, .upper = bounds.upper - u});
     if (!(step.norm() > kNoStep)) {
       break;
     }
-    const Values moved = bounds.within(u + step);
+    const JointVector moved = bounds.within(u + step);
     Deviation there = task.at(moved);
     if (cost(there) < cost(deviation)) {
       u = moved;
@@ -204,7 +213,7 @@ void descend(const Task& task, const Bounds& bounds, double weight, Values& u, D
 }
 
 // Removes what is left of the position error and keeps the orientation.
-void refine_position(const Task& task, const Bounds& bounds, Values& u, Deviation& deviation) {
+void refine_position(const Task& task, const Bounds& bounds, JointVector& u, Deviation& deviation) {
   constexpr int kMostSteps = 3;
   for (int i = 0; i < kMostSteps && deviation.position() > kExact; ++i) {
     Deviation position = deviation;
@@ -257,8 +266,8 @@ struct Compensator::Parts {
         nominal(basis.model, Eigen::VectorXd::Zero(basis.estimate.errors.size()), {}) {
     constexpr double kNoLimit = std::numeric_limits<double>::infinity();
     const auto count = static_cast<Index>(leaders.size());
-    limits = {.lower = Values::Constant(count, -kNoLimit), .upper = Values::Constant(count, kNoLimit)};
-    most_change = Values::Constant(count, change);
+    limits = {.lower = JointVector::Constant(count, -kNoLimit), .upper = JointVector::Constant(count, kNoLimit)};
+    most_change = JointVector::Constant(count, change);
     for (Index i = 0; i < count; ++i) {
       const MovingJoint& joint = joints[leaders[static_cast<std::size_t>(i)]];
       limits.lower[i] = joint.lower.value_or(-kNoLimit);
@@ -271,9 +280,9 @@ struct Compensator::Parts {
   }
 
   // The values of the independent joints.
-  Values independent(const Eigen::Ref<const Eigen::VectorXd>& q) const {
+  JointVector independent(const Eigen::Ref<const Eigen::VectorXd>& q) const {
     require_joint_values(q, joints);
-    Values u(most_change.size());
+    JointVector u(most_change.size());
     for (Index i = 0; i < u.size(); ++i) {
       u[i] = q[static_cast<Index>(leaders[static_cast<std::size_t>(i)])];
     }
@@ -281,27 +290,27 @@ struct Compensator::Parts {
   }
 
   // The limits, and the largest change from `u`. A joint beyond its limits may stay where it is.
-  Bounds around(const Values& u, const Values& change) const {
+  Bounds around(const JointVector& u, const JointVector& change) const {
     return {.lower = limits.lower.cwiseMin(u).cwiseMax(u - change),
             .upper = limits.upper.cwiseMax(u).cwiseMin(u + change)};
   }
 
-  CompensatedPoint solve(const ArmKinematics& arm, const Isometry3d& X_BF, const Values& start,
-                         const Values& change) const;
+  CompensatedPoint solve(const ArmKinematics& arm, const Isometry3d& X_BF, const JointVector& start,
+                         const JointVector& change) const;
 
   std::vector<MovingJoint> joints;
   std::vector<std::size_t> leaders;  // the independent joints
   std::vector<Coupling> couplings;   // of each joint
   ArmKinematics calibrated;
   ArmKinematics nominal;
-  Bounds limits;       // of the independent joints
-  Values most_change;  // of the independent joints
+  Bounds limits;            // of the independent joints
+  JointVector most_change;  // of the independent joints
 };
 
-CompensatedPoint Compensator::Parts::solve(const ArmKinematics& arm, const Isometry3d& X_BF, const Values& start,
-                                           const Values& change) const {
+CompensatedPoint Compensator::Parts::solve(const ArmKinematics& arm, const Isometry3d& X_BF, const JointVector& start,
+                                           const JointVector& change) const {
   const Task task{.arm = arm, .couplings = couplings, .X_BF = X_BF};
-  const auto point = [&](CompensationStatus status, const Values& u, const Deviation& deviation) {
+  const auto point = [&](CompensationStatus status, const JointVector& u, const Deviation& deviation) {
     const bool beyond = status == CompensationStatus::exact && !limits.hold(u);
     return CompensatedPoint{.status = beyond ? CompensationStatus::out_of_limits : status,
                             .joint_values = task.all_values(u),
@@ -313,7 +322,7 @@ CompensatedPoint Compensator::Parts::solve(const ArmKinematics& arm, const Isome
   };
   const Deviation first = task.at(start);
   const Bounds bounds = around(start, change);
-  Values u = start;
+  JointVector u = start;
   Deviation deviation = first;
   const bool converged = newton(task, u, deviation);
   const bool other_branch = converged && changes_branch(first.jacobian, deviation.jacobian);
@@ -329,7 +338,7 @@ CompensatedPoint Compensator::Parts::solve(const ArmKinematics& arm, const Isome
   if (limits.touch(u, u.size())) {
     return point(CompensationStatus::out_of_limits, u, deviation);
   }
-  Values held = u;
+  JointVector held = u;
   Deviation position_first = deviation;
   descend(task, bounds, kPositionFirst, held, position_first);
   refine_position(task, bounds, held, position_first);
@@ -362,7 +371,7 @@ Compensator::Compensator(const Calibration& calibration, const CompensationOptio
 }
 
 CompensatedPoint Compensator::solve(const Eigen::Ref<const Eigen::VectorXd>& q_nominal) const {
-  const Values u = parts_->independent(q_nominal);
+  const JointVector u = parts_->independent(q_nominal);
   const Task of_nominal{.arm = parts_->nominal, .couplings = parts_->couplings, .X_BF = Isometry3d::Identity()};
   const Isometry3d X_BF = parts_->nominal.flange_pose(of_nominal.all_values(u));
   return parts_->solve(parts_->calibrated, X_BF, u, parts_->most_change);
@@ -370,14 +379,14 @@ CompensatedPoint Compensator::solve(const Eigen::Ref<const Eigen::VectorXd>& q_n
 
 CompensatedPoint Compensator::solve(const Isometry3d& X_BF, const Eigen::Ref<const Eigen::VectorXd>& seed) const {
   constexpr double kRounding = 1e-6;
-  const Values u = parts_->independent(seed);
+  const JointVector u = parts_->independent(seed);
   require_finite("an asked pose", X_BF.matrix().allFinite());
   if (!X_BF.linear().isUnitary(kRounding) || X_BF.linear().determinant() < 0.0) {
     refuse_input("an asked pose is scaled, skewed or mirrored", "a rotation and a translation");
   }
   Isometry3d asked = X_BF;
   asked.linear() = Eigen::Quaterniond(X_BF.linear()).normalized().toRotationMatrix();
-  const Values anywhere = Values::Constant(u.size(), std::numeric_limits<double>::infinity());
+  const JointVector anywhere = JointVector::Constant(u.size(), std::numeric_limits<double>::infinity());
   const CompensatedPoint nominal = parts_->solve(parts_->nominal, asked, u, anywhere);
   return parts_->solve(parts_->calibrated, asked, parts_->independent(nominal.joint_values), parts_->most_change);
 }
