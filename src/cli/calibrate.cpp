@@ -3,6 +3,7 @@
 #include "results/calibrated_urdf.hpp"
 
 #include <fmt/core.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <map>
@@ -211,9 +212,10 @@ std::string table(const CalibrateArguments& arguments, const Robot& robot, const
   return text;
 }
 
-// Prints doubts on standard error, unless the table has shown them.
+// Prints doubts on standard error, unless the table has just shown them on the same terminal.
 void say_what_is_doubted(const CalibrateArguments& arguments, const CalibrationResult& calibration) {
-  if (arguments.json) {
+  const bool just_said = !arguments.json && ::isatty(STDOUT_FILENO) == 1 && ::isatty(STDERR_FILENO) == 1;
+  if (!just_said) {
     for (const Doubt& doubt : calibration.diagnosis.doubts) {
       print_doubt(doubt.message);
     }
@@ -309,9 +311,7 @@ ExitStatus run(const CalibrateArguments& arguments) {
                              : table(arguments, robot, measurements, calibration) + outcome_lines(result.outcomes));
   say_what_is_doubted(arguments, calibration);
   const std::vector<std::string> missed = unfulfilled(result.outcomes);
-  if (arguments.json) {
-    std::for_each(missed.begin(), missed.end(), print_requirement);
-  }
+  std::for_each(missed.begin(), missed.end(), print_requirement);
   return calibration.trusted() && missed.empty() ? done : not_to_be_trusted;
 }
 

@@ -113,13 +113,25 @@ std::optional<std::size_t> column_named(const Fields& heading, const std::vector
   return std::nullopt;
 }
 
+// The cell as it was read: csv_field would shield numbers with a decimal comma.
+std::string quoted(std::string_view cell) {
+  if (cell.find_first_of(",;\t\"#") == std::string_view::npos) {
+    return std::string(cell);
+  }
+  std::string field = "\"";
+  for (const char c : cell) {
+    field += c == '"' ? "\"\"" : std::string(1, c);
+  }
+  return field + '"';
+}
+
 std::string row_of(const Fields& cells, char separator, std::optional<std::size_t> left_out,
                    std::optional<std::size_t> changed, const std::string& value) {
   std::string row;
   for (std::size_t i = 0; i < cells.size(); ++i) {
     if (i != left_out) {
       row += (i == (left_out == 0 ? 1 : 0) ? "" : std::string(1, separator)) +
-             (i == changed ? csv_field(value) : csv_field(std::string(cells[i])));
+             (i == changed ? csv_field(value) : quoted(cells[i]));
     }
   }
   return row + "\n";

@@ -313,9 +313,7 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
       warn(message);
     }
   }
-  if (arguments.json) {
-    std::for_each(missed.begin(), missed.end(), print_requirement);
-  }
+  std::for_each(missed.begin(), missed.end(), print_requirement);
   return missed.empty() && words.doubts.empty() ? done : not_to_be_trusted;
 }
 

@@ -176,7 +176,8 @@ TEST_F(PlannedConventions, ThePlanIsDrivenWhereItWasPlanned) {
   EXPECT_EQ(row, 30U);
 
   ASSERT_EQ(run(Words{"simulate", "--plan", "plan.csv", "--noise", "1e-5", "--output", "driven.csv"} + with).status, 0);
-  const Measurements driven = read_measurements(directory / "driven.csv", joint_names(fanuc()));
+  const JointConvention coupled = read_joint_convention(directory / "coupled.json");
+  const Measurements driven = read_measurements(directory / "driven.csv", joint_names(fanuc()), &coupled);
   for (std::size_t c = 0; c < 10; ++c) {
     const std::vector<double> joints = plan["configurations"][c]["joints"];
     EXPECT_LT(

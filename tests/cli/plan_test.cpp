@@ -569,12 +569,14 @@ TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
                                  "--test-configurations", "20", "--output", "m.csv"});
   ASSERT_EQ(simulated.status, 0) << simulated.err;
   EXPECT_THAT(simulated.out, HasSubstr("20 configurations to fit"));
-  const Outcome calibrated = run({"calibrate", "--measurements", "m.csv", "--result", "result.json"});
+  const Outcome calibrated =
+      run({"calibrate", "--measurements", "m.csv", "--joint-convention", convention, "--result", "result.json"});
   ASSERT_EQ(calibrated.status, 0) << calibrated.err;
   EXPECT_LT(json_of("result.json")["position_error"]["test"]["after"]["mean"].get<double>(), 1e-4);
 
   // And plan what to measure on top of that.
-  const nlohmann::json added = run_json(with({"--measured", "m.csv", "--add", "5", "--noise", "3e-5", "--json"}));
+  const nlohmann::json added = run_json(
+      with({"--measured", "m.csv", "--joint-convention", convention, "--add", "5", "--noise", "3e-5", "--json"}));
   ASSERT_EQ(added["configurations"].size(), 5U);
   EXPECT_TRUE(added["sigma"]["floor"].is_null());
   EXPECT_EQ(added["configurations"][0]["configuration"], "41");

@@ -284,7 +284,7 @@ std::vector<OptionCase> experiment_options() {
          EXPECT_EQ(effect.without.outcome.status, 2);
          const JointConvention coupled = parse_joint_convention(kFanucCoupled);
          const std::string& csv = effect.with.files.at("m.csv");
-         EXPECT_THAT(csv, HasSubstr(",A1[rad],A2[rad]"));
+         EXPECT_THAT(csv, HasSubstr(",A6[rad],A5[rad]"));
          EXPECT_THAT(csv, Not(HasSubstr("joint_1")));
          const Eigen::MatrixXd q = parse_measurements(csv, joint_names(fanuc()), &coupled).joint_values;
          // By hand: A6 ... A1 are 0.1 0.2 0.3 0.4 0.5 0.6.

@@ -257,12 +257,12 @@ TEST_F(OptionsOfKdlcal, ValidateShowsEachStatisticInMillimetres) {
     return label + numbers({p[0], p[1], p[2]});
   };
   const std::string table = run(command).out;
-  expect_lines(
-      table,
-      {"position error of " + kFanuc + ", base and targets registered", "rows [mm] rms mean p95 max points", row("all"),
-       row("train"), row("test"), place("base, measured [mm]", found["base"]), place("target A", found["targets"][0]),
-       place("target B", found["targets"][1]), place("target C", found["targets"][2])},
-      "validate");
+  expect_lines(table,
+               {"position error of " + kFanuc + ", base and targets registered to the train rows",
+                "rows [mm] rms mean p95 max points", row("all"), row("train"), row("test"),
+                place("base, measured [mm]", found["base"]), place("target A", found["targets"][0]),
+                place("target B", found["targets"][1]), place("target C", found["targets"][2])},
+               "validate");
   const std::vector<std::string> lines = testing::lines_of(table);
   for (std::size_t i = 2; i < 5; ++i) {
     EXPECT_EQ(word_ends(lines[i], 5), word_ends(lines[1], 5)) << table;

@@ -373,11 +373,6 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
   const std::string third = R"(<joint name="joint_3" type="revolute">)";
   text.insert(text.find(third) + third.size(), R"(<mimic joint="joint_2"/>)");
   const CalibratedArm lead = simulate(parse_robot(text)).truth;
-  const Robot bare = parse_robot(fanuc().urdf, {.tip = "link_6"});
-  const SimulatedExperiment of_bare = simulate(bare, {.noise = 3e-5});
-  const Calibration without_tip =
-      calibrate(bare, of_bare.measurements,
-                {.priors = {.automatic = false}, .effects = {.automatic = false}, .validation = {.held_out = false}});
   const JointConvention flat{.name = "flat",
                              .controller_joints = {"J1", "J2", "J3", "J4", "J5", "J6"},
                              .urdf_joints = joint_names(fanuc()),
@@ -419,13 +414,12 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"calibrate, iterations", [&] { calibrate(fanuc(), data, endless); }, "1000000"},
       {"calibrate, edited robot", [&] { calibrate(bent, data); }, "not those of its URDF text"},
       {"load, edited robot", [&] { load_calibration(file("r.json"), bent); }, "not those of its URDF text"},
-      {"urdf_chain, no URDF", [&] { without_tip.urdf_chain(); }, "no fixed joint"},
       {"flange_pose, follower", [&] { lead.flange_pose(somewhere()); }, "'joint_3'"},
       {"measurements_csv", [&] { measurements_csv(one_label); }, "there twice"},
       {"parse, convention", [&] { parse_measurements(fanuc(), "configuration,target,J1,x,y,z\n", &flat); }, "rank"},
       {"plan_csv, joints", [&] { plan_csv({.joint_values = Eigen::MatrixXd(5, 0)}, fanuc().joints); }, "joint values"},
       {"error_chain", [&] { error_chain(complete_model(fanuc()), nan); }, "errors"},
-      {"calibrate, default robot", [&] { calibrate(Robot(), data); }, "joint"},
+      {"calibrate, default robot", [&] { calibrate(Robot(), data); }, "expected a URDF"},
       {"flange_pose, count", [&] { arm.flange_pose(somewhere().head(5)); }, "5 joint values"},
       {"flange_pose, numbers", [&] { arm.flange_pose(nan, jacobian); }, "finite"},
       {"predict, target", [&] { arm.predict(somewhere(), "Z"); }, "target 'Z'"},
