@@ -293,9 +293,9 @@ TEST_F(CommandLineWarnings, ValidateSaysWhereBaseAndTargetsTookAQuarterOfTheCoor
   write("known.json", R"({"base": {"position": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]},
     "targets": [{"name": "A", "position": [0.1, 0, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})");
   EXPECT_EQ(warned(3, {"--known-base", "known.json"}), kWarning + "targets took 6 of 18");
-  EXPECT_EQ(heading, "targets registered");
+  EXPECT_EQ(heading, "targets registered to the train rows");
   EXPECT_EQ(warned(3, {"--known-targets", "known.json"}), kWarning + "base took 6 of 18");
-  EXPECT_EQ(heading, "base registered");
+  EXPECT_EQ(heading, "base registered to the train rows");
   EXPECT_EQ(warned(3, {"--known-base", "known.json", "--known-targets", "known.json"}), "");
   EXPECT_EQ(heading, "base and targets as given");
 }
