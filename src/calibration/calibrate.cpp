@@ -261,15 +261,19 @@ DeterminedFit with_weights_of_all(DeterminedFit fit, const TrainingRows& rows) {
   return fit;
 }
 
-// Errors of the fitted rows, means of repeats, if nothing but the joints' zero offsets is corrected.
-ErrorStatistics errors_with_offsets_alone(FitProblem rigid) {
+// Errors of the fitted rows, means of repeats, if of the determined errors only the joints' zero offsets are corrected;
+// none without such an offset.
+std::optional<ErrorStatistics> errors_with_offsets_alone(FitProblem rigid, const Unknowns& determined) {
   std::vector<std::size_t> offsets;
-  for (const std::size_t index : rigid.free.geometric()) {
+  for (const std::size_t index : determined.geometric()) {
     if (rigid.model.parameters[index].kind == ParameterKind::joint_offset) {
       offsets.push_back(index);
     }
   }
-  rigid.free = rigid.free.with(rigid.model, UnknownGroup::geometric, offsets);
+  if (offsets.empty()) {
+    return std::nullopt;
+  }
+  rigid.free = determined.with(rigid.model, UnknownGroup::geometric, offsets);
   rigid.options.joint.residuals.priors = {};
   return iso_9283(rigid.model, fit(rigid).estimate, rigid.measurements).accuracy;
 }
@@ -324,7 +328,7 @@ CalibrationResult calibrate(const ErrorModel& model, const Measurements& measure
     result.accuracy = with_nominal_exported(result.accuracy);
   }
   if (options.diagnosis.convention) {
-    result.offsets_alone = errors_with_offsets_alone(rigid);
+    result.offsets_alone = errors_with_offsets_alone(rigid, rigid_fit.free);
   }
   return result;
 }

@@ -81,6 +81,47 @@ TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
   EXPECT_THAT(outcome.out, ::testing::HasSubstr("joint zero offsets, for mastering: add to the displayed values"));
 }
 
+// By hand: q2 = -J2, q3 = J3 + J2, q4 = -J4, q5 = J5.
+TEST_F(CommandLineWarnings, OffsetsForMasteringAreThoseOfTheControllersJoints) {
+  const auto calibrated = [&](const Eigen::MatrixXd& q, const Arguments& more) {
+    write("pendant.csv", controller_csv(at(q), kPendant));
+    Arguments words = {
+        "calibrate", "--measurements", "pendant.csv", "--joint-convention", kPendant, "--json", "--effects",
+        "none",      "--prior",        "none"};
+    words.insert(words.end(), more.begin(), more.end());
+    return nlohmann::json::parse(run(words).out);
+  };
+  Eigen::VectorXd& errors = experiment.robot.truth.errors;
+  errors.setZero();
+  errors.segment(1, 4) << 1e-3, -2e-3, 3e-3, -4e-3;  // dq2 to dq5
+  const nlohmann::json alone = calibrated(measured.joint_values, {});
+  const nlohmann::json& joints = alone["joint_offsets"]["joints"];
+  const std::vector<double> expected = {-1e-3, -2e-3 + 1e-3, -3e-3, -4e-3};
+  for (std::size_t j = 0; j < 6; ++j) {
+    EXPECT_EQ(joints[j]["joint"], "J" + std::to_string(j + 1));
+    EXPECT_EQ(joints[j]["measurable"], j > 0 && j < 5);
+    if (j > 0 && j < 5) {
+      EXPECT_NEAR(joints[j]["add"], expected[j - 1], 5.0 * joints[j]["std"].get<double>()) << j;
+      EXPECT_LT(joints[j]["std"].get<double>(), 2e-4);
+      EXPECT_GT(joints[j]["std"].get<double>(), 1e-6);
+      EXPECT_LT(joints[j]["interval_95"][0], joints[j]["add"]);
+    }
+  }
+  const auto left = [](const nlohmann::json& result) {
+    return result["joint_offsets"]["if_only_these"]["rms"].get<double>() /
+           result["position_error"]["train"]["after"]["rms"].get<double>();
+  };
+  EXPECT_LT(left(alone), 1.5);  // noise
+  errors[12] = 2e-3;  // Tx1
+  EXPECT_GT(left(calibrated(measured.joint_values, {})), 10.0);
+  EXPECT_FALSE(calibrated(measured.joint_values, {"--fix", "dq*"})["joint_offsets"].contains("if_only_these"));
+  Eigen::MatrixXd still = measured.joint_values;
+  still.row(3).setConstant(0.6);
+  const nlohmann::json at_rest = calibrated(still, {})["joint_offsets"];
+  EXPECT_EQ(at_rest["joints"].size(), 6U);
+  EXPECT_TRUE(at_rest["if_only_these"]["rms"].is_number());
+}
+
 TEST_F(CommandLineWarnings, CalibrateTrustsWhereItWasMeasuredAndNamesWhatIsNotDetermined) {
   Eigen::MatrixXd q = measured.joint_values;
   q.row(3).setConstant(0.6);
