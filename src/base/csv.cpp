@@ -183,14 +183,16 @@ std::string label_fault(std::string_view label) {
   return {};
 }
 
-std::string csv_field(const std::string& name) {
-  std::string shielded = begins_a_formula(name) ? "'" + name : name;
-  const bool plain = name.find_first_of(",;\"#") == std::string::npos && trimmed(name).size() == name.size();
-  if (plain) return shielded;
-  std::string field = "\"";
-  for (const char c : shielded) field += c == '"' ? "\"\"" : std::string(1, c);
-  return field + '"';
+std::string csv_cell(std::string_view text) {
+  if (text.find_first_of(",;\"#") == std::string_view::npos && trimmed(text).size() == text.size()) {
+    return std::string(text);
+  }
+  std::string cell = "\"";
+  for (const char c : text) cell += c == '"' ? "\"\"" : std::string(1, c);
+  return cell + '"';
 }
+
+std::string csv_field(const std::string& name) { return csv_cell(begins_a_formula(name) ? "'" + name : name); }
 
 std::string_view name_in(std::string_view field) {
   return field.starts_with('\'') && begins_a_formula(field) ? field.substr(1) : field;

@@ -82,6 +82,9 @@ private:
 /// The rule that the label breaks; empty if it can be written and read back.
 std::string label_fault(std::string_view label);
 
+/// The text as a CSV field, in quotes where it needs them.
+std::string csv_cell(std::string_view text);
+
 /// The name as a CSV field. A # is quoted as well: at the start of a line it would begin a comment.
 /// A name that a spreadsheet would evaluate as a formula (starting with =, +, - or @ after any apostrophes, and not a
 /// number) gets an additional leading apostrophe.

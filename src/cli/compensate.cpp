@@ -170,12 +170,12 @@ ExitStatus run(const CompensateArguments& arguments) {
                                 {.most_change = arguments.most_change * kDegree});
   require_not_compensated(arguments.joints);
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
-  const Measurements asked = configurations_of(robot, arguments.joints, arguments.joint_convention);
+  const JointConvention* used = convention ? &*convention : nullptr;
+  const Measurements asked = read_configurations(robot, arguments.joints, used);
   const Compensated result{.robot = robot, .asked = asked, .points = compensated(compensator, asked.joint_values)};
   const Eigen::MatrixXd commanded = result.joint_values();
-  files.front().text =
-      std::string(kCompensated) + sha256_of_file(arguments.result) + "\n" +
-      with_joint_values(robot, arguments.joints, convention ? &*convention : nullptr, asked, commanded);
+  files.front().text = std::string(kCompensated) + sha256_of_file(arguments.result) + "\n" +
+                       with_joint_values(robot, arguments.joints, used, asked, commanded);
   const Eigen::VectorXd changes = (commanded - asked.joint_values).cwiseAbs().rowwise().maxCoeff();
   write_whole(files, arguments.force, arguments.json ? json(result, changes) : table(result, changes));
   return result.count(CompensationStatus::exact) == static_cast<long>(result.points.size()) ? done : not_to_be_trusted;

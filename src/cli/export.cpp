@@ -54,8 +54,8 @@ const std::map<std::string, KinematicFormat>& formats() {
 
 std::string exported(const ExportArguments& arguments) {
   const Robot robot = load(arguments.robot);
-  read_result(arguments.result, robot);  // warns if it is not to be trusted
   const Calibration found = load_calibration(arguments.result, robot);
+  warn_if_doubted(arguments.result, found.verdict(), found.doubts());
   return kinematic_export(robot, found, formats().at(arguments.format));
 }
 

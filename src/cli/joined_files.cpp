@@ -3,7 +3,6 @@
 #include <fmt/core.h>
 #include <Eigen/Core>
 #include <algorithm>
-#include <cctype>
 #include <map>
 #include <optional>
 #include <string_view>
@@ -11,7 +10,7 @@
 
 #include "base/csv.hpp"
 #include "base/text.hpp"
-#include "base/text_file.hpp"
+#include "base/units.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "robot/mimic.hpp"
@@ -102,27 +101,13 @@ std::string heading_of(const Robot& robot, char separator) {
   return head;
 }
 
-std::optional<std::size_t> column_named(const Fields& heading, const std::vector<std::string>& names) {
+std::optional<std::size_t> column_of(std::string_view meaning, const Fields& heading) {
   for (std::size_t i = 0; i < heading.size(); ++i) {
-    std::string name(trimmed(heading[i]));
-    std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
-    if (std::find(names.begin(), names.end(), name) != names.end()) {
+    if (lower_case(column_meaning(heading[i])) == meaning) {
       return i;
     }
   }
   return std::nullopt;
-}
-
-// The cell as it was read: csv_field would shield numbers with a decimal comma.
-std::string quoted(std::string_view cell) {
-  if (cell.find_first_of(",;\t\"#") == std::string_view::npos) {
-    return std::string(cell);
-  }
-  std::string field = "\"";
-  for (const char c : cell) {
-    field += c == '"' ? "\"\"" : std::string(1, c);
-  }
-  return field + '"';
 }
 
 std::string row_of(const Fields& cells, char separator, std::optional<std::size_t> left_out,
@@ -131,7 +116,7 @@ std::string row_of(const Fields& cells, char separator, std::optional<std::size_
   for (std::size_t i = 0; i < cells.size(); ++i) {
     if (i != left_out) {
       row += (i == (left_out == 0 ? 1 : 0) ? "" : std::string(1, separator)) +
-             (i == changed ? csv_field(value) : quoted(cells[i]));
+             (i == changed ? csv_field(value) : csv_cell(cells[i]));
     }
   }
   return row + "\n";
@@ -159,8 +144,8 @@ Measurements read_joined(const Robot& robot, const JoinedFiles& files, const Joi
     if (separator == '\0') {
       separator = separator_of(line);
       cells.split(line, separator, lines.place());
-      name = column_named(cells, {"name", "target", "point"});
-      label = column_named(cells, {"configuration", "config", "pose"});
+      name = column_of("target", cells);
+      label = column_of("configuration", cells);
       if (!name || label.has_value() == pattern.has_value()) {
         fail(lines.place(), pattern ? "expected a column 'name' and, with --point-names, no column 'configuration'"
                                     : "expected a column 'configuration' beside --joints-file, or --point-names");

@@ -288,11 +288,15 @@ Measurements configurations_of(const Robot& robot, const std::string& file, cons
   return read_configurations(robot, file, convention ? &*convention : nullptr);
 }
 
+void warn_if_doubted(const std::string& file, Verdict verdict, const std::vector<Doubt>& doubts) {
+  if (verdict == Verdict::not_trusted && !doubts.empty()) {
+    warn(file + " is not to be trusted: " + doubts.front().message);
+  }
+}
+
 SavedCalibration read_result(const std::string& file, const Robot& robot) {
   SavedCalibration saved = read_calibration(file, robot);
-  if (!saved.trusted() && !saved.doubts.empty()) {
-    warn(file + " is not to be trusted: " + saved.doubts.front().message);
-  }
+  warn_if_doubted(file, saved.verdict, saved.doubts);
   return saved;
 }
 

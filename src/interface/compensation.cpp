@@ -13,6 +13,7 @@
 #include "base/preconditions.hpp"
 #include "effects/arm_kinematics.hpp"
 #include "effects/joint_effects.hpp"
+#include "estimation/input_check.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "robot/mimic.hpp"
@@ -378,10 +379,9 @@ CompensatedPoint Compensator::solve(const Eigen::Ref<const Eigen::VectorXd>& q_n
 }
 
 CompensatedPoint Compensator::solve(const Isometry3d& X_BF, const Eigen::Ref<const Eigen::VectorXd>& seed) const {
-  constexpr double kRounding = 1e-6;
   const JointVector u = parts_->independent(seed);
   require_finite("an asked pose", X_BF.matrix().allFinite());
-  if (!X_BF.linear().isUnitary(kRounding) || X_BF.linear().determinant() < 0.0) {
+  if (!is_rigid(X_BF)) {
     refuse_input("an asked pose is scaled, skewed or mirrored", "a rotation and a translation");
   }
   Isometry3d asked = X_BF;

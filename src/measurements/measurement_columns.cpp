@@ -174,7 +174,7 @@ private:
                   units_of_torque(torque)};
         }
       }
-      const std::string_view wanted = any_case ? translated(name, kOtherNames) : name;
+      const std::string_view wanted = any_case ? column_meaning(name) : name;
       for (const FixedColumn& fixed : fixed_) {
         if (!alike(fixed.name, wanted, any_case)) continue;
         return {fixed.column, std::string(fixed.name), units_of(fixed.quantity)};
@@ -295,6 +295,8 @@ ValueKind kind_of_value(const ExpectedJoints& joints, std::size_t i) {
 std::string OrientationForm::words() const { return comma_separated({names.begin(), names.begin() + count()}); }
 
 // Not the angles of orientations: joints with those names take precedence.
+std::string_view column_meaning(std::string_view name) { return translated(name, kOtherNames); }
+
 bool is_fixed_column(std::string_view name) {
   Header header;
   const auto fixed = fixed_columns(header);

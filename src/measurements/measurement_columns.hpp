@@ -88,6 +88,9 @@ enum class ValueKind : std::uint8_t { unknown, angle, length };
 ValueKind kind_of_value(const ExpectedJoints& joints, std::size_t i);
 ValueKind kind_of_joint(const ExpectedJoints& joints, std::size_t i);
 
+/// The meaning of a column's name: target for name and point, configuration for pose and config, else the name.
+std::string_view column_meaning(std::string_view name);
+
 /// Whether this name is reserved for a column that is not a joint.
 bool is_fixed_column(std::string_view name);
 

@@ -84,7 +84,7 @@ std::string with_joint_values(const Robot& robot, const std::filesystem::path& f
         if (mark == ',') std::replace(number.begin(), number.end(), '.', ',');
         text += number;
       } else {
-        text += csv_field(std::string(name_in(rows.fields()[i])));
+        text += csv_cell(rows.fields()[i]);
       }
     }
     text += '\n';

@@ -21,8 +21,6 @@ struct SavedCalibration : PredictionBasis {
   Accuracy accuracy;
   std::vector<ParameterEstimate> parameters;
   Eigen::VectorXd urdf_errors;  ///< of the exported URDF
-
-  bool trusted() const { return verdict != Verdict::not_trusted; }
 };
 
 /// Reads a result of calibrate (result_json). If the file states its URDF's hash, base or tip, another robot is

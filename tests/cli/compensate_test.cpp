@@ -107,6 +107,14 @@ TEST_F(Compensate, KeepsTheConventionTheSeparatorAndTheDecimalMark) {
   }
 }
 
+TEST_F(Compensate, LeavesOtherCellsAsTheyAre) {
+  write("p.csv",
+        "configuration;joint_1;joint_2;joint_3;joint_4;joint_5;joint_6;target;x;y;z\n"
+        "A;0,1;0,2;0,3;0,4;0,5;0,6;'=B;-0,25;1,5;-2\n");
+  ASSERT_EQ(run(kCompensate).status, 0);
+  EXPECT_THAT(text_of("o.csv"), ::testing::EndsWith(";'=B;\"-0,25\";\"1,5\";-2\n"));
+}
+
 TEST_F(Compensate, ChangesNoJointByMoreThanAllowed) {
   for (const double most : {0.01, 1.0}) {
     run(kCompensate + Words{"--force", "--most-change", std::to_string(most)});

@@ -107,7 +107,7 @@ TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
     EXPECT_EQ(read.estimate.targets[k].with_orientation, wrote.targets[k].with_orientation);
     EXPECT_LT((read.estimate.targets[k].X_FT.matrix() - wrote.targets[k].X_FT.matrix()).norm(), 1e-14);
   }
-  EXPECT_EQ(read.trusted(), written().calibration.trusted());
+  EXPECT_EQ(read.verdict, written().calibration.verdict());
 }
 
 TEST(SavedCalibration, HasTheCovarianceAndWhatItIsOf) {
@@ -137,7 +137,7 @@ TEST(SavedCalibration, KeepsTheDoubts) {
   doubted.diagnosis.doubts = {{.cause = Cause::not_converged, .message = "it moves"}};
   const SavedCalibration read =
       parse_calibration(result_json(written().robot, written().measured, written().options, doubted), written().robot);
-  EXPECT_FALSE(read.trusted());
+  EXPECT_EQ(read.verdict, Verdict::not_trusted);
   ASSERT_EQ(read.doubts.size(), 1U);
   EXPECT_EQ(read.doubts[0].cause, Cause::not_converged);
   EXPECT_EQ(read.doubts[0].message, "it moves");
@@ -165,7 +165,7 @@ TEST(SavedCalibration, NeedsNothingButParameters) {
   const SavedCalibration read =
       parse_calibration(R"({"parameters": [{"name": "dq2", "error": 0.002}]})", written().robot);
   EXPECT_EQ(read.estimate.errors.sum(), 0.002);
-  EXPECT_FALSE(read.trusted());
+  EXPECT_EQ(read.verdict, Verdict::not_trusted);
   EXPECT_EQ(read.covariance.size(), 0);
   EXPECT_THAT(refusal(R"({"parameters": [{"name": "dq9", "error": 0.002}]})", written().robot),
               HasSubstr("r.json: parameters[0]: this robot has no parameter 'dq9'"));
@@ -356,10 +356,10 @@ TEST(SavedCalibration, ReadsBaseTargetsAndGravityAsTheyStand) {
   EXPECT_EQ(saved.model.effects.size(), 0U);
   EXPECT_EQ(saved.estimate.errors.sum(), 0.002);
   EXPECT_EQ(saved.covariance.size(), 0);
-  EXPECT_TRUE(saved.trusted());
+  EXPECT_NE(saved.verdict, Verdict::not_trusted);
   EXPECT_TRUE(saved.doubts.empty());
   json["trusted"] = false;
-  EXPECT_FALSE(read().trusted());
+  EXPECT_EQ(read().verdict, Verdict::not_trusted);
 }
 
 TEST(SavedCalibration, NamesTheBaseOfAnotherRobot) {
