@@ -112,7 +112,7 @@ TEST_F(CommandLineWarnings, OffsetsForMasteringAreThoseOfTheControllersJoints) {
            result["position_error"]["train"]["after"]["rms"].get<double>();
   };
   EXPECT_LT(left(alone), 1.5);  // noise
-  errors[12] = 2e-3;  // Tx1
+  errors[12] = 2e-3;            // Tx1
   EXPECT_GT(left(calibrated(measured.joint_values, {})), 10.0);
   EXPECT_FALSE(calibrated(measured.joint_values, {"--fix", "dq*"})["joint_offsets"].contains("if_only_these"));
   Eigen::MatrixXd still = measured.joint_values;
