@@ -57,6 +57,14 @@ protected:
     return {std::istreambuf_iterator<char>(stream), {}};
   }
 
+  // As a program of others writes it, whose results have no hashes.
+  static nlohmann::json without_hashes(const std::string& result) {
+    nlohmann::json json = nlohmann::json::parse(result);
+    json.erase("hashes");
+    json.erase("software");
+    return json;
+  }
+
 private:
   fs::path folder_ = fs::temp_directory_path() / ("interface_test_" + std::to_string(::getpid()));
 };
@@ -229,45 +237,42 @@ TEST_F(InterfaceFiles, ResultReadBackPredictsTheSame) {
   }
 }
 
+// As a result of more than 300 parameters is written.
 TEST_F(InterfaceFiles, ResultWithoutCovarianceGivesNoRadius) {
-  SimulationOptions many;
-  for (int k = 0; k < 95; ++k) {  // 309 parameters
-    TargetFrame& target = many.targets.emplace_back(TargetFrame{.name = "t" + std::to_string(k)});
-    target.X_FT.translation() = 0.1 * Eigen::Vector3d(std::sin(k), std::cos(k), 0.01 * k);
-  }
-  many.noise = 3e-5;
-  const Measurements data = simulate(fanuc(), many).measurements;
-  const CalibrationOptions geometry{.priors = {.automatic = false},
-                                    .effects = {.automatic = false},
-                                    .validation = {.held_out = false},
-                                    .diagnosis = {.try_readings = false}};
-  const Calibration large = calibrate(fanuc(), data, geometry);
-  write_result(file("large.json"), fanuc(), data, large);
-  const CalibratedArm again = load_calibration(file("large.json"), fanuc()).arm();
-  EXPECT_GT(large.arm().predict(somewhere(), "t7").covariance.trace(), 0.0);
-  EXPECT_LT((again.flange_pose(somewhere()).matrix() - large.arm().flange_pose(somewhere()).matrix()).norm(), 1e-12);
-  EXPECT_THAT(testing::refusal([&] { again.predict(somewhere(), "t7"); }), HasSubstr("at most 300 parameters"));
+  write_result(file("large.json"), fanuc(), experiment().measurements, found());
+  nlohmann::json large = without_hashes(text_of(file("large.json")));
+  large["covariance"] = nullptr;
+  std::ofstream(file("without.json")) << large;
+  const CalibratedArm again = load_calibration(file("without.json"), fanuc()).arm();
+  EXPECT_GT(found().arm().predict(somewhere(), "A").covariance.trace(), 0.0);
+  EXPECT_LT((again.flange_pose(somewhere()).matrix() - found().arm().flange_pose(somewhere()).matrix()).norm(), 1e-12);
+  EXPECT_THAT(testing::refusal([&] { again.predict(somewhere(), "A"); }), HasSubstr("at most 300 parameters"));
 }
 
-// Values that no calibration has, in a file without hashes.
+// Values that no calibration has, in a file that no hashes protect.
 TEST_F(InterfaceFiles, ImpossibleValuesOfAResultAreRefused) {
   write_result(file("r.json"), fanuc(), experiment().measurements, found());
-  const nlohmann::json good = nlohmann::json::parse(text_of(file("r.json")));
-  const std::vector<std::pair<std::string, nlohmann::json>> cases = {
-      {"/predicted_accuracy/radius_factor", -1.0},
-      {"/predicted_accuracy/region/largest_variance", -1.0},
-      {"/predicted_accuracy/region/joints/2/0", 100.0},
-      {"/noise/misfit", -1e-3},
-      {"/noise/degrees_of_freedom_of_point", -3.0},
-      {"/covariance/matrix/4/3", 1.0},
-      {"/covariance/matrix/4/4", -1.0}};
-  for (const auto& [path, value] : cases) {
+  const nlohmann::json good = without_hashes(text_of(file("r.json")));
+  const auto refused = [&](const std::vector<std::pair<std::string, nlohmann::json>>& changes) {
     nlohmann::json bad = good;
-    bad.erase("hashes");
-    bad.at(nlohmann::json::json_pointer(path)) = value;
+    for (const auto& [path, value] : changes) {
+      bad.at(nlohmann::json::json_pointer(path)) = value;
+    }
     std::ofstream(file("bad.json")) << bad;
-    EXPECT_THAT(testing::refusal([&] { load_calibration(file("bad.json"), fanuc()); }), HasSubstr("expected")) << path;
-  }
+    return testing::refusal([&] { load_calibration(file("bad.json"), fanuc()); });
+  };
+  EXPECT_EQ(refused({}), "nothing was refused");
+  EXPECT_THAT(refused({{"/predicted_accuracy/radius_factor", -1.0}}),
+              HasSubstr("radius_factor: expected a number of 0"));
+  EXPECT_THAT(refused({{"/predicted_accuracy/region/largest_variance", -1.0}}),
+              HasSubstr("largest_variance: expected"));
+  EXPECT_THAT(refused({{"/predicted_accuracy/region/joints/2/0", 100.0}}), HasSubstr("the lower end first"));
+  EXPECT_THAT(refused({{"/noise/misfit", -1e-3}}), HasSubstr("misfit"));
+  EXPECT_THAT(refused({{"/noise/degrees_of_freedom_of_point", -3.0}}),
+              HasSubstr("degrees_of_freedom_of_point: expected"));
+  EXPECT_THAT(refused({{"/covariance/matrix/4/4", -1.0}}), HasSubstr("expected a variance"));
+  EXPECT_THAT(refused({{"/covariance/matrix/4/3", 1.0}, {"/covariance/matrix/3/4", 1.0}}),
+              HasSubstr("expected covariances within the variances"));
 }
 
 TEST_F(InterfaceFiles, LinksAndModesStayAndNothingElseThanAFileIsReplaced) {
