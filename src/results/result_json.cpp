@@ -333,6 +333,36 @@ Json base_json(const CalibrationResult& calibration) {
   return {{"position", array(X_WB.translation())}, {"quaternion_wxyz", quaternion(X_WB.linear())}, {"std", std}};
 }
 
+Json position_error_json(const Accuracy& accuracy) {
+  Json position_error = {{"train", before_after_json(accuracy.train)}};
+  if (accuracy.test) {
+    position_error["test"] = before_after_json(*accuracy.test);
+  }
+  for (const auto& [name, means] :
+       {std::pair{"train", &accuracy.train_means}, std::pair{"test", &accuracy.test_means}}) {
+    if (*means) {
+      position_error[name]["means"] = before_after_json(**means);
+    }
+  }
+  for (const auto& [name, part] : {std::pair{"test_at_fitted_poses", &accuracy.test_at_fitted_poses},
+                                   std::pair{"test_at_new_poses", &accuracy.test_at_new_poses}}) {
+    if (*part) {
+      position_error[name] = statistics_json(**part);
+    }
+  }
+  if (accuracy.leave_one_out) {
+    position_error["leave_one_out"] = before_after_json(*accuracy.leave_one_out);
+  }
+  if (accuracy.nested_leave_one_out) {
+    position_error["nested_leave_one_out"] = statistics_json(*accuracy.nested_leave_one_out);
+  }
+  if (accuracy.k_fold) {
+    position_error["k_fold"] = before_after_json(*accuracy.k_fold);
+    position_error["k_fold"]["folds"] = accuracy.folds;
+  }
+  return position_error;
+}
+
 }  // namespace
 
 std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationSettings& options,
@@ -340,32 +370,6 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
   const Identification& found = calibration.fit.identification;
-  Json position_error = {{"train", before_after_json(calibration.accuracy.train)}};
-  if (calibration.accuracy.test) {
-    position_error["test"] = before_after_json(*calibration.accuracy.test);
-  }
-  for (const auto& [name, means] :
-       {std::pair{"train", &calibration.accuracy.train_means}, std::pair{"test", &calibration.accuracy.test_means}}) {
-    if (*means) {
-      position_error[name]["means"] = before_after_json(**means);
-    }
-  }
-  for (const auto& [name, part] : {std::pair{"test_at_fitted_poses", &calibration.accuracy.test_at_fitted_poses},
-                                   std::pair{"test_at_new_poses", &calibration.accuracy.test_at_new_poses}}) {
-    if (*part) {
-      position_error[name] = statistics_json(**part);
-    }
-  }
-  if (calibration.accuracy.leave_one_out) {
-    position_error["leave_one_out"] = before_after_json(*calibration.accuracy.leave_one_out);
-  }
-  if (calibration.accuracy.nested_leave_one_out) {
-    position_error["nested_leave_one_out"] = statistics_json(*calibration.accuracy.nested_leave_one_out);
-  }
-  if (calibration.accuracy.k_fold) {
-    position_error["k_fold"] = before_after_json(*calibration.accuracy.k_fold);
-    position_error["k_fold"]["folds"] = calibration.accuracy.folds;
-  }
   Json result = {{"software", {{"name", "kdl_calibration"}, {"version", KDL_CALIBRATION_VERSION}}},
                  {"input", input_json(robot, measurements, options)},
                  {"termination", to_string(found.termination)},
@@ -387,7 +391,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["model"] = reduction_json(calibration.fit.reduction);
   result["base"] = base_json(calibration);
   result["targets"] = targets_json(calibration);
-  result["position_error"] = position_error;
+  result["position_error"] = position_error_json(calibration.accuracy);
   if (const auto& convention = options.diagnosis.convention) {
     result["joint_offsets"] = joint_offsets_json(calibration, *convention);
   }

@@ -124,6 +124,19 @@ std::vector<double> read_parameters(const Node& top, SavedCalibration& saved) {
   return std::move(effects.degrees_of_freedom);
 }
 
+// No covariance exceeds what its two variances allow, beyond rounding.
+void require_correlations(const Eigen::MatrixXd& covariance, const std::vector<Node>& rows) {
+  constexpr double kRounding = 1e-6;
+  const Eigen::ArrayXd sigma = covariance.diagonal().array().sqrt();
+  for (Eigen::Index r = 0; r < covariance.rows(); ++r) {
+    for (Eigen::Index c = 0; c < r; ++c) {
+      if (std::isfinite(covariance(r, c)) && !(std::abs(covariance(r, c)) <= (1.0 + kRounding) * sigma[r] * sigma[c])) {
+        fail(rows[static_cast<std::size_t>(r)], "covariances within the variances");
+      }
+    }
+  }
+}
+
 // {"names": […], "matrix": [[…], …]}; null is an infinite variance. Files of version 0.1 hold the lower triangle.
 void read_covariance(const Node& block, SavedCalibration& saved) {
   std::vector<std::string> names;
@@ -160,16 +173,7 @@ void read_covariance(const Node& block, SavedCalibration& saved) {
       saved.covariance(r, c) = saved.covariance(c, r) = read;
     }
   }
-  constexpr double kRounding = 1e-6;
-  const Eigen::ArrayXd sigma = saved.covariance.diagonal().array().sqrt();
-  for (Eigen::Index r = 0; r < size; ++r) {
-    for (Eigen::Index c = 0; c < r; ++c) {
-      if (std::isfinite(saved.covariance(r, c)) &&
-          !(std::abs(saved.covariance(r, c)) <= (1.0 + kRounding) * sigma[r] * sigma[c])) {
-        fail(rows[static_cast<std::size_t>(r)], "covariances within the variances");
-      }
-    }
-  }
+  require_correlations(saved.covariance, rows);
 }
 
 Doubt doubt_of(const Node& node) {
