@@ -261,9 +261,8 @@ DeterminedFit with_weights_of_all(DeterminedFit fit, const TrainingRows& rows) {
   return fit;
 }
 
-// Errors of the fitted rows, means of repeats, if of the determined errors only the joints' zero offsets are corrected;
-// none without such an offset.
-std::optional<ErrorStatistics> errors_with_offsets_alone(FitProblem rigid, const Unknowns& determined) {
+// Of the determined errors only the joints' zero offsets are corrected; none without such an offset.
+std::optional<OffsetsAlone> fitted_offsets_alone(FitProblem rigid, const Unknowns& determined) {
   std::vector<std::size_t> offsets;
   for (const std::size_t index : determined.geometric()) {
     if (rigid.model.parameters[index].kind == ParameterKind::joint_offset) {
@@ -275,7 +274,9 @@ std::optional<ErrorStatistics> errors_with_offsets_alone(FitProblem rigid, const
   }
   rigid.free = determined.with(rigid.model, UnknownGroup::geometric, offsets);
   rigid.options.joint.residuals.priors = {};
-  return iso_9283(rigid.model, fit(rigid).estimate, rigid.measurements).accuracy;
+  const Estimate estimate = fit(rigid).estimate;
+  return OffsetsAlone{.errors = estimate.errors,
+                      .accuracy = iso_9283(rigid.model, estimate, rigid.measurements).accuracy};
 }
 
 std::vector<QualityFinding> screened(const FitProblem& problem, const Measurements& measurements,
@@ -328,7 +329,7 @@ CalibrationResult calibrate(const ErrorModel& model, const Measurements& measure
     result.accuracy = with_nominal_exported(result.accuracy);
   }
   if (options.diagnosis.convention) {
-    result.offsets_alone = errors_with_offsets_alone(rigid, rigid_fit.free);
+    result.offsets_alone = fitted_offsets_alone(rigid, rigid_fit.free);
   }
   return result;
 }

@@ -159,6 +159,12 @@ struct Diagnosis {
   std::optional<Doubt> reservation;
 };
 
+/// A fit of the joints' zero offsets alone, with base and targets.
+struct OffsetsAlone {
+  Eigen::VectorXd errors;    ///< one per geometric error parameter; all but the offsets are 0
+  ErrorStatistics accuracy;  ///< of the fitted rows (means of repeats)
+};
+
 struct CalibrationResult {
   ErrorModel model;  ///< with the selected effects
   DeterminedFit fit;
@@ -168,9 +174,7 @@ struct CalibrationResult {
   /// Predictions of leave_one_out or k_fold, point by point; empty if the folds were refitted.
   std::vector<HeldOutPoint> held_out_points;
   ExportedUrdf exported;
-  /// Of the fitted rows (means of repeats), if only the joints' zero offsets are corrected. Set with a joint
-  /// convention, for mastering.
-  std::optional<ErrorStatistics> offsets_alone;
+  std::optional<OffsetsAlone> offsets_alone;  ///< with a joint convention, for mastering
   Uncertainty uncertainty;
   Diagnosis diagnosis;
   double difference_to_kdl = 0.0;  ///< [m] largest difference of our flange poses from KDL's

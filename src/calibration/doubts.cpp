@@ -50,7 +50,7 @@ Doubts of_convergence(const CalibrationResult& found) {
       return {};
     case Termination::iteration_limit:
       message = fmt::format(
-          "the fit did not converge: the parameters were still changing after {} iterations; allow more of them",
+          "the fit did not converge: the parameters were still changing at the limit of iterations ({} in all)",
           fit.iterations);
       break;
     case Termination::stalled:

@@ -190,6 +190,29 @@ void name_options(Doubt& doubt) {
   doubt.message += found != help.end() ? " (" + found->second + ")" : "";
 }
 
+// The command that judges the result by other measurements.
+std::string next_step(const CalibrateArguments& arguments) {
+  if (arguments.output.empty() && arguments.result.empty()) {
+    return "--output FILE writes the calibrated URDF, --details shows every parameter";
+  }
+  std::string command = "kdlcal validate";
+  const auto add = [&](const char* option, const std::string& value) {
+    command += value.empty() ? "" : std::string(" ") + option + " " + value;
+  };
+  if (arguments.result.empty()) {
+    add("--urdf", arguments.output);
+  } else {
+    add("--result", arguments.result);
+    add("--urdf", arguments.robot.urdf);
+    add("--dh", arguments.robot.dh);
+  }
+  add("--base", arguments.robot.base);
+  add("--tip", arguments.robot.tip);
+  add("--measurements", "NEW.csv");
+  add("--joint-convention", arguments.measurements.joint_convention);
+  return command + ", with points of other days and places";
+}
+
 std::string table(const CalibrateArguments& arguments, const Robot& robot, const Measurements& measurements,
                   const CalibrationResult& calibration) {
   TableOptions options{.fixed = "fixed by --fix"};
@@ -203,11 +226,7 @@ std::string table(const CalibrateArguments& arguments, const Robot& robot, const
   options.details = arguments.details;
   std::string text = result_table(measurements, calibration, options);
   if (calibration.trusted() && !arguments.details) {
-    const std::string next = arguments.output.empty()
-                                 ? "--output FILE writes the calibrated URDF, --details shows every parameter"
-                                 : "kdlcal validate --urdf " + arguments.output +
-                                       " --measurements NEW.csv, with points of other days and places";
-    text += wrapped("Next: " + next, 0, 6);
+    text += wrapped("Next: " + next_step(arguments), 0, 6);
   }
   return text;
 }

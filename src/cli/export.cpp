@@ -77,7 +77,8 @@ Subcommand add_export(CLI::App& parser) {
   add_robot_options(*app, arguments->robot);
   add_file(*app, "--result", arguments->result, "The result that calibrate wrote (JSON)")->required();
   add_word(*app, "--format", arguments->format, {"dh", "mdh", "urdf", "xacro-yaml", "ur-yaml", "csv"},
-           "DH or modified DH table (JSON), URDF, joint origins, kinematics of Universal Robots, parameters")
+           "dh or mdh (table, JSON), urdf, xacro-yaml (joint origins), ur-yaml (kinematics of Universal Robots), csv "
+           "(parameters)")
       ->required();
   add_text_output(*app, arguments->to);
   add_example(*app, "kdlcal export --result result.json --urdf robot.urdf --format mdh --output table.json");

@@ -71,8 +71,7 @@ std::string_view unit_alone(std::string_view cell) {
     fail(place, "column " + shown(cell) + " has the URDF's joint name, but with the joint convention " +
                     joints.convention->name + " the controller's are expected: " + comma_separated(joints.names));
   }
-  const std::string hint =
-      joints.convention == nullptr ? " (where joints have the controller's names, a joint convention is needed)" : "";
+  const std::string hint = joints.convention == nullptr ? " (controller's joint names need --joint-convention)" : "";
   fail(place, "unknown column " + shown(cell) + ": " + expected_columns(joints) + hint);
 }
 

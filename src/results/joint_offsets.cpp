@@ -6,6 +6,7 @@
 #include <limits>
 #include <optional>
 
+#include "model/parameters.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration {
@@ -54,6 +55,10 @@ std::vector<JointOffset> joint_offsets(const CalibrationResult& calibration, con
       offset.slides = offset.slides || joint->type == JointType::prismatic;
       offset.measurable = offset.measurable && !parameter->gauge;
       offset.add += weight * parameter->error;
+      if (calibration.offsets_alone) {
+        const std::size_t index = parameter_index(calibration.model, parameter->name);
+        offset.add_alone += weight * calibration.offsets_alone->errors[static_cast<Index>(index)];
+      }
       if (const std::optional<Index> column = calibration.fit.free.column(parameter->name)) {
         weights[*column] = weight;
         offset.degrees_of_freedom = std::min(offset.degrees_of_freedom, parameter->degrees_of_freedom);

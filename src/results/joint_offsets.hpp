@@ -15,6 +15,7 @@ struct JointOffset {
   bool slides = false;      ///< [m] rather than [rad]
   bool measurable = false;  ///< else base or targets take it up
   double add = 0.0;         ///< to the displayed value
+  double add_alone = 0.0;   ///< the same if nothing else is corrected
   double std = 0.0;         ///< 1 sigma; infinite where not determined
   double degrees_of_freedom = 0.0;
 };

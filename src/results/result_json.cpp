@@ -74,11 +74,14 @@ Json joint_offsets_json(const CalibrationResult& calibration, const JointConvent
       joints.back().update({{"add", offset.add},
                             {"std", finite_or_null(offset.std)},
                             {"interval_95", interval_json(offset.add, offset.std, offset.degrees_of_freedom)}});
+      if (calibration.offsets_alone) {
+        joints.back()["add_if_only_these"] = offset.add_alone;
+      }
     }
   }
   Json result = {{"joints", joints}};
   if (calibration.offsets_alone) {
-    result["if_only_these"] = statistics_json(*calibration.offsets_alone);
+    result["if_only_these"] = statistics_json(calibration.offsets_alone->accuracy);
   }
   return result;
 }

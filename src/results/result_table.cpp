@@ -97,6 +97,9 @@ std::string noise_line(const NoiseReport& noise) {
     }
   }
   if (noise.source == NoiseSource::stated || (noise.parts && !noise.parts->estimated[NoiseParts::kIndependent])) {
+    if (noise.parts && noise.parts->estimated[NoiseParts::kCommon] && !noise.common.isZero(0.0)) {
+      return line + " (the first as stated, the rest from the residuals)";
+    }
     const bool more = noise.misfit > 0.0 || noise.target_misfit > 0.0;
     return line + (more ? " (as stated, the misfits from the residuals)" : " (as stated)");
   }
@@ -265,20 +268,31 @@ void add_effects(const CalibrationResult& calibration, const Measurements& measu
 
 // For mastering: corrections to add to the controller's joint values.
 void add_joint_offsets(const CalibrationResult& calibration, const JointConvention& convention, std::string& text) {
-  text += "\njoint zero offsets, for mastering: add to the displayed values, +- 95 %\n";
+  text += "\njoint zero offsets, for mastering: add to the displayed values\n" +
+          fmt::format("{:>52}{}\n", "+- 95 %", calibration.offsets_alone ? "   if only these" : "");
   for (const JointOffset& offset : joint_offsets(calibration, convention)) {
     const DisplayUnit& unit = offset.slides ? kMillimetres : kDegrees;
     text += "  " + padded(offset.joint, 24);
-    text += !offset.measurable ? "  not measurable: base or targets take it up\n"
-            : offset.std == 0.0
-                ? unit.of(offset.add) + "  held\n"
-                : fmt::format("{}  +- {}\n", unit.of(offset.add),
-                              fixed(unit.per_si * half_width_95(offset.std, offset.degrees_of_freedom), unit.decimals));
+    if (!offset.measurable) {
+      text += "  not measurable: base or targets take it up\n";
+      continue;
+    }
+    text += unit.of(offset.add);
+    text += offset.std == 0.0
+                ? "        held"
+                : cell(unit.per_si * half_width_95(offset.std, offset.degrees_of_freedom), 12, unit.decimals);
+    if (calibration.offsets_alone) {
+      text += cell(unit.per_si * offset.add_alone, 12, unit.decimals) + " " + std::string(trimmed(unit.name));
+    }
+    text += "\n";
+  }
+  if (!calibration.model.effects.empty()) {
+    text += "  the first column includes the mean of the effects of each joint\n";
   }
   if (calibration.offsets_alone) {
-    text += wrapped(fmt::format("with these alone corrected {:.3f} mm would be left (fitted); the calibrated URDF "
-                                "contains them already",
-                                calibration.offsets_alone->rms * 1e3),
+    text += wrapped(fmt::format("with only these corrected (last column) {:.3f} mm would be left (fitted); the "
+                                "calibrated URDF contains the first column already",
+                                calibration.offsets_alone->accuracy.rms * 1e3),
                     2, 2);
   }
 }
@@ -319,12 +333,11 @@ std::string sizes(const Measurements& measurements, const CalibrationResult& cal
 
 // The verdict, shown before any figure.
 std::string verdict(const Measurements& measurements, const CalibrationResult& calibration) {
+  const std::string of_what = wrapped("Calibration of " + sizes(measurements, calibration) + ".", 0, 4);
   if (calibration.trusted()) {
-    const std::string converged = wrapped("Calibration converged: " + sizes(measurements, calibration) + ".", 0, 4);
-    return calibration.diagnosis.reservation
-               ? wrapped("Trusted where it was measured: " + calibration.diagnosis.reservation->message + ".", 0, 4) +
-                     converged
-               : converged;
+    const auto& reservation = calibration.diagnosis.reservation;
+    return reservation ? wrapped("Trusted where it was measured: " + reservation->message + ".", 0, 4) + of_what
+                       : wrapped("Trusted. Calibration of " + sizes(measurements, calibration) + ".", 0, 4);
   }
   std::string text;
   for (const Doubt& doubt : calibration.diagnosis.doubts) {
@@ -333,7 +346,7 @@ std::string verdict(const Measurements& measurements, const CalibrationResult& c
   for (const QualityFinding& finding : calibration.diagnosis.findings) {
     text += wrapped("Measurements: " + finding.message + ".", 0, 4);
   }
-  return text + "\n" + wrapped("Calibration of " + sizes(measurements, calibration) + ".", 0, 4);
+  return text + "\n" + of_what;
 }
 
 std::string main_row(const std::string& label, const BeforeAfter& errors, double ErrorStatistics::*figure) {
@@ -356,7 +369,7 @@ void add_main_figures(const CalibrationResult& calibration, std::string& text) {
   add("fitted, means of repeats", accuracy.train_means);
   add("test", accuracy.test);
   add("test, means of repeats", accuracy.test_means);
-  add("left out", accuracy.leave_one_out);
+  add(accuracy.train_means ? "left out, means of repeats" : "left out", accuracy.leave_one_out);
   if (accuracy.k_fold) {
     add(fmt::format("{}-fold", accuracy.folds), accuracy.k_fold);
   }

@@ -668,8 +668,9 @@ TEST_F(CalibrateReport, PredictsAtConfigurationsOfAFile) {
   with_files.insert(with_files.end(), {"--result", "r.json"});
   const Outcome table = run(with_files);
   EXPECT_EQ(table.status, 0) << table.err;
-  EXPECT_THAT(table.out, AllOf(HasSubstr("predicted, in the base"), HasSubstr("\nNext: --output FILE"),
-                               HasSubstr("Calibration converged: 30 configurations, 90 points, 33 parameters."),
+  EXPECT_THAT(table.out, AllOf(HasSubstr("predicted, in the base"),
+                               HasSubstr("\nNext: kdlcal validate --result r.json --measurements NEW.csv"),
+                               HasSubstr("Trusted. Calibration of 30 configurations, 90 points, 33 parameters."),
                                HasSubstr("\nleft out  "), HasSubstr("\nWritten: r.json\n")));
   const Json asked = json_of("r.json")["predicted_accuracy"]["asked"];
   ASSERT_EQ(asked.size(), 6U);
@@ -936,7 +937,7 @@ TEST_F(CalibrateResult, MustBeWhatIsRequired) {
   EXPECT_THAT(lines_of(missed.err), ElementsAre("kdlcal: required: 'rank==32' is not fulfilled: the value is 33",
                                                 "kdlcal: required: 'test.rms<1mm' is not fulfilled: the value is not "
                                                 "determined"));
-  EXPECT_THAT(missed.out, HasSubstr("Calibration converged"));
+  EXPECT_THAT(missed.out, HasSubstr("Trusted. Calibration of"));
   EXPECT_THAT(missed.out, HasSubstr("required rank == 33: 33, met\nrequired rank==32: 33, NOT met\n"));
 }
 

@@ -64,7 +64,7 @@ protected:
 // ---- calibrate -----------------------------------------------------------------------------------------------------
 
 const std::string kNotConverged =
-    "the fit did not converge: the parameters were still changing after 1 iterations; .* "
+    "the fit did not converge: the parameters were still changing at the limit of iterations .1 in all.; .* "
     R"(\(--iterations sets their number\))";
 const std::string kFoldsDidNot = "20 of 20 leave-one-out fits did not converge";
 const std::string kFileDoesNotSaySo =
@@ -105,6 +105,7 @@ TEST_F(CommandLineWarnings, OffsetsForMasteringAreThoseOfTheControllersJoints) {
       EXPECT_LT(joints[j]["std"].get<double>(), 2e-4);
       EXPECT_GT(joints[j]["std"].get<double>(), 1e-6);
       EXPECT_LT(joints[j]["interval_95"][0], joints[j]["add"]);
+      EXPECT_NEAR(joints[j]["add_if_only_these"], expected[j - 1], 3e-4) << j;
     }
   }
   const auto left = [](const nlohmann::json& result) {

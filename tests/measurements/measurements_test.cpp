@@ -304,7 +304,7 @@ TEST(MeasurementsInput, NamesEveryMissingColumn) {
 TEST(MeasurementsInput, UnknownJointListsTheExpectedOnesAndHintsAtAConvention) {
   EXPECT_THAT(csv_message("# note\n" + replaced(kHeader, "joint_1", "J1")),
               AllOf(StartsWith("m.csv:2: unknown column 'J1[rad]'"), HasSubstr("joint_1, joint_2"),
-                    HasSubstr("a joint convention")));
+                    HasSubstr("need --joint-convention")));
 }
 
 TEST(MeasurementsInput, UnknownUnitListsTheAllowedOnes) {
@@ -332,7 +332,7 @@ TEST(MeasurementsInput, ValuesWithoutUnitAreJudgedByTheKindOfTheJoint) {
   EXPECT_EQ(fault("-99", "-12.5", "-99"), "nothing was refused");
   EXPECT_THAT(fault("-101", "0", "0"), AllOf(HasSubstr("'slide' up to 101"), HasSubstr("write slide[mm] (or [m])")));
   EXPECT_THAT(fault("0", "-12.6", "0"), AllOf(HasSubstr("'turn' up to 12.6"), HasSubstr("write turn[deg] (or [rad])")));
-  EXPECT_THAT(fault("0", "0", "-101"), AllOf(HasSubstr("targets 101 m apart along x"), HasSubstr("x[mm] (or [m])")));
+  EXPECT_THAT(fault("0", "0", "-101"), AllOf(HasSubstr("points 101 m apart along x"), HasSubstr("x[mm] (or [m])")));
 }
 
 TEST(MeasurementsInput, RepeatedAndNamelessColumnsAreRefused) {
@@ -577,9 +577,9 @@ TEST(JointConventions, RefuseColumnsWithTheUrdfsNames) {
   const JointConvention convention = parse_joint_convention(kPendant, "c.json");
   EXPECT_THAT(csv_message(kHeader + "c,A,1,2,3,4,5\n", &convention),
               AllOf(StartsWith("m.csv:1: column 'joint_1[rad]' has the URDF's joint name"), HasSubstr("c.json"),
-                    HasSubstr("J1, J2"), Not(HasSubstr("a joint convention"))));
+                    HasSubstr("J1, J2"), Not(HasSubstr("need --joint-convention"))));
   EXPECT_THAT(csv_message(replaced(kHeader, "joint_", "A"), &convention),
-              AllOf(HasSubstr("unknown column 'A1[rad]'"), Not(HasSubstr("a joint convention"))));
+              AllOf(HasSubstr("unknown column 'A1[rad]'"), Not(HasSubstr("need --joint-convention"))));
 }
 
 TEST(JointConventions, RefuseValuesThatOverflow) {
@@ -884,7 +884,7 @@ TEST(MeasurementsOnRealData, MeansAndRepeatScatterAreThePublishedOnes) {
 TEST(MeasurementsOnRealData, RefusesTheFanucSeriesWithoutItsConvention) {
   EXPECT_THAT(
       message_of([] { read_measurements(SHARED_DATA_DIR "/r2000ic_165f_tracker/measurements.csv", kFanucJoints); }),
-      AllOf(HasSubstr(":1: unknown column 'J1[rad]'"), HasSubstr("a joint convention")));
+      AllOf(HasSubstr(":1: unknown column 'J1[rad]'"), HasSubstr("need --joint-convention")));
 }
 
 TEST(MeasurementsOnRealData, ReadsTheUr10Poses) {

@@ -724,7 +724,7 @@ TEST(ResultTableOfCalibrations, IsAtMostEightyColumnsWide) {
 TEST(ResultTableOfCalibrations, BeginsWithTheVerdictAndWhereTheAnswerIs) {
   const Case& good = case_of("plain");
   const auto lines = testing::lines_of(result_table(good.measurements, good.calibration, {.written = {"a.urdf", "b"}}));
-  EXPECT_EQ(lines.at(0), "Calibration converged: 25 configurations, 75 points, 33 parameters.");
+  EXPECT_EQ(lines.at(0), "Trusted. Calibration of 25 configurations, 75 points, 33 parameters.");
   EXPECT_THAT(lines.at(2), ::testing::StartsWith("position error, rms [mm]"));
   EXPECT_EQ(lines.back(), "Written: a.urdf, b");
   const Case& bad = case_of("a joint that never moves");

@@ -64,7 +64,9 @@ struct Made {
     c.accuracy.train.after = {.count = 12, .mean = 0.11e-3, .rms = 0.12e-3, .p95 = 0.19e-3, .max = 0.2e-3};
     c.accuracy.iso_before.accuracy = c.accuracy.train.before;
     c.accuracy.iso_after.accuracy = c.accuracy.train.after;
-    c.offsets_alone = {.count = 12, .rms = 0.9e-3};
+    c.offsets_alone = {.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(c.model.parameters.size())),
+                       .accuracy = {.count = 12, .rms = 0.9e-3}};
+    c.offsets_alone->errors[static_cast<Eigen::Index>(parameter_index(c.model, "dq4"))] = 0.25 * kDegree;
     c.noise = {.source = NoiseSource::residuals, .sigma = 1e-4, .independent = Eigen::Vector3d::Constant(3e-5)};
     add_parameters();
     add_influence();
@@ -149,7 +151,7 @@ struct Made {
   std::string printed() const { return result_table(measured, calibration, options); }
 };
 
-constexpr const char* kTable = R"(Calibration converged: 6 configurations, 12 points, 3 parameters.
+constexpr const char* kTable = R"(Trusted. Calibration of 6 configurations, 12 points, 3 parameters.
 
 position error, rms [mm]       nominal  calibrated                points
 fitted                           1.200       0.120                    12
@@ -158,14 +160,16 @@ left out                  not known
 noise per coordinate: 0.030 mm per point (from the residuals)
 rank 20 of 21 parameters, condition number 123, 5 iterations
 
-joint zero offsets, for mastering: add to the displayed values, +- 95 %
-  J1                         0.00000 deg  held
-  J2                         -1.2500 mm   +- 0.1960
-  J3                         0.00000 deg  held
-  J4                         0.50000 deg  +- 0.01960
-  J5                        -0.50000 deg  +- 0.01960
-  with these alone corrected 0.900 mm would be left (fitted); the calibrated
-  URDF contains them already
+joint zero offsets, for mastering: add to the displayed values
+                                             +- 95 %   if only these
+  J1                         0.00000 deg        held     0.00000 deg
+  J2                         -1.2500 mm       0.1960      0.0000 mm
+  J3                         0.00000 deg        held     0.00000 deg
+  J4                         0.50000 deg     0.01960     0.25000 deg
+  J5                        -0.50000 deg     0.01960    -0.25000 deg
+  the first column includes the mean of the effects of each joint
+  with only these corrected (last column) 0.900 mm would be left (fitted); the
+  calibrated URDF contains the first column already
 
 predicted, in the base [mm]           x          y          z  sigma   95 %
   there A                      1234.568   -500.000    250.000  0.125  0.250
@@ -252,6 +256,9 @@ TEST(ResultTable, NamesTheNoiseInItsParts) {
   EXPECT_THAT(noise_of(noise), EndsWith("(from the residuals)"));
   noise.parts.emplace();
   EXPECT_THAT(noise_of(noise), EndsWith("the misfits from the residuals)")) << "the points' own part is stated";
+  noise.common.z() = 2e-5;
+  noise.parts->estimated[NoiseParts::kCommon] = true;
+  EXPECT_THAT(noise_of(noise), EndsWith("(the first as stated, the rest\n from the residuals)"));
   noise.parts->estimated[NoiseParts::kIndependent] = true;
   EXPECT_THAT(noise_of(noise), EndsWith("(from the residuals)"));
 }
@@ -336,7 +343,7 @@ fitted                           1.200       0.120       0.120        12
 fitted, means of repeats         1.100       0.110       3.000         6
 test                             1.500       0.500       3.000         6
 test, means of repeats           1.400       0.400       3.000         6
-left out                         1.300       0.300       3.000         6
+left out, means of repeats       1.300       0.300       3.000         6
 largest, left out                2.600       0.600       4.000         6
 )"));
   for (const char* row : {"\nmeans, nominal                 1.100", "\ntest means, calibrated         0.400",
@@ -378,7 +385,7 @@ TEST(ResultTable, AControllerThatCountsNoSlideHasDegreesAlone) {
   made.convention.matrix = Eigen::MatrixXd::Constant(1, 1, 2.0);
   made.options.convention = &made.convention;
   const std::string text = made.printed();
-  EXPECT_THAT(testing::squeezed(text), HasSubstr("J1 0.25000 deg +- 0.00980\n with these"));
+  EXPECT_THAT(testing::squeezed(text), HasSubstr("J1 0.25000 deg 0.00980 0.12500 deg\n the first"));
   for (ParameterEstimate& parameter : made.calibration.uncertainty.parameters) {
     parameter.gauge = parameter.gauge || parameter.name == "dq4";
   }
