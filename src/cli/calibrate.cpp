@@ -260,6 +260,7 @@ std::string page_of(const std::string& result, const Robot& robot, const Measure
                            .robot = &robot,
                            .measurements = &measurements,
                            .known = known_frames(settings.parameters),
+                           .convention = settings.diagnosis.convention,
                            .plan_command = plan_command(json_of(result, "the result"))});
 }
 

@@ -302,7 +302,8 @@ ExitStatus run(const PlanArguments& arguments) {
                                 {{"noise", result.experiment.noise.tracker ? "of the tracker"
                                                                            : fixed(arguments.noise.sigma * 1e3, 4) +
                                                                                  " mm of a coordinate, 1 sigma"},
-                                 {"seed", std::to_string(arguments.seed)}});
+                                 {"seed", std::to_string(arguments.seed)}},
+                                set.joint_convention());
   }
   write_whole(files, arguments.force, arguments.json ? json(arguments, set, result) : table(arguments, result));
   return done;

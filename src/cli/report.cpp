@@ -83,6 +83,7 @@ ExitStatus run(const ReportArguments& arguments) {
     measurements = read(arguments.measurements, *robot);
     page.measurements = &*measurements;
     page.known = known_frames(arguments.measurements, *measurements);
+    page.convention = convention_of(arguments.measurements.joint_convention, *robot);
   }
   files.front().text = calibration_page(page);
   write_whole(files, arguments.force);

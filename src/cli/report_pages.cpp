@@ -77,7 +77,8 @@ std::string two_step_page(const Json& result, const Json& other, const PageFacts
   return page_of(data);
 }
 
-std::string plan_page(const Json& result, const PlanRequest& request, const Plan& plan, const PageFacts& setup) {
+std::string plan_page(const Json& result, const PlanRequest& request, const Plan& plan, const PageFacts& setup,
+                      const JointConvention* convention) {
   Json data = page_data("plan", result);
   data["setup"] = setup_json(setup);
   const ErrorModel& model = plan.experiment.model;
@@ -92,6 +93,13 @@ std::string plan_page(const Json& result, const PlanRequest& request, const Plan
     const Eigen::VectorXd q = plan.sheet.joint_values.col(static_cast<Eigen::Index>(c));
     configurations.push_back(
         {{"name", plan.sheet.configurations[c]}, {"joint_values", std::vector<double>(q.begin(), q.end())}});
+  }
+  if (convention != nullptr) {
+    const Json shown = block(reported_joints(model, plan.sheet.joint_values, *convention));
+    data["joints"] = shown["joints"];
+    for (std::size_t c = 0; c < configurations.size(); ++c) {
+      configurations[c]["controller"] = shown["values"][c];
+    }
   }
   data["configurations"] = configurations;
   data["chosen"] = places_json(flange_poses(chain, plan.sheet.joint_values));
@@ -111,9 +119,8 @@ std::string plan_page(const Json& result, const PlanRequest& request, const Plan
 
 std::string validation_page(const ValidationPage& page) {
   Json data = page_data("validation", page.result);
-  data["trusted"] = page.doubts.empty();
   data["requirements"] = page.requirements;
-  data["missed"] = page.doubts;
+  data["doubts"] = page.doubts;
   data["warnings"] = page.warnings;
   data["robot"] = block(reported_robot(page.robot, page.reported.model, page.reported.estimate));
   data["measured"] = block(reported_measurements(page.reported));

@@ -19,7 +19,8 @@ std::string monte_carlo_page(const Json& result, const MonteCarlo& experiment, c
                              const PageFacts& setup);
 /// `other`: the rounds with the other kind of measurements, recorded or fresh.
 std::string two_step_page(const Json& result, const Json& other, const PageFacts& setup);
-std::string plan_page(const Json& result, const PlanRequest& request, const Plan& plan, const PageFacts& setup);
+std::string plan_page(const Json& result, const PlanRequest& request, const Plan& plan, const PageFacts& setup,
+                      const JointConvention* convention = nullptr);
 
 /// Input of the page of a robot validated by measurements.
 struct ValidationPage {
@@ -27,8 +28,8 @@ struct ValidationPage {
   const Robot& robot;
   ReportedMeasurements reported;
   std::vector<std::string> warnings;
-  std::vector<std::string> requirements;  ///< as given
-  std::vector<std::string> doubts;        ///< reasons not to trust it
+  Json requirements;                ///< as judged_json writes them
+  std::vector<std::string> doubts;  ///< reasons not to trust it
 };
 std::string validation_page(const ValidationPage& page);
 

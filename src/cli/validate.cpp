@@ -296,15 +296,16 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const std::vector<Judged> outcomes = outcomes_of(requirements, json_of(result, "the result"));
   const std::vector<std::string> missed = unfulfilled(outcomes);
   for (OutputFile& file : files) {
-    std::vector<std::string> doubts = words.doubts;
-    doubts.insert(doubts.end(), missed.begin(), missed.end());
     file.text =
         validation_page({.result = with_provenance(arguments, robot, measurements, json_of(result, "the result")),
                          .robot = robot,
-                         .reported = {.model = model, .estimate = estimate, .measurements = measurements},
+                         .reported = {.model = model,
+                                      .estimate = estimate,
+                                      .measurements = measurements,
+                                      .convention = convention_of(arguments.measurements.joint_convention, robot)},
                          .warnings = words.warnings,
-                         .requirements = arguments.requirements,
-                         .doubts = doubts});
+                         .requirements = judged_json(outcomes),
+                         .doubts = words.doubts});
   }
   write_whole(files, arguments.force,
               arguments.json ? result : table(arguments, robot, errors, placed) + outcome_lines(outcomes));

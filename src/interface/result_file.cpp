@@ -46,6 +46,7 @@ void write_report(const std::filesystem::path& file, const Robot& robot, const M
                                .robot = &robot,
                                .measurements = &measurements,
                                .known = known_frames(fitted.settings.parameters),
+                               .convention = fitted.settings.diagnosis.convention,
                                .plan_command = {}}),
              robot, measurements.source);
 }

@@ -17,8 +17,8 @@ function monteCarloVerdict() {
   return [
     verdictBanner(wrong === 0 ? "good" : "bad", wrong === 0 ? "Every run can be trusted" : `${wrong} of ${plural(RESULT.runs, "run")} not to be trusted`,
       `${plural(RESULT.runs, "virtual robot")} drawn, measured and calibrated; each was then compared with its true self where it was not measured.`),
-    el("div", { class: "tiles" }, tile("RMS, held out", null, errors.all.rms, `over ${errors.all.count} points of all runs`),
-      tile("95 % of the points within", null, errors.all.p95, "over all runs"), tile("Largest", null, errors.all.max, "of all runs and points")),
+    el("div", { class: "tiles" }, tile("RMS, held out", errors.all.rms, [], `over ${errors.all.count} points of all runs`),
+      tile("95 % of the points within", errors.all.p95, [], "over all runs"), tile("Largest", errors.all.max, [], "of all runs and points")),
     facts((DATA.setup || []).map(([key, value]) => [key, value])),
   ];
 }
@@ -52,8 +52,8 @@ function twoStepVerdict() {
   return [
     verdictBanner(RESULT.settled && RESULT.comparable ? "good" : "bad", RESULT.settled ? "The procedure settled" : "The procedure did not settle",
       RESULT.settled && RESULT.termination !== "converged" ? "What still moves in a round is what the noise of fresh measurements causes." : RESULT.message),
-    el("div", { class: "tiles" }, tile("RMS at held-out configurations", rounds[0].held_out && rounds[0].held_out.rms, last.held_out && last.held_out.rms, `after ${plural(rounds.length, "round")}`, "after the first"),
-      tile("Largest difference of a length", null, difference.length, "from the truth, up to the gauge"),
+    el("div", { class: "tiles" }, tile("RMS at held-out configurations", last.held_out && last.held_out.rms, [["after the first", rounds[0].held_out && rounds[0].held_out.rms]], `after ${plural(rounds.length, "round")}`),
+      tile("Largest difference of a length", difference.length, [], "from the truth, up to the gauge"),
       el("div", { class: "tile" }, el("h3", {}, "Left by each round"), el("p", { class: "figure" }, el("span", { class: "value" }, RESULT.convergence_factor ? fixed(RESULT.convergence_factor, 3) : "–")), el("p", { class: "why" }, "of the change of the round before"))),
     facts(DATA.setup || []),
   ];
@@ -93,8 +93,8 @@ function planVerdict() {
   const count = RESULT.configurations.length;
   return [
     verdictBanner("plain", `${plural(count, "configuration")} to measure`, `Chosen from ${RESULT.candidates.count} candidates for ${plural(RESULT.targets, "target")} and ${RESULT.parameters} parameters, ${RESULT.criterion}-optimal.`),
-    el("div", { class: "tiles" }, tile("Mean predicted 1 σ", sigma.random.mean, sigma.plan.mean, "of a point over the tasks", "a random choice"),
-      tile("Largest predicted 1 σ", sigma.random.max, sigma.plan.max, "of a point over the tasks", "a random choice")),
+    el("div", { class: "tiles" }, tile("Mean predicted 1 σ", sigma.plan.mean, [["a random choice", sigma.random.mean]], "of a point over the tasks"),
+      tile("Largest predicted 1 σ", sigma.plan.max, [["a random choice", sigma.random.max]], "of a point over the tasks")),
     note("A plan is a prediction. It rests on the noise that was stated and on the nominal geometry; the way between configurations is not checked for collisions."),
     facts([["travel at full speed", `${fixed(RESULT.travel_seconds, 0)} s, without the stops`], ["D-efficiency", `at least ${fixed(RESULT.d_efficiency, 3)}`],
       ["drawn", `${RESULT.candidates.samples} samples${RESULT.candidates.refused.length ? ", refused: " + RESULT.candidates.refused.map((r) => `${r.samples} by ${r.constraint}`).join(", ") : ""}`],
@@ -111,10 +111,10 @@ function planInSpace() {
 }
 function planTable() {
   const rows = CONFIGURATIONS.slice(0, MOST_ROWS).map((configuration, c) => ({
-    cells: [el("button", { type: "button", class: "link", onclick: () => select(c) }, named(configuration.name, 24)), ...configuration.joint_values.map((v, j) => fixed(jointValue(JOINTS[j], v), 2))],
+    cells: [el("button", { type: "button", class: "link", onclick: () => select(c) }, named(configuration.name, 24)), ...shownValues(configuration).map((v, j) => fixed(jointValue(SHOWN_JOINTS[j], v), 2))],
     attributes: { "data-c": c } }));
   return el("details", { open: rows.length <= 40 }, el("summary", {}, `Configurations in their order (${rows.length} of ${CONFIGURATIONS.length})`),
-    table(["configuration", ...JOINTS.map((joint) => ` ${cut(joint.name, 16)} [${jointUnit(joint)}]`)], rows, { label: "Plan", class: "points" }));
+    table(["configuration", ...SHOWN_JOINTS.map((joint) => ` ${cut(joint.name, 16)} [${jointUnit(joint)}]`)], rows, { label: "Plan", class: "points" }));
 }
 function planAccuracy() {
   const { plan, random, floor } = RESULT.sigma;
@@ -131,21 +131,20 @@ function planAccuracy() {
 }
 
 function validationVerdict() {
-  const missed = DATA.missed || [];
-  const test = ERRORS.test;
+  const { all, test } = ERRORS;
+  const met = DATA.requirements.every((requirement) => requirement.fulfilled);
   return [
-    verdictBanner(!DATA.trusted ? "bad" : DATA.requirements.length ? "good" : "plain",
-      !DATA.trusted ? "Not as it should be" : DATA.requirements.length ? "As required" : `${mm((ERRORS.all || {}).rms)} mm RMS, at most ${mm((ERRORS.all || {}).max)} mm`,
-      "Base and targets were registered to these measurements, unless they were given. The geometry is as given: nothing of it was fitted."),
-    messages("Doubts", missed, "bad"),
-    el("div", { class: "tiles" }, tile("RMS", null, ERRORS.all && ERRORS.all.rms, `of ${plural(ERRORS.all ? ERRORS.all.count : 0, "point")}`), tile("95 % within", null, ERRORS.all && ERRORS.all.p95, "all rows"),
-      tile("Maximum", null, ERRORS.all && ERRORS.all.max, "all rows"), test ? tile("RMS, test rows", null, test.rms, `of ${plural(test.count, "point")}`) : null),
-    DATA.requirements.length ? facts([["required", DATA.requirements.join(", ")]]) : null,
+    verdictBanner(DATA.doubts.length || !met ? "bad" : DATA.requirements.length ? "good" : "plain",
+      DATA.doubts.length ? "Not as it should be" : !met ? "Not as required" : DATA.requirements.length ? "As required" : `${mm(all.rms)} mm RMS, at most ${mm(all.max)} mm`,
+      `Base and targets were registered to the ${RESULT.registered_to} rows, unless they were given. The geometry is as given: nothing of it was fitted.`),
+    messages("Doubts", DATA.doubts, "bad"), requirementsTable(DATA.requirements),
+    el("div", { class: "tiles" }, tile("All, RMS", all.rms, [], pointsAndMeans(all.count, all.means)), tile("All, 95 % within", all.p95, [], `of ${plural(all.count, "point")}`),
+      tile("All, maximum", all.max, [], `of ${plural(all.count, "point")}`), test ? tile("Test, RMS", test.rms, [], pointsAndMeans(test.count, test.means)) : null),
     el("h3", {}, "Where it was measured"), jointRanges(), facts([["region", regionText()]]), messages("Warnings", DATA.warnings || [], "warn"),
   ];
 }
 function validationAccuracy() {
-  const iso = RESULT.iso_9283 || {};
-  return [accuracyTable([["all rows", ERRORS.all, "is"], ["rows marked train", ERRORS.train], ["rows marked test", ERRORS.test], ["AP accuracy", iso.accuracy], ["RP repeatability", iso.repeatability]]),
-    note("Distances in space between a measured and a predicted point. AP and RP follow the formulas of ISO 9283, not its test cycle."), distributions("rows marked train", "rows marked test")];
+  const rows = (name, of, kind) => (of && of.means ? [[`${name} points`, of, kind], [`${name} means`, of.means, kind]] : [[name, of, kind]]);
+  return [accuracyTable([...rows("All", ERRORS.all, "is"), ...rows("Train", ERRORS.train), ...rows("Test", ERRORS.test), ["RP repeatability", (RESULT.iso_9283 || {}).repeatability]]),
+    accuracyNote(ERRORS.all.means), distributions("train", "test")];
 }

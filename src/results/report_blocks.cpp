@@ -1,5 +1,6 @@
 #include "results/report_blocks.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -18,6 +19,7 @@
 #include "measurements/training_rows.hpp"
 #include "model/error_chains.hpp"
 #include "robot/link_shapes.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -26,7 +28,6 @@ using Eigen::Index;
 using Eigen::Vector3d;
 
 constexpr std::size_t kLargestShown = 200;
-constexpr int kCurvePoints = 61;
 constexpr std::size_t kMostCorrelated = 14;  // most parameters in the matrix
 constexpr std::size_t kStrongestPairs = 12;
 
@@ -142,19 +143,51 @@ Json distributions_json(const Measurements& measurements, const std::vector<doub
 
 Json numbers_json(const Eigen::VectorXd& values) { return Json(std::vector<double>(values.begin(), values.end())); }
 
+Json of_controller(const JointConvention& convention, const std::vector<MovingJoint>& joints) {
+  constexpr double kRounding = 1e-9;
+  const std::vector<std::size_t> independent = independent_joints(joints);
+  const Eigen::MatrixXd inverse = convention.matrix.inverse();
+  Eigen::MatrixXd limits(static_cast<Index>(joints.size()), 2);
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    limits.row(static_cast<Index>(j)) << joints[j].lower.value_or(kInfinity), joints[j].upper.value_or(kInfinity);
+  }
+  limits = (independent_joint_values(joints, limits).colwise() - convention.offset).eval();
+  Json result = Json::array();
+  for (Index i = 0; i < inverse.rows(); ++i) {
+    Index of = 0;
+    inverse.row(i).cwiseAbs().maxCoeff(&of);
+    Json parts = Json::object();
+    for (Index k = 0; k < inverse.cols(); ++k) {
+      if (std::abs(inverse(i, k)) > kRounding) {
+        parts[convention.urdf_joints[static_cast<std::size_t>(k)]] = inverse(i, k);
+      }
+    }
+    const bool alone = parts.size() == 1;  // else the limits depend on other joints
+    const Eigen::RowVector2d own = inverse(i, of) * limits.row(of);
+    result.push_back({{"name", convention.controller_joints[static_cast<std::size_t>(i)]},
+                      {"type", type_name(joints[independent[static_cast<std::size_t>(of)]].type)},
+                      {"urdf", parts},
+                      {"constant", -inverse.row(i).dot(convention.offset)},
+                      {"lower", alone ? finite_or_null(own.minCoeff()) : Json(nullptr)},
+                      {"upper", alone ? finite_or_null(own.maxCoeff()) : Json(nullptr)}});
+  }
+  return result;
+}
+
 // Measured region for which the page states accuracy: joint ranges, and the box of the measured points parallel to the
 // base axes. From the fitted rows, or all rows if none was fitted.
-void add_reach(const Measurements& measurements, const Estimate& estimate, Json& result) {
+void add_reach(const Measurements& measurements, const Estimate& estimate, const Eigen::MatrixXd& joint_values,
+               Json& result) {
   const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
   const TrainingRows training(measurements);
   const Measurements& spanned = (*training).observations.empty() ? measurements : *training;
   Eigen::AlignedBox3d box;
-  Eigen::VectorXd lower = Eigen::VectorXd::Constant(measurements.joint_values.rows(), kInfinity);
+  Eigen::VectorXd lower = Eigen::VectorXd::Constant(joint_values.rows(), kInfinity);
   Eigen::VectorXd upper = -lower;
   for (const Observation& observation : spanned.observations) {
     box.extend(X_BW * observation.position);
-    lower = lower.cwiseMin(measurements.joint_values.col(observation.configuration));
-    upper = upper.cwiseMax(measurements.joint_values.col(observation.configuration));
+    lower = lower.cwiseMin(joint_values.col(observation.configuration));
+    upper = upper.cwiseMax(joint_values.col(observation.configuration));
   }
   Json ranges = Json::array();
   for (Index j = 0; j < lower.size(); ++j) {
@@ -165,6 +198,17 @@ void add_reach(const Measurements& measurements, const Estimate& estimate, Json&
 }
 
 }  // namespace
+
+ShownJoints shown_joints(const ErrorModel& model, const Eigen::MatrixXd& q,
+                         const std::optional<JointConvention>& given) {
+  if (!given) {
+    return {.joints = joints_json(model), .values = q};
+  }
+  const JointConvention convention = matched_convention(*given, independent_joint_names(model.joints));
+  return {.joints = of_controller(convention, model.joints),
+          .values = convention.matrix.partialPivLu().solve(independent_joint_values(model.joints, q).colwise() -
+                                                           convention.offset)};
+}
 
 Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& estimate) {
   Json targets = Json::array();
@@ -193,6 +237,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
   const std::vector<double> distances = norms(after);
   const std::vector<std::size_t> shown = shown_rows(distances);
   const bool has_effects = reported.estimate.effects.size() > 0 && !reported.estimate.effects.isZero(0.0);
+  const ShownJoints known = shown_joints(reported.model, measurements.joint_values, reported.convention);
 
   std::vector<int> number(measurements.configurations.size(), -1);  // index of each configuration on the page
   Json configurations = Json::array();
@@ -205,6 +250,9 @@ Json measurements_block(const ReportedMeasurements& reported) {
       const Eigen::VectorXd q = measurements.joint_values.col(observation.configuration);
       const DriveSignals signals = column(measurements.signals, observation.configuration);
       configurations.push_back({{"name", measurements.configurations[c]}, {"joint_values", numbers_json(q)}});
+      if (reported.convention) {
+        configurations.back()["controller"] = numbers_json(known.values.col(observation.configuration));
+      }
       if (has_effects) {
         configurations.back()["effective"] =
             numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q, signals));
@@ -228,10 +276,11 @@ Json measurements_block(const ReportedMeasurements& reported) {
                  {"rows", measurements.observations.size()},
                  {"all_configurations", measurements.joint_values.cols()},
                  {"complete", shown.size() == measurements.observations.size()},
+                 {"joints", known.joints},
                  {"configurations", configurations},
                  {"points", points},
                  {"distributions", distributions_json(measurements, norms(before), distances)}};
-  add_reach(measurements, reported.estimate, result);
+  add_reach(measurements, reported.estimate, known.values, result);
   return result;
 }
 
@@ -269,6 +318,31 @@ double slowest(const std::vector<EffectTerm>& terms, const std::vector<Index>& m
   return times;
 }
 
+// Ascending values of the joint at the fitted configurations.
+std::vector<double> fitted_values(const Measurements& measurements, Index joint) {
+  const std::vector<bool> trained = trained_configurations(measurements);
+  std::vector<double> values;
+  for (std::size_t c = 0; c < trained.size(); ++c) {
+    if (trained[c]) {
+      values.push_back(measurements.joint_values(joint, static_cast<Index>(c)));
+    }
+  }
+  std::sort(values.begin(), values.end());
+  return values;
+}
+
+bool any_within(const std::vector<double>& ascending, double value, double reach) {
+  const auto next = std::lower_bound(ascending.begin(), ascending.end(), value - reach);
+  return next != ascending.end() && *next <= value + reach;
+}
+
+int curve_points(EffectGroup group) { return group == EffectGroup::ripple || group == EffectGroup::tables ? 301 : 61; }
+
+bool any_withheld(const std::vector<EffectTerm>& terms, const std::vector<Index>& members, double value) {
+  return std::any_of(members.begin(), members.end(),
+                     [&](Index member) { return is_withheld(terms[static_cast<std::size_t>(member)], value); });
+}
+
 // Limits the range to three periods in its middle: with more, the curve's points would show an aliased frequency.
 void show_swings(double times, double& lower, double& upper) {
   const double middle = 0.5 * (lower + upper);
@@ -287,7 +361,6 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
   for (std::size_t j = 0; j < ranges.size(); ++j) {
     middle[static_cast<Index>(j)] = 0.5 * (ranges[j].first + ranges[j].second);
   }
-  const DriveSignals unloaded{.approach = {}, .torques = Eigen::MatrixXd::Zero(middle.size(), kCurvePoints)};
   const ColumnRange columns = saved.free.range(UnknownGroup::effects);
   const bool known = saved.covariance.size() > 0 && columns.count == static_cast<Index>(terms.size());
   for (const auto& [key, members] : terms_by_motion(saved.model)) {
@@ -296,11 +369,15 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
     if (!(lower <= upper) || group == EffectGroup::torque) {  // not a function of joint values
       continue;
     }
+    const std::vector<double> fitted = fitted_values(measurements, joint);
+    const double reach = 0.1 * (upper - lower);
     if (group == EffectGroup::ripple) {
       show_swings(slowest(terms, members), lower, upper);
     }
-    Eigen::MatrixXd q = middle.replicate(1, kCurvePoints);
-    q.row(joint) = Eigen::RowVectorXd::LinSpaced(kCurvePoints, lower, upper);
+    const int points = curve_points(group);
+    const DriveSignals unloaded{.approach = {}, .torques = Eigen::MatrixXd::Zero(middle.size(), points)};
+    Eigen::MatrixXd q = middle.replicate(1, points);
+    q.row(joint) = Eigen::RowVectorXd::LinSpaced(points, lower, upper);
     const Eigen::MatrixXd basis = effect_basis(saved.model, q, unloaded)(members, Eigen::all);
     const Eigen::RowVectorXd along = Eigen::VectorXd(saved.estimate.effects(members)).transpose() * basis;
     Eigen::MatrixXd covariance;
@@ -308,11 +385,12 @@ Json effects_block(const SavedCalibration& saved, const Measurements& measuremen
       covariance = saved.covariance.block(columns.first, columns.first, columns.count, columns.count)(members, members);
     }
     Json curve = Json::array();
-    for (Index i = 0; i < kCurvePoints; ++i) {
-      const double variance = known ? basis.col(i).dot(covariance * basis.col(i)) : 0.0;
-      curve.push_back(
-          {q(joint, i), along[i],
-           known && std::isfinite(variance) ? Json(half_width_95(std::sqrt(variance), kInfinity)) : Json(nullptr)});
+    for (Index i = 0; i < points; ++i) {
+      const bool measured = any_within(fitted, q(joint, i), reach) && !any_withheld(terms, members, q(joint, i));
+      const double variance = known ? basis.col(i).dot(covariance * basis.col(i)) : kInfinity;
+      const bool has_band = measured && std::isfinite(variance);
+      curve.push_back({q(joint, i), measured ? Json(along[i]) : Json(nullptr),
+                       has_band ? Json(half_width_95(std::sqrt(variance), kInfinity)) : Json(nullptr)});
     }
     curves.push_back({{"group", to_string(group)},
                       {"about", to_string(axis)},

@@ -12,6 +12,14 @@
 
 namespace kdl_calibration {
 
+/// The joints and their values (joints x configurations) as people know them: the controller's, else the URDF's.
+struct ShownJoints {
+  Json joints;
+  Eigen::MatrixXd values;
+};
+ShownJoints shown_joints(const ErrorModel& model, const Eigen::MatrixXd& q,
+                         const std::optional<JointConvention>& convention);
+
 Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& estimate);
 Json measurements_block(const ReportedMeasurements& reported);
 
@@ -23,7 +31,8 @@ std::vector<std::size_t> shown_rows(const std::vector<double>& distances);
 Json distribution_json(std::vector<double> values);
 
 /// Effect of each group on each joint over its measured range, other joints at mid-range, with its 95 % band: [joint
-/// value, effect, half width of the band] [rad] or [m].
+/// value, effect, half width of the band] [rad] or [m]. The effect is null where no fitted joint value is within a
+/// tenth of the range, and where a table is withheld.
 Json effects_block(const SavedCalibration& saved, const Measurements& measurements);
 
 /// The strongest correlations of a covariance {"names", "matrix"}, or "lower_triangle" in older files, and the matrix

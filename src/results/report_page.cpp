@@ -2,6 +2,7 @@
 
 #include <array>
 #include <utility>
+#include <vector>
 
 #include "base/json_reading.hpp"
 #include "base/json_tree.hpp"
@@ -127,6 +128,15 @@ std::string reported_robot(const Robot& robot, const ErrorModel& model, const Es
   return robot_block(robot, model, estimate).dump();
 }
 
+std::string reported_joints(const ErrorModel& model, const Eigen::MatrixXd& q, const JointConvention& convention) {
+  const ShownJoints shown = shown_joints(model, q, convention);
+  Json values = Json::array();
+  for (const auto& column : shown.values.colwise()) {
+    values.push_back(std::vector<double>(column.begin(), column.end()));
+  }
+  return Json{{"joints", shown.joints}, {"values", values}}.dump();
+}
+
 std::string reported_measurements(const ReportedMeasurements& reported) {
   check(reported.measurements, reported.model);
   check(reported.estimate, reported.model, reported.measurements);
@@ -148,8 +158,11 @@ Json calibration_data(const CalibrationPage& page, Json result) {
     data["robot"] = robot_block(*page.robot, saved.model, saved.estimate);
     if (page.measurements != nullptr) {
       const Estimate before = nominal_start(saved.model, *page.measurements, page.known);
-      data["measured"] = measurements_block(
-          {.model = saved.model, .estimate = saved.estimate, .measurements = *page.measurements, .before = &before});
+      data["measured"] = measurements_block({.model = saved.model,
+                                             .estimate = saved.estimate,
+                                             .measurements = *page.measurements,
+                                             .before = &before,
+                                             .convention = page.convention});
       data["effects"] = effects_block(saved, *page.measurements);
     }
   }

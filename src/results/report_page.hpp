@@ -1,11 +1,14 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <optional>
 #include <string>
 #include <string_view>
 
 #include "estimation/registration.hpp"
 #include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
 
@@ -23,13 +26,19 @@ constexpr std::size_t kMostPointsOfPage = 3000;
 /// boxes, cylinders and spheres of its links.
 std::string reported_robot(const Robot& robot, const ErrorModel& model, const Estimate& estimate);
 
+/// The joints that people know, as JSON: "joints" and their "values" at each configuration (column of `q`), the
+/// controller's.
+std::string reported_joints(const ErrorModel& model, const Eigen::MatrixXd& q, const JointConvention& convention);
+
 /// The measurements as JSON: configurations, points with their residuals before (nominal robot, base and targets
-/// registered) and after (`estimate`), their distribution, the measured joint ranges and region.
+/// registered) and after (`estimate`), their distribution, the measured joint ranges and region. With a convention the
+/// configurations also have the controller's joint values, and the ranges are the controller's.
 struct ReportedMeasurements {
   const ErrorModel& model;
   const Estimate& estimate;
   const Measurements& measurements;
-  const Estimate* before = nullptr;  ///< null: no comparison
+  const Estimate* before = nullptr;                          ///< null: no comparison
+  std::optional<JointConvention> convention = std::nullopt;  ///< none: joint values are shown as in the URDF
 };
 std::string reported_measurements(const ReportedMeasurements& reported);
 
@@ -41,7 +50,8 @@ struct CalibrationPage {
   const Robot* robot = nullptr;
   const Measurements* measurements = nullptr;  ///< the fitted ones; requires `robot`
   RegistrationOptions known;                   ///< known frames of the calibration
-  std::string plan_command;                    ///< command that plans the next measurements; empty: not shown
+  std::optional<JointConvention> convention = std::nullopt;
+  std::string plan_command;  ///< command that plans the next measurements; empty: not shown
 };
 
 /// Equal input gives equal bytes. Throws InputError for an invalid result or one of another robot.

@@ -5,6 +5,7 @@
 #include <set>
 
 #include "base/json_tree.hpp"
+#include "base/number_range.hpp"
 #include "base/sha256.hpp"
 #include "calibration/calibration_settings.hpp"
 #include "calibration/new_point.hpp"
@@ -69,7 +70,8 @@ Json interval_json(double value, double std, double degrees_of_freedom) {
 Json joint_offsets_json(const CalibrationResult& calibration, const JointConvention& convention) {
   Json joints = Json::array();
   for (const JointOffset& offset : joint_offsets(calibration, convention)) {
-    joints.push_back({{"joint", offset.joint}, {"measurable", offset.measurable}});
+    joints.push_back(
+        {{"joint", offset.joint}, {"unit", offset.slides ? "m" : "rad"}, {"measurable", offset.measurable}});
     if (offset.measurable) {
       joints.back().update({{"add", offset.add},
                             {"std", finite_or_null(offset.std)},
@@ -184,8 +186,23 @@ Json tried_json(const std::vector<ModelOption>& options) {
   return tried;
 }
 
-Json predicted_json(const PredictedAccuracy& predicted) {
-  Json result = {{"measured", statistics_json(predicted.measured)},
+// 3D 1 sigma of a new measured point about its prediction, by source.
+Json budget_json(const NoiseReport& noise, const ErrorStatistics& of_parameters) {
+  constexpr double kCoverage = 2.0;
+  const double factor = new_point_noise(noise).variance_factor;
+  const double point = factor * noise.independent.squaredNorm();
+  const double repeat = factor * noise.common.squaredNorm();
+  const double misfit = 3.0 * (noise.misfit * noise.misfit + noise.target_misfit * noise.target_misfit);
+  const double parameters = of_parameters.count > 0 ? of_parameters.rms : kInfinity;
+  const double total = std::sqrt(point + repeat + misfit + parameters * parameters);
+  return {{"of_point", std::sqrt(point)},   {"of_repeat", std::sqrt(repeat)},
+          {"of_misfit", std::sqrt(misfit)}, {"of_parameters", finite_or_null(parameters)},
+          {"total", finite_or_null(total)}, {"expanded", finite_or_null(kCoverage * total)}};
+}
+
+Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise) {
+  Json result = {{"budget", budget_json(noise, predicted.measured)},
+                 {"measured", statistics_json(predicted.measured)},
                  {"workspace", statistics_json(predicted.workspace)},
                  {"cell", predicted.cell},
                  {"radius_factor", predicted.region.radius_factor},
@@ -240,7 +257,7 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
                              {"p_value", lack.p_value},
                              {"explained_by_joint", lack.explained_by_joint}};
   }
-  result["predicted_accuracy"] = predicted_json(calibration.uncertainty.predicted);
+  result["predicted_accuracy"] = predicted_json(calibration.uncertainty.predicted, calibration.noise);
   if (calibration.uncertainty.predicted.undetermined.cols() > 0) {
     result["undetermined"] =
         undetermined_json(calibration.fit.candidates, calibration.uncertainty.predicted.undetermined);

@@ -74,9 +74,13 @@ RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, c
   result.test = statistics(Rows::test);
   result.iso = iso_9283(X_BF, placed, measurements, Rows::all);
   if (result.iso.repeatability.count > 0) {
+    const auto means_of = [&](Rows rows) {
+      const ErrorStatistics means = iso_9283(X_BF, placed, measurements, rows).accuracy;
+      return means.count > 0 ? std::optional(means) : std::nullopt;
+    };
     result.all_means = result.iso.accuracy;
-    result.train_means = iso_9283(X_BF, placed, measurements, Rows::train).accuracy;
-    result.test_means = iso_9283(X_BF, placed, measurements, Rows::test).accuracy;
+    result.train_means = means_of(Rows::train);
+    result.test_means = means_of(Rows::test);
   }
   return result;
 }

@@ -2,7 +2,9 @@
 there, and the numbers are those of the data. Exit status 77 where there is no browser."""
 
 import argparse
+import csv
 import json
+import math
 import pathlib
 import subprocess
 import sys
@@ -49,8 +51,13 @@ def on_a_rail():
     return urdf().read_text().replace("</robot>", rail)
 
 
+def signed(value, decimals):
+    return f"{value:.{decimals}f}".replace("-", "−")
+
+
 def short_number(metres):
-    return f"{metres * 1e3:.3f}"
+    size = abs(metres) * 1e3
+    return signed(metres * 1e3, 1 if size >= 100 else 2 if size >= 10 else 3)
 
 
 class Pages(unittest.TestCase):
@@ -61,8 +68,11 @@ class Pages(unittest.TestCase):
         cls.path = pathlib.Path(cls.folder.name)
         simulated(cls.path, "demo.csv", "--configurations", "30", "--test-configurations", "20", "--joint-ranges",
                   "-90:90,-75:60,-90:90,-90:90,-120:120,-180:180")
+        (cls.path / "asked.csv").write_text("configuration," + ",".join(f"joint_{j}[rad]" for j in range(1, 7)) +
+                                            "\nhere,0.1,0.2,0.3,0.4,0.5,0.6\nfar,0,3,0,0,0,0\n")
         kdlcal(cls.path, "calibrate", "--measurements", "demo.csv", "--output", "demo.urdf", "--result", "demo.json",
-               "--report", "demo.html", "--note", "serial=R1", "--note", "payload=120 kg")
+               "--report", "demo.html", "--note", "serial=R1", "--note", "payload=120 kg", "--predict-at", "asked.csv",
+               "--require", "test.rms<=0.1mm")
 
     @classmethod
     def tearDownClass(cls):
@@ -145,15 +155,45 @@ class Pages(unittest.TestCase):
         data = self.check_page(name)
         self.check_tiles(data)
         self.check_kinematics()
-        rows = {row[0]: row[1:] for row in self.rows_of("accuracy")}
-        for title, statistics in [("Fitted, before", data["result"]["position_error"]["train"]["before"]),
-                                  ("Fitted, after", data["result"]["position_error"]["train"]["after"])]:
-            self.assertEqual(rows[title], [short_number(statistics[k]) for k in ("rms", "mean", "p95", "max")] + [str(statistics["count"])])
+        self.check_errors(data["result"])
+        self.check_budget(data["result"])
         return data
+
+    def check_errors(self, result):
+        """Points and means, each nominal, calibrated and by the URDF alone."""
+        rows = {row[0]: row[1:] for row in self.rows_of("accuracy table.accuracy")}
+        errors = result["position_error"]
+        for title, key in [("Fitted", "train"), ("Test", "test"), ("Left out", "leave_one_out")]:
+            pair = errors.get(key, {})
+            for name, of in [(title + " points", pair), (title + " means", pair["means"])] if "means" in pair else [(title, pair)]:
+                for when, statistics in [("nominal", of.get("before")), ("calibrated", of.get("after")), ("URDF alone", of.get("exported_urdf"))]:
+                    expected = statistics and [short_number(statistics[k]) for k in ("rms", "mean", "p95", "max")] + [str(statistics["count"])]
+                    self.assertEqual(rows.get(f"{name}, {when}"), expected)
+
+    def check_budget(self, result):
+        """Root sums of squares over the axes, and over the parts."""
+        noise, predicted = result["noise"], result["predicted_accuracy"]
+        rows = {row[0]: row[1] for row in self.rows_of("accuracy table.budget")}
+        parts = [math.hypot(*noise["independent"]), math.hypot(*noise["common"]), math.sqrt(3) * math.hypot(noise["misfit"], noise["target_misfit"])]
+        if predicted["measured"] and noise["model"] == "parts":
+            parts.append(predicted["measured"]["rms"])
+            total = math.hypot(*parts)
+            self.assertEqual(list(rows.values()), [short_number(value) if value else "0.000" for value in [*parts, total, 2 * total]])
 
     def test_calibration_of_the_demo(self):
         data = self.check_calibration("demo.html")
         self.assertEqual(self.js("return document.querySelector('#verdict .headline').textContent"), "To be trusted")
+        test_rms = data["result"]["position_error"]["test"]["after"]["rms"]
+        self.assertEqual(self.rows_of("verdict table.requirements"), [["test.rms ≤ 0.1 mm", f"{test_rms * 1e3:.6g} mm", "met"]])
+        asked = data["result"]["predicted_accuracy"]["asked"]
+        rows = self.rows_of("accuracy table.asked")
+        self.assertEqual(len(rows), 18)
+        for i, point in enumerate(asked):
+            nominal, position = point["position_nominal"], point["position"]
+            self.assertIn(f"{point['configuration']}, target {point['target']}", rows[3 * i][0])
+            for row, place in zip(rows[3 * i:], [nominal, position, [a - b for a, b in zip(position, nominal)]]):
+                self.assertEqual(row[1:4], [signed(value * 1e3, 3) for value in place])
+            self.assertEqual(rows[3 * i + 1][4:], [short_number(point["sigma"]), short_number(point["radius_95"]), "outside" if point["outside"] else ""])
         for parameter in data["result"]["parameters"]:
             if not parameter["name"].startswith("base.") and parameter["joint"]:
                 self.assertIn(parameter["name"], self.js("return document.getElementById('parameters').innerText"))
@@ -257,9 +297,10 @@ class Pages(unittest.TestCase):
                "--report", "missed.html", expected=(1,))
         self.check_calibration("missed.html")
         self.assertEqual(self.js("return document.querySelector('#verdict .headline').textContent"), "Not as required")
-        verdict = self.js("return document.getElementById('verdict').innerText")
-        self.assertIn("'leave_one_out.rms<1um' is not fulfilled", verdict)
-        self.assertNotIn("'rank>3' is not", verdict)
+        result = self.data()["result"]
+        left_out = result["position_error"]["leave_one_out"]["after"]["rms"]
+        self.assertEqual(self.rows_of("verdict table.requirements"), [["leave_one_out.rms < 1 um", f"{left_out * 1e6:.6g} um", "not met"],
+                                                                      ["rank > 3", str(result["rank"]), "met"]])
         kdlcal(self.path, "report", "--result", "missed.json", "--output", "again.html")
         self.open("again.html")
         self.assertEqual(self.js("return document.querySelector('#verdict .headline').textContent"), "Not as required")
@@ -273,6 +314,14 @@ class Pages(unittest.TestCase):
         self.js("""const v = kdlcalView; const other = v.at.find(([, , p]) => p.c !== kdlcal.selected.c && p.choose); const b = v.canvas.getBoundingClientRect();
           for (const type of ['pointerdown', 'pointerup']) v.canvas.dispatchEvent(new PointerEvent(type, {pointerId: 1, clientX: b.left + other[0], clientY: b.top + other[1], bubbles: true}));""")
         self.assertNotEqual(self.js("return document.body.dataset.configuration"), named)
+
+    def test_print_has_lines_to_sign_and_a_picture_of_half_a_page(self):
+        self.open("demo.html")
+        shown = "return document.querySelector('.signature').innerText.split(/\\s+/)"
+        self.assertEqual(self.js("return document.querySelector('.signature').clientHeight"), 0)
+        self.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+        self.assertEqual(self.js(shown), ["Date", "Name", "Signature"])
+        self.assertLess(self.js("return document.getElementById('view').clientHeight"), 400)
 
     def test_numbers_can_be_saved(self):
         self.open("demo.html")
@@ -340,15 +389,21 @@ class Pages(unittest.TestCase):
             self.assertIn(data["missing"][why], self.js("return document.getElementById(arguments[0]).innerText", section))
 
     def test_validation(self):
-        kdlcal(self.path, "validate", "--urdf", "demo.urdf", "--measurements", "demo.csv", "--report", "validation.html")
+        kdlcal(self.path, "validate", "--urdf", "demo.urdf", "--measurements", "demo.csv", "--report", "validation.html",
+               "--require", "all.max<1um", expected=(1,))
         data = self.check_page("validation.html", "validation")
+        largest = data["result"]["position_error"]["all"]["max"]
+        self.assertEqual(self.rows_of("verdict table.requirements"), [["all.max < 1 um", f"{largest * 1e6:.6g} um", "not met"]])
         self.check_kinematics()
         self.assertEqual(self.rows_of("accuracy")[0][1], short_number(data["result"]["position_error"]["all"]["rms"]))
 
     def test_plan(self):
-        kdlcal(self.path, "plan", "--configurations", "15", "--candidates", "400", "--workspace", "200", "--starts", "2", "--report", "plan.html")
+        kdlcal(self.path, "plan", "--configurations", "15", "--candidates", "400", "--workspace", "200", "--starts", "2", "--report", "plan.html",
+               "--joint-convention", pathlib.Path(ARGUMENTS.urdf_dir) / "fanuc_r2000ic_165f_pendant.json", "--output", "plan.csv")
         data = self.check_page("plan.html", "plan")
-        self.assertEqual(len(self.rows_of("robot")), 15)
+        lines = [line.split(",") for line in (self.path / "plan.csv").read_text().splitlines() if ",A," in line]
+        for row, line in zip(self.rows_of("robot"), lines, strict=True):
+            self.assertEqual(row, [line[0], *(signed(float(value), 2) for value in line[2:8])])
         self.assertEqual(self.rows_of("accuracy")[0][1], short_number(data["result"]["sigma"]["plan"]["mean"]))
 
     def test_monte_carlo(self):
@@ -369,10 +424,29 @@ class Pages(unittest.TestCase):
     def test_the_real_arm(self):
         measured = self.real("r2000ic_165f_tracker", "measurements.csv")
         kdlcal(self.path, "calibrate", "--measurements", measured, "--joint-convention", pathlib.Path(ARGUMENTS.urdf_dir) / "fanuc_r2000ic_165f_serial.json",
-               "--prior", "auto", "--effects", "auto", "--report", "real.html")
+               "--prior", "auto", "--effects", "auto", "--report", "real.html", "--output", "real.urdf")
         data = self.check_calibration("real.html")
         self.assertGreater(len(data["effects"]), 0)
         self.assertIn("gravity", self.js("return document.getElementById('effects').innerText"))
+        with measured.open() as file:
+            first = next(csv.DictReader(line for line in file if not line.startswith("#")))
+        shown = self.js("return document.querySelector('.chosen').textContent")
+        for joint in range(1, 7):
+            value = next(float(first[column]) for column in first if column.startswith(f"J{joint}"))
+            self.assertIn(f"J{joint} {signed(math.degrees(value), 2)} °", shown)
+        rows = self.rows_of("parameters")
+        for row, offset in zip(rows, data["result"]["joint_offsets"]["joints"]):
+            expected = ["–", "–", "–", "", "not measurable: base or targets take it up"]
+            if offset["measurable"]:
+                half = math.degrees((offset["interval_95"][1] - offset["interval_95"][0]) / 2)
+                expected = [signed(math.degrees(offset["add"]), 5), f"± {half:.5f}", signed(math.degrees(offset["add_if_only_these"]), 5), "°", ""]
+            self.assertEqual(row, [offset["joint"], *expected])
+        kdlcal(self.path, "validate", "--urdf", "real.urdf", "--measurements", measured, "--joint-convention",
+               pathlib.Path(ARGUMENTS.urdf_dir) / "fanuc_r2000ic_165f_serial.json", "--report", "validated.html")
+        errors = self.check_page("validated.html", "validation")["result"]["position_error"]["train"]
+        rows = {row[0]: row[1:] for row in self.rows_of("accuracy table.accuracy")}
+        for name, statistics in [("Train points", errors), ("Train means", errors["means"])]:
+            self.assertEqual(rows[name], [short_number(statistics[k]) for k in ("rms", "mean", "p95", "max")] + [str(statistics["count"])])
 
     def test_an_arm_whose_bearings_give_way(self):
         simulated(self.path, "tilted.csv", "--configurations", "70", "--effects", "transverse", "--effect-sigma", "0.0003")

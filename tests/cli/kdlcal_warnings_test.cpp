@@ -99,6 +99,7 @@ TEST_F(CommandLineWarnings, OffsetsForMasteringAreThoseOfTheControllersJoints) {
   const std::vector<double> expected = {-1e-3, -2e-3 + 1e-3, -3e-3, -4e-3};
   for (std::size_t j = 0; j < 6; ++j) {
     EXPECT_EQ(joints[j]["joint"], "J" + std::to_string(j + 1));
+    EXPECT_EQ(joints[j]["unit"], "rad");
     EXPECT_EQ(joints[j]["measurable"], j > 0 && j < 5);
     if (j > 0 && j < 5) {
       EXPECT_NEAR(joints[j]["add"], expected[j - 1], 5.0 * joints[j]["std"].get<double>()) << j;

@@ -249,6 +249,41 @@ TEST(ReportBlocks, ConfigurationsOfManyRowsAreNumberedAsTheyAreShown) {
   }
 }
 
+// By hand: turn = J1, slide = -J2, skew = J3 + 0.25, elbow = 2 J4, wrist = J5 + J4.
+TEST(ReportBlocks, JointsOfAConventionAreTheControllers) {
+  const Measured m;
+  JointConvention convention{.name = "c", .controller_joints = {"J1", "J2", "J3", "J4", "J5"}};
+  for (const MovingJoint& joint : m.model.joints) {
+    convention.urdf_joints.push_back(joint.name);
+  }
+  convention.matrix = Eigen::Vector<double, 5>(1.0, -1.0, 1.0, 2.0, 1.0).asDiagonal();
+  convention.matrix(4, 3) = 1.0;
+  convention.offset = VectorXd::Unit(5, 2) * 0.25;
+  const Json block = measurements_block(
+      {.model = m.robot.model, .estimate = m.robot.truth, .measurements = m.measured, .convention = convention});
+  EXPECT_EQ(block["joints"], Json::parse(R"([
+    {"name": "J1", "type": "revolute", "urdf": {"turn": 1.0}, "constant": 0.0, "lower": -3.0, "upper": 3.0},
+    {"name": "J2", "type": "prismatic", "urdf": {"slide": -1.0}, "constant": 0.0, "lower": -0.5, "upper": 0.5},
+    {"name": "J3", "type": "continuous", "urdf": {"skew": 1.0}, "constant": -0.25, "lower": null, "upper": null},
+    {"name": "J4", "type": "revolute", "urdf": {"elbow": 0.5}, "constant": 0.0, "lower": -1.0, "upper": 1.0},
+    {"name": "J5", "type": "revolute", "urdf": {"elbow": -0.5, "wrist": 1.0}, "constant": 0.0, "lower": null,
+     "upper": null}])"));
+  const Json urdf = m.block()["configurations"];
+  double lower = kInfinity;
+  for (std::size_t c = 0; c < 12; ++c) {
+    const Json& q = urdf[c]["joint_values"];
+    const Json& shown = block["configurations"][c]["controller"];
+    EXPECT_EQ(block["configurations"][c]["joint_values"], q);
+    EXPECT_FALSE(urdf[c].contains("controller"));
+    EXPECT_NEAR(shown[1], -q[1].get<double>(), 1e-15);
+    EXPECT_NEAR(shown[2], q[2].get<double>() - 0.25, 1e-15);
+    EXPECT_NEAR(shown[3], 0.5 * q[3].get<double>(), 1e-15);
+    EXPECT_NEAR(shown[4], q[4].get<double>() - 0.5 * q[3].get<double>(), 1e-15);
+    lower = c < 9 ? std::min(lower, -q[1].get<double>()) : lower;
+  }
+  EXPECT_NEAR(block["ranges"][1][0], lower, 1e-15);
+}
+
 // ---- which rows ----------------------------------------------------------------------------------------------------
 
 TEST(ReportBlocks, ShownRowsAreAllUpTo3000AndOfMoreTheLargestAreAmongThem) {
@@ -328,7 +363,7 @@ TEST(ReportBlocks, CurvesAreWhatEffectsDoOverTheMeasuredRanges) {
     const int joint = curve["joint_index"];
     const auto group = *effect_group(curve["group"].get<std::string>());
     EXPECT_EQ(curve["joint"], s.saved.model.joints[static_cast<std::size_t>(joint)].name);
-    ASSERT_EQ(curve["curve"].size(), 61U);
+    ASSERT_EQ(curve["curve"].size(), group == EffectGroup::ripple || group == EffectGroup::tables ? 301U : 61U);
     const auto& [lower, upper] = ranges[static_cast<std::size_t>(joint)];
     if (group != EffectGroup::ripple) {
       EXPECT_NEAR(curve["curve"].front()[0], lower, 1e-12);
@@ -344,6 +379,9 @@ TEST(ReportBlocks, CurvesAreWhatEffectsDoOverTheMeasuredRanges) {
       }
     }
     for (const Json& point : curve["curve"]) {
+      if (point[1].is_null()) {
+        continue;
+      }
       VectorXd q = middle;
       q[joint] = point[0];
       const DriveSignals none{.approach = {}, .torques = MatrixXd::Zero(5, 1)};
@@ -354,6 +392,35 @@ TEST(ReportBlocks, CurvesAreWhatEffectsDoOverTheMeasuredRanges) {
     ++looked_at;
   }
   EXPECT_GT(looked_at, 20U);
+}
+
+TEST(ReportBlocks, CurvesHaveGapsWhereNothingWasFittedAndWhereATableIsWithheld) {
+  Saved s;
+  auto slide = s.measured.joint_values.row(1);  // the last five are of test rows
+  slide << Eigen::RowVectorXd::LinSpaced(12, -0.5, -0.3115), Eigen::RowVectorXd::LinSpaced(13, 0.3115, 0.5),
+      Eigen::RowVectorXd::Zero(5);
+  for (EffectTerm& term : s.saved.model.effects) {
+    if (auto* table = std::get_if<JointTable>(&term.function)) {
+      table->lower = -0.5;
+      table->upper = 0.5;
+      table->withheld = {{0.3605, 0.4105}};
+    }
+  }
+  int curves = 0;
+  for (const Json& curve : effects_block(s.saved, s.measured)) {
+    if (curve["joint_index"] != 1 || curve["group"] == "ripple") {
+      continue;
+    }
+    ++curves;
+    for (const Json& point : curve["curve"]) {
+      const double q = point[0];
+      const bool far = std::abs(q) < 0.2115;
+      const bool withheld = curve["group"] == "tables" && q > 0.3605 && q < 0.4105;
+      EXPECT_EQ(point[1].is_null(), far || withheld) << curve["group"] << q;
+      EXPECT_EQ(point[2].is_null(), far || withheld) << curve["group"] << q;
+    }
+  }
+  EXPECT_GT(curves, 3);
 }
 
 TEST(ReportBlocks, ACurveOfWhatIsNotDeterminedHasNoBandAndOneOfNoRangeIsNone) {
@@ -384,7 +451,7 @@ TEST(ReportBlocks, ShortRangesOfRippleAreShownWhole) {
   ASSERT_LT(upper - lower, 6.0 * std::numbers::pi / 4.5);
   const Json curve = effects_block(s.saved, s.measured)[0]["curve"];
   EXPECT_NEAR(curve[0][0], lower, 1e-12);
-  EXPECT_NEAR(curve[60][0], upper, 1e-12);
+  EXPECT_NEAR(curve[300][0], upper, 1e-12);
 }
 
 // ---- correlations --------------------------------------------------------------------------------------------------

@@ -418,6 +418,15 @@ TEST(ResultJson, IntervalsAreThoseOfStudentsT) {
   EXPECT_EQ(asked, Json::parse(R"({"configuration": "there", "target": "A", "position": [1.0, 2.0, 3.0],
       "position_nominal": [7.0, 8.0, 9.0], "position_measured_frame": [4.0, 5.0, 6.0], "std": [0.5, 1.0, null], "sigma": 0.75, "outside": true,
       "radius_95": null})"));
+  for (const auto& [part, square] : std::map<std::string, double>{{"of_point", 1.25 * (0.04 + 0.09 + 0.16)},
+                                                                  {"of_repeat", 1.25 * (0.25 + 0.36 + 0.49)},
+                                                                  {"of_misfit", 3.0 * (0.64 + 0.81)},
+                                                                  {"of_parameters", 23.2 * 23.2},
+                                                                  {"total", 0.3625 + 1.375 + 4.35 + 538.24},
+                                                                  {"expanded", 4.0 * 544.3275}}) {
+    EXPECT_NEAR(predicted["budget"][part], std::sqrt(square), 1e-12) << part;
+  }
+  predicted.erase("budget");
   predicted.erase("asked");
   EXPECT_EQ(predicted, (Json{{"measured", made_json(23)},
                              {"workspace", made_json(24)},

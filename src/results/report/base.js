@@ -70,6 +70,11 @@ function quantile(sorted, p) {
 const MEASURED = DATA.measured || null;
 const CONFIGURATIONS = MEASURED ? MEASURED.configurations : DATA.configurations || [];
 const JOINTS = DATA.robot ? DATA.robot.joints : [];
+// As people know them: the controller's with a joint convention, else those of the URDF.
+const SHOWN_JOINTS = (MEASURED || DATA).joints || JOINTS;
+const shownValues = (configuration) => configuration.controller || configuration.joint_values;
+// The robot as it is: of a validation it is not known whether it was calibrated.
+const NOW = DATA.kind === "validation" ? "error" : "calibrated";
 const POINTS = (() => {
   if (!MEASURED) return [];
   const groups = new Map();
@@ -109,9 +114,9 @@ for (const point of POINTS) point.marked = findingsOf(point).length > 0 || norm(
 function hintOf(point) {
   const parts = [`Configuration ${cut(point.configuration, 60)}, target ${cut(point.target, 60)}`];
   const sizes = [];
-  if (point.before) sizes.push(`before ${mm(norm(point.before))} mm`);
-  sizes.push(`after ${mm(norm(point.residual))} mm`);
-  if (point.heldOut !== null) sizes.push(`held out ${mm(point.heldOut)} mm`);
+  if (point.before) sizes.push(`nominal ${mm(norm(point.before))} mm`);
+  sizes.push(`${NOW} ${mm(norm(point.residual))} mm`);
+  if (point.heldOut !== null) sizes.push(`left out ${mm(point.heldOut)} mm`);
   parts.push(sizes.join(", ") + (point.test ? " (test row)" : ""));
   for (const finding of findingsOf(point)) parts.push(finding.message);
   return parts;

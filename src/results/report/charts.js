@@ -7,6 +7,7 @@ function niceTicks(low, high, wanted) {
   const step = [1, 2, 2.5, 5, 10].map((f) => f * power).find((s) => s >= raw * 0.999) || 10 * power;
   const ticks = [];
   for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * span; ++i) ticks.push(i * step);
+  if (ticks.length < 2 && wanted < 20) return niceTicks(low, high, 2 * wanted);
   const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) + (Math.abs(step / power - 2.5) < 1e-9 && step < 10 ? 1 : 0);
   return ticks.map((value) => ({ value, label: decimals > 6 ? short(value, 2) : fixed(value, decimals) }));
 }
@@ -78,13 +79,15 @@ function figure(options, draw) {
 // Axes with units; `content(g, sx, sy, box)` draws inside. Returns the SVG.
 function axes(width, options, content) {
   const height = options.height || 240;
-  const box = { left: options.left || 52, right: width - 12, top: 10, bottom: height - (options.x.label ? 40 : 24) };
+  const ticksOf = (axis, wanted) => axis.ticks || (axis.log ? logTicks(axis.low, axis.high, wanted) : niceTicks(axis.low, axis.high, wanted));
+  const box = { right: width - 12, top: 10, bottom: height - (options.x.label ? 40 : 24) };
+  const yTicks = ticksOf(options.y, Math.max(2, (box.bottom - box.top) / 42));
+  box.left = Math.max(52, 26 + 6.5 * Math.max(0, ...yTicks.map((tick) => tick.label.length)));
   const sx = scale(options.x, box.left, box.right);
   const sy = scale(options.y, box.bottom, box.top);
   const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "img", "aria-label": options.label || "" });
   const grid = svg("g", { class: "grid" });
-  const ticksOf = (axis, wanted) => axis.ticks || (axis.log ? logTicks(axis.low, axis.high, wanted) : niceTicks(axis.low, axis.high, wanted));
-  for (const tick of ticksOf(options.y, Math.max(2, (box.bottom - box.top) / 42))) {
+  for (const tick of yTicks) {
     const y = sy(tick.value);
     grid.append(svg("line", { x1: box.left, x2: box.right, y1: y, y2: y }),
       svg("text", { x: box.left - 7, y: y + 4, "text-anchor": "end" }, tick.label));
@@ -181,10 +184,20 @@ function pickable(root, places) {
   });
 }
 
+// Stretches of neighbours that are all wanted.
+function runs(points, wanted) {
+  const found = [[]];
+  for (const point of points) {
+    if (wanted(point)) found[found.length - 1].push(point);
+    else if (found[found.length - 1].length) found.push([]);
+  }
+  return found.filter((run) => run.length);
+}
+
 // Points of the measurements at (x, y): hover names them, a click chooses their configuration, which stays ringed.
 function scatter(options, items) {
   const node = figure(options, (width) => axes(width, {
-    height: options.height, label: options.title, left: options.left,
+    height: options.height, label: options.title,
     x: options.x || spread(items.map((i) => i.x)), y: options.y || spread(items.map((i) => i.y)),
   }, (g, sx, sy, box, root) => {
     if (options.under) options.under(g, sx, sy, box);
@@ -256,24 +269,27 @@ function cumulative(title, series, label) {
     }));
 }
 
-// Lines over a common axis. `series`: {kind, text, points: [[x, y]…], smooth: no dots, apart: no line, band}.
+// Lines over a common axis. `series`: {kind, text, points: [[x, y, half of a band]…], smooth: no dots}. A y that is not
+// finite leaves a gap.
 function lines(options, series) {
   const xs = series.flatMap((s) => s.points.map((p) => p[0]));
-  const ys = series.flatMap((s) => s.points.map((p) => p[1])).concat(options.limits || []);
+  const ys = series.flatMap((s) => s.points.flatMap((p) => [p[1] - (p[2] || 0), p[1] + (p[2] || 0)])).filter(Number.isFinite);
   const x = Object.assign(options.xLog ? logSpread(xs) : spread(xs, 0.03), { label: options.xLabel, ticks: options.xTicks });
   const y = Object.assign(options.yLog ? logSpread(ys) : spread(options.fromZero ? ys.concat([0]) : ys), { label: options.yLabel });
-  return figure({ title: options.title, caption: options.caption, legend: series.map((s) => [s.apart ? "dot " + s.kind : s.kind, s.text]) }, (width) => axes(width,
+  return figure({ title: options.title, caption: options.caption, legend: series.map((s) => [s.kind, s.text]) }, (width) => axes(width,
     { x, y, label: options.title, height: options.height }, (g, sx, sy, box, root) => {
       const places = [];
       for (const s of series) {
-        const known = s.points.filter((p) => Number.isFinite(p[1]) && (!options.yLog || p[1] > 0));
-        const at = known.map((p) => [sx(p[0]), sy(p[1])]);
-        if (s.band) g.append(area(s.band.map((p) => [sx(p[0]), sy(p[1])]), s.kind));
-        if (!s.apart) g.append(line(at, s.kind));
-        if (!s.smooth) g.append(dots(at, s.kind));
-        if (!s.smooth) known.forEach((p, i) => places.push([at[i][0], at[i][1], () => [`${s.text}: ${options.hint ? options.hint(p) : short(p[1])}`], null]));
+        for (const run of runs(s.points, (p) => Number.isFinite(p[1]) && (!options.yLog || p[1] > 0))) {
+          const at = run.map((p) => [sx(p[0]), sy(p[1])]);
+          const edge = (sign) => run.map((p) => [sx(p[0]), sy(p[1] + sign * p[2])]);
+          if (run.every((p) => Number.isFinite(p[2]))) g.append(area([...edge(1), ...edge(-1).reverse()], s.kind));
+          g.append(line(at, s.kind));
+          if (s.smooth) continue;
+          g.append(dots(at, s.kind));
+          run.forEach((p, i) => places.push([at[i][0], at[i][1], () => [`${s.text}: ${options.hint ? options.hint(p) : short(p[1])}`], null]));
+        }
       }
-      if (options.under) options.under(g, sx, sy, box);
       if (places.length) pickable(root, places);
     }));
 }

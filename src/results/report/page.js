@@ -52,6 +52,7 @@ function start() {
   contents.append(list);
   const software = RESULT.software || DATA.software || {};
   document.getElementById("end").append(el("div", { class: "inner" },
+    el("div", { class: "signature" }, ["Date", "Name", "Signature"].map((line) => el("span", {}, line))),
     el("p", {}, `${software.name || "kdl_calibration"} ${software.version || ""}. Lengths in millimetres, angles in degrees, unless stated. `,
       "In a chart that has the focus the arrow keys name one point after the other, Enter chooses its configuration. This file holds all it shows and loads nothing.")));
   select(CONFIGURATIONS.length ? 0 : -1);

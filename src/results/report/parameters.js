@@ -89,79 +89,68 @@ function heatMap(block) {
   });
 }
 
-// What cross-validation compared.
-const effectsInWords = (names) => (names || []).join(" + ") || "geometry alone";
-function triedTable() {
-  const tried = RESULT.tried || [];
-  if (tried.length < 2) return null;
-  const rows = tried.map((o, i) => [effectsInWords(o.effects), o.sized ? `${mm(o.priors.length)} mm, ${short(o.priors.angle * 1e3)} mrad` : "as stated",
-    o.held_out_rms === null ? null : mm(o.held_out_rms), i === 0 ? "chosen" : ""]);
-  return el("div", {}, el("h3", {}, "Every combination that was tried"), table(["beyond geometry", "priors", " held-out RMS [mm]", ""], rows, { label: "Tried" }));
+// For mastering: what the controller's display should be corrected by.
+function mastering() {
+  const offsets = RESULT.joint_offsets;
+  if (!offsets || !RESULT.trusted) return null;
+  const rows = offsets.joints.map((offset) => {
+    const { unit, factor, decimals } = offset.unit === "m" ? { unit: "mm", factor: 1e3, decimals: 4 } : { unit: "°", factor: 1 / DEGREE, decimals: 5 };
+    if (!offset.measurable) return [named(offset.joint, 24), null, null, null, "", "not measurable: base or targets take it up"];
+    const half = offset.interval_95 ? "± " + fixed(((offset.interval_95[1] - offset.interval_95[0]) / 2) * factor, decimals) : null;
+    return [named(offset.joint, 24), fixed(offset.add * factor, decimals), offset.std === 0 ? null : half, offset.add_if_only_these === undefined ? null : fixed(offset.add_if_only_these * factor, decimals), unit, offset.std === 0 ? "held" : ""];
+  });
+  return [el("h3", {}, "Joint zero offsets, for mastering"),
+    table(["controller's joint", " add to the displayed value", " 95 %", " if only these", "unit", ""], rows, { label: "Joint zero offsets" }),
+    note(offsets.if_only_these ? `With only these corrected (column “if only these”) ${mm(offsets.if_only_these.rms)} mm RMS would be left at the fitted points. ` : null,
+      ((RESULT.effects || {}).terms || []).length ? "The first column includes the mean of the effects of each joint. " : null,
+      "The calibrated URDF contains the first column already: correct either the mastering or the URDF.")];
 }
-// The way to the choice, one group of effects after the other, and what was refused on it.
-function triedCurve() {
-  const tried = (RESULT.tried || []).filter((o) => o.held_out_rms !== null);
-  const chosen = (RESULT.tried || [])[0];
-  if (tried.length < 2 || !tried.some((o) => o.effects.length)) return null;
-  const onTheWay = (o) => o.sized === chosen.sized && o.effects.length <= chosen.effects.length && o.effects.every((name, i) => chosen.effects[i] === name);
-  // Of what was tried in several lengths the chosen one, or the best.
-  const way = tried.filter((o, i) => onTheWay(o) && tried.findIndex((other) => onTheWay(other) && other.effects.length === o.effects.length) === i);
-  const points = (wanted) => tried.filter((o) => way.includes(o) === wanted).map((o) => [o.effects.length, o.held_out_rms * 1e3, o]).sort((a, b) => a[0] - b[0]);
-  const most = Math.max(...tried.map((o) => o.effects.length));
-  return lines({ title: "What cross-validation tried", caption: "one group of effects after the other", xLabel: "groups of effects", yLabel: "held-out RMS [mm]", fromZero: true,
-    xTicks: Array.from({ length: most + 1 }, (_, i) => ({ value: i, label: String(i) })), hint: (p) => `${effectsInWords(p[2].effects)}, ${fixed(p[1], 4)} mm` },
-    [{ kind: "after", text: "chosen", points: points(true) }, { kind: "before", text: "refused", points: points(false), apart: true }].filter((s) => s.points.length));
-}
+
 function parameters() {
-  const priors = RESULT.priors || {};
-  const held = priors.length > 0 || priors.angle > 0;
   const weak = (RESULT.weak || []).map((names) => names.join(", "));
   const fixedByGauge = RESULT.fixed_by_gauge || [];
   return [
+    mastering(),
+    el("h3", {}, "Geometric errors"),
     note("Bars show the 95 % interval about the nominal value, on one scale for all lengths and one for all angles of a group. “Weak” belongs to a combination that the measurements hardly determine; “gauge” was held because no measurement can tell it."),
     parameterTables(),
     el("h3", {}, "Base and targets"), frameRows(),
-    facts([["priors in force", held ? `1 σ of lengths ${mm(priors.length)} mm, of angles ${short(priors.angle * 1e3)} mrad` : "none"],
-      ["weak together", weak.length ? weak.slice(0, 20).join("; ") : null], ["fixed by gauge", fixedByGauge.length ? fixedByGauge.slice(0, 60).join(", ") : null]]),
-    el("div", { class: "plots" }, DATA.correlations && DATA.correlations.names.length ? heatMap(DATA.correlations) : missing("The result has no covariance."), triedCurve()),
-    triedTable(),
+    facts([["weak together", weak.length ? weak.slice(0, 20).join("; ") : null], ["fixed by gauge", fixedByGauge.length ? fixedByGauge.slice(0, 60).join(", ") : null]]),
+    el("div", { class: "plots" }, DATA.correlations && DATA.correlations.names.length ? heatMap(DATA.correlations) : missing("The result has no covariance.")),
   ];
 }
 
-const EFFECTS = { gravity: "joints that give way under the arm's weight", transverse: "bearings that do, across the axis", gain: "joint gains", backlash: "backlash",
-  harmonics: "eccentric encoders and gears", ripple: "ripple of the gears", tables: "tables of the joints", torque: "joints that give way under their torque" };
 function effectFigure(entry) {
   const joint = JOINTS[entry.joint_index];
   const across = entry.about === "own" ? "" : `, ${entry.about} across its axis`;
   const length = isLinear(joint) && !across;
   const unit = length ? 1e3 : 1 / DEGREE;
-  const curve = entry.curve;
-  const points = curve.map((c) => [jointValue(joint, c[0]), c[1] * unit]);
-  const known = curve.every((c) => c[2] !== null);
-  const edge = (sign) => curve.map((c) => [jointValue(joint, c[0]), (c[1] + sign * c[2]) * unit]);
-  const band = known ? [...edge(1), ...edge(-1).reverse()] : null;
-  return lines({ title: `${entry.group} of ${cut(joint.name, 20)}${across}`, caption: `${entry.terms} ${entry.terms === 1 ? "term" : "terms"}, the other joints at their middle`, height: 180, xLabel: `joint value [${jointUnit(joint)}]`, yLabel: `[${length ? "mm" : "°"}]`,
-    limits: band ? band.map((b) => b[1]) : [] }, [{ kind: "after", text: known ? "with its 95 % band" : "estimate", points, band, smooth: true }]);
+  const points = entry.curve.map(([q, value, half]) => [jointValue(joint, q), value === null ? NaN : value * unit, half === null ? null : half * unit]);
+  return lines({ title: `${entry.group} of ${cut(joint.name, 20)}${across}`, caption: `${entry.terms} ${entry.terms === 1 ? "term" : "terms"}, the other joints at their middle`, height: 180,
+    xLabel: `${cut(joint.name, 20)}${MEASURED.joints[0].urdf ? ", in the URDF" : ""} [${jointUnit(joint)}]`, yLabel: `[${length ? "mm" : "°"}]` },
+  [{ kind: "after", text: points.some((p) => p[2] !== null) ? "with its 95 % band" : "estimate", points, smooth: true }]);
+}
+// The models that were compared, the chosen one first.
+function triedTable() {
+  const tried = (RESULT.tried || []).filter((o, i, all) => all.findIndex((other) => JSON.stringify(other) === JSON.stringify(o)) === i);
+  const rows = tried.map((o, i) => ({ cells: [(o.effects || []).join(" + ") || "geometry alone", o.sized ? `${mm(o.priors.length)} mm, ${short(o.priors.angle * 1e3)} mrad` : "as stated",
+    fixed(o.evidence, 1), o.held_out_rms === null ? null : mm(o.held_out_rms), i === 0 ? "chosen" : ""], attributes: { class: i === 0 ? "is" : null } }));
+  return tried.length < 2 && !RESULT.not_tried ? null : [el("h3", {}, "What was tried"),
+    tried.length < 2 ? null : table(["beyond geometry", "priors", " log evidence", " RMS in the search [mm]", ""], rows, { label: "Tried" }),
+    note(tried.length < 2 ? null : "A group of effects is taken if the log evidence rises by 7 and the RMS of predicted configurations falls by 2 %. Each fold of this search estimates sizes and noise anew, so its RMS is not the left-out error of the result. ",
+      tried.some((o) => (o.effects || []).includes("tables")) ? "Tables were tried with several lengths. " : null,
+      RESULT.not_tried ? `Not tried: ${RESULT.not_tried}.` : null)];
 }
 function effects() {
   const terms = (RESULT.effects || {}).terms || [];
-  const tried = RESULT.tried || [];
-  const rms = (o) => (o.held_out_rms === null ? Infinity : o.held_out_rms);
-  const rows = Object.keys(EFFECTS).map((group) => {
-    const own = terms.filter((term) => term.group === group).length;
-    const best = (wanted) => Math.min(...tried.filter((o) => (o.effects || []).includes(group) === wanted).map(rms), Infinity);
-    const [without, withIt] = [best(false), best(true)].map((value) => (Number.isFinite(value) ? mm(value) : null));
-    const choice = own > 0 ? "part of the calibration" : withIt !== null ? "refused" : "not tried";
-    return [EFFECTS[group], own || null, withIt === null ? null : without, withIt, choice];
-  });
   const explained = (RESULT.lack_of_fit || {}).explained_by_joint || [];
   const curves = DATA.effects || [];
   return [
-    table(["effect", " terms", " held-out RMS without [mm]", " with it [mm]", "choice"], rows, { label: "Effects" }),
     messages("In words", (RESULT.effects || {}).findings || [], "plain"),
     terms.length ? null : note("No effect beyond geometry is part of this calibration."),
     terms.length && !curves.length ? missing(whyMissing("measurements")) : null,
     curves.length ? el("div", { class: "plots small" }, curves.slice(0, 36).map(effectFigure)) : null,
+    triedTable(),
     explained.length ? [el("h3", {}, "What a function of each joint would still explain"), table(["joint", " share of the residuals [%]"],
       explained.map((share, j) => [JOINTS[j] ? named(JOINTS[j].name, 30) : `joint ${j + 1}`, fixed(share * 100, 1)]), { label: "Explained by joints" })] : null,
   ];

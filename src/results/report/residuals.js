@@ -42,18 +42,19 @@ const IN_BASE = () => {
 // Component `axis` of the residuals against one joint, with the first harmonic fitted to it, or a line.
 function againstJoint(joint, j, axis, residuals, y) {
   const at = (value) => jointValue(joint, value);
-  const items = POINTS.map((point, i) => ({ x: at(CONFIGURATIONS[point.c].joint_values[j]), y: residuals[i][axis], point }));
-  const raw = POINTS.map((point) => CONFIGURATIONS[point.c].joint_values[j]);
+  const raw = POINTS.map((point) => shownValues(CONFIGURATIONS[point.c])[j]);
+  const items = POINTS.map((point, i) => ({ x: at(raw[i]), y: residuals[i][axis], point }));
   const low = Math.min(...raw), high = Math.max(...raw);
   const straight = isLinear(joint) || high - low < 45 * DEGREE;  // over less a harmonic says what no data say
   const basis = (value) => (straight ? [1, value] : [1, Math.cos(value), Math.sin(value)]);
   const fit = high - low > (isLinear(joint) ? 1e-3 : 2 * DEGREE) ? leastSquares(raw.map(basis), items.map((i) => i.y)) : null;
   const curve = fit ? Array.from({ length: 61 }, (_, i) => low + ((high - low) * i) / 60).map((v) => [at(v), sum(basis(v).map((b, k) => b * fit[k]))]) : [];
+  const reach = Math.abs(at(high) - at(low)) / 10;
   const x = Object.assign(spread(items.map((i) => i.x), 0.04), { label: `${cut(joint.name, 20)} [${jointUnit(joint)}]` });
   return scatter({ title: cut(joint.name, 24), height: 190, x, y,
     under: (g, sx, sy, box) => {
       g.append(svg("line", { class: "zero", x1: box.left, x2: box.right, y1: sy(0), y2: sy(0) }));
-      if (curve.length) g.append(line(curve.map(([cx, cy]) => [sx(cx), sy(cy)]), "fitted"));
+      for (const run of runs(curve, ([cx]) => items.some((i) => Math.abs(i.x - cx) <= reach))) g.append(line(run.map(([cx, cy]) => [sx(cx), sy(cy)]), "fitted"));
     } }, items);
 }
 
@@ -62,7 +63,7 @@ function jointResiduals() {
   const holder = el("div", { class: "plots small" });
   const show = (axis) => {
     const y = Object.assign(spread(residuals.map((r) => r[axis]).concat([0])), { label: `${COMPONENTS[axis][0]} [mm]` });
-    holder.replaceChildren(...JOINTS.map((joint, j) => againstJoint(joint, j, axis, residuals, y)));
+    holder.replaceChildren(...SHOWN_JOINTS.map((joint, j) => againstJoint(joint, j, axis, residuals, y)));
   };
   const choice = el("select", { "aria-label": "Component of the residuals", onchange: (event) => show(Number(event.target.value)) },
     COMPONENTS.map(([, text], i) => el("option", { value: i }, text)));
@@ -103,7 +104,7 @@ function otherResiduals() {
         } }, sight),
       scatter({ title: "Against a normal distribution", x: Object.assign(spread(normal.map((i) => i.x), 0.02), { label: "normal quantile [σ]" }),
         y: Object.assign(spread(values), { label: "component [mm]" }),
-        under: (g, sx, sy) => g.append(line([-3.5, 3.5].map((q) => [sx(q), sy(quantile(values, 0.5) + slope * q)]), "fitted")) }, normal)),
+        under: (g, sx, sy) => g.append(line([normal[0].x, normal[normal.length - 1].x].map((q) => [sx(q), sy(quantile(values, 0.5) + slope * q)]), "fitted")) }, normal)),
     note(`RMS along the line of sight ${fixed(sizes[0], 3)} mm, across it ${fixed(sizes[1], 3)} mm level and ${fixed(sizes[2], 3)} mm upright. `,
       "On the straight line residuals are normally distributed; points that leave it at the ends are outliers."),
   ];
@@ -115,7 +116,7 @@ function rowsOfResult() {
   const rows = (residuals.rows || residuals.largest || []).slice().sort((a, b) => b.distance - a.distance);
   return [missing(whyMissing(DATA.robot ? "measurements" : "robot")),
     rows.length ? el("details", { open: true }, el("summary", {}, `Rows of the result, largest first (${Math.min(MOST_ROWS, rows.length)} of ${residuals.statistics ? residuals.statistics.count : rows.length})`),
-      table(["configuration", "repeat", "target", "rows", " after [mm]"],
+      table(["configuration", "repeat", "target", "rows", " calibrated [mm]"],
         rows.slice(0, MOST_ROWS).map((r) => [named(r.configuration, 24), String(r.repeat), named(r.target, 24), r.split, mm(r.distance)]), { label: "Residuals" })) : null];
 }
 function residuals() {
@@ -125,7 +126,7 @@ function residuals() {
     el("ul", { class: "legend" }, el("li", {}, el("span", { class: "key dot after" }), "fitted, mean of the repeats"),
       POINTS.some((p) => p.test) ? el("li", {}, el("span", { class: "key dot test" }), "test rows") : null,
       marked ? el("li", {}, el("span", { class: "key cross" }, "×"), "a finding, or beyond five times the median") : null,
-      el("li", {}, el("span", { class: "key fitted" }), "fitted first harmonic; a line where a joint moved less than 45°")),
+      el("li", {}, el("span", { class: "key fitted" }), "fitted first harmonic, near measured values; a line where a joint moved less than 45°")),
     jointResiduals(), otherResiduals(),
     MEASURED.complete ? null : note(`${MEASURED.points.length} of ${MEASURED.rows} rows are drawn: evenly spaced ones and the 200 largest.`),
   ];

@@ -46,7 +46,7 @@ function viewer(scene, layers, extra) {
   FOLLOWERS.push(() => {
     const configuration = scene.configurations[SELECTED.c];
     if (configuration) {
-      const joints = configuration.joint_values.map((value, j) => (JOINTS[j] ? `${fixed(jointValue(JOINTS[j], value), 2)} ${jointUnit(JOINTS[j])}` : ""));
+      const joints = shownValues(configuration).map((value, j) => `${cut(SHOWN_JOINTS[j].name, 12)} ${fixed(jointValue(SHOWN_JOINTS[j], value), 2)} ${jointUnit(SHOWN_JOINTS[j])}`);
       const target = SELECTED.point ? [", target ", named(SELECTED.point.target, 40)] : [];
       chosen.replaceChildren("Configuration ", named(configuration.name, 40), ...target, ": ", el("span", { class: "joints" }, joints.join(", ")));
     }
@@ -86,14 +86,14 @@ function robotInSpace() {
   const cells = (RESULT.predicted_accuracy || {}).cells || [];
   const scene = MEASURED ? measuredScene(cells) : { robot: DATA.robot, configurations: [], points: [], cells, cell: (RESULT.predicted_accuracy || {}).cell };
   const layers = [["robot", "robot", null], ["points", "points", null]];
-  if (POINTS.some((p) => p.before)) layers.push(["before", "before", "before"]);
-  if (POINTS.length) layers.push(["after", "after", "after"]);
-  if (POINTS.some((p) => p.heldOutResidual)) layers.push(["held", "held out", "held"]);
+  if (POINTS.some((p) => p.before)) layers.push(["before", "nominal", "before"]);
+  if (POINTS.length) layers.push(["after", NOW, "after"]);
+  if (POINTS.some((p) => p.heldOutResidual)) layers.push(["held", "left out", "held"]);
   if (cells.length) layers.push(["cells", "predicted accuracy", "cells", false]);
   return [
     viewer(scene, layers, cells.length ? cellsLegend(cells) : null),
     note(DATA.robot.shapes.length ? null : "The URDF has meshes only, or no shapes: the arm is drawn as its skeleton. ",
-      POINTS.length ? "An arrow points from where a target was expected to where it was measured, the mean of its repeats: before the calibration, after it, and by a fit that had not seen its configuration (held out). Choose a point to see the arm there; drag to turn, Shift and drag to move, and once the picture has the focus use wheel and keys." :
+      POINTS.length ? "An arrow points from where a target was expected to where it was measured, the mean of its repeats. Choose a point to see the arm there; drag to turn, Shift and drag to move, and once the picture has the focus use wheel and keys." :
         whyMissing("measurements")),
     POINTS.length ? pointsTable() : null,
   ];
@@ -105,7 +105,7 @@ function pointsTable() {
   const shown = sorted.slice(0, MOST_ROWS);
   const before = POINTS.some((p) => p.before);
   const held = POINTS.some((p) => p.heldOut !== null);
-  const headings = ["configuration", "target", "rows", before ? " before [mm]" : null, " after [mm]", held ? " held out [mm]" : null, "remark"].filter((h) => h !== null);
+  const headings = ["configuration", "target", "rows", before ? " nominal [mm]" : null, ` ${NOW} [mm]`, held ? " left out [mm]" : null, "remark"].filter((h) => h !== null);
   const rows = shown.map((point) => {
     const choose = el("button", { type: "button", class: "link", onclick: () => select(point.c, point) }, named(point.configuration, 24));
     const remark = [...findingsOf(point).map((f) => f.kind.replace(/_/g, " ")), point.marked && !findingsOf(point).length ? "large" : null].filter(Boolean).join(", ");

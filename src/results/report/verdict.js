@@ -2,19 +2,24 @@
 
 const ERRORS = RESULT.position_error || {};
 const HELD_OUT = ERRORS.leave_one_out || ERRORS.k_fold || null;
-const heldOutName = () => (ERRORS.leave_one_out ? "each configuration predicted from the others" :
-  ERRORS.k_fold ? `${ERRORS.k_fold.folds} folds of configurations, each predicted from the others` : "");
+const folds = () => `${(ERRORS.k_fold || {}).folds}-fold`;
 
-// A figure with what it was before: a number for the eye, two bars for the hand that holds the page away.
-function tile(title, before, after, why, compared = "before") {
-  const most = Math.max(before || 0, after || 0) || 1;
-  const bar = (value, kind) => svg("svg", { class: "bar", viewBox: "0 0 100 6", preserveAspectRatio: "none", "aria-hidden": "true" },
-    svg("rect", { class: kind, x: 0, y: 0, height: 6, width: Math.max(0.8, (100 * value) / most) }));
+// A figure [m] beside others: [name, value]. The first of them is drawn as a bar above its own.
+function tile(title, value, others, why) {
+  const known = others.filter(([, other]) => Number.isFinite(other));
+  const most = Math.max(value || 0, ...known.slice(0, 1).map(([, other]) => other)) || 1;
+  const bar = (size, kind) => svg("svg", { class: "bar", viewBox: "0 0 100 6", preserveAspectRatio: "none", "aria-hidden": "true" },
+    svg("rect", { class: kind, x: 0, y: 0, height: 6, width: Math.max(0.8, (100 * size) / most) }));
   return el("div", { class: "tile" }, el("h3", {}, title),
-    el("p", { class: "figure" }, el("span", { class: "value" }, mm(after)), el("span", { class: "unit" }, " mm")),
-    Number.isFinite(before) ? [bar(before, "before"), bar(after, "after"), el("p", { class: "was" }, `${compared} ${mm(before)} mm`)] : null,
+    el("p", { class: "figure" }, el("span", { class: "value" }, mm(value)), el("span", { class: "unit" }, " mm")),
+    known.length ? [bar(known[0][1], "before"), bar(value, "after"), el("p", { class: "was" }, known.map(([name, other]) => el("span", {}, `${name} ${mm(other)} mm `)))] : null,
     el("p", { class: "why" }, why));
 }
+function errorTile(title, pair, figure, why) {
+  return tile(title, pair.after[figure], [["nominal", (pair.before || {})[figure]], ["URDF alone", (pair.exported_urdf || {})[figure]]], why);
+}
+// Every repeat by itself, and their means.
+const pointsAndMeans = (count, means) => plural(count, "point") + (means ? `; ${mm(means.rms)} mm for the ${plural(means.count, "mean")} of repeats` : "");
 
 // "good", "bad", or "plain" where nothing was asked that could be answered so.
 function verdictBanner(kind, title, text) {
@@ -26,7 +31,7 @@ function verdictBanner(kind, title, text) {
 // Where it holds: each joint's measured range within its limits.
 function jointRanges() {
   if (!MEASURED || !JOINTS.length) return missing(whyMissing(DATA.robot ? "measurements" : "robot"));
-  const rows = JOINTS.map((joint, j) => {
+  const rows = SHOWN_JOINTS.map((joint, j) => {
     const range = MEASURED.ranges[j];
     const limits = [joint.lower, joint.upper].every((v) => v !== null) ? [joint.lower, joint.upper] : isLinear(joint) ? range : [-Math.PI, Math.PI];
     const low = Math.min(limits ? limits[0] : 0, range ? range[0] : 0);
@@ -36,9 +41,18 @@ function jointRanges() {
       svg("rect", { class: "track", x: at(limits ? limits[0] : low), y: 2, height: 4, width: limits ? at(limits[1]) - at(limits[0]) : 100 }),
       range ? svg("rect", { class: "measured", x: at(range[0]), y: 1, height: 6, width: Math.max(0.8, at(range[1]) - at(range[0])) }) : null);
     const text = (pair) => (pair ? `${fixed(jointValue(joint, pair[0]), 1)} to ${fixed(jointValue(joint, pair[1]), 1)} ${jointUnit(joint)}` : "–");
-    return [named(joint.name, 28), text(range), bar, joint.lower === null ? "none stated" : text([joint.lower, joint.upper])];
+    const limit = joint.lower !== null ? text([joint.lower, joint.upper]) : Object.keys(joint.urdf || {}).length > 1 ? "with other joints" : "none stated";
+    return [named(joint.name, 28), joint.urdf ? inUrdfJoints(joint) : null, text(range), bar, limit];
   });
-  return table(["joint", " measured", "within the limits", " limits"], rows, { label: "Measured joint ranges", class: "ranges" });
+  const headings = ["joint", "in the URDF", " measured", "within the limits", " limits"];
+  if (SHOWN_JOINTS.every((joint) => !joint.urdf)) for (const row of [headings, ...rows]) row.splice(1, 1);
+  return table(headings, rows, { label: "Measured joint ranges", class: "ranges" });
+}
+// A controller's joint value in those of the URDF.
+function inUrdfJoints(joint) {
+  const constant = joint.constant ? [[`${fixed(Math.abs(jointValue(joint, joint.constant)), 1)} ${jointUnit(joint)}`, Math.sign(joint.constant)]] : [];
+  return [...Object.entries(joint.urdf), ...constant].map(([name, factor], i) =>
+    (factor < 0 ? (i ? " − " : "−") : i ? " + " : "") + (Math.abs(factor) === 1 ? "" : short(Math.abs(factor)) + " ") + cut(name, 20)).join("");
 }
 function regionText() {
   const region = MEASURED && MEASURED.region;
@@ -60,36 +74,40 @@ function messages(title, list, kind) {
     list.length > most ? note(`The first ${most} of ${list.length}.`) : null);
 }
 
+function requirementsTable(requirements) {
+  const signs = { "<=": "≤", ">=": "≥", "==": "=" };
+  const spaced = (text) => text.replace(/\s*([<>=]+)\s*([^a-z]*)/, (_, sign, number) => ` ${signs[sign] || sign} ${number.trim()} `).trim();
+  return requirements.length ? table(["required", " value", ""], requirements.map((requirement) => ({
+    cells: [spaced(requirement.text), requirement.value, requirement.fulfilled ? "met" : "not met"], attributes: { class: requirement.fulfilled ? null : "missed" } })),
+  { label: "Requirements", class: "requirements" }) : null;
+}
+
 function calibrationVerdict() {
   const doubts = (RESULT.doubts || []).map((doubt) => doubt.message);
   const tiles = [];
   if (HELD_OUT && HELD_OUT.after) {
-    tiles.push(tile("RMS, held out", HELD_OUT.before && HELD_OUT.before.rms, HELD_OUT.after.rms, heldOutName()),
-      tile("Maximum, held out", HELD_OUT.before && HELD_OUT.before.max, HELD_OUT.after.max, `of ${HELD_OUT.after.count} points`));
+    const name = ERRORS.leave_one_out ? "Left out" : folds();
+    tiles.push(errorTile(`${name}, RMS`, HELD_OUT, "rms", ERRORS.leave_one_out ? "each configuration predicted from the others" : "each fold of configurations predicted from the others"),
+      errorTile(`${name}, maximum`, HELD_OUT, "max", `of ${plural(HELD_OUT.after.count, "point")}`));
   }
-  if (ERRORS.test && ERRORS.test.after) {
-    tiles.push(tile("RMS, test rows", ERRORS.test.before.rms, ERRORS.test.after.rms, `${ERRORS.test.after.count} points that were never fitted`));
-  }
-  if (ERRORS.train && ERRORS.train.after) {
-    tiles.push(tile("RMS, fitted", ERRORS.train.before.rms, ERRORS.train.after.rms, `${ERRORS.train.after.count} points the fit has seen`));
+  for (const [name, pair, why] of [["Test", ERRORS.test, "that were not fitted"], ["Fitted", ERRORS.train, ""]]) {
+    if (pair && pair.after) tiles.push(errorTile(`${name}, RMS`, pair, "rms", [pointsAndMeans(pair.after.count, (pair.means || {}).after), why].filter(Boolean).join(" ")));
   }
   const payload = noteOf("payload", "load");
   const requirements = RESULT.requirements || [];
-  const missed = requirements.filter((requirement) => !requirement.fulfilled).map((requirement) => requirement.message);
+  const missed = requirements.filter((requirement) => !requirement.fulfilled);
   return [
     verdictBanner(RESULT.trusted && !missed.length ? "good" : "bad",
       !RESULT.trusted ? "Not to be trusted" : missed.length ? "Not as required" : RESULT.reservation ? "To be trusted where it was measured" : "To be trusted",
       RESULT.reservation ? RESULT.reservation.message : RESULT.trusted ? "The fit converged, everything in it is determined, and it predicts configurations that it has not seen better than the nominal robot does."
         : `${plural(doubts.length, "reason")} against using this calibration as it stands:`),
-    messages("Doubts", doubts, "bad"), messages("Required and not fulfilled", missed, "bad"),
+    messages("Doubts", doubts, "bad"), requirementsTable(requirements),
     el("div", { class: "tiles" }, tiles),
-    requirements.length ? facts([["required", requirements.map((requirement) => requirement.text).join(", ")]]) : null,
-    HELD_OUT ? null : missing("Nothing was held out, so nothing is known of configurations that were not measured."),
+    HELD_OUT ? null : missing("Nothing was left out, so nothing is known of configurations that were not measured."),
     el("h3", {}, "Where it holds"), jointRanges(),
     el("dl", { class: "facts" }, ...[["region", regionText()], ["payload", payload || "not stated: it holds for the one that was on the arm"]]
       .filter(([, value]) => value).map(([key, value]) => [el("dt", {}, key), el("dd", { dir: "auto" }, value)])),
     messages("Warnings", RESULT.warnings || [], "warn"),
-    messages("What moves the arm besides its links", (RESULT.effects || {}).findings || [], "plain"),
     messages("Findings in the measurements", (RESULT.findings || []).map((finding) => finding.message), "warn"),
   ];
 }
@@ -100,7 +118,7 @@ function facts(list) {
 }
 function filesTable(files) {
   if (!files.length) return null;
-  return table(["file", "name", "SHA-256"], files.map((file) => [file.role, named(file.path, 400), el("code", { class: "hash" }, file.sha256)]),
+  return table(["file", "name and SHA-256"], files.map((file) => [file.role, el("span", {}, named(file.path, 400), el("code", { class: "hash" }, file.sha256.match(/.{1,16}/g).map((part) => [part, el("wbr")])))]),
     { label: "Files", class: "files" });
 }
 function notesFacts() {
@@ -136,20 +154,21 @@ function accuracyTable(rows) {
 }
 function pairRows(name, pair) {
   if (!pair) return [];
-  return [[`${name}, before`, pair.before, "was"], [`${name}, after`, pair.after, "is"], [`${name}, exported URDF alone`, pair.exported_urdf]];
+  const rows = (label, of) => [[`${label}, nominal`, of.before, "was"], [`${label}, calibrated`, of.after, "is"], [`${label}, URDF alone`, of.exported_urdf]];
+  return pair.means ? [...rows(`${name} points`, pair), ...rows(`${name} means`, pair.means)] : rows(name, pair);
 }
 function distributionSeries(distributions, train, test) {
   const series = [];
   const add = (of, kind, text) => { if (of) series.push({ kind, text: `${text} (${of.count})`, values: of.values }); };
   if (distributions.train) {
-    add(distributions.train.before, "before", `${train}, before`);
-    add(distributions.train.after, "after", distributions.train.before ? `${train}, after` : train);
+    add(distributions.train.before, "before", `${train}, nominal`);
+    add(distributions.train.after, "after", distributions.train.before ? `${train}, calibrated` : train);
   }
   const heldOut = (RESULT.held_out_points || []).map((p) => p.distance).filter(Number.isFinite).sort((a, b) => a - b);
-  if (heldOut.length) add({ count: heldOut.length, values: heldOut }, "held", "held out");
+  if (heldOut.length) add({ count: heldOut.length, values: heldOut }, "held", "left out");
   if (distributions.test) {
-    add(distributions.test.before, "testbefore", `${test}, before`);
-    add(distributions.test.after, "test", distributions.test.before ? `${test}, after` : test);
+    add(distributions.test.before, "testbefore", `${test}, nominal`);
+    add(distributions.test.after, "test", distributions.test.before ? `${test}, calibrated` : test);
   }
   return series;
 }
@@ -160,21 +179,43 @@ function distributions(train, test) {
   return el("div", { class: "plots" }, histogram("Distribution", series.filter((s) => s.kind !== "testbefore" && s.kind !== "test" || series.length < 3), label),
     cumulative("Cumulative", series, label));
 }
+// 1 sigma in space of a new measured point about its prediction, and what it is made of.
+function budgetTable() {
+  const budget = (RESULT.predicted_accuracy || {}).budget;
+  if (!budget) return null;
+  const share = (value) => (budget.total ? fixed((100 * value * value) / (budget.total * budget.total), 1) : null);
+  const parts = [["single point", budget.of_point], ["repeat: shared by its points", budget.of_repeat], ["misfit of the model", budget.of_misfit],
+    ["parameters, at the measured configurations", budget.of_parameters]];
+  return [el("h3", {}, "Uncertainty budget of a new measured point"),
+    table(["source", " 1 σ [mm]", " share [%]"], [...parts.map(([name, value]) => [name, mm(value), share(value)]),
+      { cells: ["total", mm(budget.total), share(budget.total)], attributes: { class: "is" } }, { cells: ["expanded, k = 2", mm(budget.expanded), ""], attributes: { class: "is" } }],
+    { label: "Uncertainty budget", class: "budget" }),
+    note("Of the distance in space, not of one coordinate. ", parts.some(([, value]) => value === 0) ? "A part of 0 is not seen, or contained in another one: to separate them takes repeats and several targets. " : null,
+      (RESULT.predicted_accuracy.workspace || {}).count ? `Over the whole workspace the parameters' part is ${mm(RESULT.predicted_accuracy.workspace.rms)} mm.` : null)];
+}
+function askedTable() {
+  const asked = (RESULT.predicted_accuracy || {}).asked || [];
+  if (!asked.length || !RESULT.trusted) return null;
+  const row = (name, p, more, kind) => ({ cells: [name, ...p.map((v) => fixed(v * 1e3, 3)), ...more], attributes: { class: kind } });
+  const rows = asked.slice(0, MOST_ROWS).flatMap((point) => [
+    row(el("span", {}, named(point.configuration, 24), ", target ", named(point.target, 24), ", nominal"), point.position_nominal, ["", "", ""]),
+    row("calibrated", point.position, [mm(point.sigma), mm(point.radius_95), point.outside ? "outside" : ""], "is"),
+    row("difference", point.position.map((v, i) => v - point.position_nominal[i]), ["", "", ""], "last")]);
+  return [el("h3", {}, "Predicted points"), table(["in the base frame [mm]", " x", " y", " z", " 1 σ", " 95 %", ""], rows, { label: "Predicted points", class: "asked" }),
+    note("1 σ is of the parameters alone. A new measured point lies within the 95 % radius, misfit and noise included, unless it is outside: beyond the measured region this radius does not hold.",
+      asked.length > MOST_ROWS ? ` The first ${MOST_ROWS} of ${asked.length} points.` : null)];
+}
+function accuracyNote(means, more) {
+  return note("Distances in space between a measured and a predicted point", means ? ": of every repeat (points), or of their mean (means). " : ". ", more,
+    `The error of ${means ? "means" : "points"} is the accuracy AP of ISO 9283, and RP its repeatability, by its formulas and not by its test cycle.`);
+}
 function accuracy() {
   const iso = RESULT.iso_9283 || {};
-  const isoRows = [];
-  for (const [name, pair] of [["fitted rows", iso], ["test rows", iso.test]]) {
-    if (!pair || !pair.before || !pair.after) continue;
-    isoRows.push([`AP accuracy, ${name}, before`, pair.before.accuracy, "was"], [`AP accuracy, ${name}, after`, pair.after.accuracy, "is"],
-      [`RP repeatability, ${name}`, pair.after.repeatability]);
-  }
-  const predicted = RESULT.predicted_accuracy || {};
   return [
-    accuracyTable([...pairRows("Fitted", ERRORS.train), ...pairRows("Test rows", ERRORS.test), ...pairRows("Leave-one-out", ERRORS.leave_one_out),
-      ...pairRows(`${(ERRORS.k_fold || {}).folds || ""} folds`, ERRORS.k_fold), ["Nested leave-one-out, choices made anew", ERRORS.nested_leave_one_out, "is"],
-      ...isoRows, ["Predicted 1 σ, measured configurations", predicted.measured], ["Predicted 1 σ, whole workspace", predicted.workspace]]),
-    note("Distances in space between a measured and a predicted point. “Before” is the nominal robot with base and targets fitted to the same points. ",
-      "AP and RP follow the formulas of ISO 9283, not its test cycle. Predicted values are of the parameters alone."),
-    distributions("fitted", "test rows"),
+    accuracyTable([...pairRows("Fitted", ERRORS.train), ...pairRows("Test", ERRORS.test), ["Test at fitted poses", ERRORS.test_at_fitted_poses], ["Test at new poses", ERRORS.test_at_new_poses],
+      ...pairRows("Left out", ERRORS.leave_one_out), ["Left out, choices made anew", ERRORS.nested_leave_one_out, "is"], ...pairRows(folds(), ERRORS.k_fold),
+      ["RP repeatability, fitted", (iso.after || {}).repeatability], ["RP repeatability, test", ((iso.test || {}).after || {}).repeatability]]),
+    accuracyNote(ERRORS.train && ERRORS.train.means, "“Nominal” has base and targets fitted to the same points. "),
+    distributions("fitted", "test"), budgetTable(), askedTable(),
   ];
 }
