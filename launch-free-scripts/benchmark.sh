@@ -21,7 +21,7 @@ measure --benchmark_filter=memory
 awk '
   $3 ~ /^(ns|us|ms|s)$/ && $1 !~ /_(mean|median|stddev|cv)$/ {
     name = $1
-    sub(/\/(iterations:1|manual_time|real_time).*/, "", name)
+    sub(/\/(iterations:[0-9]+|manual_time|real_time).*/, "", name)
     time = $2 * ($3 == "ns" ? 1e-9 : $3 == "us" ? 1e-6 : $3 == "ms" ? 1e-3 : 1)
     if (!(name in best) || time < best[name]) best[name] = time
     for (i = 7; i <= NF; ++i) {
@@ -29,6 +29,7 @@ awk '
       value = counter[2] * (counter[2] ~ /Gi?\/s$/ ? 2^30 : counter[2] ~ /Mi?\/s$/ ? 2^20 : 1)  # bytes in binary units
       if (counter[1] == "bytes_per_second" && value > speed[name]) speed[name] = value
       if (counter[1] == "peak_MB") memory = value
+      if (name == "compensation_point") compensation[counter[1]] = value
     }
   }
   function row(text, name) {
@@ -74,4 +75,8 @@ awk '
     row("  one thread", "monte_carlo/1")
     row("  two threads", "monte_carlo/2")
     ratio("  two threads over one", "monte_carlo/2", "monte_carlo/1")
+    print "Compensation of a point to 1e-10, one thread, median"
+    printf "%-58s %12.1f us\n", "  library", compensation["median_us"]
+    printf "%-58s %12.1f us\n", "  KDL, Levenberg-Marquardt", compensation["kdl_median_us"]
+    printf "%-58s %12.1f x\n", "  library over KDL", compensation["times_faster"]
   }' "$results"

@@ -251,6 +251,7 @@ std::vector<Asked> other_methods() {
       {"CalibratedArm::base", [&] { return s.calibrated.base().matrix().sum(); }},
       {"CalibratedArm::flange_pose", [&] { return s.calibrated.flange_pose(s.q).matrix().sum(); }},
       {"CalibratedArm::predict", [&] { return s.calibrated.predict(s.q, "A").radius_95; }},
+      {"Compensator::nominal_pose", [&] { return s.compensator.nominal_pose(s.q).matrix().sum(); }},
       {"Compensator::solve",
        [&] {
          return s.compensator.solve(s.q).joint_values.sum() + s.compensator.solve(s.X_BF[1], s.q).position_error;

@@ -30,23 +30,28 @@ const char* to_string(CompensationStatus status);
 struct CompensationOptions {
   /// [rad], or [m] for joints that slide: largest change of a joint against its nominal value; may be infinite.
   double most_change = 0.08726646259971647;  // 5 degrees
+  /// Wherever a joint is held at a bound, not only near a wrist singularity, an exact position is preferred to the
+  /// least squares of position and orientation.
+  bool position_first = false;
 };
 
 /// With at most this many moving joints an arm can be compensated.
 inline constexpr int kMostCompensatedJoints = 32;
+using CompensatedJoints = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMostCompensatedJoints, 1>;
 
 struct CompensatedPoint {
   CompensationStatus status = CompensationStatus::unreachable;
   /// One per moving joint, mimic joints included [rad or m]. Unless `exact`, the best that the bounds allow: of a
   /// `position_only` point position first, else the least squares of position and orientation (1 m counts as 1 rad).
-  Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMostCompensatedJoints, 1> joint_values;
+  CompensatedJoints joint_values;
+  CompensatedJoints change;        ///< against the nominal joint values
   double position_error = 0.0;     ///< [m] of the calibrated arm's flange at these values, from the asked pose
   double orientation_error = 0.0;  ///< [rad]
 };
 
-/// Cheap to copy. Its functions may be called from several threads, and allocate nothing. They throw InputError for
-/// joint values that CalibratedArm refuses, and for a pose that is no rotation and translation. CalibratedArm::predict
-/// says how well a target's position is known at the joint values found.
+/// Cheap to copy. Its functions may be called from several threads. With joint values they allocate nothing. They throw
+/// InputError for joint values that CalibratedArm refuses, and for a pose that is no rotation and translation.
+/// CalibratedArm::predict says how well a target's position is known at the joint values found.
 class Compensator {
 public:
   /// Throws InputError for a calibration that is not trusted, effects of measured torques, over 32 moving joints and a
@@ -64,6 +69,13 @@ public:
   /// The asked pose is X_BF, the flange in the base frame. The nominal joint values are those of the nominal robot
   /// that are found from `seed`.
   CompensatedPoint solve(const Eigen::Isometry3d& X_BF, const Eigen::Ref<const Eigen::VectorXd>& seed) const;
+
+  /// The same without a seed: from the middle of the limits, else from 31 configurations within them. Of the ways in
+  /// which an arm can reach a pose this is one, not always that of the program.
+  CompensatedPoint solve(const Eigen::Isometry3d& X_BF) const;
+
+  /// The pose of the nominal robot's flange at these joint values: a controller that is told this pose sets them.
+  Eigen::Isometry3d nominal_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const;
 
 private:
   struct Parts;

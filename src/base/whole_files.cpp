@@ -105,16 +105,11 @@ public:
   Temporary& operator=(const Temporary&) = delete;
 
   void write(mode_t mode) {
-    const char* data = file_.text.data();
-    std::size_t left = file_.text.size();
-    while (left > 0) {
-      const ssize_t written = ::write(descriptor_, data, left);
-      if (written < 0 && errno != EINTR) {
-        fail_to_write(file_, errno);
-      }
-      const auto count = static_cast<std::size_t>(std::max<ssize_t>(written, 0));
-      data += count;
-      left -= count;
+    const TextSink sink = [this](std::string_view piece) { write(piece); };
+    if (file_.pieces) {
+      file_.pieces(sink);
+    } else {
+      sink(file_.text);
     }
     const bool permitted = mode == 0 || ::fchmod(descriptor_, mode) == 0;
     if (!permitted || ::fsync(descriptor_) != 0) {
@@ -151,6 +146,16 @@ public:
 
 private:
   enum class State { temporary, renamed, exchanged, replaced };
+
+  void write(std::string_view piece) const {
+    while (!piece.empty()) {
+      const ssize_t written = ::write(descriptor_, piece.data(), piece.size());
+      if (written < 0 && errno != EINTR) {
+        fail_to_write(file_, errno);
+      }
+      piece.remove_prefix(static_cast<std::size_t>(std::max<ssize_t>(written, 0)));
+    }
+  }
 
   const OutputFile& file_;
   fs::path path_;

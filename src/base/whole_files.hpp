@@ -4,15 +4,19 @@
 
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace kdl_calibration {
+
+using TextSink = std::function<void(std::string_view piece)>;
 
 /// A file to write.
 struct OutputFile {
   std::string option;  ///< the option that named it, for messages; may be empty
   std::string path;
   std::string text;
+  std::function<void(const TextSink& write)> pieces = {};  ///< writes a text that is too large for memory; else empty
 };
 /// A file to read.
 struct NamedFile {

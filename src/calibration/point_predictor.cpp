@@ -67,6 +67,20 @@ bool PointPredictor::determines(const Matrix3Xd& jacobian) const {
   return (effects <= kNothing * sizes).all();
 }
 
+double PointPredictor::undetermined_motion(const Eigen::VectorXd& q) const {
+  constexpr double kChange = 1e-3;  // [m] or [rad]
+  double largest = 0.0;
+  if (basis_.undetermined.cols() == 0) {
+    return largest;
+  }
+  for (const Matrix3Xd& jacobian : candidates_.jacobians(q)) {
+    for (const auto& direction : basis_.undetermined.colwise()) {
+      largest = std::max(largest, kChange * (jacobian * direction).norm() / direction.lpNorm<Eigen::Infinity>());
+    }
+  }
+  return largest;
+}
+
 std::vector<Eigen::Matrix3d> PointPredictor::covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const {
   std::vector<Eigen::Matrix3d> result = unmodelled_covariances(q, signals);
   const std::vector<Matrix3Xd> jacobians = free_.jacobians(q, signals);

@@ -46,6 +46,10 @@ public:
   /// 3D 1 sigma [m], targets x N. One product for many configurations is three times faster than one for each.
   Eigen::MatrixXd sigmas(const Eigen::MatrixXd& joint_values, const DriveSignals& signals) const;
 
+  /// The largest motion [m] of a target at `q` by a combination of parameters that the measurements do not determine,
+  /// if none of these parameters changes by more than 1 mm or 1 mrad. 0 if all are determined.
+  double undetermined_motion(const Eigen::VectorXd& q) const;
+
 private:
   Eigen::VectorXd left_out(const Eigen::VectorXd& q, const DriveSignals& signals) const;
   std::vector<Eigen::Matrix3d> unmodelled_covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const;

@@ -1,12 +1,11 @@
-#include <fmt/core.h>
+#include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "base/csv.hpp"
@@ -14,18 +13,19 @@
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/sha256.hpp"
-#include "base/text.hpp"
+#include "cli/compensation_summary.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/progress.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
+#include "interface/calibration_parts.hpp"
+#include "interface/compensated_line.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/result_file.hpp"
-#include "measurements/replaced_joints.hpp"
-#include "robot/mimic.hpp"
+#include "measurements/program_file.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -33,17 +33,19 @@ namespace {
 using Eigen::Index;
 
 constexpr std::string_view kCompensated = "# compensated ";
-constexpr std::array kStatuses = {CompensationStatus::exact, CompensationStatus::position_only,
-                                  CompensationStatus::unreachable, CompensationStatus::out_of_limits,
-                                  CompensationStatus::branch_changed};
 
 struct CompensateArguments {
   RobotArguments robot;
   std::string result;
   std::string joints;
+  std::string poses;
+  std::string frames;
   std::string joint_convention;
   double most_change = 5.0;
+  bool position_first = false;
+  bool linear = false;
   std::string output;
+  std::string predict;
   bool force = false;
   bool json = false;
 };
@@ -52,133 +54,216 @@ void require_not_compensated(const std::string& file) {
   LineReader lines(file);
   std::string_view first;
   if (lines.next(first) && first.starts_with(kCompensated)) {
-    throw InputError(file + ":1: these joint values are compensated already, expected those of the program");
+    throw InputError(file + ":1: these points are compensated already, expected those of the program");
   }
 }
 
-std::vector<CompensatedPoint> compensated(const Compensator& compensator, const Eigen::MatrixXd& joint_values) {
-  constexpr std::size_t kAtOnce = 8192;
-  constexpr std::size_t kBlock = 64;
-  const auto count = static_cast<std::size_t>(joint_values.cols());
-  std::vector<CompensatedPoint> points(count);
-  Progress progress("compensating");
-  for (std::size_t first = 0; first < count; first += kAtOnce) {
-    parallel_blocks(std::min(kAtOnce, count - first), kBlock, 0, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = first + begin; i < first + end; ++i) {
-        points[i] = compensator.solve(joint_values.col(static_cast<Index>(i)));
-      }
-    });
-    progress(static_cast<double>(std::min(first + kAtOnce, count)) / static_cast<double>(count));
+ControllerFrames frames_of(const CompensateArguments& arguments) {
+  if (arguments.frames.empty()) {
+    return {};
   }
-  return points;
+  ControllerFrames frames = controller_frames_of(read_json(arguments.frames), arguments.frames);
+  if (frames.found_with && *frames.found_with != sha256_of_file(arguments.result)) {
+    warn(arguments.frames + " was found with " + (frames.found_with->empty() ? "the nominal robot" : "another result") +
+         ": find user and tool frames with this calibration (kdlcal frames --result)");
+  }
+  return frames;
 }
 
-struct Compensated {
-  const Robot& robot;
-  const Measurements& asked;
+// The rows of a program that are in memory at a time, and what becomes of them.
+struct Piece {
+  std::vector<ProgramLine> lines;
+  std::vector<Eigen::Isometry3d> asked;  // flange poses in the base
   std::vector<CompensatedPoint> points;
-
-  Eigen::MatrixXd joint_values() const {
-    Eigen::MatrixXd values(asked.joint_values.rows(), asked.joint_values.cols());
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      values.col(static_cast<Index>(i)) = points[i].joint_values;
-    }
-    return values;
-  }
-
-  long count(CompensationStatus status) const {
-    return std::count_if(points.begin(), points.end(),
-                         [&](const CompensatedPoint& point) { return point.status == status; });
-  }
-
-  double largest(double CompensatedPoint::*error) const {
-    double result = 0.0;
-    for (const CompensatedPoint& point : points) {
-      result = std::max(result, point.*error);
-    }
-    return result;
-  }
+  std::vector<std::string> texts;      // of each block
+  std::vector<std::string> predicted;  // of each block
 };
 
-std::string json(const Compensated& result, const Eigen::VectorXd& changes) {
-  Json statuses = Json::object();
-  for (const CompensationStatus status : kStatuses) {
-    statuses[to_string(status)] = result.count(status);
-  }
-  Json joints = Json::array();
-  for (const std::size_t i : independent_joints(result.robot.joints)) {
-    joints.push_back({{"joint", result.robot.joints[i].name}, {"change", changes[static_cast<Index>(i)]}});
-  }
-  Json inexact = Json::array();
-  for (std::size_t i = 0; i < result.points.size(); ++i) {
-    const CompensatedPoint& point = result.points[i];
-    if (point.status != CompensationStatus::exact) {
-      inexact.push_back({{"configuration", result.asked.configurations[i]},
-                         {"status", to_string(point.status)},
-                         {"position_error", point.position_error},
-                         {"orientation_error", point.orientation_error}});
+/// Reads a program, and writes the commands for it.
+class Compensation {
+public:
+  Compensation(const CompensateArguments& arguments, const Robot& robot, const JointConvention* convention)
+      : arguments_(arguments),
+        calibration_(load_calibration(arguments.result, robot)),
+        compensator_(calibration_,
+                     {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first}),
+        frames_(frames_of(arguments)),
+        program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses),
+        summary_(robot, calibration_, program_) {
+    if (!program_.states_joints()) {
+      warn(file() +
+           " has no joint values: of the ways in which the arm can reach a pose, one near the previous row's is "
+           "taken; add the joint columns, as errors differ from way to way");
     }
   }
-  return json_text({{"points", result.points.size()},
-                    {"status", statuses},
-                    {"largest_change", joints},
-                    {"largest_position_error", result.largest(&CompensatedPoint::position_error)},
-                    {"largest_orientation_error", result.largest(&CompensatedPoint::orientation_error)},
-                    {"not_exact", inexact}});
-}
 
-std::string off(double position, double orientation) {
-  return fixed(position * 1e3, 4) + " mm and " + fixed(orientation * 1e3, 4) + " mrad";
-}
-
-std::string table(const Compensated& result, const Eigen::VectorXd& changes) {
-  constexpr std::size_t kWidth = 24;
-  constexpr int kMostLines = 10;
-  std::string text = padded("status", kWidth) + "  points\n";
-  for (const CompensationStatus status : kStatuses) {
-    text += padded(to_string(status), kWidth) + fmt::format("{:>8}\n", result.count(status));
-  }
-  text += padded("joint", kWidth) + "  largest change\n";
-  for (const std::size_t i : independent_joints(result.robot.joints)) {
-    const MovingJoint& joint = result.robot.joints[i];
-    const double change = changes[static_cast<Index>(i)];
-    const bool slides = joint.type == JointType::prismatic;
-    text += padded(joint.name, kWidth) +
-            fmt::format("{:>12} {}\n", fixed(slides ? change * 1e3 : change / kDegree, 4), slides ? "mm" : "deg");
-  }
-  text += "remaining error of the flange: at most " +
-          off(result.largest(&CompensatedPoint::position_error), result.largest(&CompensatedPoint::orientation_error)) +
-          "\n";
-  int lines = 0;
-  for (std::size_t i = 0; i < result.points.size() && lines <= kMostLines; ++i) {
-    const CompensatedPoint& point = result.points[i];
-    if (point.status != CompensationStatus::exact) {
-      text += ++lines > kMostLines
-                  ? "further ones: --json lists all\n"
-                  : "configuration " + shown(result.asked.configurations[i]) + ": " + to_string(point.status) +
-                        ", off by " + off(point.position_error, point.orientation_error) + "\n";
+  void write(const TextSink& sink) {
+    constexpr std::size_t kAtOnce = 8192;
+    Progress progress("compensating");
+    sink(std::string(kCompensated) + sha256_of_file(arguments_.result) + "\n" + program_.head());
+    while (true) {
+      Piece piece{.lines = program_.next(kAtOnce)};
+      if (piece.lines.empty()) {
+        break;
+      }
+      solve(piece);
+      for (const std::string& text : piece.texts) {
+        sink(text);
+      }
+      for (const std::string& text : piece.predicted) {
+        predicted_ += text;
+      }
+      summary_.add(piece.lines, piece.points);
+      if (arguments_.linear) {
+        add_lines(piece);
+      }
+      progress(program_.share());
+    }
+    if (summary_.points() == 0) {
+      throw InputError(file() + ": no rows after the header");
     }
   }
-  return text;
-}
+
+  const CompensationSummary& summary() const { return summary_; }
+  /// How well each point is known (CSV), if it was asked for.
+  const std::string& predicted() const { return predicted_; }
+
+private:
+  const std::string& file() const { return arguments_.poses.empty() ? arguments_.joints : arguments_.poses; }
+
+  void solve(Piece& piece) {
+    constexpr std::size_t kBlock = 64;
+    piece.asked.resize(piece.lines.size());
+    piece.points.resize(piece.lines.size());
+    piece.texts.resize((piece.lines.size() + kBlock - 1) / kBlock);
+    piece.predicted.resize(piece.texts.size());
+    // Without joint values each row starts from the previous one.
+    parallel_blocks(piece.lines.size(), kBlock, program_.states_joints() ? 0 : 1,
+                    [&](std::size_t begin, std::size_t end) {
+                      piece.texts[begin / kBlock] = solved(piece, begin, end);
+                      if (!arguments_.predict.empty()) {
+                        piece.predicted[begin / kBlock] = predicted_rows(piece, begin, end);
+                      }
+                    });
+  }
+
+  // Solves the rows from `begin` to `end`; their text.
+  std::string solved(Piece& piece, std::size_t begin, std::size_t end) {
+    const std::span<const ProgramLine> lines = std::span(piece.lines).subspan(begin, end - begin);
+    ProgramPoints program = program_.points(lines);
+    for (std::size_t i = 0; i < lines.size(); ++i) {
+      CompensatedPoint& point = piece.points[begin + i];
+      Eigen::Isometry3d& asked = piece.asked[begin + i];
+      const auto column = static_cast<Index>(i);
+      if (program.poses.empty()) {
+        asked = compensator_.nominal_pose(program.joint_values.col(column));
+        point = compensator_.solve(program.joint_values.col(column));
+      } else {
+        asked = frames_.X_BU * program.poses[i] * frames_.X_FT.inverse();
+        point = program_.states_joints() ? compensator_.solve(asked, program.joint_values.col(column))
+                                         : near_previous(asked);
+        if (!nominal_reaches(asked, point)) {
+          continue;  // the row stays as it is
+        }
+        program.poses[i] = frames_.X_BU.inverse() * compensator_.nominal_pose(point.joint_values) * frames_.X_FT;
+      }
+      if (program_.states_joints()) {
+        program.joint_values.col(column) = point.joint_values;
+      }
+    }
+    return program_.text(lines, program);
+  }
+
+  // If the nominal robot is far from the asked pose, so is the compensated one: nobody wants to go there.
+  bool nominal_reaches(const Eigen::Isometry3d& asked, const CompensatedPoint& point) const {
+    constexpr double kReached = 1e-6;
+    return asked.isApprox(compensator_.nominal_pose(point.joint_values - point.change), kReached);
+  }
+
+  // Of the least certain target.
+  std::string predicted_rows(const Piece& piece, std::size_t begin, std::size_t end) const {
+    const CalibratedArm arm = calibration_.arm();
+    const std::vector<std::string> targets = arm.targets();
+    std::string text;
+    for (std::size_t i = begin; i < end; ++i) {
+      const CompensatedPoint& point = piece.points[i];
+      double variance = 0.0;
+      double radius = 0.0;
+      bool outside = false;
+      for (const std::string& target : targets) {
+        const PredictedPoint predicted = arm.predict(point.joint_values, target);
+        variance = std::max(variance, predicted.covariance.trace());
+        radius = std::max(radius, predicted.radius_95);
+        outside = outside || predicted.outside;
+      }
+      text += csv_field(summary_.label(piece.lines[i], summary_.points() + i + 1)) + "," + to_string(point.status);
+      for (const double value : {point.position_error, point.orientation_error, std::sqrt(variance), radius}) {
+        text += "," + shortest(value);
+      }
+      text += outside ? ",true\n" : ",false\n";
+    }
+    return text;
+  }
+
+  CompensatedPoint near_previous(const Eigen::Isometry3d& asked) {
+    CompensatedPoint point;
+    if (previous_.size() > 0) {
+      point = compensator_.solve(asked, previous_);
+    }
+    if (point.status == CompensationStatus::unreachable || point.status == CompensationStatus::out_of_limits) {
+      point = compensator_.solve(asked);
+    }
+    previous_ = point.joint_values;
+    return point;
+  }
+
+  void add_lines(const Piece& piece) {
+    std::vector<LineEnd> ends = {last_};
+    for (std::size_t i = 0; i < piece.lines.size(); ++i) {
+      ends.push_back({.X_BT = piece.asked[i] * frames_.X_FT, .joint_values = piece.points[i].joint_values});
+    }
+    std::vector<double> deviations(piece.lines.size(), 0.0);
+    parallel_for(deviations.size(), 0, [&](std::size_t i) {
+      if (ends[i].joint_values.size() > 0) {  // there is no line to the first point
+        deviations[i] = line_deviation(compensator_, frames_.X_FT, ends[i], ends[i + 1]);
+      }
+    });
+    summary_.add_lines(piece.lines, deviations);
+    last_ = ends.back();
+  }
+
+  const CompensateArguments& arguments_;
+  Calibration calibration_;
+  Compensator compensator_;
+  ControllerFrames frames_;
+  ProgramFile program_;
+  CompensationSummary summary_;
+  std::string predicted_ =
+      "configuration,status,position_error[m],orientation_error[rad],sigma[m],radius_95[m],outside\n";
+  CompensatedJoints previous_;
+  LineEnd last_;
+};
 
 ExitStatus run(const CompensateArguments& arguments) {
-  std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
+  if (arguments.joints.empty() == arguments.poses.empty()) {
+    throw InputError("expected either --joints or --poses");
+  }
+  std::vector<OutputFile> files = given_outputs(
+      {{.option = "--output", .path = arguments.output}, {.option = "--predict", .path = arguments.predict}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
-  const Compensator compensator(load_calibration(arguments.result, robot),
-                                {.most_change = arguments.most_change * kDegree});
-  require_not_compensated(arguments.joints);
+  require_not_compensated(arguments.poses.empty() ? arguments.joints : arguments.poses);
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
-  const JointConvention* used = convention ? &*convention : nullptr;
-  const Measurements asked = read_configurations(robot, arguments.joints, used);
-  const Compensated result{.robot = robot, .asked = asked, .points = compensated(compensator, asked.joint_values)};
-  const Eigen::MatrixXd commanded = result.joint_values();
-  files.front().text = std::string(kCompensated) + sha256_of_file(arguments.result) + "\n" +
-                       with_joint_values(robot, arguments.joints, used, asked, commanded);
-  const Eigen::VectorXd changes = (commanded - asked.joint_values).cwiseAbs().rowwise().maxCoeff();
-  write_whole(files, arguments.force, arguments.json ? json(result, changes) : table(result, changes));
-  return result.count(CompensationStatus::exact) == static_cast<long>(result.points.size()) ? done : not_to_be_trusted;
+  Compensation compensation(arguments, robot, convention ? &*convention : nullptr);
+  files.front().pieces = [&](const TextSink& sink) { compensation.write(sink); };
+  if (files.size() > 1) {
+    files.back().pieces = [&](const TextSink& sink) { sink(compensation.predicted()); };
+  }
+  write_whole(files, arguments.force, [&] {
+    compensation.summary().warn_of_findings();
+    return arguments.json ? compensation.summary().json() : compensation.summary().table();
+  });
+  return compensation.summary().is_exact() ? done : not_to_be_trusted;
 }
 
 }  // namespace
@@ -186,14 +271,19 @@ ExitStatus run(const CompensateArguments& arguments) {
 Subcommand add_compensate(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand(
       "compensate",
-      "Joint values that bring the real robot where the program's values mean\n"
-      "Poses stand between base and flange of the result: find user and tool frames with the calibrated robot. Leave "
-      "points alone that were touched up on the robot: their joint values are right already.");
+      "Joint values or poses that bring the real robot where the program's mean\n"
+      "Poses stand between base and flange of the result: find user and tool frames with the calibrated robot (kdlcal "
+      "frames). Leave points alone that were touched up on the robot: they are right already.");
   const auto arguments = std::make_shared<CompensateArguments>();
   add_robot_options(*app, arguments->robot);
   add_file(*app, "--result", arguments->result, "The result that calibrate wrote (JSON)")->required();
-  add_file(*app, "--joints", arguments->joints, "Joint values of the program: a CSV file as for calibrate --predict-at")
-      ->required();
+  CLI::Option* joints = add_file(*app, "--joints", arguments->joints,
+                                 "Joint values of the program: a CSV file as for calibrate --predict-at");
+  add_file(*app, "--poses", arguments->poses,
+           "Poses of the program: a CSV file with x, y, z, an orientation and, if known, joint values near the pose")
+      ->excludes(joints);
+  add_file(*app, "--frames", arguments->frames,
+           "User and tool frame of the poses: JSON as kdlcal frames writes it [base and flange]");
   add_file(*app, "--joint-convention", arguments->joint_convention,
            "Joint values are the controller's, which this file turns into the URDF's");
   app->add_option("--most-change", arguments->most_change,
@@ -201,8 +291,13 @@ Subcommand add_compensate(CLI::App& parser) {
       ->type_name("DEG")
       ->check(number_between(1e-6, 360.0, "degrees from 0.000001 to 360"))
       ->capture_default_str();
-  add_file(*app, "--output", arguments->output, "Write the joint values to command, in the same columns (CSV)")
-      ->required();
+  app->add_flag("--position-first", arguments->position_first,
+                "Where a joint is held at a bound, keep the position exact at the cost of the orientation");
+  app->add_flag("--linear", arguments->linear,
+                "The tool moves straight from row to row: warn where the line is off by more than 0.1 mm");
+  add_file(*app, "--output", arguments->output, "Write what to command, in the same columns (CSV)")->required();
+  add_file(*app, "--predict", arguments->predict,
+           "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %");
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);
   add_example(*app, "kdlcal compensate --result result.json --joints program.csv --output commands.csv");

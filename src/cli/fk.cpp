@@ -10,6 +10,7 @@
 #include "cli/options.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
+#include "effects/joint_effects.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "results/saved_calibration.hpp"
 

@@ -22,17 +22,39 @@ using tree::number;
 using tree::numbers;
 using tree::quaternion;
 
+Eigen::Isometry3d frame_of(const Node& node) {
+  Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();
+  frame.translation() = numbers<3>(member(node, "position"));
+  frame.linear() = quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
+  return frame;
+}
+
 }  // namespace
 
 Json json_of(std::string_view text, const std::string& source) { return tree::parsed(text, source); }
 
 Eigen::Isometry3d base_of(const Json& json, const std::string& source) {
   const Node top{.json = json, .where = source};
-  const Node base = has(top, "base") ? member(top, "base") : top;
-  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
-  X_WB.translation() = numbers<3>(member(base, "position"));
-  X_WB.linear() = quaternion(member(base, "quaternion_wxyz")).toRotationMatrix();
-  return X_WB;
+  return frame_of(has(top, "base") ? member(top, "base") : top);
+}
+
+ControllerFrames controller_frames_of(const Json& json, const std::string& source) {
+  const Node top{.json = json, .where = source};
+  if (!has(top, "user") && !has(top, "tool")) {
+    fail(top, "a frame \"user\" or \"tool\", as kdlcal frames writes them");
+  }
+  ControllerFrames frames;
+  if (has(top, "user")) {
+    frames.X_BU = frame_of(member(top, "user"));
+  }
+  if (has(top, "tool")) {
+    frames.X_FT = frame_of(member(top, "tool"));
+  }
+  if (has(top, "calibration")) {
+    const Node calibration = member(top, "calibration");
+    frames.found_with = calibration.json.is_null() ? "" : name(calibration);
+  }
+  return frames;
 }
 
 std::vector<TargetFrame> targets_of(const Json& json, const std::string& source) {

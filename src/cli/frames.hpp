@@ -22,6 +22,15 @@ Json json_of(std::string_view text, const std::string& source);
 /// X_WB of {"position": […], "quaternion_wxyz": […]}, or of the "base" of a result or a truth.
 Eigen::Isometry3d base_of(const Json& json, const std::string& source);
 
+/// Frames of a controller, as `kdlcal frames` writes them.
+struct ControllerFrames {
+  Eigen::Isometry3d X_BU = Eigen::Isometry3d::Identity();  ///< the user frame in the base
+  Eigen::Isometry3d X_FT = Eigen::Isometry3d::Identity();  ///< the tool on the flange
+  std::optional<std::string> found_with;  ///< hash of the result, empty for the nominal robot; none if not stated
+};
+/// {"user": frame, "tool": frame, "calibration": hash or null}; at least one of the frames.
+ControllerFrames controller_frames_of(const Json& json, const std::string& source);
+
 /// "targets": [{"name", "position"[, "quaternion_wxyz"]}] in the flange frame; a result or a truth has this key too.
 std::vector<TargetFrame> targets_of(const Json& json, const std::string& source);
 

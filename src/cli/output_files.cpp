@@ -36,8 +36,12 @@ void require_writable(const std::vector<OutputFile>& files, bool force) {
 }
 
 void write_whole(const std::vector<OutputFile>& files, bool force, const std::string& printed) {
+  write_whole(files, force, [&] { return printed; });
+}
+
+void write_whole(const std::vector<OutputFile>& files, bool force, const std::function<std::string()>& printed) {
   // Printing fails where standard output is full or closed.
-  kdl_calibration::write_whole(files, inputs_to_protect, force, [&] { print(printed); });
+  kdl_calibration::write_whole(files, inputs_to_protect, force, [&] { print(printed()); });
 }
 
 }  // namespace kdl_calibration::cli

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -22,5 +23,7 @@ void require_writable(const std::vector<OutputFile>& files, bool force);
 
 /// The same; the files are renamed when `printed` is on standard output.
 void write_whole(const std::vector<OutputFile>& files, bool force, const std::string& printed = {});
+/// The same with a text that is known once the files are written.
+void write_whole(const std::vector<OutputFile>& files, bool force, const std::function<std::string()>& printed);
 
 }  // namespace kdl_calibration::cli

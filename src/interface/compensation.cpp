@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,12 +18,13 @@
 #include "estimation/input_check.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "robot/joint_ranges.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace compensation {
 
-using JointVector = decltype(CompensatedPoint::joint_values);
+using JointVector = CompensatedJoints;
 
 // Value of a joint of the chain: multiplier * that of an independent joint + offset.
 struct Coupling {
@@ -240,6 +243,17 @@ bool changes_branch(const Columns& before, const Columns& after) {
   return sign(before) != sign(after);
 }
 
+// The pose with an exact rotation.
+Isometry3d rigid_pose(const Isometry3d& X_BF) {
+  require_finite("an asked pose", X_BF.matrix().allFinite());
+  if (!is_rigid(X_BF)) {
+    refuse_input("an asked pose is scaled, skewed or mirrored", "a rotation and a translation");
+  }
+  Isometry3d result = X_BF;
+  result.linear() = Eigen::Quaterniond(X_BF.linear()).normalized().toRotationMatrix();
+  return result;
+}
+
 }  // namespace
 
 const char* to_string(CompensationStatus status) {
@@ -259,16 +273,17 @@ const char* to_string(CompensationStatus status) {
 }
 
 struct Compensator::Parts {
-  Parts(const PredictionBasis& basis, double change)
+  Parts(const PredictionBasis& basis, const CompensationOptions& options)
       : joints(basis.model.joints),
         leaders(independent_joints(joints)),
         couplings(couplings_of(joints, leaders)),
         calibrated(basis.model, basis.estimate.errors, basis.estimate.effects),
-        nominal(basis.model, Eigen::VectorXd::Zero(basis.estimate.errors.size()), {}) {
+        nominal(basis.model, Eigen::VectorXd::Zero(basis.estimate.errors.size()), {}),
+        position_first(options.position_first) {
     constexpr double kNoLimit = std::numeric_limits<double>::infinity();
     const auto count = static_cast<Index>(leaders.size());
     limits = {.lower = JointVector::Constant(count, -kNoLimit), .upper = JointVector::Constant(count, kNoLimit)};
-    most_change = JointVector::Constant(count, change);
+    most_change = JointVector::Constant(count, options.most_change);
     for (Index i = 0; i < count; ++i) {
       const MovingJoint& joint = joints[leaders[static_cast<std::size_t>(i)]];
       limits.lower[i] = joint.lower.value_or(-kNoLimit);
@@ -276,7 +291,7 @@ struct Compensator::Parts {
     }
     for (const Coupling& coupling : couplings) {  // a follower does not move by more either
       double& of_leader = most_change[coupling.independent];
-      of_leader = std::min(of_leader, change / std::max(1.0, std::abs(coupling.multiplier)));
+      of_leader = std::min(of_leader, options.most_change / std::max(1.0, std::abs(coupling.multiplier)));
     }
   }
 
@@ -298,6 +313,8 @@ struct Compensator::Parts {
 
   CompensatedPoint solve(const ArmKinematics& arm, const Isometry3d& X_BF, const JointVector& start,
                          const JointVector& change) const;
+  // Joint values of the nominal arm within the limits, found from `start`; empty if it does not reach the pose.
+  std::optional<JointVector> nominal_values(const Isometry3d& X_BF, const JointVector& start) const;
 
   std::vector<MovingJoint> joints;
   std::vector<std::size_t> leaders;  // the independent joints
@@ -306,6 +323,7 @@ struct Compensator::Parts {
   ArmKinematics nominal;
   Bounds limits;            // of the independent joints
   JointVector most_change;  // of the independent joints
+  bool position_first;
 };
 
 CompensatedPoint Compensator::Parts::solve(const ArmKinematics& arm, const Isometry3d& X_BF, const JointVector& start,
@@ -315,6 +333,7 @@ CompensatedPoint Compensator::Parts::solve(const ArmKinematics& arm, const Isome
     const bool beyond = status == CompensationStatus::exact && !limits.hold(u);
     return CompensatedPoint{.status = beyond ? CompensationStatus::out_of_limits : status,
                             .joint_values = task.all_values(u),
+                            .change = task.all_values(u) - task.all_values(start),
                             .position_error = deviation.position(),
                             .orientation_error = deviation.orientation()};
   };
@@ -336,22 +355,34 @@ CompensatedPoint Compensator::Parts::solve(const ArmKinematics& arm, const Isome
   if (deviation.is_exact()) {
     return point(of_exact(changes_branch(first.jacobian, deviation.jacobian)), u, deviation);
   }
-  if (limits.touch(u, u.size())) {
+  const bool at_limit = limits.touch(u, u.size());
+  if (at_limit && !position_first) {
     return point(CompensationStatus::out_of_limits, u, deviation);
   }
   JointVector held = u;
-  Deviation position_first = deviation;
-  descend(task, bounds, kPositionFirst, held, position_first);
-  refine_position(task, bounds, held, position_first);
+  Deviation of_held = deviation;
+  descend(task, bounds, kPositionFirst, held, of_held);
+  refine_position(task, bounds, held, of_held);
   // A stretched arm would buy little of the position with much of the orientation.
-  const bool is_cheap = position_first.orientation() <= kCheap * (deviation.position() + deviation.orientation());
+  const bool is_cheap = of_held.orientation() <= kCheap * (deviation.position() + deviation.orientation());
   const bool has_few_joints = held.size() < 6;
   const bool lacks_the_wrist = !has_few_joints && is_cheap && !bounds.touch(held, held.size() - 3) &&
-                               std::abs(wrist_volume(position_first.jacobian)) < kNearWristSingularity;
-  if (position_first.position() <= kExact && (has_few_joints || lacks_the_wrist)) {
-    return point(CompensationStatus::position_only, held, position_first);
+                               std::abs(wrist_volume(of_held.jacobian)) < kNearWristSingularity;
+  if (of_held.position() <= kExact && (position_first || has_few_joints || lacks_the_wrist)) {
+    return point(CompensationStatus::position_only, held, of_held);
+  }
+  if (at_limit) {
+    return point(CompensationStatus::out_of_limits, u, deviation);
   }
   return point(other_branch ? CompensationStatus::branch_changed : CompensationStatus::unreachable, u, deviation);
+}
+
+std::optional<JointVector> Compensator::Parts::nominal_values(const Isometry3d& X_BF, const JointVector& start) const {
+  const Task task{.arm = nominal, .couplings = couplings, .X_BF = X_BF};
+  JointVector u = start;
+  Deviation deviation = task.at(u);
+  descend(task, limits, 1.0, u, deviation);
+  return deviation.is_exact() ? std::optional(u) : std::nullopt;
 }
 
 Compensator::Compensator(const Calibration& calibration, const CompensationOptions& options) {
@@ -368,7 +399,7 @@ Compensator::Compensator(const Calibration& calibration, const CompensationOptio
     refuse_input("an arm of " + std::to_string(basis.model.joints.size()) + " moving joints",
                  "at most " + std::to_string(kMostJoints) + " for compensation");
   }
-  parts_ = std::make_shared<const Parts>(basis, options.most_change);
+  parts_ = std::make_shared<const Parts>(basis, options);
 }
 
 CompensatedPoint Compensator::solve(const Eigen::Ref<const Eigen::VectorXd>& q_nominal) const {
@@ -380,15 +411,33 @@ CompensatedPoint Compensator::solve(const Eigen::Ref<const Eigen::VectorXd>& q_n
 
 CompensatedPoint Compensator::solve(const Isometry3d& X_BF, const Eigen::Ref<const Eigen::VectorXd>& seed) const {
   const JointVector u = parts_->independent(seed);
-  require_finite("an asked pose", X_BF.matrix().allFinite());
-  if (!is_rigid(X_BF)) {
-    refuse_input("an asked pose is scaled, skewed or mirrored", "a rotation and a translation");
-  }
-  Isometry3d asked = X_BF;
-  asked.linear() = Eigen::Quaterniond(X_BF.linear()).normalized().toRotationMatrix();
+  const Isometry3d asked = rigid_pose(X_BF);
   const JointVector anywhere = JointVector::Constant(u.size(), std::numeric_limits<double>::infinity());
   const CompensatedPoint nominal = parts_->solve(parts_->nominal, asked, u, anywhere);
   return parts_->solve(parts_->calibrated, asked, parts_->independent(nominal.joint_values), parts_->most_change);
+}
+
+CompensatedPoint Compensator::solve(const Isometry3d& X_BF) const {
+  constexpr int kStarts = 32;
+  const Isometry3d asked = rigid_pose(X_BF);
+  const JointRanges ranges = limits_of(parts_->joints);
+  Random random(1);
+  Eigen::MatrixXd starts = random_configurations(parts_->joints, ranges, kStarts, random);
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    starts(static_cast<Index>(i), 0) = std::midpoint(ranges[i].first, ranges[i].second);
+  }
+  follow(parts_->joints, starts.leftCols<1>());
+  for (const auto& start : starts.colwise()) {
+    if (const auto nominal = parts_->nominal_values(asked, parts_->independent(start))) {
+      return parts_->solve(parts_->calibrated, asked, *nominal, parts_->most_change);
+    }
+  }
+  return solve(asked, starts.col(0));
+}
+
+Isometry3d Compensator::nominal_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const {
+  require_joint_values(q, parts_->joints);
+  return parts_->nominal.flange_pose(q);
 }
 
 }  // namespace kdl_calibration

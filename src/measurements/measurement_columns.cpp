@@ -18,7 +18,7 @@ struct FixedColumn {
   std::string_view name;
   Column* column;
   Quantity quantity = Quantity::none;
-  bool required = false;
+  bool required = false;  // in measurements
 };
 
 /// All columns other than joints.
@@ -249,10 +249,15 @@ private:
 
   void check_complete() const {
     std::vector<std::string> missing;
+    const bool poses = joints_.content == FileContent::poses;
     for (const FixedColumn& fixed : fixed_) {
-      if (fixed.required && joints_.with_points && !present(*fixed.column)) missing.emplace_back(fixed.name);
+      const bool required = poses ? fixed.quantity == Quantity::length && fixed.required
+                                  : joints_.content == FileContent::measurements && fixed.required;
+      if (required && !present(*fixed.column)) missing.emplace_back(fixed.name);
     }
-    for (std::size_t i = 0; i < header_.joints.size(); ++i) {
+    if (poses && !has_orientation(header_)) missing.emplace_back("an orientation");
+    const bool with_joints = !poses || std::any_of(header_.joints.begin(), header_.joints.end(), present);
+    for (std::size_t i = 0; with_joints && i < header_.joints.size(); ++i) {
       if (!present(header_.joints[i])) missing.push_back(joints_.names[i]);
     }
     for (std::size_t i = 0; has_orientation(header_) && i < kOrientationForms[header_.orientation].count(); ++i) {
@@ -307,13 +312,21 @@ bool is_fixed_column(std::string_view name) {
 std::string expected_columns(const ExpectedJoints& joints) {
   std::vector<std::string> followers;
   for (const std::size_t i : joints.followers) followers.push_back(joints.joints[i].name);
-  const std::string points = "configuration, target, x, y, z";
-  std::string orientations;
-  for (const OrientationForm& form : kOrientationForms)
-    orientations += (orientations.empty() ? "" : "; ") + form.words();
-  return "expected " + (joints.with_points ? points + " and " : "") + "the joints " + comma_separated(joints.names) +
-         ", optionally " + (joints.with_points ? "" : points + ", ") + "split, repeat, order, sigma, " +
-         std::string(kTorquePrefix) + "<joint>, an orientation (" + orientations + ")" +
+  const std::string own = "the joints " + comma_separated(joints.names);
+  std::string forms;
+  for (const OrientationForm& form : kOrientationForms) forms += (forms.empty() ? "" : "; ") + form.words();
+  const std::string orientation = "an orientation (" + forms + ")";
+  std::string required = own;
+  std::string optional = "configuration, target, x, y, z, ";
+  if (joints.content == FileContent::measurements) {
+    required = "configuration, target, x, y, z and " + own;
+    optional.clear();
+  } else if (joints.content == FileContent::poses) {
+    required = "x, y, z and " + orientation;
+    optional = own + ", configuration, target, ";
+  }
+  return "expected " + required + ", optionally " + optional + "split, repeat, order, sigma, " +
+         std::string(kTorquePrefix) + "<joint>" + (joints.content == FileContent::poses ? "" : ", " + orientation) +
          (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
 }
 

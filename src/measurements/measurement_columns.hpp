@@ -70,6 +70,13 @@ struct Header {
 
 inline bool has_orientation(const Header& header) { return header.orientation < kOrientationForms.size(); }
 
+/// What each row of a file must state.
+enum class FileContent : std::uint8_t {
+  measurements,    ///< a configuration, its joint values and a point of a target
+  configurations,  ///< joint values
+  poses            ///< coordinates and an orientation
+};
+
 /// The joint names expected in the header.
 struct ExpectedJoints {
   const std::vector<std::string>& names;       ///< the controller's with a convention, else the URDF's
@@ -78,7 +85,7 @@ struct ExpectedJoints {
   const std::vector<MovingJoint>& joints;  ///< of the chain, base to tip
   std::vector<std::size_t> followers;      ///< those that mimic another joint or have a drive outside the chain
   bool kinds_known = true;                 ///< whether the types in `joints` are valid
-  bool with_points = true;                 ///< whether targets and coordinates are required
+  FileContent content = FileContent::measurements;
 };
 
 enum class ValueKind : std::uint8_t { unknown, angle, length };

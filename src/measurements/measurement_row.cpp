@@ -136,16 +136,52 @@ Eigen::Quaterniond Row::orientation() const {
     fail(place_, "the " + std::string(form.what) + " has an empty cell: expected all of " + form.words() + " or none");
   }
   if (header_.orientation == kQuaternion) return quaternion();
-  const Eigen::Vector3d angles(angle(columns[0]), angle(columns[1]), angle(columns[2]));
+  const Eigen::Vector3d v = angles();
   if (header_.orientation == kRotationVector) {
-    return Eigen::Quaterniond(Eigen::AngleAxisd(angles.norm(), angles.stableNormalized())).normalized();
+    return Eigen::Quaterniond(Eigen::AngleAxisd(v.norm(), v.stableNormalized())).normalized();
   }
-  // R = Rz(yaw) Ry(pitch) Rx(roll). KUKA's A, B, C are about z, y, x; FANUC's W, P, R about x, y, z.
-  const bool z_first = header_.orientation == kKuka;
-  const Eigen::AngleAxisd about_z(angles[z_first ? 0 : 2], Eigen::Vector3d::UnitZ());
-  const Eigen::AngleAxisd about_y(angles[1], Eigen::Vector3d::UnitY());
-  const Eigen::AngleAxisd about_x(angles[z_first ? 2 : 0], Eigen::Vector3d::UnitX());
+  const Eigen::AngleAxisd about_z(v[z_first() ? 0 : 2], Eigen::Vector3d::UnitZ());
+  const Eigen::AngleAxisd about_y(v[1], Eigen::Vector3d::UnitY());
+  const Eigen::AngleAxisd about_x(v[z_first() ? 2 : 0], Eigen::Vector3d::UnitX());
   return (about_z * about_y * about_x).normalized();
+}
+
+Eigen::Vector3d Row::angles() const {
+  const auto& columns = header_.orientations[header_.orientation];
+  return {angle(columns[0]), angle(columns[1]), angle(columns[2])};
+}
+
+// R = Rz(yaw) Ry(pitch) Rx(roll). KUKA's A, B, C are about z, y, x; FANUC's W, P, R about x, y, z.
+bool Row::z_first() const { return header_.orientation == kKuka; }
+
+Eigen::Vector4d Row::orientation_numbers(const Eigen::Quaterniond& R) const {
+  constexpr double kTurn = 2.0 * std::numbers::pi;
+  constexpr double kGimbalLock = 1e-12;
+  if (header_.orientation == kQuaternion) {
+    const double sign = R.dot(quaternion()) < 0.0 ? -1.0 : 1.0;
+    return sign * Eigen::Vector4d(R.w(), R.x(), R.y(), R.z());
+  }
+  Eigen::Vector4d result = Eigen::Vector4d::Zero();
+  const Eigen::Vector3d own = angles();
+  if (header_.orientation == kRotationVector) {
+    const Eigen::AngleAxisd turn(R);
+    const double angle = own.dot(turn.axis());
+    result.head<3>() = (angle + std::remainder(turn.angle() - angle, kTurn)) * turn.axis();
+    return result;
+  }
+  const int roll = z_first() ? 2 : 0;
+  const int yaw = 2 - roll;
+  const Eigen::Matrix3d M = R.toRotationMatrix();
+  const double side = std::cos(own[1]) < 0.0 ? -1.0 : 1.0;            // of the two solutions, that on the row's side
+  const bool is_locked = std::hypot(M(2, 1), M(2, 2)) < kGimbalLock;  // then only yaw - roll or their sum is defined
+  result[roll] = is_locked ? own[roll] : std::atan2(side * M(2, 1), side * M(2, 2));
+  const Eigen::Matrix3d rest = M * Eigen::AngleAxisd(-result[roll], Eigen::Vector3d::UnitX());  // Rz(yaw) Ry(pitch)
+  result[1] = std::atan2(-rest(2, 0), rest(2, 2));
+  result[yaw] = std::atan2(-rest(0, 1), rest(1, 1));
+  for (int i = 0; i < 3; ++i) {
+    result[i] = own[i] + std::remainder(result[i] - own[i], kTurn);
+  }
+  return result;
 }
 
 double Row::angle(const Column& column) const {

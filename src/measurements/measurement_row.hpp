@@ -36,6 +36,8 @@ public:
   double sigma() const;  ///< [m]; 0 if none is stated
   /// point_alone() if the row states no orientation.
   Eigen::Quaterniond orientation() const;
+  /// The numbers [SI] that state the orientation `R` in the file's form, of several ways those nearest to the row's.
+  Eigen::Vector4d orientation_numbers(const Eigen::Quaterniond& R) const;
 
   [[noreturn]] void fail_cell(const Column& column, const std::string& what) const;
   [[noreturn]] void fail_row(const std::string& what) const;
@@ -46,6 +48,8 @@ private:
   void note_decimals(const Column& column, char mark) const;
   Eigen::Quaterniond quaternion() const;
   double angle(const Column& column) const;
+  Eigen::Vector3d angles() const;
+  bool z_first() const;
 
   const Header& header_;
   const Fields& fields_;

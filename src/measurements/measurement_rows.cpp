@@ -17,7 +17,7 @@ MeasurementRows::MeasurementRows(LineReader& lines, const std::vector<MovingJoin
               chain,
               {},
               kind.kinds_known,
-              kind.with_points} {
+              kind.content} {
   for (std::size_t i = 0; i < chain.size(); ++i) {
     if (chain[i].mimic || chain[i].drive) joints_.followers.push_back(i);
   }
@@ -38,12 +38,14 @@ MeasurementRows::MeasurementRows(LineReader& lines, const std::vector<MovingJoin
 }
 
 bool MeasurementRows::next() {
-  if (has_first_) {
-    has_first_ = false;
-    return true;
-  }
-  if (!next_record(lines_, line_)) return false;
+  if (!next_line()) return false;
   fields_.split(line_, header_.separator, lines_.place());
+  return true;
+}
+
+bool MeasurementRows::next_line() {
+  if (!has_first_) return next_record(lines_, line_);
+  has_first_ = false;
   return true;
 }
 

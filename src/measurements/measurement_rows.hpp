@@ -18,7 +18,7 @@ namespace kdl_calibration {
 /// Expected kind of the file.
 struct FileKind {
   bool kinds_known = true;  ///< whether the joint types are known
-  bool with_points = true;
+  FileContent content = FileContent::measurements;
 };
 
 /// The header of a measurements file, then its rows one after the other. Keeps references.
@@ -31,6 +31,8 @@ public:
 
   /// Moves to the next row; false at the end.
   bool next();
+  /// The same without splitting it into fields.
+  bool next_line();
   Row row() { return {header_, fields_, lines_.place(), decimals_}; }
   const Fields& fields() const { return fields_; }
   std::string_view line() const { return line_; }

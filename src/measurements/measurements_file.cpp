@@ -20,6 +20,7 @@
 #include "measurements/measurement_rows.hpp"
 #include "measurements/measurements_check.hpp"
 #include "measurements/missing_units.hpp"
+#include "measurements/stated_joints.hpp"
 #include "measurements/torque_means.hpp"
 #include "measurements/training_rows.hpp"
 #include "robot/mimic.hpp"
@@ -34,8 +35,7 @@ constexpr double kSamePose = 1e-4;  // [rad] or [m] largest difference between r
 class Collector {
 public:
   Collector(const Header& header, const std::string& source, bool with_points)
-      : header_(header), source_(source), with_points_(with_points), joint_columns_(header.joints) {
-    std::copy_if(header.followers.begin(), header.followers.end(), std::back_inserter(joint_columns_), present);
+      : header_(header), source_(source), with_points_(with_points), joint_columns_(joint_columns(header)) {
     joint_row_.resize(joint_columns_.size());
   }
 
@@ -70,19 +70,19 @@ public:
     }
     check_duplicates();
     take_means_of_scattered_values();
-    check_missing_units(joints, {.header = header_,
-                                 .source = source_,
-                                 .joint_values = joint_values_,
-                                 .columns = joint_row_.size(),
-                                 .observations = observations_});
+    const StatedJoints stated{.header = header_, .joints = joints, .source = source_, .line = [&](Eigen::Index c) {
+                                return lines_[first_rows_[static_cast<std::size_t>(c)]];
+                              }};
+    const Eigen::Map<Eigen::MatrixXd> read(joint_values_.data(), static_cast<Eigen::Index>(joint_columns_.size()),
+                                           static_cast<Eigen::Index>(first_rows_.size()));
+    Eigen::AlignedBox3d points;
+    for (const Observation& o : observations_) points.extend(o.position);
+    check_missing_units(joints, {.header = header_, .source = source_, .joint_values = read, .points = points});
+    apply_convention(stated, read);
     Measurements result;
     result.source = source_;
     for (const MovingJoint& joint : joints.joints) result.joints.push_back(joint.name);
-    if (joints.convention == nullptr) {
-      result.joint_units = joint_units(joints);
-    } else {
-      convert_joints(*joints.convention);
-    }
+    if (joints.convention == nullptr) result.joint_units = joint_units(joints);
     result.configurations = configurations_.take_labels();
     result.targets = targets_.take_labels();
     result.observations = std::move(observations_);
@@ -93,25 +93,7 @@ public:
       std::exchange(lines_, {});  // frees memory before the joint values are copied
       std::exchange(first_rows_, {});
     }
-    const auto rows = static_cast<Eigen::Index>(joint_columns_.size());
-    const auto columns = static_cast<Eigen::Index>(result.configurations.size());
-    const Eigen::Map<const Eigen::MatrixXd> read(joint_values_.data(), rows, columns);
-    if (joints.followers.empty()) {
-      result.joint_values = read;
-    } else {
-      const auto independent = static_cast<Eigen::Index>(header_.joints.size());
-      Eigen::MatrixXd values = read.topRows(independent);
-      const std::vector<std::size_t> rows_of = independent_joints(joints.joints);
-      for (std::size_t i = 0; i < header_.own_values.size(); ++i) {
-        if (header_.own_values[i]) {
-          const Drive drive = drive_of(joints.joints[rows_of[i]]);
-          auto row = values.row(static_cast<Eigen::Index>(i)).array();
-          row = (row - drive.offset) / drive.multiplier;
-        }
-      }
-      result.joint_values = all_joint_values(joints.joints, values);
-      check_followers(joints, read.bottomRows(rows - independent), result.joint_values);
-    }
+    result.joint_values = with_followers(stated, read);
     result.signals.torques = torques_.means(header_, joints, result.configurations.size());
     result.signals.approach = approach_directions(result);
     result.remark = recognised(decimals);
@@ -220,45 +202,6 @@ private:
              shown(targets_.labels()[static_cast<std::size_t>(o.target)]), lines_[*twin]));
   }
 
-  /// Column by column, so that a configuration's values do not depend on its position.
-  void convert_joints(const JointConvention& convention) {
-    const auto size = static_cast<Eigen::Index>(header_.joints.size());
-    for (std::size_t c = 0; c < first_rows_.size(); ++c) {
-      Eigen::Map<Eigen::VectorXd> values(joint_values_.data() + c * joint_row_.size(), size);
-      values = (convention.matrix * values + convention.offset).eval();
-      if (!(values.cwiseAbs().maxCoeff() <= kLargestNumber)) {
-        fail(Place{source_, lines_[first_rows_[c]]},
-             "joint values out of range behind the joint convention " + convention.name + ": expected at most 1e12");
-      }
-    }
-  }
-
-  /// Throws if a follower's column contradicts its leader's. `read` has one row per column.
-  void check_followers(const ExpectedJoints& joints, const Eigen::Ref<const Eigen::MatrixXd>& read,
-                       const Eigen::MatrixXd& joint_values) const {
-    Eigen::Index row = 0;
-    for (std::size_t i = 0; i < joints.followers.size(); ++i) {
-      const Column& column = header_.followers[i];
-      if (!present(column)) continue;
-      const MovingJoint& joint = joints.joints[joints.followers[i]];
-      const auto expected = joint_values.row(static_cast<Eigen::Index>(joints.followers[i]));
-      const Drive leader = joint.mimic ? Drive{.name = joints.joints[joint.mimic->leader].name,
-                                               .multiplier = joint.mimic->multiplier,
-                                               .offset = joint.mimic->offset}
-                                       : drive_of(joint);
-      const double tolerance = follower_tolerance(leader.multiplier);
-      for (Eigen::Index c = 0; c < read.cols(); ++c) {
-        if (std::abs(read(row, c) - expected[c]) <= tolerance) continue;
-        fail(Place{source_, lines_[first_rows_[static_cast<std::size_t>(c)]]},
-             header_.names[column.index] + " " + shown(in_unit(read(row, c), column.unit)) +
-                 " contradicts the URDF, where the joint mimics " + shown(leader.name) + ": expected " +
-                 in_unit(expected[c], column.unit) + " (" + shortest(leader.multiplier) + " times that of " +
-                 shown(leader.name) + " plus " + in_unit(leader.offset, column.unit) + ")");
-      }
-      ++row;
-    }
-  }
-
   std::vector<JointUnit> joint_units(const ExpectedJoints& joints) const {
     std::vector<Column> columns(joints.joints.size());
     const std::vector<std::size_t> independent = independent_joints(joints.joints);
@@ -295,7 +238,7 @@ private:
 Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, const JointConvention* convention,
                      const FileKind& kind) {
   MeasurementRows rows(lines, chain, convention, kind);
-  Collector collector(rows.header(), lines.source(), kind.with_points);
+  Collector collector(rows.header(), lines.source(), kind.content == FileContent::measurements);
   for (bool first = true; rows.next(); first = false) {
     collector.add(rows.row(), lines.place().line);
     // Rows have similar lengths; reserved memory in excess is never touched.
@@ -340,19 +283,21 @@ Measurements read_measurements(const Robot& robot, const std::filesystem::path& 
 Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,
                                   const JointConvention* convention, const std::string& source) {
   LineReader lines(csv, source);
-  return collect(lines, joints_named(urdf_joints), convention, {.kinds_known = false, .with_points = false});
+  return collect(lines, joints_named(urdf_joints), convention,
+                 {.kinds_known = false, .content = FileContent::configurations});
 }
 
 Measurements read_configurations(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                  const JointConvention* convention) {
   LineReader lines(file);
-  return collect(lines, joints_named(urdf_joints), convention, {.kinds_known = false, .with_points = false});
+  return collect(lines, joints_named(urdf_joints), convention,
+                 {.kinds_known = false, .content = FileContent::configurations});
 }
 
 Measurements read_configurations(const Robot& robot, const std::filesystem::path& file,
                                  const JointConvention* convention) {
   LineReader lines(file);
-  return collect(lines, robot.joints, convention, {.with_points = false});
+  return collect(lines, robot.joints, convention, {.content = FileContent::configurations});
 }
 
 }  // namespace kdl_calibration

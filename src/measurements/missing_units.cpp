@@ -38,13 +38,10 @@ double largest_length(const ExpectedJoints& joints) {
 void check_units_of_points(const ExpectedJoints& joints, const ReadValues& read) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     if (!present(read.header.position[axis]) || read.header.position[axis].unit != Unit::none) continue;
-    const auto of_axis = [&](const Observation& o) { return o.position[static_cast<Eigen::Index>(axis)]; };
-    const auto [low, high] = std::minmax_element(read.observations.begin(), read.observations.end(),
-                                                 [&](const auto& a, const auto& b) { return of_axis(a) < of_axis(b); });
-    const double apart = of_axis(*high) - of_axis(*low);
+    const double apart = read.points.sizes()[static_cast<Eigen::Index>(axis)];
     if (apart > largest_length(joints)) {
       const char name = "xyz"[axis];
-      fail(read.source, "targets " + rounded(apart) + " m apart along " + name +
+      fail(read.source, "points " + rounded(apart) + " m apart along " + name +
                             " without a unit are beyond this robot: millimetres? write " + name + "[mm] (or [m])");
     }
   }
@@ -54,13 +51,9 @@ void check_units_of_points(const ExpectedJoints& joints, const ReadValues& read)
 
 void check_missing_units(const ExpectedJoints& joints, const ReadValues& read) {
   if (!joints.kinds_known) return;
-  const std::size_t columns = read.columns;
-  for (std::size_t j = 0; j < read.header.joints.size(); ++j) {
+  for (std::size_t j = 0; j < read.header.joints.size() && read.joint_values.size() > 0; ++j) {
     if (read.header.joints[j].unit != Unit::none) continue;
-    double largest = 0.0;
-    for (std::size_t i = j; i < read.joint_values.size(); i += columns) {
-      largest = std::max(largest, std::abs(read.joint_values[i]));
-    }
+    const double largest = read.joint_values.row(static_cast<Eigen::Index>(j)).cwiseAbs().maxCoeff();
     const ValueKind kind = kind_of_value(joints, j);
     const std::string& name = joints.names[j];
     if (kind == ValueKind::angle && largest > largest_angle(joints)) {

@@ -2,11 +2,10 @@
 
 // Not installed.
 
-#include <cstddef>
+#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <string>
-#include <vector>
 
-#include "kdl_calibration/measurements.hpp"
 #include "measurements/measurement_columns.hpp"
 
 namespace kdl_calibration {
@@ -15,9 +14,8 @@ namespace kdl_calibration {
 struct ReadValues {
   const Header& header;
   const std::string& source;
-  const std::vector<double>& joint_values;  ///< configuration by configuration
-  std::size_t columns;                      ///< values per configuration
-  const std::vector<Observation>& observations;
+  Eigen::Ref<const Eigen::MatrixXd> joint_values;  ///< joint_columns() x configurations
+  Eigen::AlignedBox3d points;
 };
 
 /// Throws InputError if a column without unit has values that are implausible in rad or m.

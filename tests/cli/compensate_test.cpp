@@ -1,5 +1,8 @@
 // kdlcal compensate: its file, its summary, its options, and what it refuses.
 
+#include <kdl/chainiksolverpos_lma.hpp>
+
+#include "base/number_text.hpp"
 #include "base/sha256.hpp"
 #include "cli_options_support.hpp"
 #include "kdl_calibration/compensation.hpp"
@@ -124,8 +127,214 @@ TEST_F(Compensate, ChangesNoJointByMoreThanAllowed) {
   }
 }
 
+// ---- Poses ---------------------------------------------------------------------------------------------------------
+
+constexpr const char* kPoses = "configuration,X[mm],Y[mm],Z[mm],W[deg],P[deg],R[deg]";
+const Words kOfPoses = {"compensate", "--result", "r.json", "--poses", "p.csv", "--output", "o.csv"};
+
+std::string joined(const std::vector<double>& numbers) {
+  std::string text;
+  for (const double number : numbers) {
+    text += "," + shortest(number);
+  }
+  return text;
+}
+
+// As a FANUC states it.
+std::string in_wpr(const Eigen::Isometry3d& X) {
+  double w = 0.0;
+  double p = 0.0;
+  double r = 0.0;
+  to_kdl(X).M.GetRPY(w, p, r);
+  const Eigen::Vector3d mm = 1e3 * X.translation();
+  return joined({mm.x(), mm.y(), mm.z(), w / kDegree, p / kDegree, r / kDegree});
+}
+
+// The poses in a row of the file of commands.
+std::vector<Eigen::Isometry3d> poses_in(const std::string& text) {
+  std::vector<Eigen::Isometry3d> poses;
+  for (const std::string& line : lines_of(text)) {
+    std::vector<double> numbers;
+    std::istringstream cells(line);
+    for (std::string cell; std::getline(cells, cell, ',') && numbers.size() < 7;) {
+      numbers.push_back(std::strtod(cell.c_str(), nullptr));
+    }
+    if (numbers.size() == 7 && numbers[0] > 0.0) {
+      Eigen::Isometry3d& X = poses.emplace_back(to_eigen(KDL::Frame(
+          KDL::Rotation::RPY(numbers[4] * kDegree, numbers[5] * kDegree, numbers[6] * kDegree), KDL::Vector())));
+      X.translation() = 1e-3 * Eigen::Vector3d(numbers[1], numbers[2], numbers[3]);
+    }
+  }
+  return poses;
+}
+
+// What the controller does: by KDL, joint values of the nominal robot near `start` at which its flange is there.
+Eigen::VectorXd set_by_controller(const Eigen::Isometry3d& X_BF, const Eigen::VectorXd& start) {
+  KDL::ChainIkSolverPos_LMA solver(fanuc().chain, Eigen::Matrix<double, 6, 1>::Ones(), 1e-12);
+  KDL::JntArray from(6);
+  from.data = start;
+  KDL::JntArray q(6);
+  solver.CartToJnt(from, to_kdl(X_BF), q);
+  return q.data;
+}
+
+const std::vector<Eigen::VectorXd> kAsked = {Eigen::VectorXd{{0.1, -0.2, 0.3, 0.4, 0.5, 0.6}},
+                                             Eigen::VectorXd{{0.15, -0.25, 0.3, 0.4, 0.6, 0.6}},
+                                             Eigen::VectorXd{{-0.4, 0.2, 0.1, -0.3, 0.9, 0.2}}};
+
+Eigen::Isometry3d nominal_at(const Eigen::VectorXd& q) { return to_eigen(kdl_pose(fanuc().chain, q)); }
+
+TEST_F(Compensate, BringsTheToolWhereTheProgramsPosesAre) {
+  const Eigen::Isometry3d X_BU =
+      Eigen::Translation3d(0.3, 1.5, 0.2) * Eigen::Isometry3d(Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()));
+  const Eigen::Isometry3d X_FT =
+      Eigen::Translation3d(0.05, 0.3, 0.0) * Eigen::Isometry3d(Eigen::AngleAxisd(-0.7, Eigen::Vector3d::UnitX()));
+  const auto frame = [](const Eigen::Isometry3d& X) {
+    const Eigen::Quaterniond q(X.linear());
+    return Json{{"position", {X.translation().x(), X.translation().y(), X.translation().z()}},
+                {"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}};
+  };
+  write("f.json", Json{{"user", frame(X_BU)}, {"tool", frame(X_FT)}}.dump());
+  const CalibratedArm arm = calibration().arm();
+  for (const bool framed : {false, true}) {
+    for (const bool seeded : {false, true}) {
+      std::string text = std::string(kPoses) + (seeded ? ",joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n" : "\n");
+      for (std::size_t i = 0; i < kAsked.size(); ++i) {
+        const Eigen::Isometry3d X = nominal_at(kAsked[i]);
+        text += std::to_string(i + 1) + in_wpr(framed ? X_BU.inverse() * X * X_FT : X);
+        const Eigen::VectorXd seed = kAsked[i].array() + 0.05;
+        text += (seeded ? joined({seed.begin(), seed.end()}) : "") + "\n";
+      }
+      write("p.csv", text);
+      const Outcome outcome = run(kOfPoses + Words{"--force"} + (framed ? Words{"--frames", "f.json"} : Words{}));
+      EXPECT_EQ(outcome.status, 0) << outcome.err << outcome.out;
+      EXPECT_EQ(outcome.err.find("has no joint values") == std::string::npos, seeded);
+      const std::string commands = text_of("o.csv");
+      EXPECT_EQ(lines_of(commands)[1], lines_of(text)[0]);
+      const std::vector<Eigen::Isometry3d> commanded = poses_in(commands);
+      ASSERT_EQ(commanded.size(), kAsked.size());
+      for (std::size_t i = 0; i < kAsked.size(); ++i) {
+        const Eigen::Isometry3d flange = framed ? X_BU * commanded[i] * X_FT.inverse() : commanded[i];
+        const Eigen::VectorXd q = set_by_controller(flange, kAsked[i]);
+        const Eigen::Isometry3d asked = nominal_at(kAsked[i]);
+        EXPECT_GT((flange.translation() - asked.translation()).norm(), 1e-4);
+        EXPECT_LT((arm.flange_pose(q).matrix() - asked.matrix()).cwiseAbs().maxCoeff(), 2e-6);  // that of KDL's solver
+      }
+      if (seeded) {
+        const Measurements joints = read_configurations(fanuc(), directory / "o.csv");
+        EXPECT_LT((arm.flange_pose(joints.joint_values.col(2)).matrix() - nominal_at(kAsked[2]).matrix()).norm(), 1e-9);
+        EXPECT_LT((nominal_at(joints.joint_values.col(2)).matrix() -
+                   (framed ? X_BU * commanded[2] * X_FT.inverse() : commanded[2]).matrix())
+                      .cwiseAbs()
+                      .maxCoeff(),
+                  1e-12);
+      }
+    }
+  }
+}
+
+TEST_F(Compensate, LeavesPosesThatTheNominalRobotDoesNotReachAsTheyAre) {
+  write("p.csv", std::string(kPoses) + "\n1" + in_wpr(nominal_at(kAsked[0])) + "\n2,9000,0,700,10,20,30\n");
+  const Outcome outcome = run(kOfPoses + Words{"--json"});
+  EXPECT_EQ(outcome.status, 1);
+  EXPECT_EQ(Json::parse(outcome.out)["not_exact"][0]["configuration"], "2");
+  EXPECT_LT((poses_in(text_of("o.csv"))[1].matrix() - poses_in(text_of("p.csv"))[1].matrix()).norm(), 1e-12);
+}
+
+TEST_F(Compensate, SaysHowFarStraightLinesAreOff) {
+  write("p.csv",
+        "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0.1,-0.2,0.3,0.4,0.5,0.6\n"
+        "0.11,-0.2,0.3,0.4,0.5,0.6\n0.9,0.3,-0.1,0.4,0.7,0.6\n");
+  const Outcome outcome = run(kCompensate + Words{"--linear", "--json"});
+  EXPECT_THAT(outcome.err, AllOf(HasSubstr("1 of 2 straight lines are off"), HasSubstr("to configuration '3'")));
+  const Json lines = Json::parse(outcome.out)["lines"];
+  EXPECT_EQ(lines["to"], "3");
+  // The controller's straight line between the last two commands, at its middle.
+  const Measurements asked = read_configurations(fanuc(), directory / "p.csv");
+  const Measurements commanded = read_configurations(fanuc(), directory / "o.csv");
+  const auto middle = [](const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
+    Eigen::Isometry3d X(Eigen::Quaterniond(a.linear()).slerp(0.5, Eigen::Quaterniond(b.linear())));
+    X.translation() = 0.5 * (a.translation() + b.translation());
+    return X;
+  };
+  const auto at = [&](const Measurements& rows, Eigen::Index row) { return nominal_at(rows.joint_values.col(row)); };
+  const Eigen::VectorXd q = set_by_controller(middle(at(commanded, 1), at(commanded, 2)),
+                                              0.5 * (asked.joint_values.col(1) + asked.joint_values.col(2)));
+  const double off =
+      (calibration().arm().flange_pose(q).translation() - middle(at(asked, 1), at(asked, 2)).translation()).norm();
+  EXPECT_GT(off, 1e-4);
+  EXPECT_NEAR(lines["largest_deviation"].get<double>(), off, 0.1 * off);
+  write("p.csv",
+        "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0.1,-0.2,0.3,0.4,0.5,0.6\n"
+        "0.101,-0.2,0.3,0.4,0.5,0.6\n");
+  EXPECT_EQ(run(kCompensate + Words{"--linear", "--force"}).err.find("straight lines"), std::string::npos);
+}
+
+TEST_F(Compensate, KeepsThePositionWhereAsked) {
+  write("p.csv", "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0.1,-0.2,0.3,0.4,0.5,0.6\n");
+  const Words bounded = kCompensate + Words{"--most-change", "0.1", "--json", "--force"};
+  const Json least_squares = Json::parse(run(bounded).out);
+  const Json position_first = Json::parse(run(bounded + Words{"--position-first"}).out);
+  EXPECT_GT(least_squares["largest_position_error"], 1e-5);
+  EXPECT_EQ(least_squares["status"]["unreachable"], 1);
+  EXPECT_LT(position_first["largest_position_error"], 1e-9);
+  EXPECT_EQ(position_first["status"]["position_only"], 1);
+}
+
+TEST_F(Compensate, SaysHowWellEachPointIsKnown) {
+  run(kCompensate + Words{"--predict", "known.csv"});
+  const std::vector<std::string> rows = lines_of(text_of("known.csv"));
+  ASSERT_EQ(rows.size(), 4U);
+  EXPECT_EQ(rows[0], "configuration,status,position_error[m],orientation_error[rad],sigma[m],radius_95[m],outside");
+  EXPECT_THAT(rows[3], StartsWith("3,position_only,"));
+  const Measurements commanded = read_configurations(fanuc(), directory / "o.csv");
+  double sigma = 0.0;
+  double radius = 0.0;
+  for (const char* target : {"A", "B", "C"}) {
+    const PredictedPoint point = calibration().arm().predict(commanded.joint_values.col(0), target);
+    sigma = std::max(sigma, std::sqrt(point.covariance.trace()));
+    radius = std::max(radius, point.radius_95);
+  }
+  std::istringstream cells(rows[1]);
+  std::vector<std::string> first;
+  for (std::string cell; std::getline(cells, cell, ',');) {
+    first.push_back(cell);
+  }
+  ASSERT_EQ(first.size(), 7U);
+  EXPECT_NEAR(std::stod(first[4]), sigma, 1e-15);
+  EXPECT_NEAR(std::stod(first[5]), radius, 1e-15);
+  EXPECT_EQ(first[6], "false");
+}
+
+TEST_F(Compensate, WarnsOfPointsBeyondTheMeasuredJointValues) {
+  write("p.csv",
+        "pose,joint_1[deg],joint_2,joint_3,joint_4,joint_5,joint_6\na,10,-0.2,0.3,0.4,0.5,0.6\n"
+        "b,200,-0.2,0.3,0.4,0.5,0.6\n");
+  const Outcome outcome = run(kCompensate + Words{"--json"});
+  EXPECT_EQ(Json::parse(outcome.out)["outside"], 1);
+  EXPECT_THAT(outcome.err, HasSubstr("1 of 2 points are outside the joint values that were measured, first "
+                                     "configuration 'b'"));
+}
+
+TEST_F(Compensate, RefusesPosesThatDependOnWhatIsNotDetermined) {
+  ASSERT_EQ(run({"simulate", "--joint-ranges", "-90:90,-60:50,-60:60,40:40,-90:90,-180:180", "--noise", "1e-5",
+                 "--length-sigma", "0.001", "--angle-sigma", "0.001", "--output", "m.csv"})
+                .status,
+            0);
+  ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--result", "r.json", "--force", "--effects", "none",
+                 "--prior", "none"})
+                .status,
+            0);
+  const std::string head = "joint_1[deg],joint_2[deg],joint_3[deg],joint_4[deg],joint_5[deg],joint_6[deg]\n";
+  write("p.csv", head + "10,20,30,40,50,60\n");
+  EXPECT_EQ(run(kCompensate).status, 0);
+  write("p.csv", head + "10,20,30,40,50,60\n10,20,30,0,50,60\n");
+  expect_refused(kCompensate + Words{"--force"}, {"configuration '2'", "do not determine", "plan --measured"});
+}
+
 TEST_F(Compensate, HelpSaysFirstWhatPosesMean) {
-  const std::string help = run({"compensate", "--help"}).out;
+  std::string help = run({"compensate", "--help"}).out;
+  std::replace(help.begin(), help.end(), '\n', ' ');
   EXPECT_LT(help.find("touched up"), help.find("--result"));
   EXPECT_LT(help.find("user and tool frames"), help.find("--result"));
 }
@@ -152,7 +361,12 @@ TEST_F(Compensate, RefusesWhatItMustNotCompensate) {
   expect_refused(with(6, "p.csv"), {"--output", "p.csv"});
   expect_refused(kCompensate + Words{"--force", "--urdf", "other.urdf"}, {"r.json", "hash"});
   expect_refused(kCompensate + Words{"--force", "--most-change", "0"}, {"--most-change", "degrees"});
-  expect_refused({"compensate", "--result", "r.json", "--output", "x.csv"}, {"--joints", "required"});
+  expect_refused({"compensate", "--result", "r.json", "--output", "x.csv"}, {"--joints", "--poses"});
+  expect_refused(kCompensate + Words{"--poses", "p.csv"}, {"--joints", "--poses"});
+  write("f.json", "{}");
+  expect_refused(kCompensate + Words{"--force", "--frames", "f.json"}, {"f.json", "\"user\" or \"tool\""});
+  write("empty.csv", "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n");
+  expect_refused(with(4, "empty.csv"), {"empty.csv", "no rows"});
   EXPECT_EQ(text_of("o.csv"), before);
 }
 

@@ -20,6 +20,7 @@
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/simulation.hpp"
+#include "record.hpp"
 #include "refusal.hpp"
 #include "robot/joint_ranges.hpp"
 #include "support.hpp"
@@ -206,6 +207,49 @@ TEST(Compensation, OfAPoseIsThatOfTheNominalJointValuesThere) {
   EXPECT_GT(compared, 120);
 }
 
+// From the pose alone; one of the ways to reach it, so only the pose is compared.
+TEST(Compensation, OfAPoseNeedsNoSeed) {
+  const Calibration found = bent(fanuc(), 5e-4);
+  const Compensator compensator(found);
+  const MatrixXd q = anywhere(300);
+  int reached = 0;
+  for (Index c = 0; c < q.cols(); ++c) {
+    const Eigen::Isometry3d asked = to_eigen(testing::kdl_pose(fanuc().chain, q.col(c)));
+    const CompensatedPoint point = compensator.solve(asked);
+    if (point.status == exact) {
+      ++reached;
+      EXPECT_LE(distance(found.arm().flange_pose(point.joint_values), asked).position, kExact + 1e-12);
+      const VectorXd nominal = point.joint_values - point.change;
+      EXPECT_LE(distance(compensator.nominal_pose(nominal), asked).position, kExact + 1e-12);
+    }
+    EXPECT_LE(point.change.cwiseAbs().maxCoeff(), 5.0 * kDegree + 1e-15);
+  }
+  EXPECT_GT(reached, 250);
+}
+
+TEST(Compensation, PrefersThePositionWhereAsked) {
+  const Calibration found = bent(fanuc(), 5e-4);
+  const CompensationOptions bounded{.most_change = 2e-3};
+  const Compensator least_squares(found, bounded);
+  const Compensator position_first(found, {.most_change = bounded.most_change, .position_first = true});
+  const MatrixXd q = anywhere(600);
+  int preferred = 0;
+  for (Index c = 0; c < q.cols(); ++c) {
+    const CompensatedPoint plain = least_squares.solve(q.col(c));
+    const CompensatedPoint point = position_first.solve(q.col(c));
+    EXPECT_LE((point.joint_values - q.col(c)).cwiseAbs().maxCoeff(), bounded.most_change + 1e-15);
+    if (plain.status != position_only && point.status == position_only) {
+      ++preferred;
+      EXPECT_LE(point.position_error, kExact);
+      EXPECT_GT(plain.position_error, kExact);
+      EXPECT_GE(point.orientation_error, plain.orientation_error);
+    } else {
+      EXPECT_EQ(point.joint_values, plain.joint_values);
+    }
+  }
+  EXPECT_GT(preferred, 20);
+}
+
 TEST(Compensation, SaysWhatIsInTheWay) {
   const Calibration found = bent(fanuc(), 2e-3);
   const Compensator compensator(found);
@@ -365,6 +409,42 @@ TEST(Compensation, BringsTheTrueRobotWhereItsUncertaintySays) {
   EXPECT_GT(before / count, 1e-3);
   EXPECT_NEAR(ratio / count, 1.0, 0.1);
   EXPECT_GE(within, 0.95 * count);
+}
+
+// Commands by a calibration on half of the poses, where the calibration on the other half puts the target.
+TEST(CompensationOnRealDataLongRun, RemovesMostOfTheErrorOfAUr10) {
+  const std::string folder = std::string(SHARED_DATA_DIR) + "/ur10_tracker_poses";
+  const Robot robot = load_robot(folder + "/ur10.urdf", {.base = "base_link", .tip = "tool0"});
+  const Measurements all = read_measurements(robot, folder + "/measurements.csv");
+  const CalibrationOptions quick{.validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
+  const auto half = [&](int odd) {
+    return calibrate(robot, subset(all, [&](const Observation& o) { return o.configuration % 2 == odd; }), quick);
+  };
+  const Calibration ours = half(0);
+  const Calibration other = half(1);
+  ASSERT_TRUE(ours.trusted());
+  const Compensator compensator(ours);
+  const Estimate& estimate = ours.parts().estimate;
+  double squares = 0.0;
+  int count = 0;
+  for (const auto& q : all.joint_values.colwise()) {
+    const CompensatedPoint point = compensator.solve(q);
+    if (point.status == exact) {
+      const Eigen::Vector3d asked =
+          estimate.X_WB * compensator.nominal_pose(q) * estimate.targets.front().X_FT.translation();
+      const PredictedPoint reached =
+          other.arm().predict(point.joint_values, estimate.targets.front().name, PredictionFrame::measuring);
+      squares += (reached.position - asked).squaredNorm();
+      ++count;
+    }
+  }
+  const double before = other.accuracy().train.before.rms;
+  const double after = std::sqrt(squares / count);
+  testing::record("before [m]", before);
+  testing::record("after [m]", after);
+  EXPECT_GT(count, 0.95 * static_cast<double>(all.joint_values.cols()));
+  EXPECT_GT(before, 0.9e-3);
+  EXPECT_LT(after, 0.2 * before);
 }
 
 // ---- Promises ------------------------------------------------------------------------------------------------------

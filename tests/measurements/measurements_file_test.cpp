@@ -185,7 +185,7 @@ TEST(MissingUnits, PointsAreDoubtedAlongEachAxisByItself) {
     const Eigen::Vector3d unit = Eigen::Vector3d::Unit(axis);
     EXPECT_EQ(refused("x,y,z", 15.0 * unit, -25.0 * unit), kTaken) << name;
     EXPECT_THAT(refused("x,y,z", 15.6 * unit, -25.0 * unit),
-                HasSubstr("targets 41 m apart along " + name +
+                HasSubstr("points 41 m apart along " + name +
                           " without a unit are beyond this robot: millimetres? "
                           "write " +
                           name + "[mm] (or [m])"))

@@ -1,0 +1,168 @@
+#include "cli/compensation_summary.hpp"
+
+#include <fmt/core.h>
+#include <algorithm>
+#include <cmath>
+
+#include "base/degree.hpp"
+#include "base/number_text.hpp"
+#include "base/text.hpp"
+#include "cli/frames.hpp"
+#include "cli/text.hpp"
+#include "interface/calibration_parts.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "robot/mimic.hpp"
+
+namespace kdl_calibration::cli {
+namespace {
+
+using Eigen::Index;
+
+constexpr std::array kStatuses = {CompensationStatus::exact, CompensationStatus::position_only,
+                                  CompensationStatus::unreachable, CompensationStatus::out_of_limits,
+                                  CompensationStatus::branch_changed};
+constexpr double kBentLine = 1e-4;         // [m] deviation of a straight line that is worth a warning
+constexpr double kUndetermined = 0.05e-3;  // [m] motion by undetermined parameters, for 1 mm or 1 mrad of each
+
+bool lies_in(const JointRanges& ranges, const CompensatedJoints& q) {
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    const double value = q[static_cast<Index>(i)];
+    if (value < ranges[i].first || value > ranges[i].second) {
+      return false;
+    }
+  }
+  return true;
+}
+
+std::string off(double position, double orientation) {
+  return fixed(position * 1e3, 4) + " mm and " + fixed(orientation * 1e3, 4) + " mrad";
+}
+
+}  // namespace
+
+CompensationSummary::CompensationSummary(const Robot& robot, const Calibration& calibration, const ProgramFile& program)
+    : robot_(robot),
+      basis_(calibration.parts()),
+      predictor_(basis_),
+      program_(program),
+      changes_(Eigen::VectorXd::Zero(static_cast<Index>(robot.joints.size()))) {}
+
+std::string CompensationSummary::label(const ProgramLine& line, std::size_t ordinal) const {
+  const std::string stated = program_.label(line);
+  return stated.empty() ? std::to_string(ordinal) : stated;
+}
+
+void CompensationSummary::add(std::span<const ProgramLine> lines, std::span<const CompensatedPoint> points) {
+  constexpr std::size_t kMostListed = 1000;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const CompensatedPoint& point = points[i];
+    ++points_;
+    ++count_[static_cast<std::size_t>(point.status)];
+    changes_ = changes_.cwiseMax(point.change.cwiseAbs());
+    position_error_ = std::max(position_error_, point.position_error);
+    orientation_error_ = std::max(orientation_error_, point.orientation_error);
+    if (point.status != CompensationStatus::exact && inexact_.size() < kMostListed) {
+      inexact_.push_back({.label = label(lines[i], points_),
+                          .status = point.status,
+                          .position_error = point.position_error,
+                          .orientation_error = point.orientation_error});
+    }
+    if (!lies_in(basis_.region.joints, point.joint_values) && ++outside_ == 1) {
+      first_outside_ = label(lines[i], points_);
+    }
+    if (const double motion = predictor_.undetermined_motion(point.joint_values); motion > kUndetermined) {
+      throw InputError(
+          "configuration " + shown(label(lines[i], points_)) +
+          ": the pose is not known, as 1 mm or 1 mrad of parameters that the measurements do not determine "
+          "moves it by " +
+          fixed(motion * 1e3, 2) +
+          " mm, expected points in the measured region, or more measurements (kdlcal plan --measured)");
+    }
+  }
+}
+
+void CompensationSummary::add_lines(std::span<const ProgramLine> lines, std::span<const double> deviations) {
+  with_lines_ = true;
+  for (std::size_t i = 0; i < deviations.size(); ++i) {
+    bent_lines_ += deviations[i] > kBentLine ? 1U : 0U;
+    if (deviations[i] > deviation_) {
+      deviation_ = deviations[i];
+      most_bent_ = label(lines[i], points_ - deviations.size() + i + 1);
+    }
+  }
+}
+
+void CompensationSummary::warn_of_findings() const {
+  if (outside_ > 0) {
+    warn(
+        fmt::format("{} of {} points are outside the joint values that were measured, first configuration {}: the "
+                    "calibration may be wrong there",
+                    outside_, points_, shown(first_outside_)));
+  }
+  if (bent_lines_ > 0) {
+    warn(fmt::format(
+        "{} of {} straight lines are off by more than 0.1 mm, that to configuration {} {}: add points between",
+        bent_lines_, points_ - 1, shown(most_bent_),
+        std::isfinite(deviation_) ? "by " + fixed(deviation_ * 1e3, 3) + " mm" : "cannot be followed"));
+  }
+}
+
+std::string CompensationSummary::json() const {
+  Json statuses = Json::object();
+  for (const CompensationStatus status : kStatuses) {
+    statuses[to_string(status)] = count_[static_cast<std::size_t>(status)];
+  }
+  Json joints = Json::array();
+  for (const std::size_t i : independent_joints(robot_.joints)) {
+    joints.push_back({{"joint", robot_.joints[i].name}, {"change", changes_[static_cast<Index>(i)]}});
+  }
+  Json inexact = Json::array();
+  for (const Inexact& point : inexact_) {
+    inexact.push_back({{"configuration", point.label},
+                       {"status", to_string(point.status)},
+                       {"position_error", point.position_error},
+                       {"orientation_error", point.orientation_error}});
+  }
+  Json json = {{"points", points_},
+               {"status", statuses},
+               {"largest_change", joints},
+               {"largest_position_error", position_error_},
+               {"largest_orientation_error", orientation_error_},
+               {"outside", outside_},
+               {"not_exact", inexact}};
+  if (with_lines_) {
+    json["lines"] = {{"largest_deviation", std::isfinite(deviation_) ? Json(deviation_) : Json()},
+                     {"to", most_bent_},
+                     {"above_limit", bent_lines_}};
+  }
+  return json_text(json);
+}
+
+std::string CompensationSummary::table() const {
+  constexpr std::size_t kWidth = 24;
+  constexpr std::size_t kMostLines = 10;
+  std::string text = padded("status", kWidth) + "  points\n";
+  for (const CompensationStatus status : kStatuses) {
+    text += padded(to_string(status), kWidth) + fmt::format("{:>8}\n", count_[static_cast<std::size_t>(status)]);
+  }
+  text += padded("joint", kWidth) + "  largest change\n";
+  for (const std::size_t i : independent_joints(robot_.joints)) {
+    const MovingJoint& joint = robot_.joints[i];
+    const double change = changes_[static_cast<Index>(i)];
+    const bool slides = joint.type == JointType::prismatic;
+    text += padded(joint.name, kWidth) +
+            fmt::format("{:>12} {}\n", fixed(slides ? change * 1e3 : change / kDegree, 4), slides ? "mm" : "deg");
+  }
+  text += "remaining error of the flange: at most " + off(position_error_, orientation_error_) + "\n";
+  for (std::size_t i = 0; i < std::min(inexact_.size(), kMostLines); ++i) {
+    const Inexact& point = inexact_[i];
+    text += "configuration " + shown(point.label) + ": " + to_string(point.status) + ", off by " +
+            off(point.position_error, point.orientation_error) + "\n";
+  }
+  if (inexact_.size() > kMostLines) {
+    text += "further ones: --json lists the first 1000\n";
+  }
+  return text;
+}
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,193 @@
+#include "interface/touched_frames.hpp"
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "base/preconditions.hpp"
+#include "estimation/prediction.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Isometry3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+// Tool and user frame as one arm finds them, and the distances of the touches that are left.
+struct Found {
+  Isometry3d X_FT;
+  Isometry3d X_BU = Isometry3d::Identity();
+  Matrix3Xd tool_residuals;
+  Matrix3Xd user_residuals;  // without columns if no coordinates are given
+};
+
+// The point that all touches share and the tool's tip: R p_F + t = p_B for each flange pose, least squares.
+void find_tool(const std::vector<Isometry3d>& X_BF, const Eigen::Ref<const Matrix3Xd>& slips, Found& found) {
+  constexpr double kLeastTurn = 0.01;  // [rad], roughly
+  const auto count = static_cast<Index>(X_BF.size());
+  MatrixXd A(3 * count, 6);
+  VectorXd b(3 * count);
+  for (Index i = 0; i < count; ++i) {
+    const Isometry3d& X = X_BF[static_cast<std::size_t>(i)];
+    A.middleRows<3>(3 * i) << X.linear(), -Eigen::Matrix3d::Identity();
+    b.segment<3>(3 * i) = -X.translation() - slips.col(i);
+  }
+  const Eigen::JacobiSVD<MatrixXd> svd(A, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  if (svd.singularValues()[5] < kLeastTurn * svd.singularValues()[0]) {
+    refuse_input("the touches of the tool hardly turn it", "orientations that differ by turns about two axes");
+  }
+  const VectorXd p = svd.solve(b);
+  found.X_FT.translation() = p.head<3>();
+  found.tool_residuals = (b - A * p).reshaped(3, count);
+}
+
+constexpr double kLeastAngle = 1e-3;  // [rad] between directions to touched points
+
+[[noreturn]] void refuse_line() {
+  refuse_input("the points of the user frame lie on one line", "three points that span a plane");
+}
+
+// See FrameTouches::user_points.
+Isometry3d frame_through(const Matrix3Xd& points) {
+  const Vector3d x = points.col(1) - points.col(0);
+  const Vector3d y = points.rightCols(points.cols() - 2).rowwise().mean() - points.col(0);
+  const Vector3d z = x.cross(y);
+  if (!(z.norm() > kLeastAngle * x.norm() * y.norm())) {
+    refuse_line();
+  }
+  Isometry3d X = Isometry3d::Identity();
+  X.linear() << x.normalized(), z.cross(x).normalized(), z.normalized();
+  X.translation() = points.col(0);
+  return X;
+}
+
+// The frame in which the touched points have the stated coordinates, least squares (Umeyama 1991).
+void fit_frame(const Matrix3Xd& touched, const Matrix3Xd& stated, Found& found) {
+  const Matrix3Xd centred = stated.colwise() - stated.rowwise().mean();
+  const Vector3d spread = Eigen::JacobiSVD<Matrix3Xd>(centred).singularValues();
+  if (!(spread[1] > kLeastAngle * spread[0])) {
+    refuse_line();
+  }
+  found.X_BU = Isometry3d(Eigen::umeyama(stated, touched, false));
+  found.user_residuals = (touched - found.X_BU.linear() * stated).colwise() - found.X_BU.translation();
+}
+
+// The frames that the arm of an estimate finds, where each touch slipped by so much [m].
+Found find(const ErrorModel& model, const Estimate& estimate, const FrameTouches& touches, const Matrix3Xd& slips) {
+  Found found{.X_FT = touches.X_FT, .tool_residuals = {}, .user_residuals = {}};
+  if (touches.tool.cols() > 0) {
+    find_tool(flange_poses(model, estimate, touches.tool), slips.leftCols(touches.tool.cols()), found);
+  }
+  if (touches.user.cols() > 0) {
+    Matrix3Xd touched = slips.rightCols(touches.user.cols());
+    Index i = 0;
+    for (const Isometry3d& X_BF : flange_poses(model, estimate, touches.user)) {
+      touched.col(i++) += X_BF * found.X_FT.translation();
+    }
+    if (touches.user_points.cols() > 0) {
+      fit_frame(touched, touches.user_points, found);
+    } else {
+      found.X_BU = frame_through(touched);
+    }
+  }
+  return found;
+}
+
+// The tool's origin, the user frame's, and its rotation: `other` against `found`.
+VectorXd difference(const Found& found, const Found& other) {
+  VectorXd result(9);
+  result << other.X_FT.translation() - found.X_FT.translation(), other.X_BU.translation() - found.X_BU.translation(),
+      rotation_log(other.X_BU.linear() * found.X_BU.linear().transpose());
+  return result;
+}
+
+// d(frames) / d(column): central differences; `at` gives the frames at a step of a column.
+template <class At>
+MatrixXd derivatives(Index columns, const At& at) {
+  constexpr double kStep = 1e-6;  // [m] or [rad]
+  MatrixXd result(9, columns);
+  for (Index i = 0; i < columns; ++i) {
+    result.col(i) = difference(at(i, -kStep), at(i, kStep)) / (2.0 * kStep);
+  }
+  return result;
+}
+
+// Covariance of the frames by the parameters of the calibration; NaN if unknown.
+MatrixXd covariance_by_calibration(const PredictionBasis& basis, const FrameTouches& touches, const Matrix3Xd& slips) {
+  const ColumnRange geometric = basis.free.range(UnknownGroup::geometric);
+  const Index count = geometric.count + basis.free.range(UnknownGroup::effects).count;
+  if (basis.covariance.rows() != basis.free.size()) {
+    return MatrixXd::Constant(9, 9, std::numeric_limits<double>::quiet_NaN());
+  }
+  const MatrixXd J = derivatives(count, [&](Index i, double step) {
+    const VectorXd steps = step * VectorXd::Unit(basis.free.size(), geometric.first + i);
+    return find(basis.model, basis.free.moved(basis.estimate, steps), touches, slips);
+  });
+  return J * basis.covariance.block(geometric.first, geometric.first, count, count) * J.transpose();
+}
+
+// Standard deviations: the square root keeps NaN.
+TouchedFrame with_std(const Isometry3d& frame, const VectorXd& variances, const Matrix3Xd& residuals) {
+  const VectorXd distances = residuals.colwise().norm().transpose();
+  TouchedFrame result{.frame = frame, .std = variances.cwiseSqrt()};
+  if (distances.size() > 0) {
+    result.rms = std::sqrt(distances.squaredNorm() / static_cast<double>(distances.size()));
+    result.largest = distances.maxCoeff();
+  }
+  return result;
+}
+
+void check(const FrameTouches& touches) {
+  if (touches.tool.cols() > 0) {
+    require_at_least("touches of a tool", touches.tool.cols(), 4);
+  }
+  if (touches.user.cols() > 0) {
+    require_at_least("touches of a user frame", touches.user.cols(), 3);
+  }
+  if (touches.user_points.cols() > 0) {
+    require_count("points of a user frame", touches.user_points.cols(), touches.user.cols());
+  }
+}
+
+}  // namespace
+
+TouchedFrames touched_frames(const PredictionBasis& basis, const FrameTouches& touches) {
+  check(touches);
+  const Matrix3Xd none = Matrix3Xd::Zero(3, touches.tool.cols() + touches.user.cols());
+  const Found found = find(basis.model, basis.estimate, touches, none);
+  TouchedFrames result;
+  VectorXd variances = covariance_by_calibration(basis, touches, none).diagonal();
+  const Index freedom =
+      std::max<Index>(found.tool_residuals.size() - 6, 0) + std::max<Index>(found.user_residuals.size() - 6, 0);
+  if (freedom > 0) {
+    const double variance =
+        (found.tool_residuals.squaredNorm() + found.user_residuals.squaredNorm()) / static_cast<double>(freedom);
+    const MatrixXd J = derivatives(none.size(), [&](Index i, double step) {
+      Matrix3Xd slips = none;
+      slips.reshaped()[i] = step;
+      return find(basis.model, basis.estimate, touches, slips);
+    });
+    variances += variance * J.rowwise().squaredNorm();
+    result.touch_sigma = std::sqrt(variance);
+  }
+  if (touches.tool.cols() > 0) {
+    result.tool = with_std(found.X_FT, variances.head<3>(), found.tool_residuals);
+  }
+  if (touches.user.cols() > 0) {
+    result.user = with_std(found.X_BU, variances.tail<6>(), found.user_residuals);
+  }
+  return result;
+}
+
+PredictionBasis nominal_basis(const Robot& robot) {
+  PredictionBasis basis{.model = complete_model(robot)};
+  basis.estimate.errors = VectorXd::Zero(static_cast<Index>(basis.model.parameters.size()));
+  return basis;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,48 @@
+#pragma once
+
+// Tool and user frames from points that the robot touched. Not installed.
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <optional>
+
+#include "calibration/point_predictor.hpp"
+#include "kdl_calibration/robot.hpp"
+#include "model/kinematics.hpp"
+
+namespace kdl_calibration {
+
+struct FrameTouches {
+  Eigen::MatrixXd tool;  ///< joints x N: the tool's tip touches one point in different orientations; may be empty
+  Eigen::MatrixXd user;  ///< joints x M: the tip touches points of the user frame; may be empty
+  /// Coordinates of these points in the user frame, 3 x M [m]. Empty: the first is its origin, the second on its
+  /// x axis, the others have z = 0 and y > 0.
+  Matrix3Xd user_points;
+  /// The tool, as far as it is known. Only its origin is found from touches.
+  Eigen::Isometry3d X_FT = Eigen::Isometry3d::Identity();
+};
+
+struct TouchedFrame {
+  Eigen::Isometry3d frame;  ///< of the tool in the flange, or of the user in the base
+  /// 1 sigma of its origin along the axes of flange or base [m], then of the user's rotations about these axes [rad].
+  /// By touches and calibration; NaN where the calibration does not determine it.
+  Eigen::VectorXd std;
+  double rms = 0.0;      ///< [m] distance of the touches from the point, or from the given coordinates
+  double largest = 0.0;  ///< [m]
+};
+
+struct TouchedFrames {
+  std::optional<TouchedFrame> tool;
+  std::optional<TouchedFrame> user;
+  /// [m] 1 sigma of a coordinate of a touch, from the residuals. Empty if there are none; `std` is then by the
+  /// calibration alone.
+  std::optional<double> touch_sigma;
+};
+
+/// The arm of a calibration, or the nominal one (see nominal_basis). The tool is the one found if it was touched.
+/// Throws InputError for fewer than 4 touches of a tool or 3 of a user frame, and for touches that do not determine it.
+TouchedFrames touched_frames(const PredictionBasis& basis, const FrameTouches& touches);
+
+PredictionBasis nominal_basis(const Robot& robot);
+
+}  // namespace kdl_calibration
