@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 const std::vector<std::string> kWings = {"base",       "robot",     "measurements", "model",       "effects",
                                          "estimation", "two_step",  "noise",        "uncertainty", "validation",
                                          "screening",  "diagnosis", "selection",    "calibration", "results",
-                                         "planning",   "interface", "cli"};
+                                         "planning",   "interface", "programs",     "cli"};
 
 /// Public headers without a source of their own.
 const std::map<std::string, std::string> kHeadersAlone = {{"version", "base"},

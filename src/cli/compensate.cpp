@@ -13,6 +13,7 @@
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/sha256.hpp"
+#include "cli/compensate_program.hpp"
 #include "cli/compensation_summary.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
@@ -39,6 +40,8 @@ struct CompensateArguments {
   std::string result;
   std::string joints;
   std::string poses;
+  std::string program;
+  std::string controller;
   std::string frames;
   std::string joint_convention;
   double most_change = 5.0;
@@ -245,13 +248,27 @@ private:
 };
 
 ExitStatus run(const CompensateArguments& arguments) {
-  if (arguments.joints.empty() == arguments.poses.empty()) {
-    throw InputError("expected either --joints or --poses");
+  const auto given = {!arguments.joints.empty(), !arguments.poses.empty(), !arguments.program.empty()};
+  if (std::count(given.begin(), given.end(), true) != 1) {
+    throw InputError("expected one of --joints, --poses and --program");
   }
   std::vector<OutputFile> files = given_outputs(
       {{.option = "--output", .path = arguments.output}, {.option = "--predict", .path = arguments.predict}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
+  if (!arguments.program.empty()) {
+    const Compensator compensator(
+        load_calibration(arguments.result, robot),
+        {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first});
+    return compensate_program({.result = arguments.result,
+                               .program = arguments.program,
+                               .controller = arguments.controller,
+                               .frames = arguments.frames,
+                               .output = arguments.output,
+                               .force = arguments.force,
+                               .json = arguments.json},
+                              robot, compensator);
+  }
   require_not_compensated(arguments.poses.empty() ? arguments.joints : arguments.poses);
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
   Compensation compensation(arguments, robot, convention ? &*convention : nullptr);
@@ -282,10 +299,16 @@ Subcommand add_compensate(CLI::App& parser) {
   add_file(*app, "--poses", arguments->poses,
            "Poses of the program: a CSV file with x, y, z, an orientation and, if known, joint values near the pose")
       ->excludes(joints);
+  CLI::Option* program = add_file(*app, "--program", arguments->program, "A FANUC program as text (LS)");
+  add_file(*app, "--controller", arguments->controller,
+           "Joint convention, world frame and faceplate for --program (JSON) [those of the R-2000iC/165F]")
+      ->needs(program);
   add_file(*app, "--frames", arguments->frames,
-           "User and tool frame of the poses: JSON as kdlcal frames writes it [base and flange]");
+           "User and tool frame of the poses: JSON as kdlcal frames writes it [base and flange]; for --program "
+           "SYSFRAME.VA of a backup, or JSON");
   add_file(*app, "--joint-convention", arguments->joint_convention,
-           "Joint values are the controller's, which this file turns into the URDF's");
+           "Joint values are the controller's, which this file turns into the URDF's")
+      ->excludes(program);
   app->add_option("--most-change", arguments->most_change,
                   "Largest change of a joint; a degree counts as 17.45 mm of a joint that slides")
       ->type_name("DEG")
@@ -297,7 +320,8 @@ Subcommand add_compensate(CLI::App& parser) {
                 "The tool moves straight from row to row: warn where the line is off by more than 0.1 mm");
   add_file(*app, "--output", arguments->output, "Write what to command, in the same columns (CSV)")->required();
   add_file(*app, "--predict", arguments->predict,
-           "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %");
+           "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %")
+      ->excludes(program);
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);
   add_example(*app, "kdlcal compensate --result result.json --joints program.csv --output commands.csv");

@@ -333,13 +333,13 @@ std::string applied(std::string_view text, std::vector<Edit> edits) {
 
 }  // namespace
 
-std::array<double, 3> rpy_of(const KDL::Rotation& r, const std::array<double, 3>& old) {
+std::array<double, 3> rpy_of(const KDL::Rotation& r, const std::array<double, 3>& old, double locked) {
   constexpr double kManyTurns = 100.0;
   Triple nearest{};
   double smallest = std::numeric_limits<double>::infinity();
-  const bool locked = std::hypot(r(0, 0), r(1, 0)) < 4.0 * std::numeric_limits<double>::epsilon();
+  const bool is_locked = std::hypot(r(0, 0), r(1, 0)) < locked;
   for (const double sign : {1.0, -1.0}) {
-    const double yaw = locked ? old[2] : std::atan2(sign * r(1, 0), sign * r(0, 0));
+    const double yaw = is_locked ? old[2] : std::atan2(sign * r(1, 0), sign * r(0, 0));
     const double c = std::cos(yaw);
     const double s = std::sin(yaw);
     const double pitch = std::atan2(-r(2, 0), c * r(0, 0) + s * r(1, 0));

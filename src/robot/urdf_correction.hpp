@@ -2,6 +2,7 @@
 
 #include <array>
 #include <kdl/frames.hpp>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -10,8 +11,9 @@ namespace kdl_calibration {
 
 /// Roll, pitch and yaw of the rotation; of equivalent angles the nearest to `old`. Ignores old angles of many turns,
 /// whose last digit is no small angle. Accurate near pitch +-90 degrees, where only yaw is ill determined: roll and
-/// pitch come from the rest after removing yaw.
-std::array<double, 3> rpy_of(const KDL::Rotation& rotation, const std::array<double, 3>& old = {});
+/// pitch come from the rest after removing yaw. With a cosine of pitch below `locked` yaw stays as in `old`.
+std::array<double, 3> rpy_of(const KDL::Rotation& rotation, const std::array<double, 3>& old = {},
+                             double locked = 4.0 * std::numeric_limits<double>::epsilon());
 
 /// Correction of one URDF joint: its new origin is (old origin) * correction.
 struct OriginCorrection {

@@ -17,6 +17,8 @@ void json_inputs(std::string_view bytes);
 void config_file(std::string_view bytes);
 /// A URDF: the chain, the model, the export and the export read again.
 void urdf(std::string_view bytes);
+/// A FANUC program, and the frames of a controller's backup.
+void fanuc_program(std::string_view bytes);
 /// A whole calibration whose robot, measurements and options the bytes change.
 void calibration(std::string_view bytes);
 
@@ -30,6 +32,7 @@ inline const std::vector<Target>& targets() {
                                           {"json_inputs", json_inputs},
                                           {"config_file", config_file},
                                           {"urdf", urdf},
+                                          {"fanuc_program", fanuc_program},
                                           {"calibration", calibration}};
   return all;
 }

@@ -1,0 +1,308 @@
+#include "programs/compensated_program.hpp"
+
+#include <fmt/core.h>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <optional>
+#include <utility>
+
+#include "base/degree.hpp"
+#include "base/parallel.hpp"
+#include "interface/compensated_line.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "programs/ls_program.hpp"
+#include "programs/wrist_arm.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Isometry3d;
+
+constexpr double kOneMillimetre = 1e-3;  // [m]
+constexpr std::size_t kFifth = 4;
+constexpr std::array<Index, 3> kTurning = {0, 3, 5};  // the joints of RobotConfiguration::turns
+
+// Joint values of the URDF from those of a controller that names its joints J1 to J6.
+class ControllerJoints {
+public:
+  ControllerJoints(const Robot& robot, const JointConvention& convention)
+      : convention_(matched_convention(convention, joint_names(robot))) {
+    for (Index i = 0; i < 6; ++i) {
+      const std::string name = fmt::format("J{}", i + 1);
+      const auto& names = convention_.controller_joints;
+      const auto found = std::find(names.begin(), names.end(), name);
+      if (found == names.end() || names.size() != 6) {
+        throw InputError(convention.name + ": names other joints, expected J1 to J6 of the controller");
+      }
+      place_[static_cast<std::size_t>(i)] = found - names.begin();
+    }
+    inverse_ = convention_.matrix.inverse();
+  }
+
+  SixJoints urdf(const SixJoints& values) const {
+    SixJoints placed;
+    for (std::size_t i = 0; i < place_.size(); ++i) {
+      placed[place_[i]] = values[static_cast<Index>(i)];
+    }
+    return convention_.matrix * placed + convention_.offset;
+  }
+
+  SixJoints controller(const SixJoints& q) const {
+    const SixJoints placed = inverse_ * (q - convention_.offset);
+    SixJoints values;
+    for (std::size_t i = 0; i < place_.size(); ++i) {
+      values[static_cast<Index>(i)] = placed[place_[i]];
+    }
+    return values;
+  }
+
+private:
+  JointConvention convention_;
+  std::array<Index, 6> place_{};
+  Eigen::Matrix<double, 6, 6> inverse_;
+};
+
+SixJoints numbers_of(const ProgramPosition& position) {
+  SixJoints numbers;
+  for (std::size_t i = 0; i < position.fields.size(); ++i) {
+    const bool is_length = position.configuration && i < 3;
+    numbers[static_cast<Index>(i)] = position.fields[i].value * (is_length ? kOneMillimetre : kDegree);
+  }
+  return numbers;
+}
+
+// The same in the program's units with its three decimals, angles of a pose from -180 to 180 degrees.
+void set_numbers(ProgramPosition& position, const SixJoints& numbers) {
+  constexpr double kLast = 1e-3;
+  constexpr double kTurn = 360.0;
+  for (std::size_t i = 0; i < position.fields.size(); ++i) {
+    const bool is_length = position.configuration && i < 3;
+    const double value = numbers[static_cast<Index>(i)] / (is_length ? kOneMillimetre : kDegree);
+    double rounded = std::round(value / kLast) * kLast;
+    if (position.configuration && !is_length && std::abs(rounded) > kTurn / 2.0 + kLast / 2.0) {
+      rounded = std::remainder(rounded, kTurn);
+    }
+    position.fields[i].value = rounded;
+  }
+}
+
+// One program for one robot.
+class ProgramCompensation {
+public:
+  ProgramCompensation(const Robot& robot, const Compensator& compensator, const Controller& controller,
+                      std::string source)
+      : compensator_(compensator),
+        controller_(controller),
+        source_(std::move(source)),
+        joints_(robot, controller.convention),
+        arm_(robot, joints_.urdf(SixJoints::Zero())) {}
+
+  struct Outcome {
+    CompensatedPosition position;
+    ProgramPosition commanded;
+    SixJoints asked;        // nominal joint values of the URDF
+    SixJoints q;            // those commanded
+    double rounding = 0.0;  // [m]
+  };
+
+  Outcome compensate(const ProgramPosition& position) const {
+    const SixJoints numbers = numbers_of(position);
+    Outcome result;
+    result.position.number = position.number;
+    result.commanded = position;
+    const CompensatedPoint point =
+        position.configuration ? solve_pose(position, numbers, result.asked) : solve_joints(numbers, result.asked);
+    result.position.status = point.status;
+    result.q = point.joint_values;
+    if (position.configuration && point.status == CompensationStatus::exact &&
+        configuration_of(result.q) != *position.configuration) {
+      result.position.status = CompensationStatus::branch_changed;
+    }
+    result.position.written = result.position.status == CompensationStatus::exact ||
+                              result.position.status == CompensationStatus::position_only;
+    if (!result.position.written) {
+      result.q = result.asked;
+      result.position.change.setZero();
+      return result;
+    }
+    result.position.change = joints_.controller(result.q) - joints_.controller(result.asked);
+    result.position.position_error = point.position_error;
+    result.position.orientation_error = point.orientation_error;
+    set_numbers(result.commanded,
+                position.configuration ? pose_numbers(position, numbers, result.q) : joints_.controller(result.q));
+    result.rounding = (flange(result.commanded, numbers_of(result.commanded)).translation() -
+                       compensator_.nominal_pose(result.q).translation())
+                          .norm();
+    return result;
+  }
+
+  // [m] of the tool from the asked straight line between two positions.
+  double deviation(const Outcome& from, const Outcome& to) const {
+    const Isometry3d X_FT = controller_.X_FP * tool_frame(to.commanded).value_or(Isometry3d::Identity());
+    const auto end = [&](const Outcome& outcome) {
+      return LineEnd{.X_BT = compensator_.nominal_pose(outcome.asked) * X_FT, .joint_values = outcome.q};
+    };
+    return line_deviation(compensator_, X_FT, end(from), end(to));
+  }
+
+private:
+  [[noreturn]] void fail(const ProgramPosition& position, const std::string& what) const {
+    throw InputError(fmt::format("{}:{}: P[{}]: {}", source_, position.line, position.number, what));
+  }
+
+  // Frame 0 is the world, or the faceplate.
+  static std::optional<Isometry3d> frame(const std::map<int, Isometry3d>& frames, std::optional<int> number) {
+    if (number == 0) {
+      return Isometry3d::Identity();
+    }
+    const auto found = number ? frames.find(*number) : frames.end();
+    return found == frames.end() ? std::nullopt : std::optional(found->second);
+  }
+
+  std::optional<Isometry3d> tool_frame(const ProgramPosition& position) const {
+    return frame(controller_.frames.tool, position.tool_frame);
+  }
+
+  Isometry3d required_frame(const ProgramPosition& position, bool is_tool) const {
+    const std::optional<int> number = is_tool ? position.tool_frame : position.user_frame;
+    const std::optional<Isometry3d> found = frame(is_tool ? controller_.frames.tool : controller_.frames.user, number);
+    if (!found) {
+      const char* name = is_tool ? "UT" : "UF";
+      fail(position, number ? fmt::format("{} {} is not known, expected it in --frames", name, *number)
+                            : fmt::format("{} has no number, expected the frame of the pose", name));
+    }
+    return *found;
+  }
+
+  // X_BF of the position's numbers.
+  Isometry3d flange(const ProgramPosition& position, const SixJoints& numbers) const {
+    if (!position.configuration) {
+      return compensator_.nominal_pose(joints_.urdf(numbers));
+    }
+    return controller_.X_BW * required_frame(position, false) * frame_of_xyzwpr(numbers) *
+           (controller_.X_FP * required_frame(position, true)).inverse();
+  }
+
+  SixJoints pose_numbers(const ProgramPosition& position, const SixJoints& old, const SixJoints& q) const {
+    return xyzwpr_of((controller_.X_BW * required_frame(position, false)).inverse() * compensator_.nominal_pose(q) *
+                         controller_.X_FP * required_frame(position, true),
+                     old);
+  }
+
+  RobotConfiguration configuration_of(const SixJoints& q) const {
+    const ArmPosture posture = arm_.posture(q);
+    const SixJoints values = joints_.controller(q);
+    RobotConfiguration result{.flip = std::remainder(values[kFifth], 2.0 * std::numbers::pi) > 0.0,
+                              .elbow_up = posture.elbow_up,
+                              .front = posture.front};
+    for (std::size_t i = 0; i < kTurning.size(); ++i) {
+      result.turns[i] = static_cast<int>(std::ceil(values[kTurning[i]] / (2.0 * std::numbers::pi) - 0.5));
+    }
+    return result;
+  }
+
+  CompensatedPoint solve_joints(const SixJoints& numbers, SixJoints& asked) const {
+    asked = joints_.urdf(numbers);
+    return compensator_.solve(asked);
+  }
+
+  CompensatedPoint solve_pose(const ProgramPosition& position, const SixJoints& numbers, SixJoints& asked) const {
+    if (position.has_extended_axes) {
+      fail(position, "is a pose that extended axes (E1) carry, expected joint values J1 to J6");
+    }
+    const Isometry3d X_BF = flange(position, numbers);
+    const WristArm::Solutions solutions = arm_.solve(X_BF);
+    const RobotConfiguration& wanted = *position.configuration;
+    std::optional<SixJoints> found;
+    for (const SixJoints& solution : solutions.joint_values) {
+      SixJoints values = joints_.controller(solution);
+      const RobotConfiguration first = configuration_of(solution);
+      for (std::size_t i = 0; i < kTurning.size(); ++i) {
+        values[kTurning[i]] += 2.0 * std::numbers::pi * (wanted.turns[i] - first.turns[i]);
+      }
+      if (configuration_of(joints_.urdf(values)) == wanted) {
+        found = joints_.urdf(values);
+      }
+    }
+    if (!found) {
+      fail(position, solutions.singular
+                         ? "stands in a singularity, where many joint values reach it, expected joint values"
+                         : "no joint values reach it with this CONFIG, expected a pose within reach");
+    }
+    asked = *found;
+    return compensator_.solve(X_BF, *found);
+  }
+
+  const Compensator& compensator_;
+  const Controller& controller_;
+  std::string source_;
+  ControllerJoints joints_;
+  WristArm arm_;
+};
+
+std::vector<PathDeviation> path_deviations(const ProgramCompensation& compensation, const LsProgram& program,
+                                           const std::vector<ProgramCompensation::Outcome>& outcomes) {
+  constexpr double kNoticeable = 1e-4;  // [m]
+  std::map<int, const ProgramCompensation::Outcome*> by_number;
+  for (const ProgramCompensation::Outcome& outcome : outcomes) {
+    by_number[outcome.position.number] = &outcome;
+  }
+  std::vector<PathDeviation> deviations;
+  const ProgramCompensation::Outcome* last = nullptr;
+  for (const ProgramMotion& motion : program.motions) {
+    const auto found =
+        motion.position && motion.run_time_part.empty() ? by_number.find(*motion.position) : by_number.end();
+    const ProgramCompensation::Outcome* next = found == by_number.end() ? nullptr : found->second;
+    if (motion.is_straight && last != nullptr && next != nullptr) {
+      const double deviation = compensation.deviation(*last, *next);
+      if (deviation > kNoticeable) {
+        deviations.push_back(
+            {.line = motion.line, .from = last->position.number, .to = next->position.number, .deviation = deviation});
+      }
+    }
+    last = next;
+  }
+  std::stable_sort(deviations.begin(), deviations.end(),
+                   [](const PathDeviation& a, const PathDeviation& b) { return a.deviation > b.deviation; });
+  return deviations;
+}
+
+}  // namespace
+
+CompensatedProgram compensated_program(const Robot& robot, const Compensator& compensator, const Controller& controller,
+                                       std::string_view text, const std::string& source) {
+  const LsProgram program = parse_ls_program(text, source);
+  const ProgramCompensation compensation(robot, compensator, controller, source);
+  std::vector<ProgramCompensation::Outcome> outcomes(program.positions.size());
+  constexpr std::size_t kBlock = 64;
+  parallel_blocks(outcomes.size(), kBlock, 0, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      outcomes[i] = compensation.compensate(program.positions[i]);
+    }
+  });
+  CompensatedProgram result;
+  std::vector<NumberField> fields;
+  for (const ProgramCompensation::Outcome& outcome : outcomes) {
+    result.positions.push_back(outcome.position);
+    result.rounding = std::max(result.rounding, outcome.rounding);
+    if (outcome.position.written) {
+      fields.insert(fields.end(), outcome.commanded.fields.begin(), outcome.commanded.fields.end());
+    }
+  }
+  std::sort(fields.begin(), fields.end(), [](const NumberField& a, const NumberField& b) { return a.begin < b.begin; });
+  result.text = with_numbers(text, fields);
+  result.paths = path_deviations(compensation, program, outcomes);
+  for (const ProgramMotion& motion : program.motions) {
+    if (!motion.run_time_part.empty()) {
+      result.warnings.push_back(fmt::format("{}:{}: {} stands for what is known at run time only: not compensated",
+                                            source, motion.line, motion.run_time_part));
+    }
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace kdl_calibration {
+
+/// A number of the text with the blanks before it; its bytes may be replaced.
+struct NumberField {
+  std::size_t begin = 0;
+  std::size_t end = 0;
+  double value = 0.0;
+};
+
+/// CONFIG of a Cartesian position, such as 'N U T, 0, 0, 0'.
+struct RobotConfiguration {
+  bool flip = false;
+  bool elbow_up = true;
+  bool front = true;
+  std::array<int, 3> turns{};  ///< of J1, J4, J6: turn t covers -180 + 360 t < J <= 180 + 360 t degrees
+
+  bool operator==(const RobotConfiguration&) const = default;
+};
+
+/// The first motion group of P[number].
+struct ProgramPosition {
+  int number = 0;
+  std::size_t line = 0;
+  std::optional<int> user_frame;  ///< none where the program does not say it
+  std::optional<int> tool_frame;
+  std::optional<RobotConfiguration> configuration;  ///< of a Cartesian position; none of joint values
+  std::array<NumberField, 6> fields;                ///< X Y Z [mm] W P R [deg], or J1 to J6 [deg]
+  bool has_extended_axes = false;                   ///< E1, E2 ...
+};
+
+/// A motion instruction, or the second half of a circular one.
+struct ProgramMotion {
+  std::size_t line = 0;
+  bool is_straight = false;     ///< L, C, A or S: the tool moves along a path; else J
+  std::optional<int> position;  ///< P[number]
+  std::string run_time_part;    ///< what only the controller knows: "PR[", "Offset" ...; else empty
+};
+
+/// A FANUC teach pendant program as text (LS file).
+struct LsProgram {
+  std::vector<ProgramPosition> positions;
+  std::vector<ProgramMotion> motions;
+};
+
+/// Throws InputError with line and position for a text that is no such program, positions that were not taught
+/// ("********"), and a number twice.
+LsProgram parse_ls_program(std::string_view text, const std::string& source);
+
+/// `text` with other numbers in these fields, which are in the order of the text. A number whose three decimals stay
+/// keeps its bytes.
+std::string with_numbers(std::string_view text, const std::vector<NumberField>& fields);
+
+}  // namespace kdl_calibration

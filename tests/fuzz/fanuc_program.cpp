@@ -1,0 +1,30 @@
+#include "programs/controller.hpp"
+#include "programs/ls_program.hpp"
+#include "promise.hpp"
+#include "targets.hpp"
+
+namespace kdl_calibration::fuzzing {
+
+void fanuc_program(std::string_view bytes) {
+  let_input_errors_pass([&] {
+    std::vector<NumberField> fields;
+    for (const ProgramPosition& position : parse_ls_program(bytes, "IN.LS").positions) {
+      fields.insert(fields.end(), position.fields.begin(), position.fields.end());
+    }
+    for (const NumberField& field : fields) {
+      promise(field.begin < field.end && field.end <= bytes.size() && std::isfinite(field.value),
+              "a number of the text");
+    }
+    std::sort(fields.begin(), fields.end(),
+              [](const NumberField& a, const NumberField& b) { return a.begin < b.begin; });
+    promise(with_numbers(bytes, fields) == bytes, "no change, no other byte");
+  });
+  let_input_errors_pass([&] {
+    const NumberedFrames frames = parse_system_frames(bytes, "SYSFRAME.VA");
+    for (const auto& [number, frame] : frames.user) {
+      promise(frame.matrix().allFinite(), "finite frames");
+    }
+  });
+}
+
+}  // namespace kdl_calibration::fuzzing

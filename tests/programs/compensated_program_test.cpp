@@ -1,0 +1,426 @@
+#include <gmock/gmock.h>
+
+#include <fmt/core.h>
+#include <Eigen/Dense>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <kdl/chainiksolverpos_lma.hpp>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/random.hpp"
+#include "interface/calibration_parts.hpp"
+#include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/simulation.hpp"
+#include "model/error_chains.hpp"
+#include "programs/compensated_program.hpp"
+#include "programs/ls_program.hpp"
+#include "programs/wrist_arm.hpp"
+#include "refusal.hpp"
+#include "robot/joint_ranges.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::programs_test {
+namespace {
+
+using Eigen::AngleAxisd;
+using Eigen::Isometry3d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using testing::kDegree;
+using ::testing::SizeIs;
+
+const Robot& fanuc() {
+  static const Robot robot = testing::fanuc();
+  return robot;
+}
+
+const Controller& controller() {
+  static const Controller shipped = read_controller(URDF_DIR "/fanuc_r2000ic_165f_controller.json");
+  return shipped;
+}
+
+Calibration calibration_of(const ErrorModel& model, const VectorXd& errors) {
+  CalibrationParts parts;
+  parts.model = model;
+  parts.estimate.errors = parts.urdf_errors = errors;
+  parts.verdict = Verdict::trusted;
+  return Calibration(std::make_shared<CalibrationParts>(std::move(parts)));
+}
+
+Calibration bent(double size) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(3);
+  return calibration_of(model, testing::random_errors(model, random, size, size));
+}
+
+using Numbers = std::array<double, 6>;
+
+std::string cartesian(int number, const std::string& frames, const std::string& configuration, const Numbers& n) {
+  return fmt::format(
+      "P[{}]{{\n   GP1:\n\t{},\t\tCONFIG : '{}',\n\tX ={:10.3f}  mm,\tY ={:10.3f}  mm,\tZ ={:10.3f}  mm,\n"
+      "\tW ={:10.3f} deg,\tP ={:10.3f} deg,\tR ={:10.3f} deg\n}};\n",
+      number, frames, configuration, n[0], n[1], n[2], n[3], n[4], n[5]);
+}
+
+std::string joints(int number, const Numbers& n) {
+  return fmt::format(
+      "P[{}]{{\n   GP1:\n\tUF : 3, UT : 9,\t\n\tJ1={:10.3f} deg,\tJ2={:10.3f} deg,\tJ3={:10.3f} deg,\n"
+      "\tJ4={:10.3f} deg,\tJ5={:10.3f} deg,\tJ6={:10.3f} deg\n}};\n",
+      number, n[0], n[1], n[2], n[3], n[4], n[5]);
+}
+
+std::string program(const std::string& positions, const std::string& lines = "   1:J P[1] 100% FINE    ;\n") {
+  return "/PROG  TEST\n/ATTR\nCOMMENT\t\t= \"\";\n/APPL\n/MN\n" + lines + "/POS\n" + positions + "/END\n";
+}
+
+std::string with_crlf(const std::string& text) {
+  std::string result;
+  for (const char c : text) {
+    result += c == '\n' ? "\r\n" : std::string(1, c);
+  }
+  return result;
+}
+
+CompensatedProgram compensated(const Calibration& calibration, const std::string& text,
+                               const NumberedFrames& frames = {}) {
+  Controller with_frames = controller();
+  with_frames.frames = frames;
+  return compensated_program(fanuc(), Compensator(calibration), with_frames, text, "IN.LS");
+}
+
+Numbers values_of(const ProgramPosition& position) {
+  Numbers values{};
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    values[i] = position.fields[i].value;
+  }
+  return values;
+}
+
+// The controller's pose of the faceplate in the world, written out: the world stands 0.67 m above the base with x along
+// the base's y; at zero the faceplate's z points along the world's x and its x upwards.
+Isometry3d flange_of(const Numbers& n) {
+  Isometry3d pose = Isometry3d::Identity();
+  pose.translation() = 1e-3 * Vector3d(n[0], n[1], n[2]);
+  pose.linear() = (AngleAxisd(n[5] * kDegree, Vector3d::UnitZ()) * AngleAxisd(n[4] * kDegree, Vector3d::UnitY()) *
+                   AngleAxisd(n[3] * kDegree, Vector3d::UnitX()))
+                      .toRotationMatrix();
+  Isometry3d world = Isometry3d::Identity();
+  world.translation().z() = 0.67;
+  world.linear() = AngleAxisd(90.0 * kDegree, Vector3d::UnitZ()).toRotationMatrix();
+  Isometry3d faceplate = Isometry3d::Identity();
+  faceplate.linear().col(0) = Vector3d::UnitZ();
+  faceplate.linear().col(1) = Vector3d::UnitX();
+  faceplate.linear().col(2) = Vector3d::UnitY();
+  return world * pose * faceplate.inverse();
+}
+
+VectorXd urdf_joints(const Numbers& j) {
+  return (VectorXd(6) << j[0], -j[1], j[2] + j[1], -j[3], j[4], -j[5]).finished() * kDegree;
+}
+
+Isometry3d by_kdl(const KDL::Chain& chain, const VectorXd& q) { return to_eigen(testing::kdl_pose(chain, q)); }
+
+double distance(const Isometry3d& a, const Isometry3d& b) {
+  return std::max((a.translation() - b.translation()).norm(), AngleAxisd(a.linear().transpose() * b.linear()).angle());
+}
+
+// ---- The arm -------------------------------------------------------------------------------------------------------
+
+TEST(WristArm, FindsEverySolutionOfAPose) {
+  const WristArm arm(fanuc(), SixJoints::Zero());
+  Random random(7);
+  const Eigen::MatrixXd drawn = random_configurations(limits_of(fanuc().joints), 500, random);
+  for (const auto& q : drawn.colwise()) {
+    const Isometry3d X_BF = by_kdl(fanuc().chain, q);
+    const WristArm::Solutions found = arm.solve(X_BF);
+    double nearest = 10.0;
+    for (const SixJoints& solution : found.joint_values) {
+      EXPECT_LT(distance(by_kdl(fanuc().chain, solution), X_BF), 1e-8);
+      double largest = 0.0;
+      for (Eigen::Index i = 0; i < 6; ++i) {
+        largest = std::max(largest, std::abs(std::remainder(solution[i] - q[i], 2.0 * std::numbers::pi)));
+      }
+      nearest = std::min(nearest, largest);
+    }
+    EXPECT_LT(nearest, 1e-6);
+    EXPECT_THAT(found.joint_values.size(), ::testing::AnyOf(4U, 8U));
+    std::vector<std::array<bool, 3>> postures;
+    for (const SixJoints& solution : found.joint_values) {
+      const ArmPosture posture = arm.posture(solution);
+      const std::array<bool, 3> own = {posture.front, posture.elbow_up, solution[4] > 0.0};
+      EXPECT_EQ(std::count(postures.begin(), postures.end(), own), 0);
+      postures.push_back(own);
+    }
+  }
+}
+
+TEST(WristArm, RefusesAnArmOfAnotherBuild) {
+  const Robot without_flange = parse_robot(R"(<robot name="r"><link name="a"/><link name="b"/>
+    <joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>)");
+  EXPECT_THAT(testing::refusal([&] { WristArm(without_flange, SixJoints::Zero()); }),
+              HasSubstr("expected six revolute joints, axes 2 and 3 parallel"));
+}
+
+// ---- The controller's conventions ----------------------------------------------------------------------------------
+
+// Joint values and pose of an R-2000iB/165F, which has the same links, with both wrists: J. Strybis, "The Perils of
+// Six-Axis Robots", 2013. The pose is that of a point 55 mm in front of the faceplate.
+TEST(FanucController, HasThePublishedPosesOfJointValues) {
+  const Isometry3d X_BF = flange_of({1500, 0, 360, 135, -45, 0}) * Eigen::Translation3d(0.0, -0.055, 0.0);
+  const Numbers no_flip = {7.962, -5.284, -36.250, 77.661, -51.975, -79.273};
+  const Numbers flip = {7.962, -5.284, -36.250, -102.339, 51.975, 100.727};
+  for (const Numbers& j : {no_flip, flip}) {
+    EXPECT_LT(distance(by_kdl(fanuc().chain, urdf_joints(j)), X_BF), 4e-5);
+  }
+  const WristArm arm(fanuc(), SixJoints::Zero());
+  EXPECT_EQ(arm.posture(urdf_joints(no_flip)), ArmPosture());
+  EXPECT_EQ(arm.posture(urdf_joints(flip)), ArmPosture());
+  // The pose with its CONFIG stands for these joint values: both are compensated alike.
+  NumberedFrames frames;
+  frames.tool[1] = Eigen::Translation3d(0.0, 0.0, 0.055) * Isometry3d::Identity();
+  const Calibration found = bent(1e-4);
+  for (const auto& [configuration, j] : {std::pair{"N U T, 0, 0, 0", no_flip}, std::pair{"F U T, 0, 0, 0", flip}}) {
+    const CompensatedProgram of_pose =
+        compensated(found, program(cartesian(1, "UF : 0, UT : 1", configuration, {1500, 0, 360, 135, -45, 0})), frames);
+    const CompensatedProgram of_joints = compensated(found, program(joints(1, j)));
+    EXPECT_LT((of_pose.positions.front().change - of_joints.positions.front().change).norm(), 1e-7);
+  }
+}
+
+TEST(FanucController, StandsAtTheKnownPoseWithAllJointsZero) {
+  EXPECT_LT(distance(by_kdl(fanuc().chain, VectorXd::Zero(6)), flange_of({1807, 0, 1300, 180, -90, 0})), 1e-12);
+  const Isometry3d shipped =
+      controller().X_BW *
+      frame_of_xyzwpr((SixJoints() << 1.807, 0, 1.3, std::numbers::pi, -0.5 * std::numbers::pi, 0).finished()) *
+      controller().X_FP.inverse();
+  EXPECT_LT(distance(shipped, flange_of({1807, 0, 1300, 180, -90, 0})), 1e-12);
+}
+
+TEST(FanucController, ReadsFramesOfABackup) {
+  const std::string text =
+      "[*SYSTEM*]$MNUFRAME  Storage: CMOS  Access: RW  : ARRAY[2,9] OF POSITION\n"
+      "     [1,1] =   Group: 1   Config: N D B, 0, 0, 0\n  X:  1500.000   Y:  -250.500   Z:   300.000\n"
+      "  W:     0.000   P:     0.000   R:    90.000\n"
+      "     [1,2] =   Group: 1   Config: N D B, 0, 0, 0\n  X: ********   Y: ********   Z: ********\n"
+      "  W: ********   P: ********   R: ********\n"
+      "     [2,1] =   Group: 2   Config: N D B, 0, 0, 0\n  X:     1.000   Y:     0.000   Z:     0.000\n"
+      "  W:     0.000   P:     0.000   R:     0.000\n\n"
+      "[*SYSTEM*]$MNUFRAMENUM  Storage: CMOS  Access: RW  : ARRAY[2] OF BYTE\n     [1] = 1\n"
+      "[*SYSTEM*]$MNUTOOL  Storage: CMOS  Access: RW  : ARRAY[2,10] OF POSITION\r\n"
+      "     [1,4] =   Group: 1   Config: N D B, 0, 0, 0\r\n  X:     0.000   Y:     0.000   Z:   125.000\r\n"
+      "  W:     0.000   P:   -90.000   R:     0.000\r\n";
+  const std::filesystem::path file = std::filesystem::path(::testing::TempDir()) / "SYSFRAME.VA";
+  std::ofstream(file) << text;
+  const NumberedFrames frames = read_numbered_frames(file);
+  ASSERT_THAT(frames.user, SizeIs(1));
+  ASSERT_THAT(frames.tool, SizeIs(1));
+  EXPECT_LT((frames.user.at(1) * Vector3d(0.01, 0.0, 0.0) - Vector3d(1.5, -0.2405, 0.3)).norm(), 1e-12);
+  EXPECT_LT((frames.tool.at(4) * Vector3d(0.0, 0.0, 0.01) - Vector3d(-0.01, 0.0, 0.125)).norm(), 1e-12);
+}
+
+// ---- Programs ------------------------------------------------------------------------------------------------------
+
+TEST(LsProgram, ComesBackByteForByteWithoutErrors) {
+  const std::string pose = cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", {1500, 0, 360, 135, -45, 0});
+  const std::string bent_arm = joints(2, {10.5, -20.25, 5, 170, -60, -190});
+  std::string hand_written = pose;
+  hand_written.replace(hand_written.find("     0.000"), 10, "     -.000");
+  std::string second_group = bent_arm;
+  second_group.insert(second_group.find("};"), "   GP2:\n\tUF : 0, UT : 1,\t\n\tJ1=   100.000  mm\n");
+  const std::string comment = "P[7:\"a]{ GP1: \"]" + bent_arm.substr(4);
+  const std::string straight_down =
+      cartesian(4, "UF : 2, UT : 1", "F U T, 0, -1, 0", {100, -20.5, .25, -180, 90, 12.5});
+  NumberedFrames frames;
+  frames.user[2] = Eigen::Translation3d(1.5, 0.2, -0.3) * Isometry3d::Identity();
+  frames.tool[1] = Eigen::Translation3d(0.0, 0.0, 0.125) * Isometry3d::Identity();
+  const Calibration exact = bent(0.0);
+  for (const std::string& positions :
+       {std::string(), pose, bent_arm, hand_written, second_group, comment, straight_down, pose + bent_arm + comment}) {
+    for (const std::string& text : {program(positions), with_crlf(program(positions))}) {
+      EXPECT_EQ(compensated(exact, text, frames).text, text);
+    }
+  }
+}
+
+TEST(LsProgram, BringsTheCalibratedArmWhereTheNominalOneWouldBe) {
+  const Calibration found = bent(1e-3);
+  const KDL::Chain calibrated = found.urdf_chain();
+  Random random(5);
+  const std::vector<Numbers> drawn = {{7.962, -5.284, -36.250, 77.661, -51.975, -79.273},
+                                      {-150, 30, -10, 20, 70, 200},
+                                      {45, -40, 20, -190, -30, 10},
+                                      {100, 60, -60, 5, 95, -300}};
+  std::string positions;
+  std::vector<Isometry3d> asked;
+  for (std::size_t i = 0; i < drawn.size(); ++i) {
+    positions += joints(static_cast<int>(i) + 1, drawn[i]);
+    asked.push_back(by_kdl(fanuc().chain, urdf_joints(drawn[i])));
+  }
+  const CompensatedProgram program_of_joints = compensated(found, program(positions));
+  const LsProgram written = parse_ls_program(program_of_joints.text, "OUT.LS");
+  for (std::size_t i = 0; i < drawn.size(); ++i) {
+    const VectorXd q = urdf_joints(values_of(written.positions[i]));
+    EXPECT_LT(distance(by_kdl(calibrated, q), asked[i]), 5e-5);
+    EXPECT_GT(distance(by_kdl(calibrated, urdf_joints(drawn[i])), asked[i]), 1e-3);
+    EXPECT_EQ(program_of_joints.positions[i].status, CompensationStatus::exact);
+  }
+  EXPECT_GT(program_of_joints.rounding, 5e-6);
+  EXPECT_LT(program_of_joints.rounding, 5e-5);
+}
+
+// The controller finds joint values for a commanded pose with its nominal arm: KDL's solver stands for it.
+TEST(LsProgram, CommandsPosesThatTheControllerTurnsIntoTheRightOnes) {
+  const Calibration found = bent(1e-3);
+  const KDL::Chain calibrated = found.urdf_chain();
+  const Numbers j = {7.962, -5.284, -36.250, 77.661, -51.975, -79.273};
+  const Numbers pose = {1500, 0, 360, 135, -45, 0};
+  const CompensatedProgram result = compensated(found, program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", pose)));
+  const Numbers commanded = values_of(parse_ls_program(result.text, "OUT.LS").positions.front());
+  KDL::ChainIkSolverPos_LMA controller_ik(fanuc().chain, Eigen::Matrix<double, 6, 1>::Ones(), 1e-12);
+  KDL::JntArray seed(6);
+  seed.data = urdf_joints(j);
+  KDL::JntArray q(6);
+  ASSERT_GE(controller_ik.CartToJnt(seed, to_kdl(flange_of(commanded)), q), 0);
+  EXPECT_LT(distance(by_kdl(calibrated, q.data), flange_of(pose)), 3e-5);
+  EXPECT_GT(distance(by_kdl(calibrated, urdf_joints(j)), flange_of(pose)), 1e-3);
+}
+
+TEST(LsProgram, ChoosesTheTurnsOfTheConfiguration) {
+  const Calibration found = bent(1e-3);
+  const Numbers pose = {1500, 0, 360, 135, -45, 0};
+  // J4 = 77.661 and J6 = -79.273 without a turn; each also within its limits of +-360 with one.
+  const auto change = [&](const std::string& configuration) {
+    const CompensatedProgram result = compensated(found, program(cartesian(1, "UF : 0, UT : 0", configuration, pose)));
+    return result.positions.front().change;
+  };
+  EXPECT_LT((change("N U T, 0, -1, 1") - change("N U T, 0, 0, 0")).norm(), 1e-9);
+  // A turn of J1 is beyond its limits of +-185 degrees.
+  const std::string beyond = program(cartesian(1, "UF : 0, UT : 0", "N U T, 1, 0, 0", pose));
+  const CompensatedProgram result = compensated(found, beyond);
+  EXPECT_EQ(result.positions.front().status, CompensationStatus::out_of_limits);
+  EXPECT_EQ(result.text, beyond);
+}
+
+TEST(LsProgram, LeavesAPositionAloneThatWouldChangeItsConfiguration) {
+  const ErrorModel model = complete_model(fanuc());
+  VectorXd errors = VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    errors[static_cast<Eigen::Index>(p)] = model.parameters[p].name == "dq5" ? 0.01 : 0.0;
+  }
+  // The wrist at 0.1 degrees: an offset of 0.57 degrees puts it on the other side of zero.
+  const SixJoints near = (SixJoints() << 0.3, 0.2, 0.1, 0.4, 0.1 * kDegree, 0.2).finished();
+  const Isometry3d pose = controller().X_BW.inverse() * by_kdl(fanuc().chain, near) * controller().X_FP;
+  const SixJoints n = xyzwpr_of(pose, SixJoints::Zero());
+  const Numbers numbers = {n[0] * 1e3, n[1] * 1e3, n[2] * 1e3, n[3] / kDegree, n[4] / kDegree, n[5] / kDegree};
+  const std::string text = program(cartesian(1, "UF : 0, UT : 0", "F U T, 0, 0, 0", numbers));
+  const CompensatedProgram result = compensated(calibration_of(model, errors), text);
+  EXPECT_EQ(result.positions.front().status, CompensationStatus::branch_changed);
+  EXPECT_FALSE(result.positions.front().written);
+  EXPECT_EQ(result.text, text);
+}
+
+TEST(LsProgram, WarnsOfWhatIsKnownAtRunTimeOnlyAndOfPaths) {
+  const std::string lines =
+      "   1:J P[1] 100% FINE    ;\n   2:L P[2] 500mm/sec CNT50 Offset,PR[1]    ;\n   3:L PR[4] 500mm/sec FINE    ;\n"
+      "   4:L P[R[5]] 500mm/sec FINE    ;\n   5:  PR[3,1]=10    ;\n   6:J P[1] 50% FINE INC    ;\n"
+      "   7:L P[3] 500mm/sec FINE    ;\n   8:C P[1]    \n    :  P[2] 500mm/sec FINE Tool_Offset,PR[2]    ;\n"
+      "   9:L P[1] 500mm/sec FINE    ;\n  10:L P[2] 500mm/sec FINE    ;\n";
+  const std::string positions =
+      joints(1, {0, -30, 0, 10, -50, 10}) + joints(2, {60, 20, -20, 10, -50, 10}) + joints(3, {0, -29, 0, 10, -50, 10});
+  const CompensatedProgram result = compensated(bent(3e-3), program(positions, lines));
+  EXPECT_THAT(result.warnings,
+              ElementsAre(HasSubstr("IN.LS:7: PR["), HasSubstr("IN.LS:8: PR["), HasSubstr("IN.LS:9: P[R["),
+                          HasSubstr("IN.LS:11: INC"), HasSubstr("IN.LS:14: PR[")));
+  ASSERT_THAT(result.paths, SizeIs(1));  // line 10 of the program alone: the others are short, or start nowhere
+  EXPECT_EQ(result.paths.front().line, 16U);
+  EXPECT_EQ(result.paths.front().from, 1);
+  EXPECT_EQ(result.paths.front().to, 2);
+}
+
+TEST(LsProgram, RefusesWhatItCannotCompensate) {
+  const Numbers pose = {1500, 0, 360, 135, -45, 0};
+  const std::string good = cartesian(3, "UF : 0, UT : 0", "N U T, 0, 0, 0", pose);
+  const auto with = [&](const std::string& old, const std::string& now) {
+    std::string text = good;
+    return program(text.replace(text.find(old), old.size(), now));
+  };
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {"G00 X1\n", "IN.LS:1: begins with 'G00 X1', expected /PROG"},
+      {with("UF : 0", "UF : 4"), "IN.LS:8: P[3]: UF 4 is not known"},
+      {with("UT : 0", "UT : F"), "IN.LS:8: P[3]: UT has no number"},
+      {with("UF : 0, ", ""), "P[3]: UF has no number"},
+      {with("  1500.000", "  ********"), "IN.LS:11: P[3]: X is '********"},
+      {with("  1500.000", "  9500.000"), "P[3]: no joint values reach it with this CONFIG"},
+      {with("N U T", "X U T"), "IN.LS:10: P[3]: CONFIG is 'X U T, 0, 0, 0'"},
+      {with("0, 0, 0'", "0, 0'"), "CONFIG is"},
+      {with(" mm", " in"), "P[3]: X is in 'in', expected mm"},
+      {with("\tX =", "\tQ ="), "P[3]: has 'Q', expected X Y Z W P R"},
+      {with("\tY =", "\tX ="), "P[3]: has X twice"},
+      {with(" deg\n", " deg,\n\tE1=   100.000  mm\n"), "P[3]: is a pose that extended axes"},
+      {with("P[3]", "P[x]"), "IN.LS:8: a position has no number"},
+      {with("};", ""), "P[3]: "},
+      {program(good + good), "IN.LS:14: P[3]: is there twice"},
+      {program(good.substr(0, good.find("\tX")) + "};\n"), "P[3]: has no complete pose"},
+      {program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", {1807, 0, 1300, 180, -90, 0})),
+       "P[1]: stands in a singularity"}};
+  const Calibration found = bent(1e-3);
+  for (const auto& [text, message] : cases) {
+    EXPECT_THAT(testing::refusal([&] { compensated(found, text); }), HasSubstr(message));
+  }
+}
+
+// ---- The true robot ------------------------------------------------------------------------------------------------
+
+TEST(LsProgram, BringsTheTrueToolWhereItsUncertaintySays) {
+  constexpr int kRobots = 20;
+  constexpr int kPoints = 20;
+  const CalibrationOptions plain{.priors = {.automatic = false},
+                                 .effects = {.automatic = false},
+                                 .validation = {.held_out = false},
+                                 .diagnosis = {.try_readings = false}};
+  double ratio = 0.0;
+  int count = 0;
+  for (std::uint64_t seed = 1; seed <= kRobots; ++seed) {
+    const SimulatedExperiment experiment = simulate(
+        fanuc(),
+        {.test_configurations = kPoints, .noise = 3e-5, .length_error = 1e-3, .angle_error = 1e-3, .seed = seed});
+    const Calibration found = calibrate(fanuc(), experiment.measurements, plain);
+    const Estimate& estimate = found.parts().estimate;
+    std::string positions;
+    std::vector<Numbers> asked;
+    for (const auto& q : experiment.measurements.joint_values.rightCols(kPoints).colwise()) {
+      Numbers j = {q[0], -q[1], q[2] + q[1], -q[3], q[4], -q[5]};
+      for (double& value : j) {
+        value = std::round(value / kDegree * 1e3) * 1e-3;
+      }
+      asked.push_back(j);
+      positions += joints(static_cast<int>(asked.size()), j);
+    }
+    const CompensatedProgram result = compensated(found, program(positions));
+    const LsProgram written = parse_ls_program(result.text, "OUT.LS");
+    for (std::size_t i = 0; i < asked.size(); ++i) {
+      if (result.positions[i].status != CompensationStatus::exact) {
+        continue;
+      }
+      const VectorXd q = urdf_joints(values_of(written.positions[i]));
+      const Vector3d wanted =
+          estimate.X_WB * by_kdl(fanuc().chain, urdf_joints(asked[i])) * estimate.targets.front().X_FT.translation();
+      const Vector3d reached = experiment.truth.predict(q, "A", PredictionFrame::measuring).position;
+      const double rounding = std::pow(0.5e-3 * kDegree, 2) / 3.0 * 6.0;  // variance of six angles at about 1 m
+      ratio += (reached - wanted).squaredNorm() /
+               (found.arm().predict(q, "A", PredictionFrame::measuring).covariance.trace() + rounding);
+      ++count;
+    }
+  }
+  EXPECT_GT(count, 0.9 * kRobots * kPoints);
+  EXPECT_NEAR(ratio / count, 1.0, 0.15);
+}
+
+}  // namespace
+}  // namespace kdl_calibration::programs_test
