@@ -18,7 +18,7 @@ struct ShownJoints {
   Eigen::MatrixXd values;
 };
 ShownJoints shown_joints(const ErrorModel& model, const Eigen::MatrixXd& q,
-                         const std::optional<JointConvention>& convention);
+                         const std::optional<JointConvention>& given);
 
 Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& estimate);
 Json measurements_block(const ReportedMeasurements& reported);
