@@ -370,8 +370,8 @@ TEST(LsProgram, RefusesWhatItCannotCompensate) {
       {program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", {1807, 0, 1300, 180, -90, 0})),
        "P[1]: stands in a singularity"}};
   const Calibration found = bent(1e-3);
-  for (const auto& [text, message] : cases) {
-    EXPECT_THAT(testing::refusal([&] { compensated(found, text); }), HasSubstr(message));
+  for (const auto& each : cases) {
+    EXPECT_THAT(testing::refusal([&] { compensated(found, each.first); }), HasSubstr(each.second));
   }
 }
 
