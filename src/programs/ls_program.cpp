@@ -232,7 +232,7 @@ RobotConfiguration PositionReader::configuration() {
 
 NumberField PositionReader::number(std::string_view name) {
   NumberField field{.begin = at_};
-  skip_blanks();
+  at_ = std::min(text_.find_first_not_of(" \t", at_), text_.size());
   const char* begin = text_.data() + at_;
   const auto result = std::from_chars(begin, text_.data() + text_.size(), field.value, std::chars_format::fixed);
   constexpr double kMost = 1e6;
