@@ -18,11 +18,12 @@ constexpr Eigen::Index kMostConfigurationsAssessed = 5000;  // for the influence
 std::optional<Identifiability> rigid_identifiability(const FitProblem& task, const DeterminedFit& fitted,
                                                      ResidualOptions residuals) {
   const Priors& priors = residuals.priors;
-  const bool with_priors = priors.length > 0.0 || priors.angle > 0.0;
+  const bool with_priors = priors.length > 0.0 || priors.angle > 0.0 || residuals.earlier;
   if (!with_priors && fitted.candidates.effects().empty()) {
     return std::nullopt;
   }
   residuals.priors = {};
+  residuals.earlier = nullptr;
   const Unknowns rigid = fitted.candidates.without(UnknownGroup::effects);
   const Estimate& estimate = fitted.identification.estimate;
   const LeastSquaresProblem problem(task.model, task.measurements, rigid, residuals);

@@ -162,7 +162,7 @@ EstimatedNoise fit_with_estimated_noise(const FitProblem& problem, const NoiseBe
   }
   // With priors, the plain fit already uses weights from an earlier estimate of the noise. The two fits then differ by
   // chance only, so a ratio of 1.1 is tolerated.
-  const bool with_priors = plain.free.prior_information(residuals.priors).any();
+  const bool with_priors = prior_rows(plain.free, residuals).rows.rows() > 0;
   const std::optional<FitProblem> weighed =
       parts.converged ? weighed_by(parts.model(noise.stated), plain) : std::nullopt;
   if (!weighed || weights_predict_worse(*weighed, plain, parts, with_priors ? kChanceRatio : 1.0)) {

@@ -53,11 +53,14 @@ Estimate nominal_start(const ErrorModel& model, const Measurements& measurements
 
 namespace {
 
-void require_enough_equations(const LeastSquaresProblem& problem, const std::string& source) {
-  if (problem.equations() < problem.columns()) {
+// An earlier result leaves base and targets unknown.
+void require_enough_equations(const LeastSquaresProblem& problem, const ResidualOptions& options,
+                              const std::string& source) {
+  const Index unknowns = problem.columns() - (options.earlier ? std::ssize(options.earlier->names) : 0);
+  if (problem.equations() < unknowns) {
     throw InputError(fmt::format(
         "{}: too few measurements: {} measured coordinates for {} unknowns; at least {} are needed ({} points)", source,
-        problem.equations(), problem.columns(), problem.columns(), (problem.columns() + 2) / 3));
+        problem.equations(), unknowns, unknowns, (unknowns + 2) / 3));
   }
 }
 
@@ -67,7 +70,7 @@ Identification identify_jointly(const ErrorModel& model, const Measurements& mea
                                 const Unknowns& free, const JointOptions& options) {
   check(start, model, measurements);
   const LeastSquaresProblem problem(model, measurements, free, options.residuals);
-  require_enough_equations(problem, measurements.source);
+  require_enough_equations(problem, options.residuals, measurements.source);
   return descend(problem, start, options);
 }
 

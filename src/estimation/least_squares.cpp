@@ -24,6 +24,8 @@ using Eigen::VectorXd;
 struct LeastSquaresProblem::Workspace::Content {
   LaneWorkspace lanes;
   BlockWorkspace blocks;
+  VectorXd values;  // of the columns
+  VectorXd left;    // residuals of the priors
 };
 
 LeastSquaresProblem::Workspace::Workspace() : content_(std::make_unique<Content>()) {}
@@ -48,7 +50,8 @@ struct LeastSquaresProblem::Data {
         unknowns(the_unknowns),
         targets(measurements.targets.size()),
         observed(gathered(the_model, the_unknowns, measurements, options)),
-        priors(the_unknowns.prior_information(options.priors)),
+        priors(prior_rows(the_unknowns, options)),
+        prior_information(priors.information()),
         lanes(model, unknowns, observed.groups, options.threads),
         blocks(model, unknowns, observed) {}
 
@@ -71,15 +74,16 @@ struct LeastSquaresProblem::Data {
     return count > kManyConfigurations && std::all_of(observed.groups.begin(), observed.groups.end(), has_summary);
   }
 
-  // Calls visitor(column, information, value) for each prior.
-  template <class Visitor>
-  void visit_priors(const Estimate& estimate, Visitor visitor) const {
-    for (Index column = 0; column < priors.size(); ++column) {
-      if (priors[column] > 0.0) {
-        const Unknown& unknown = unknowns.columns()[static_cast<std::size_t>(column)];
-        visitor(column, priors[column], Unknowns::value(estimate, unknown));
-      }
+  // Residuals of the priors, without allocation.
+  template <class Content>
+  const VectorXd& prior_residuals(const Estimate& estimate, Content& workspace) const {
+    workspace.values.resize(unknowns.size());
+    for (Index column = 0; column < unknowns.size(); ++column) {
+      workspace.values[column] = Unknowns::value(estimate, unknowns.columns()[static_cast<std::size_t>(column)]);
     }
+    workspace.left = priors.expected;
+    workspace.left.noalias() -= priors.rows * workspace.values;
+    return workspace.left;
   }
 
   std::optional<WhitenedSummary> summary_of_groups(const Estimate& estimate, const MatrixXd& information,
@@ -89,7 +93,8 @@ struct LeastSquaresProblem::Data {
   const Unknowns unknowns;
   const std::size_t targets;
   const ObservedData observed;
-  const VectorXd priors;  // information added to each column
+  const PriorRows priors;
+  const MatrixXd prior_information;
   const LanePass lanes;
   const BlockPass blocks;
 };
@@ -125,11 +130,12 @@ void LeastSquaresProblem::linearise(const Estimate& estimate, Workspace& workspa
   } else {
     data_->blocks.add(estimate, workspace.content_->blocks, equations);
   }
-  data_->visit_priors(estimate, [&](Index column, double information, double value) {
-    equations.hessian(column, column) += information;
-    equations.gradient[column] -= information * value;
-    equations.cost += information * value * value;
-  });
+  if (data_->priors.rows.rows() > 0) {
+    const VectorXd& left = data_->prior_residuals(estimate, *workspace.content_);
+    equations.hessian += data_->prior_information;
+    equations.gradient.noalias() += data_->priors.rows.transpose() * left;
+    equations.cost += left.squaredNorm();
+  }
   const ColumnRange chain = data_->unknowns.chain();
   const ColumnRange targets = data_->unknowns.range(UnknownGroup::targets);
   equations.hessian.bottomLeftCorner(targets.count, chain.count) =
@@ -146,7 +152,9 @@ double LeastSquaresProblem::cost(const Estimate& estimate, Workspace& workspace)
   double cost = data_->observed.totals.cost_of_repeats;
   cost += data_->side_by_side() ? data_->lanes.cost(estimate, workspace.content_->lanes)
                                 : data_->blocks.cost(estimate, workspace.content_->blocks);
-  data_->visit_priors(estimate, [&](Index, double information, double value) { cost += information * value * value; });
+  if (data_->priors.rows.rows() > 0) {
+    cost += data_->prior_residuals(estimate, *workspace.content_).squaredNorm();
+  }
   return cost;
 }
 
@@ -160,7 +168,7 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
     whiten(block, columns, blocks.emplace_back());
     rows += blocks.back().rows();
   });
-  const Index priors = (data_->priors.array() > 0.0).count();
+  const Index priors = data_->priors.rows.rows();
   WhitenedSystem system{
       .jacobian = MatrixXd::Zero(rows + priors, columns), .residual = VectorXd::Zero(rows + priors), .blocks = {}};
   const std::vector<Index> configurations = data_->observed.columns();
@@ -177,10 +185,8 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
     row += block.rows();
   }
   system.blocks.push_back(row);
-  data_->visit_priors(estimate, [&](Index column, double information, double value) {
-    system.jacobian(row, column) = std::sqrt(information);
-    system.residual[row++] = -std::sqrt(information) * value;
-  });
+  system.jacobian.bottomRows(priors) = data_->priors.rows;
+  system.residual.tail(priors) = data_->priors.residuals(data_->unknowns.values(estimate));
   return system;
 }
 
@@ -202,9 +208,7 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
     whiten(block, columns, rows);
     summary.add_configuration(rows.leftCols(columns), rows.col(columns));
   });
-  data_->visit_priors(estimate, [&](Index column, double information, double) {
-    summary.add_prior(std::sqrt(information) * Eigen::RowVectorXd::Unit(columns, column));
-  });
+  summary.add_priors(data_->priors.rows);
   return summary.finish();
 }
 
@@ -218,10 +222,10 @@ std::optional<WhitenedSummary> LeastSquaresProblem::Data::summary_of_groups(cons
   }
   WhitenedSummary summary;
   summary.sqrt_information = std::move(*root);
-  summary.priors = priors;
+  summary.priors = prior_information;
   summary.sums = MatrixXd::Zero(unknowns.size(), unknowns.size());
   lanes.summarise(estimate, workspace, summary);
-  summary.rows = summary.measured_rows + (priors.array() > 0.0).count();
+  summary.rows = summary.measured_rows + priors.rows.rows();
   return summary;
 }
 

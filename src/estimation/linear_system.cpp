@@ -53,14 +53,12 @@ WhitenedSummary summarised(const WhitenedSystem& system) {
     const Index count = system.blocks[b + 1] - first;
     summary.add_configuration(system.jacobian.middleRows(first, count), system.residual.segment(first, count));
   }
-  for (Index row = system.blocks.back(); row < system.jacobian.rows(); ++row) {
-    summary.add_prior(system.jacobian.row(row));
-  }
+  summary.add_priors(system.jacobian.bottomRows(system.jacobian.rows() - system.blocks.back()));
   return summary.finish();
 }
 
 RowSummary::RowSummary(Index columns) : columns_(columns), rows_(columns + kRowsAtOnce, columns), sum_(3, columns) {
-  summary_.priors = VectorXd::Zero(columns);
+  summary_.priors = MatrixXd::Zero(columns, columns);
   summary_.sums = MatrixXd::Zero(columns, columns);
 }
 
@@ -81,9 +79,9 @@ void RowSummary::add_configuration(const Eigen::Ref<const MatrixXd>& jacobian,
   summary_.measured_rows += residual.size();
 }
 
-void RowSummary::add_prior(const Eigen::Ref<const MatrixXd>& row) {
-  append(row);
-  summary_.priors += row.transpose().cwiseAbs2();
+void RowSummary::add_priors(const Eigen::Ref<const MatrixXd>& rows) {
+  append(rows);
+  summary_.priors.noalias() += rows.transpose() * rows;
 }
 
 WhitenedSummary RowSummary::finish() {

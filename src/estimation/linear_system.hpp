@@ -37,7 +37,7 @@ struct WhitenedSummary {
   Eigen::MatrixXd sqrt_information;
   Eigen::Index rows = 0;           ///< of the Jacobian, priors included
   Eigen::Index measured_rows = 0;  ///< without the priors' rows
-  Eigen::VectorXd priors;          ///< information added to each column
+  Eigen::MatrixXd priors;          ///< information of the priors
   Eigen::MatrixXd sums;            ///< sum s(J_c)^T s(J_c)
   double squares = 0.0;            ///< sum |e_c|^2
   double squares_of_sums = 0.0;    ///< sum |s(e_c)|^2
@@ -53,8 +53,8 @@ public:
 
   void add_configuration(const Eigen::Ref<const Eigen::MatrixXd>& jacobian,
                          const Eigen::Ref<const Eigen::VectorXd>& residual);
-  /// Adds one row of a prior.
-  void add_prior(const Eigen::Ref<const Eigen::MatrixXd>& row);
+  /// Adds rows of the priors.
+  void add_priors(const Eigen::Ref<const Eigen::MatrixXd>& rows);
   /// The summary of all rows. No rows can be added afterwards.
   WhitenedSummary finish();
 

@@ -1,11 +1,18 @@
 #include "estimation/residual_options.hpp"
 
+#include <Eigen/Dense>
+#include <cmath>
+#include <optional>
+
 #include "kdl_calibration/noise_model.hpp"
 
 namespace kdl_calibration {
 
+using Eigen::Index;
 using Eigen::Matrix3d;
+using Eigen::MatrixXd;
 using Eigen::Vector3d;
+using Eigen::VectorXd;
 
 Matrix3d point_covariance(const NoiseModel& noise, const Observation& observation) {
   if (observation.sigma > 0.0) {
@@ -20,6 +27,36 @@ Matrix3d point_covariance(const NoiseModel& noise, const Observation& observatio
     return range * range * along + transverse * transverse * (Matrix3d::Identity() - along);
   }
   return noise.independent.cwiseAbs2().asDiagonal();
+}
+
+// With the covariance L L^T of the earlier result its rows are L^-1.
+PriorRows prior_rows(const Unknowns& free, const ResidualOptions& options) {
+  VectorXd information = free.prior_information(options.priors);
+  std::vector<Index> columns;
+  std::vector<Index> places;
+  for (std::size_t i = 0; options.earlier && i < options.earlier->names.size(); ++i) {
+    if (const std::optional<Index> column = free.column(options.earlier->names[i])) {
+      columns.push_back(*column);
+      places.push_back(static_cast<Index>(i));
+      information[*column] = 0.0;
+    }
+  }
+  const auto earlier = static_cast<Index>(columns.size());
+  const Index count = (information.array() > 0.0).count() + earlier;
+  PriorRows result{.rows = MatrixXd::Zero(count, free.size()), .expected = VectorXd::Zero(count)};
+  Index row = 0;
+  for (Index column = 0; column < free.size(); ++column) {
+    if (information[column] > 0.0) {
+      result.rows(row++, column) = std::sqrt(information[column]);
+    }
+  }
+  if (earlier > 0) {
+    const Eigen::LLT<MatrixXd> root(options.earlier->covariance(places, places));
+    const MatrixXd whitened = root.matrixL().solve(MatrixXd::Identity(earlier, earlier));
+    result.rows.bottomRows(earlier)(Eigen::all, columns) = whitened;
+    result.expected.tail(earlier) = whitened * options.earlier->mean(places);
+  }
+  return result;
 }
 
 double position_information(const ResidualOptions& options, const Observation& observation) {

@@ -2,8 +2,11 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <memory>
+#include <string>
 #include <vector>
 
+#include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -13,9 +16,17 @@ namespace kdl_calibration {
 /// Independent part of a measured point's covariance, along the axes of W [m^2]; zero if none is stated.
 Eigen::Matrix3d point_covariance(const NoiseModel& noise, const Observation& observation);
 
+/// A normal prior of named errors and effects with their correlations, such as an earlier result.
+struct GaussianPrior {
+  std::vector<std::string> names;
+  Eigen::VectorXd mean;
+  Eigen::MatrixXd covariance;
+};
+
 /// Weights and priors of the residuals.
 struct ResidualOptions {
   Priors priors;
+  std::shared_ptr<const GaussianPrior> earlier = {};  ///< instead of other priors of its errors and effects
   NoiseModel noise;
   std::vector<double> row_weights;  ///< factor on the information of each observation, 0 leaves it out; empty: all 1
   /// [m] for orientations without sigma: an error of 1 rad counts as this position error.
@@ -24,6 +35,17 @@ struct ResidualOptions {
 
   double row_weight(std::size_t row) const { return row_weights.empty() ? 1.0 : row_weights[row]; }
 };
+
+/// The priors of the columns as whitened rows, with the residuals expected - rows * values.
+struct PriorRows {
+  Eigen::MatrixXd rows;
+  Eigen::VectorXd expected;
+
+  Eigen::MatrixXd information() const { return rows.transpose() * rows; }
+  Eigen::VectorXd residuals(const Eigen::VectorXd& values) const { return expected - rows * values; }
+};
+/// Columns that are not free in `free` are integrated out of the earlier result.
+PriorRows prior_rows(const Unknowns& free, const ResidualOptions& options);
 
 /// Information of a point's coordinate under isotropic noise [1/m^2], without the row weight; 1 if no noise is stated.
 double position_information(const ResidualOptions& options, const Observation& observation);

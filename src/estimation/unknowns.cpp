@@ -328,6 +328,13 @@ double Unknowns::value(const Estimate& estimate, const Unknown& unknown) {
                     : 0.0;
 }
 
+VectorXd Unknowns::values(const Estimate& estimate) const {
+  VectorXd result(size());
+  std::transform(columns_.begin(), columns_.end(), result.begin(),
+                 [&](const Unknown& unknown) { return value(estimate, unknown); });
+  return result;
+}
+
 VectorXd Unknowns::prior_information(const Priors& priors) const {
   VectorXd information = VectorXd::Zero(size());
   for (std::size_t column = 0; column < columns_.size(); ++column) {

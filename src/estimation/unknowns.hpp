@@ -100,6 +100,8 @@ public:
   /// The value that a prior refers to: that of an error or effect, or a target's coordinate [m]. Zero for base and
   /// orientations, which are relative to the present estimate.
   static double value(const Estimate& estimate, const Unknown& unknown);
+  /// The same of every column.
+  Eigen::VectorXd values(const Estimate& estimate) const;
   /// Prior information of each column, 1 / sigma^2; 0 without a prior.
   Eigen::VectorXd prior_information(const Priors& priors) const;
 

@@ -65,15 +65,11 @@ public:
   SampledStrata(const FitProblem& problem, const NoiseModel& stated)
       : sample_(sampled(problem.measurements, with_noise(problem.options.joint.residuals, stated))),
         strata_(sample_.measurements, sample_.options),
-        information_(sample_.share * problem.free.prior_information(sample_.options.priors)),
-        gradient_(problem.free.size()) {
+        priors_(prior_rows(problem.free, sample_.options)),
+        gradient_(sample_.share * priors_.rows.transpose() * priors_.residuals(problem.free.values(problem.start))) {
     strata_.add_means(problem.model, problem.start, problem.free);
     stated_.segment<3>(NoiseParts::kCommon) = stated.common.cwiseAbs2();
     stated_[NoiseParts::kOrientation] = stated.orientation * stated.orientation;
-    for (Index c = 0; c < gradient_.size(); ++c) {
-      const Unknown& unknown = problem.free.columns()[static_cast<std::size_t>(c)];
-      gradient_[c] = -information_[c] * Unknowns::value(problem.start, unknown);
-    }
   }
 
   const NoiseStrata& strata() const { return strata_; }
@@ -82,7 +78,7 @@ public:
     return VarianceEstimation({.strata = strata_.finished(),
                                .unknown = strata_.unknown_parts(asked),
                                .stated = stated_,
-                               .priors = information_,
+                               .priors = sample_.share * priors_.information(),
                                .prior_gradient = gradient_});
   }
 
@@ -110,7 +106,7 @@ private:
 
   NoiseSample sample_;
   NoiseStrata strata_;
-  VectorXd information_;
+  PriorRows priors_;
   VectorXd gradient_;
   Variances stated_ = Variances::Zero();
 };

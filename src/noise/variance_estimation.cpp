@@ -153,7 +153,7 @@ bool VarianceEstimation::start() {
 
 VarianceEstimation::Solution VarianceEstimation::solve(const VectorXd& weights) const {
   constexpr double kRidge = 1e-12;
-  MatrixXd M = task_.priors.asDiagonal();
+  MatrixXd M = task_.priors;
   VectorXd g = task_.prior_gradient;
   Solution result{.weights = weights, .covariance = {}, .squares = VectorXd(weights.size())};
   for (std::size_t i = 0; i < task_.strata.size(); ++i) {
@@ -188,6 +188,7 @@ VarianceEstimation::Solution VarianceEstimation::solve(const VectorXd& weights) 
 VarianceEstimation::Expectation VarianceEstimation::expectation(const Solution& solution) const {
   const auto count = static_cast<Index>(task_.strata.size());
   std::vector<MatrixXd> explained(task_.strata.size());  // covariance x information
+  const MatrixXd of_priors = solution.covariance * task_.priors * solution.covariance;
   Expectation result{.by_variances = MatrixXd::Zero(count, count), .by_priors = VectorXd::Zero(count)};
   for (Index s = 0; s < count; ++s) {
     const Stratum& stratum = task_.strata[static_cast<std::size_t>(s)];
@@ -198,7 +199,7 @@ VarianceEstimation::Expectation VarianceEstimation::expectation(const Solution& 
     MatrixXd& own = explained[static_cast<std::size_t>(s)];
     own = solution.covariance * stratum.information;
     result.by_variances(s, s) -= 2.0 * solution.weights[s] * own.trace();
-    result.by_priors[s] = own.cwiseProduct(solution.covariance).rowwise().sum().dot(task_.priors);
+    result.by_priors[s] = of_priors.cwiseProduct(stratum.information).sum();
     for (Index t = 0; t <= s; ++t) {
       const MatrixXd& other = explained[static_cast<std::size_t>(t)];
       const double both = other.size() > 0 ? own.cwiseProduct(other.transpose()).sum() : 0.0;
@@ -402,13 +403,12 @@ NoiseParts VarianceEstimation::parts() const {
     const MatrixXd fisher = fisher_(positive, positive);
     result.covariance = expand * fisher.completeOrthogonalDecomposition().pseudoInverse() * expand.transpose();
   }
-  const MatrixXd priors = task_.priors.asDiagonal();
-  result.scatter = with_own_weights_ ? MatrixXd() : priors;
+  result.scatter = with_own_weights_ ? MatrixXd() : task_.priors;
   result.sensitivity.resize(static_cast<std::size_t>(NoiseParts::kCount));
   for (Index k = 0; k < NoiseParts::kCount; ++k) {
     result.estimated[static_cast<std::size_t>(k)] = task_.unknown.row(k).maxCoeff() > 0.0;
     if (result.estimated[static_cast<std::size_t>(k)]) {
-      result.sensitivity[static_cast<std::size_t>(k)] = 0.0 * priors;
+      result.sensitivity[static_cast<std::size_t>(k)] = 0.0 * task_.priors;
     }
   }
   for (std::size_t i = 0; i < task_.strata.size(); ++i) {

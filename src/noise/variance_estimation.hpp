@@ -14,7 +14,7 @@ struct VarianceTask {
   std::vector<Stratum> strata;
   Eigen::MatrixXd unknown;         ///< parts x unknowns; parts in one column share a variance
   NoiseParts::Variances stated;    ///< of the other parts
-  Eigen::VectorXd priors;          ///< information of the columns
+  Eigen::MatrixXd priors;          ///< their information
   Eigen::VectorXd prior_gradient;  ///< of the columns
 };
 

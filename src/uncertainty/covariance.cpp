@@ -139,14 +139,14 @@ MatrixXd covariance(const WhitenedSystem& system, const ResidualNoise& noise, do
 
 MatrixXd covariance(const WhitenedSummary& summary, const ResidualNoise& noise, double unit_weight) {
   const Index columns = summary.sqrt_information.cols();
-  require_count("priors of a summary", summary.priors.size(), columns);
+  require_count("priors of a summary", summary.priors.cols(), columns);
   require_count("columns of a summary's sums", summary.sums.cols(), columns);
   const MatrixXd inverse = covariance(summary.sqrt_information, 1.0);
   const double independent = noise.independent * noise.independent * unit_weight;
   const double common = noise.common * noise.common * unit_weight;
-  const MatrixXd priors = summary.priors.asDiagonal();
-  const MatrixXd middle = independent * (summary.sqrt_information.transpose() * summary.sqrt_information - priors) +
-                          common * summary.sums + priors;
+  const MatrixXd middle =
+      independent * (summary.sqrt_information.transpose() * summary.sqrt_information - summary.priors) +
+      common * summary.sums + summary.priors;
   return sandwich(inverse, middle);
 }
 

@@ -28,7 +28,7 @@ class ConfigurationSums {
 public:
   ConfigurationSums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, int threads)
       : problem_(problem),
-        priors_(problem.free.prior_information(problem.options.joint.residuals.priors)),
+        priors_(prior_rows(problem.free, problem.options.joint.residuals)),
         measurements_(folds.size()),
         at_start_(folds.size()) {
     std::vector<std::size_t> fold_of(static_cast<std::size_t>(problem.measurements.joint_values.cols()), folds.size());
@@ -39,6 +39,7 @@ public:
     }
     ResidualOptions residuals = problem.options.joint.residuals;
     residuals.priors = {};
+    residuals.earlier = nullptr;
     std::vector<std::unique_ptr<LeastSquaresProblem>> parts(folds.size());
     parallel_for(folds.size(), threads, [&](std::size_t f) {
       measurements_[f] = subset(problem.measurements, [&](const Observation& o) {
@@ -63,11 +64,8 @@ public:
         sum.gradient += part.gradient;
       }
     }
-    for (Index c = 0; c < columns; ++c) {
-      const Unknown& unknown = problem_.free.columns()[static_cast<std::size_t>(c)];
-      sum.hessian(c, c) += priors_[c];
-      sum.gradient[c] -= priors_[c] * Unknowns::value(estimate, unknown);
-    }
+    sum.hessian += priors_.information();
+    sum.gradient += priors_.rows.transpose() * priors_.residuals(problem_.free.values(estimate));
     return sum;
   }
 
@@ -81,7 +79,7 @@ public:
 
 private:
   const FitProblem& problem_;
-  VectorXd priors_;
+  PriorRows priors_;
   std::vector<Measurements> measurements_;
   std::vector<NormalEquations> at_start_;
   std::vector<std::unique_ptr<LeastSquaresProblem>> parts_;

@@ -235,7 +235,7 @@ TEST(Doors, OfTheEstimationRefuseWhatDoesNotFit) {
       {"register_base_and_targets", [&] { register_base_and_targets(X_BF, s.data); }, "2 poses of the flange"},
       {"well_conditioned_root", [&] { well_conditioned_root(s.few_rows); }, "4 columns of an information matrix"},
       {"RowSummary", [&] { summary.add_configuration(s.few_rows, s.q); }, "6 residuals of a configuration"},
-      {"RowSummary's columns", [&] { summary.add_prior(MatrixXd::Zero(1, 3)); }, "3 columns of rows"},
+      {"RowSummary's columns", [&] { summary.add_priors(MatrixXd::Zero(1, 3)); }, "3 columns of rows"},
   });
 }
 

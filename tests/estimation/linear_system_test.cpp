@@ -95,8 +95,8 @@ void expect_summary(const WhitenedSystem& system, const std::vector<Index>& poin
   EXPECT_NEAR(found.squares, system.residual.head(measured).squaredNorm(), 1e-11 * found.squares);
   EXPECT_NEAR(found.squares_of_sums, squares_of_sums, 1e-11 * squares_of_sums);
   EXPECT_EQ(found.pairs, pairs);
-  const VectorXd priors = system.jacobian.bottomRows(system.jacobian.rows() - measured).colwise().squaredNorm();
-  EXPECT_LT((found.priors - priors).norm(), 1e-13);
+  const MatrixXd priors = system.jacobian.bottomRows(system.jacobian.rows() - measured);
+  EXPECT_LT((found.priors - priors.transpose() * priors).norm(), 1e-13);
 }
 
 TEST(WhitenedSummary, IsThatOfTheRowsHoweverManyThereAre) {

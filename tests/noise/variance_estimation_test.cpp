@@ -36,7 +36,7 @@ struct Rows {
 
   explicit Rows(Index columns) : J(0, columns), e(0) {
     task.stated = Variances::Zero();
-    task.priors = VectorXd::Zero(columns);
+    task.priors = MatrixXd::Zero(columns, columns);
     task.prior_gradient = VectorXd::Zero(columns);
   }
 
@@ -119,15 +119,13 @@ struct Restricted {
     MatrixXd V = rows.by_row(lambda).asDiagonal();
     VectorXd d = rows.e;
     std::vector<Index> free;
+    std::vector<Index> known;
     for (Index c = 0; c < rows.J.cols(); ++c) {
-      const double information = rows.task.priors[c];
-      if (information > 0.0) {
-        V += rows.J.col(c) * rows.J.col(c).transpose() / information;
-        d -= rows.J.col(c) * rows.task.prior_gradient[c] / information;
-      } else {
-        free.push_back(c);
-      }
+      (rows.task.priors(c, c) > 0.0 ? known : free).push_back(c);
     }
+    const MatrixXd slope = rows.J(Eigen::all, known) * rows.task.priors(known, known).inverse();
+    V += slope * rows.J(Eigen::all, known).transpose();
+    d -= slope * rows.task.prior_gradient(known);
     const MatrixXd inverse = V.inverse();
     const MatrixXd J = rows.J(Eigen::all, free);
     P = inverse - inverse * J * (J.transpose() * inverse * J).inverse() * J.transpose() * inverse;
@@ -156,9 +154,10 @@ Rows random_rows(unsigned seed) {
   const auto normal = [&] { return random.normal(); };
   Rows rows(kColumns);
   for (const Index c : {Index{1}, Index{3}}) {
-    rows.task.priors[c] = random.uniform(0.5, 2.0) / kMetre;
+    rows.task.priors(c, c) = random.uniform(0.5, 2.0) / kMetre;
     rows.task.prior_gradient[c] = random.normal() / std::sqrt(kMetre);
   }
+  rows.task.priors(1, 3) = rows.task.priors(3, 1) = 0.4 / kMetre;
   Variances truth;
   for (Index k = 0; k < NoiseParts::kCount; ++k) {
     const double size = k == NoiseParts::kOrientation ? kRadian : kMetre;
@@ -419,8 +418,8 @@ TEST(VarianceEstimation, TakesColumnsThatNothingTellsApart) {
   twice.J.col(4) = rows.J.col(0);
   twice.J.col(5).setZero();
   twice.task.strata.clear();
-  twice.task.priors = VectorXd::Zero(6);
-  twice.task.priors.head(4) = rows.task.priors;
+  twice.task.priors = MatrixXd::Zero(6, 6);
+  twice.task.priors.topLeftCorner(4, 4) = rows.task.priors;
   twice.task.prior_gradient = VectorXd::Zero(6);
   twice.task.prior_gradient.head(4) = rows.task.prior_gradient;
   for (Index s = 0; s < rows.strata(); ++s) {

@@ -303,7 +303,7 @@ TEST(Covariance, OfEqualWeightsIsThatOfErrorsWithACommonPart) {
   EXPECT_LT((covariance(system, noise, unit_weight) - expected).norm(), 1e-12 * expected.norm());
   WhitenedSummary summary = summarised(system);
   EXPECT_LT((covariance(summary, noise, unit_weight) - expected).norm(), 1e-12 * expected.norm());
-  summary.priors.conservativeResize(3);
+  summary.priors.conservativeResize(4, 3);
   EXPECT_EQ(refusal([&] { covariance(summary, noise, 1.0); }), "3 priors of a summary, expected 4");
   summary = summarised(system);
   summary.sums.conservativeResize(4, 3);
