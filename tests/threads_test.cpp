@@ -17,6 +17,7 @@
 #include "every_header.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "kdl_calibration/validation.hpp"
 #include "measurements/training_rows.hpp"
 #include "mistakes_support.hpp"
 #include "two_step/two_step.hpp"
@@ -128,6 +129,7 @@ std::vector<Asked> methods_of_estimation() {
   const Unknowns& free = s.free;
   const Estimate& estimate = s.estimate;
   const VectorXd step = VectorXd::Constant(free.size(), 1e-6);
+  const PriorRows rows = prior_rows(free, {.priors = {.length = 1e-3, .angle = 1e-3}, .noise = {}, .row_weights = {}});
   return {
       {"Unknowns::with", [&] { return number(free.with(s.model, UnknownGroup::base, {1}).names()); }},
       {"Unknowns::with_all", [&] { return number(free.with_all(s.model, UnknownGroup::geometric).names()); }},
@@ -156,6 +158,9 @@ std::vector<Asked> methods_of_estimation() {
        }},
       {"Unknowns::moved", [&, step] { return number(free.moved(estimate, step)); }},
       {"Unknowns::difference", [&] { return free.difference(s.start, estimate).sum(); }},
+      {"Unknowns::values", [&] { return free.values(estimate).sum(); }},
+      {"PriorRows::information", [&, rows] { return rows.information().sum(); }},
+      {"PriorRows::residuals", [&, rows] { return rows.residuals(free.values(estimate)).sum(); }},
       {"Unknowns::prior_information", [&] { return free.prior_information({.length = 1e-3, .angle = 1e-3}).sum(); }},
       {"ColumnRange::end", [&] { return static_cast<double>(free.chain().end()); }},
       {"ColumnRange::empty", [&] { return free.chain().empty() ? 1.0 : 0.0; }},
@@ -259,6 +264,7 @@ std::vector<Asked> other_methods() {
       {"Accuracy::held_out", [&] { return s.calibration.accuracy.held_out()->after.rms; }},
       {"SizeEstimator::is_determined", [&] { return s.sizes.is_determined() ? 1.0 : 0.0; }},
       {"SizeEstimator::estimate", [&] { return s.sizes.estimate({}, {}, 1e-9).values.sum(); }},
+      {"Comparison::has_changed", [] { return Comparison{.p_value = 1e-4}.has_changed() ? 1.0 : 0.0; }},
       {"TruthComparison::comparable", [&] { return s.comparison.comparable() ? 1.0 : 0.0; }},
       {"OptionError::option", [&] { return number(s.error.option()); }},
       {"OptionError::fault", [&] { return number(s.error.fault()); }},

@@ -22,6 +22,8 @@
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
+class Calibration;
+
 enum class Method { joint, two_step };
 enum class ModelChoice { irreducible, complete };
 /// How rows are weighed.
@@ -53,6 +55,10 @@ struct PriorOptions {
   Priors stated = {};
   /// Whether the sizes are estimated and used where they predict better. Default: where none are stated.
   std::optional<bool> automatic = std::nullopt;
+  /// A trusted calibration of the same robot. Its parameters and effects are estimated again, with its covariance as
+  /// their prior; base and targets are new. Errors that have changed since are found and freed. It must outlive the
+  /// call and excludes other choices of parameters, priors and effects.
+  const Calibration* earlier = nullptr;
 };
 
 /// Motions of the joints beyond the geometry.

@@ -1,9 +1,11 @@
 #pragma once
 
-// How well a geometry explains measurements: base and targets are registered, nothing else is fitted.
+// How well a geometry explains measurements: base and targets are registered, nothing else is fitted. And whether a
+// robot has changed between two calibrations.
 //
 //     const PositionErrors errors = validate(load_robot("calibrated.urdf"), measurements);
 //     std::cout << errors.all.rms << " m\n";
+//     if (compare(before, after).has_changed()) std::cout << "measure this robot again\n";
 
 #include <Eigen/Geometry>
 #include <optional>
@@ -44,5 +46,34 @@ PositionErrors validate(const Robot& robot, const Measurements& measurements, co
 /// The calibrated arm, effects included.
 PositionErrors validate(const Calibration& calibration, const Measurements& measurements,
                         const KnownFrames& known = {});
+
+/// Change of a parameter of the earlier calibration, in its gauge. SI units.
+struct ParameterChange {
+  std::string name;
+  double before = 0.0;
+  double change = 0.0;
+  double std = 0.0;        ///< 1 sigma of the change
+  double explained = 0.0;  ///< share of chi_square that a change of this parameter alone explains
+};
+
+/// The difference of two calibrations of one robot, in the joint ranges that both measured.
+struct Comparison {
+  double chi_square = 0.0;
+  double degrees_of_freedom = 0.0;               ///< number of compared directions
+  double noise_degrees_of_freedom = 0.0;         ///< of the two estimates of the noise together
+  double p_value = 1.0;                          ///< of an unchanged robot
+  std::vector<ParameterChange> parameters = {};  ///< geometric errors and effects of the earlier calibration
+  std::vector<std::string> not_compared = {};    ///< parameters that only one of the calibrations determines
+  ErrorStatistics flange = {};                   ///< [m] change of the flange's position, base and tool aligned
+  double flange_sigma = 0.0;                     ///< [m] RMS 3D 1 sigma of this change
+
+  static constexpr double kCertain = 1e-3;
+  bool has_changed() const { return p_value < kCertain; }
+};
+
+/// Compares what two independent calibrations say of the arm, whatever their gauges. Base and targets are not part of
+/// it. Throws InputError: calibrations of different robots, one that is not trusted, one without covariance, a second
+/// one that continues an earlier result, effects of gravity in different directions.
+Comparison compare(const Calibration& before, const Calibration& after);
 
 }  // namespace kdl_calibration

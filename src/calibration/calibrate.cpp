@@ -1,6 +1,7 @@
 #include "calibration/calibrate.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <optional>
 #include <utility>
 
@@ -43,7 +44,20 @@ struct RegisteredRobot {
   ParameterSelection parameters;
 };
 
-RegisteredRobot register_robot(const ErrorModel& model, const Measurements& training, const ParameterOptions& options) {
+// Frames by the new targets, geometric errors and their reduction by the earlier result.
+ParameterSelection earlier_parameters(const ErrorModel& model, ParameterSelection chosen, const EarlierResult& earlier,
+                                      const ParameterOptions& options) {
+  const auto is_geometric = [](const std::string& name) { return name.find('.') == std::string::npos; };
+  std::erase_if(chosen.free, is_geometric);
+  std::copy_if(earlier.prior.names.begin(), earlier.prior.names.end(), std::back_inserter(chosen.free), is_geometric);
+  chosen.complete = chosen.free;
+  chosen.reduction = select_parameters(model, earlier.targets, options).reduction;
+  chosen.reduction.faint.clear();
+  return chosen;
+}
+
+RegisteredRobot register_robot(const ErrorModel& model, const Measurements& training, const ParameterOptions& options,
+                               const EarlierResult* earlier) {
   RegisteredRobot robot{.model = with_effects(model, {})};
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   Registration registration = register_base_and_targets(
@@ -52,6 +66,9 @@ RegisteredRobot register_robot(const ErrorModel& model, const Measurements& trai
       .errors = nominal, .X_WB = registration.X_WB, .targets = std::move(registration.targets), .effects = {}};
   robot.ambiguity = std::move(registration.message);
   robot.parameters = select_parameters(robot.model, robot.nominal.targets, options);
+  if (earlier != nullptr) {
+    robot.parameters = earlier_parameters(robot.model, std::move(robot.parameters), *earlier, options);
+  }
   if (robot.parameters.free.empty()) {
     throw OptionError("fix",
                       "leaves nothing to estimate of base, targets and geometric errors; validation predicts without a "
@@ -101,6 +118,21 @@ FitProblem weighed_for_selection(FitProblem problem, const CalibrationSettings& 
   return problem;
 }
 
+// With an earlier result, gives the rigid problem its prior and the noise.
+std::optional<ContinuedResult> continued(FitProblem& rigid, const CalibrationSettings& options) {
+  if (!options.selection.earlier) {
+    return std::nullopt;
+  }
+  ResidualOptions& residuals = rigid.options.joint.residuals;
+  if (!noise_is_stated(rigid.measurements, options.noise.stated)) {
+    residuals.noise = options.selection.earlier->noise;
+  }
+  ContinuedResult result = continue_result(rigid.model, rigid.measurements, *options.selection.earlier, residuals);
+  residuals.earlier = result.rigid;
+  residuals.noise = result.noise;
+  return result;
+}
+
 // The problem with the selected effects (in `model`) and priors. Weights from the residuals of geometry alone would
 // hold effects near zero.
 FitProblem selected_problem(const FitProblem& rigid, const ErrorModel& model, const ModelSelection& selection,
@@ -113,7 +145,9 @@ FitProblem selected_problem(const FitProblem& rigid, const ErrorModel& model, co
   problem.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.effects.size()));
   ResidualOptions& residuals = problem.options.joint.residuals;
   residuals.priors = selection.priors;
-  if (!model.effects.empty()) {
+  if (selection.continued) {
+    residuals.earlier = selection.continued->prior;
+  } else if (!model.effects.empty()) {
     residuals.noise = noise_of_means(rigid.measurements, noise, selection.noise);
   }
   return problem;
@@ -274,6 +308,7 @@ std::optional<OffsetsAlone> fitted_offsets_alone(FitProblem rigid, const Unknown
   }
   rigid.free = determined.with(rigid.model, UnknownGroup::geometric, offsets);
   rigid.options.joint.residuals.priors = {};
+  rigid.options.joint.residuals.earlier = nullptr;
   const Estimate estimate = fit(rigid).estimate;
   return OffsetsAlone{.errors = estimate.errors,
                       .accuracy = iso_9283(rigid.model, estimate, rigid.measurements).accuracy};
@@ -291,17 +326,22 @@ CalibrationResult calibrate(const ErrorModel& model, const Measurements& measure
                             const CalibrationSettings& options) {
   const TrainingRows rows(measurements);
   check_options(model, measurements, *rows, options);
-  const RegisteredRobot robot = register_robot(model, *rows, options.parameters);
+  const RegisteredRobot robot = register_robot(model, *rows, options.parameters, options.selection.earlier.get());
   const FitProblem stated = rigid_problem(robot, *rows, options);
   require_two_step_data(stated.free, *rows, options);
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
 
-  const FitProblem rigid = weighed_for_selection(stated, options);
+  FitProblem rigid = weighed_for_selection(stated, options);
+  const std::optional<ContinuedResult> with_earlier = continued(rigid, options);
   const DeterminedFit rigid_fit =
       fit_determined_parameters(rigid, robot.parameters, {options.estimator, options.parameters});
   const ModelSelectionTask choice = selection_task(rigid, rigid_fit, options);
-  const ModelSelection selection =
+  ModelSelection selection =
       select_model(choice, rigid_fit.identification, rigid_fit.free == rigid_fit.candidates, options.estimator.method);
+  if (with_earlier) {
+    selection.terms = options.selection.earlier->terms;
+    selection.continued = with_earlier;
+  }
 
   const NoiseBeforehand noise = noise_beforehand(options);
   CalibrationResult result{.model = with_effects(robot.model, selection.terms), .selection = selection};

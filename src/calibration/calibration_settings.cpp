@@ -1,6 +1,7 @@
 #include "calibration/calibration_settings.hpp"
 
 #include <string>
+#include <utility>
 
 #include "base/preconditions.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -10,10 +11,33 @@ namespace {
 
 constexpr int kMostIterations = 1'000'000;
 
+// An earlier result decides parameters, priors and effects, and its gauge needs a free base and free targets.
+void require_no_other_choice(const CalibrationOptions& options) {
+  const ParameterOptions& parameters = options.parameters;
+  const PriorOptions& priors = options.priors;
+  const EffectOptions& effects = options.effects;
+  for (const auto& [is_made, option] :
+       {std::pair{!is_plain(options.estimator), "method or loss"},
+        std::pair{parameters.model != ModelChoice::irreducible, "model"}, std::pair{!parameters.fix.empty(), "fix"},
+        std::pair{!parameters.free.empty(), "free"}, std::pair{parameters.known_base.has_value(), "known base"},
+        std::pair{!parameters.known_targets.empty(), "known targets"},
+        std::pair{priors.stated.length > 0.0 || priors.stated.angle > 0.0 || priors.automatic.value_or(false), "prior"},
+        std::pair{!effects.groups.empty() || effects.automatic.value_or(false), "effects"}}) {
+    if (is_made) {
+      throw OptionError("prior_result", std::string("decides this already, expected no ") + option + " beside it");
+    }
+  }
+}
+
 }  // namespace
 
 CalibrationSettings settings_of(const CalibrationOptions& options) {
-  const bool chooses = is_plain(options.estimator) && options.parameters.model == ModelChoice::irreducible;
+  const bool continues = options.priors.earlier != nullptr;
+  if (continues) {
+    require_no_other_choice(options);
+  }
+  const bool chooses =
+      is_plain(options.estimator) && options.parameters.model == ModelChoice::irreducible && !continues;
   const Priors& stated = options.priors.stated;
   const EffectOptions& effects = options.effects;
   if (effects.automatic.value_or(false) && !effects.groups.empty()) {

@@ -7,6 +7,7 @@
 #include <iterator>
 #include <numbers>
 
+#include "base/degree.hpp"
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
@@ -14,6 +15,7 @@
 #include "calibration/validation_stage.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/training_rows.hpp"
+#include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
 #include "validation/validation.hpp"
 
@@ -286,6 +288,22 @@ std::string said_of_harmful_effects(const BeforeAfter& held_out) {
          " by the geometry alone; leave the effects out, or let --effects auto choose those that help";
 }
 
+// Empty if the measurements agree with the earlier result, or if there is none.
+std::string said_of_change(const CalibrationResult& found) {
+  const auto& continued = found.selection.continued;
+  if (!continued || !(continued->comparison.p_value < kMisfitCertain)) {
+    return {};
+  }
+  std::vector<std::string> changes;
+  for (const auto& [name, change] : continued->comparison.changes) {
+    const bool length = is_length(found.model, found.model.parameters[parameter_index(found.model, name)]);
+    changes.push_back(name + (length ? fmt::format(" by {:.4f} mm", change * 1e3)
+                                     : fmt::format(" by {:.5f} degrees", change / kDegree)));
+  }
+  return fmt::format("the robot has changed since the earlier result (p = {:.1e}); estimated anew: {}",
+                     continued->comparison.p_value, some_of(changes));
+}
+
 // Messages about parameters that the measurements cannot tell apart, and how they are resolved.
 std::vector<std::string> said_of_gauge(const CalibrationResult& found) {
   std::vector<std::string> result;
@@ -382,6 +400,9 @@ std::vector<std::string> warnings(const CalibrationResult& found, const Diagnosi
         fmt::format("the estimated errors are {:.4g} times as large as the priors expect, so the priors hold them too "
                     "close to nominal; state larger priors, or none",
                     excess));
+  }
+  if (const std::string change = said_of_change(found); !change.empty()) {
+    result.push_back(change);
   }
   if (found.noise.lack_of_fit && found.noise.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");

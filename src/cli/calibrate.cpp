@@ -31,6 +31,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "kdl_calibration/result_file.hpp"
 #include "results/report_page.hpp"
 #include "results/result_json.hpp"
 #include "results/result_table.hpp"
@@ -52,7 +53,8 @@ struct CalibrateArguments {
   std::string method = "joint";
   std::string model = "irreducible";
   CalibrationOptions options;
-  std::string prior;                 // empty: not stated
+  std::string prior;  // empty: not stated
+  std::string prior_result;
   std::vector<std::string> effects;  // empty: not stated
   std::vector<double> gravity_direction = {0.0, 0.0, -1.0};
   std::string loss = "none";
@@ -101,7 +103,7 @@ std::vector<HashedFile> files_read(const CalibrateArguments& arguments, const Ro
        {std::pair{"measurements", &measured.measurements}, std::pair{"joints-file", &measured.joints_file},
         std::pair{"joint-convention", &measured.joint_convention}, std::pair{"known-base", &measured.known_base},
         std::pair{"known-targets", &measured.known_targets}, std::pair{"predict-at", &arguments.predict_at},
-        std::pair{"config", &arguments.config}}) {
+        std::pair{"prior-result", &arguments.prior_result}, std::pair{"config", &arguments.config}}) {
     if (!path->empty()) {
       files.push_back({.role = role, .path = *path, .sha256 = sha256_of_file(*path)});
     }
@@ -308,6 +310,11 @@ ExitStatus run(const CalibrateArguments& arguments) {
   const Robot robot = load(arguments.robot);
   const Measurements measurements = read(arguments.measurements, robot);
   CalibrationOptions options = calibration_options(arguments, robot, measurements);
+  std::optional<Calibration> earlier;
+  if (!arguments.prior_result.empty()) {
+    earlier = load_calibration(arguments.prior_result, robot);
+    options.priors.earlier = &*earlier;
+  }
   FittedCalibration fitted = [&] {
     Progress progress;
     options.progress = [&](const std::string& what, std::size_t done, std::size_t of) { progress(what, done, of); };
@@ -378,6 +385,8 @@ void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
          "stated, two-step, complete or with a loss]")
       ->type_name("NAME")
       ->check(one_of({"auto", "none"}));
+  add_file(app, "--prior-result", arguments.prior_result,
+           "Start from this earlier result of the robot (JSON): few new configurations tell what has changed");
   std::vector<std::string> effect_words = {"none", "auto"};
   const std::vector<std::string> groups = effect_group_names();
   effect_words.insert(effect_words.end(), groups.begin(), groups.end());
@@ -432,7 +441,7 @@ void add_groups(CLI::App& app) {
       {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--details", "--json", "--force"});
   add_group(app, "Model",
             {"--method", "--iterations", "--model", "--fix", "--free", "--prior", "--prior-length", "--prior-angle",
-             "--effects", "--gravity-direction"});
+             "--prior-result", "--effects", "--gravity-direction"});
   add_group(app, "Noise",
             {"--loss", "--noise", "--noise-independent", "--noise-common", "--noise-tracker", "--orientation-sigma"});
   add_group(app, "Validation", {"--leave-one-out", "--nested", "--k-fold", "--require", "--threads"});

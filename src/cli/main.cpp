@@ -122,10 +122,10 @@ int run(int argc, const char* const* argv) {
   parser.allow_config_extras(CLI::config_extras_mode::error);
   parser.require_subcommand(1);
   parser.fallthrough();
-  const std::vector<Subcommand> subcommands = {add_model(parser),    add_fk(parser),         add_jacobian(parser),
-                                               add_simulate(parser), add_calibrate(parser),  add_validate(parser),
-                                               add_plan(parser),     add_compensate(parser), add_frames(parser),
-                                               add_report(parser),   add_export(parser),     add_import(parser)};
+  const std::vector<Subcommand> subcommands = {
+      add_model(parser),    add_fk(parser),     add_jacobian(parser),   add_simulate(parser), add_calibrate(parser),
+      add_validate(parser), add_plan(parser),   add_compensate(parser), add_frames(parser),   add_report(parser),
+      add_export(parser),   add_import(parser), add_compare(parser)};
   try {
     parser.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {
@@ -151,7 +151,8 @@ std::string option_of(const std::string& member) {
                                                             {"noise.independent", "--noise-independent"},
                                                             {"noise.tracker", "--noise-tracker"},
                                                             {"known_base", "--known-base"},
-                                                            {"known_targets", "--known-targets"}};
+                                                            {"known_targets", "--known-targets"},
+                                                            {"prior_result", "--prior-result"}};
   const auto found = others.find(member);
   return found == others.end() ? "--" + member : found->second;
 }

@@ -34,6 +34,9 @@ const std::set<std::string> kNumbers = {"rank",
                                         "variance_factor",
                                         "F",
                                         "p_value",
+                                        "chi_square",
+                                        "explained",
+                                        "noise_degrees_of_freedom",
                                         "convergence_factor",
                                         "O1",
                                         "O2",
@@ -80,7 +83,8 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
                                            "independent", "orientation", "amount",        "lower",
                                            "upper",       "withheld",    "add",           "position_nominal",
                                            "valid_range", "joints",      "of_parameters", "expanded",
-                                           "of_point",    "of_repeat",   "of_misfit",     "add_if_only_these"};
+                                           "of_point",    "of_repeat",   "of_misfit",     "add_if_only_these",
+                                           "change"};
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",
@@ -132,7 +136,10 @@ const std::set<std::string> kGroups = {"position_error",
                                        "function",
                                        "findings",
                                        "covariance",
-                                       "undetermined"};
+                                       "undetermined",
+                                       "prior_result",
+                                       "changes",
+                                       "flange"};
 
 bool is_index(const std::string& key) { return parsed_number(key).has_value(); }
 

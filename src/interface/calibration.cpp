@@ -26,6 +26,27 @@ KDL::Vector unit_vector(const Eigen::Vector3d& direction) {
   return {unit.x(), unit.y(), unit.z()};
 }
 
+EarlierResult earlier_result(const Calibration& earlier, const Robot& robot) {
+  require_same_robot(robot, earlier);
+  if (earlier.verdict() != Verdict::trusted) {
+    throw OptionError("prior_result",
+                      "is not trusted everywhere, expected a result whose parameters are all determined");
+  }
+  const CalibrationParts& parts = earlier.parts();
+  if (parts.covariance.size() == 0) {
+    throw OptionError("prior_result", "has no covariance, expected a result of at most 300 parameters");
+  }
+  const Unknowns own = parts.free.without(UnknownGroup::base).without(UnknownGroup::targets);
+  const Eigen::Index first = parts.free.range(UnknownGroup::geometric).first;
+  return {.terms = parts.model.effects,
+          .prior = {.names = own.names(),
+                    .mean = own.values(parts.estimate),
+                    .covariance = parts.covariance.block(first, first, own.size(), own.size())},
+          .rigid = own.without(UnknownGroup::effects).values({.errors = parts.urdf_errors}),
+          .targets = parts.estimate.targets,
+          .noise = parts.noise.model};
+}
+
 SavedCalibration summary_of(const CalibrationResult& result) {
   const Diagnosis& diagnosis = result.diagnosis;
   SavedCalibration summary{{.model = result.model,
@@ -41,6 +62,7 @@ SavedCalibration summary_of(const CalibrationResult& result) {
   summary.warnings = diagnosis.warnings;
   summary.accuracy = result.accuracy;
   summary.parameters = result.uncertainty.parameters;
+  summary.continues_earlier = result.selection.continued.has_value();
   summary.urdf_errors = result.exported.estimate.errors;
   if (result.exported.nominal_kept) {
     summary.urdf_errors.setZero();
@@ -116,6 +138,10 @@ Calibration calibrate(const Robot& robot, const Measurements& measurements, cons
   ErrorModel model = complete_model(robot);
   model.gravity = unit_vector(options.effects.gravity_direction);
   FittedCalibration fitted{.measurements = hash_of(measurements), .settings = settings_of(options), .result = {}};
+  if (const Calibration* earlier = options.priors.earlier) {
+    fitted.settings.selection.earlier = std::make_shared<EarlierResult>(earlier_result(*earlier, robot));
+    model.gravity = earlier->parts().model.gravity;
+  }
   fitted.result = calibrate(model, measurements, fitted.settings);
   SavedCalibration summary = summary_of(fitted.result);
   return Calibration(

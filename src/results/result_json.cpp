@@ -200,6 +200,17 @@ Json budget_json(const NoiseReport& noise, const ErrorStatistics& of_parameters)
           {"total", finite_or_null(total)}, {"expanded", finite_or_null(kCoverage * total)}};
 }
 
+Json earlier_json(const EarlierComparison& comparison) {
+  Json changes = Json::array();
+  for (const auto& [name, change] : comparison.changes) {
+    changes.push_back({{"name", name}, {"change", change}});
+  }
+  return {{"p_value", comparison.p_value},
+          {"chi_square", comparison.chi_square},
+          {"degrees_of_freedom", comparison.degrees_of_freedom},
+          {"changes", changes}};
+}
+
 Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise) {
   Json result = {{"budget", budget_json(noise, predicted.measured)},
                  {"measured", statistics_json(predicted.measured)},
@@ -220,6 +231,9 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
   result["tried"] = tried_json(calibration.selection.tried);
   if (!calibration.selection.not_tried.empty()) {
     result["not_tried"] = calibration.selection.not_tried;
+  }
+  if (const auto& continued = calibration.selection.continued) {
+    result["prior_result"] = earlier_json(continued->comparison);
   }
   const ObservabilityIndices& o = calibration.uncertainty.observability;
   result["observability"] = {{"O1", o.O1}, {"O2", o.O2}, {"O3", o.O3}, {"O4", o.O4}, {"O5", o.O5}};

@@ -400,6 +400,7 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
   read_estimates(top, effects_freedom, saved);
   read_prediction(top, saved);
   saved.accuracy = accuracy_of(top);
+  saved.continues_earlier = has(top, "prior_result") && !member(top, "prior_result").json.is_null();
   return saved;
 }
 

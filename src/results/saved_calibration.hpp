@@ -20,7 +20,8 @@ struct SavedCalibration : PredictionBasis {
   std::vector<std::string> warnings;
   Accuracy accuracy;
   std::vector<ParameterEstimate> parameters;
-  Eigen::VectorXd urdf_errors;  ///< of the exported URDF
+  Eigen::VectorXd urdf_errors;     ///< of the exported URDF
+  bool continues_earlier = false;  ///< whether an earlier result was its prior
 };
 
 /// Reads a result of calibrate (result_json). If the file states its URDF's hash, base or tip, another robot is

@@ -3,11 +3,14 @@
 // Selection of joint effects and of priors of the geometry: options and result.
 
 #include <cstddef>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "selection/earlier_result.hpp"
 
 namespace kdl_calibration {
 
@@ -21,6 +24,7 @@ struct ModelSelectionOptions {
   Priors priors;
   bool automatic_priors = false;  ///< sizes by evidence, or no priors, by cross-validation
   Effects effects;
+  std::shared_ptr<const EarlierResult> earlier = {};  ///< instead of a selection
 };
 /// Whether priors or effects are to be selected or sized.
 inline bool is_open(const ModelSelectionOptions& options) {
@@ -47,6 +51,7 @@ struct ModelSelection {
   std::size_t not_compared = 0;    ///< points of targets that occur in one fold only
   /// Optimism of the held-out error due to the selection, see TriedModels; 1 if effects were requested by name.
   double optimism = 1.0;
+  std::optional<ContinuedResult> continued = std::nullopt;  ///< of an earlier result
 };
 
 }  // namespace kdl_calibration

@@ -148,6 +148,10 @@ std::vector<OptionCase> geometry_options() {
        both_checks(is_library([](auto& o) { o.selection.priors.angle = 7e-4; }),
                    changes({"priors/angle"}, {"priors/length", "input"})),
        kMeasured},
+      {"PriorResultHasItsPlaceInTheResult",
+       {"--prior-result", "prior.json"},
+       changes({"prior_result", "parameters/*/std"}, {"input"}),
+       kMeasured},
       {"AutoIsWhatIsDoneWhereNothingIsSaid", {"--prior", "auto", "--effects", "auto"}, changes_nothing(), kOfM},
       {"NothingSaidIsAllAutomatic",
        {"--threads", "1"},
@@ -480,6 +484,7 @@ std::vector<Words> files_of_options() {
       words_of("--measurements poses.csv --urdf arm.urdf --effects none --noise equal --prior none "
                "--exclude 2,3:B --json"),
       words_of("--measurements m.csv --dh arm_dh.json --effects none --prior none --json --details"),
+      words_of("--measurements m.csv --urdf arm.urdf --effects none --prior-result prior.json --json"),
       words_of("--measurements named.csv --joints-file joints.csv --point-names C{configuration}_{target} --urdf "
                "arm.urdf --effects none --json"),
   };
@@ -493,6 +498,7 @@ const std::map<std::string, std::string>& input_files() {
     const std::string& text = arm().urdf;
     std::string longer = CommandLine::content(kFanuc);
     longer.replace(longer.rfind("0 0 1.075"), 9, "0 0 1.076");
+    const CalibrationSettings plain;
     return std::map<std::string, std::string>{
         {kArm, text},
         {"arm_dh.json", dh_of(arm())},
@@ -508,6 +514,7 @@ const std::map<std::string, std::string>& input_files() {
       "targets": [{"name": "A", "position": [0.1, 0.001, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})"},
         {"asked.csv", "joint_3,configuration,joint_1,joint_2\n0.3,first,0.1,0.2\n0.4,second,-0.1,0\n"},
         {"old.json", "old"},
+        {"prior.json", result_json(arm(), points, plain, calibrate(complete_model(arm()), points, plain))},
         {"longer.urdf", longer},
         {"foot.urdf", with_foot(text)},
         {"hand.urdf", with_hand(text)}};

@@ -61,8 +61,8 @@ TEST_F(Usage, HelpListsEverySubcommandThatHasATableOfItsOptions) {
     }
   }
   EXPECT_THAT(names, ::testing::ElementsAre("model", "fk", "jacobian", "simulate", "calibrate", "validate", "plan",
-                                            "compensate", "frames", "report", "export",
-                                            "import"));  // see compensate_test.cpp, report_test.cpp, export_test.cpp
+                                            "compensate", "frames", "report", "export", "import",
+                                            "compare"));  // see compensate_test.cpp, report_test.cpp, export_test.cpp
 }
 
 TEST_F(Usage, VersionIsOneLine) {

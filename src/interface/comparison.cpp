@@ -1,0 +1,355 @@
+// Whether a robot has changed between two calibrations. They may hold different parameters, fixed by different gauges,
+// and scale their effects differently. So they are compared by what they predict: the positions of three points on the
+// flange in configurations that both measured, with the motions of base and tool removed.
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <iterator>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/distributions.hpp"
+#include "base/preconditions.hpp"
+#include "base/random.hpp"
+#include "estimation/prediction.hpp"
+#include "interface/calibration_parts.hpp"
+#include "kdl_calibration/validation.hpp"
+#include "model/parameters.hpp"
+#include "robot/joint_ranges.hpp"
+#include "validation/validation.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr int kConfigurations = 100;
+constexpr Index kBase = 6;         // columns
+constexpr double kNothing = 1e-6;  // relative size of rounding
+
+// Points that show all that is measured of the targets: three for a frame.
+std::vector<TargetFrame> as_points(const std::vector<TargetFrame>& targets) {
+  constexpr double kLever = 0.1;  // [m]
+  std::vector<TargetFrame> points;
+  for (const TargetFrame& target : targets) {
+    for (const Vector3d& lever : {Vector3d::Zero().eval(), Vector3d::UnitX().eval(), Vector3d::UnitY().eval()}) {
+      if (target.with_orientation || lever.isZero()) {
+        points.push_back({.name = std::to_string(points.size())});
+        points.back().X_FT.translation() = target.X_FT * (kLever * lever);
+      }
+    }
+  }
+  return points;
+}
+
+// Torques of the drives are unknown: the arm is compared at zero torque.
+DriveSignals unloaded(const MatrixXd& joint_values) {
+  return {.approach = {}, .torques = MatrixXd::Zero(joint_values.rows(), joint_values.cols())};
+}
+
+// Joint ranges that both results measured, within the limits; the gap between them if they do not overlap.
+MatrixXd shared_configurations(const CalibrationParts& before, const CalibrationParts& after) {
+  JointRanges ranges = limits_of(before.model.joints);
+  for (const JointRanges* measured : {&before.region.joints, &after.region.joints}) {
+    for (std::size_t i = 0; i < std::min(ranges.size(), measured->size()); ++i) {
+      ranges[i] = std::minmax(
+          {std::max(ranges[i].first, (*measured)[i].first), std::min(ranges[i].second, (*measured)[i].second)});
+    }
+  }
+  Random random(1);
+  return random_configurations(before.model.joints, ranges, kConfigurations, random);
+}
+
+// One model with the geometric errors and effects of both results, the effects of the second behind those of the first.
+// Its derivatives are taken at the errors of the first.
+struct JoinedModel {
+  ErrorModel model;
+  VectorXd errors;
+  std::size_t effects_before;
+  std::vector<std::size_t> geometric;
+  MatrixXd joint_values;
+
+  JoinedModel(const CalibrationParts& before, const CalibrationParts& after)
+      : model(before.model),
+        errors(before.estimate.errors),
+        effects_before(model.effects.size()),
+        joint_values(shared_configurations(before, after)) {
+    const std::vector<EffectTerm>& more = after.model.effects;
+    if (!model.effects.empty() && !more.empty() && model.gravity != after.model.gravity) {
+      refuse_input("the calibrations have different directions of gravity", "the same in the base frame");
+    }
+    model.gravity = more.empty() ? model.gravity : after.model.gravity;
+    model.effects.insert(model.effects.end(), more.begin(), more.end());
+    std::set<std::size_t> all;
+    for (const Unknowns* unknowns : {&before.free, &before.candidates, &after.free, &after.candidates}) {
+      all.insert(unknowns->geometric().begin(), unknowns->geometric().end());
+    }
+    geometric.assign(all.begin(), all.end());
+  }
+
+  Index size() const { return static_cast<Index>(geometric.size() + model.effects.size()); }
+
+  // Columns of the geometric errors and effects among the unknowns of a result.
+  std::vector<Index> columns(const Unknowns& unknowns, bool is_after) const {
+    std::vector<Index> result;
+    for (const std::size_t index : unknowns.geometric()) {
+      result.push_back(std::lower_bound(geometric.begin(), geometric.end(), index) - geometric.begin());
+    }
+    for (const std::size_t index : unknowns.effects()) {
+      result.push_back(static_cast<Index>(geometric.size() + index + (is_after ? effects_before : 0)));
+    }
+    return result;
+  }
+
+  // Derivatives of the points' positions by the base, these columns and the points.
+  MatrixXd derivatives(const std::vector<TargetFrame>& points) const {
+    std::vector<std::string> frames = base_parameter_names();
+    for (const TargetFrame& point : points) {
+      const std::vector<std::string> own = target_parameter_names(point);
+      frames.insert(frames.end(), own.begin(), own.end());
+    }
+    const Unknowns all = Unknowns(model, points, frames)
+                             .with(model, UnknownGroup::geometric, geometric)
+                             .with_all(model, UnknownGroup::effects);
+    const Estimate at{.errors = errors, .targets = points, .effects = {}};
+    const PositionPredictor predictor(model, at, all);
+    MatrixXd result(3 * static_cast<Index>(points.size()) * joint_values.cols(), all.size());
+    Index row = 0;
+    for (Index c = 0; c < joint_values.cols(); ++c) {
+      for (const Matrix3Xd& jacobian : predictor.jacobians(joint_values.col(c), unloaded(joint_values.col(c)))) {
+        result.middleRows<3>(row) = jacobian;
+        row += 3;
+      }
+    }
+    return result;
+  }
+};
+
+// Removes the span of `columns` from `from`.
+MatrixXd without(MatrixXd columns, const MatrixXd& from) {
+  if (columns.cols() == 0) {
+    return from;
+  }
+  columns.colwise().normalize();
+  Eigen::ColPivHouseholderQR<MatrixXd> factors(columns.rows(), columns.cols());
+  factors.setThreshold(kNothing).compute(columns);
+  const MatrixXd basis = factors.householderQ() * MatrixXd::Identity(columns.rows(), factors.rank());
+  return from - basis * (basis.transpose() * from);
+}
+
+// One of the two results.
+struct Side {
+  const CalibrationParts& parts;
+  bool is_after;
+  std::vector<Index> columns;
+  Unknowns arm;  // its geometric errors and effects
+
+  Side(const CalibrationParts& its_parts, const JoinedModel& joined, bool is_second)
+      : parts(its_parts),
+        is_after(is_second),
+        columns(joined.columns(parts.free, is_second)),
+        arm(parts.free.without(UnknownGroup::base).without(UnknownGroup::targets)) {}
+
+  MatrixXd sqrt_covariance() const {
+    const Index first = parts.free.range(UnknownGroup::geometric).first;
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> spectrum(
+        parts.covariance.block(first, first, arm.size(), arm.size()));
+    return spectrum.eigenvectors() * spectrum.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+  }
+
+  // Predicted positions of the points.
+  VectorXd positions(const std::vector<TargetFrame>& points, const MatrixXd& joint_values) const {
+    VectorXd result(3 * static_cast<Index>(points.size()) * joint_values.cols());
+    Index row = 0;
+    for (const Eigen::Isometry3d& X_BF :
+         flange_poses(parts.model, parts.estimate, joint_values, unloaded(joint_values))) {
+      for (const TargetFrame& point : points) {
+        result.segment<3>(row) = X_BF * point.X_FT.translation();
+        row += 3;
+      }
+    }
+    return result;
+  }
+
+  // Mean of 1 / degrees of freedom of its uncertainties.
+  double inverse_freedom() const {
+    double sum = 0.0;
+    for (const ParameterEstimate& parameter : parts.parameters) {
+      const bool is_estimated = arm.column(parameter.name).has_value();
+      sum += is_estimated ? 1.0 / std::max(parameter.degrees_of_freedom, 1.0) : 0.0;
+    }
+    return sum / static_cast<double>(arm.size());
+  }
+};
+
+// Directions of the predictions that one of the results does not determine.
+struct OpenDirections {
+  MatrixXd columns;
+  std::vector<std::string> names;  // parameters that only the other one determines
+
+  void add(const VectorXd& direction) {
+    columns.conservativeResize(direction.size(), columns.cols() + 1);
+    columns.rightCols<1>() = direction;
+  }
+
+  // A parameter that only `other` has is not zero in `side`: the parameters there imitate it as well as its targets
+  // show. What remains of it is open, as are directions that the measurements left open. `J`: derivatives of the
+  // flange.
+  void add(const JoinedModel& joined, const MatrixXd& J, const Side& side, const Side& other) {
+    const Unknowns& free = side.parts.free;
+    const MatrixXd T = joined.derivatives(as_points(side.parts.estimate.targets));
+    const Index base = free.range(UnknownGroup::base).empty() ? 0 : kBase;
+    const Index targets = free.range(UnknownGroup::targets).empty() ? 0 : T.cols() - kBase - joined.size();
+    const auto chain = T.middleCols(kBase, joined.size());
+    MatrixXd own(T.rows(), static_cast<Index>(side.columns.size()) + base + targets);
+    own << chain(Eigen::all, side.columns), T.leftCols(base), T.rightCols(targets);
+    const Eigen::CompleteOrthogonalDecomposition<MatrixXd> imitation(own);
+    for (std::size_t i = 0; i < other.columns.size(); ++i) {
+      const Index column = other.columns[i];
+      if (std::find(side.columns.begin(), side.columns.end(), column) != side.columns.end()) {
+        continue;
+      }
+      const VectorXd by = imitation.solve(VectorXd(chain.col(column)));
+      const VectorXd left = J.col(column) - J(Eigen::all, side.columns) * by.head(side.arm.size());
+      if (left.norm() > kNothing * J.col(column).norm()) {
+        add(left);
+        names.push_back(other.arm.columns()[i].name);
+      }
+    }
+    const Unknowns candidates = side.parts.candidates.without(UnknownGroup::base).without(UnknownGroup::targets);
+    const Index first = side.parts.candidates.range(UnknownGroup::geometric).first;
+    for (const VectorXd& direction : side.parts.undetermined.colwise()) {
+      add(J(Eigen::all, joined.columns(candidates, side.is_after)) * direction.segment(first, candidates.size()));
+    }
+  }
+};
+
+// Positions of the points on the flange, rows by configuration and point, with the motions of base and tool removed.
+struct Differences {
+  MatrixXd J;  // derivatives by the columns of the joined model
+  MatrixXd F;  // square root of the covariance of d: the part of the first result, then that of the second
+  VectorXd d;
+
+  Differences(const JoinedModel& joined, const Side& first, const Side& second) {
+    const std::vector<TargetFrame> points = flange_points();
+    const MatrixXd D = joined.derivatives(points);
+    MatrixXd frames(D.rows(), D.cols() - joined.size());
+    frames << D.leftCols(kBase), D.rightCols(frames.cols() - kBase);
+    MatrixXd all(D.rows(), joined.size() + 1);
+    all << D.middleCols(kBase, joined.size()),
+        second.positions(points, joined.joint_values) - first.positions(points, joined.joint_values);
+    all = without(frames, all);
+    J = all.leftCols(joined.size());
+    d = all.rightCols<1>();
+    F.resize(J.rows(), first.arm.size() + second.arm.size());
+    F << J(Eigen::all, first.columns) * first.sqrt_covariance(),
+        J(Eigen::all, second.columns) * second.sqrt_covariance();
+  }
+
+  static std::vector<TargetFrame> flange_points() { return as_points({{.name = "flange", .with_orientation = true}}); }
+};
+
+// W with W F F^T W^T = I on the span of F. `size`: squared norm beside which rounding is judged.
+MatrixXd whitening(const MatrixXd& F, double size) {
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> spectrum(F.transpose() * F);
+  const VectorXd& values = spectrum.eigenvalues();
+  const Index rank = (values.array() > kNothing * kNothing * size).count();
+  if (rank == 0) {
+    refuse_input("the calibrations determine nothing in common", "measurements of the same joints");
+  }
+  return values.tail(rank).cwiseInverse().asDiagonal() * (F * spectrum.eigenvectors().rightCols(rank)).transpose();
+}
+
+// d = change + J1 e1 - J2 e2 has the covariance S = F F^T with F = [J1 C1^(1/2), J2 C2^(1/2)], and chi^2 = d^T S^+ d.
+// For the same parameters this is Delta^T (C1 + C2)^-1 Delta. Both covariances contain an estimated noise, so chi^2 / k
+// is about F with k and nu degrees of freedom; 1 / nu = sum w_i^2 / nu_i with the shares w_i of S (Satterthwaite 1946).
+void test(const Differences& found, const OpenDirections& open, const Side& first, const Side& second,
+          Comparison& result) {
+  const MatrixXd F = without(open.columns, found.F);
+  const MatrixXd W = whitening(F, found.F.squaredNorm());
+  const VectorXd z = W * found.d;
+  const auto k = static_cast<double>(z.size());
+  const double share = (W * F.leftCols(first.arm.size())).squaredNorm() / k;
+  result.chi_square = z.squaredNorm();
+  result.degrees_of_freedom = k;
+  result.noise_degrees_of_freedom =
+      1.0 / (share * share * first.inverse_freedom() + (1.0 - share) * (1.0 - share) * second.inverse_freedom());
+  result.p_value = f_upper_tail(result.chi_square / k, k, result.noise_degrees_of_freedom);
+  for (std::size_t i = 0; i < result.parameters.size(); ++i) {
+    const VectorXd alone = W * found.J.col(first.columns[i]);
+    result.parameters[i].explained = std::pow(alone.normalized().dot(z.normalized()), 2);
+  }
+}
+
+// The changes of the first result's parameters that fit the differences best.
+std::vector<ParameterChange> parameter_changes(const Differences& found, const Side& first) {
+  MatrixXd right(found.d.size(), found.F.cols() + 1);
+  right << found.d, found.F;
+  const MatrixXd J = found.J(Eigen::all, first.columns);
+  const MatrixXd changes = J.completeOrthogonalDecomposition().solve(right);
+  std::vector<ParameterChange> result;
+  for (Index i = 0; i < J.cols(); ++i) {
+    const Unknown& unknown = first.arm.columns()[static_cast<std::size_t>(i)];
+    result.push_back({.name = unknown.name,
+                      .before = Unknowns::value(first.parts.estimate, unknown),
+                      .change = changes(i, 0),
+                      .std = changes.row(i).tail(found.F.cols()).norm()});
+  }
+  return result;
+}
+
+// The flange is the first of the points.
+void add_flange(const Differences& found, Comparison& result) {
+  const auto step = static_cast<Index>(3 * Differences::flange_points().size());
+  std::vector<double> distances;
+  double variance = 0.0;
+  for (Index row = 0; row < found.d.size(); row += step) {
+    distances.push_back(found.d.segment<3>(row).norm());
+    variance += found.F.middleRows<3>(row).squaredNorm();
+  }
+  result.flange = error_statistics(distances);
+  result.flange_sigma = std::sqrt(variance / static_cast<double>(distances.size()));
+}
+
+void require_comparable(const Calibration& calibration, const std::string& which) {
+  if (!calibration.trusted()) {
+    refuse_input("the " + which + " calibration is not to be trusted", "one that is");
+  }
+  const MatrixXd& covariance = calibration.covariance();
+  if (covariance.size() == 0 || !covariance.allFinite()) {
+    refuse_input("the " + which + " calibration has no covariance", "one of at most 300 parameters");
+  }
+}
+
+}  // namespace
+
+Comparison compare(const Calibration& before, const Calibration& after) {
+  require_comparable(before, "earlier");
+  require_comparable(after, "later");
+  if (before.parts().robot != after.parts().robot) {
+    refuse_input("the calibrations are of different robots", "the same URDF, base and tip");
+  }
+  if (after.parts().continues_earlier) {
+    refuse_input("the later calibration continues an earlier one", "an independent one");
+  }
+  const JoinedModel joined(before.parts(), after.parts());
+  const Side first(before.parts(), joined, false);
+  const Side second(after.parts(), joined, true);
+  const Differences found(joined, first, second);
+  OpenDirections open;
+  open.add(joined, found.J, first, second);
+  open.add(joined, found.J, second, first);
+  Comparison result{.parameters = parameter_changes(found, first), .not_compared = open.names};
+  test(found, open, first, second, result);
+  add_flange(found, result);
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,91 @@
+// kdlcal compare and calibrate --prior-result: their output, status and refusals.
+
+#include <fmt/format.h>
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "cli_options_support.hpp"
+#include "kdl_calibration/result_file.hpp"
+#include "kdl_calibration/validation.hpp"
+#include "printed_text.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::testing::compare_test {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::Contains;
+using ::testing::HasSubstr;
+
+class Compare : public CommandLine {
+protected:
+  // One robot in two campaigns. Before the second one something has hit joint 2, so it moves by 1 mrad more than it
+  // says.
+  void SetUp() override {
+    CommandLine::SetUp();
+    ASSERT_EQ(run({"simulate", "--configurations", "60", "--noise", "3e-5", "--length-sigma", "0.001", "--angle-sigma",
+                   "0.001", "--output", "all.csv"})
+                  .status,
+              0);
+    std::vector<std::vector<std::string>> rows = cells_of(text_of("all.csv"));
+    const auto joint =
+        static_cast<std::size_t>(std::find(rows[0].begin(), rows[0].end(), "joint_2[rad]") - rows[0].begin());
+    const auto line = [&](std::size_t i) { return fmt::format("{}\n", fmt::join(rows[i], ",")); };
+    std::string a = line(0);
+    std::string b = a;
+    for (std::size_t i = 1; i < rows.size(); ++i) {
+      if (i > 90) {
+        rows[i].at(joint) = fmt::format("{:.17g}", std::stod(rows[i].at(joint)) - 1e-3);
+      }
+      (i > 90 ? b : a) += line(i);
+    }
+    for (const auto& [name, text] : {std::pair{"a", a}, std::pair{"b", b}}) {
+      write(name + std::string(".csv"), text);
+      ASSERT_EQ(run({"calibrate", "--measurements", name + std::string(".csv"), "--effects", "none", "--prior", "none",
+                     "--result", name + std::string(".json")})
+                    .status,
+                0);
+    }
+  }
+};
+
+TEST_F(Compare, SaysWhatTheLibraryFinds) {
+  const Outcome outcome = run({"compare", "a.json", "b.json", "--json"});
+  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  const Json json = Json::parse(outcome.out);
+  const Robot robot = fanuc();
+  const Comparison expected =
+      compare(load_calibration(directory / "a.json", robot), load_calibration(directory / "b.json", robot));
+  EXPECT_EQ(json["p_value"], expected.p_value);
+  EXPECT_EQ(json["changed"], true);
+  EXPECT_EQ(json["flange"]["sigma"], expected.flange_sigma);
+  EXPECT_EQ(json["parameters"].size(), expected.parameters.size());
+  EXPECT_EQ(json["parameters"][0]["change"], expected.parameters[0].change);
+  const Outcome table = run({"compare", "a.json", "b.json", "--require", "p_value>=0.001"});
+  EXPECT_EQ(table.status, 1);
+  EXPECT_THAT(table.out, AllOf(HasSubstr("the robot has changed (p = "), HasSubstr("\n  dq2, joint_2 ")));
+  const Outcome same = run({"compare", "a.json", "a.json", "--require", "p_value>=0.001"});
+  EXPECT_EQ(same.status, 0) << same.err;
+  EXPECT_THAT(same.out, HasSubstr("no change found (p = 1;"));
+}
+
+TEST_F(Compare, APriorResultIsContinuedAndNotComparedAgain) {
+  const Words few = {"calibrate", "--measurements", "b.csv", "--prior-result", "a.json"};
+  const Outcome outcome = run(few + Words{"--result", "c.json", "--json"});
+  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  const Json json = json_of("c.json");
+  EXPECT_LT(json["prior_result"]["p_value"], 1e-3);
+  EXPECT_EQ(json["prior_result"]["changes"][0]["name"], "dq2");
+  EXPECT_NEAR(json["prior_result"]["changes"][0]["change"], 1e-3, 1e-4);
+  EXPECT_THAT(json["warnings"], Contains(HasSubstr("the robot has changed since the earlier result")));
+  expect_refused({"compare", "a.json", "c.json"}, {"continues an earlier one"});
+  expect_refused(few + Words{"--fix", "dq2"}, {"--prior-result", "no fix beside it"});
+  expect_refused(few + Words{"--prior", "auto"}, {"--prior-result", "no prior beside it"});
+  expect_refused({"calibrate", "--measurements", "b.csv", "--prior-result", "none.json"}, {"none.json"});
+  expect_refused({"compare", "a.json"}, {"after"});
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing::compare_test
