@@ -77,23 +77,6 @@ std::vector<OutputFile> outputs(const CalibrateArguments& arguments) {
                         {"--report", arguments.report}});
 }
 
-// "key=value"
-std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std::string>& texts) {
-  std::vector<std::pair<std::string, std::string>> notes;
-  for (const std::string& text : texts) {
-    const std::size_t end = text.find('=');
-    if (end == 0 || end == std::string::npos || !is_utf8(text)) {
-      throw InputError("--note: " + shown(text) + " is not accepted, expected key=value in UTF-8");
-    }
-    const std::string key = text.substr(0, end);
-    if (std::any_of(notes.begin(), notes.end(), [&](const auto& note) { return note.first == key; })) {
-      throw InputError("--note: " + shown(key) + " is given more than once, expected each key once");
-    }
-    notes.emplace_back(key, text.substr(end + 1));
-  }
-  return notes;
-}
-
 // All input files with their roles.
 std::vector<HashedFile> files_read(const CalibrateArguments& arguments, const Robot& robot) {
   const MeasurementArguments& measured = arguments.measurements;

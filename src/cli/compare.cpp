@@ -12,6 +12,8 @@
 #include "base/wrapped_text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
+#include "cli/output_files.hpp"
+#include "cli/report_pages.hpp"
 #include "cli/requirements.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
@@ -30,28 +32,40 @@ struct CompareArguments {
   std::string before;
   std::string after;
   std::vector<std::string> requirements;
+  std::string report;
+  bool force = false;
   bool json = false;
 };
 
-std::string json(const Comparison& comparison) {
+bool is_geometric(const ParameterChange& parameter) { return parameter.name.find('.') == std::string::npos; }
+
+// Of a geometric error.
+bool is_length(const ErrorModel& model, const ParameterChange& parameter) {
+  return kdl_calibration::is_length(model, model.parameters[parameter_index(model, parameter.name)]);
+}
+
+Json json(const Comparison& comparison, const ErrorModel& model) {
   Json parameters = Json::array();
   for (const ParameterChange& parameter : comparison.parameters) {
     parameters.push_back({{"name", parameter.name},
                           {"before", parameter.before},
                           {"change", parameter.change},
                           {"std", parameter.std},
+                          {"unit", !is_geometric(parameter)      ? Json()
+                                   : is_length(model, parameter) ? "m"
+                                                                 : "rad"},
                           {"explained", parameter.explained}});
   }
   Json flange = statistics_json(comparison.flange);
   flange["sigma"] = comparison.flange_sigma;
-  return json_text({{"changed", comparison.has_changed()},
-                    {"p_value", comparison.p_value},
-                    {"chi_square", comparison.chi_square},
-                    {"degrees_of_freedom", comparison.degrees_of_freedom},
-                    {"noise_degrees_of_freedom", comparison.noise_degrees_of_freedom},
-                    {"flange", flange},
-                    {"parameters", parameters},
-                    {"not_compared", comparison.not_compared}});
+  return {{"changed", comparison.has_changed()},
+          {"p_value", comparison.p_value},
+          {"chi_square", comparison.chi_square},
+          {"degrees_of_freedom", comparison.degrees_of_freedom},
+          {"noise_degrees_of_freedom", comparison.noise_degrees_of_freedom},
+          {"flange", flange},
+          {"parameters", parameters},
+          {"not_compared", comparison.not_compared}};
 }
 
 std::string verdict(const Comparison& comparison) {
@@ -65,15 +79,14 @@ std::string verdict(const Comparison& comparison) {
 std::string changes(const Comparison& comparison, const ErrorModel& model) {
   constexpr std::size_t kShown = 8;
   std::vector<ParameterChange> order;
-  std::copy_if(comparison.parameters.begin(), comparison.parameters.end(), std::back_inserter(order),
-               [](const ParameterChange& parameter) { return parameter.name.find('.') == std::string::npos; });
+  std::copy_if(comparison.parameters.begin(), comparison.parameters.end(), std::back_inserter(order), is_geometric);
   const auto excess = [](const ParameterChange& parameter) { return std::abs(parameter.change) / parameter.std; };
   std::sort(order.begin(), order.end(), [&](const auto& a, const auto& b) { return excess(a) > excess(b); });
   order.resize(std::min(order.size(), kShown));
   std::string text = "largest changes by their 1 sigma   before      change       sigma  explains alone\n";
   for (const ParameterChange& parameter : order) {
     const ErrorParameter& error = model.parameters[parameter_index(model, parameter.name)];
-    const bool length = is_length(model, error);
+    const bool length = is_length(model, parameter);
     const double unit = length ? 1e3 : 1.0 / kDegree;
     text += padded("  " + parameter.name + (error.joint.empty() ? "" : ", " + error.joint), 24) +
             (length ? " mm " : " deg");
@@ -101,12 +114,22 @@ std::string table(const Comparison& comparison, const ErrorModel& model) {
 
 ExitStatus run(const CompareArguments& arguments) {
   const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);
+  std::vector<OutputFile> files = given_outputs({{"--report", arguments.report}});
+  require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const Calibration before = load_calibration(arguments.before, robot);
   const Comparison comparison = compare(before, load_calibration(arguments.after, robot));
-  const std::string result = json(comparison);
-  const std::vector<Judged> outcomes = outcomes_of(requirements, json_of(result, "the result"));
-  print(arguments.json ? result : table(comparison, before.parts().model) + outcome_lines(outcomes));
+  const ErrorModel& model = before.parts().model;
+  const Json result = json(comparison, model);
+  const std::vector<Judged> outcomes = outcomes_of(requirements, result);
+  for (OutputFile& file : files) {
+    file.text = page_of_result(
+        "comparison",
+        with_files(result, arguments.robot, robot, {{"before", arguments.before}, {"after", arguments.after}}),
+        {{"requirements", judged_json(outcomes)}});
+  }
+  write_whole(files, arguments.force,
+              arguments.json ? json_text(result) : table(comparison, model) + outcome_lines(outcomes));
   const std::vector<std::string> missed = unfulfilled(outcomes);
   std::for_each(missed.begin(), missed.end(), print_requirement);
   return missed.empty() ? done : not_to_be_trusted;
@@ -125,6 +148,8 @@ Subcommand add_compare(CLI::App& parser) {
   add_file(*app, "after", arguments->after, "The later one")->required();
   add_robot_options(*app, arguments->robot);
   add_require(*app, arguments->requirements);
+  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
+  app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);
   add_example(*app,
               "kdlcal compare old.json new.json\n"

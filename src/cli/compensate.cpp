@@ -13,12 +13,14 @@
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/sha256.hpp"
+#include "base/text.hpp"
 #include "cli/compensate_program.hpp"
 #include "cli/compensation_summary.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/progress.hpp"
+#include "cli/report_pages.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "interface/calibration_parts.hpp"
@@ -49,6 +51,8 @@ struct CompensateArguments {
   bool linear = false;
   std::string output;
   std::string predict;
+  std::string report;
+  std::vector<std::string> notes;
   bool force = false;
   bool json = false;
 };
@@ -73,11 +77,28 @@ ControllerFrames frames_of(const CompensateArguments& arguments) {
   return frames;
 }
 
+// Where the result notes something else than the user, such as another payload.
+std::vector<std::string> other_notes(const CompensateArguments& arguments) {
+  std::vector<std::string> result;
+  const Json saved = read_json(arguments.result);
+  const Json noted = saved.value("/provenance/notes"_json_pointer, Json::object());
+  for (const auto& [key, value] : notes_of(arguments.notes)) {
+    if (!noted.contains(key)) {
+      result.push_back("the result does not note " + shown(key));
+    } else if (noted[key] != value) {
+      result.push_back("the calibration was made with " + shown(key) + " " + noted[key].dump() + ", not " +
+                       shown(value) + ": it may be wrong here");
+    }
+  }
+  return result;
+}
+
 // The rows of a program that are in memory at a time, and what becomes of them.
 struct Piece {
   std::vector<ProgramLine> lines;
   std::vector<Eigen::Isometry3d> asked;  // flange poses in the base
   std::vector<CompensatedPoint> points;
+  std::vector<double> corrections;     // [m] of the flange
   std::vector<std::string> texts;      // of each block
   std::vector<std::string> predicted;  // of each block
 };
@@ -92,11 +113,13 @@ public:
                      {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first}),
         frames_(frames_of(arguments)),
         program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses),
-        summary_(robot, calibration_, program_) {
+        summary_(robot, calibration_, program_),
+        warnings_(other_notes(arguments)) {
     if (!program_.states_joints()) {
-      warn(file() +
-           " has no joint values: of the ways in which the arm can reach a pose, one near the previous row's is "
-           "taken; add the joint columns, as errors differ from way to way");
+      warnings_.push_back(
+          file() +
+          " has no joint values: of the ways in which the arm can reach a pose, one near the previous row's is "
+          "taken; add the joint columns, as errors differ from way to way");
     }
   }
 
@@ -116,7 +139,7 @@ public:
       for (const std::string& text : piece.predicted) {
         predicted_ += text;
       }
-      summary_.add(piece.lines, piece.points);
+      summary_.add(piece.lines, piece.points, piece.corrections);
       if (arguments_.linear) {
         add_lines(piece);
       }
@@ -128,6 +151,13 @@ public:
   }
 
   const CompensationSummary& summary() const { return summary_; }
+  std::vector<std::string> warnings() const {
+    std::vector<std::string> result = warnings_;
+    for (const std::string& warning : summary_.warnings()) {
+      result.push_back(warning);
+    }
+    return result;
+  }
   /// How well each point is known (CSV), if it was asked for.
   const std::string& predicted() const { return predicted_; }
 
@@ -138,6 +168,7 @@ private:
     constexpr std::size_t kBlock = 64;
     piece.asked.resize(piece.lines.size());
     piece.points.resize(piece.lines.size());
+    piece.corrections.resize(piece.lines.size());
     piece.texts.resize((piece.lines.size() + kBlock - 1) / kBlock);
     piece.predicted.resize(piece.texts.size());
     // Without joint values each row starts from the previous one.
@@ -168,7 +199,11 @@ private:
         if (!nominal_reaches(asked, point)) {
           continue;  // the row stays as it is
         }
-        program.poses[i] = frames_.X_BU.inverse() * compensator_.nominal_pose(point.joint_values) * frames_.X_FT;
+      }
+      const Eigen::Isometry3d commanded = compensator_.nominal_pose(point.joint_values);
+      piece.corrections[begin + i] = (commanded.translation() - asked.translation()).norm();
+      if (!program.poses.empty()) {
+        program.poses[i] = frames_.X_BU.inverse() * commanded * frames_.X_FT;
       }
       if (program_.states_joints()) {
         program.joint_values.col(column) = point.joint_values;
@@ -241,19 +276,32 @@ private:
   ControllerFrames frames_;
   ProgramFile program_;
   CompensationSummary summary_;
+  std::vector<std::string> warnings_;
   std::string predicted_ =
       "configuration,status,position_error[m],orientation_error[rad],sigma[m],radius_95[m],outside\n";
   CompensatedJoints previous_;
   LineEnd last_;
 };
 
+std::string page_of(const CompensateArguments& arguments, const Robot& robot, const Compensation& compensation) {
+  return page_of_result("compensation",
+                        with_files(compensation.summary().json(), arguments.robot, robot,
+                                   {{"result", arguments.result},
+                                    {"joints", arguments.joints},
+                                    {"poses", arguments.poses},
+                                    {"frames", arguments.frames},
+                                    {"joint-convention", arguments.joint_convention}}),
+                        {{"points", compensation.summary().samples()}, {"warnings", compensation.warnings()}});
+}
+
 ExitStatus run(const CompensateArguments& arguments) {
   const auto given = {!arguments.joints.empty(), !arguments.poses.empty(), !arguments.program.empty()};
   if (std::count(given.begin(), given.end(), true) != 1) {
     throw InputError("expected one of --joints, --poses and --program");
   }
-  std::vector<OutputFile> files = given_outputs(
-      {{.option = "--output", .path = arguments.output}, {.option = "--predict", .path = arguments.predict}});
+  std::vector<OutputFile> files = given_outputs({{.option = "--output", .path = arguments.output},
+                                                 {.option = "--predict", .path = arguments.predict},
+                                                 {.option = "--report", .path = arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   if (!arguments.program.empty()) {
@@ -272,13 +320,20 @@ ExitStatus run(const CompensateArguments& arguments) {
   require_not_compensated(arguments.poses.empty() ? arguments.joints : arguments.poses);
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
   Compensation compensation(arguments, robot, convention ? &*convention : nullptr);
-  files.front().pieces = [&](const TextSink& sink) { compensation.write(sink); };
-  if (files.size() > 1) {
-    files.back().pieces = [&](const TextSink& sink) { sink(compensation.predicted()); };
+  // Files are written one after the other: the program first, and all else is known then.
+  for (OutputFile& file : files) {
+    file.pieces = [&](const TextSink& sink) {
+      if (file.option == "--output") {
+        compensation.write(sink);
+      } else {
+        sink(file.option == "--predict" ? compensation.predicted() : page_of(arguments, robot, compensation));
+      }
+    };
   }
   write_whole(files, arguments.force, [&] {
-    compensation.summary().warn_of_findings();
-    return arguments.json ? compensation.summary().json() : compensation.summary().table();
+    const std::vector<std::string> warnings = compensation.warnings();
+    std::for_each(warnings.begin(), warnings.end(), warn);
+    return arguments.json ? json_text(compensation.summary().json()) : compensation.summary().table();
   });
   return compensation.summary().is_exact() ? done : not_to_be_trusted;
 }
@@ -321,6 +376,12 @@ Subcommand add_compensate(CLI::App& parser) {
   add_file(*app, "--output", arguments->output, "Write what to command, in the same columns (CSV)")->required();
   add_file(*app, "--predict", arguments->predict,
            "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %")
+      ->excludes(program);
+  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)")
+      ->excludes(program);
+  app->add_option("--note", arguments->notes,
+                  "What holds now, such as payload=165: warn if the calibration noted something else; repeatable")
+      ->type_name("KEY=VALUE")
       ->excludes(program);
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);

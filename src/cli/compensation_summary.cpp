@@ -11,6 +11,7 @@
 #include "cli/text.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "results/report_page.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
@@ -52,13 +53,28 @@ std::string CompensationSummary::label(const ProgramLine& line, std::size_t ordi
   return stated.empty() ? std::to_string(ordinal) : stated;
 }
 
-void CompensationSummary::add(std::span<const ProgramLine> lines, std::span<const CompensatedPoint> points) {
+// Where they become too many, every second one goes.
+void CompensationSummary::add_sample(const Sample& sample) {
+  if ((sample.ordinal - 1) % spacing_ != 0) {
+    return;
+  }
+  samples_.push_back(sample);
+  if (samples_.size() > kMostPointsOfPage) {
+    spacing_ *= 2;
+    std::erase_if(samples_, [&](const Sample& kept) { return (kept.ordinal - 1) % spacing_ != 0; });
+  }
+}
+
+void CompensationSummary::add(std::span<const ProgramLine> lines, std::span<const CompensatedPoint> points,
+                              std::span<const double> corrections) {
   constexpr std::size_t kMostListed = 1000;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const CompensatedPoint& point = points[i];
     ++points_;
     ++count_[static_cast<std::size_t>(point.status)];
+    add_sample({.ordinal = points_, .status = point.status, .correction = corrections[i]});
     changes_ = changes_.cwiseMax(point.change.cwiseAbs());
+    correction_ = std::max(correction_, corrections[i]);
     position_error_ = std::max(position_error_, point.position_error);
     orientation_error_ = std::max(orientation_error_, point.orientation_error);
     if (point.status != CompensationStatus::exact && inexact_.size() < kMostListed) {
@@ -92,29 +108,33 @@ void CompensationSummary::add_lines(std::span<const ProgramLine> lines, std::spa
   }
 }
 
-void CompensationSummary::warn_of_findings() const {
+std::vector<std::string> CompensationSummary::warnings() const {
+  std::vector<std::string> result;
   if (outside_ > 0) {
-    warn(
+    result.push_back(
         fmt::format("{} of {} points are outside the joint values that were measured, first configuration {}: the "
                     "calibration may be wrong there",
                     outside_, points_, shown(first_outside_)));
   }
   if (bent_lines_ > 0) {
-    warn(fmt::format(
+    result.push_back(fmt::format(
         "{} of {} straight lines are off by more than 0.1 mm, that to configuration {} {}: add points between",
         bent_lines_, points_ - 1, shown(most_bent_),
         std::isfinite(deviation_) ? "by " + fixed(deviation_ * 1e3, 3) + " mm" : "cannot be followed"));
   }
+  return result;
 }
 
-std::string CompensationSummary::json() const {
+Json CompensationSummary::json() const {
   Json statuses = Json::object();
   for (const CompensationStatus status : kStatuses) {
     statuses[to_string(status)] = count_[static_cast<std::size_t>(status)];
   }
   Json joints = Json::array();
   for (const std::size_t i : independent_joints(robot_.joints)) {
-    joints.push_back({{"joint", robot_.joints[i].name}, {"change", changes_[static_cast<Index>(i)]}});
+    joints.push_back({{"joint", robot_.joints[i].name},
+                      {"change", changes_[static_cast<Index>(i)]},
+                      {"unit", robot_.joints[i].type == JointType::prismatic ? "m" : "rad"}});
   }
   Json inexact = Json::array();
   for (const Inexact& point : inexact_) {
@@ -126,6 +146,7 @@ std::string CompensationSummary::json() const {
   Json json = {{"points", points_},
                {"status", statuses},
                {"largest_change", joints},
+               {"largest_correction", correction_},
                {"largest_position_error", position_error_},
                {"largest_orientation_error", orientation_error_},
                {"outside", outside_},
@@ -135,7 +156,16 @@ std::string CompensationSummary::json() const {
                      {"to", most_bent_},
                      {"above_limit", bent_lines_}};
   }
-  return json_text(json);
+  return json;
+}
+
+Json CompensationSummary::samples() const {
+  Json list = Json::array();
+  for (const Sample& sample : samples_) {
+    list.push_back(
+        {{"ordinal", sample.ordinal}, {"status", to_string(sample.status)}, {"correction", sample.correction}});
+  }
+  return list;
 }
 
 std::string CompensationSummary::table() const {
@@ -153,6 +183,7 @@ std::string CompensationSummary::table() const {
     text += padded(joint.name, kWidth) +
             fmt::format("{:>12} {}\n", fixed(slides ? change * 1e3 : change / kDegree, 4), slides ? "mm" : "deg");
   }
+  text += "correction of the flange: at most " + fixed(correction_ * 1e3, 3) + " mm\n";
   text += "remaining error of the flange: at most " + off(position_error_, orientation_error_) + "\n";
   for (std::size_t i = 0; i < std::min(inexact_.size(), kMostLines); ++i) {
     const Inexact& point = inexact_[i];

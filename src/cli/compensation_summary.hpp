@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "calibration/point_predictor.hpp"
+#include "cli/frames.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/robot.hpp"
@@ -20,15 +21,19 @@ class CompensationSummary {
 public:
   CompensationSummary(const Robot& robot, const Calibration& calibration, const ProgramFile& program);
 
-  /// The next rows. Throws InputError for a point whose pose depends on parameters that were not determined.
-  void add(std::span<const ProgramLine> lines, std::span<const CompensatedPoint> points);
+  /// The next rows, and how far [m] each commanded flange is from the asked one. Throws InputError for a point whose
+  /// pose depends on parameters that were not determined.
+  void add(std::span<const ProgramLine> lines, std::span<const CompensatedPoint> points,
+           std::span<const double> corrections);
   /// How far [m] the straight line to each of these rows is from the asked one.
   void add_lines(std::span<const ProgramLine> lines, std::span<const double> deviations);
 
   std::size_t points() const { return points_; }
   bool is_exact() const { return count_[0] == points_; }
-  void warn_of_findings() const;
-  std::string json() const;
+  std::vector<std::string> warnings() const;
+  Json json() const;
+  /// Evenly spaced points for the page, with ordinal, status and correction.
+  Json samples() const;
   std::string table() const;
 
   /// Of the row that is the `ordinal`th.
@@ -42,6 +47,14 @@ private:
     double orientation_error;
   };
 
+  struct Sample {
+    std::size_t ordinal;
+    CompensationStatus status;
+    double correction;
+  };
+
+  void add_sample(const Sample& sample);
+
   const Robot& robot_;
   const PredictionBasis& basis_;
   PointPredictor predictor_;
@@ -49,9 +62,12 @@ private:
   std::size_t points_ = 0;
   std::array<std::size_t, 5> count_{};  // of each status
   Eigen::VectorXd changes_;             // largest one of each joint
+  double correction_ = 0.0;
   double position_error_ = 0.0;
   double orientation_error_ = 0.0;
   std::vector<Inexact> inexact_;  // the first ones
+  std::vector<Sample> samples_;
+  std::size_t spacing_ = 1;  // of the samples
   std::size_t outside_ = 0;
   std::string first_outside_;
   bool with_lines_ = false;

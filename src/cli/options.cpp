@@ -224,6 +224,22 @@ Robot load(const RobotArguments& arguments) {
   return load_robot(arguments.urdf.empty() ? default_urdf_path() : std::filesystem::path(arguments.urdf), ends);
 }
 
+std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std::string>& texts) {
+  std::vector<std::pair<std::string, std::string>> notes;
+  for (const std::string& text : texts) {
+    const std::size_t end = text.find('=');
+    if (end == 0 || end == std::string::npos || !is_utf8(text)) {
+      throw InputError("--note: " + shown(text) + " is not accepted, expected key=value in UTF-8");
+    }
+    const std::string key = text.substr(0, end);
+    if (std::any_of(notes.begin(), notes.end(), [&](const auto& note) { return note.first == key; })) {
+      throw InputError("--note: " + shown(key) + " is given more than once, expected each key once");
+    }
+    notes.emplace_back(key, text.substr(end + 1));
+  }
+  return notes;
+}
+
 std::pair<std::string, std::string> role_and_hash(const RobotArguments& arguments, const Robot& robot) {
   return arguments.dh.empty() ? std::pair{std::string("urdf"), sha256(robot.urdf)}
                               : std::pair{std::string("dh"), sha256_of_file(arguments.dh)};

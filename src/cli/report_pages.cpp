@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <set>
 
+#include "base/sha256.hpp"
 #include "cli/truth_report.hpp"
 #include "model/kinematics.hpp"
 
@@ -57,6 +58,20 @@ std::vector<Eigen::Index> rejected(const PlanRequest& request, const Plan& plan)
 }
 
 }  // namespace
+
+Json with_files(Json result, const RobotArguments& arguments, const Robot& robot,
+                const std::vector<std::pair<std::string, std::string>>& files) {
+  result["input"].update({{"urdf", robot.source}, {"base", robot.base}, {"tip", robot.tip}});
+  const auto [robot_role, robot_hash] = role_and_hash(arguments, robot);
+  Json read = {{{"role", robot_role}, {"path", robot.source}, {"sha256", robot_hash}}};
+  for (const auto& [role, path] : files) {
+    if (!path.empty()) {
+      read.push_back({{"role", role}, {"path", path}, {"sha256", sha256_of_file(path)}});
+    }
+  }
+  result["provenance"] = {{"files_read", read}};
+  return result;
+}
 
 std::string monte_carlo_page(const Json& result, const MonteCarlo& experiment, const MonteCarloResult& runs,
                              const PageFacts& setup) {
@@ -124,6 +139,12 @@ std::string validation_page(const ValidationPage& page) {
   data["warnings"] = page.warnings;
   data["robot"] = block(reported_robot(page.robot, page.reported.model, page.reported.estimate));
   data["measured"] = block(reported_measurements(page.reported));
+  return page_of(data);
+}
+
+std::string page_of_result(const char* kind, const Json& result, const Json& more) {
+  Json data = page_data(kind, result);
+  data.update(more);
   return page_of(data);
 }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "cli/frames.hpp"
+#include "cli/options.hpp"
 #include "planning/monte_carlo.hpp"
 #include "planning/planner.hpp"
 #include "results/report_page.hpp"
@@ -13,6 +14,10 @@ namespace kdl_calibration::cli {
 
 /// Settings of a run as pairs of label and text.
 using PageFacts = std::vector<std::pair<std::string, std::string>>;
+
+/// Adds the robot and the hashes of the files that were read, by their roles; paths that are empty are left out.
+Json with_files(Json result, const RobotArguments& arguments, const Robot& robot,
+                const std::vector<std::pair<std::string, std::string>>& files);
 
 /// Pages other than that of a calibration. `result` is the output of --json.
 std::string monte_carlo_page(const Json& result, const MonteCarlo& experiment, const MonteCarloResult& runs,
@@ -32,5 +37,8 @@ struct ValidationPage {
   std::vector<std::string> doubts;  ///< reasons not to trust it
 };
 std::string validation_page(const ValidationPage& page);
+
+/// The page of a "comparison" or "compensation". `more`: what `result` does not hold.
+std::string page_of_result(const char* kind, const Json& result, const Json& more);
 
 }  // namespace kdl_calibration::cli

@@ -243,24 +243,16 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
 // Adds to the printed numbers their provenance, for the page.
 Json with_provenance(const ValidateArguments& arguments, const Robot& robot, const Measurements& measurements,
                      Json result) {
-  result["input"] = {{"urdf", robot.source},
-                     {"base", robot.base},
-                     {"tip", robot.tip},
-                     {"configurations", measurements.joint_values.cols()},
+  result["input"] = {{"configurations", measurements.joint_values.cols()},
                      {"observations", measurements.observations.size()}};
-  const auto [robot_role, robot_hash] = role_and_hash(arguments.robot, robot);
-  Json files = {{{"role", robot_role}, {"path", robot.source}, {"sha256", robot_hash}}};
   const MeasurementArguments& measured = arguments.measurements;
-  for (const auto& [role, path] :
-       {std::pair{"measurements", &measured.measurements}, std::pair{"joints-file", &measured.joints_file},
-        std::pair{"joint-convention", &measured.joint_convention}, std::pair{"known-base", &measured.known_base},
-        std::pair{"known-targets", &measured.known_targets}, std::pair{"result", &arguments.result}}) {
-    if (!path->empty()) {
-      files.push_back({{"role", role}, {"path", *path}, {"sha256", sha256_of_file(*path)}});
-    }
-  }
-  result["provenance"] = {{"files_read", files}};
-  return result;
+  return with_files(std::move(result), arguments.robot, robot,
+                    {{"measurements", measured.measurements},
+                     {"joints-file", measured.joints_file},
+                     {"joint-convention", measured.joint_convention},
+                     {"known-base", measured.known_base},
+                     {"known-targets", measured.known_targets},
+                     {"result", arguments.result}});
 }
 
 ExitStatus run_against_measurements(const ValidateArguments& arguments) {

@@ -19,6 +19,8 @@ SKIPPED = 77
 SECTIONS = {
     "calibration": ["verdict", "provenance", "accuracy", "robot", "residuals", "parameters", "effects", "influence", "next"],
     "validation": ["verdict", "provenance", "accuracy", "robot", "residuals"],
+    "comparison": ["verdict", "provenance", "parameters"],
+    "compensation": ["verdict", "provenance", "corrections", "bounded"],
     "plan": ["verdict", "accuracy", "robot"],
     "monte_carlo": ["verdict", "accuracy"],
     "two_step": ["verdict", "convergence", "truth"],
@@ -396,6 +398,33 @@ class Pages(unittest.TestCase):
         self.assertEqual(self.rows_of("verdict table.requirements"), [["all.max < 1 um", f"{largest * 1e6:.6g} um", "not met"]])
         self.check_kinematics()
         self.assertEqual(self.rows_of("accuracy")[0][1], short_number(data["result"]["position_error"]["all"]["rms"]))
+
+    def test_comparison(self):
+        kdlcal(self.path, "simulate", "--noise", "3e-5", "--seed", "2", "--length-sigma", "0.001", "--output", "later.csv")
+        kdlcal(self.path, "calibrate", "--measurements", "later.csv", "--effects", "none", "--result", "later.json")
+        kdlcal(self.path, "compare", "demo.json", "later.json", "--report", "comparison.html")
+        data = self.check_page("comparison.html", "comparison")["result"]
+        self.assertEqual(self.js("return document.querySelector('.headline').textContent"), "The robot has changed")
+        shown = {row[0]: row for row in self.rows_of("parameters")}
+        for parameter in data["parameters"]:
+            row = shown[parameter["name"]]
+            factor, decimals = (1e3, 4) if parameter["unit"] == "m" else (180 / math.pi, 5)
+            for cell, key in [(2, "change"), (3, "std")]:
+                self.assertAlmostEqual(float(row[cell].replace("−", "-")), parameter[key] * factor, delta=0.6 * 10**-decimals)
+
+    def test_compensation(self):
+        names = [f"joint_{j}[rad]" for j in range(1, 7)]
+        rows = [[0.01 * k, 0.1, -0.3, 0.4, 0.002 * k - 0.5, 0.6] for k in range(400)]
+        (self.path / "program.csv").write_text("\n".join(",".join(map(str, row)) for row in [names, *rows]) + "\n")
+        kdlcal(self.path, "compensate", "--result", "demo.json", "--joints", "program.csv", "--output", "commands.csv",
+               "--report", "compensation.html", "--note", "payload=60 kg", expected=(1,))
+        data = self.check_page("compensation.html", "compensation")
+        result = data["result"]
+        self.assertEqual(len(data["points"]), 400)
+        self.assertAlmostEqual(max(point["correction"] for point in data["points"]), result["largest_correction"])
+        self.assertEqual([int(row[1]) for row in self.rows_of("verdict")], list(result["status"].values()))
+        self.assertEqual(len(self.rows_of("bounded")), min(200, 400 - result["status"]["exact"]))
+        self.assertIn("not '60 kg'", data["warnings"][0])
 
     def test_plan(self):
         kdlcal(self.path, "plan", "--configurations", "15", "--candidates", "400", "--workspace", "200", "--starts", "2", "--report", "plan.html",

@@ -6,10 +6,12 @@
 #include <utility>
 #include <vector>
 
+#include "base/sha256.hpp"
 #include "cli_options_support.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "printed_text.hpp"
+#include "report_page_support.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing::compare_test {
@@ -63,6 +65,11 @@ TEST_F(Compare, SaysWhatTheLibraryFinds) {
   EXPECT_EQ(json["flange"]["sigma"], expected.flange_sigma);
   EXPECT_EQ(json["parameters"].size(), expected.parameters.size());
   EXPECT_EQ(json["parameters"][0]["change"], expected.parameters[0].change);
+  const Outcome written = run({"compare", "a.json", "b.json", "--report", "c.html", "--json"});
+  const Json page = data_of_page(text_of("c.html"));
+  EXPECT_EQ(page["kind"], "comparison");
+  EXPECT_EQ(page["result"]["parameters"], json["parameters"]);
+  EXPECT_EQ(page["result"]["provenance"]["files_read"][1]["sha256"], sha256(text_of("a.json")));
   const Outcome table = run({"compare", "a.json", "b.json", "--require", "p_value>=0.001"});
   EXPECT_EQ(table.status, 1);
   EXPECT_THAT(table.out, AllOf(HasSubstr("the robot has changed (p = "), HasSubstr("\n  dq2, joint_2 ")));

@@ -306,6 +306,16 @@ TEST_F(Compensate, SaysHowWellEachPointIsKnown) {
   EXPECT_EQ(first[6], "false");
 }
 
+TEST_F(Compensate, WarnsOfWhatTheCalibrationNotedOtherwise) {
+  Json noted = Json::parse(result());
+  noted["provenance"]["notes"] = {{"payload", "165"}, {"gripper", "none"}};
+  write("r.json", noted.dump());
+  const Outcome outcome = run(kCompensate + Words{"--note", "payload=80", "--note", "gripper=none", "--note", "x=1"});
+  EXPECT_THAT(outcome.err, AllOf(HasSubstr("made with 'payload' \"165\", not '80'"), HasSubstr("does not note 'x'"),
+                                 ::testing::Not(HasSubstr("gripper"))));
+  expect_refused(kCompensate + Words{"--note", "payload", "--force"}, {"--note", "key=value"});
+}
+
 TEST_F(Compensate, WarnsOfPointsBeyondTheMeasuredJointValues) {
   write("p.csv",
         "pose,joint_1[deg],joint_2,joint_3,joint_4,joint_5,joint_6\na,10,-0.2,0.3,0.4,0.5,0.6\n"

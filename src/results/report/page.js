@@ -9,6 +9,11 @@ const PAGES = {
   validation: { title: "Validation report", sections: [
     ["verdict", "Verdict", validationVerdict], ["provenance", "Provenance", provenance], ["accuracy", "Accuracy", validationAccuracy],
     ["robot", "The robot in 3D", robotInSpace], ["residuals", "Residuals", residuals]] },
+  comparison: { title: "Comparison of two calibrations", sections: [
+    ["verdict", "Verdict", comparisonVerdict], ["provenance", "Provenance", provenance], ["parameters", "Parameters", changedParameters]] },
+  compensation: { title: "Compensated program", sections: [
+    ["verdict", "Verdict", compensationVerdict], ["provenance", "Provenance", provenance], ["corrections", "Corrections", corrections],
+    ["bounded", "Where it is not exact", boundedPoints, "Not exact"]] },
   plan: { title: "Measuring plan", sections: [
     ["verdict", "The plan", planVerdict], ["accuracy", "Predicted accuracy", planAccuracy], ["robot", "Configurations in 3D", planInSpace]] },
   monte_carlo: { title: "Monte Carlo report", sections: [
@@ -26,7 +31,7 @@ function saveJson() {
 function start() {
   const page = PAGES[DATA.kind] || { title: "Report", sections: [] };
   const stated = (DATA.setup || []).find(([key]) => key === "robot");
-  const subject = DATA.robot ? DATA.robot.name : stated ? stated[1] : (RESULT.input || {}).urdf || "";
+  const subject = DATA.robot ? DATA.robot.name : stated ? stated[1] : String((RESULT.input || {}).urdf || "").split("/").pop();
   const serial = noteOf("serial");
   document.title = `${page.title}${subject ? ": " + cut(subject, 60) : ""}`;
   document.getElementById("top").append(el("div", { class: "inner" },
