@@ -53,7 +53,7 @@ struct DeterminedFit {
 /// The robot that the exported URDF alone describes, with its own base and targets, and its accuracy.
 struct ExportedUrdf {
   Estimate estimate;          ///< without effects
-  bool nominal_kept = false;  ///< the input URDF, because the calibration does not improve on it
+  bool nominal_kept = false;  ///< the input URDF, because the calibration, or its rigid part, is no better
   ErrorStatistics train;
   std::optional<ErrorStatistics> test;
   std::optional<ErrorStatistics> held_out;  ///< leave-one-out, else k-fold

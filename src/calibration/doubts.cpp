@@ -304,6 +304,22 @@ std::string said_of_change(const CalibrationResult& found) {
                      continued->comparison.p_value, some_of(changes));
 }
 
+// Empty if the exported URDF, which has no effects, predicts better than the nominal robot, or nothing does.
+std::string said_of_urdf(const CalibrationResult& found) {
+  const Accuracy& accuracy = found.accuracy;
+  for (const BeforeAfter* errors : {accuracy.held_out(), accuracy.test ? &*accuracy.test : nullptr}) {
+    if (errors != nullptr && errors->after.rms < errors->before.rms && is_no_better_without_effects(*errors)) {
+      return fmt::format(
+          "without the effects, which no URDF holds, the geometry is no better than the nominal robot ({} against {} "
+          "{}){}; correct the commands instead (kdlcal compensate)",
+          in_millimetres(errors->rigid->rms), in_millimetres(errors->before.rms),
+          errors == accuracy.held_out() ? "at left-out configurations" : "at the test rows",
+          found.exported.nominal_kept ? ": the URDF to write is the one that was read" : "");
+    }
+  }
+  return {};
+}
+
 // Messages about parameters that the measurements cannot tell apart, and how they are resolved.
 std::vector<std::string> said_of_gauge(const CalibrationResult& found) {
   std::vector<std::string> result;
@@ -401,8 +417,10 @@ std::vector<std::string> warnings(const CalibrationResult& found, const Diagnosi
                     "close to nominal; state larger priors, or none",
                     excess));
   }
-  if (const std::string change = said_of_change(found); !change.empty()) {
-    result.push_back(change);
+  for (const std::string& said : {said_of_change(found), said_of_urdf(found)}) {
+    if (!said.empty()) {
+      result.push_back(said);
+    }
   }
   if (found.noise.lack_of_fit && found.noise.lack_of_fit->p_value < kMisfitCertain) {
     result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");

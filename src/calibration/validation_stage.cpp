@@ -262,11 +262,14 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows) {
 
 // `rigid`: the robot that a URDF can represent.
 ExportedUrdf exported_urdf(const ValidationTask& compared, const Accuracy& accuracy, const Estimate& rigid) {
-  const bool kept = is_no_better_than_nominal(accuracy);
+  const BeforeAfter* held_out = accuracy.held_out();
+  const bool is_worse_alone = held_out != nullptr && is_no_better_without_effects(*held_out);
+  // A few new measurements do not overrule an earlier result.
+  const bool continues = compared.problem.options.joint.residuals.earlier != nullptr;
+  const bool kept = is_no_better_than_nominal(accuracy) || (is_worse_alone && !continues);
   const auto own = [&](const BeforeAfter& errors) {
     return kept ? errors.before : errors.rigid.value_or(errors.after);
   };
-  const BeforeAfter* held_out = accuracy.held_out();
   return {.estimate = kept ? compared.problem.start : rigid,
           .nominal_kept = kept,
           .train = own(accuracy.train),
@@ -279,6 +282,10 @@ ExportedUrdf exported_urdf(const ValidationTask& compared, const Accuracy& accur
 bool is_no_better_than_nominal(const Accuracy& accuracy) {
   const BeforeAfter* errors = accuracy.held_out();
   return errors != nullptr && errors->after.count > 0 && !(errors->after.rms < errors->before.rms);
+}
+
+bool is_no_better_without_effects(const BeforeAfter& errors) {
+  return errors.rigid && errors.rigid->count > 0 && !(errors.rigid->rms < errors.before.rms);
 }
 
 Accuracy with_nominal_exported(Accuracy accuracy) {

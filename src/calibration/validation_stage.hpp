@@ -29,11 +29,14 @@ struct Validation {
 };
 
 /// Errors of the nominal and the calibrated robot at fitted and test rows and at left-out configurations. The exported
-/// robot is the input robot if the calibration does not improve on it.
+/// robot is the input robot if the calibration does not improve on it, or not without its effects.
 Validation validate(const ValidationTask& compared);
 
 /// Whether the calibrated robot predicts unfitted configurations no better than the nominal one.
 bool is_no_better_than_nominal(const Accuracy& accuracy);
+
+/// The same of the robot of the exported URDF, which has no effects.
+bool is_no_better_without_effects(const BeforeAfter& errors);
 
 /// The accuracy where the exported URDF is the one that was read: its own errors are those before.
 Accuracy with_nominal_exported(Accuracy accuracy);

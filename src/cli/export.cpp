@@ -6,6 +6,7 @@
 #include "cli/output_files.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematic_export.hpp"
 #include "kdl_calibration/result_file.hpp"
 
@@ -54,6 +55,12 @@ const std::map<std::string, KinematicFormat>& formats() {
 
 std::string exported(const ExportArguments& arguments) {
   const Robot robot = load(arguments.robot);
+  if (arguments.result.empty()) {
+    if (arguments.format != "urdf") {
+      throw InputError("--result: is required; without it, --format urdf gives the nominal robot, such as one of --dh");
+    }
+    return robot.urdf;
+  }
   const Calibration found = load_calibration(arguments.result, robot);
   warn_if_doubted(arguments.result, found.verdict(), found.doubts());
   return kinematic_export(robot, found, formats().at(arguments.format));
@@ -75,7 +82,7 @@ Subcommand add_export(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("export", "The calibrated geometry as DH table, URDF, YAML or CSV");
   const auto arguments = std::make_shared<ExportArguments>();
   add_robot_options(*app, arguments->robot);
-  add_file(*app, "--result", arguments->result, "The result that calibrate wrote (JSON)")->required();
+  add_file(*app, "--result", arguments->result, "The result that calibrate wrote (JSON) [none: the nominal URDF]");
   add_word(*app, "--format", arguments->format, {"dh", "mdh", "urdf", "xacro-yaml", "ur-yaml", "csv"},
            "dh or mdh (table, JSON), urdf, xacro-yaml (joint origins), ur-yaml (kinematics of Universal Robots), csv "
            "(parameters)")

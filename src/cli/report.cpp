@@ -61,10 +61,7 @@ void require_same_files(const ReportArguments& arguments, const Json& result) {
 
 ExitStatus run(const ReportArguments& arguments) {
   const std::string& measurements_file = arguments.measurements.measurements;
-  const bool with_robot = !arguments.urdf.empty() || !arguments.dh.empty();
-  if (!measurements_file.empty() && !with_robot) {
-    throw InputError("--measurements: are of a robot, expected --urdf FILE beside it");
-  }
+  const bool with_robot = !arguments.urdf.empty() || !arguments.dh.empty() || !measurements_file.empty();
   std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
   require_writable(files, arguments.force);
   const std::string text = read_text_file(arguments.result);

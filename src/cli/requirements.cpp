@@ -88,6 +88,7 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",
+                                       "left_out",
                                        "train",
                                        "test",
                                        "all",
@@ -195,6 +196,9 @@ const Json* entry_of(const Json& json, const std::string& key) {
   if (json.is_object() && json.contains(key)) {
     return &json.at(key);
   }
+  if (key == "left_out") {  // as the table calls it
+    return entry_of(json, "leave_one_out");
+  }
   const std::optional<double> index = json.is_array() ? parsed_number(key) : std::nullopt;
   return index && *index >= 0.0 && *index < static_cast<double>(json.size()) ? &json[static_cast<std::size_t>(*index)]
                                                                              : nullptr;
@@ -216,6 +220,22 @@ const Json* found_at(const Json& json, const std::vector<std::string>& path) {
     here = next;
   }
   return here;
+}
+
+// Where deeper in the result this path begins: "predicted_accuracy." for budget.total. Empty if nowhere.
+std::string beginning_of(const Json& json, const std::vector<std::string>& path) {
+  if (!json.is_object()) {
+    return {};
+  }
+  for (const auto& [key, value] : json.items()) {
+    if (const Json* found = found_at(value, path); found != nullptr && found->is_number()) {
+      return key + ".";
+    }
+    if (const std::string deeper = beginning_of(value, path); !deeper.empty()) {
+      return key + "." + deeper;
+    }
+  }
+  return {};
 }
 
 bool holds(double left, const std::string& comparison, double right) {
@@ -265,7 +285,14 @@ std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, co
   std::vector<Judged> result;
   for (const Requirement& requirement : requirements) {
     const Json* value = found_at(json, requirement.path);
+    if (const std::string beginning = value == nullptr ? beginning_of(json, requirement.path) : "";
+        !beginning.empty()) {
+      refuse(requirement.text, "the whole path, which begins with " + beginning);
+    }
     Judged& outcome = result.emplace_back(Judged{.text = requirement.text, .value = "not determined"});
+    if (value == nullptr && requirement.path.front() == "test") {
+      outcome.value += ", as no rows are marked as test";
+    }
     if (value != nullptr && value->is_number()) {
       const double found = value->get<double>();
       const double in_unit = found / unit_of(requirement.text, requirement.unit);

@@ -114,6 +114,10 @@ std::string table(const ValidateArguments& arguments, const Robot& robot, const 
         std::tuple{"test", &errors.test, &errors.test_means}}) {
     text += line(name, *points) + (*means ? line(std::string(name) + ", means of repeats", **means) : "");
   }
+  if (errors.freedom.spent() > 0) {
+    text += fmt::format("{} took {} of {} coordinates: corrected rms {:.3f} mm\n", placed, errors.freedom.spent(),
+                        errors.freedom.coordinates, registration.rms * errors.freedom.correction() * 1e3);
+  }
   text += point("base, measured [mm]", registration.X_WB.translation());
   for (const TargetFrame& target : registration.targets) {
     text += point("target " + target.name, target.X_FT.translation());

@@ -225,7 +225,7 @@ struct OpenDirections {
     }
     const Unknowns candidates = side.parts.candidates.without(UnknownGroup::base).without(UnknownGroup::targets);
     const Index first = side.parts.candidates.range(UnknownGroup::geometric).first;
-    for (const VectorXd& direction : side.parts.undetermined.colwise()) {
+    for (const auto& direction : side.parts.undetermined.colwise()) {
       add(J(Eigen::all, joined.columns(candidates, side.is_after)) * direction.segment(first, candidates.size()));
     }
   }
@@ -320,7 +320,8 @@ void add_flange(const Differences& found, Comparison& result) {
 
 void require_comparable(const Calibration& calibration, const std::string& which) {
   if (!calibration.trusted()) {
-    refuse_input("the " + which + " calibration is not to be trusted", "one that is");
+    refuse_input("the " + which + " calibration is not to be trusted",
+                 "one that is; a few configurations can only continue an earlier result (--prior-result)");
   }
   const MatrixXd& covariance = calibration.covariance();
   if (covariance.size() == 0 || !covariance.allFinite()) {

@@ -15,6 +15,7 @@
 #include "calibration/parameter_estimates.hpp"
 #include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
+#include "kdl_calibration/validation.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
 #include "results/effect_findings.hpp"
@@ -290,8 +291,8 @@ void add_joint_offsets(const CalibrationResult& calibration, const JointConventi
     text += "  the first column includes the mean of the effects of each joint\n";
   }
   if (calibration.offsets_alone) {
-    text += wrapped(fmt::format("with only these corrected (last column) {:.3f} mm would be left (fitted); the "
-                                "calibrated URDF contains the first column already",
+    text += wrapped(fmt::format("enter the last column only if you use neither the calibrated URDF, which contains "
+                                "the first one, nor compensate: {:.3f} mm would be left (fitted)",
                                 calibration.offsets_alone->accuracy.rms * 1e3),
                     2, 2);
   }
@@ -331,13 +332,32 @@ std::string sizes(const Measurements& measurements, const CalibrationResult& cal
                      effects > 0 ? fmt::format(" and {} of effects", effects) : "");
 }
 
+// Whether the robot has changed since the earlier result, if there is one.
+std::string since_earlier(const CalibrationResult& calibration) {
+  if (!calibration.selection.continued) {
+    return {};
+  }
+  const EarlierComparison& found = calibration.selection.continued->comparison;
+  std::vector<std::string> changes;
+  for (const auto& [name, change] : found.changes) {
+    const DisplayUnit& unit = unit_of(calibration.model, name);
+    changes.push_back(name + " by " + fixed(change * unit.per_si, unit.decimals) + " " +
+                      std::string(trimmed(unit.name)));
+  }
+  const bool changed = found.p_value < Comparison::kCertain;
+  return wrapped(fmt::format("{} since the earlier result (p = {:.2g}){}{}.", changed ? "Changed" : "No change found",
+                             found.p_value, changes.empty() ? "" : ": ", comma_separated(changes)),
+                 0, 4);
+}
+
 // The verdict, shown before any figure.
 std::string verdict(const Measurements& measurements, const CalibrationResult& calibration) {
-  const std::string of_what = wrapped("Calibration of " + sizes(measurements, calibration) + ".", 0, 4);
+  const std::string since = since_earlier(calibration);
+  const std::string of_what = wrapped("Calibration of " + sizes(measurements, calibration) + ".", 0, 4) + since;
   if (calibration.trusted()) {
     const auto& reservation = calibration.diagnosis.reservation;
     return reservation ? wrapped("Trusted where it was measured: " + reservation->message + ".", 0, 4) + of_what
-                       : wrapped("Trusted. Calibration of " + sizes(measurements, calibration) + ".", 0, 4);
+                       : wrapped("Trusted. Calibration of " + sizes(measurements, calibration) + ".", 0, 4) + since;
   }
   std::string text;
   for (const Doubt& doubt : calibration.diagnosis.doubts) {

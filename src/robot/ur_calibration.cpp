@@ -177,6 +177,13 @@ std::vector<OriginCorrection> ur_corrections(const Robot& robot, std::string_vie
                      " and the tip carries the last row: expected the tip flange or tool0");
   }
   corrections.push_back({.joint = robot.tip_joint, .correction = robot.tip_origin.Inverse() * before * nominal.tip});
+  constexpr double kLargest = 0.1;  // [m]
+  for (const OriginCorrection& correction : corrections) {
+    if (const double shift = correction.correction.p.Norm(); shift > kLargest) {
+      throw InputError(fmt::format("{}: moves {} by {:.2f} m, expected metres and radians of this robot", source,
+                                   in_quotes(correction.joint), shift));
+    }
+  }
   return corrections;
 }
 

@@ -733,6 +733,17 @@ TEST(DoubtsOfCalibrations, WhereNothingIsGainedTheUrdfIsTheOneThatWasRead) {
   EXPECT_EQ(gained.exported.train.rms, gained.accuracy.train.after.rms);
 }
 
+// Only the effects help: a URDF cannot hold them.
+TEST(DoubtsOfCalibrations, WhereOnlyTheEffectsHelpTheUrdfIsTheOneThatWasRead) {
+  Series series;
+  series.robot.truth.errors.setZero();
+  series.measured = with_ripple(series, 1e-3, {.sigma = kNoise});
+  const CalibrationResult found = series.calibrated({.selection = {.effects = {.groups = {EffectGroup::harmonics}}}});
+  EXPECT_TRUE(found.trusted());
+  EXPECT_TRUE(found.exported.nominal_kept);
+  EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr("the geometry is no better than the nominal robot")));
+}
+
 // ---- findings ------------------------------------------------------------------------------------------------------
 
 struct Defect {

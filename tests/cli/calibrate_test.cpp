@@ -943,7 +943,7 @@ TEST_F(CalibrateResult, MustBeWhatIsRequired) {
   EXPECT_EQ(missed.status, 1);
   EXPECT_THAT(lines_of(missed.err), ElementsAre("kdlcal: required: 'rank==32' is not fulfilled: the value is 33",
                                                 "kdlcal: required: 'test.rms<1mm' is not fulfilled: the value is not "
-                                                "determined"));
+                                                "determined, as no rows are marked as test"));
   EXPECT_THAT(missed.out, HasSubstr("Trusted. Calibration of"));
   EXPECT_THAT(missed.out, HasSubstr("required rank == 33: 33, met\nrequired rank==32: 33, NOT met\n"));
 }

@@ -82,6 +82,7 @@ TEST_F(Compare, APriorResultIsContinuedAndNotComparedAgain) {
   const Words few = {"calibrate", "--measurements", "b.csv", "--prior-result", "a.json"};
   const Outcome outcome = run(few + Words{"--result", "c.json", "--json"});
   EXPECT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_THAT(run(few).out, HasSubstr("Changed since the earlier result (p = "));
   const Json json = json_of("c.json");
   EXPECT_LT(json["prior_result"]["p_value"], 1e-3);
   EXPECT_EQ(json["prior_result"]["changes"][0]["name"], "dq2");

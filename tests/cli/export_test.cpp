@@ -127,6 +127,7 @@ TEST_F(ExportOfKdlcal, RefusesWhatItCannotExport) {
       {from + Words{"ur-yaml"}, {"is no Universal Robot", "shoulder_pan_joint"}},
       {from + Words{"step"}, {"--format", "'step'", "mdh"}},
       {{"export", "--result", "r.json"}, {"--format", "required"}},
+      {{"export", "--format", "dh"}, {"--result", "--format urdf gives the nominal robot"}},
       {from + Words{"dh", "--urdf", "c.urdf"}, {"r.json", "was not made with c.urdf"}},
       {from + Words{"dh", "--output", "c.urdf"}, {"c.urdf", "--force"}},
       {from + Words{"dh", "--output", "r.json", "--force"}, {"r.json"}},
@@ -138,6 +139,7 @@ TEST_F(ExportOfKdlcal, RefusesWhatItCannotExport) {
   for (const auto& [words, expected] : cases) {
     expect_refused(words, expected);
   }
+  EXPECT_EQ(run({"export", "--format", "urdf"}).out, fanuc().urdf);
 }
 
 }  // namespace

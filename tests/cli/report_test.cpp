@@ -112,8 +112,6 @@ TEST_F(PageOfKdlcal, OfAnotherRobotOrOtherMeasurementsIsRefused) {
   write("other.csv", text_of("m.csv") + "# more\n");
   expect_refused({"report", "--result", "r.json", "--urdf", urdf, "--measurements", "other.csv", "--output", "x.html"},
                  {"--measurements", "other.csv", "hash"});
-  expect_refused({"report", "--result", "r.json", "--measurements", "m.csv", "--output", "x.html"},
-                 {"--measurements", "--urdf"});
   expect_refused({"report", "--result", "m.csv", "--output", "x.html"}, {"m.csv", "JSON"});
   expect_refused({"report", "--result", "truth.json", "--output", "x.html"}, {"truth.json", "calibrate"});
   expect_refused({"report", "--result", "r.json", "--urdf", urdf, "--measurements", "m.csv", "--joint-convention",

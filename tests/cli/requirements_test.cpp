@@ -56,19 +56,26 @@ TEST(Requirements, HaveAPathAComparisonAndAValueInSi) {
 TEST(Requirements, AreJudgedByTheNumberTheyLeadTo) {
   const Json json = Json::parse(R"({"rank": 33, "weights": [1, 2.5], "count": "5", "condition": null,
     "noise": {"after": {"rms": 0.5}, "before": {"rms": 9}, "count": 7},
-    "position_error": {"train": {"after": {"rms": 0.25}}, "test": {"rms": 3}}})");
+    "position_error": {"train": {"after": {"rms": 0.25}}, "test": {"rms": 3}, "leave_one_out": {"rms": 4}},
+    "predicted_accuracy": {"budget": {"total": 6}}})");
   const auto fulfilled = [&](const std::string& text) {
     return cli::outcomes_of({cli::parse_requirement(text)}, json).at(0).is_met;
   };
-  for (const char* text : {"rank==33", "rank<=33", "rank>=33", "rank<33.1", "rank>32.9", "weights.0==1",
-                           "weights.1==2.5", "noise.rms==0.5m", "noise.after.rms==500mm", "noise.before.rms==9m",
-                           "noise.count==7", "train.rms==0.25m", "position_error.train.rms==0.25m", "test.rms==3m"}) {
+  for (const char* text :
+       {"rank==33", "rank<=33", "rank>=33", "rank<33.1", "rank>32.9", "weights.0==1", "weights.1==2.5",
+        "noise.rms==0.5m", "noise.after.rms==500mm", "noise.before.rms==9m", "noise.count==7", "train.rms==0.25m",
+        "position_error.train.rms==0.25m", "test.rms==3m", "left_out.rms==4m"}) {
     EXPECT_TRUE(fulfilled(text)) << text;
   }
   for (const char* text : {"rank==32", "rank<33", "rank>33", "rank<=32.9", "rank>=33.1", "weights.2>0", "weights.-1>0",
                            "count==5", "condition==0", "iterations>0", "train.max>0"}) {
     EXPECT_FALSE(fulfilled(text)) << text;
   }
+  EXPECT_EQ(
+      refusal([&] { fulfilled("budget.total<7m"); }),
+      "--require: 'budget.total<7m' is not accepted, expected the whole path, which begins with predicted_accuracy.");
+  EXPECT_EQ(cli::outcomes_of({cli::parse_requirement("test.max<1m")}, Json::object()).at(0).value,
+            "not determined, as no rows are marked as test");
   const std::vector<cli::Judged> outcomes =
       cli::outcomes_of(cli::parse_requirements({"rank<1", "train.rms<1m", "condition<1", "train.rms<=2mm"}), json);
   const std::string rank = "'rank<1' is not fulfilled: the value is 33";

@@ -260,6 +260,8 @@ TEST_F(OptionsOfKdlcal, ValidateShowsEachStatisticInMillimetres) {
   expect_lines(table,
                {"position error of " + kFanuc + ", base and targets registered to the train rows",
                 "rows [mm] rms mean p95 max points", row("all"), row("train"), row("test"),
+                "base and targets took 15 of 108 coordinates: corrected rms " +
+                    decimals(found["rms_corrected"].get<double>() * 1e3, 3) + " mm",
                 place("base, measured [mm]", found["base"]), place("target A", found["targets"][0]),
                 place("target B", found["targets"][1]), place("target C", found["targets"][2])},
                "validate");
@@ -277,7 +279,7 @@ TEST_F(OptionsOfKdlcal, ValidateLeavesOutRowsThatTheMeasurementsDoNotHave) {
   const Measurements all = measured_fanuc({.sigma = 2e-5}, false);
   write("m.csv", measurements_csv(subset(all, [](const Observation& o) { return o.split == Split::train; })));
   const std::vector<std::string> lines = testing::lines_of(run({"validate", "--measurements", "m.csv"}).out);
-  ASSERT_EQ(lines.size(), 8U);
+  ASSERT_EQ(lines.size(), 9U);
   EXPECT_EQ(squeezed(lines[2]).substr(4), squeezed(lines[3]).substr(6)) << "all are rows to train";
   EXPECT_TRUE(run_json({"validate", "--measurements", "m.csv", "--json"})["position_error"]["test"].is_null());
 }

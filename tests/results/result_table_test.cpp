@@ -168,8 +168,8 @@ joint zero offsets, for mastering: add to the displayed values
   J4                         0.50000 deg     0.01960     0.25000 deg
   J5                        -0.50000 deg     0.01960    -0.25000 deg
   the first column includes the mean of the effects of each joint
-  with only these corrected (last column) 0.900 mm would be left (fitted); the
-  calibrated URDF contains the first column already
+  enter the last column only if you use neither the calibrated URDF, which
+  contains the first one, nor compensate: 0.900 mm would be left (fitted)
 
 predicted, in the base [mm]           x          y          z  sigma   95 %
   there A                      1234.568   -500.000    250.000  0.125  0.250

@@ -133,6 +133,7 @@ TEST(UrCalibration, RefusesWhatIsNone) {
       {replaced(good, "0.00304003843792177708", "x"), "c.conf:3: delta_a: 'x' is no number"},
       {replaced(good, "11.1984514757821039", "1e300"), "is no number of at most 1e12"},
       {replaced(good, "delta_a ", "delta_d "), "delta_d is there twice"},
+      {replaced(good, "0.00304003843792177708", "3.04003843792177708"), "expected metres and radians of this robot"},
       {replaced(good, "status = 2", "status = 0"), "calibration_status is not 2: expected the file of a robot whose"},
   };
   for (const auto& [text, words] : texts) {
