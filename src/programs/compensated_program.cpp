@@ -7,6 +7,7 @@
 #include <map>
 #include <numbers>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "base/degree.hpp"
@@ -251,31 +252,63 @@ std::vector<PathDeviation> path_deviations(const ProgramCompensation& compensati
   for (const ProgramCompensation::Outcome& outcome : outcomes) {
     by_number[outcome.position.number] = &outcome;
   }
-  std::vector<PathDeviation> deviations;
+  struct Segment {
+    std::size_t line;
+    const ProgramCompensation::Outcome* from;
+    const ProgramCompensation::Outcome* to;
+  };
+  std::vector<Segment> segments;
   const ProgramCompensation::Outcome* last = nullptr;
   for (const ProgramMotion& motion : program.motions) {
     const auto found =
         motion.position && motion.run_time_part.empty() ? by_number.find(*motion.position) : by_number.end();
     const ProgramCompensation::Outcome* next = found == by_number.end() ? nullptr : found->second;
     if (motion.is_straight && last != nullptr && next != nullptr) {
-      const double deviation = compensation.deviation(*last, *next);
-      if (deviation > kNoticeable) {
-        deviations.push_back(
-            {.line = motion.line, .from = last->position.number, .to = next->position.number, .deviation = deviation});
-      }
+      segments.push_back({.line = motion.line, .from = last, .to = next});
     }
     last = next;
   }
+  std::vector<PathDeviation> deviations(segments.size());
+  parallel_for(segments.size(), 0, [&](std::size_t i) {
+    const Segment& segment = segments[i];
+    deviations[i] = {.line = segment.line,
+                     .from = segment.from->position.number,
+                     .to = segment.to->position.number,
+                     .deviation = compensation.deviation(*segment.from, *segment.to)};
+  });
+  std::erase_if(deviations, [](const PathDeviation& path) { return !(path.deviation > kNoticeable); });
   std::stable_sort(deviations.begin(), deviations.end(),
                    [](const PathDeviation& a, const PathDeviation& b) { return a.deviation > b.deviation; });
   return deviations;
+}
+
+// A position that a motion with INC uses is no place, but an increment: it stays as it is.
+void leave_out_increments(LsProgram& program) {
+  std::set<int> increments;
+  for (const ProgramMotion& motion : program.motions) {
+    if (motion.run_time_part == "INC") {
+      increments.insert(motion.position.value_or(0));
+    }
+  }
+  std::erase_if(program.positions,
+                [&](const ProgramPosition& position) { return increments.contains(position.number); });
+}
+
+std::string run_time_warning(const ProgramMotion& motion) {
+  if (!motion.position) {
+    return motion.run_time_part + " stands for a place that is known at run time only: not compensated";
+  }
+  return motion.run_time_part == "INC" ? fmt::format("INC makes P[{}] an increment: not compensated", *motion.position)
+                                       : fmt::format("{} moves P[{}] at run time: compensated where it is without that",
+                                                     motion.run_time_part, *motion.position);
 }
 
 }  // namespace
 
 CompensatedProgram compensated_program(const Robot& robot, const Compensator& compensator, const Controller& controller,
                                        std::string_view text, const std::string& source) {
-  const LsProgram program = parse_ls_program(text, source);
+  LsProgram program = parse_ls_program(text, source);
+  leave_out_increments(program);
   const ProgramCompensation compensation(robot, compensator, controller, source);
   std::vector<ProgramCompensation::Outcome> outcomes(program.positions.size());
   constexpr std::size_t kBlock = 64;
@@ -286,6 +319,7 @@ CompensatedProgram compensated_program(const Robot& robot, const Compensator& co
   });
   CompensatedProgram result;
   std::vector<NumberField> fields;
+  fields.reserve(6 * outcomes.size());
   for (const ProgramCompensation::Outcome& outcome : outcomes) {
     result.positions.push_back(outcome.position);
     result.rounding = std::max(result.rounding, outcome.rounding);
@@ -298,8 +332,7 @@ CompensatedProgram compensated_program(const Robot& robot, const Compensator& co
   result.paths = path_deviations(compensation, program, outcomes);
   for (const ProgramMotion& motion : program.motions) {
     if (!motion.run_time_part.empty()) {
-      result.warnings.push_back(fmt::format("{}:{}: {} stands for what is known at run time only: not compensated",
-                                            source, motion.line, motion.run_time_part));
+      result.warnings.push_back(fmt::format("{}:{}: {}", source, motion.line, run_time_warning(motion)));
     }
   }
   return result;

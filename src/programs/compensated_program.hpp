@@ -35,12 +35,13 @@ struct CompensatedProgram {
   std::vector<CompensatedPosition> positions;
   double rounding = 0.0;              ///< [m] largest displacement of the flange by rounding to 0.001 mm and degrees
   std::vector<PathDeviation> paths;   ///< above 0.1 mm, largest first
-  std::vector<std::string> warnings;  ///< motions to positions that are known at run time only
+  std::vector<std::string> warnings;  ///< motions to places that are known at run time only
 };
 
 /// A FANUC program (LS) with positions at which the calibrated arm is where the nominal one would be. Of each position
-/// only the numbers of group 1 change. Throws InputError as parse_ls_program does, and for a Cartesian position whose
-/// frames are not known, that no or several joint values reach with its CONFIG, or that depends on extended axes.
+/// only the numbers of group 1 change; increments (INC) stay as they are. Throws InputError as parse_ls_program does,
+/// and for a Cartesian position whose frames are not known, that no or several joint values reach with its CONFIG, or
+/// that depends on extended axes.
 CompensatedProgram compensated_program(const Robot& robot, const Compensator& compensator, const Controller& controller,
                                        std::string_view text, const std::string& source);
 

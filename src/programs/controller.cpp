@@ -3,6 +3,7 @@
 #include <fmt/core.h>
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -59,7 +60,8 @@ NumberedFrames frames_of_json(const std::filesystem::path& file) {
 }
 
 // Reads the variables $MNUFRAME and $MNUTOOL: arrays by motion group and number of positions such as
-//     [1,2] =   Group: 1   Config: N D B, 0, 0, 0
+//     [1,2] =
+//   Group: 1   Config: N D B, 0, 0, 0
 //   X:  1500.000   Y:     0.000   Z:   300.000
 //   W:     0.000   P:     0.000   R:    90.000
 class SystemFrameReader {
@@ -73,7 +75,7 @@ public:
         begin_variable(line);
       } else if (variable_ != nullptr && line.starts_with('[')) {
         begin_frame(line);
-      } else if (number_) {
+      } else if (number_ && !line.starts_with("Group:")) {
         values(line);
       }
     }
@@ -104,7 +106,7 @@ private:
     const auto first = std::from_chars(line.data() + 1, end, group);
     if (first.ec == std::errc() && first.ptr != end && *first.ptr == ',') {
       const auto second = std::from_chars(first.ptr + 1, end, number);
-      if (second.ec == std::errc() && second.ptr != end && *second.ptr == ']') {
+      if (second.ec == std::errc() && second.ptr != end && *second.ptr == ']' && number > 0) {
         number_ = group == 1 ? std::optional(number) : std::nullopt;
         next_ = 0;
         return;
@@ -127,7 +129,8 @@ private:
       }
       double value = 0.0;
       const auto result = std::from_chars(line.data(), line.data() + line.size(), value);
-      if (result.ec != std::errc()) {
+      constexpr double kMost = 1e6;
+      if (result.ec != std::errc() || !(std::abs(value) < kMost)) {
         fail(lines_.place(), fmt::format("{} is {}, expected a number", kNames[next_], shown(line)));
       }
       line.remove_prefix(static_cast<std::size_t>(result.ptr - line.data()));

@@ -35,6 +35,10 @@ public:
         fail("is there twice, expected each position once");
       }
     }
+    if (at_end()) {
+      where_.clear();
+      fail("ends here without /END, expected the whole program");
+    }
     return positions;
   }
 
@@ -244,15 +248,29 @@ NumberField PositionReader::number(std::string_view name) {
   return field;
 }
 
-// What of a motion instruction only the controller knows.
+// What of a motion instruction only the controller knows. Registers have comments in their brackets, which may hold any
+// word.
 std::string run_time_part(std::string_view instruction) {
-  constexpr std::array kParts = {"P[R[", "PR[", "Tool_Offset", "VOFFSET", "Offset", "INC"};
-  for (const char* part : kParts) {
-    if (instruction.find(part) != std::string_view::npos) {
-      return part;
+  for (const char* place : {"PR[", "P[R["}) {
+    if (instruction.starts_with(place)) {
+      return place;
     }
   }
-  return {};
+  std::string words;
+  int depth = 0;
+  for (const char c : instruction) {
+    depth += c == '[' ? 1 : 0;
+    words += depth > 0 ? ' ' : c;
+    depth -= c == ']' ? 1 : 0;
+  }
+  for (const char* option : {"Tool_Offset", "VOFFSET", "Offset"}) {
+    if (words.find(option) != std::string::npos) {
+      return option;
+    }
+  }
+  const std::size_t at = words.find(" INC");
+  const bool is_increment = at != std::string::npos && words.find_first_of(" ;,\r", at + 1) == at + 4;
+  return is_increment ? "INC" : "";
 }
 
 // The motion of a program line such as "   7:L P[1] 100mm/sec FINE ;". The second line of a circular motion,
@@ -290,19 +308,22 @@ LsProgram parse_ls_program(std::string_view text, const std::string& source) {
   }
   LsProgram program;
   std::size_t line = 0;
-  for (std::size_t at = 0; at < text.size();) {
+  bool has_positions = false;
+  for (std::size_t at = 0; at < text.size() && !has_positions;) {
     const std::size_t end = std::min(text.find('\n', at), text.size());
     const std::string_view content = text.substr(at, end - at);
     ++line;
     at = std::min(end + 1, text.size());
     if (content.starts_with("/POS")) {
       program.positions = PositionReader(text, source, at, line + 1).read();
-      break;
-    }
-    if (std::optional<ProgramMotion> motion = motion_of(content)) {
+      has_positions = true;
+    } else if (std::optional<ProgramMotion> motion = motion_of(content)) {
       motion->line = line;
       program.motions.push_back(*std::move(motion));
     }
+  }
+  if (!has_positions) {
+    throw InputError(fmt::format("{}:{}: ends here without /POS, expected the whole program", source, line));
   }
   return program;
 }

@@ -42,7 +42,7 @@ struct ProgramMotion {
   std::size_t line = 0;
   bool is_straight = false;     ///< L, C, A or S: the tool moves along a path; else J
   std::optional<int> position;  ///< P[number]
-  std::string run_time_part;    ///< what only the controller knows: "PR[", "Offset" ...; else empty
+  std::string run_time_part;    ///< what only the controller knows: "PR[", "P[R[", "Offset" ..., "INC"; else empty
 };
 
 /// A FANUC teach pendant program as text (LS file).
@@ -51,8 +51,8 @@ struct LsProgram {
   std::vector<ProgramMotion> motions;
 };
 
-/// Throws InputError with line and position for a text that is no such program, positions that were not taught
-/// ("********"), and a number twice.
+/// Throws InputError with line and position for a text that is no such program or is cut short, positions that were not
+/// taught ("********"), and a number twice.
 LsProgram parse_ls_program(std::string_view text, const std::string& source);
 
 /// `text` with other numbers in these fields, which are in the order of the text. A number whose three decimals stay
