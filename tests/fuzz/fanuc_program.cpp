@@ -19,10 +19,15 @@ void fanuc_program(std::string_view bytes) {
               [](const NumberField& a, const NumberField& b) { return a.begin < b.begin; });
     promise(with_numbers(bytes, fields) == bytes, "no change, no other byte");
   });
+}
+
+void fanuc_frames(std::string_view bytes) {
   let_input_errors_pass([&] {
     const NumberedFrames frames = parse_system_frames(bytes, "SYSFRAME.VA");
-    for (const auto& [number, frame] : frames.user) {
-      promise(frame.matrix().allFinite(), "finite frames");
+    for (const auto* kind : {&frames.user, &frames.tool}) {
+      for (const auto& [number, frame] : *kind) {
+        promise(number > 0 && frame.matrix().allFinite(), "finite frames, by number from 1");
+      }
     }
   });
 }

@@ -17,8 +17,10 @@ void json_inputs(std::string_view bytes);
 void config_file(std::string_view bytes);
 /// A URDF: the chain, the model, the export and the export read again.
 void urdf(std::string_view bytes);
-/// A FANUC program, and the frames of a controller's backup.
+/// A FANUC program (LS).
 void fanuc_program(std::string_view bytes);
+/// The frames of a FANUC controller's backup (SYSFRAME.VA).
+void fanuc_frames(std::string_view bytes);
 /// A whole calibration whose robot, measurements and options the bytes change.
 void calibration(std::string_view bytes);
 
@@ -33,6 +35,7 @@ inline const std::vector<Target>& targets() {
                                           {"config_file", config_file},
                                           {"urdf", urdf},
                                           {"fanuc_program", fanuc_program},
+                                          {"fanuc_frames", fanuc_frames},
                                           {"calibration", calibration}};
   return all;
 }
