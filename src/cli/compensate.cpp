@@ -70,10 +70,7 @@ ControllerFrames frames_of(const CompensateArguments& arguments) {
     return {};
   }
   ControllerFrames frames = controller_frames_of(read_json(arguments.frames), arguments.frames);
-  if (frames.found_with && *frames.found_with != sha256_of_file(arguments.result)) {
-    warn(arguments.frames + " was found with " + (frames.found_with->empty() ? "the nominal robot" : "another result") +
-         ": find user and tool frames with this calibration (kdlcal frames --result)");
-  }
+  warn_if_found_with_another(frames.found_with, arguments.frames, arguments.result);
   return frames;
 }
 
@@ -372,7 +369,8 @@ Subcommand add_compensate(CLI::App& parser) {
   app->add_flag("--position-first", arguments->position_first,
                 "Where a joint is held at a bound, keep the position exact at the cost of the orientation");
   app->add_flag("--linear", arguments->linear,
-                "The tool moves straight from row to row: warn where the line is off by more than 0.1 mm");
+                "The tool moves straight from row to row: warn where the line is off by more than 0.1 mm")
+      ->excludes(program);
   add_file(*app, "--output", arguments->output, "Write what to command, in the same columns (CSV)")->required();
   add_file(*app, "--predict", arguments->predict,
            "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %")

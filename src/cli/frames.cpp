@@ -6,7 +6,9 @@
 #include <set>
 
 #include "base/json_tree.hpp"
+#include "base/sha256.hpp"
 #include "base/text_file.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
@@ -50,11 +52,25 @@ ControllerFrames controller_frames_of(const Json& json, const std::string& sourc
   if (has(top, "tool")) {
     frames.X_FT = frame_of(member(top, "tool"));
   }
-  if (has(top, "calibration")) {
-    const Node calibration = member(top, "calibration");
-    frames.found_with = calibration.json.is_null() ? "" : name(calibration);
-  }
+  frames.found_with = found_with(json, source);
   return frames;
+}
+
+std::optional<std::string> found_with(const Json& json, const std::string& source) {
+  const Node top{.json = json, .where = source};
+  if (!has(top, "calibration")) {
+    return std::nullopt;
+  }
+  const Node calibration = member(top, "calibration");
+  return calibration.json.is_null() ? "" : name(calibration);
+}
+
+void warn_if_found_with_another(const std::optional<std::string>& hash, const std::string& frames,
+                                const std::string& result) {
+  if (hash && *hash != sha256_of_file(result)) {
+    warn(frames + " was found with " + (hash->empty() ? "the nominal robot" : "another result") +
+         ": find user and tool frames with this calibration (kdlcal frames --result)");
+  }
 }
 
 std::vector<TargetFrame> targets_of(const Json& json, const std::string& source) {

@@ -30,6 +30,11 @@ struct ControllerFrames {
 };
 /// {"user": frame, "tool": frame, "calibration": hash or null}; at least one of the frames.
 ControllerFrames controller_frames_of(const Json& json, const std::string& source);
+/// ControllerFrames::found_with
+std::optional<std::string> found_with(const Json& json, const std::string& source);
+/// Warns if `hash` is stated and not that of the result: frames and program belong to one calibration.
+void warn_if_found_with_another(const std::optional<std::string>& hash, const std::string& frames,
+                                const std::string& result);
 
 /// "targets": [{"name", "position"[, "quaternion_wxyz"]}] in the flange frame; a result or a truth has this key too.
 std::vector<TargetFrame> targets_of(const Json& json, const std::string& source);

@@ -3,7 +3,9 @@
 #include <fmt/core.h>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +18,7 @@
 #include "cli/output_files.hpp"
 #include "cli/subcommands.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "programs/controller.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -29,6 +32,9 @@ struct FramesArguments {
   std::string user_touches;
   std::string frames;
   std::string joint_convention;
+  std::string controller;
+  int tool_number = 1;
+  int user_number = 1;
   std::string output;
   bool force = false;
   bool json = false;
@@ -52,11 +58,15 @@ Matrix3Xd points_of(const Measurements& touches) {
   return points.isZero(0.0) ? Matrix3Xd() : points;
 }
 
-FrameTouches touches_of(const FramesArguments& arguments, const Robot& robot) {
-  if (arguments.tool_touches.empty() && arguments.user_touches.empty()) {
-    throw InputError("no touches, expected --tool-touches or --user-touches");
+// A tool whose orientation is not known has that of flange or faceplate.
+FrameTouches touches_of(const FramesArguments& arguments, const Robot& robot, const Eigen::Isometry3d& X_FP) {
+  if (arguments.tool_touches.empty() && arguments.user_touches.empty() &&
+      (arguments.result.empty() || arguments.controller.empty())) {
+    throw InputError(
+        "no touches, expected --tool-touches or --user-touches; or, for the targets of a calibration, --result and "
+        "--controller");
   }
-  FrameTouches touches;
+  FrameTouches touches{.tool = {}, .user = {}, .user_points = {}, .X_FT = X_FP};
   if (!arguments.frames.empty()) {
     touches.X_FT = controller_frames_of(read_json(arguments.frames), arguments.frames).X_FT;
   }
@@ -81,17 +91,89 @@ Json std_json(const Eigen::VectorXd& std) {
 
 Json touched_json(const TouchedFrame& found) {
   Json json = frame_json(found.frame);
-  json.update({{"std", std_json(found.std)}, {"rms", found.rms}, {"largest", found.largest}});
+  json.update({{"std", std_json(found.std())}, {"rms", found.rms}, {"largest", found.largest}});
   return json;
 }
 
-Json touched_json(const TouchedFrames& found, const std::string& result) {
+// A frame as the controller numbers it: in its world, or on its faceplate.
+struct PendantFrame {
+  bool is_tool = false;
+  int number = 0;
+  std::string target;  // of the calibration; else it was touched
+  Eigen::Isometry3d frame;
+  Eigen::VectorXd std;  // along and about the axes of world or faceplate
+
+  std::string name() const { return fmt::format("{}[{}]", is_tool ? "UTOOL" : "UFRAME", number); }
+};
+
+// Target k as a tool. A point has the orientation of the faceplate.
+TouchedFrame tool_of_target(const PredictionBasis& basis, std::size_t k, const Eigen::Isometry3d& X_FP) {
+  const TargetFrame& target = basis.estimate.targets[k];
+  const Index size = target.with_orientation ? 6 : 3;
+  TouchedFrame tool{.frame = target.X_FT, .covariance = Eigen::MatrixXd::Zero(size, size)};
+  if (basis.free.size() == 0 || basis.covariance.rows() != basis.free.size()) {
+    tool.covariance.setConstant(std::numeric_limits<double>::quiet_NaN());
+  } else {
+    const auto& columns = basis.free.target_columns(k);
+    for (Index i = 0; i < size; ++i) {
+      for (Index j = 0; j < size; ++j) {
+        const int row = columns[static_cast<std::size_t>(i)];
+        const int column = columns[static_cast<std::size_t>(j)];
+        tool.covariance(i, j) = row >= 0 && column >= 0 ? basis.covariance(row, column) : 0.0;
+      }
+    }
+  }
+  if (target.with_orientation) {  // rotations about the target's axes
+    const Eigen::Matrix3d& R = tool.frame.linear();
+    tool.covariance.bottomRightCorner<3, 3>() = R * tool.covariance.bottomRightCorner<3, 3>() * R.transpose();
+  } else {
+    tool.frame.linear() = X_FP.linear();
+  }
+  return tool;
+}
+
+// What was touched, or else the targets of the calibration.
+std::vector<PendantFrame> pendant_frames(const FramesArguments& arguments, const Controller& controller,
+                                         const PredictionBasis& basis, const TouchedFrames& found) {
+  std::vector<PendantFrame> frames;
+  const auto add_tool = [&](int number, const std::string& target, const TouchedFrame& tool) {
+    frames.push_back({.is_tool = true,
+                      .number = number,
+                      .target = target,
+                      .frame = controller.X_FP.inverse() * tool.frame,
+                      .std = tool.std(controller.X_FP.linear())});
+  };
+  if (found.user) {
+    frames.push_back({.number = arguments.user_number,
+                      .target = {},
+                      .frame = controller.X_BW.inverse() * found.user->frame,
+                      .std = found.user->std(controller.X_BW.linear())});
+  }
+  if (found.tool) {
+    add_tool(arguments.tool_number, {}, *found.tool);
+  }
+  for (std::size_t k = 0; k < basis.estimate.targets.size() && !found.user && !found.tool; ++k) {
+    add_tool(arguments.tool_number + static_cast<int>(k), basis.estimate.targets[k].name,
+             tool_of_target(basis, k, controller.X_FP));
+  }
+  return frames;
+}
+
+Json frames_json(const TouchedFrames& found, const std::vector<PendantFrame>& frames, const std::string& result) {
   Json json = Json::object();
   if (found.tool) {
     json["tool"] = touched_json(*found.tool);
   }
   if (found.user) {
     json["user"] = touched_json(*found.user);
+  }
+  for (const PendantFrame& frame : frames) {
+    Json& entry = json[frame.is_tool ? "tool_frames" : "user_frames"][std::to_string(frame.number)];
+    entry = frame_json(frame.frame);
+    entry["std"] = std_json(frame.std);
+    if (!frame.target.empty()) {
+      entry["target"] = frame.target;
+    }
   }
   json["touch_sigma"] = found.touch_sigma ? Json(*found.touch_sigma) : Json();
   json["calibration"] = result.empty() ? Json() : Json(sha256_of_file(result));
@@ -112,17 +194,27 @@ std::string numbers_row(const std::string& name, const Eigen::Vector3d& values,
   return text + "\n";
 }
 
-std::string table(const TouchedFrames& found) {
-  constexpr double kMillimetre = 1e-3;
+constexpr double kMillimetre = 1e-3;
+
+std::string rows(const PendantFrame& frame) {
+  const Eigen::Matrix<double, 6, 1> numbers = xyzwpr_of(frame.frame, Eigen::Matrix<double, 6, 1>::Zero());
+  const Index of_rotations = frame.std.size() - 3;
+  return numbers_row(frame.name() + " X Y Z [mm]", numbers.head<3>(), frame.std.head<3>(), kMillimetre) +
+         numbers_row(frame.name() + " W P R [deg]", numbers.tail<3>(), frame.std.tail(of_rotations), kDegree) +
+         (frame.target.empty() ? "" : frame.name() + ": target " + frame.target + "\n");
+}
+
+std::string table(const TouchedFrames& found, const std::vector<PendantFrame>& frames) {
   std::string text = "frame                              x           y           z   std x     std y     std z\n";
   const auto add = [&](const std::string& name, const TouchedFrame& frame) {
-    text += numbers_row(name + " origin [mm]", frame.frame.translation(), frame.std.head<3>(), kMillimetre);
-    if (frame.std.size() == 6) {
+    const Eigen::VectorXd std = frame.std();
+    text += numbers_row(name + " origin [mm]", frame.frame.translation(), std.head<3>(), kMillimetre);
+    if (std.size() == 6) {
       double roll = 0.0;
       double pitch = 0.0;
       double yaw = 0.0;
       to_kdl(frame.frame).M.GetRPY(roll, pitch, yaw);
-      text += numbers_row(name + " roll pitch yaw [deg]", {roll, pitch, yaw}, frame.std.tail<3>(), kDegree);
+      text += numbers_row(name + " roll pitch yaw [deg]", {roll, pitch, yaw}, std.tail<3>(), kDegree);
     }
     text += name + ": the touches are off by " + fixed(frame.rms * 1e3, 4) + " mm (rms), at most " +
             fixed(frame.largest * 1e3, 4) + " mm\n";
@@ -133,6 +225,9 @@ std::string table(const TouchedFrames& found) {
   if (found.user) {
     add("user", *found.user);
   }
+  for (const PendantFrame& frame : frames) {
+    text += rows(frame);
+  }
   return text;
 }
 
@@ -142,9 +237,16 @@ ExitStatus run(const FramesArguments& arguments) {
   const Robot robot = load(arguments.robot);
   const PredictionBasis basis =
       arguments.result.empty() ? nominal_basis(robot) : PredictionBasis(read_result(arguments.result, robot));
-  const TouchedFrames found = touched_frames(basis, touches_of(arguments, robot));
-  files.front().text = json_text(touched_json(found, arguments.result));
-  write_whole(files, arguments.force, arguments.json ? files.front().text : table(found));
+  std::optional<Controller> controller;
+  if (!arguments.controller.empty()) {
+    controller = read_controller(arguments.controller);
+  }
+  const TouchedFrames found = touched_frames(
+      basis, touches_of(arguments, robot, controller ? controller->X_FP : Eigen::Isometry3d::Identity()));
+  const std::vector<PendantFrame> frames =
+      controller ? pendant_frames(arguments, *controller, basis, found) : std::vector<PendantFrame>();
+  files.front().text = json_text(frames_json(found, frames, arguments.result));
+  write_whole(files, arguments.force, arguments.json ? files.front().text : table(found, frames));
   return done;
 }
 
@@ -167,6 +269,15 @@ Subcommand add_frames(CLI::App& parser) {
            "The tool, where it is known: JSON as written by --output [the flange]");
   add_file(*app, "--joint-convention", arguments->joint_convention,
            "Joint values are the controller's, which this file turns into the URDF's");
+  CLI::Option* controller = add_file(
+      *app, "--controller", arguments->controller,
+      "A FANUC controller's world frame and faceplate (JSON): gives the frames as X Y Z W P R too, in these; without "
+      "touches the targets of --result as tools");
+  constexpr std::pair<int, int> kNumbers = {1, 99};
+  add_count(*app, "--tool-number", arguments->tool_number, kNumbers, "Number of the (first) tool frame, UTOOL")
+      ->needs(controller);
+  add_count(*app, "--user-number", arguments->user_number, kNumbers, "Number of the user frame, UFRAME")
+      ->needs(controller);
   add_file(*app, "--output", arguments->output, "Write the frames for compensate --frames (JSON)")->required();
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);

@@ -131,10 +131,9 @@ MatrixXd covariance_by_calibration(const PredictionBasis& basis, const FrameTouc
   return J * basis.covariance.block(geometric.first, geometric.first, count, count) * J.transpose();
 }
 
-// Standard deviations: the square root keeps NaN.
-TouchedFrame with_std(const Isometry3d& frame, const VectorXd& variances, const Matrix3Xd& residuals) {
+TouchedFrame touched(const Isometry3d& frame, const MatrixXd& covariance, const Matrix3Xd& residuals) {
   const VectorXd distances = residuals.colwise().norm().transpose();
-  TouchedFrame result{.frame = frame, .std = variances.cwiseSqrt()};
+  TouchedFrame result{.frame = frame, .covariance = covariance};
   if (distances.size() > 0) {
     result.rms = std::sqrt(distances.squaredNorm() / static_cast<double>(distances.size()));
     result.largest = distances.maxCoeff();
@@ -156,12 +155,20 @@ void check(const FrameTouches& touches) {
 
 }  // namespace
 
+VectorXd TouchedFrame::std(const Eigen::Matrix3d& R) const {
+  VectorXd result(covariance.rows());
+  for (Index i = 0; i < result.size(); i += 3) {
+    result.segment<3>(i) = (R.transpose() * covariance.block<3, 3>(i, i) * R).diagonal().cwiseSqrt();
+  }
+  return result;
+}
+
 TouchedFrames touched_frames(const PredictionBasis& basis, const FrameTouches& touches) {
   check(touches);
   const Matrix3Xd none = Matrix3Xd::Zero(3, touches.tool.cols() + touches.user.cols());
   const Found found = find(basis.model, basis.estimate, touches, none);
   TouchedFrames result;
-  VectorXd variances = covariance_by_calibration(basis, touches, none).diagonal();
+  MatrixXd covariance = covariance_by_calibration(basis, touches, none);
   const Index freedom =
       std::max<Index>(found.tool_residuals.size() - 6, 0) + std::max<Index>(found.user_residuals.size() - 6, 0);
   if (freedom > 0) {
@@ -172,14 +179,14 @@ TouchedFrames touched_frames(const PredictionBasis& basis, const FrameTouches& t
       slips.reshaped()[i] = step;
       return find(basis.model, basis.estimate, touches, slips);
     });
-    variances += variance * J.rowwise().squaredNorm();
+    covariance += variance * J * J.transpose();
     result.touch_sigma = std::sqrt(variance);
   }
   if (touches.tool.cols() > 0) {
-    result.tool = with_std(found.X_FT, variances.head<3>(), found.tool_residuals);
+    result.tool = touched(found.X_FT, covariance.topLeftCorner<3, 3>(), found.tool_residuals);
   }
   if (touches.user.cols() > 0) {
-    result.user = with_std(found.X_BU, variances.tail<6>(), found.user_residuals);
+    result.user = touched(found.X_BU, covariance.bottomRightCorner<6, 6>(), found.user_residuals);
   }
   return result;
 }

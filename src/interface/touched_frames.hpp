@@ -24,17 +24,21 @@ struct FrameTouches {
 
 struct TouchedFrame {
   Eigen::Isometry3d frame;  ///< of the tool in the flange, or of the user in the base
-  /// 1 sigma of its origin along the axes of flange or base [m], then of the user's rotations about these axes [rad].
-  /// By touches and calibration; NaN where the calibration does not determine it.
-  Eigen::VectorXd std;
+  /// Of its origin along the axes of flange or base [m], and of the user's rotations about these axes [rad]. By touches
+  /// and calibration; NaN where the calibration does not determine it.
+  Eigen::MatrixXd covariance;
   double rms = 0.0;      ///< [m] distance of the touches from the point, or from the given coordinates
   double largest = 0.0;  ///< [m]
+
+  /// 1 sigma in the order of `covariance`, along and about the axes of another frame that has the rotation R in flange
+  /// or base.
+  Eigen::VectorXd std(const Eigen::Matrix3d& R = Eigen::Matrix3d::Identity()) const;
 };
 
 struct TouchedFrames {
   std::optional<TouchedFrame> tool;
   std::optional<TouchedFrame> user;
-  /// [m] 1 sigma of a coordinate of a touch, from the residuals. Empty if there are none; `std` is then by the
+  /// [m] 1 sigma of a coordinate of a touch, from the residuals. Empty if there are none; `covariance` is then by the
   /// calibration alone.
   std::optional<double> touch_sigma;
 };

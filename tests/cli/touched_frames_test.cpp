@@ -43,9 +43,9 @@ TEST_F(Frames, OfTheNominalRobotAreThoseOfTheLibrary) {
   for (std::size_t i = 0; i < 3; ++i) {
     const auto index = static_cast<Eigen::Index>(i);
     EXPECT_NEAR(json["tool"]["position"][i], expected.tool->frame.translation()[index], 1e-15);
-    EXPECT_NEAR(json["tool"]["std"][i], expected.tool->std[index], 1e-15);
+    EXPECT_NEAR(json["tool"]["std"][i], expected.tool->std()[index], 1e-15);
     EXPECT_NEAR(json["user"]["position"][i], expected.user->frame.translation()[index], 1e-15);
-    EXPECT_NEAR(json["user"]["std"][i + 3], expected.user->std[index + 3], 1e-15);
+    EXPECT_NEAR(json["user"]["std"][i + 3], expected.user->std()[index + 3], 1e-15);
   }
   EXPECT_NEAR(json["tool"]["rms"], expected.tool->rms, 1e-15);
   EXPECT_NEAR(json["touch_sigma"], *expected.touch_sigma, 1e-15);

@@ -120,8 +120,8 @@ TEST(TouchedFrames, AreOffByTheirStandardDeviation) {
     error << found.tool->frame.translation() - cell.tip, found.user->frame.translation() - cell.X_BU.translation(),
         rotation_log(found.user->frame.linear() * cell.X_BU.linear().transpose());
     squares += error.cwiseAbs2() / kRuns;
-    predicted.head<3>() += found.tool->std.cwiseAbs2() / kRuns;
-    predicted.tail<6>() += found.user->std.cwiseAbs2() / kRuns;
+    predicted.head<3>() += found.tool->std().cwiseAbs2() / kRuns;
+    predicted.tail<6>() += found.user->std().cwiseAbs2() / kRuns;
   }
   for (Index i = 0; i < 9; ++i) {
     EXPECT_NEAR(squares[i] / predicted[i], 1.0, 0.5) << i;
@@ -135,7 +135,7 @@ TEST(TouchedFrames, OfACalibrationWithoutCovarianceHaveNoDeviation) {
   Random random(1);
   const MatrixXd q =
       touching(error_chain(basis.model, basis.estimate.errors), cell.tip, cell.spike.replicate(1, 5), random);
-  EXPECT_TRUE(touched_frames(basis, {.tool = q}).tool->std.array().isNaN().all());
+  EXPECT_TRUE(touched_frames(basis, {.tool = q}).tool->std().array().isNaN().all());
 }
 
 TEST(TouchedFrames, RefuseTouchesThatDoNotDetermineThem) {
