@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/degree.hpp"
@@ -16,6 +17,7 @@
 #include "base/text_file.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/frames.hpp"
+#include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -27,6 +29,18 @@ namespace {
 constexpr std::string_view kRecord = ".kdlcal.json";  // after the name of the program
 constexpr std::size_t kJoints = 6;
 
+// Only one controller comes with kdlcal: that of its robot.
+Controller controller_of(const ProgramArguments& arguments, const Robot& robot) {
+  if (!arguments.controller.empty()) {
+    return read_controller(arguments.controller);
+  }
+  const Robot bundled = load({});
+  if (robot.urdf != bundled.urdf || robot.base != bundled.base || robot.tip != bundled.tip) {
+    throw InputError(robot.source + " is not the R-2000iC/165F that comes with kdlcal, expected --controller");
+  }
+  return read_controller(urdf_dir() / "fanuc_r2000ic_165f_controller.json");
+}
+
 // A program that this command wrote has its record beside it.
 void require_program_of_the_user(const std::string& file, const std::string& text) {
   const std::string record = file + std::string(kRecord);
@@ -35,20 +49,19 @@ void require_program_of_the_user(const std::string& file, const std::string& tex
   }
 }
 
-Json record_of(const ProgramArguments& arguments, const CompensatedProgram& program) {
-  Json positions = Json::array();
-  for (const CompensatedPosition& position : program.positions) {
-    Json change = Json::array();
-    for (const double each : position.change) {
-      change.push_back(each);
-    }
-    positions.push_back({{"position", position.number},
-                         {"status", to_string(position.status)},
-                         {"written", position.written},
-                         {"change", change},
-                         {"position_error", position.position_error},
-                         {"orientation_error", position.orientation_error}});
+// A line of JSON. As trees a program's positions would take ten times the memory and time of their compensation.
+std::string line_of(const CompensatedPosition& position) {
+  std::string change;
+  for (const double each : position.change) {
+    change += (change.empty() ? "" : ", ") + shortest(each);
   }
+  return fmt::format(
+      R"({{"position": {}, "status": "{}", "written": {}, "change": [{}], "position_error": {}, "orientation_error": {}}})",
+      position.number, to_string(position.status), position.written, change, shortest(position.position_error),
+      shortest(position.orientation_error));
+}
+
+std::string record_of(const ProgramArguments& arguments, const CompensatedProgram& program) {
   Json paths = Json::array();
   for (const PathDeviation& path : program.paths) {
     paths.push_back({{"line", path.line},
@@ -56,12 +69,19 @@ Json record_of(const ProgramArguments& arguments, const CompensatedProgram& prog
                      {"to", path.to},
                      {"deviation", std::isfinite(path.deviation) ? Json(path.deviation) : Json()}});
   }
-  return {{"result_sha256", sha256_of_file(arguments.result)},
-          {"program_sha256", sha256(program.text)},
-          {"positions", positions},
-          {"largest_rounding", program.rounding},
-          {"paths", paths},
-          {"warnings", program.warnings}};
+  const Json rest = {{"result_sha256", sha256_of_file(arguments.result)},
+                     {"program_sha256", sha256(program.text)},
+                     {"largest_rounding", program.rounding},
+                     {"paths", paths},
+                     {"warnings", program.warnings}};
+  std::string text = json_text(rest);
+  text.resize(text.size() - std::string_view("\n}\n").size());
+  text += ",\n  \"positions\": [";
+  for (const CompensatedPosition& position : program.positions) {
+    text += (&position == program.positions.data() ? "\n    " : ",\n    ") + line_of(position);
+  }
+  text += "\n  ]\n}\n";
+  return text;
 }
 
 std::string largest_change(const CompensatedProgram& program) {
@@ -111,17 +131,18 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
   require_writable(files, arguments.force);
   const std::string text = read_text_file(arguments.program);
   require_program_of_the_user(arguments.program, text);
-  Controller controller =
-      read_controller(arguments.controller.empty() ? urdf_dir() / "fanuc_r2000ic_165f_controller.json"
-                                                   : std::filesystem::path(arguments.controller));
+  Controller controller = controller_of(arguments, robot);
   if (!arguments.frames.empty()) {
     controller.frames = read_numbered_frames(arguments.frames);
+    if (std::filesystem::path(arguments.frames).extension() == ".json") {
+      warn_if_found_with_another(found_with(read_json(arguments.frames), arguments.frames), arguments.frames,
+                                 arguments.result);
+    }
   }
-  const CompensatedProgram program = compensated_program(robot, compensator, controller, text, arguments.program);
-  const Json details = record_of(arguments, program);
-  files[0].text = program.text;
-  files[1].text = json_text(details);
-  write_whole(files, arguments.force, arguments.json ? json_text(details) : table(program));
+  CompensatedProgram program = compensated_program(robot, compensator, controller, text, arguments.program);
+  files[1].text = record_of(arguments, program);
+  files[0].text = std::move(program.text);
+  write_whole(files, arguments.force, arguments.json ? files[1].text : table(program));
   for (const std::string& warning : program.warnings) {
     warn(warning);
   }

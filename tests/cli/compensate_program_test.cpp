@@ -1,0 +1,158 @@
+// kdlcal compensate --program, and frames for it: kdlcal frames --controller.
+
+#include <fmt/core.h>
+
+#include "base/sha256.hpp"
+#include "cli_options_support.hpp"
+#include "support.hpp"
+
+namespace kdl_calibration::testing::compensate_program_test {
+namespace {
+
+using Eigen::Vector3d;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+const std::string kController = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_controller.json";
+
+std::string program(const std::string& frames, const Vector3d& p) {
+  return fmt::format(
+      "/PROG  TEST\r\n/MN\r\n   1:L P[1] 100mm/sec FINE Offset,PR[1]    ;\r\n/POS\r\nP[1:\"a\"]{{\r\n   GP1:\r\n"
+      "\t{},\t\tCONFIG : 'N U T, 0, 0, 0',\r\n\tX ={:10.3f}  mm,\tY ={:10.3f}  mm,\tZ ={:10.3f}  mm,\r\n"
+      "\tW =   135.000 deg,\tP =   -45.000 deg,\tR =     0.000 deg\r\n}};\r\n/END\r\n",
+      frames, p.x(), p.y(), p.z());
+}
+
+const Words kCompensate = {"compensate", "--result", "r.json", "--program", "IN.LS", "--output", "OUT.LS", "--json"};
+
+class ProgramFiles : public CommandLine {
+protected:
+  void SetUp() override {
+    CommandLine::SetUp();
+    write_once("result", [this] {
+      ASSERT_EQ(run(words_of("simulate --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --output m.csv")).status,
+                0);
+      ASSERT_EQ(run(words_of("calibrate --measurements m.csv --effects none --prior none --result r.json")).status, 0);
+    });
+    write("IN.LS", program("UF : 0, UT : 0", Vector3d(1500, 0, 360)));
+  }
+
+  Vector3d vector(const Json& list) { return Vector3d(list.at(0), list.at(1), list.at(2)); }
+};
+
+TEST_F(ProgramFiles, KeepEverythingButTheNumbersBesideARecord) {
+  const Outcome outcome = run(kCompensate);
+  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_THAT(outcome.err, HasSubstr("IN.LS:3: Offset moves P[1] at run time"));
+  const std::string before = text_of("IN.LS");
+  const std::string after = text_of("OUT.LS");
+  EXPECT_NE(after, before);
+  const auto without_numbers = [](const std::string& text) {
+    return std::regex_replace(text, std::regex("= *-?[0-9]*\\.[0-9]{3}"), "=");
+  };
+  EXPECT_EQ(without_numbers(after), without_numbers(before));
+  const Json record = json_of("OUT.LS.kdlcal.json");
+  EXPECT_EQ(record, Json::parse(outcome.out));
+  EXPECT_EQ(record["result_sha256"], sha256(text_of("r.json")));
+  EXPECT_EQ(record["program_sha256"], sha256(after));
+  ASSERT_EQ(record["positions"].size(), 1U);
+  EXPECT_EQ(record["positions"][0]["status"], "exact");
+  EXPECT_EQ(record["positions"][0]["change"].size(), 6U);
+}
+
+TEST_F(ProgramFiles, OfACompensatedProgramAndAnotherRobotAreRefused) {
+  ASSERT_EQ(run(kCompensate).status, 0);
+  Words again = kCompensate + Words{"--force"};
+  again[4] = "OUT.LS";
+  again[6] = "OUT2.LS";
+  expect_refused(again, {"OUT.LS", "compensated already"});
+  expect_refused(kCompensate, {"OUT.LS", "--force"});
+  expect_refused(kCompensate + Words{"--force", "--linear"}, {"--linear", "--program"});
+  // The tip of another chain: the bundled controller has other frames.
+  std::string urdf = fanuc().urdf;
+  urdf.replace(urdf.find("</robot>"), 8,
+               "<link name='plate'/><joint name='plate' type='fixed'><parent link='flange'/><child link='plate'/>"
+               "</joint></robot>");
+  write("other.urdf", urdf);
+  ASSERT_EQ(
+      run(words_of("calibrate --urdf other.urdf --measurements m.csv --effects none --prior none --result o.json"))
+          .status,
+      0);
+  Words other = kCompensate + Words{"--force", "--urdf", "other.urdf"};
+  other[2] = "o.json";
+  expect_refused(other, {"other.urdf", "--controller"});
+  EXPECT_EQ(run(other + Words{"--controller", kController}).status, 0);
+}
+
+// At zero the faceplate's x, y and z point along the flange's z, x and y: so do the numbers of UTOOL.
+TEST_F(ProgramFiles, TakeTheTargetsOfTheCalibrationAsTools) {
+  const Words frames = words_of("frames --result r.json --tool-number 4 --output f.json --controller " + kController);
+  const Outcome outcome = run(frames);
+  ASSERT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_THAT(outcome.out, AllOf(HasSubstr("UTOOL[4] X Y Z [mm]"), HasSubstr("UTOOL[6] W P R [deg]"),
+                                 HasSubstr("UTOOL[5]: target B")));
+  const Json tools = json_of("f.json")["tool_frames"];
+  ASSERT_EQ(tools.size(), 3U);
+  for (std::size_t k = 0; k < 3; ++k) {
+    const Json target = json_of("r.json")["targets"][k];
+    const Json tool = tools[std::to_string(k + 4)];
+    EXPECT_EQ(tool["target"], target["name"]);
+    for (std::size_t i = 0; i < 3; ++i) {
+      EXPECT_NEAR(tool["position"][(i + 1) % 3], target["position"][i], 1e-12);
+      EXPECT_NEAR(tool["std"][(i + 1) % 3], target["std"][i], 1e-12);
+    }
+  }
+  // A pose of the tool means the same as that of the faceplate.
+  const Json faceplate = run_json(kCompensate);
+  const Eigen::Matrix3d R =
+      (Eigen::AngleAxisd(-45.0 * kDegree, Vector3d::UnitY()) * Eigen::AngleAxisd(135.0 * kDegree, Vector3d::UnitX()))
+          .toRotationMatrix();
+  write("IN.LS", program("UF : 0, UT : 5", Vector3d(1500, 0, 360) + 1e3 * R * vector(tools["5"]["position"])));
+  const Outcome of_tool = run(kCompensate + Words{"--force", "--frames", "f.json"});
+  ASSERT_EQ(of_tool.status, 0) << of_tool.err;
+  EXPECT_EQ(of_tool.err.find("f.json"), std::string::npos);
+  for (std::size_t i = 0; i < 6; ++i) {
+    EXPECT_NEAR(Json::parse(of_tool.out)["positions"][0]["change"][i], faceplate["positions"][0]["change"][i], 1e-7);
+  }
+  // Those of another result are not meant.
+  Json others = json_of("f.json");
+  others["calibration"] = nullptr;
+  write("f.json", others.dump());
+  EXPECT_THAT(run(kCompensate + Words{"--force", "--frames", "f.json"}).err, HasSubstr("found with the nominal robot"));
+  expect_refused(words_of("frames --output g.json --controller " + kController), {"--tool-touches", "--result"});
+  expect_refused(words_of("frames --result r.json --output g.json --user-number 2"), {"--user-number", "--controller"});
+}
+
+// The world stands 0.67 m above the base with x along the base's y.
+TEST_F(ProgramFiles, TakeFramesThatWereTouched) {
+  const std::string joints = "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n";
+  write("tip.csv", joints +
+                       "0.1,0.2,0.3,0.4,0.5,0.6\n0.1,0.21,0.3,0.9,0.5,0.6\n0.1,0.2,0.3,0.4,0.9,0.6\n"
+                       "0.1,0.2,0.35,-0.4,0.5,1.6\n0.15,0.2,0.3,0.4,-0.5,0.1\n");
+  write("fixture.csv", joints + "0.1,0.2,0.3,0.4,0.5,0.6\n0.3,0.2,0.3,0.4,0.5,0.6\n0.1,0.4,0.3,0.4,0.5,0.6\n");
+  const Outcome outcome =
+      run(words_of("frames --result r.json --tool-touches tip.csv --user-touches fixture.csv "
+                   "--tool-number 2 --user-number 3 --output f.json --controller " +
+                   kController));
+  ASSERT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_THAT(outcome.out, AllOf(HasSubstr("UFRAME[3] W P R [deg]"), HasSubstr("UTOOL[2] X Y Z [mm]")));
+  const Json json = json_of("f.json");
+  const Vector3d base = vector(json["user"]["position"]);
+  const Vector3d world = vector(json["user_frames"]["3"]["position"]);
+  EXPECT_LT((world - Vector3d(base.y(), -base.x(), base.z() - 0.67)).norm(), 1e-12);
+  for (std::size_t i = 0; i < 6; ++i) {
+    const std::size_t of_base = i < 3 ? (i == 2 ? 2 : 1 - i) : (i == 5 ? 5 : 7 - i);
+    EXPECT_NEAR(json["user_frames"]["3"]["std"][i], json["user"]["std"][of_base], 1e-12);
+  }
+  EXPECT_NEAR(json["tool_frames"]["2"]["position"][0], json["tool"]["position"][2], 1e-12);
+  // Nothing says how the tool is turned: as the faceplate.
+  EXPECT_NEAR(json["tool_frames"]["2"]["quaternion_wxyz"][0], 1.0, 1e-12);
+  // kdlcal frames and compensate read the file.
+  EXPECT_EQ(run(words_of("frames --user-touches fixture.csv --frames f.json --output g.json")).status, 0);
+  write("IN.LS", program("UF : 3, UT : 2", Vector3d(100, 100, 100)));
+  const Outcome compensated = run(kCompensate + Words{"--frames", "f.json"});
+  EXPECT_EQ(compensated.err.find("is not known"), std::string::npos) << compensated.err;
+}
+
+}  // namespace
+}  // namespace kdl_calibration::testing::compensate_program_test
