@@ -330,7 +330,12 @@ ExitStatus run(const CompensateArguments& arguments) {
   write_whole(files, arguments.force, [&] {
     const std::vector<std::string> warnings = compensation.warnings();
     std::for_each(warnings.begin(), warnings.end(), warn);
-    return arguments.json ? json_text(compensation.summary().json()) : compensation.summary().table();
+    if (arguments.json) {
+      return json_text(compensation.summary().json());
+    }
+    const bool of_links = !arguments.poses.empty() && arguments.frames.empty();
+    return (of_links ? "poses of " + robot.tip + " in " + robot.base + ", as no --frames are given\n" : "") +
+           compensation.summary().table();
   });
   return compensation.summary().is_exact() ? done : not_to_be_trusted;
 }

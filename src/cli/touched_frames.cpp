@@ -231,6 +231,19 @@ std::string table(const TouchedFrames& found, const std::vector<PendantFrame>& f
   return text;
 }
 
+// Whether the touches belong together. Even the nominal robot errs by less.
+bool fits(const char* name, const std::optional<TouchedFrame>& found) {
+  constexpr double kFar = 5e-3;  // [m]
+  if (!found || found->rms < kFar) {
+    return true;
+  }
+  print_doubt(
+      fmt::format("the touches of the {} frame are off by {:.1f} mm; are units, rows and joint values right "
+                  "(--joint-convention)?",
+                  name, found->rms * 1e3));
+  return false;
+}
+
 ExitStatus run(const FramesArguments& arguments) {
   std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
   require_writable(files, arguments.force);
@@ -247,7 +260,8 @@ ExitStatus run(const FramesArguments& arguments) {
       controller ? pendant_frames(arguments, *controller, basis, found) : std::vector<PendantFrame>();
   files.front().text = json_text(frames_json(found, frames, arguments.result));
   write_whole(files, arguments.force, arguments.json ? files.front().text : table(found, frames));
-  return done;
+  const bool tool_fits = fits("tool", found.tool);
+  return fits("user", found.user) && tool_fits ? done : not_to_be_trusted;
 }
 
 }  // namespace

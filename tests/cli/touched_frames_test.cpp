@@ -32,7 +32,8 @@ protected:
 TEST_F(Frames, OfTheNominalRobotAreThoseOfTheLibrary) {
   const Words words = {"frames", "--tool-touches", "tip.csv", "--user-touches", "fixture.csv", "--output", "f.json"};
   const Outcome outcome = run(words);
-  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_EQ(outcome.status, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("the touches of the tool frame are off by "));
   EXPECT_THAT(outcome.out, AllOf(HasSubstr("tool origin [mm]"), HasSubstr("user roll pitch yaw [deg]"),
                                  HasSubstr("tool: the touches are off by ")));
   const Json json = json_of("f.json");
