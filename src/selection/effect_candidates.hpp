@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "estimation/unknowns.hpp"
@@ -12,12 +13,31 @@
 
 namespace kdl_calibration {
 
-/// The rows of the data as linear equations y = J x of errors and effects, linearised at the optimum.
+/// The rows of the data as linear equations y = J x of errors and effects, linearised at the optimum. All effects on
+/// one motion of a joint have its column of J, times their values at each configuration.
 struct LinearRows {
-  Eigen::MatrixXd J;
+  Eigen::MatrixXd motions;  ///< columns of J in their order, but one for each motion instead of those of the effects
+  Eigen::MatrixXd effects;  ///< values of effects x configurations
+  std::vector<Eigen::Index> motion_of;  ///< column of `motions` of each effect
+  Eigen::Index first_effect = 0;        ///< first column of effects in J, and of their motions
+  Eigen::Index moved = 0;               ///< number of motions by effects
   Eigen::VectorXd y;
   std::vector<Eigen::Index> first;  ///< first row of each configuration, then the number of rows
   double unit = 1.0;                ///< [m] per unit of residual
+
+  Eigen::Index columns() const { return motions.cols() - moved + effects.rows(); }
+  Eigen::Index configurations() const { return static_cast<Eigen::Index>(first.size()) - 1; }
+  /// First row of a configuration, and their number.
+  std::pair<Eigen::Index, Eigen::Index> range(Eigen::Index configuration) const;
+  bool is_effect(Eigen::Index column) const { return column >= first_effect && column < first_effect + effects.rows(); }
+  /// Column of `motions` that belongs to a column of J, and its factor at a configuration.
+  Eigen::Index motion(Eigen::Index column) const;
+  double value(Eigen::Index column, Eigen::Index configuration) const;
+  /// The rows of a configuration of J x.
+  Eigen::VectorXd product(Eigen::Index configuration, const Eigen::VectorXd& x) const;
+  /// v - J x, and J^T v.
+  Eigen::VectorXd residual(Eigen::VectorXd v, const Eigen::VectorXd& x) const;
+  Eigen::VectorXd moments(const Eigen::VectorXd& v) const;
 };
 
 /// A model to be scored: the rigid parameters and some effect terms. The rows are linearised at zero effects, so the

@@ -424,8 +424,8 @@ std::vector<double> nested_distances(const ModelSelectionTask& task, const std::
       const std::array<int, 6> columns = task.free.target_columns(k);
       known[k] = known[k] || std::all_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
     }
-    if (chosen.values.size() == left.J.cols()) {
-      const VectorXd error = (left.y - left.J * chosen.values) * left.unit;
+    if (chosen.values.size() == left.columns()) {
+      const VectorXd error = left.residual(left.y, chosen.values) * left.unit;
       std::vector<Index> next(left.first.begin(), left.first.end());  // position rows come first
       for (const Observation& o : fold.observations) {
         Index& row = next[static_cast<std::size_t>(o.configuration)];

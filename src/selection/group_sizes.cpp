@@ -7,6 +7,7 @@
 #include <limits>
 #include <numeric>
 
+#include "base/dense.hpp"
 #include "base/preconditions.hpp"
 #include "estimation/linear_system.hpp"
 
@@ -20,29 +21,14 @@ namespace {
 
 constexpr int kRounds = 60;
 constexpr int kRoundsFromNear = 8;
-constexpr double kSettledEvidence = 1e-3;  // relative change of a size
+constexpr double kSettledEvidence = 1e-3;
+constexpr double kSettledFromNear = 0.02;  // of the evidence; its sizes predict left-out configurations alone
 constexpr double kSmallest = 1e-16;        // [m^2 or rad^2] smaller variances count as zero
 constexpr double kLeastTold = 1e-6;        // number of values
 constexpr double kLeastOfAmple = 0.5;      // number of values
 constexpr double kFirstSize = 1e-3;        // [m or rad]
 constexpr double kLeastPivot = 1e-10;      // of free columns scaled to unit norm
 constexpr double kLeastFreedom = 1.0;      // equations left for the noise
-
-// Inverts in place by recursive halving, a third of the operations of solving for a unit matrix.
-void invert_lower_triangle(Eigen::Ref<MatrixXd> L) {
-  constexpr Index kSmall = 48;
-  const Index n = L.rows();
-  if (n <= kSmall) {
-    L.triangularView<Eigen::Lower>() = MatrixXd(L.triangularView<Eigen::Lower>().solve(MatrixXd::Identity(n, n)));
-    return;
-  }
-  const Index half = n / 2;
-  auto below = L.bottomLeftCorner(n - half, half);
-  invert_lower_triangle(L.topLeftCorner(half, half));
-  invert_lower_triangle(L.bottomRightCorner(n - half, n - half));
-  below = -(L.bottomRightCorner(n - half, n - half).triangularView<Eigen::Lower>() * MatrixXd(below));
-  below = MatrixXd(below) * L.topLeftCorner(half, half).triangularView<Eigen::Lower>();
-}
 
 bool is_held(const SizeLimits& limits, std::size_t group) {
   return group < limits.held.size() && limits.held[group] > 0.0;
@@ -53,20 +39,25 @@ double limited(const SizeLimits& limits, std::size_t group, double variance) {
 }
 
 // Raises the prior sigma of marked groups by two standard errors of its logarithm: a prior that is too narrow costs
-// more than one that is too wide. Returns whether a group was raised.
-bool inflate(std::vector<double>& variances, const SizeLimits& limits, const VectorXd& gamma) {
-  bool is_any = false;
+// more than one that is too wide.
+void inflate(std::vector<double>& variances, const SizeLimits& limits, const VectorXd& gamma) {
   for (std::size_t g = 0; g < std::min(variances.size(), limits.inflated.size()); ++g) {
     if (limits.inflated[g] && !is_held(limits, g)) {
       const double told = std::max(gamma[static_cast<Index>(g)], kLeastOfAmple);
       variances[g] = limited(limits, g, variances[g] * std::exp(4.0 / std::sqrt(2.0 * told)));
-      is_any = true;
     }
   }
-  return is_any;
 }
 
 }  // namespace
+
+LinearSums& LinearSums::operator+=(const LinearSums& other) {
+  information += other.information;
+  moment += other.moment;
+  squares += other.squares;
+  equations += other.equations;
+  return *this;
+}
 
 LinearSums& LinearSums::operator-=(const LinearSums& other) {
   information -= other.information;
@@ -118,38 +109,44 @@ SizeEstimator::SizeEstimator(const LinearSums& sums, const std::vector<Index>& c
 }
 
 SizeEstimator::Fit SizeEstimator::solve(const std::vector<double>& variances, double variance) const {
-  const Index n = information_.cols();
-  if (n == 0) {
-    return {.x = {}, .gamma = VectorXd::Zero(static_cast<Index>(groups_.size())), .squares = std::max(squares_, 0.0)};
+  Fit fit;
+  fit.x = VectorXd::Zero(information_.cols());
+  fit.squares = std::max(squares_, 0.0);
+  if (fit.x.size() == 0) {
+    return fit;
   }
   // In units of the groups' sizes: M = I + S A S / sigma^2 is never singular, and a size of zero removes a group.
-  VectorXd S = VectorXd::Zero(n);
+  VectorXd S = VectorXd::Zero(fit.x.size());
   for (std::size_t g = 0; g < groups_.size(); ++g) {
-    for (const Index place : groups_[g]) {
-      S[place] = std::sqrt(variances[g] / variance);
-    }
+    S(groups_[g]).setConstant(std::sqrt(variances[g] / variance));
   }
-  MatrixXd M = S.asDiagonal() * information_ * S.asDiagonal();
-  M.diagonal().array() += 1.0;
-  const Eigen::LLT<MatrixXd> root(M);
-  Fit fit;
-  const VectorXd u = root.solve(S.cwiseProduct(moment_));
+  fit.root = S.asDiagonal() * information_ * S.asDiagonal();
+  fit.root.diagonal().array() += 1.0;
+  factorise(fit.root);
+  VectorXd u = S.cwiseProduct(moment_);
+  fit.root.triangularView<Eigen::Lower>().solveInPlace(u);
+  fit.root.triangularView<Eigen::Lower>().adjoint().solveInPlace(u);
   fit.x = S.cwiseProduct(u);
   fit.squares = std::max(squares_ - 2.0 * fit.x.dot(moment_) + fit.x.dot(information_ * fit.x), 0.0);
-  fit.log_determinant = 2.0 * root.matrixLLT().diagonal().array().log().sum();
-  // diag(C) in those units: squared columns of L^-1.
-  MatrixXd inverse = root.matrixLLT();
-  invert_lower_triangle(inverse);
-  fit.gamma.resize(static_cast<Index>(groups_.size()));
+  fit.log_determinant = 2.0 * fit.root.diagonal().array().log().sum();
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    fit.penalty += variances[g] > 0.0 ? fit.x(groups_[g]).squaredNorm() / variances[g] : 0.0;
+  }
+  return fit;
+}
+
+// diag(C) in units of the groups' sizes: squared columns of L^-1.
+VectorXd SizeEstimator::gamma(Fit& fit) const {
+  VectorXd result(static_cast<Index>(groups_.size()));
+  invert_lower(fit.root);
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     double told = 0.0;
     for (const Index place : groups_[g]) {
-      told += 1.0 - inverse.col(place).tail(n - place).squaredNorm();
-      fit.penalty += variances[g] > 0.0 ? fit.x[place] * fit.x[place] / variances[g] : 0.0;
+      told += 1.0 - fit.root.col(place).tail(fit.root.rows() - place).squaredNorm();
     }
-    fit.gamma[static_cast<Index>(g)] = told;
+    result[static_cast<Index>(g)] = told;
   }
-  return fit;
+  return result;
 }
 
 VectorXd SizeEstimator::all_values(const VectorXd& sized) const {
@@ -159,40 +156,46 @@ VectorXd SizeEstimator::all_values(const VectorXd& sized) const {
   return result;
 }
 
-GroupSizes SizeEstimator::estimate(const std::vector<double>& start, const SizeLimits& limits, double rounding) const {
+GroupSizes SizeEstimator::estimate(const GroupSizes& start, const SizeLimits& limits, double rounding) const {
   const double left = equations_ - static_cast<double>(free_.size());
+  const bool near = !start.sizes.empty();
   std::vector<double> variances(groups_.size(), kFirstSize * kFirstSize);
-  for (std::size_t g = 0; g < start.size() && g < variances.size(); ++g) {
-    variances[g] = start[g] * start[g];
+  for (std::size_t g = 0; g < start.sizes.size() && g < variances.size(); ++g) {
+    variances[g] = start.sizes[g] * start.sizes[g];
   }
   for (std::size_t g = 0; g < variances.size(); ++g) {
     variances[g] = is_held(limits, g) ? limits.held[g] * limits.held[g] : variances[g];
   }
   const double least = rounding * rounding;
-  double variance = std::max((start.empty() ? 0.1 : 1.0) * squares_ / left, least);
+  const double first = start.sigma > 0.0 ? start.sigma * start.sigma : (near ? 1.0 : 0.1) * squares_ / left;
+  double variance = std::max(first, least);
   Fit fit;
+  VectorXd told;
   const auto evidence_of = [&](const Fit& at) {
     return -0.5 * (left * std::log(variance) + at.log_determinant + at.squares / variance + at.penalty);
   };
-  const int rounds = start.empty() ? kRounds : kRoundsFromNear;
+  const int rounds = near ? kRoundsFromNear : kRounds;
+  const double settled = near ? kSettledFromNear : kSettledEvidence;
   double before = -std::numeric_limits<double>::infinity();
   for (int round = 0; round <= rounds; ++round) {
     fit = solve(variances, variance);
     const double evidence = evidence_of(fit);
-    if (round == rounds || (round > 1 && evidence < before + kSettledEvidence)) {
+    if (round == rounds || (round > 1 && evidence < before + settled)) {
       break;
     }
     before = evidence;
+    told = gamma(fit);
     for (std::size_t g = 0; g < groups_.size(); ++g) {
       if (variances[g] != 0.0 && !is_held(limits, g)) {
-        const double told = std::max(fit.gamma[static_cast<Index>(g)], kLeastTold);
-        const double next = limited(limits, g, fit.x(groups_[g]).squaredNorm() / told);
+        const double next =
+            limited(limits, g, fit.x(groups_[g]).squaredNorm() / std::max(told[static_cast<Index>(g)], kLeastTold));
         variances[g] = next > kSmallest ? next : 0.0;
       }
     }
-    variance = std::max(fit.squares / std::max(left - fit.gamma.sum(), kLeastFreedom), least);
+    variance = std::max(fit.squares / std::max(left - told.sum(), kLeastFreedom), least);
   }
-  if (inflate(variances, limits, fit.gamma)) {
+  if (std::find(limits.inflated.begin(), limits.inflated.end(), true) != limits.inflated.end()) {
+    inflate(variances, limits, gamma(fit));
     fit = solve(variances, variance);
   }
   GroupSizes result{

@@ -12,6 +12,7 @@ struct LinearSums {
   double squares = 0.0;         ///< y^T y
   double equations = 0.0;
 
+  LinearSums& operator+=(const LinearSums& other);
   LinearSums& operator-=(const LinearSums& other);
 };
 
@@ -47,18 +48,20 @@ public:
   SizeEstimator(const LinearSums& sums, const std::vector<Eigen::Index>& columns, const SizedGroups& groups);
 
   bool is_determined() const { return determined_; }
-  /// `start`: sizes from similar data, or empty. `rounding`: lower bound of sigma.
-  GroupSizes estimate(const std::vector<double>& start, const SizeLimits& limits, double rounding) const;
+  /// `start`: from similar data, or empty. `rounding`: lower bound of sigma.
+  GroupSizes estimate(const GroupSizes& start, const SizeLimits& limits, double rounding) const;
 
 private:
   struct Fit {
-    Eigen::VectorXd x;      // of the sized columns
-    Eigen::VectorXd gamma;  // of each group
-    double squares = 0.0;   // of the residuals
+    Eigen::VectorXd x;     // of the sized columns
+    Eigen::MatrixXd root;  // L of C^-1 = L L^T in units of the groups' sizes
+    double squares = 0.0;  // of the residuals
     double log_determinant = 0.0;
     double penalty = 0.0;  // sum |x_g|^2 / s_g^2
   };
   Fit solve(const std::vector<double>& variances, double variance) const;
+  // Of each group. Inverts the fit's root.
+  Eigen::VectorXd gamma(Fit& fit) const;
   Eigen::VectorXd all_values(const Eigen::VectorXd& sized) const;
 
   Eigen::Index size_ = 0;  // columns of the sums

@@ -126,13 +126,15 @@ ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried
   ModelScore score;
   score.groups = groups_of(candidate, task_.options.priors);
   const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
-  if (static_cast<double>(rows.J.rows()) < kEquations * static_cast<double>(rows.J.cols())) {
+  if (static_cast<double>(rows.y.size()) < kEquations * static_cast<double>(rows.columns())) {
     return score;
   }
   const std::function<void()> after_fold =
       reports_progress_ ? counted_fits(task_.progress, in_words(model), folds_.size()) : nullptr;
-  const Index configurations = static_cast<Index>(rows.first.size()) - 1;
-  LinearSums all = sums_of(rows, all_of(configurations));
+  std::vector<LinearSums> parts(folds_.size());
+  parallel_for(folds_.size(), threads_, [&](std::size_t f) { parts[f] = sums_of(rows, folds_[f]); });
+  LinearSums all = parts.front();
+  std::for_each(parts.begin() + 1, parts.end(), [&](const LinearSums& part) { all += part; });
   const std::vector<Index> columns = informed_columns(candidate, all, all);
   const double rounding = kFileRounding / rows.unit;
   const SizeEstimator whole(all, columns, score.groups.columns);
@@ -143,7 +145,7 @@ ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried
   score.noise = score.sizes.sigma * rows.unit;
   score.motion = motion_of(candidate, score.sizes.values);
   if (score.sizes.evidence >= wanted) {
-    predict_folds(candidate, rows, all, score, after_fold);
+    predict_folds(candidate, rows, all, parts, score, after_fold);
   }
   tried.add({.priors = priors_of(score, model.sized),
              .effects = model.names,
@@ -175,30 +177,30 @@ double ModelScorer::motion_of(const Candidate& candidate, const VectorXd& values
 }
 
 void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all,
-                                ModelScore& score, const std::function<void()>& after_fold) const {
+                                const std::vector<LinearSums>& parts, ModelScore& score,
+                                const std::function<void()>& after_fold) const {
   const double rounding = kFileRounding / rows.unit;
-  score.squares = VectorXd::Zero(static_cast<Index>(rows.first.size()) - 1);
+  score.squares = VectorXd::Zero(rows.configurations());
   std::vector<int> predicted(folds_.size(), 0);
   parallel_for(folds_.size(), threads_, [&](std::size_t f) {
     LinearSums without = all;
-    without -= sums_of(rows, folds_[f]);
+    without -= parts[f];
     const std::vector<Index> columns = informed_columns(candidate, without, all);
-    std::vector<Index> uninformed = all_of(rows.J.cols());
+    std::vector<Index> uninformed = all_of(rows.columns());
     std::erase_if(uninformed, [&](Index c) { return std::binary_search(columns.begin(), columns.end(), c); });
     const SizeEstimator rest(without, columns, score.groups.columns);
     if (!rest.is_determined()) {
       return;
     }
-    const GroupSizes sizes = rest.estimate(score.sizes.sizes, score.groups.limits, rounding);
+    const GroupSizes sizes = rest.estimate(score.sizes, score.groups.limits, rounding);
     const TableCertainty certainty(candidate, without.information, score.groups, sizes);
     for (const Index c : folds_[f]) {
       VectorXd x = sizes.values;
       certainty.withhold(means_.joint_values.col(c), x);
-      const Index first = rows.first[static_cast<std::size_t>(c)];
-      const Index count = rows.first[static_cast<std::size_t>(c) + 1] - first;
-      VectorXd error = rows.y.segment(first, count) - rows.J.middleRows(first, count) * x;
+      const auto [first, count] = rows.range(c);
+      VectorXd error = rows.y.segment(first, count) - rows.product(c, x);
       for (const Index column : uninformed) {
-        error = (rows.J.col(column).segment(first, count).array() != 0.0).select(0.0, error);
+        error = (rows.motions.col(rows.motion(column)).segment(first, count).array() != 0.0).select(0.0, error);
       }
       score.squares[c] = error.squaredNorm();
     }

@@ -88,7 +88,8 @@ public:
 
 private:
   double motion_of(const Candidate& candidate, const Eigen::VectorXd& values) const;
-  void predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all, ModelScore& score,
+  void predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all,
+                     const std::vector<LinearSums>& parts, ModelScore& score,
                      const std::function<void()>& after_fold) const;
 
   const ModelSelectionTask& task_;

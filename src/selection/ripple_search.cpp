@@ -123,7 +123,7 @@ public:
   explicit Search(RippleData data)
       : data_(std::move(data)),
         information_(data_.information.ldlt()),
-        rest_(data_.rows.y - data_.rows.J * data_.values),
+        rest_(data_.rows.residual(data_.rows.y, data_.values)),
         grids_(grids(data_.model, data_.joint_values)) {}
 
   bool is_possible() const { return !grids_.empty(); }
@@ -157,7 +157,8 @@ private:
     VectorXd result(data_.joint_values.cols());
     for (Index c = 0; c < result.size(); ++c) {
       const auto [first, count] = range(c);
-      result[c] = data_.joints.J.col(static_cast<Index>(joint)).segment(first, count).dot(column.segment(first, count));
+      result[c] =
+          data_.joints.motions.col(static_cast<Index>(joint)).segment(first, count).dot(column.segment(first, count));
     }
     return result;
   }
@@ -184,7 +185,7 @@ private:
   // The frequency between its grid neighbours that reduces the squares most, to two decimals as in its name.
   Swing refined(const Swing& found, const Grid& grid) const {
     const VectorXd moment = moments(found.joint, rest_);
-    const VectorXd weight = moments(found.joint, data_.joints.J.col(static_cast<Index>(found.joint)));
+    const VectorXd weight = moments(found.joint, data_.joints.motions.col(static_cast<Index>(found.joint)));
     constexpr int kParts = 20;
     Swing best = found;
     double most = 0.0;
@@ -212,19 +213,21 @@ private:
     for (Index c = 0; c < basis.rows(); ++c) {
       const auto [first, count] = range(c);
       result.middleRows(first, count) =
-          data_.joints.J.col(static_cast<Index>(swing.joint)).segment(first, count) * basis.row(c);
+          data_.joints.motions.col(static_cast<Index>(swing.joint)).segment(first, count) * basis.row(c);
     }
     return result;
   }
 
   // The columns without their projection onto the model's columns.
   MatrixXd projected(const MatrixXd& columns) const {
-    const MatrixXd all = data_.rows.J.transpose() * columns;
-    const MatrixXd shared = all(data_.columns, Eigen::all);
-    MatrixXd own = MatrixXd::Zero(data_.rows.J.cols(), columns.cols());
-    const MatrixXd solved = information_.solve(shared);
-    own(data_.columns, Eigen::all) = solved;
-    return columns - data_.rows.J * own;
+    MatrixXd result = columns;
+    for (auto column : result.colwise()) {
+      VectorXd own = VectorXd::Zero(data_.rows.columns());
+      const VectorXd moment = data_.rows.moments(column)(data_.columns);
+      own(data_.columns) = VectorXd(information_.solve(moment));
+      column = data_.rows.residual(column, own);
+    }
+    return result;
   }
 
   // Per configuration: projected columns · residuals.

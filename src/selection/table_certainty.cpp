@@ -5,7 +5,9 @@
 #include <cmath>
 #include <string>
 
+#include "base/dense.hpp"
 #include "effects/joint_effects.hpp"
+#include "estimation/linear_system.hpp"
 
 namespace kdl_calibration {
 
@@ -36,8 +38,7 @@ TableCertainty::TableCertainty(const Candidate& candidate, const MatrixXd& infor
   if (std::none_of(candidate.model.effects.begin(), candidate.model.effects.end(), is_of_table)) {
     return;
   }
-  const SizedInformation sized = sized_information(information, groups, sizes);
-  const Eigen::LLT<MatrixXd> solver(sized.matrix);
+  SizedInformation sized = sized_information(information, groups, sizes);
   std::map<int, std::vector<Index>> places;  // among the columns that are left
   for (const std::size_t e : candidate.free.effects()) {
     const EffectTerm& term = candidate.model.effects[e];
@@ -55,13 +56,19 @@ TableCertainty::TableCertainty(const Candidate& candidate, const MatrixXd& infor
       table.sigma = sizes.sizes[static_cast<std::size_t>(name - groups.names.begin())];
     }
   }
+  const Index n = sized.matrix.rows();
+  const VectorXd scale = unit_scale_of_information(sized.matrix);
+  MatrixXd root = scale.asDiagonal() * sized.matrix * scale.asDiagonal();
+  factorise(root);
+  invert_lower(root);
   for (auto& [joint, table] : tables_) {
-    MatrixXd units = MatrixXd::Zero(sized.matrix.rows(), static_cast<Index>(table.columns.size()));
-    for (Index k = 0; k < units.cols(); ++k) {
-      units(places[joint][static_cast<std::size_t>(k)], k) = 1.0;
+    MatrixXd own = MatrixXd::Zero(n, static_cast<Index>(table.columns.size()));
+    for (Index k = 0; k < own.cols(); ++k) {
+      const Index place = places[joint][static_cast<std::size_t>(k)];
+      own.col(k).tail(n - place) = sizes.sigma * scale[place] * root.col(place).tail(n - place);
     }
-    const MatrixXd solved = solver.solve(units);
-    table.covariance = sizes.sigma * sizes.sigma * solved(places[joint], Eigen::all);
+    table.covariance = MatrixXd::Zero(own.cols(), own.cols());
+    add_product(1.0, factor(own).transposed(), factor(own).transposed(), table.covariance);
   }
 }
 

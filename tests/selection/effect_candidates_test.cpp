@@ -134,7 +134,7 @@ TEST(EffectCandidates, JointRowsAreMotionsOfTheJointsThemselves) {
   const Unknowns offsets = joint_offsets(s.model, s.targets);
   EXPECT_THAT(offsets.names(), ::testing::ElementsAre("dq1", "dq2", "dq3", "dq4", "dq5"));
   const LinearRows rows = joint_rows(s.model, s.measured, s.optimum, 0.3);
-  ASSERT_EQ(rows.J.cols(), 5);
+  ASSERT_EQ(rows.columns(), 5);
   Estimate start = s.optimum;
   start.effects.resize(0);
   for (Index c = 0; c < 12; ++c) {

@@ -195,7 +195,7 @@ TEST(GroupSizes, AreTheSameFromFarAndFromNear) {
     const Rows rows(seed, 60, 0.3, 0.05, 0.1);
     const SizeEstimator estimator(rows.sums(), rows.columns, rows.groups);
     const GroupSizes far = estimator.estimate({}, {}, 1e-9);
-    const GroupSizes near = estimator.estimate(far.sizes, {}, 1e-9);
+    const GroupSizes near = estimator.estimate(far, {}, 1e-9);
     EXPECT_NEAR(near.evidence, far.evidence, 0.05) << seed;
     EXPECT_NEAR(near.sigma, far.sigma, 0.02 * far.sigma) << seed;
   }
@@ -205,9 +205,10 @@ TEST(GroupSizes, DoNotDependOnTheUnit) {
   const Rows metres(13, 60, 0.3, 0.05, 0.1);
   Rows millimetres = metres;
   millimetres.y *= 1e3;
-  const GroupSizes a = SizeEstimator(metres.sums(), metres.columns, metres.groups).estimate({0.2, 0.04}, {}, 1e-9);
-  const GroupSizes b =
-      SizeEstimator(millimetres.sums(), millimetres.columns, millimetres.groups).estimate({0.2e3, 0.04e3}, {}, 1e-6);
+  const GroupSizes a =
+      SizeEstimator(metres.sums(), metres.columns, metres.groups).estimate({.sizes = {0.2, 0.04}}, {}, 1e-9);
+  const GroupSizes b = SizeEstimator(millimetres.sums(), millimetres.columns, millimetres.groups)
+                           .estimate({.sizes = {0.2e3, 0.04e3}}, {}, 1e-6);
   for (std::size_t g = 0; g < 2; ++g) {
     EXPECT_NEAR(b.sizes[g], 1e3 * a.sizes[g], 1e-6 * b.sizes[g]) << g;
   }
@@ -219,7 +220,7 @@ TEST(GroupSizes, EvidenceIsThatOfTheWholeCovarianceWithoutTheFreeColumns) {
   for (const double size : {0.0, 1e-3, 0.2}) {
     const Rows rows(8, 30, 0.3, 0.05, 0.1);
     const SizeEstimator estimator(rows.sums(), rows.columns, rows.groups);
-    const GroupSizes found = estimator.estimate({0.3, size}, {}, 0.2);
+    const GroupSizes found = estimator.estimate({.sizes = {0.3, size}}, {}, 0.2);
     EXPECT_EQ(found.sigma, 0.2) << "rounding";
     EXPECT_NEAR(found.evidence, dense_evidence(rows, found.sizes, found.sigma), 1e-9) << size;
     EXPECT_EQ(found.sizes[1] == 0.0, size == 0.0) << "what is switched off stays so";

@@ -46,18 +46,18 @@ struct Rows {
     constexpr Index kRows = 3;
     constexpr Index kColumns = 7;
     const auto normal = [&] { return random.normal(); };
-    rows.J = MatrixXd::NullaryExpr(kRows * q.cols(), kColumns, normal);
-    joints.J = MatrixXd::NullaryExpr(kRows * q.cols(), q.rows(), normal);
+    rows.motions = MatrixXd::NullaryExpr(kRows * q.cols(), kColumns, normal);
+    joints.motions = MatrixXd::NullaryExpr(kRows * q.cols(), q.rows(), normal);
     for (Index c = 0; c <= q.cols(); ++c) {
       rows.first.push_back(kRows * c);
     }
     joints.first = rows.first;
     values = VectorXd::NullaryExpr(kColumns, normal);
-    rows.y = rows.J * values + 1e-3 * VectorXd::NullaryExpr(rows.J.rows(), normal);
+    rows.y = rows.motions * values + 1e-3 * VectorXd::NullaryExpr(rows.motions.rows(), normal);
     for (Index column = 0; column + 1 < kColumns; ++column) {
       columns.push_back(column);
     }
-    information = (rows.J.transpose() * rows.J)(columns, columns);
+    information = (rows.motions.transpose() * rows.motions)(columns, columns);
     information.diagonal().array() += 2.0;
   }
 
@@ -65,7 +65,7 @@ struct Rows {
     for (Index c = 0; c < q.cols(); ++c) {
       const double angle =
           swing.amplitude * std::sin(swing.times * q(static_cast<Index>(swing.joint), c) + swing.phase);
-      rows.y.segment(3 * c, 3) += angle * joints.J.col(static_cast<Index>(swing.joint)).segment(3 * c, 3);
+      rows.y.segment(3 * c, 3) += angle * joints.motions.col(static_cast<Index>(swing.joint)).segment(3 * c, 3);
     }
   }
 

@@ -1,0 +1,216 @@
+#include "base/dense.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+#include "base/preconditions.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Ref;
+
+namespace {
+
+constexpr Index kRows = 24;               // of a tile: three of the widest registers
+constexpr Index kColumns = 4;             // of a tile
+constexpr Index kDepth = 256;             // columns of the factors that are multiplied at a time
+constexpr Index kRowsAtOnce = 8 * kRows;  // of A in cache
+constexpr Index kSmall = 48;              // size up to which triangles are not divided further
+
+using Two = double __attribute__((vector_size(16), aligned(8), may_alias));
+using Four = double __attribute__((vector_size(32), aligned(8), may_alias));
+using Eight = double __attribute__((vector_size(64), aligned(8), may_alias));
+
+// tile (column by column) = product of a panel of kRows and one of kColumns rows, both stored column by column.
+template <class Vector>
+inline __attribute__((always_inline)) void multiply(const double* a, const double* b, Index depth, double* tile) {
+  constexpr Index kWidth = sizeof(Vector) / sizeof(double);
+  for (Index first = 0; first < kRows; first += 3 * kWidth) {
+    Vector sums[kColumns][3] = {};
+    for (Index k = 0; k < depth; ++k) {
+      const double* const column = a + k * kRows + first;
+      const Vector a0 = *reinterpret_cast<const Vector*>(column);
+      const Vector a1 = *reinterpret_cast<const Vector*>(column + kWidth);
+      const Vector a2 = *reinterpret_cast<const Vector*>(column + 2 * kWidth);
+#pragma GCC unroll 4
+      for (Index j = 0; j < kColumns; ++j) {
+        const double value = b[k * kColumns + j];
+        sums[j][0] += a0 * value;
+        sums[j][1] += a1 * value;
+        sums[j][2] += a2 * value;
+      }
+    }
+    for (Index j = 0; j < kColumns; ++j) {
+      for (Index i = 0; i < 3; ++i) {
+        *reinterpret_cast<Vector*>(tile + j * kRows + first + i * kWidth) = sums[j][i];
+      }
+    }
+  }
+}
+
+using Multiply = void (*)(const double* a, const double* b, Index depth, double* tile);
+
+void multiply_two(const double* a, const double* b, Index depth, double* tile) { multiply<Two>(a, b, depth, tile); }
+#ifdef __x86_64__
+__attribute__((target("avx2"))) void multiply_four(const double* a, const double* b, Index depth, double* tile) {
+  multiply<Four>(a, b, depth, tile);
+}
+__attribute__((target("avx512f"))) void multiply_eight(const double* a, const double* b, Index depth, double* tile) {
+  multiply<Eight>(a, b, depth, tile);
+}
+#endif
+
+Multiply widest() {
+#ifdef __x86_64__
+  if (__builtin_cpu_supports("avx512f")) {
+    return multiply_eight;
+  }
+  if (__builtin_cpu_supports("avx2")) {
+    return multiply_four;
+  }
+#endif
+  return multiply_two;
+}
+
+// Some columns of a factor, in panels of `height` rows, each stored column by column; missing rows are zero.
+void pack(const Factor& factor, Index first_row, Index rows, Index first, Index depth, Index height,
+          std::vector<double>& panels) {
+  panels.resize(static_cast<std::size_t>((rows + height - 1) / height * height * depth));
+  double* next = panels.data();
+  for (Index row = 0; row < rows; row += height) {
+    const Index here = std::min(height, rows - row);
+    for (Index k = first; k < first + depth; ++k, next += height) {
+      const double* const from = factor.data + (first_row + row) * factor.row_step + k * factor.column_step;
+      for (Index i = 0; i < here; ++i) {
+        const Index r = first_row + row + i;
+        const bool zero = (factor.shape == Shape::lower && k > r) || (factor.shape == Shape::upper && k < r);
+        next[i] = zero ? 0.0 : from[i * factor.row_step];
+      }
+      std::fill(next + here, next + height, 0.0);
+    }
+  }
+}
+
+struct Depths {
+  Index first;
+  Index end;
+};
+
+// Columns of the factor that are not zero in these rows.
+Depths narrowed(Depths depths, const Factor& factor, Index row, Index rows) {
+  if (factor.shape == Shape::upper) {
+    depths.first = std::max(depths.first, row);
+  } else if (factor.shape == Shape::lower) {
+    depths.end = std::min(depths.end, row + rows);
+  }
+  return depths;
+}
+
+void add(double scale, const Factor& A, const Factor& B, bool symmetric, Ref<MatrixXd> sum) {
+  require_count("columns of a factor", B.columns, A.columns);
+  require_count("rows of a product", sum.rows(), A.rows);
+  require_count("columns of a product", sum.cols(), B.rows);
+  static const Multiply multiply_tile = widest();
+  thread_local std::vector<double> a;
+  thread_local std::vector<double> b;
+  alignas(64) double tile[kRows * kColumns];
+  for (Index first = 0; first < A.columns; first += kDepth) {
+    const Index depth = std::min(kDepth, A.columns - first);
+    pack(B, 0, B.rows, first, depth, kColumns, b);
+    for (Index top = 0; top < A.rows; top += kRowsAtOnce) {
+      const Index rows = std::min(kRowsAtOnce, A.rows - top);
+      pack(A, top, rows, first, depth, kRows, a);
+      for (Index j = 0; j < B.rows; j += kColumns) {
+        const Index columns = std::min(kColumns, B.rows - j);
+        const Depths of_b = narrowed({first, first + depth}, B, j, kColumns);
+        for (Index i = symmetric ? std::max(top, (j - top) / kRows * kRows + top) : top; i < top + rows; i += kRows) {
+          const auto [begin, end] = narrowed(of_b, A, i, kRows);
+          if (begin >= end) {
+            continue;
+          }
+          multiply_tile(a.data() + (i - top) * depth + (begin - first) * kRows,
+                        b.data() + j * depth + (begin - first) * kColumns, end - begin, tile);
+          const Index here = std::min(kRows, A.rows - i);
+          for (Index c = 0; c < columns; ++c) {
+            double* const to = &sum(i, j + c);
+            for (Index r = 0; r < here; ++r) {
+              to[r] += scale * tile[c * kRows + r];
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
+}  // namespace
+
+Factor Factor::transposed() const {
+  const Shape turned = shape == Shape::lower ? Shape::upper : shape == Shape::upper ? Shape::lower : Shape::full;
+  return {data, columns, rows, column_step, row_step, turned};
+}
+
+Factor factor(const Ref<const MatrixXd>& matrix, Shape shape) {
+  return {matrix.data(), matrix.rows(), matrix.cols(), 1, matrix.outerStride(), shape};
+}
+
+void add_product(double scale, const Factor& A, const Factor& B, Ref<MatrixXd> sum) { add(scale, A, B, false, sum); }
+
+void add_symmetric_product(double scale, const Factor& A, const Factor& B, Ref<MatrixXd> sum) {
+  add(scale, A, B, true, sum);
+}
+
+bool factorise(Ref<MatrixXd> A) {
+  const Index n = A.rows();
+  if (n <= kSmall) {
+    return Eigen::LLT<Ref<MatrixXd>>(A).info() == Eigen::Success;
+  }
+  const Index half = n / 2;
+  auto top = A.topLeftCorner(half, half);
+  auto below = A.bottomLeftCorner(n - half, half);
+  if (!factorise(top)) {
+    return false;
+  }
+  MatrixXd turned = below.transpose();
+  solve_lower(top, turned);
+  below = turned.transpose();
+  add_symmetric_product(-1.0, factor(below), factor(below), A.bottomRightCorner(n - half, n - half));
+  return factorise(A.bottomRightCorner(n - half, n - half));
+}
+
+void invert_lower(Ref<MatrixXd> L) {
+  const Index n = L.rows();
+  if (n <= kSmall) {
+    L.triangularView<Eigen::Lower>() = MatrixXd(L.triangularView<Eigen::Lower>().solve(MatrixXd::Identity(n, n)));
+    return;
+  }
+  const Index half = n / 2;
+  auto top = L.topLeftCorner(half, half);
+  auto bottom = L.bottomRightCorner(n - half, n - half);
+  auto below = L.bottomLeftCorner(n - half, half);
+  invert_lower(top);
+  invert_lower(bottom);
+  MatrixXd product = MatrixXd::Zero(n - half, half);
+  add_product(-1.0, factor(bottom, Shape::lower), factor(below).transposed(), product);
+  below.setZero();
+  add_product(1.0, factor(product), factor(top, Shape::lower).transposed(), below);
+}
+
+void solve_lower(const Ref<const MatrixXd>& L, Ref<MatrixXd> X) {
+  const Index n = L.rows();
+  if (n <= kSmall) {
+    L.triangularView<Eigen::Lower>().solveInPlace(X);
+    return;
+  }
+  const Index half = n / 2;
+  solve_lower(L.topLeftCorner(half, half), X.topRows(half));
+  add_product(-1.0, factor(L.bottomLeftCorner(n - half, half)), factor(X.topRows(half)).transposed(),
+              X.bottomRows(n - half));
+  solve_lower(L.bottomRightCorner(n - half, n - half), X.bottomRows(n - half));
+}
+
+}  // namespace kdl_calibration

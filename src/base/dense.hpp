@@ -1,0 +1,38 @@
+#pragma once
+
+// Products, factors and inverses of large matrices in the widest registers of the machine. Each entry is summed in the
+// same order in all registers, without fused multiply-add, so that results are the same bits. Not installed.
+
+#include <Eigen/Core>
+
+namespace kdl_calibration {
+
+/// Entries of a factor that are zero and need not be stored: above the diagonal, below it, or none.
+enum class Shape { full, lower, upper };
+
+/// A matrix in any order of storage.
+struct Factor {
+  const double* data = nullptr;
+  Eigen::Index rows = 0;
+  Eigen::Index columns = 0;
+  Eigen::Index row_step = 1;
+  Eigen::Index column_step = 0;
+  Shape shape = Shape::full;
+
+  Factor transposed() const;
+};
+Factor factor(const Eigen::Ref<const Eigen::MatrixXd>& matrix, Shape shape = Shape::full);
+
+/// sum += scale A B^T.
+void add_product(double scale, const Factor& A, const Factor& B, Eigen::Ref<Eigen::MatrixXd> sum);
+/// The same for the lower triangle of a symmetric sum. Entries above it may be changed.
+void add_symmetric_product(double scale, const Factor& A, const Factor& B, Eigen::Ref<Eigen::MatrixXd> sum);
+
+/// Replaces the lower triangle of A = L L^T by L. False if A is not positive definite. Only the lower triangle is used.
+bool factorise(Eigen::Ref<Eigen::MatrixXd> A);
+/// Replaces the lower triangle L by its inverse.
+void invert_lower(Eigen::Ref<Eigen::MatrixXd> L);
+/// X <- L^-1 X.
+void solve_lower(const Eigen::Ref<const Eigen::MatrixXd>& L, Eigen::Ref<Eigen::MatrixXd> X);
+
+}  // namespace kdl_calibration

@@ -1,0 +1,74 @@
+#include "base/dense.hpp"
+
+#include <gtest/gtest.h>
+#include <Eigen/Dense>
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+MatrixXd random(Index rows, Index columns) {
+  std::srand(1);
+  return MatrixXd::Random(rows, columns);
+}
+
+MatrixXd lower(const MatrixXd& matrix) { return matrix.triangularView<Eigen::Lower>(); }
+
+// Sizes below, at and above those of a tile, of the cached rows and of the depth at a time.
+constexpr Index kSizes[] = {1, 4, 23, 24, 25, 49, 130, 257, 301};
+
+TEST(Dense, ProductsAreThoseOfEigen) {
+  for (const Index n : kSizes) {
+    for (const Index depth : {Index{1}, Index{40}, Index{300}}) {
+      const MatrixXd A = random(n, depth);
+      const MatrixXd B = random(depth, n + 3);
+      MatrixXd sum = MatrixXd::Ones(n, n + 3);
+      add_product(-0.5, factor(A), factor(B).transposed(), sum);
+      EXPECT_LT((sum - MatrixXd::Ones(n, n + 3) + 0.5 * A * B).norm(), 1e-9) << n << " " << depth;
+      MatrixXd square = MatrixXd::Zero(n, n);
+      add_symmetric_product(1.0, factor(A), factor(A), square);
+      EXPECT_LT(lower(square - A * A.transpose()).norm(), 1e-9) << n << " " << depth;
+    }
+  }
+}
+
+TEST(Dense, EntriesBesideATriangleCountAsZero) {
+  for (const Index n : kSizes) {
+    const MatrixXd L = random(n, n);
+    const MatrixXd A = random(n, n);
+    for (const bool upper : {false, true}) {
+      const Factor triangle = upper ? factor(L, Shape::lower).transposed() : factor(L, Shape::lower);
+      const MatrixXd expected = upper ? MatrixXd(lower(L).transpose()) : lower(L);
+      MatrixXd left = MatrixXd::Zero(n, n);
+      add_product(1.0, triangle, factor(A), left);
+      EXPECT_LT((left - expected * A.transpose()).norm(), 1e-9) << n;
+      MatrixXd right = MatrixXd::Zero(n, n);
+      add_product(1.0, factor(A), triangle, right);
+      EXPECT_LT((right - A * expected.transpose()).norm(), 1e-9) << n;
+    }
+  }
+}
+
+TEST(Dense, FactorsInversesAndSolutionsAreThoseOfTheMatrix) {
+  for (const Index n : kSizes) {
+    const MatrixXd J = random(2 * n, n);
+    const MatrixXd A = J.transpose() * J + MatrixXd::Identity(n, n);
+    MatrixXd root = A;
+    ASSERT_TRUE(factorise(root));
+    const MatrixXd L = lower(root);
+    EXPECT_LT((L * L.transpose() - A).norm(), 1e-12 * A.norm()) << n;
+    invert_lower(root);
+    EXPECT_LT((lower(root) * L - MatrixXd::Identity(n, n)).norm(), 1e-11) << n;
+    MatrixXd X = random(n, 5);
+    solve_lower(L, X);
+    EXPECT_LT((L * X - random(n, 5)).norm(), 1e-11) << n;
+    MatrixXd indefinite = A;
+    indefinite(n - 1, n - 1) = -1.0;
+    EXPECT_FALSE(factorise(indefinite)) << n;
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration
