@@ -394,7 +394,7 @@ TEST(Threads, MayDoTheWholeJobOnTheSameMeasurements) { expect_the_same_from_two_
 // their class.
 std::set<std::string> const_methods() {
   const std::regex declaration(R"((\w+)\(([^;{}()]|\([^()]*\))*\)\s*const\s*[;{])");
-  const std::set<std::string> of_nobody_else = {"all_values"};  // private
+  const std::set<std::string> of_nobody_else = {"all_values", "gamma"};  // private
   std::set<std::string> names;
   std::vector<std::filesystem::path> headers;
   for (const auto& header :

@@ -291,7 +291,7 @@ std::string said_of_harmful_effects(const BeforeAfter& held_out) {
 // Empty if the measurements agree with the earlier result, or if there is none.
 std::string said_of_change(const CalibrationResult& found) {
   const auto& continued = found.selection.continued;
-  if (!continued || !(continued->comparison.p_value < kMisfitCertain)) {
+  if (!continued || !continued->comparison.has_changed()) {
     return {};
   }
   std::vector<std::string> changes;

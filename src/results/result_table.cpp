@@ -15,7 +15,6 @@
 #include "calibration/parameter_estimates.hpp"
 #include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
-#include "kdl_calibration/validation.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
 #include "results/effect_findings.hpp"
@@ -344,10 +343,10 @@ std::string since_earlier(const CalibrationResult& calibration) {
     changes.push_back(name + " by " + fixed(change * unit.per_si, unit.decimals) + " " +
                       std::string(trimmed(unit.name)));
   }
-  const bool changed = found.p_value < Comparison::kCertain;
-  return wrapped(fmt::format("{} since the earlier result (p = {:.2g}){}{}.", changed ? "Changed" : "No change found",
-                             found.p_value, changes.empty() ? "" : ": ", comma_separated(changes)),
-                 0, 4);
+  return wrapped(
+      fmt::format("{} since the earlier result (p = {:.2g}){}{}.", found.has_changed() ? "Changed" : "No change found",
+                  found.p_value, changes.empty() ? "" : ": ", comma_separated(changes)),
+      0, 4);
 }
 
 // The verdict, shown before any figure.

@@ -32,6 +32,8 @@ struct EarlierComparison {
   /// Geometric errors that may have changed, and by how much [m] or [rad]. The first one exceeds its earlier sigma
   /// most.
   std::vector<std::pair<std::string, double>> changes;
+
+  bool has_changed() const { return p_value < 1e-3; }
 };
 
 struct ContinuedResult {

@@ -59,7 +59,7 @@ TEST_F(Frames, UseCoordinatesAKnownToolAndACalibration) {
   write("points.csv", std::string(kJoints) +
                           ",x[mm],y,z\n0.1,0.2,0.3,0.4,0.5,0.6,0,0,0\n0.3,0.2,0.3,0.4,0.5,0.6,400,0,0\n"
                           "0.1,0.4,0.3,0.4,0.5,0.6,0,0.35,0\n");
-  ASSERT_EQ(run({"frames", "--user-touches", "points.csv", "--output", "points.json"}).status, 0);
+  ASSERT_EQ(run({"frames", "--user-touches", "points.csv", "--output", "points.json"}).status, 1);
   EXPECT_GT(json_of("points.json")["user"]["largest"], 1e-3);
   write("tool.json", R"({"tool": {"position": [0, 0.1, 0], "quaternion_wxyz": [1, 0, 0, 0]}})");
   ASSERT_EQ(run({"frames", "--user-touches", "fixture.csv", "--frames", "tool.json", "--output", "a.json"}).status, 0);
