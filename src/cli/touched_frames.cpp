@@ -17,6 +17,7 @@
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/subcommands.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "programs/controller.hpp"
 
