@@ -76,17 +76,24 @@ Multiply widest() {
   return multiply_two;
 }
 
-// Some columns of a factor, in panels of `height` rows, each stored column by column; missing rows are zero.
-void pack(const Factor& factor, Index first_row, Index rows, Index first, Index depth, Index height,
-          std::vector<double>& panels) {
-  panels.resize(static_cast<std::size_t>((rows + height - 1) / height * height * depth));
+// Part of a factor.
+struct PackedPart {
+  Index first_row;
+  Index rows;
+  Index first_column;
+  Index columns;
+};
+
+// A part in panels of `height` rows, each stored column by column; missing rows are zero.
+void pack(const Factor& factor, const PackedPart& part, Index height, std::vector<double>& panels) {
+  panels.resize(static_cast<std::size_t>((part.rows + height - 1) / height * height * part.columns));
   double* next = panels.data();
-  for (Index row = 0; row < rows; row += height) {
-    const Index here = std::min(height, rows - row);
-    for (Index k = first; k < first + depth; ++k, next += height) {
-      const double* const from = factor.data + (first_row + row) * factor.row_step + k * factor.column_step;
+  for (Index row = 0; row < part.rows; row += height) {
+    const Index here = std::min(height, part.rows - row);
+    for (Index k = part.first_column; k < part.first_column + part.columns; ++k, next += height) {
+      const double* const from = factor.data + (part.first_row + row) * factor.row_step + k * factor.column_step;
       for (Index i = 0; i < here; ++i) {
-        const Index r = first_row + row + i;
+        const Index r = part.first_row + row + i;
         const bool zero = (factor.shape == Shape::lower && k > r) || (factor.shape == Shape::upper && k < r);
         next[i] = zero ? 0.0 : from[i * factor.row_step];
       }
@@ -110,7 +117,16 @@ Depths narrowed(Depths depths, const Factor& factor, Index row, Index rows) {
   return depths;
 }
 
-void add(double scale, const Factor& A, const Factor& B, bool symmetric, Ref<MatrixXd> sum) {
+void add_tile(double scale, const double* tile, Ref<MatrixXd> sum) {
+  for (Index c = 0; c < sum.cols(); ++c) {
+    double* const to = &sum(0, c);
+    for (Index r = 0; r < sum.rows(); ++r) {
+      to[r] += scale * tile[c * kRows + r];
+    }
+  }
+}
+
+void add(double scale, const Factor& A, const Factor& B, bool symmetric, Ref<MatrixXd>& sum) {
   require_count("columns of a factor", B.columns, A.columns);
   require_count("rows of a product", sum.rows(), A.rows);
   require_count("columns of a product", sum.cols(), B.rows);
@@ -120,10 +136,10 @@ void add(double scale, const Factor& A, const Factor& B, bool symmetric, Ref<Mat
   alignas(64) double tile[kRows * kColumns];
   for (Index first = 0; first < A.columns; first += kDepth) {
     const Index depth = std::min(kDepth, A.columns - first);
-    pack(B, 0, B.rows, first, depth, kColumns, b);
+    pack(B, {0, B.rows, first, depth}, kColumns, b);
     for (Index top = 0; top < A.rows; top += kRowsAtOnce) {
       const Index rows = std::min(kRowsAtOnce, A.rows - top);
-      pack(A, top, rows, first, depth, kRows, a);
+      pack(A, {top, rows, first, depth}, kRows, a);
       for (Index j = 0; j < B.rows; j += kColumns) {
         const Index columns = std::min(kColumns, B.rows - j);
         const Depths of_b = narrowed({first, first + depth}, B, j, kColumns);
@@ -134,13 +150,7 @@ void add(double scale, const Factor& A, const Factor& B, bool symmetric, Ref<Mat
           }
           multiply_tile(a.data() + (i - top) * depth + (begin - first) * kRows,
                         b.data() + j * depth + (begin - first) * kColumns, end - begin, tile);
-          const Index here = std::min(kRows, A.rows - i);
-          for (Index c = 0; c < columns; ++c) {
-            double* const to = &sum(i, j + c);
-            for (Index r = 0; r < here; ++r) {
-              to[r] += scale * tile[c * kRows + r];
-            }
-          }
+          add_tile(scale, tile, sum.block(i, j, std::min(kRows, A.rows - i), columns));
         }
       }
     }
