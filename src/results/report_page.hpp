@@ -16,7 +16,8 @@ namespace kdl_calibration {
 
 /// A self-contained HTML file that shows `data` in any browser and loads no other file. `data` is a JSON object whose
 /// "kind" says which page it is: "calibration", "validation", "comparison", "compensation", "plan", "monte_carlo" or
-/// "two_step". The page contains it unchanged except for escaped `<`, so that programs can extract it. Throws InputError if `data` is not JSON.
+/// "two_step". The page contains it unchanged except for escaped `<`, so that programs can extract it. Throws
+/// InputError if `data` is not JSON.
 std::string report_page(std::string_view data);
 
 /// Most points on a page. Of more points, evenly spaced ones and the largest residuals are shown.

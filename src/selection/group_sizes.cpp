@@ -38,6 +38,10 @@ double limited(const SizeLimits& limits, std::size_t group, double variance) {
   return group < limits.most.size() ? std::min(variance, limits.most[group] * limits.most[group]) : variance;
 }
 
+double first_size(const GroupSizes& start, const SizeLimits& limits, std::size_t group) {
+  return is_held(limits, group) ? limits.held[group] : group < start.sizes.size() ? start.sizes[group] : kFirstSize;
+}
+
 // Raises the prior sigma of marked groups by two standard errors of its logarithm: a prior that is too narrow costs
 // more than one that is too wide.
 void inflate(std::vector<double>& variances, const SizeLimits& limits, const VectorXd& gamma) {
@@ -123,7 +127,7 @@ SizeEstimator::Fit SizeEstimator::solve(const std::vector<double>& variances, do
   fit.root = S.asDiagonal() * information_ * S.asDiagonal();
   fit.root.diagonal().array() += 1.0;
   factorise(fit.root);
-  VectorXd u = S.cwiseProduct(moment_);
+  MatrixXd u = S.cwiseProduct(moment_);
   fit.root.triangularView<Eigen::Lower>().solveInPlace(u);
   fit.root.triangularView<Eigen::Lower>().adjoint().solveInPlace(u);
   fit.x = S.cwiseProduct(u);
@@ -159,12 +163,9 @@ VectorXd SizeEstimator::all_values(const VectorXd& sized) const {
 GroupSizes SizeEstimator::estimate(const GroupSizes& start, const SizeLimits& limits, double rounding) const {
   const double left = equations_ - static_cast<double>(free_.size());
   const bool near = !start.sizes.empty();
-  std::vector<double> variances(groups_.size(), kFirstSize * kFirstSize);
-  for (std::size_t g = 0; g < start.sizes.size() && g < variances.size(); ++g) {
-    variances[g] = start.sizes[g] * start.sizes[g];
-  }
+  std::vector<double> variances(groups_.size());
   for (std::size_t g = 0; g < variances.size(); ++g) {
-    variances[g] = is_held(limits, g) ? limits.held[g] * limits.held[g] : variances[g];
+    variances[g] = std::pow(first_size(start, limits, g), 2);
   }
   const double least = rounding * rounding;
   const double first = start.sigma > 0.0 ? start.sigma * start.sigma : (near ? 1.0 : 0.1) * squares_ / left;

@@ -131,13 +131,10 @@ ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried
   }
   const std::function<void()> after_fold =
       reports_progress_ ? counted_fits(task_.progress, in_words(model), folds_.size()) : nullptr;
-  std::vector<LinearSums> parts(folds_.size());
-  parallel_for(folds_.size(), threads_, [&](std::size_t f) { parts[f] = sums_of(rows, folds_[f]); });
-  LinearSums all = parts.front();
-  std::for_each(parts.begin() + 1, parts.end(), [&](const LinearSums& part) { all += part; });
-  const std::vector<Index> columns = informed_columns(candidate, all, all);
+  Sums sums = sums_by_folds(rows);
+  const std::vector<Index> columns = informed_columns(candidate, sums.all, sums.all);
   const double rounding = kFileRounding / rows.unit;
-  const SizeEstimator whole(all, columns, score.groups.columns);
+  const SizeEstimator whole(sums.all, columns, score.groups.columns);
   if (!whole.is_determined()) {
     return score;
   }
@@ -145,7 +142,7 @@ ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried
   score.noise = score.sizes.sigma * rows.unit;
   score.motion = motion_of(candidate, score.sizes.values);
   if (score.sizes.evidence >= wanted) {
-    predict_folds(candidate, rows, all, parts, score, after_fold);
+    predict_folds(candidate, rows, sums, score, after_fold);
   }
   tried.add({.priors = priors_of(score, model.sized),
              .effects = model.names,
@@ -153,7 +150,7 @@ ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried
              .held_out_rms = score.held_out_rms,
              .evidence = score.sizes.evidence},
             score.squares);
-  score.information = std::move(all.information);
+  score.information = std::move(sums.all.information);
   return score;
 }
 
@@ -176,16 +173,23 @@ double ModelScorer::motion_of(const Candidate& candidate, const VectorXd& values
   return moved.cwiseAbs().maxCoeff();
 }
 
-void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all,
-                                const std::vector<LinearSums>& parts, ModelScore& score,
+ModelScorer::Sums ModelScorer::sums_by_folds(const LinearRows& rows) const {
+  Sums sums{.all = {}, .folds = std::vector<LinearSums>(folds_.size())};
+  parallel_for(folds_.size(), threads_, [&](std::size_t f) { sums.folds[f] = sums_of(rows, folds_[f]); });
+  sums.all = sums.folds.front();
+  std::for_each(sums.folds.begin() + 1, sums.folds.end(), [&](const LinearSums& fold) { sums.all += fold; });
+  return sums;
+}
+
+void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& rows, const Sums& sums, ModelScore& score,
                                 const std::function<void()>& after_fold) const {
   const double rounding = kFileRounding / rows.unit;
   score.squares = VectorXd::Zero(rows.configurations());
   std::vector<int> predicted(folds_.size(), 0);
   parallel_for(folds_.size(), threads_, [&](std::size_t f) {
-    LinearSums without = all;
-    without -= parts[f];
-    const std::vector<Index> columns = informed_columns(candidate, without, all);
+    LinearSums without = sums.all;
+    without -= sums.folds[f];
+    const std::vector<Index> columns = informed_columns(candidate, without, sums.all);
     std::vector<Index> uninformed = all_of(rows.columns());
     std::erase_if(uninformed, [&](Index c) { return std::binary_search(columns.begin(), columns.end(), c); });
     const SizeEstimator rest(without, columns, score.groups.columns);

@@ -88,8 +88,12 @@ public:
 
 private:
   double motion_of(const Candidate& candidate, const Eigen::VectorXd& values) const;
-  void predict_folds(const Candidate& candidate, const LinearRows& rows, const LinearSums& all,
-                     const std::vector<LinearSums>& parts, ModelScore& score,
+  struct Sums {
+    LinearSums all;
+    std::vector<LinearSums> folds;
+  };
+  Sums sums_by_folds(const LinearRows& rows) const;
+  void predict_folds(const Candidate& candidate, const LinearRows& rows, const Sums& sums, ModelScore& score,
                      const std::function<void()>& after_fold) const;
 
   const ModelSelectionTask& task_;
