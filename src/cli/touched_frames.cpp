@@ -288,10 +288,10 @@ Subcommand add_frames(CLI::App& parser) {
       *app, "--controller", arguments->controller,
       "A FANUC controller's world frame and faceplate (JSON): gives the frames as X Y Z W P R too, in these; without "
       "touches the targets of --result as tools");
-  constexpr std::pair<int, int> kNumbers = {1, 99};
-  add_count(*app, "--tool-number", arguments->tool_number, kNumbers, "Number of the (first) tool frame, UTOOL")
+  constexpr std::pair<int, int> kFrameNumbers = {1, 99};
+  add_count(*app, "--tool-number", arguments->tool_number, kFrameNumbers, "Number of the (first) tool frame, UTOOL")
       ->needs(controller);
-  add_count(*app, "--user-number", arguments->user_number, kNumbers, "Number of the user frame, UFRAME")
+  add_count(*app, "--user-number", arguments->user_number, kFrameNumbers, "Number of the user frame, UFRAME")
       ->needs(controller);
   add_file(*app, "--output", arguments->output, "Write the frames for compensate --frames (JSON)")->required();
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
