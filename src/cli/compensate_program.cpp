@@ -12,6 +12,7 @@
 
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
+#include "base/parallel.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "base/text_file.hpp"
@@ -77,8 +78,15 @@ std::string record_of(const ProgramArguments& arguments, const CompensatedProgra
   std::string text = json_text(rest);
   text.resize(text.size() - std::string_view("\n}\n").size());
   text += ",\n  \"positions\": [";
-  for (const CompensatedPosition& position : program.positions) {
-    text += (&position == program.positions.data() ? "\n    " : ",\n    ") + line_of(position);
+  constexpr std::size_t kBlock = 1024;
+  std::vector<std::string> blocks((program.positions.size() + kBlock - 1) / kBlock);
+  parallel_blocks(program.positions.size(), kBlock, 0, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      blocks[begin / kBlock] += (i == 0 ? "\n    " : ",\n    ") + line_of(program.positions[i]);
+    }
+  });
+  for (const std::string& block : blocks) {
+    text += block;
   }
   text += "\n  ]\n}\n";
   return text;

@@ -104,27 +104,28 @@ public:
 
   struct Outcome {
     CompensatedPosition position;
-    ProgramPosition commanded;
+    const ProgramPosition* commanded = nullptr;
     SixJoints asked;        // nominal joint values of the URDF
     SixJoints q;            // those commanded
     double rounding = 0.0;  // [m]
   };
 
-  Outcome compensate(const ProgramPosition& position) const {
+  /// Sets the numbers of the position.
+  Outcome compensate(ProgramPosition& position) const {
     const SixJoints numbers = numbers_of(position);
     Outcome result;
     result.position.number = position.number;
-    result.commanded = position;
+    result.commanded = &position;
     const CompensatedPoint point =
         position.configuration ? solve_pose(position, numbers, result.asked) : solve_joints(numbers, result.asked);
     result.position.status = point.status;
     result.q = point.joint_values;
-    if (position.configuration && point.status == CompensationStatus::exact &&
-        configuration_of(result.q) != *position.configuration) {
+    result.position.written =
+        point.status == CompensationStatus::exact || point.status == CompensationStatus::position_only;
+    if (result.position.written && position.configuration && configuration_of(result.q) != *position.configuration) {
       result.position.status = CompensationStatus::branch_changed;
+      result.position.written = false;
     }
-    result.position.written = result.position.status == CompensationStatus::exact ||
-                              result.position.status == CompensationStatus::position_only;
     if (!result.position.written) {
       result.q = result.asked;
       result.position.change.setZero();
@@ -133,17 +134,17 @@ public:
     result.position.change = joints_.controller(result.q) - joints_.controller(result.asked);
     result.position.position_error = point.position_error;
     result.position.orientation_error = point.orientation_error;
-    set_numbers(result.commanded,
+    set_numbers(position,
                 position.configuration ? pose_numbers(position, numbers, result.q) : joints_.controller(result.q));
-    result.rounding = (flange(result.commanded, numbers_of(result.commanded)).translation() -
-                       compensator_.nominal_pose(result.q).translation())
-                          .norm();
+    result.rounding =
+        (flange(position, numbers_of(position)).translation() - compensator_.nominal_pose(result.q).translation())
+            .norm();
     return result;
   }
 
   // [m] of the tool from the asked straight line between two positions.
   double deviation(const Outcome& from, const Outcome& to) const {
-    const Isometry3d X_FT = controller_.X_FP * tool_frame(to.commanded).value_or(Isometry3d::Identity());
+    const Isometry3d X_FT = controller_.X_FP * tool_frame(*to.commanded).value_or(Isometry3d::Identity());
     const auto end = [&](const Outcome& outcome) {
       return LineEnd{.X_BT = compensator_.nominal_pose(outcome.asked) * X_FT, .joint_values = outcome.q};
     };
@@ -324,7 +325,7 @@ CompensatedProgram compensated_program(const Robot& robot, const Compensator& co
     result.positions.push_back(outcome.position);
     result.rounding = std::max(result.rounding, outcome.rounding);
     if (outcome.position.written) {
-      fields.insert(fields.end(), outcome.commanded.fields.begin(), outcome.commanded.fields.end());
+      fields.insert(fields.end(), outcome.commanded->fields.begin(), outcome.commanded->fields.end());
     }
   }
   std::sort(fields.begin(), fields.end(), [](const NumberField& a, const NumberField& b) { return a.begin < b.begin; });
