@@ -94,7 +94,7 @@ struct LeastSquaresProblem::Data {
   const std::size_t targets;
   const ObservedData observed;
   const PriorRows priors;
-  const MatrixXd prior_information;
+  const Eigen::SparseMatrix<double> prior_information;
   const LanePass lanes;
   const BlockPass blocks;
 };
@@ -208,7 +208,7 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
     whiten(block, columns, rows);
     summary.add_configuration(rows.leftCols(columns), rows.col(columns));
   });
-  summary.add_priors(data_->priors.rows);
+  summary.add_priors(MatrixXd(data_->priors.rows));
   return summary.finish();
 }
 

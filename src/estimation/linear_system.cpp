@@ -1,6 +1,7 @@
 #include "estimation/linear_system.hpp"
 
 #include <Eigen/Dense>
+#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -81,7 +82,8 @@ void RowSummary::add_configuration(const Eigen::Ref<const MatrixXd>& jacobian,
 
 void RowSummary::add_priors(const Eigen::Ref<const MatrixXd>& rows) {
   append(rows);
-  summary_.priors.noalias() += rows.transpose() * rows;
+  const Eigen::SparseMatrix<double> entries = rows.sparseView();
+  summary_.priors += Eigen::SparseMatrix<double>(entries.transpose() * entries);
 }
 
 WhitenedSummary RowSummary::finish() {

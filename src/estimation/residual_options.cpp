@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <optional>
+#include <vector>
 
 #include "kdl_calibration/noise_model.hpp"
 
@@ -43,19 +44,25 @@ PriorRows prior_rows(const Unknowns& free, const ResidualOptions& options) {
   }
   const auto earlier = static_cast<Index>(columns.size());
   const Index count = (information.array() > 0.0).count() + earlier;
-  PriorRows result{.rows = MatrixXd::Zero(count, free.size()), .expected = VectorXd::Zero(count)};
+  PriorRows result{.rows = Eigen::SparseMatrix<double>(count, free.size()), .expected = VectorXd::Zero(count)};
+  std::vector<Eigen::Triplet<double>> entries;
   Index row = 0;
   for (Index column = 0; column < free.size(); ++column) {
     if (information[column] > 0.0) {
-      result.rows(row++, column) = std::sqrt(information[column]);
+      entries.emplace_back(row++, column, std::sqrt(information[column]));
     }
   }
   if (earlier > 0) {
     const Eigen::LLT<MatrixXd> root(options.earlier->covariance(places, places));
     const MatrixXd whitened = root.matrixL().solve(MatrixXd::Identity(earlier, earlier));
-    result.rows.bottomRows(earlier)(Eigen::all, columns) = whitened;
+    for (Index j = 0; j < earlier; ++j) {
+      for (Index i = j; i < earlier; ++i) {
+        entries.emplace_back(row + i, columns[static_cast<std::size_t>(j)], whitened(i, j));
+      }
+    }
     result.expected.tail(earlier) = whitened * options.earlier->mean(places);
   }
+  result.rows.setFromTriplets(entries.begin(), entries.end());
   return result;
 }
 

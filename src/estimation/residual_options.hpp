@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 #include <cstddef>
 #include <memory>
 #include <string>
@@ -36,12 +37,12 @@ struct ResidualOptions {
   double row_weight(std::size_t row) const { return row_weights.empty() ? 1.0 : row_weights[row]; }
 };
 
-/// The priors of the columns as whitened rows, with the residuals expected - rows * values.
+/// The priors of the columns as whitened rows, with the residuals expected - rows * values. Most have one entry.
 struct PriorRows {
-  Eigen::MatrixXd rows;
+  Eigen::SparseMatrix<double> rows;
   Eigen::VectorXd expected;
 
-  Eigen::MatrixXd information() const { return rows.transpose() * rows; }
+  Eigen::SparseMatrix<double> information() const { return rows.transpose() * rows; }
   Eigen::VectorXd residuals(const Eigen::VectorXd& values) const { return expected - rows * values; }
 };
 /// Columns that are not free in `free` are integrated out of the earlier result.

@@ -78,7 +78,7 @@ public:
     return VarianceEstimation({.strata = strata_.finished(),
                                .unknown = strata_.unknown_parts(asked),
                                .stated = stated_,
-                               .priors = sample_.share * priors_.information(),
+                               .priors = MatrixXd(sample_.share * priors_.information()),
                                .prior_gradient = gradient_});
   }
 

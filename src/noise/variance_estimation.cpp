@@ -1,6 +1,7 @@
 #include "noise/variance_estimation.hpp"
 
 #include <Eigen/Dense>
+#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -188,7 +189,7 @@ VarianceEstimation::Solution VarianceEstimation::solve(const VectorXd& weights) 
 VarianceEstimation::Expectation VarianceEstimation::expectation(const Solution& solution) const {
   const auto count = static_cast<Index>(task_.strata.size());
   std::vector<MatrixXd> explained(task_.strata.size());  // covariance x information
-  const MatrixXd of_priors = solution.covariance * task_.priors * solution.covariance;
+  const Eigen::SparseMatrix<double> priors = task_.priors.sparseView();
   Expectation result{.by_variances = MatrixXd::Zero(count, count), .by_priors = VectorXd::Zero(count)};
   for (Index s = 0; s < count; ++s) {
     const Stratum& stratum = task_.strata[static_cast<std::size_t>(s)];
@@ -199,7 +200,7 @@ VarianceEstimation::Expectation VarianceEstimation::expectation(const Solution& 
     MatrixXd& own = explained[static_cast<std::size_t>(s)];
     own = solution.covariance * stratum.information;
     result.by_variances(s, s) -= 2.0 * solution.weights[s] * own.trace();
-    result.by_priors[s] = of_priors.cwiseProduct(stratum.information).sum();
+    result.by_priors[s] = MatrixXd(priors * own).cwiseProduct(solution.covariance).sum();
     for (Index t = 0; t <= s; ++t) {
       const MatrixXd& other = explained[static_cast<std::size_t>(t)];
       const double both = other.size() > 0 ? own.cwiseProduct(other.transpose()).sum() : 0.0;
