@@ -7,7 +7,6 @@
 #include <iterator>
 #include <numbers>
 
-#include "base/degree.hpp"
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
@@ -15,7 +14,6 @@
 #include "calibration/validation_stage.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/training_rows.hpp"
-#include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
 #include "validation/validation.hpp"
 
@@ -294,14 +292,8 @@ std::string said_of_change(const CalibrationResult& found) {
   if (!continued || !continued->comparison.has_changed()) {
     return {};
   }
-  std::vector<std::string> changes;
-  for (const auto& [name, change] : continued->comparison.changes) {
-    const bool length = is_length(found.model, found.model.parameters[parameter_index(found.model, name)]);
-    changes.push_back(name + (length ? fmt::format(" by {:.4f} mm", change * 1e3)
-                                     : fmt::format(" by {:.5f} degrees", change / kDegree)));
-  }
   return fmt::format("the robot has changed since the earlier result (p = {:.1e}); estimated anew: {}",
-                     continued->comparison.p_value, some_of(changes));
+                     continued->comparison.p_value, some_of(in_words(found.model, continued->comparison)));
 }
 
 // Empty if the exported URDF, which has no effects, predicts better than the nominal robot, or nothing does.

@@ -110,12 +110,7 @@ struct JoinedModel {
 
   // Derivatives of the points' positions by the base, these columns and the points.
   MatrixXd derivatives(const std::vector<TargetFrame>& points) const {
-    std::vector<std::string> frames = base_parameter_names();
-    for (const TargetFrame& point : points) {
-      const std::vector<std::string> own = target_parameter_names(point);
-      frames.insert(frames.end(), own.begin(), own.end());
-    }
-    const Unknowns all = Unknowns(model, points, frames)
+    const Unknowns all = Unknowns(model, points, frame_parameter_names(points))
                              .with(model, UnknownGroup::geometric, geometric)
                              .with_all(model, UnknownGroup::effects);
     const Estimate at{.errors = errors, .targets = points, .effects = {}};

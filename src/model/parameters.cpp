@@ -55,4 +55,13 @@ std::vector<std::string> target_parameter_names(const TargetFrame& target) {
   return names;
 }
 
+std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& targets) {
+  std::vector<std::string> names = base_parameter_names();
+  for (const TargetFrame& target : targets) {
+    const std::vector<std::string> own = target_parameter_names(target);
+    names.insert(names.end(), own.begin(), own.end());
+  }
+  return names;
+}
+
 }  // namespace kdl_calibration

@@ -31,5 +31,7 @@ const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const st
 const std::vector<std::string>& base_parameter_names();
 /// Names "A.x", "A.y", "A.z", and "A.Rx" … where the orientation is measured.
 std::vector<std::string> target_parameter_names(const TargetFrame& target);
+/// Names of the base, then of all targets.
+std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& targets);
 
 }  // namespace kdl_calibration

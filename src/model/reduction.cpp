@@ -22,11 +22,7 @@ class CandidateJacobian {
 public:
   CandidateJacobian(const ErrorModel& model, const std::vector<TargetFrame>& targets, const ReductionOptions& options)
       : model_(model), targets_(targets), options_(options), twists_(base_twists()) {
-    names_ = base_parameter_names();
-    for (const TargetFrame& target : targets) {
-      const auto target_names = target_parameter_names(target);
-      names_.insert(names_.end(), target_names.begin(), target_names.end());
-    }
+    names_ = frame_parameter_names(targets);
     first_geometric_ = names_.size();
     std::vector<std::size_t> all(model.parameters.size());
     std::iota(all.begin(), all.end(), std::size_t{0});

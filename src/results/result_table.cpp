@@ -337,12 +337,7 @@ std::string since_earlier(const CalibrationResult& calibration) {
     return {};
   }
   const EarlierComparison& found = calibration.selection.continued->comparison;
-  std::vector<std::string> changes;
-  for (const auto& [name, change] : found.changes) {
-    const DisplayUnit& unit = unit_of(calibration.model, name);
-    changes.push_back(name + " by " + fixed(change * unit.per_si, unit.decimals) + " " +
-                      std::string(trimmed(unit.name)));
-  }
+  const std::vector<std::string> changes = in_words(calibration.model, found);
   return wrapped(
       fmt::format("{} since the earlier result (p = {:.2g}){}{}.", found.has_changed() ? "Changed" : "No change found",
                   found.p_value, changes.empty() ? "" : ": ", comma_separated(changes)),

@@ -1,5 +1,6 @@
 #include "selection/earlier_result.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -7,6 +8,7 @@
 #include <numeric>
 #include <utility>
 
+#include "base/degree.hpp"
 #include "base/distributions.hpp"
 #include "base/preconditions.hpp"
 #include "estimation/least_squares.hpp"
@@ -42,11 +44,8 @@ NoiseModel scaled(NoiseModel noise, double factor) {
 }
 
 Unknowns with_frames(const ErrorModel& model, const std::vector<TargetFrame>& targets, std::vector<std::string> names) {
-  names.insert(names.end(), base_parameter_names().begin(), base_parameter_names().end());
-  for (const TargetFrame& target : targets) {
-    const std::vector<std::string> own = target_parameter_names(target);
-    names.insert(names.end(), own.begin(), own.end());
-  }
+  const std::vector<std::string> frames = frame_parameter_names(targets);
+  names.insert(names.end(), frames.begin(), frames.end());
   return {model, targets, names};
 }
 
@@ -175,6 +174,16 @@ ContinuedResult assembled(const EarlierResult& earlier, const VectorXd& variance
 }
 
 }  // namespace
+
+std::vector<std::string> in_words(const ErrorModel& model, const EarlierComparison& comparison) {
+  std::vector<std::string> result;
+  for (const auto& [name, change] : comparison.changes) {
+    const bool length = is_length(model, model.parameters[parameter_index(model, name)]);
+    result.push_back(name + (length ? fmt::format(" by {:.4f} mm", change * 1e3)
+                                    : fmt::format(" by {:.5f} degrees", change / kDegree)));
+  }
+  return result;
+}
 
 ContinuedResult continue_result(const ErrorModel& rigid, const Measurements& training, const EarlierResult& earlier,
                                 const ResidualOptions& options) {

@@ -36,6 +36,9 @@ struct EarlierComparison {
   bool has_changed() const { return p_value < 1e-3; }
 };
 
+/// "dq2 by 0.02826 degrees", for each change.
+std::vector<std::string> in_words(const ErrorModel& model, const EarlierComparison& comparison);
+
 struct ContinuedResult {
   std::shared_ptr<const GaussianPrior> prior;  ///< with the variances of the changes
   std::shared_ptr<const GaussianPrior> rigid;  ///< the same of the arm without effects

@@ -36,11 +36,7 @@ std::set<std::string> matching(const std::vector<std::string>& patterns, const s
 }
 
 std::vector<std::string> all_names(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
-  std::vector<std::string> names = base_parameter_names();
-  for (const TargetFrame& target : targets) {
-    const auto own = target_parameter_names(target);
-    names.insert(names.end(), own.begin(), own.end());
-  }
+  std::vector<std::string> names = frame_parameter_names(targets);
   for (const ErrorParameter& parameter : model.parameters) {
     names.push_back(parameter.name);
   }
