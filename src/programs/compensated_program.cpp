@@ -226,8 +226,13 @@ private:
       for (std::size_t i = 0; i < kTurning.size(); ++i) {
         values[kTurning[i]] += 2.0 * std::numbers::pi * (wanted.turns[i] - first.turns[i]);
       }
-      if (configuration_of(joints_.urdf(values)) == wanted) {
-        found = joints_.urdf(values);
+      const SixJoints candidate = joints_.urdf(values);
+      if (configuration_of(candidate) == wanted) {
+        constexpr double kSame = 1e-6;
+        if (found && (candidate - *found).norm() > kSame) {
+          fail(position, "is reached by several joint values with this CONFIG, expected joint values");
+        }
+        found = candidate;
       }
     }
     if (!found) {
